@@ -12,4 +12,4 @@ run = cd.simulate(crane, hold_controller(crane), reference, start=start, duratio
 print(crane)
 print(run)
 run.write("first_run.csv")
-run.plot().savefig("first_run.png", dpi=110)
+cd.plot(run).savefig("first_run.png", dpi=110)

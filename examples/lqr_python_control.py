@@ -26,4 +26,4 @@ print(
     f"off the goal by {1e3 * abs(run['x_m'][-1] - 12.0):.3f} mm, swing "
     f"{1e3 * abs(run['phi_rad'][-1]):.4f} mrad"
 )
-run.plot("x_m", "phi_rad", "F_x_N").savefig("lqr.png")
+cd.plot(run, "x_m", "phi_rad", "F_x_N").savefig("lqr.png")

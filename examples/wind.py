@@ -13,4 +13,4 @@ blow = wind(crane, speed, direction=0.0, payload_area=8.0)  # across the jib
 run = cd.simulate(crane, hold_controller(crane), duration=20.0, disturbance=blow)
 print(f"the load goes {math.degrees(abs(run['theta_rad']).max()):.2f}° across the jib")
 print(f"work of the wind {run['W_force_J'][-1]:.1f} J, unexplained {run.unexplained[-1]:+.3f} J")
-run.plot("theta_rad", "payload_force_x_N", "W_force_J").savefig("wind.png")
+cd.plot(run, "theta_rad", "payload_force_x_N", "W_force_J").savefig("wind.png")

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from cranedyn import theory
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.plotting.figures import COLOURS, panels
-from cranedyn.plotting.runs import run_colour
+from cranedyn.plotting.style import run_colour
 
 if TYPE_CHECKING:
     from experiments.a1 import Case

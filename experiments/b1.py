@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from cranedyn.controllers import paper
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.plotting.figures import COLOURS, panels
-from cranedyn.plotting.runs import STYLES
+from cranedyn.plotting.style import LINE_STYLES
 from cranedyn.references.flat import flat
 from experiments import harness
 from experiments.scenarios.colours import strategy_colour
@@ -183,7 +183,7 @@ def _swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
     figure, axes = panels(2, height=2.6, sharex=True)
     for ax, column, name in zip(axes, ("phi_rad", "theta_rad"), ("φ", "θ"), strict=True):
         for strategy in (PD, PAPER, LQR, FLAT):
-            style, colour = STYLES[column.removesuffix("_rad")], strategy_colour(strategy)
+            style, colour = LINE_STYLES[column.removesuffix("_rad")], strategy_colour(strategy)
             ax.plot(
                 runs[strategy].t,
                 np.degrees(runs[strategy][column]),

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import binom
 
 from cranedyn.checks import number, whole
-from cranedyn.data.elsewhere import parse_sources
+from cranedyn.data.external import parse_sources
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError, quoted
 from cranedyn.identification import Estimate, Known, Model, load_record

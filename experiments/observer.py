@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from cranedyn.command import interrupted
 from cranedyn.errors import CraneError
 from cranedyn.plotting.figures import panels
-from cranedyn.plotting.runs import run_colour
+from cranedyn.plotting.style import run_colour
 from experiments import harness
 from experiments.compare_observers import LEFT
 from experiments.scenarios.moves import MOVES

@@ -20,7 +20,7 @@ from cranedyn.model.urdf import parse
 
 def loaded(options: Namespace) -> Crane:
     """The crane that the command line describes."""
-    return load_crane(options.urdf, gravity=options.gravity, **parse_values(options.values))  # type: ignore[arg-type]
+    return load_crane(options.urdf, gravity=options.gravity, values=parse_values(options.values))
 
 
 @dataclass(frozen=True)

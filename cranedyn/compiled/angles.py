@@ -6,13 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import reduce
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from llvmlite import ir
 
-if TYPE_CHECKING:
-    from cranedyn.compiled.code import Code, Value
+from cranedyn.compiled.instructions import Instructions, Value
 
 _LARGEST_ANGLE = 1e6
 """Beyond this the reduction of an angle to a quarter turn loses digits [rad]."""
@@ -61,7 +60,7 @@ _COSINE = (
 )
 
 
-def sine_and_cosine(code: Code, angle: Value) -> tuple[Value, Value]:
+def sine_and_cosine(code: Instructions, angle: Value) -> tuple[Value, Value]:
     """Sine and cosine of an angle [rad], to about one unit in the last place; not a number beyond a
     million rad.
 
@@ -85,7 +84,7 @@ def sine_and_cosine(code: Code, angle: Value) -> tuple[Value, Value]:
     return sine, cosine
 
 
-def _both(code: Code, angle: Value) -> tuple[Value, Value]:
+def _both(code: Instructions, angle: Value) -> tuple[Value, Value]:
     small = code.everywhere(code.call("llvm.fabs", angle) < np.pi / 4.0)
     with code.builder.if_else(small, likely=True) as (then, otherwise):
         with then:
@@ -126,7 +125,7 @@ class Turn(NamedTuple):
         return _or_anew(self, _chosen(code, short, quick, self.turned(LONGER)))
 
 
-def all_little(code: Code, turns: Sequence[Turn], series: Series) -> ir.Value:
+def all_little(code: Instructions, turns: Sequence[Turn], series: Series) -> ir.Value:
     """Whether no angle went on by more than is good for a series, in any lane."""
     if not turns:
         return ir.Constant(ir.IntType(1), True)
@@ -156,18 +155,18 @@ def _or_anew(turn: Turn, fast: tuple[Value, Value]) -> tuple[Value, Value]:
 
 
 def _chosen(
-    code: Code, condition: ir.Value, yes: tuple[Value, Value], no: tuple[Value, Value]
+    code: Instructions, condition: ir.Value, yes: tuple[Value, Value], no: tuple[Value, Value]
 ) -> tuple[Value, Value]:
     return code.chosen(condition, yes[0], no[0]), code.chosen(condition, yes[1], no[1])
 
 
-def _of_eighth_turn(code: Code, angle: Value) -> tuple[Value, Value]:
+def _of_eighth_turn(code: Instructions, angle: Value) -> tuple[Value, Value]:
     square = angle * angle
     sine = code.fused(angle * square, _polynomial(code, square, _SINE), angle)
     return sine, code.fused(square, _polynomial(code, square, _COSINE), 1.0)
 
 
-def _of_any_angle(code: Code, angle: Value) -> tuple[Value, Value]:
+def _of_any_angle(code: Instructions, angle: Value) -> tuple[Value, Value]:
     quarters = code.call("llvm.rint", angle * (2.0 / np.pi))
     rest = angle
     for part in _HALF_PI:
@@ -180,7 +179,7 @@ def _of_any_angle(code: Code, angle: Value) -> tuple[Value, Value]:
     return code.chosen(odd, cosine, sine) * sign, code.chosen(odd, -sine, cosine) * sign
 
 
-def _polynomial(code: Code, x: Value, coefficients: Sequence[float]) -> Value:
+def _polynomial(code: Instructions, x: Value, coefficients: Sequence[float]) -> Value:
     value = code.value(coefficients[-1])
     for coefficient in reversed(coefficients[:-1]):
         value = code.fused(value, x, coefficient)

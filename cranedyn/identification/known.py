@@ -50,7 +50,7 @@ class Known:
         """The crane with some values changed, gravity among them."""
         given = {**self.values, **values}
         gravity = float(given.pop("gravity", self.gravity))  # type: ignore[arg-type]
-        return load_crane(self.urdf, gravity=gravity, **given)  # type: ignore[arg-type]
+        return load_crane(self.urdf, gravity=gravity, values=given)
 
     def family(self, first: Mapping[str, float], other: Mapping[str, float]) -> Family:
         """Cranes of this description, see `Family`; the same are made once."""

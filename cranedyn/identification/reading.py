@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from cranedyn.bridges import bags
-from cranedyn.data.elsewhere import Source, read_elsewhere
+from cranedyn.data.external import Source, read_external
 from cranedyn.data.tables import column_names
 from cranedyn.identification.record import Record, known_columns
 from cranedyn.model.crane import Crane
@@ -28,13 +28,13 @@ def load_record(
         path: ``.csv`` or ``.parquet`` with our columns, or ``.mcap`` or ``.bag`` with joint states.
         crane: The crane, as far as one knows it.
         sources: What columns of CSV and Parquet are called there and in which unit, by our name,
-            see `cranedyn.data.elsewhere.parse_sources`.
+            see `cranedyn.data.external.parse_sources`.
         joints: Names of the joints in a recording of ROS by the symbols of coordinates.
         since: From which time on it counts [s], on its own clock.
         until: Up to which time [s].
 
     Raises:
-        DataError: As `cranedyn.data.elsewhere.read_elsewhere`, `cranedyn.bridges.bags.read_columns`
+        DataError: As `cranedyn.data.external.read_external`, `cranedyn.bridges.bags.read_columns`
             and `Record.of`.
         UnknownName: If a source is given for a column that is none of ours.
     """
@@ -52,5 +52,5 @@ def load_record(
             if name in sources or (name in names and name != "t_s")
         ]
         needed = list(dict.fromkeys(["t_s", *wanted, *sources]))
-        data = read_elsewhere(path, needed, sources)
+        data = read_external(path, needed, sources)
     return Record.of(crane, data, name=path.name, since=since, until=until)

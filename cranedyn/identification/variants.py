@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,12 +15,10 @@ from cranedyn.controllers.tracking import Tracking
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.identification.motion import Rows, lagged, recorded_motion, recorded_setpoint
 from cranedyn.identification.parameters import EARLY
+from cranedyn.identification.problem import Channel, Problem
 from cranedyn.interfaces import Drive, State
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold
-
-if TYPE_CHECKING:
-    from cranedyn.identification.model import Model
 
 PERIODS = {"motion": 0.01, "effort": 5e-3, "hold": 5e-3}
 """Time between control instants, which is that between steps [s]: drives that are prescribed are
@@ -31,40 +29,24 @@ _STANDING = {"rad": 1e-4, "m": 1e-3}
 dry friction is predicted then, since it is anything up to that of a moving drive."""
 
 
-class Channel(NamedTuple):
-    """A column of a record that is predicted.
-
-    Attributes:
-        column: Its name.
-        unit: Its unit.
-        kind: What it shows.
-        at: Which swing or drive, by its place among the coordinates.
-        drive: The same among the drives; -1 for a swing.
-    """
-
-    column: str
-    unit: str
-    kind: str
-    at: int
-    drive: int = -1
-
-
 class Variants:
     """One record made again by variants of the crane, each with its values of the parameters."""
 
-    def __init__(self, model: Model, index: int, values: np.ndarray, until: float = np.inf) -> None:
-        self.model, self.index, self.values = model, index, values
-        self.record, self.layout = model.records[index], model.known.crane.layout
-        self.period = PERIODS[model.drives]
-        self.rows = model.rows(index, until)
+    def __init__(
+        self, problem: Problem, index: int, values: np.ndarray, until: float = np.inf
+    ) -> None:
+        self.problem, self.index, self.values = problem, index, values
+        self.record, self.layout = problem.records[index], problem.known.crane.layout
+        self.period = PERIODS[problem.drives]
+        self.rows = problem.rows(index, until)
         lasts = float(self.record.t[self.rows[-1]]) if len(self.rows) else 0.0
-        late = any(one.kind == "delay" for one in model.parameters)
+        late = any(one.kind == "delay" for one in problem.parameters)
         count = int(np.ceil((lasts - (EARLY if late else 0.0)) / self.period)) + 2
         self.grid = self.period * np.arange(count)
         self.inside = np.minimum(self.grid, self.record.t[-1])
-        self.places = {one.name: i for i, one in enumerate(model.own)}
+        self.places = {one.name: i for i, one in enumerate(problem.own)}
         self.own = {
-            (one.kind, one.of): i for i, one in enumerate(model.parameters) if one.record == index
+            (one.kind, one.of): i for i, one in enumerate(problem.parameters) if one.record == index
         }
 
     def value(self, name: str, otherwise: float = 0.0) -> np.ndarray:
@@ -74,7 +56,7 @@ class Variants:
 
     def cranes(self) -> list[Crane]:
         """The crane of each variant, the same object where it is the same crane."""
-        family = self.model.family
+        family = self.problem.family
         places = [self.places[name] for name in family.names]
         rows = [tuple(row) for row in self.values[:, places].tolist()]
         made = {row: family.at(np.array(row)) for row in dict.fromkeys(rows)}
@@ -100,10 +82,10 @@ class Variants:
     def laws(self, cranes: Sequence[Crane]) -> tuple[list[Any], list[Any]]:
         """Controllers and references, one for all variants or one for each."""
         still = [hold(cranes[0], cranes[0].start)]
-        if self.model.drives == "motion":
+        if self.problem.drives == "motion":
             rows = [Rows(self.period, *one) for one in zip(*self.motion, strict=True)]
             return [follow(cranes[0], one, self.period) for one in rows], still
-        if self.model.drives == "effort":
+        if self.problem.drives == "effort":
             return [self._efforts()], still
         return self._hold_controllers()
 
@@ -115,7 +97,7 @@ class Variants:
     @property
     def drive(self) -> Drive:
         """How the drives take commands."""
-        return "motion" if self.model.drives == "motion" else "effort"
+        return "motion" if self.problem.drives == "motion" else "effort"
 
     @cached_property
     def motion(self) -> tuple[np.ndarray, np.ndarray]:
@@ -123,7 +105,7 @@ class Variants:
         lags = [self.value(f"{j.symbol}_lag") for j in self.layout.driven]
         driven = self.layout.driven
         motions = [
-            recorded_motion(self.record, joint, float(self.model.known.crane.start.q[at]))
+            recorded_motion(self.record, joint, float(self.problem.known.crane.start.q[at]))
             for joint, at in zip(driven, self.layout.drives, strict=True)
         ]
         aimed = any(motion is None for motion in motions)
@@ -144,7 +126,7 @@ class Variants:
     def start(self) -> State:
         """Where each variant begins."""
         position, velocity = self.motion
-        crane, variants = self.model.known.crane, len(self.values)
+        crane, variants = self.problem.known.crane, len(self.values)
         q = np.tile(crane.start.q, (variants, 1))
         v = np.zeros_like(q)
         q[:, self.layout.drives] = np.take(position, 0, axis=1)
@@ -170,7 +152,7 @@ class Variants:
         return Tracking(self.period, efforts, gain, np.zeros((len(rows), width)))
 
     def _hold_controllers(self) -> tuple[list[Any], list[Any]]:
-        usual, crane = hold_controller(self.model.known.crane), self.model.known.crane
+        usual, crane = hold_controller(self.problem.known.crane), self.problem.known.crane
         gains = {
             kind: np.stack(
                 [
@@ -202,7 +184,7 @@ class Variants:
                 aims[:, :, i] = self.values[:, own][:, None]
             else:
                 still = self.record.columns.get(
-                    joint.columns[0], self.model.known.crane.start.q[at]
+                    joint.columns[0], self.problem.known.crane.start.q[at]
                 )
                 aims[:, :, i] = np.mean(still)
             aims[:, :, i] += self.value(f"{joint.symbol}_offset")[:, None]
@@ -210,7 +192,7 @@ class Variants:
 
     def outputs(self, batch: Batch) -> np.ndarray:
         """What the record would show of a batch, shape (variants, channels, rows)."""
-        channels, t = self.model.channels[self.index], self.record.t[self.rows]
+        channels, t = self.problem.channels[self.index], self.record.t[self.rows]
         found = np.empty((len(self.values), len(channels), len(t)))
         for c, channel in enumerate(channels):
             if channel.kind == "swing":

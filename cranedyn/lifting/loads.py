@@ -9,30 +9,24 @@ mast, base and ballast by `Base`, jib and counter-jib by `Arm`.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cranedyn.checks import finite, number
-from cranedyn.data.shown import Shown
+from cranedyn.data.time_series import TimeSeries
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.drives import cable_buffers
 from cranedyn.dynamics.joint_forces import rope_tension
 from cranedyn.dynamics.validity import hoisting
-from cranedyn.errors import CraneError, OutOfRange, UnknownColumn
+from cranedyn.errors import OutOfRange, UnknownColumn
 from cranedyn.lifting.wrench import Moving, Wrench
 from cranedyn.model.crane import Crane
 
-if TYPE_CHECKING:
-    import pyarrow
-    from matplotlib.figure import Figure
-
 _UP = np.array([0.0, 0.0, 1.0])
-_SHOWN = ("load_moment_Nm", "rope_N", "off_lead_rad", "side_lead_rad")
+_PRINCIPAL = ("load_moment_Nm", "rope_N", "off_lead_rad", "side_lead_rad")
 _BELOW = 1e-9
 """Horizontal part of an axis below which it points nowhere in the plan."""
 
@@ -102,8 +96,8 @@ class Arm:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Loads(Shown):
-    """Loads of a run, a row for each of its own.
+class Loads(TimeSeries):
+    """Loads of a run, one row for each row of the run.
 
     Attributes:
         t: Time [s], shape (rows,).
@@ -117,67 +111,26 @@ class Loads(Shown):
     parameters: Mapping[str, float | str] = field(default_factory=dict)
     record: Mapping[str, Any] = field(default_factory=dict)
 
-    def __len__(self) -> int:
-        """Number of rows."""
-        return len(self.t)
+    def keys(self) -> list[str]:
+        """Return the names of the columns."""
+        return ["t_s", *self.values]
 
     def __getitem__(self, column: str) -> np.ndarray:
-        """A column by its name, shape (rows,).
+        """Return a column by its name, shape (rows,).
 
         Raises:
-            UnknownColumn: If there is no such column, which is also a KeyError.
+            UnknownColumn: If there is no such column; it is also a KeyError.
         """
         if column == "t_s":
             return self.t
         if column not in self.values:
-            raise UnknownColumn("column", column, ["t_s", *self.values])
+            raise UnknownColumn("column", column, self.keys())
         return self.values[column]
 
-    def keys(self) -> list[str]:
-        """Names of the columns."""
-        return ["t_s", *self.values]
-
-    def table(self) -> pyarrow.Table:
-        """All columns as an Arrow table, the parameters and the run's record in its metadata."""
-        import pyarrow
-
-        return pyarrow.table(
-            {name: np.ascontiguousarray(self[name]) for name in self.keys()},
-            metadata={
-                "cranedyn": json.dumps(dict(self.parameters)),
-                "cranedyn.record": json.dumps(dict(self.record)),
-            },
-        )
-
-    def plot(self, *columns: str) -> Figure:
-        """Columns over time, or without names the load moment, the rope and where it leads.
-
-        Raises:
-            UnknownColumn: If there is no column of a name.
-        """
-        shown = [name for name in _SHOWN if name in self.values]
-        return super().plot(*(columns or shown or list(self.values)[:3]))
-
-    def view(self, crane: Any = None, *, name: str = "run", file: str | Path | None = None) -> Path:
-        """There is nothing of them in three dimensions.
-
-        Raises:
-            CraneError: Always.
-        """
-        raise CraneError("Loads have no picture in three dimensions; view the run they are of.")
-
-    def _main(self) -> Iterator[tuple[str, np.ndarray]]:
-        yield from self.values.items()
-
-    def write(self, path: str | Path) -> Path:
-        """Write to a ``.csv`` or ``.parquet`` file, every number to the bit.
-
-        Raises:
-            DataError: If the ending is another or the file cannot be written.
-        """
-        from cranedyn.data.tables import write_table
-
-        return write_table(path, self.table())
+    @property
+    def principal_keys(self) -> list[str]:
+        """Names of the columns that a figure shows by default: load moment, rope and its angles."""
+        return [name for name in _PRINCIPAL if name in self.values] or list(self.values)[:3]
 
 
 def loads(

@@ -1,1 +1,7 @@
-"""The crane as data: from a URDF to numbers, joints by name, driven and passive."""
+"""The crane as data: from a URDF to a Pinocchio model, joints by name, and numbers.
+
+Public: `load.load_crane`, `crane.Crane`, `layout.Layout`, `description.describe` and `arguments`.
+
+To read: `load` (the steps, in order), `urdf` (checks of the file), `joints` (drives, roles,
+payload), `springs`, `rest` (where a load hangs), `solvability` (checks of the numbers).
+"""

@@ -1,4 +1,4 @@
-"""The crane as text: arguments checked, xacro expanded, comments stripped, a plain URDF.
+"""Descriptions: xacro files with checked arguments, expanded to a plain URDF without comments.
 
 Run ``python -m cranedyn.model.description [name:=value ...] [-o FILE]`` to write one, ``--list`` to
 see every argument.
@@ -32,23 +32,23 @@ XACRO = next(
     for folder in (_PACKAGE, _PACKAGE.parent)
     if (folder / "urdf").is_dir()
 )
-"""The crane of this project: inside the package once installed, beside it in a checkout."""
+"""Tower crane of this project: inside the package once installed, beside it in a checkout."""
 
 
-_EXPANDING = threading.Lock()  # xacro keeps the file that it is at in a variable of its module
+_LOCK = threading.Lock()  # xacro keeps the current file in a variable of its module
 
 _DOCUMENTED = re.compile(r"\[(?P<unit>[^\]]*)\] (?P<allowed>any|> 0|>= 0): (?P<meaning>.+)")
 
 
 @dataclass(frozen=True)
 class Argument:
-    """One argument of a xacro file.
+    """Argument of a xacro file.
 
     Attributes:
-        default: Its value when none is given, as written in the file.
-        unit: Its unit; empty if the file documents none, then any text is allowed.
-        allowed: ``"any"``, ``"> 0"`` or ``">= 0"``.
-        meaning: What it is.
+        default: Default value, as written in the file.
+        unit: Unit; empty if the file documents none, then any text is allowed.
+        allowed: Allowed range: ``"any"``, ``"> 0"`` or ``">= 0"``.
+        meaning: Meaning, as documented in the file.
     """
 
     default: str
@@ -58,30 +58,30 @@ class Argument:
 
 
 def arguments(path: str | Path = XACRO) -> dict[str, Argument]:
-    """The arguments that a xacro file declares, by name, with the unit and range that the comment
-    behind each one gives.
+    """Return the arguments that a xacro file declares, by name.
+
+    Unit, range and meaning are in the comment behind each argument.
 
     Raises:
         DataError: If the file cannot be read.
         ModelError: If it is not XML.
     """
-    found = {}
+    table = {}
     for element in _parse(path).getElementsByTagName("xacro:arg"):
-        comment = element.nextSibling
-        while (
-            comment is not None and comment.nodeType == Node.TEXT_NODE and "\n" not in comment.data
-        ):
-            comment = comment.nextSibling
-        text = (
-            comment.data.strip()
-            if comment is not None and comment.nodeType == Node.COMMENT_NODE
-            else ""
+        default = element.getAttribute("default")
+        documented = _DOCUMENTED.fullmatch(_comment_behind(element))
+        table[element.getAttribute("name")] = Argument(
+            default, **(documented.groupdict() if documented else {})
         )
-        documented = _DOCUMENTED.fullmatch(text)
-        found[element.getAttribute("name")] = Argument(
-            element.getAttribute("default"), **(documented.groupdict() if documented else {})
-        )
-    return found
+    return table
+
+
+def _comment_behind(element: minidom.Element) -> str:
+    """Return the comment behind an element on the same line, "" if there is none."""
+    node = element.nextSibling
+    while node is not None and node.nodeType == Node.TEXT_NODE and "\n" not in node.data:
+        node = node.nextSibling
+    return node.data.strip() if node is not None and node.nodeType == Node.COMMENT_NODE else ""
 
 
 def describe(
@@ -90,63 +90,55 @@ def describe(
     """Expand a xacro file into a plain URDF without comments.
 
     A xacro file is a program: its ``${}`` are Python expressions, and it can read other files.
-    Expand only files that you would also run; from anyone else take a plain URDF.
+    Expand only files that you would also run; otherwise use a plain URDF.
 
     Args:
         path: The xacro file.
         values: Values of its arguments by name, numbers or text.
-        visuals: False leaves the links of this project's crane bare, which takes a small part of
-            the time; other files stay as they are.
+        visuals: False omits the looks of this project's cranes, which is much faster; other files
+            are not affected.
 
     Raises:
-        UnknownName: If an argument is not declared in the file (xacro itself would ignore it
-            silently).
+        UnknownName: If the file declares no argument of a name (xacro itself would ignore it).
         OutOfRange: If a value is not a number in the range that the file documents.
         DataError: If the file cannot be read.
         ModelError: If the file cannot be expanded.
     """
-    known = arguments(path)
+    declared = arguments(path)
     mappings = {} if visuals else {"visuals": "false"}
     for name, value in (values or {}).items():
-        if name not in known:
-            raise UnknownName("argument", name, known)
-        unit, allowed = known[name].unit, known[name].allowed
+        if name not in declared:
+            raise UnknownName("argument", name, declared)
+        unit, allowed = declared[name].unit, declared[name].allowed
         mappings[name] = repr(number(name, value, unit, allowed)) if allowed else str(value)
-    given = str(path), tuple(mappings.items())
-    own = Path(path).parent == XACRO.parent
-    return _remembered(*given, _written()) if own else _expanded(*given)
-
-
-def _written() -> tuple[tuple[int, int], ...]:
-    """When each xacro file of this project was written last [ns], and how long it is."""
-    found = (file.stat() for file in sorted(XACRO.parent.glob("*.xacro")))
-    return tuple((one.st_mtime_ns, one.st_size) for one in found)
+    key = str(path), tuple(mappings.items())
+    if Path(path).parent != XACRO.parent:
+        return _expand(*key)
+    files = [file.stat() for file in sorted(XACRO.parent.glob("*.xacro"))]
+    return _expand_cached(*key, tuple((file.st_mtime_ns, file.st_size) for file in files))
 
 
 @lru_cache(maxsize=64)
-def _remembered(
+def _expand_cached(
     path: str, mappings: tuple[tuple[str, str], ...], _: tuple[tuple[int, int], ...]
 ) -> str:
-    """What one of this project's files expands to for as long as all stay as they are: they read
-    nothing but each other.
+    """Return the expansion of a file of this project; the last argument tells versions apart.
+
+    These files read nothing but each other.
     """
-    return _expanded(path, mappings)
+    return _expand(path, mappings)
 
 
-def _expanded(path: str, mappings: tuple[tuple[str, str], ...]) -> str:
+def _expand(path: str, mappings: tuple[tuple[str, str], ...]) -> str:
     try:
-        with _EXPANDING, contextlib.redirect_stderr(io.StringIO()):
-            # A node that xacro moves from document to document: an interruption in its midst would
-            # leave it in none, and nothing could be expanded any more.
+        with _LOCK, contextlib.redirect_stderr(io.StringIO()):
+            # Xacro moves this node from document to document. An interruption meanwhile would leave
+            # it in none, and every later expansion would fail.
             xacro._empty_text_node = minidom.Document().createTextNode("\n\n")
             document = xacro.process_file(path, mappings=dict(mappings))
         _strip_comments(document)
-        return (
-            "\n".join(
-                line for line in document.toprettyxml(indent="  ").splitlines() if line.strip()
-            )
-            + "\n"
-        )
+        lines = document.toprettyxml(indent="  ").splitlines()
+        return "\n".join(line for line in lines if line.strip()) + "\n"
     except Exception as error:
         if interrupted(error):
             raise KeyboardInterrupt from None
@@ -155,9 +147,9 @@ def _expanded(path: str, mappings: tuple[tuple[str, str], ...]) -> str:
         ) from error
 
 
-def add_values(made: argparse.ArgumentParser, text: str) -> None:
-    """Add the argument ``--set``, whose words `parse_values` takes."""
-    made.add_argument(
+def add_values(parser: argparse.ArgumentParser, text: str) -> None:
+    """Add the option ``--set`` for `parse_values` to a parser."""
+    parser.add_argument(
         "--set",
         dest="values",
         nargs="+",
@@ -169,29 +161,32 @@ def add_values(made: argparse.ArgumentParser, text: str) -> None:
 
 
 def parse_values(pairs: Sequence[str]) -> dict[str, str]:
-    """Values by name from words like ``payload_mass:=2000``, or from a ``.json`` file of a twin
-    that was identified, which says its arguments.
+    """Return values by name from pairs such as ``payload_mass:=2000``, or from the ``.json`` file
+    of an identified twin, which contains its arguments.
 
     Raises:
-        DataError: If a word is not of that form, two have the same name, or a file says no
-            arguments.
+        DataError: If a pair has another form, a name is given twice, or a file has no arguments.
     """
     values: dict[str, str] = {}
-    words = [
-        word for pair in pairs for word in (_of_twin(pair) if pair.endswith(".json") else [pair])
-    ]
-    for pair in words:
-        name, mark, value = pair.partition(":=")
-        if not mark:
-            raise DataError(f"{pair!r} is not of the form name:=value.")
-        if name in values:
-            raise DataError(f"{quoted(name)} is given twice, as {values[name]!r} and as {value!r}.")
-        values[name] = value
+    for pair in pairs:
+        if pair.endswith(".json"):
+            entries = _twin_arguments(pair)
+        else:
+            name, mark, value = pair.partition(":=")
+            if not mark:
+                raise DataError(f"{pair!r} is not of the form name:=value.")
+            entries = {name: value}
+        for name, value in entries.items():
+            if name in values:
+                raise DataError(
+                    f"{quoted(name)} is given twice, as {values[name]!r} and as {value!r}."
+                )
+            values[name] = value
     return values
 
 
-def _of_twin(path: str) -> list[str]:
-    """The arguments of this project's crane in the record of a crane, as words."""
+def _twin_arguments(path: str) -> dict[str, str]:
+    """Return the arguments of this project's crane in the record of a crane, as text."""
     try:
         values = parse_json(read_text(path))["crane"]["arguments"]
         if not all(isinstance(value, float | int) for value in values.values()):
@@ -200,7 +195,7 @@ def _of_twin(path: str) -> list[str]:
         raise DataError(
             f"{path} says no arguments of this crane; allowed is a twin that identify wrote."
         ) from None
-    return [f"{name}:={value!r}" for name, value in values.items()]
+    return {str(name): repr(value) for name, value in values.items()}
 
 
 def _parse(path: str | Path) -> minidom.Document:
@@ -218,7 +213,7 @@ def _strip_comments(node: minidom.Node) -> None:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Write the URDF to standard output or a file; return 0, or 2 for bad arguments."""
+    """Write the URDF to standard output or a file and return the exit code."""
     parser = Parser(
         prog="python -m cranedyn.model.description", description="Write the crane as a plain URDF."
     )

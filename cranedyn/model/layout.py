@@ -1,10 +1,8 @@
-"""The joints of a crane by name: which of them a drive moves, which hang free, and which part each
-plays.
-"""
+"""The joints of a crane by name: driven or passive, and their roles in a tower crane."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -12,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cranedyn.checks import as_array, number, read_only
+from cranedyn.data.columns import trajectory_columns
 from cranedyn.errors import MissingRole, ModelError, OutOfRange, UnknownName
 from cranedyn.interfaces import State
 
@@ -19,13 +18,13 @@ _COUNTS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 
 
 class Role(NamedTuple):
-    """A part that a joint of a tower crane plays, and what it must be for it.
+    """Role of a joint in a tower crane, and the joint that fits it.
 
     Attributes:
-        symbol: Of its coordinate.
+        symbol: Symbol of the coordinate.
         kind: "revolute" or "prismatic".
-        axis: In the world when every coordinate is zero.
-        joint: Name by which the joint is known to play this part if nothing else is said.
+        axis: Axis in the world frame at zero of every coordinate.
+        joint: Name of the joint that has this role by default.
     """
 
     symbol: str
@@ -41,22 +40,21 @@ ROLES = {
     "tangential_swing": Role("theta", "revolute", (0, 1, 0), "swing_tangential_joint"),
     "hoist": Role("l", "prismatic", (0, 0, -1), "hoist_joint"),
 }
-"""The parts of a tower crane in chain order. A joint of any other name has its own name as its
-symbol."""
+"""Roles in a tower crane in chain order. The symbol of a joint without a role is its own name."""
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint that moves, with one coordinate.
+    """A moving joint with one coordinate.
 
     Attributes:
-        name: In the URDF.
-        symbol: Of its coordinate, in tables, columns and code.
-        unit: Of its coordinate, "rad" or "m".
+        name: Name in the URDF.
+        symbol: Symbol of the coordinate in tables, columns and code.
+        unit: Unit of the coordinate, "rad" or "m".
         kind: "revolute" or "prismatic".
-        axis: In the world when every coordinate is zero, three numbers.
-        driven: Whether a drive moves it; else it is passive.
-        role: Which part of a tower crane it plays, see `ROLES`; empty for none.
+        axis: Axis in the world frame at zero of every coordinate, three numbers.
+        driven: Whether a drive moves it; otherwise it is passive.
+        role: Role in a tower crane, see `ROLES`; empty for none.
     """
 
     name: str
@@ -69,37 +67,37 @@ class Joint:
 
     @property
     def effort_unit(self) -> str:
-        """Unit of its generalized force, "N m" or "N"."""
+        """Unit of the generalized force, "N m" or "N"."""
         return "N m" if self.kind == "revolute" else "N"
 
     @property
     def effort_name(self) -> str:
-        """Of its generalized force: torque T or force F, such as F_x."""
+        """Name of the generalized force: torque T or force F, such as F_x."""
         return f"{'T' if self.kind == 'revolute' else 'F'}_{self.symbol}"
 
     @property
     def effort_column(self) -> str:
-        """Name of the column of what acts, in a record."""
+        """Name of the column of the effort that acts."""
         return f"{self.effort_name}_{self.effort_unit.replace(' ', '')}"
 
     @property
     def columns(self) -> tuple[str, str]:
-        """Names of the columns of its coordinate and of its rate, in a record."""
+        """Names of the columns of coordinate and rate."""
         return f"{self.symbol}_{self.unit}", f"{self.symbol}_dot_{self.unit}_s"
 
     @property
     def setpoint_column(self) -> str:
-        """Name of the column of where its drive should be, in a record."""
+        """Name of the column of the setpoint."""
         return f"{self.symbol}_setpoint_{self.unit}"
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What a crane is made of: n joints, m of them driven, and the points that forces act on.
+    """Joints of a crane, n in all and m of them driven, and points on which forces act.
 
     Attributes:
-        joints: In the order of the coordinates, parents before children.
-        points: Names of the points that matter, the payload first.
+        joints: Joints in the order of the coordinates, parents before children.
+        points: Names of the points, the payload first.
     """
 
     joints: tuple[Joint, ...]
@@ -117,65 +115,63 @@ class Layout:
 
     @cached_property
     def drives(self) -> np.ndarray:
-        """Where the drives stand among the coordinates, shape (m,)."""
+        """Indices of the driven coordinates, shape (m,)."""
         return self._where(lambda joint: joint.driven)
 
     @cached_property
     def passive(self) -> np.ndarray:
-        """Where the passive joints stand among the coordinates, shape (n - m,)."""
+        """Indices of the passive coordinates, shape (n - m,)."""
         return self._where(lambda joint: not joint.driven)
 
     @cached_property
     def measured(self) -> np.ndarray:
-        """Where positions and rates of the drives stand in z = (coordinates, rates), shape (2
-        m,).
-        """
+        """Indices of the drives in z = (coordinates, rates), shape (2 m,)."""
         return np.concatenate([self.drives, self.n + self.drives])
 
     @cached_property
     def symbols(self) -> tuple[str, ...]:
-        """Of the coordinates."""
+        """Symbols of the coordinates."""
         return tuple(joint.symbol for joint in self.joints)
 
     @cached_property
     def units(self) -> tuple[str, ...]:
-        """Of the coordinates."""
+        """Units of the coordinates."""
         return tuple(joint.unit for joint in self.joints)
 
     @cached_property
     def driven(self) -> tuple[Joint, ...]:
-        """The joints that drives move."""
+        """Joints that drives move."""
         return tuple(joint for joint in self.joints if joint.driven)
 
     @cached_property
     def drives_in_words(self) -> str:
-        """What is needed where one number for each drive is, for a sentence."""
+        """Text for error messages, such as "three numbers: slew, trolley, hoist"."""
         names = ", ".join(joint.role or joint.symbol for joint in self.driven)
         return f"{_COUNTS.get(self.m, self.m)} number{'s' if self.m > 1 else ''}: {names}"
 
     def index(self, symbol: str) -> int:
-        """Where a coordinate stands.
+        """Return the index of a coordinate.
 
         Raises:
-            UnknownName: If there is none of that symbol.
+            UnknownName: If there is no coordinate of this symbol.
         """
         if symbol not in self.symbols:
             raise UnknownName("coordinate", symbol, self.symbols)
         return self.symbols.index(symbol)
 
     def at(self, *symbols: str) -> list[int]:
-        """Where some coordinates stand.
+        """Return the indices of coordinates.
 
         Raises:
-            UnknownName: If there is none of a symbol.
+            UnknownName: If there is no coordinate of a symbol.
         """
         return [self.index(symbol) for symbol in symbols]
 
     def drive(self, symbol: str) -> int:
-        """Where a drive stands among the drives.
+        """Return the index of a drive among the drives.
 
         Raises:
-            UnknownName: If there is none of that symbol.
+            UnknownName: If there is no drive of this symbol.
         """
         symbols = [joint.symbol for joint in self.driven]
         if symbol not in symbols:
@@ -183,78 +179,77 @@ class Layout:
         return symbols.index(symbol)
 
     def drive_of(self, role: str) -> int | None:
-        """Where the drive in a role stands among the drives; None if there is none."""
+        """Return the index of the drive in a role among the drives, None if there is none."""
         return next((i for i, joint in enumerate(self.driven) if joint.role == role), None)
 
     def along(self, drive: str) -> np.ndarray:
-        """Unit vector of one drive, shape (m,).
+        """Return the unit vector of a drive, shape (m,).
 
         Raises:
-            UnknownName: If there is none of that symbol.
+            UnknownName: If there is no drive of this symbol.
         """
         return np.eye(self.m)[self.drive(drive)]
 
     def for_drives(
-        self, what: str, values: Any, per: str | None = "", allowed: str = "any"
+        self, name: str, values: Any, per: str | None = "", allowed: str = "any"
     ) -> np.ndarray:
-        """One finite number for each drive, shape (m,).
+        """Return one finite number for each drive, shape (m,).
 
         Args:
-            what: What the numbers are, to begin a sentence with.
+            name: Name of the numbers, to begin an error message with.
             values: The numbers.
             per: What follows the unit of the coordinate, for example "/s"; None where the numbers
                 are efforts.
-            allowed: As `cranedyn.checks.number`.
+            allowed: Allowed range, as in `cranedyn.checks.number`.
 
         Raises:
             OutOfRange: If there are not m numbers, or one is not allowed.
         """
         if np.shape(values) != (self.m,):
-            raise OutOfRange(what, values, self.drives_in_words)
+            raise OutOfRange(name, values, self.drives_in_words)
         units = [joint.effort_unit if per is None else joint.unit + per for joint in self.driven]
-        each = zip(self.driven, values, units, strict=True)
+        rows = zip(self.driven, values, units, strict=True)
         return np.array(
             [
-                number(f"{what} of {joint.symbol}", value, unit, allowed)
-                for joint, value, unit in each
+                number(f"{name} of {joint.symbol}", value, unit, allowed)
+                for joint, value, unit in rows
             ]
         )
 
     def as_state(self, name: str, state: State) -> State:
-        """Return a read-only copy of a state of such a crane.
+        """Return a read-only copy of a state.
 
         Args:
-            name: Name of the state for the error message.
+            name: Name of the state for error messages.
             state: Coordinates and rates, shape (n,) each.
 
         Raises:
             OutOfRange: If there is not one finite coordinate and one finite rate for each joint.
         """
-        q, v = (
-            as_array(f"{kind} at the {name}", part, ("n",))
-            for kind, part in zip(("coordinates", "rates"), state, strict=True)
-        )
+        coordinates, rates = state
+        q = as_array(f"coordinates at the {name}", coordinates, ("n",))
+        v = as_array(f"rates at the {name}", rates, ("n",))
         if q.shape != (self.n,) or v.shape != (self.n,):
-            given = f"a state of {q.size} coordinates and {v.size} rates"
-            raise OutOfRange(name, given, f"{self.n} of each: {', '.join(self.symbols)}")
+            sizes = f"a state of {q.size} coordinates and {v.size} rates"
+            raise OutOfRange(name, sizes, f"{self.n} of each: {', '.join(self.symbols)}")
         for joint, position, rate in zip(self.joints, q.tolist(), v.tolist(), strict=True):
             number(f"{joint.symbol} at the {name}", position, joint.unit)
             number(f"{joint.symbol}_dot at the {name}", rate, f"{joint.unit}/s")
         return State(read_only(q.copy()), read_only(v.copy()))
 
     def has(self, *roles: str) -> bool:
-        """Whether there are joints that play all of these parts."""
+        """Return whether there are joints in all of these roles."""
         return {*roles} <= {joint.role for joint in self.joints}
 
     def role(self, role: str, user: str) -> int:
-        """Where the joint that plays a part stands among the coordinates.
+        """Return the index of the joint in a role among the coordinates.
 
         Args:
             role: One of `ROLES`.
-            user: What needs it, to begin a sentence with.
+            user: What needs the joint, to begin an error message with.
 
         Raises:
-            MissingRole: If no joint plays it.
+            MissingRole: If no joint has this role.
         """
         for i, joint in enumerate(self.joints):
             if joint.role == role:
@@ -262,92 +257,43 @@ class Layout:
         raise MissingRole(user, role, [joint.name for joint in self.joints])
 
     def tower(self, user: str) -> tuple[int, ...]:
-        """Where slew, trolley, radial swing, tangential swing and hoist of a tower crane stand
-        among the coordinates.
+        """Return the indices of slew, trolley, radial swing, tangential swing and hoist of a tower
+        crane of five joints.
 
         Args:
-            user: What is made for a tower crane, to begin a sentence with.
+            user: What needs a tower crane, to begin an error message with.
 
         Raises:
-            MissingRole: If no joint plays one of these parts.
-            ModelError: If there are joints that play none of them, these follow each other in
-                another order, or drives move others.
+            MissingRole: If no joint has one of these roles.
+            ModelError: If there are further joints, the joints follow each other in another order,
+                or drives move others.
         """
-        found = tuple(self.role(role, user) for role in ROLES)
+        indices = tuple(self.role(role, user) for role in ROLES)
+        roles = [joint.role for joint in self.joints]
         if further := [joint.name for joint in self.joints if not joint.role]:
             raise ModelError(
                 f"{user} is made for a tower crane of five joints; this one also moves in "
                 f"{', '.join(further)}."
             )
-        if found != tuple(range(len(ROLES))):
-            shown = ", ".join(joint.role for joint in self.joints)
+        if roles != list(ROLES):
             raise ModelError(
-                f"{user} is made for {', '.join(ROLES)} in this order; this crane has {shown}."
+                f"{user} is made for {', '.join(ROLES)} in this order; this crane has "
+                f"{', '.join(roles)}."
             )
         if (driven := [joint.role for joint in self.driven]) != ["slew", "trolley", "hoist"]:
             raise ModelError(
                 f"{user} is made for drives of slew, trolley and hoist; in this one they move "
                 f"{', '.join(driven)}."
             )
-        return found
+        return indices
 
     def columns(self) -> dict[str, tuple[str, ...]]:
-        """Names of the columns of a record by quantity, with units."""
-        q, v = zip(*(joint.columns for joint in self.joints), strict=True)
-        return {
-            "t": ("t_s",),
-            "q": q,
-            "v": v,
-            "setpoint": tuple(joint.setpoint_column for joint in self.driven),
-            "command": tuple(
-                f"{joint.effort_name}_command_{joint.effort_unit.replace(' ', '')}"
-                for joint in self.driven
-            ),
-            "effort": tuple(joint.effort_column for joint in self.driven),
-            "energy": ("energy_J",),
-            "work": tuple(f"W_{joint.symbol}_J" for joint in self.driven),
-            "dissipated": ("dissipated_J",),
-            "force": tuple(f"{point}_force_{axis}_N" for point in self.points for axis in "xyz"),
-            "outside": ("W_force_J", "W_buffers_J"),
-            "valid": ("valid",),
-        }
+        """Return the names of the columns of a trajectory by quantity, with units."""
+        units = dict(zip(self.symbols, self.units, strict=True))
+        return trajectory_columns(units, [joint.symbol for joint in self.driven], self.points)
 
     def _where(self, condition: Callable[[Joint], bool]) -> np.ndarray:
-        found = np.array([i for i, joint in enumerate(self.joints) if condition(joint)], dtype=int)
-        found.flags.writeable = False
-        return found
-
-
-def symbol_of(name: str, role: str) -> str:
-    """The symbol of a joint's coordinate: that of its role, else its name without the ending
-    "_joint".
-    """
-    return ROLES[role].symbol if role else name.removesuffix("_joint")
-
-
-def roles_of(names: Iterable[str], given: Mapping[str, str] | None) -> dict[str, str]:
-    """Which part each joint plays, by the name of the joint.
-
-    Args:
-        names: The joints that move.
-        given: Names of joints by role; None for those that the names themselves say.
-
-    Raises:
-        UnknownName: If there is no such role or no such joint.
-        ModelError: If one joint is to play two parts.
-    """
-    there = list(names)
-    if given is None:
-        return {role.joint: part for part, role in ROLES.items() if role.joint in there}
-    found: dict[str, str] = {}
-    for part, joint in given.items():
-        if part not in ROLES:
-            raise UnknownName("role", part, ROLES)
-        if joint not in there:
-            raise UnknownName("moving joint", joint, there)
-        if joint in found:
-            raise ModelError(
-                f"The joint {joint} is given two roles, {found[joint]} and {part}; allowed is one."
-            )
-        found[joint] = part
-    return found
+        indices = [i for i, joint in enumerate(self.joints) if condition(joint)]
+        array = np.array(indices, dtype=int)
+        array.flags.writeable = False
+        return array

@@ -1,4 +1,4 @@
-"""The text of a crane as XML: checked word by word before anything is built from it."""
+"""A URDF as XML: checked element by element before anything is built from it."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ import numpy as np
 from cranedyn.checks import number
 from cranedyn.errors import ModelError, OutOfRange, printable, quoted
 
-_DEEPEST, _MOST_PARTS, _LARGEST = 50, 2000, 1e30
-_ROUNDED, _FLAT = 1e-9, 0.99
-"""By which share of the largest principal moment the least may be below zero: round-off; and what
-share of it the others must have together: all of it in a plate, each rounded to three digits."""
+_MAX_DEPTH, _MAX_ELEMENTS, _MAX_NUMBER = 50, 2000, 1e30
+
+_NEGATIVE, _FLAT = 1e-9, 0.99
+"""Bounds of principal moments as shares of the largest: the least may be below zero by round-off;
+the others add up to all of it for a plate, here with moments rounded to three digits."""
 
 _DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
@@ -32,30 +33,30 @@ _NUMBERS = {
     "sphere": {"radius": 1},
     "color": {"rgba": 4},
 }
-"""How many numbers stand in which attribute of which element."""
+"""Count of numbers in each attribute of each element."""
 
 _NAMES = ("name", "type", "link")
-"""Attributes that name something."""
+"""Attributes that are names."""
 
 _NEEDED = {
     name: tuple(_NUMBERS[name]) for name in ("mass", "inertia", "box", "cylinder", "sphere")
 } | {"limit": ("effort", "velocity")}
-"""Attributes that an element must have."""
+"""Required attributes of elements."""
 
 _TYPES = ("revolute", "prismatic", "fixed", "continuous", "floating", "planar")
-"""How a joint may move, the first two within limits."""
+"""Types of joints, the first two with limits."""
 
 _SKELETON = {
     "link": ("inertial",),
     "inertial": ("origin", "mass", "inertia"),
     "joint": ("parent", "child", "origin", "axis", "limit", "dynamics"),
 }
-"""Which children of an element count for the dynamics."""
+"""Children of elements that matter for the dynamics."""
 
 
 class _Guarded(ET.TreeBuilder):
-    """Refuses what makes a small file large or a parser slow, before it is expanded: document
-    types, which define entities, and depth.
+    """Builder that refuses document types, which define entities, and great depth: both let a small
+    file take much memory or time.
     """
 
     def __init__(self) -> None:
@@ -67,8 +68,8 @@ class _Guarded(ET.TreeBuilder):
 
     def start(self, tag: str, attributes: dict[str, str]) -> ET.Element:  # type: ignore[override]
         self._depth += 1
-        if self._depth > _DEEPEST:
-            raise ModelError(f"its elements are nested deeper than {_DEEPEST}")
+        if self._depth > _MAX_DEPTH:
+            raise ModelError(f"its elements are nested deeper than {_MAX_DEPTH}")
         return super().start(tag, attributes)
 
     def end(self, tag: str) -> ET.Element:
@@ -77,11 +78,11 @@ class _Guarded(ET.TreeBuilder):
 
 
 def parse(text: str, source: object) -> ET.Element:
-    """The root of an XML text; no entity is expanded and nothing outside of the text is read.
+    """Return the root of an XML text; no entity is expanded and no other file is read.
 
     Args:
         text: The text.
-        source: What to call it in an error.
+        source: Name of the text for error messages.
 
     Raises:
         ModelError: If it is not XML, has a document type, or is nested too deep.
@@ -95,38 +96,36 @@ def parse(text: str, source: object) -> ET.Element:
 
 
 def check(robot: ET.Element, source: object) -> None:
-    """Return if links, joints and materials of a URDF are complete, nothing in them stands twice,
-    and every number is one.
+    """Check links, joints and materials of a URDF.
 
-    Parsers of URDF drop an element with an unreadable number, take the first of two, ignore
-    friction, and carry on, or print on their own what is wrong with the tree of links and joints.
+    Parsers of URDF silently drop an element with an unreadable number, take the first of two, and
+    ignore friction.
 
     Raises:
-        ModelError: If something is left to expand, a name cannot be printed, an element is double
+        ModelError: If xacro directives are left, a name cannot be printed, an element is duplicate
             or incomplete, a joint mimics another, or links and joints are no tree.
-        OutOfRange: If a number is not a decimal number, is beyond 1e30 whatever its unit, a
-            friction is not zero, or no body has the mass and inertia of a link.
+        OutOfRange: If a number is not a decimal number, exceeds 1e30, a friction is not zero, or no
+            body has the mass and inertia of a link.
     """
-    for part in robot.iter():
-        if "xacro" in part.tag or any(
-            mark in value for value in part.attrib.values() for mark in ("${", "$(")
-        ):
+    for element in robot.iter():
+        texts = [element.tag, *element.attrib.values()]
+        if "xacro" in element.tag or any(mark in text for text in texts for mark in ("${", "$(")):
             raise ModelError(
                 f"{source} holds xacro directives; if you trust the file name it .xacro, else ask "
                 "for a plain URDF."
             )
-    for part in robot:
-        if part.tag in ("link", "joint", "material"):
-            for element in part.iter():
-                _check_element(element, f"{part.tag} {quoted(part.get('name', ''))} in {source}")
+    for child in robot:
+        if child.tag in ("link", "joint", "material"):
+            for element in child.iter():
+                _check_element(element, f"{child.tag} {quoted(child.get('name', ''))} in {source}")
     _check_tree(robot, source)
     for link in robot.iterfind("link/inertial/.."):
         _check_inertial(link, f"link {quoted(link.get('name', ''))} in {source}")
 
 
 def _check_inertial(link: ET.Element, where: str) -> None:
-    """Check that a body can have the mass and inertia of a link: by each principal moment it is an
-    integral of squares of two coordinates, so that none is more than the sum of the other two.
+    """Check that a body can have the mass and inertia of a link: a principal moment is an integral
+    of squares of two coordinates, so that none exceeds the sum of the other two.
     """
     mass, tensor = link.find("inertial/mass"), link.find("inertial/inertia")
     assert mass is not None and tensor is not None  # see _check_element
@@ -134,7 +133,9 @@ def _check_inertial(link: ET.Element, where: str) -> None:
     moments = np.linalg.eigvalsh(
         [[float(tensor.get("i" + "".join(sorted(a + b)), 0)) for b in "xyz"] for a in "xyz"]
     )
-    if not (moments[0] >= -_ROUNDED * moments[2] and moments[0] + moments[1] >= _FLAT * moments[2]):
+    if not (
+        moments[0] >= -_NEGATIVE * moments[2] and moments[0] + moments[1] >= _FLAT * moments[2]
+    ):
         raise OutOfRange(
             f"principal moments of inertia of {where}",
             ", ".join(f"{moment:.6g}" for moment in moments),
@@ -144,14 +145,12 @@ def _check_inertial(link: ET.Element, where: str) -> None:
 
 
 def _check_tree(robot: ET.Element, source: object) -> None:
-    """Links and joints must have names of their own and make one tree."""
+    """Check that names of links and joints are unique, and that they form one tree."""
     links, joints = (_named(robot, tag, source) for tag in ("link", "joint"))
     if not links:
         raise ModelError(f"{source} is not a URDF that can be loaded: it has no link.")
-    if len(links) + len(joints) > _MOST_PARTS:
-        raise ModelError(
-            f"{source} has {len(links) + len(joints)} links and joints; allowed are {_MOST_PARTS}."
-        )
+    if (count := len(links) + len(joints)) > _MAX_ELEMENTS:
+        raise ModelError(f"{source} has {count} links and joints; allowed are {_MAX_ELEMENTS}.")
     parents: dict[str, str] = {}
     for name, joint in joints.items():
         child, parent = (
@@ -164,12 +163,12 @@ def _check_tree(robot: ET.Element, source: object) -> None:
             )
         parents[child] = parent
     for link in parents:
-        above = link
+        root = link
         for _ in parents:
-            above = parents.get(above, above)
-        if above in parents:
+            root = parents.get(root, root)
+        if root in parents:
             raise ModelError(
-                f"{source} has joints that lead in a circle through link {above!r}; a crane is a "
+                f"{source} has joints that lead in a circle through link {root!r}; a crane is a "
                 "tree."
             )
     if len(roots := [link for link in links if link not in parents]) > 1:
@@ -180,19 +179,19 @@ def _check_tree(robot: ET.Element, source: object) -> None:
 
 
 def _named(robot: ET.Element, tag: str, source: object) -> dict[str, ET.Element]:
-    """All links or all joints by name."""
-    found: dict[str, ET.Element] = {}
-    for part in robot.iterfind(tag):
-        if not (name := part.get("name")):
+    """Return all links or all joints by name."""
+    elements: dict[str, ET.Element] = {}
+    for element in robot.iterfind(tag):
+        if not (name := element.get("name")):
             raise ModelError(f"{source} has a {tag} without a name.")
-        if name in found:
+        if name in elements:
             raise ModelError(f"{source} has two {tag}s with the name {name!r}; allowed is one.")
-        found[name] = part
-    return found
+        elements[name] = element
+    return elements
 
 
 def _end(joint: ET.Element, tag: str, links: Mapping[str, ET.Element], where: str) -> str:
-    """The link at an end of a joint."""
+    """Return the parent or child link of a joint."""
     ends = joint.findall(tag)
     if not ends or (link := ends[0].get("link")) is None:
         raise ModelError(f"The {where} needs a {tag} link.")
@@ -203,9 +202,9 @@ def _end(joint: ET.Element, tag: str, links: Mapping[str, ET.Element], where: st
 
 def _check_element(element: ET.Element, where: str) -> None:
     for name in _NAMES:
-        if not (word := element.get(name, "")).isprintable():
+        if not (text := element.get(name, "")).isprintable():
             raise ModelError(
-                f"The {name} {quoted(word)} in {where} holds characters that cannot be printed."
+                f"The {name} {quoted(text)} in {where} holds characters that cannot be printed."
             )
     tags = Counter(child.tag for child in element if child.tag not in ("visual", "collision"))
     for tag, count in tags.items():
@@ -221,13 +220,14 @@ def _check_element(element: ET.Element, where: str) -> None:
     if element.tag == "mimic":
         raise ModelError(f"The {where} mimics another; a crane moves in all of its joints.")
     for name, count in _NUMBERS.get(element.tag, {}).items():
-        text = element.get(name, "" if name in _NEEDED.get(element.tag, ()) else None)
-        if text is not None and not _are_numbers(text.split(), count):
+        default = "" if name in _NEEDED.get(element.tag, ()) else None
+        numbers = element.get(name, default)
+        if numbers is not None and not _are_numbers(numbers.split(), count):
             allowed = (
                 f"{'a decimal number' if count == 1 else f'{count} decimal numbers'} up to "
-                f"{_LARGEST:g}"
+                f"{_MAX_NUMBER:g}"
             )
-            raise OutOfRange(f"{name} of {element.tag} in {where}", repr(text), allowed)
+            raise OutOfRange(f"{name} of {element.tag} in {where}", repr(numbers), allowed)
     if element.tag == "dynamics" and float(element.get("friction", "0")) != 0.0:
         raise OutOfRange(
             f"friction of {where}", element.get("friction"), "0, since only viscous damping acts"
@@ -245,39 +245,36 @@ def _check_joint(joint: ET.Element, where: str) -> None:
         raise ModelError(f"The dynamics of {where} needs a damping.")
 
 
-def _are_numbers(words: list[str], count: int) -> bool:
-    return len(words) == count and all(
-        _DECIMAL.fullmatch(word) and abs(float(word)) <= _LARGEST for word in words
+def _are_numbers(texts: list[str], count: int) -> bool:
+    return len(texts) == count and all(
+        _DECIMAL.fullmatch(text) and abs(float(text)) <= _MAX_NUMBER for text in texts
     )
 
 
 def skeleton(robot: ET.Element) -> str:
-    """What moves and weighs as a URDF of its own: links, their inertials, and joints.
+    """Return links, inertials and joints of a URDF as a URDF of its own.
 
-    It names no file and holds nothing that was not checked, so that it is safe to hand on.
+    It names no file and holds nothing that was not checked, so that any parser may read it.
     """
-    bare = ET.Element("robot", name=printable(robot.get("name", "")))
-    # A list: Ctrl-C in a generator is a TypeError.
-    bare.extend([_kept(part) for part in robot if part.tag in ("link", "joint")])
-    return ET.tostring(bare, encoding="unicode")
+    root = ET.Element("robot", name=printable(robot.get("name", "")))
+    # Lists here and below: Ctrl-C in a generator would become a TypeError.
+    root.extend([_filtered(child) for child in robot if child.tag in ("link", "joint")])
+    return ET.tostring(root, encoding="unicode")
 
 
 def bare(robot: ET.Element) -> str:
-    """The same with what names drives, starts and springs: all of a URDF but its looks."""
-    whole = ET.fromstring(skeleton(robot))
-    whole.extend([deepcopy(part) for part in robot if part.tag in ("gazebo", "ros2_control")])
-    return ET.tostring(whole, encoding="unicode")
+    """Return all of a URDF but its looks: `skeleton` with drives, starts and springs."""
+    root = ET.fromstring(skeleton(robot))
+    root.extend([deepcopy(child) for child in robot if child.tag in ("gazebo", "ros2_control")])
+    return ET.tostring(root, encoding="unicode")
 
 
-def _kept(element: ET.Element) -> ET.Element:
-    numbers = _NUMBERS.get(element.tag, {})
-    kept = ET.Element(
-        element.tag, {name: text for name in _NAMES if (text := element.get(name)) is not None}
-    )
-    kept.attrib |= {
-        name: " ".join(text.split()) for name in numbers if (text := element.get(name)) is not None
-    }
-    wanted = _SKELETON.get(element.tag, ())
-    # a list, since an interruption in the midst of a generator becomes a TypeError there
-    kept.extend([_kept(child) for child in element if child.tag in wanted])
-    return kept
+def _filtered(element: ET.Element) -> ET.Element:
+    """Return an element with the names, numbers and children that matter for the dynamics."""
+    copy = ET.Element(element.tag)
+    for key in (*_NAMES, *_NUMBERS.get(element.tag, {})):
+        if (text := element.get(key)) is not None:
+            copy.set(key, text if key in _NAMES else " ".join(text.split()))
+    children = _SKELETON.get(element.tag, ())
+    copy.extend([_filtered(child) for child in element if child.tag in children])
+    return copy

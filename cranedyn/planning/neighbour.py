@@ -34,7 +34,7 @@ def neighbour(
     Raises:
         CraneError: If there is no such crane, or it cannot stand so.
     """
-    crane = load_crane(**values)  # type: ignore[arg-type]
+    crane = load_crane(values=values)
     crane.layout.tower("A parked neighbour")
     asked = {"gamma": math.radians(place["slew"]), "x": place["trolley"], "l": place["cable"]}
     q = crane.state(**{coordinate: value for coordinate, value in asked.items() if value}).q

@@ -30,13 +30,12 @@ _STYLE: Any = {
     "svg.hashsalt": "cranedyn",
 }
 
-
 _DPI = 130
-"""Dots of a picture along an inch."""
+"""Resolution of a picture [dots per inch]."""
 
 
-class Drawing(Figure):
-    """A figure that a notebook shows by itself."""
+class _NotebookFigure(Figure):
+    """A figure that notebooks display."""
 
     def _repr_png_(self) -> bytes:
         with mpl.rc_context(_STYLE), io.BytesIO() as file:
@@ -47,31 +46,28 @@ class Drawing(Figure):
 def panels(
     rows: int = 1, columns: int = 1, *, height: float = 3.2, width: float = 9.0, **arguments: Any
 ) -> tuple[Figure, list[Axes]]:
-    """A figure with panels in reading order.
+    """Return a figure and its panels in reading order.
 
     Args:
-        rows: Panels one above the other.
-        columns: Panels side by side.
-        height: Of one row [inch].
-        width: Of the figure [inch].
-        arguments: Handed to matplotlib's ``Figure.subplots``, for example ``sharex=True``.
+        rows: Number of rows of panels.
+        columns: Number of columns of panels.
+        height: Height of one row [inch].
+        width: Width of the figure [inch].
+        arguments: Arguments of matplotlib's ``Figure.subplots``, for example ``sharex=True``.
     """
     with mpl.rc_context(_STYLE):
-        figure = Drawing(figsize=(width, rows * height), layout="constrained")
+        figure = _NotebookFigure(figsize=(width, rows * height), layout="constrained")
         return figure, list(figure.subplots(rows, columns, squeeze=False, **arguments).flat)
 
 
 def save(figure: Figure, path: str | Path, *further: str | Path) -> Path:
-    """Write a figure as ``.png``, or as ``.svg`` for pages and papers; the same figure gives the
-    same file, alone or with others.
+    """Write a figure as ``.png`` or ``.svg`` and return the first path; the same figure gives the
+    same files.
 
     Args:
         figure: The figure.
         path: The file.
-        further: More files of the same figure, whose panels are placed once for all.
-
-    Returns:
-        The first file.
+        further: More files of the same figure, with the panels at the same positions.
 
     Raises:
         DataError: If a file cannot be written.
@@ -79,30 +75,29 @@ def save(figure: Figure, path: str | Path, *further: str | Path) -> Path:
     engine = figure.get_layout_engine()
     with mpl.rc_context(_STYLE):
         if engine is not None:
-            _place(figure, engine)
+            _lay_out(figure, engine)
         try:
-            for one in (path, *further):
-                _save(figure, Path(one))
+            for file in (path, *further):
+                _save(figure, Path(file))
         finally:
             figure.set_layout_engine(engine)
     return Path(path)
 
 
-def _place(figure: Figure, engine: LayoutEngine) -> None:
-    """Put the panels of a figure where they stay while it is written, as large as in a picture."""
-    usual = figure.dpi
+def _lay_out(figure: Figure, engine: LayoutEngine) -> None:
+    """Fix the positions of the panels as they are at the resolution of a picture."""
+    dpi = figure.dpi
     figure.set_dpi(_DPI)
     engine.execute(figure)
-    figure.set_dpi(usual)
+    figure.set_dpi(dpi)
     figure.set_layout_engine("none")
 
 
 def _save(figure: Figure, path: Path) -> None:
-    kind = path.suffix.removeprefix(".")
-    # Given a path, the library leaves the file open where Ctrl-C comes meanwhile.
+    ending = path.suffix.removeprefix(".")
+    # Matplotlib would leave a file of its own open if Ctrl-C interrupts it.
     picture = io.BytesIO()
-    figure.savefig(
-        picture, format=kind, dpi=_DPI, metadata={"Date": None} if kind == "svg" else None
-    )
+    metadata = {"Date": None} if ending == "svg" else None
+    figure.savefig(picture, format=ending, dpi=_DPI, metadata=metadata)
     with atomic_write(path) as draft:
         draft.write_bytes(picture.getvalue())

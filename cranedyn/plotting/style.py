@@ -1,7 +1,7 @@
-"""One colour for each quantity, the same in every plot and figure.
+"""Colours and line styles: the same in every plot, figure and recording.
 
-The colour-blind-safe palette of Okabe and Ito, its pale ones darker, so that every one is legible
-on white and on black.
+Colours of quantities are the colour-blind-safe palette of Okabe and Ito, its pale ones darkened, so
+that every one is legible on white and on black.
 """
 
 from __future__ import annotations
@@ -18,30 +18,47 @@ COLOURS = {
     "setpoint": "#8A8A8A",
     "limit": "#8A8A8A",
 }
-"""Hex colour by quantity: a coordinate shares it with its rate and with the effort and the work of
-its drive. Black is for white paper."""
+"""Hex colours of quantities. A coordinate shares its colour with its rate and with effort and work
+of its drive. Black is for white paper."""
 
-_FURTHER = ("#0072B2", "#D55E00", "#009E73", "#B0569A", "#B87800", "#2E8BC0")
+_FURTHER_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#B0569A", "#B87800", "#2E8BC0")
+
+RUN_COLOURS = (
+    "#E0341A",
+    "#0072B2",
+    "#008C66",
+    "#B0569A",
+    "#9A6A00",
+    "#0086A8",
+    "#7A5FC0",
+    "#7A7A7A",
+)
+"""Hex colours of the runs of one picture in their order. The first is the colour of the payload
+where there is one run."""
+
+LINE_STYLES = {"phi": "-", "theta": "--"}
+"""Line styles: solid for radial swing and dashed for tangential swing, in every figure."""
+
+
+def run_colour(index: int) -> str:
+    """Return the hex colour of the run of an index; the colours repeat."""
+    return RUN_COLOURS[index % len(RUN_COLOURS)]
 
 
 def colour_of(quantity: str) -> str:
-    """The hex colour of a quantity; one of no name of its own always gets the same."""
-    return COLOURS.get(quantity) or _FURTHER[sum(quantity.encode()) % len(_FURTHER)]
+    """Return the hex colour of a quantity, the same at every call also for other quantities than
+    those of `COLOURS`.
+    """
+    return COLOURS.get(quantity) or _FURTHER_COLOURS[sum(quantity.encode()) % len(_FURTHER_COLOURS)]
 
 
 def rgb(colour: str) -> tuple[int, int, int]:
-    """Red, green and blue of a hex colour, 0 to 255."""
+    """Return red, green and blue of a hex colour, 0 to 255."""
     red, green, blue = bytes.fromhex(colour[1:])
     return red, green, blue
 
 
-def mixed(colour: str, other: str, share: float) -> str:
-    """A hex colour with a share of another mixed in, 0 to 1."""
-    return (
-        "#"
-        + bytes(
-            round((1 - share) * a + share * b) for a, b in zip(rgb(colour), rgb(other), strict=True)
-        )
-        .hex()
-        .upper()
-    )
+def mixed(colour: str, background: str, share: float) -> str:
+    """Return the hex colour that has a share of a background colour mixed in, 0 to 1."""
+    channels = zip(rgb(colour), rgb(background), strict=True)
+    return f"#{bytes(round((1 - share) * a + share * b) for a, b in channels).hex().upper()}"

@@ -12,7 +12,7 @@ import rerun as rr
 from cranedyn.checks import finite
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
-from cranedyn.plotting.runs import run_colour
+from cranedyn.plotting.style import run_colour
 
 TIMELINE = "sim_time"
 """The only timeline of a recording."""
@@ -70,7 +70,7 @@ class Run:
         meshes: Folder of the mesh files of the URDF. Files outside of it are refused. None draws no
             meshes.
         colour: Hex colour of payload, path and curves; empty for the next one of
-            `cranedyn.plotting.runs`.
+            `cranedyn.plotting.style`.
         scenery: The surroundings; None for none.
     """
 

@@ -39,7 +39,11 @@ _POLICY = (
 
 
 def view(
-    run: Trajectory, crane: Crane | None = None, name: str = "run", file: str | Path | None = None
+    run: Trajectory,
+    crane: Crane | None = None,
+    *,
+    name: str = "run",
+    file: str | Path | None = None,
 ) -> Path:
     """Record a run and open the recording in a window.
 
@@ -60,7 +64,7 @@ def view(
         if not run.record:
             raise DataError(
                 "This record names no crane, as none of a CSV file does; say which it was: "
-                "run.view(crane)."
+                "cd.view(run, crane)."
             )
         crane = load_crane(from_record=run.record)
     path = Path(tempfile.mkdtemp(prefix="cranedyn-"), "run.rrd") if file is None else Path(file)

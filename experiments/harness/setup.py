@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from cranedyn.clocks import clocks
-from cranedyn.data.elsewhere import parse_sources, read_elsewhere
+from cranedyn.data.external import parse_sources, read_external
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
@@ -209,7 +209,7 @@ class Setup:
 
     def variant(self, **values: object) -> Crane:
         """The crane of this world with some more numbers changed."""
-        return load_crane(gravity=self.gravity, **{**self.values, **values})  # type: ignore[arg-type]
+        return load_crane(gravity=self.gravity, values={**self.values, **values})
 
     def simulate(
         self,
@@ -292,18 +292,18 @@ def recorded(
         file: CSV, Parquet, or a recording of ROS (.mcap, .bag).
         columns: Our names of the columns.
         sources: What they are called in CSV and Parquet, as on the command line, see
-            `cranedyn.data.elsewhere.parse_sources`.
+            `cranedyn.data.external.parse_sources`.
         joints: Names of joints in a recording of ROS, such as ``l=hoist``.
 
     Raises:
-        DataError: As `read_elsewhere`, if a cable is shorter than a millimetre, an angle changes by
+        DataError: As `read_external`, if a cable is shorter than a millimetre, an angle changes by
             more than 10 rad/s, any other number is beyond a million of its unit, or rows are more
             than half a second apart.
     """
     if Path(file).suffix in ROS:
         data = _of_ros(file, columns, joints)
     else:
-        data = read_elsewhere(file, columns, parse_sources(sources))
+        data = read_external(file, columns, parse_sources(sources))
     for name, values in data.items():
         high = _FASTEST if name.endswith("_rad_s") else _LARGEST
         low = 1e-3 if name == "l_m" else -high

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cranedyn.plotting.runs import run_colour
+from cranedyn.plotting.style import run_colour
 from experiments.scenarios.strategies import FLAT, LQR, MPC, PAPER, PD, STRATEGIES, TIME
 
 _FIRST = (FLAT, PAPER, LQR, PD, "spline alone", TIME, MPC, "operator")

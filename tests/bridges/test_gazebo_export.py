@@ -283,7 +283,7 @@ def test_a_crane_with_meshes_or_a_rope_that_stretches_is_refused(tmp_path: Path)
         ),
     ):
         crane = replace(
-            load_crane(), written=lambda tag=tag: plain.replace("</robot>", f"{tag}</robot>")
+            load_crane(), urdf_source=lambda tag=tag: plain.replace("</robot>", f"{tag}</robot>")
         )  # type: ignore[misc]
         with pytest.raises(CraneError, match=sentence):
             gazebo.export(
@@ -413,7 +413,7 @@ def test_gazebo_s_own_parser_takes_the_package_for_ros_whole(tmp_path: Path) -> 
     place = (
         tmp_path / "package" if _HERE else Path(_ROOT, "tmp", f"cranedyn-{secrets.token_hex(4)}")
     )
-    package = ros2.export(place, replace(load_crane(), written=lambda: text))
+    package = ros2.export(place, replace(load_crane(), urdf_source=lambda: text))
     inside, place = (
         ([], package) if _HERE else (["chroot", _ROOT], Path("/", package.relative_to(_ROOT)))
     )

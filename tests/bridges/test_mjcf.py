@@ -179,7 +179,7 @@ def test_a_file_that_exists_stays(tmp_path: Path) -> None:
     with pytest.raises(CraneError, match="has a rope that stretches"):
         rope = '<gazebo reference="hoist_joint"><ropeStiffness>1e6</ropeStiffness></gazebo></robot>'
         text = load_crane().urdf.replace("</robot>", rope)
-        mjcf.export(tmp_path / "d.xml", replace(load_crane(), written=lambda: text))
+        mjcf.export(tmp_path / "d.xml", replace(load_crane(), urdf_source=lambda: text))
 
 
 @pytest.mark.parametrize("size", ["0 1 1", "1 -1 1"])

@@ -11,8 +11,7 @@ import pytest
 
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.plotting.runs import RUN_COLOURS, run_colour
-from cranedyn.plotting.style import rgb
+from cranedyn.plotting.style import RUN_COLOURS, rgb, run_colour
 from cranedyn.recording import Run
 from cranedyn.recording.dashboard import payload_view, scene_view
 from cranedyn.recording.run import colours

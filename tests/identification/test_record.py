@@ -10,7 +10,7 @@ import pytest
 
 from cranedyn.bridges import mcap
 from cranedyn.controllers import hold_controller
-from cranedyn.data.elsewhere import parse_sources
+from cranedyn.data.external import parse_sources
 from cranedyn.errors import CraneError, DataError
 from cranedyn.identification import Known, Record, load_record
 from cranedyn.simulation.simulate import simulate

@@ -202,7 +202,7 @@ def test_looks_that_cannot_be_drawn_are_refused_when_they_are_asked_for(
 ) -> None:
     c = load_crane(total_height=height)
     with pytest.raises(CraneError, match=sentence):
-        c.written()
+        c.urdf_source()
 
 
 def test_loading_and_running_a_crane_imports_nothing_that_only_others_need() -> None:

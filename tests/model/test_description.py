@@ -90,7 +90,7 @@ def test_the_urdf_is_plain(urdf: str) -> None:
 
 
 def test_the_same_arguments_give_the_same_bytes(urdf: str) -> None:
-    description._remembered.cache_clear()
+    description._expand_cached.cache_clear()
     assert describe() == urdf
 
 
@@ -101,9 +101,9 @@ def test_a_file_of_ours_is_expanded_once_and_again_when_it_has_changed(
         shutil.copy(path, tmp_path)
     own, expansions = tmp_path / XACRO.name, []
     monkeypatch.setattr(description, "XACRO", own)
-    honest = description._expanded
+    honest = description._expand
     monkeypatch.setattr(
-        description, "_expanded", lambda *given: expansions.append(given) or honest(*given)
+        description, "_expand", lambda *given: expansions.append(given) or honest(*given)
     )
     one, two = describe(own), describe(own)
     assert one == two
@@ -127,7 +127,7 @@ def test_an_interruption_in_the_midst_of_an_expansion_does_no_harm_to_the_next(
 
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
         patched.setattr(minidom.Node, "removeChild", interrupted)
-        description._remembered.cache_clear()
+        description._expand_cached.cache_clear()
         describe()
     assert describe() == urdf
 

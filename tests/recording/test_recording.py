@@ -252,7 +252,7 @@ def test_a_crane_without_visuals_still_shows_a_payload(
     crane: Crane, moving: Trajectory, tmp_path: Path
 ) -> None:
     urdf = re.sub(r"<visual>.*?</visual>", "", crane.urdf, flags=re.DOTALL)
-    bare = replace(crane, written=lambda: urdf)
+    bare = replace(crane, urdf_source=lambda: urdf)
     path = record(tmp_path / "bare.rrd", [Run("bare", bare, moving)], title="Bare")
     boxes = {entity for entity, batch in chunks(path) if "Boxes3D:half_sizes" in batch.schema.names}
     assert boxes == {"/bare/scene/hook_link/box", "/bare/scene/setpoint/box"}

@@ -86,9 +86,10 @@ PUBLIC = {
 INTERNAL = tuple(
     f"cranedyn.{name}"
     for name in (
-        "__main__ checks clocks command compiled data.elsewhere data.files data.shown "
-        "data.tables dynamics errors interfaces lifting lifting.wrench"
-        " model.layout model.shown model.springs model.urdf"
+        "__main__ checks clocks command compiled data.columns data.external data.files "
+        "data.tables data.time_series dynamics errors interfaces lifting lifting.wrench"
+        " display model.joints model.layout model.rest model.solvability model.springs"
+        " model.summary model.urdf model.values"
         " version planning.bim planning.bodies planning.clearance planning.curve planning.driven "
         "planning.fields planning.grid planning.half_spaces planning.ifc_shapes planning.move "
         "planning.neighbour planning.proof plant"
@@ -115,7 +116,7 @@ WITHIN = (
     "fitting",
     "hoisting",
     "leg_target",
-    "columns_of",
+    "columns_by_quantity",
     "started",
     "as_command",
     "as_force",
@@ -178,9 +179,10 @@ tour.legs: [Leg('out', x=12.0), Leg('back', x=float(start.q[1]))];
 with_sensor_model.rng: np.random.default_rng(1); grid.values: {'x': [1.0, 2.0]};
 sampled.ranges: {'x': (0.0, 1.0)}; sampled.count: 4; wind.values: {'payload_area': 4.0};
 constant_force.values: {'payload': (0.0, 0.0, 1.0)}; state.values: {'x': 12.0};
-load_crane.values: {'payload_mass': 900.0}; sweep.folder: 'swept'; sweep.workers: 1;
+load_crane.values: {'payload_mass': 900.0}; load_crane.numbers: {'damp_swing': 2.0};
+sweep.folder: 'swept'; sweep.workers: 1;
 results.folder: 'done'; rows.first: 0; rows.last: 1; Crane.layout: crane.layout;
-Crane.written: crane.written; Crane.model: crane.model; Crane.damping: crane.damping;
+Crane.urdf_source: crane.urdf_source; Crane.model: crane.model; Crane.damping: crane.damping;
 Crane.springs: crane.springs; Crane.lower: crane.lower; Crane.upper: crane.upper;
 Crane.effort_limit: crane.effort_limit; Crane.points: crane.points; Crane.record: crane.record;
 Tracking.period: tracking.period; Tracking.feed_forward: tracking.feed_forward;

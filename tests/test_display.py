@@ -1,4 +1,4 @@
-"""What runs and cranes show of themselves in Python, in notebooks, and in the tables of others."""
+"""Runs and cranes in Python, notebooks, figures and recordings, and as tables."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ from cranedyn import recording
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory, read
 from cranedyn.errors import CraneError, OutOfRange, UnknownColumn
-from cranedyn.plotting.run import plot_runs
-from cranedyn.plotting.runs import RUN_COLOURS, contrast, run_colour
-from cranedyn.plotting.style import COLOURS, colour_of
+from cranedyn.plotting.curves import plot_runs
+from cranedyn.plotting.style import COLOURS, RUN_COLOURS, colour_of, rgb, run_colour
 from cranedyn.recording.sketch import sketch
 from cranedyn.references import hold, pulse
 from experiments.relatives.catalogue import RELATIVES, Relative, crane_of
@@ -113,11 +112,11 @@ def test_a_column_that_is_not_there_is_a_sentence_with_those_that_are(run: Traje
         run["phi"]
     assert isinstance(caught.value, KeyError)
     with pytest.raises(UnknownColumn):
-        run.plot("phi")
+        cd.plot(run, "phi")
 
 
 def test_the_figure_of_a_run_has_its_drives_its_setpoints_and_its_swing(run: Trajectory) -> None:
-    figure = run.plot()
+    figure = cd.plot(run)
     *drives, swing = figure.axes
     assert [ax.get_ylabel() for ax in figure.axes] == ["γ [°]", "x [m]", "l [m]", "swing [°]"]
     np.testing.assert_array_equal(drives[1].lines[1].get_ydata(), run["x_m"])
@@ -125,16 +124,31 @@ def test_the_figure_of_a_run_has_its_drives_its_setpoints_and_its_swing(run: Tra
     np.testing.assert_allclose(swing.lines[0].get_ydata(), np.degrees(run["phi_rad"]))
     assert [line.get_linestyle() for line in swing.lines] == ["-", "--"]
     assert figure._repr_png_().startswith(b"\x89PNG")  # type: ignore[attr-defined]
-    (one,) = run.plot("F_x_N").axes
+    (one,) = cd.plot(run, "F_x_N").axes
     np.testing.assert_array_equal(one.lines[0].get_ydata(), run["F_x_N"])
 
 
 def test_what_stands_still_is_drawn_as_a_line_and_no_axis_has_an_offset(run: Trajectory) -> None:
-    figure = run.plot()
+    figure = cd.plot(run)
     figure.canvas.draw()
     slew = figure.axes[0]
     assert np.diff(slew.get_ylim()) >= 1e-3
     assert [ax.yaxis.get_offset_text().get_text() for ax in figure.axes] == [""] * 4
+
+
+def luminance(colour: str) -> float:
+    """Return the relative luminance of a hex colour, 0 to 1 (WCAG 2.2)."""
+    red, green, blue = (
+        c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4
+        for c in (channel / 255 for channel in rgb(colour))
+    )
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def contrast(colour: str, paper: str) -> float:
+    """Return the contrast of two hex colours, 1 to 21 (WCAG 2.2)."""
+    light, dark = sorted((luminance(colour), luminance(paper)), reverse=True)
+    return (light + 0.05) / (dark + 0.05)
 
 
 def test_each_run_has_one_colour_in_every_panel(run: Trajectory) -> None:
@@ -178,7 +192,7 @@ def test_a_run_is_recorded_and_opened_in_one_step(
 ) -> None:
     opened: list[Path] = []
     monkeypatch.setattr("cranedyn.recording.viewer.open_viewer", opened.append)
-    assert run.view(crane(), file=tmp_path / "a.rrd") == tmp_path / "a.rrd"
+    assert cd.view(run, crane(), file=tmp_path / "a.rrd") == tmp_path / "a.rrd"
     assert opened == [tmp_path / "a.rrd"] and (tmp_path / "a.rrd").stat().st_size > 10_000
     assert recording.Run is not None
 
@@ -187,14 +201,17 @@ def test_a_run_is_looked_at_without_its_crane_which_its_record_names(
     run: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cranedyn.recording.viewer.open_viewer", lambda path: None)
-    with_crane = run.view(crane(), file=tmp_path / "a.rrd").stat().st_size
+    with_crane = cd.view(run, crane(), file=tmp_path / "a.rrd").stat().st_size
     # Looks and all.
-    assert run.view(file=tmp_path / "b.rrd").stat().st_size == pytest.approx(with_crane, rel=0.01)
+    assert cd.view(run, file=tmp_path / "b.rrd").stat().st_size == pytest.approx(
+        with_crane, rel=0.01
+    )
     with pytest.raises(
         CraneError,
-        match=r"names no crane, as none of a CSV file does; say which it was: run\.view\(crane\)",
+        match=r"names no crane, as none of a CSV file does; say which it was: "
+        r"cd\.view\(run, crane\)",
     ):
-        read(run.write(tmp_path / "run.csv")).view(file=tmp_path / "c.rrd")
+        cd.view(read(run.write(tmp_path / "run.csv")), file=tmp_path / "c.rrd")
 
 
 @pytest.mark.parametrize("relative", RELATIVES, ids=lambda relative: relative.name)
@@ -209,15 +226,15 @@ def test_a_crane_of_any_topology_shows_itself_and_its_runs(
         (joint.symbol, joint.name) for joint in made.layout.joints
     ]
     assert [row[-1] != "passive" for row in rows] == [joint.driven for joint in made.layout.joints]
-    (cable,) = made.plot().axes[0].lines
+    (cable,) = cd.plot(made).axes[0].lines
     assert len(cable.get_xdata()) == len(made.points)
     kinds = {joint.kind for joint in made.layout.joints if not joint.driven}
-    labels = [ax.get_ylabel() for ax in run.plot().axes]
+    labels = [ax.get_ylabel() for ax in cd.plot(run).axes]
     assert len(labels) == made.layout.m + len(kinds)
     assert ("swing [°]" in labels) == ("revolute" in kinds) and ("stretch [m]" in labels) == (
         "prismatic" in kinds
     )
-    assert run.view(file=tmp_path / "run.rrd").stat().st_size > 10_000
+    assert cd.view(run, file=tmp_path / "run.rrd").stat().st_size > 10_000
 
 
 def _answer(answer: object) -> object:

@@ -1,0 +1,311 @@
+"""Instructions for LLVM: doubles, one for each lane of a vector, and their arithmetic.
+
+Numbers known while the code is made stay Python floats and are folded: nothing is multiplied by 1,
+added to 0, or computed twice for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache, lru_cache, reduce
+from typing import Any
+
+from llvmlite import ir
+
+INTEGER, POINTER, DOUBLE = ir.IntType(64), ir.PointerType(), ir.DoubleType()
+
+_LINE = 64
+"""Bytes in a line of the cache."""
+
+_WITH_ITSELF = {"fsub": 0.0, "fdiv": 1.0}
+"""Results of operations on a number and itself."""
+
+_FAST = ("contract", "reassoc", "nsz", "arcp")
+"""Sums and products may be fused and reordered, the sign of zero is free; infinities and NaN
+stay."""
+
+
+class Value:
+    """A number that the code computes, in every lane."""
+
+    def __init__(self, code: Instructions, register: ir.Value) -> None:
+        self.code, self.register = code, register
+
+    @property
+    def choices(self) -> Instructions:
+        """Builder of choices between such numbers."""
+        return self.code
+
+    def __add__(self, other: Any) -> Any:
+        return self if _is(other, 0.0) else self._with("fadd", other)
+
+    def __radd__(self, other: Any) -> Any:
+        return self + other
+
+    def __sub__(self, other: Any) -> Any:
+        return self if _is(other, 0.0) else self._with("fsub", other)
+
+    def __rsub__(self, other: Any) -> Any:
+        return -self if _is(other, 0.0) else self.code.value(other)._with("fsub", self)
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, float) and other in (0.0, 1.0, -1.0):
+            return 0.0 if other == 0.0 else self if other == 1.0 else -self
+        return self._with("fmul", other)
+
+    def __rmul__(self, other: Any) -> Any:
+        return self * other
+
+    def __truediv__(self, other: Any) -> Any:
+        return self * (1.0 / other) if isinstance(other, float) else self._with("fdiv", other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return 0.0 if _is(other, 0.0) else self.code.value(other)._with("fdiv", self)
+
+    def __neg__(self) -> Value:
+        return self.code.result("fneg", self)
+
+    def sin(self) -> Value:
+        """Return the sine of an angle [rad]."""
+        return self.code.sine_and_cosine(self)[0]
+
+    def cos(self) -> Value:
+        """Return the cosine of an angle [rad]."""
+        return self.code.sine_and_cosine(self)[1]
+
+    def __lt__(self, other: Any) -> ir.Value:
+        return self._compared("<", other)
+
+    def __gt__(self, other: Any) -> ir.Value:
+        return self._compared(">", other)
+
+    def __le__(self, other: Any) -> ir.Value:
+        return self._compared("<=", other)
+
+    def __ge__(self, other: Any) -> ir.Value:
+        return self._compared(">=", other)
+
+    def _compared(self, how: str, other: Any) -> ir.Value:
+        return self.code.builder.fcmp_ordered(how, self.register, self.code.value(other).register)
+
+    def _with(self, operation: str, other: Any) -> Any:
+        if (
+            isinstance(other, Value)
+            and other.register is self.register
+            and operation in _WITH_ITSELF
+        ):
+            return _WITH_ITSELF[operation]
+        return self.code.result(operation, self, other)
+
+
+class Instructions:
+    """Instructions of a function under construction.
+
+    Attributes:
+        lanes: Number of lanes of a value; 1 is a plain double.
+        apart: Distance in memory between the numbers of one crane [doubles].
+        builder: Builder at the position of the next instruction.
+        argument: Arguments by name, all of them addresses.
+    """
+
+    def __init__(
+        self,
+        module: ir.Module,
+        name: str,
+        arguments: Sequence[str],
+        lanes: int,
+        apart: int | None = None,
+    ) -> None:
+        self.lanes, self.apart = lanes, apart or lanes
+        self.type = lane_type(lanes)
+        self.function = ir.Function(
+            module, ir.FunctionType(ir.VoidType(), [POINTER] * len(arguments)), name
+        )
+        if lanes > 1:  # or spilled vectors would cross lines of the cache
+            self.function.attributes.alignstack = min(8 * lanes, _LINE)
+            # llvmlite writes alignstack only beside another attribute.
+            self.function.attributes.add("nounwind")
+        self.argument = dict(zip(arguments, self.function.args, strict=True))
+        self.builder = ir.IRBuilder(self.function.append_basic_block())
+        self._results: dict[tuple[Any, ...], Value] = {}
+
+    def value(self, number: Any) -> Value:
+        """Return a number as a value of the code."""
+        if isinstance(number, Value):
+            return number
+        return Value(self, _constant(self.lanes, float(number).hex()))
+
+    def result(self, operation: str, *operands: Any) -> Value:
+        """Return a sum, difference, product, quotient or negative, computed once in a block."""
+        terms = (x.register if isinstance(x, Value) else float(x) for x in operands)
+        key = self.builder.block, operation, *terms
+        if key not in self._results:
+            registers = (self.value(operand).register for operand in operands)
+            result = getattr(self.builder, operation)(*registers, flags=_FAST)
+            self._results[key] = Value(self, result)
+        return self._results[key]
+
+    def fused(self, a: Value, b: Value, c: Any) -> Value:
+        """Return a b + c, rounded once where the machine can."""
+        return self.call("llvm.fmuladd", a, b, c)
+
+    def quotient(self, value: Value, by: Any) -> Value:
+        """Return a quotient, rounded once; a product with the reciprocal has a systematic error."""
+        if _is(by, 1.0):
+            return value
+        return Value(self, self.builder.fdiv(value.register, self.value(by).register))
+
+    def call(self, intrinsic: str, *values: Any) -> Value:
+        """Call an intrinsic function of LLVM, such as llvm.maxnum, llvm.sqrt, llvm.fabs."""
+        name = f"{intrinsic}.{f'v{self.lanes}' if self.lanes > 1 else ''}f64"
+        return Value(
+            self, self._intrinsic(name, self.type, [self.value(value).register for value in values])
+        )
+
+    def chosen(self, condition: ir.Value, yes: Any, no: Any) -> Value:
+        """Return one value where a condition holds and another elsewhere."""
+        return Value(
+            self, self.builder.select(condition, self.value(yes).register, self.value(no).register)
+        )
+
+    def sine_and_cosine(self, angle: Value) -> tuple[Value, Value]:
+        """Return sine and cosine of an angle [rad]."""
+        raise NotImplementedError
+
+    def joined(self, a: Value, from_a: ir.Block, b: Value, from_b: ir.Block) -> Value:
+        """Return the value of the block from which this point was reached."""
+        phi = self.builder.phi(self.type)
+        phi.add_incoming(a.register, from_a)
+        phi.add_incoming(b.register, from_b)
+        return Value(self, phi)
+
+    def clipped(self, value: Value, low: Any, high: Any) -> Value:
+        """Clip a value to a range; NaN stays."""
+        value = self.chosen(value < low, low, value)
+        return self.chosen(value > high, high, value)
+
+    def both(self, *conditions: Any) -> ir.Value:
+        """Return whether all conditions hold; some may be Python bools."""
+        return reduce(self.builder.and_, map(self._condition, conditions))
+
+    def _condition(self, condition: Any) -> ir.Value:
+        if not isinstance(condition, bool):
+            return condition
+        kind = ir.IntType(1)
+        if self.lanes == 1:
+            return ir.Constant(kind, condition)
+        return ir.Constant(ir.VectorType(kind, self.lanes), [condition] * self.lanes)
+
+    def either(self, *conditions: ir.Value) -> ir.Value:
+        """Return whether one of the conditions holds."""
+        return reduce(self.builder.or_, conditions)
+
+    def everywhere(self, condition: ir.Value) -> ir.Value:
+        """Return whether a condition holds in all lanes."""
+        return self._over_lanes("and", condition)
+
+    def anywhere(self, condition: ir.Value) -> ir.Value:
+        """Return whether a condition holds in some lane."""
+        return self._over_lanes("or", condition)
+
+    def _over_lanes(self, how: str, condition: ir.Value) -> ir.Value:
+        if self.lanes == 1:
+            return condition
+        return self._intrinsic(
+            f"llvm.vector.reduce.{how}.v{self.lanes}i1", ir.IntType(1), [condition]
+        )
+
+    def _intrinsic(self, name: str, answer: ir.Type, values: Sequence[ir.Value]) -> ir.Value:
+        module = self.function.module
+        kind = ir.FunctionType(answer, [value.type for value in values])
+        return self.builder.call(
+            module.globals.get(name) or ir.Function(module, kind, name), values
+        )
+
+    def integer(self, number: int) -> ir.Value:
+        """Return a constant whole number."""
+        return ir.Constant(INTEGER, number)
+
+    def least(self, a: ir.Value, b: ir.Value) -> ir.Value:
+        """Return the smaller of two whole numbers."""
+        return self.builder.select(self.builder.icmp_signed("<", a, b), a, b)
+
+    def most(self, a: ir.Value, b: ir.Value) -> ir.Value:
+        """Return the larger of two whole numbers."""
+        return self.builder.select(self.builder.icmp_signed(">", a, b), a, b)
+
+    def product(self, a: ir.Value, number: int) -> ir.Value:
+        """Return a multiple of a whole number."""
+        return self.builder.mul(a, self.integer(number))
+
+    def from_integer(self, number: ir.Value) -> Value:
+        """Return a whole number in every lane."""
+        return self.from_double(self.builder.sitofp(number, DOUBLE))
+
+    def from_double(self, part: ir.Value) -> Value:
+        """Return one double in every lane."""
+        if self.lanes == 1:
+            return Value(self, part)
+        undefined, first, everywhere = _spreading(self.lanes)
+        register = self.builder.insert_element(undefined, part, first)
+        return Value(self, self.builder.shuffle_vector(register, undefined, everywhere))
+
+    def load(self, pointer: ir.Value, first: Any = 0) -> Value:
+        """Load the lanes from consecutive doubles of memory, beginning at an index."""
+        return Value(self, self.builder.load(self._at(pointer, first), align=8, typ=self.type))
+
+    def store(self, value: Any, pointer: ir.Value, first: Any = 0) -> None:
+        """Store the lanes in consecutive doubles of memory."""
+        self.builder.store(self.value(value).register, self._at(pointer, first), align=8)
+
+    def spread(self, pointer: ir.Value, place: Any) -> Value:
+        """Load one double of memory into every lane."""
+        return self.from_double(self.builder.load(self._at(pointer, place), align=8, typ=DOUBLE))
+
+    def gathered(self, pointer: ir.Value, places: Sequence[Any]) -> Value:
+        """Load a double for each lane from an index of its own."""
+        if self.lanes == 1:
+            return self.spread(pointer, places[0])
+        register = ir.Constant(self.type, ir.Undefined)
+        for lane, place in enumerate(places):
+            part = self.builder.load(self._at(pointer, place), align=8, typ=DOUBLE)
+            register = self.builder.insert_element(
+                register, part, ir.Constant(ir.IntType(32), lane)
+            )
+        return Value(self, register)
+
+    def load_one(self, pointer: ir.Value, place: int, kind: ir.Type) -> ir.Value:
+        """Load one whole number, double or address."""
+        return self.builder.load(self._at(pointer, place), align=8, typ=kind)
+
+    def _at(self, pointer: ir.Value, index: Any) -> ir.Value:
+        place = index if isinstance(index, ir.Value) else self.integer(index)
+        return self.builder.gep(pointer, [place], source_etype=DOUBLE)
+
+
+@cache
+def lane_type(lanes: int) -> ir.Type:
+    """Return the type of a double for each lane."""
+    return ir.VectorType(DOUBLE, lanes) if lanes > 1 else DOUBLE
+
+
+@lru_cache(maxsize=4096)
+def _constant(lanes: int, text: str) -> ir.Constant:
+    """Return a number in every lane, cached because its text is made often.
+
+    The key is the text of `float.hex`, which has a sign also of zero.
+    """
+    number = float.fromhex(text)
+    return ir.Constant(lane_type(lanes), [number] * lanes if lanes > 1 else number)
+
+
+@cache
+def _spreading(lanes: int) -> tuple[ir.Constant, ir.Constant, ir.Constant]:
+    """Return an undefined vector, the index of its first lane, and that index for every lane."""
+    index = ir.IntType(32)
+    places = ir.Constant(ir.VectorType(index, lanes), [0] * lanes)
+    return ir.Constant(lane_type(lanes), ir.Undefined), ir.Constant(index, 0), places
+
+
+def _is(other: Any, number: float) -> bool:
+    return isinstance(other, float) and other == number

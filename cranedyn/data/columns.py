@@ -1,0 +1,105 @@
+"""Names of the columns of a trajectory, which carry their units, such as ``x_dot_m_s``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from cranedyn.errors import DataError
+
+QUANTITIES = (
+    "t",
+    "q",
+    "v",
+    "setpoint",
+    "command",
+    "effort",
+    "energy",
+    "work",
+    "dissipated",
+    "force",
+    "outside",
+    "valid",
+)
+"""Arrays of a trajectory, in the order of their columns."""
+
+_PATTERNS = {
+    "v": re.compile(r"(?P<symbol>.+)_dot_(?P<unit>rad|m)_s"),
+    "setpoint": re.compile(r"(?P<symbol>.+)_setpoint_(rad|m)"),
+    "command": re.compile(r"[TF]_(?P<symbol>.+)_command_Nm?"),
+    "force": re.compile(r"(?P<symbol>.+)_force_[xyz]_N"),
+    "effort": re.compile(r"[TF]_(?P<symbol>.+)_Nm?"),
+    "work": re.compile(r"W_(?P<symbol>.+)_J"),
+    "q": re.compile(r"(?P<symbol>.+)_(?P<unit>rad|m)"),
+}
+"""Patterns of the names that contain a symbol; the first match counts."""
+
+
+def trajectory_columns(
+    units: Mapping[str, str], drives: Iterable[str], points: Iterable[str]
+) -> dict[str, tuple[str, ...]]:
+    """Return the names of the columns of a trajectory by quantity.
+
+    Args:
+        units: Unit of each coordinate, "rad" or "m", by its symbol.
+        drives: Symbols of the driven coordinates.
+        points: Names of the points on which forces act.
+    """
+    drives = list(drives)
+    effort = {symbol: ("T", "Nm") if units[symbol] == "rad" else ("F", "N") for symbol in drives}
+    return {
+        "t": ("t_s",),
+        "q": tuple(f"{symbol}_{unit}" for symbol, unit in units.items()),
+        "v": tuple(f"{symbol}_dot_{unit}_s" for symbol, unit in units.items()),
+        "setpoint": tuple(f"{symbol}_setpoint_{units[symbol]}" for symbol in drives),
+        "command": tuple(f"{sign}_{symbol}_command_{u}" for symbol, (sign, u) in effort.items()),
+        "effort": tuple(f"{sign}_{symbol}_{u}" for symbol, (sign, u) in effort.items()),
+        "energy": ("energy_J",),
+        "work": tuple(f"W_{symbol}_J" for symbol in drives),
+        "dissipated": ("dissipated_J",),
+        "force": tuple(f"{point}_force_{axis}_N" for point in points for axis in "xyz"),
+        "outside": ("W_force_J", "W_buffers_J"),
+        "valid": ("valid",),
+    }
+
+
+_GENERAL = {name for names in trajectory_columns({}, (), ()).values() for name in names}
+"""Columns that every trajectory has, whatever its crane."""
+
+
+def columns_by_quantity(names: Sequence[str], path: str | Path) -> dict[str, tuple[str, ...]]:
+    """Return the columns of a trajectory by quantity, as found among the columns of a file.
+
+    Args:
+        names: Columns of the file; columns of no quantity are ignored.
+        path: The file, for error messages.
+
+    Raises:
+        DataError: If a column of some joint, drive or point is missing while others of it are
+            there, or there is no joint or no drive.
+    """
+    units: dict[str, dict[str, str]] = {quantity: {} for quantity in _PATTERNS}
+    for name in names:
+        for quantity, pattern in _PATTERNS.items():
+            if name not in _GENERAL and (match := pattern.fullmatch(name)):
+                units[quantity][match["symbol"]] = match.groupdict().get("unit", "m")
+                break
+    drives = dict.fromkeys(
+        symbol
+        for quantity in ("setpoint", "command", "effort", "work")
+        for symbol in units[quantity]
+    )
+    joints = units["q"] | units["v"]
+    joints |= {symbol: "m" for symbol in drives if symbol not in joints}
+    columns = trajectory_columns(joints, drives, units["force"])
+    if missing := [name for own in columns.values() for name in own if name not in names]:
+        raise DataError(
+            f"{path} has no column {', '.join(missing)}; a complete record of these joints has it."
+        )
+    if not (joints and drives):
+        raise DataError(
+            f"{path} has columns of no joint, or of no drive; a record has them of one each at "
+            "least."
+        )
+    return columns

@@ -1,0 +1,169 @@
+"""Named columns over time: the table that trajectories and loads are."""
+
+from __future__ import annotations
+
+import json
+from collections import namedtuple
+from collections.abc import Iterator, Mapping
+from html import escape
+from pathlib import Path
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cranedyn.errors import CraneError
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+
+
+class TimeSeries:
+    """A table of named columns with units, one row for each time.
+
+    A class of this kind defines `keys` and `__getitem__`. `dict(series)` gives the columns by name,
+    `pandas.DataFrame(series)` a data frame, and libraries that read Arrow take it as a table.
+
+    Attributes:
+        t: Time [s], shape (rows,).
+        parameters: Numbers and words that belong to the whole table, by name.
+        record: Crane, controller, reference and disturbance of the run, see
+            `cranedyn.data.trajectory.Trajectory`.
+    """
+
+    t: np.ndarray
+    parameters: Mapping[str, float | str]
+    record: Mapping[str, Any]
+
+    def keys(self) -> list[str]:
+        """Return the names of the columns."""
+        raise NotImplementedError
+
+    def __getitem__(self, column: str) -> np.ndarray:
+        """Return a column by its name, shape (rows,)."""
+        raise NotImplementedError
+
+    @property
+    def coordinate_keys(self) -> list[str]:
+        """Names of the columns of coordinates: those for which there is a column of the rate."""
+        names = self.keys()
+        split = ((name, *name.rpartition("_")) for name in names)
+        return [name for name, symbol, _, unit in split if f"{symbol}_dot_{unit}_s" in names]
+
+    @property
+    def principal_keys(self) -> list[str]:
+        """Names of the columns that a figure shows by default."""
+        return self.coordinate_keys
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.t)
+
+    def __contains__(self, column: object) -> bool:
+        """Return whether there is a column of this name."""
+        return column in self.keys()
+
+    def __iter__(self) -> Iterator[Any]:
+        """Iterate over the rows as named tuples."""
+        names = self.keys()
+        row = namedtuple("Row", names)  # type: ignore[misc]
+        return map(row._make, zip(*(self[name].tolist() for name in names), strict=True))
+
+    def table(self) -> pyarrow.Table:
+        """Return all columns as an Arrow table with parameters and record in its metadata."""
+        import pyarrow
+
+        return pyarrow.table(
+            {name: np.ascontiguousarray(self[name]) for name in self.keys()},
+            metadata={
+                "cranedyn": json.dumps(dict(self.parameters)),
+                "cranedyn.record": json.dumps(dict(self.record)),
+            },
+        )
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """Export all columns to libraries that read Arrow."""
+        return self.table().__arrow_c_stream__(requested_schema)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return all columns as a data frame; its ``attrs`` are the parameters.
+
+        Raises:
+            CraneError: If pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise CraneError(
+                "pandas is not installed; install it with: pip install 'cranedyn[pandas]'"
+            ) from None
+        frame = pandas.DataFrame({name: self[name] for name in self.keys()})
+        frame.attrs.update(self.parameters)
+        return frame
+
+    def write(self, path: str | Path) -> Path:
+        """Write a ``.csv`` or ``.parquet`` file and return its path.
+
+        Both hold every number to the bit; only Parquet holds parameters and record.
+
+        Raises:
+            DataError: If the ending is another or the file cannot be written.
+        """
+        from cranedyn.data.tables import write_table
+
+        return write_table(path, self.table())
+
+    def __repr__(self) -> str:
+        """Return a few lines: duration, rows that are not valid, and the range of the coordinates,
+        or of all columns where there is no coordinate.
+        """
+        if not len(self):
+            return f"{type(self).__name__} without rows"
+        lines = [
+            f"{name:14} {first:12.6g} {last:12.6g} {low:12.6g} {high:12.6g}"
+            for name, first, last, low, high in self._ranges(
+                self.coordinate_keys or self.keys()[1:]
+            )
+        ]
+        heading = f"{'':14} {'first':>12} {'last':>12} {'least':>12} {'most':>12}"
+        return "\n".join([self._title(), *self._validity_lines(), heading, *lines])
+
+    def _repr_html_(self) -> str:
+        """Return the range of every column as an HTML table, for notebooks."""
+        if not len(self):
+            return f"<p>{type(self).__name__} without rows</p>"
+        rows = "".join(
+            f"<tr><td style='text-align:left'>{escape(name)}</td>"
+            + "".join(f"<td>{value:.6g}</td>" for value in values)
+            + "</tr>"
+            for name, *values in self._ranges(self.keys())
+        )
+        return (
+            f"<p>{self._title()}</p><table><thead><tr>"
+            "<th style='text-align:left'>column</th><th>first</th><th>last</th>"
+            "<th>least</th><th>most</th></tr></thead>"
+            f"<tbody>{rows}</tbody></table>"
+        )
+
+    def _title(self) -> str:
+        duration = f"t = {self.t[0]:g} to {self.t[-1]:g} s"
+        return f"{type(self).__name__} of {len(self)} rows, {duration}"
+
+    def _validity_lines(self) -> list[str]:
+        """Return how many rows are not valid, and why the first of the run is not."""
+        invalid = np.flatnonzero(self["valid"] != 1.0) if "valid" in self else np.array([], int)
+        if not len(invalid):
+            return []
+        reason = self.record.get("not_valid")
+        sentence = (
+            f"{len(invalid)} of {len(self)} rows are not valid, the first at "
+            f"t = {self.t[invalid[0]]:g} s"
+        )
+        return wrap(f"{sentence}: {reason}." if reason else f"{sentence}.", 80)
+
+    def _ranges(self, names: list[str]) -> Iterator[tuple[str, float, float, float, float]]:
+        """Yield name, first, last, least and largest value of columns."""
+        for name in names:
+            values = self[name]
+            yield name, values[0], values[-1], values.min(), values.max()

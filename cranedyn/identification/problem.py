@@ -1,0 +1,222 @@
+"""The problem of identification: records of one crane, and the parameters to be estimated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from cranedyn.checks import check_choice
+from cranedyn.errors import DataError, OutOfRange
+from cranedyn.identification.family import Family
+from cranedyn.identification.known import Known
+from cranedyn.identification.parameters import (
+    EARLY,
+    LATE,
+    Drives,
+    Parameter,
+    parameter,
+    starts,
+    usual,
+)
+from cranedyn.identification.record import Record
+
+
+class Channel(NamedTuple):
+    """Column of a record that is predicted.
+
+    Attributes:
+        column: Name of the column.
+        unit: Unit of the column.
+        kind: Kind of the signal: "swing", "position", "lagged" or "effort".
+        at: Index of the swing or drive among the coordinates.
+        drive: Index of the drive among the drives; -1 for a swing.
+    """
+
+    column: str
+    unit: str
+    kind: str
+    at: int
+    drive: int = -1
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Records of one crane and the parameters to be estimated from them.
+
+    Attributes:
+        known: Prior knowledge of the crane.
+        records: The records.
+        parameters: Parameters of the crane first, then the initial values of each record.
+        drives: How the drives are simulated.
+    """
+
+    known: Known
+    records: tuple[Record, ...]
+    parameters: tuple[Parameter, ...]
+    drives: Drives
+
+    @classmethod
+    def of(
+        cls,
+        known: Known,
+        records: Sequence[Record],
+        names: Sequence[str] | None = None,
+        *,
+        drives: Drives | None = None,
+    ) -> Self:
+        """Return the problem of estimating parameters from records.
+
+        Args:
+            known: Prior knowledge of the crane.
+            records: One or more records of it.
+            names: Names of parameters, see `cranedyn.identification.parameters.parameter`; None for
+                all that the columns can determine.
+            drives: "motion" prescribes the recorded motion, "effort" applies the recorded efforts,
+                "hold" holds the drives at their setpoints by a brake; None for the motion where a
+                record has one, otherwise the efforts.
+
+        Raises:
+            DataError: If there is no record, a column is missing, or a column is constant that a
+                parameter needs.
+            UnknownName: If there is no parameter of a name.
+        """
+        if not records:
+            raise DataError("There is no record to identify a crane from; give one or more.")
+        mode = _default_drives(records) if drives is None else drives
+        check_choice("drives", mode, Drives)
+        chosen = usual(known, records, mode) if names is None else list(dict.fromkeys(names))
+        if not chosen:
+            raise DataError("There is nothing to find; give names of parameters.")
+        parameters = [parameter(known, name) for name in chosen]
+        for p in parameters:
+            _check_determined(p, records, mode)
+        for i, record in enumerate(records):
+            parameters += starts(record, i, mode)
+        return cls(known, tuple(records), tuple(parameters), mode)
+
+    @cached_property
+    def own(self) -> tuple[Parameter, ...]:
+        """Parameters of the crane, which are the first."""
+        return tuple(p for p in self.parameters if p.record is None)
+
+    @cached_property
+    def first(self) -> np.ndarray:
+        """First values of the search, shape (parameters,)."""
+        return np.array([p.start for p in self.parameters])
+
+    @cached_property
+    def scale(self) -> np.ndarray:
+        """Typical change of each parameter, shape (parameters,)."""
+        return np.array([p.scale for p in self.parameters])
+
+    def of_record(self, index: int) -> list[int]:
+        """Return the indices of the parameters on which a record depends."""
+        return [i for i, p in enumerate(self.parameters) if p.record in (None, index)]
+
+    @cached_property
+    def family(self) -> Family:
+        """Cranes by the values of the arguments among the parameters."""
+        arguments = [p for p in self.parameters if p.kind == "argument"]
+        first = {p.name: p.start for p in arguments}
+        return self.known.family(first, {p.name: p.start + 0.5 * p.scale for p in arguments})
+
+    @cached_property
+    def channels(self) -> tuple[tuple[Channel, ...], ...]:
+        """Channels predicted of each record."""
+        return tuple(self._channels(record) for record in self.records)
+
+    def _channels(self, record: Record) -> tuple[Channel, ...]:
+        layout, names = self.known.crane.layout, {p.name for p in self.parameters}
+        channels = [
+            Channel(joint.columns[0], joint.unit, "swing", layout.index(joint.symbol))
+            for joint in record.swings
+        ]
+        for drive, joint in enumerate(layout.driven):
+            at, position = int(layout.drives[drive]), joint.columns[0]
+            weighs = joint.role == "hoist" and "payload_mass" in names
+            if self.drives != "motion" and record.moves(position):
+                channels.append(Channel(position, joint.unit, "position", at, drive))
+            if (
+                self.drives == "motion"
+                and f"{joint.symbol}_lag" in names
+                and ({position, joint.setpoint_column} <= record.columns.keys())
+            ):
+                channels.append(Channel(position, joint.unit, "lagged", at, drive))
+            if (
+                self.drives == "motion"
+                and joint.effort_column in record.columns
+                and (weighs or f"{joint.symbol}_friction" in names)
+            ):
+                effort = joint.effort_column
+                channels.append(Channel(effort, joint.effort_unit, "effort", at, drive))
+        return tuple(channels)
+
+    def rows(self, index: int, until: float = np.inf) -> np.ndarray:
+        """Return the indices of the rows of a record that are evaluated, up to a time [s].
+
+        Where a delay is estimated, rows near both ends are left out: a delay would shift them out
+        of the record.
+        """
+        t = self.records[index].t
+        delay = any(p.kind == "delay" for p in self.parameters)
+        low, high = (LATE, t[-1] + EARLY) if delay else (0.0, t[-1])
+        return np.flatnonzero((t >= low) & (t <= min(high, until)))
+
+    def measured(self, index: int, until: float = np.inf) -> np.ndarray:
+        """Return the channels of a record, shape (channels, rows evaluated)."""
+        record, rows = self.records[index], self.rows(index, until)
+        return np.array([record.columns[channel.column][rows] for channel in self.channels[index]])
+
+
+def _default_drives(records: Sequence[Record]) -> Drives:
+    """Return how drives are simulated by default."""
+    for record in records:
+        driven = record.crane.layout.driven
+        if any({*joint.columns, joint.setpoint_column} & record.columns.keys() for joint in driven):
+            return "motion"
+    return "effort" if _has_efforts(records) else "motion"
+
+
+def _has_efforts(records: Sequence[Record]) -> bool:
+    return all(
+        joint.effort_column in record.columns
+        for record in records
+        for joint in record.crane.layout.driven
+    )
+
+
+def _check_determined(p: Parameter, records: Sequence[Record], drives: Drives) -> None:
+    """Check that some column can determine a parameter.
+
+    Raises:
+        DataError: If the column is missing or constant.
+        OutOfRange: If the parameter has no effect with these drives.
+    """
+    layout = records[0].crane.layout
+    if drives == "effort" and not _has_efforts(records):
+        needed = ", ".join(joint.effort_column for joint in layout.driven)
+        raise DataError(f"A record has no effort of some drive; efforts that act need {needed}.")
+    modes = {
+        "lag": ("motion",),
+        "friction": ("motion",),
+        "delay": ("motion", "hold", "effort"),
+        "stiffness": ("hold",),
+        "damping": ("hold",),
+    }
+    if drives not in modes.get(p.kind, (drives,)):
+        raise OutOfRange(f"drives beside {p.name}", drives, " or ".join(modes[p.kind]))
+    joint = next((joint for joint in layout.joints if joint.symbol == p.of), None)
+    column = {
+        "lag": joint and joint.setpoint_column,
+        "friction": joint and joint.effort_column,
+        "bias": joint and joint.columns[0],
+    }.get(p.kind)
+    if column and not any(record.moves(column) for record in records):
+        recorded = any(column in record.columns for record in records)
+        raise DataError(
+            f"{p.name} cannot be found: {column} {'never moves' if recorded else 'is not there'}."
+        )

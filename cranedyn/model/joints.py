@@ -1,0 +1,215 @@
+"""Joints of a loaded model: axes, drives, roles, payload, and points on which forces act."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.checks import number
+from cranedyn.errors import ModelError, UnknownName, quoted
+from cranedyn.model.crane import Point
+from cranedyn.model.layout import ROLES, Joint
+
+
+def joint_names(model: pin.Model) -> list[str]:
+    """Return the names of the moving joints in the order of the coordinates."""
+    return list(model.names)[1:]
+
+
+def check_joints(model: pin.Model, path: Path) -> None:
+    """Check that a model has joints, each with one coordinate.
+
+    Raises:
+        ModelError: If it does not.
+    """
+    if not joint_names(model):
+        raise ModelError(f"{path} has no joint that moves.")
+    for i, name in enumerate(joint_names(model), start=1):
+        if (model.joints[i].nq, model.joints[i].nv) != (1, 1):
+            raise ModelError(
+                f"{path} has a {quoted(name)} without limits or with several axes; it must be "
+                "revolute or prismatic, with limits."
+            )
+
+
+def read_armature(robot: ET.Element, names: Sequence[str]) -> np.ndarray:
+    """Return the inertia of motor and gear of each drive, as seen by its joint [kg m² or kg], shape
+    (n,). No parser of URDF reads it.
+
+    Raises:
+        OutOfRange: If an armature is not finite or negative.
+    """
+    armature = np.zeros(len(names))
+    for joint in robot.iterfind("joint"):
+        name, dynamics = joint.get("name", ""), joint.find("dynamics")
+        if dynamics is not None and name in names and (text := dynamics.get("armature")):
+            armature[names.index(name)] = number(f"armature of {name}", text, "kg m² or kg", ">= 0")
+    return armature
+
+
+def payload_index(model: pin.Model, name: str | None, path: Path) -> int:
+    """Return the index of the joint that carries the payload: the joint of a name, or the only one
+    that carries no other joint.
+
+    Raises:
+        UnknownName: If there is no such joint.
+        ModelError: If no name is given and several joints carry no other.
+    """
+    names = joint_names(model)
+    if name is not None:
+        if name not in names:
+            raise UnknownName("moving joint", name, names)
+        return names.index(name)
+    parents = list(model.parents)[1:]
+    leaves = [i for i in range(len(names)) if i + 1 not in parents]
+    if len(leaves) > 1:
+        raise ModelError(
+            f"{path} is a tree that ends in {', '.join(quoted(names[i]) for i in leaves)}; say "
+            "which joint carries the payload by load_crane(payload=...)."
+        )
+    return leaves[0]
+
+
+def driven_joints(
+    robot: ET.Element, names: Sequence[str], driven: Sequence[str] | None, path: Path
+) -> set[str]:
+    """Return the names of the driven joints, from ``<ros2_control>`` or as given.
+
+    Raises:
+        UnknownName: If there is no joint of a given name.
+        ModelError: If no joint is driven, or a joint of ``<ros2_control>`` does not move or
+            contradicts the names given.
+    """
+    declared = {
+        joint.get("name", "")
+        for joint in robot.iterfind("ros2_control/joint")
+        if joint.find("command_interface") is not None
+    }
+    if driven is not None and declared and declared != {*driven}:
+        raise ModelError(
+            f"{path} says by <ros2_control> that drives move "
+            f"{', '.join(map(quoted, sorted(declared)))}, the argument says {', '.join(driven)}; "
+            "leave one out."
+        )
+    for name in sorted(declared):
+        if name not in names:
+            raise ModelError(
+                f"{path} gives {quoted(name)} a command interface in <ros2_control>; the joints "
+                f"that move are {', '.join(map(quoted, names))}."
+            )
+    for name in driven or ():
+        if name not in names:
+            raise UnknownName("moving joint", name, names)
+    if not (declared or driven):
+        raise ModelError(
+            f"{path} gives no joint a command interface in <ros2_control>; say which joints drives "
+            "move by load_crane(driven=[...])."
+        )
+    return declared or {*(driven or ())}
+
+
+def joint_roles(names: Sequence[str], joints: Mapping[str, str] | None) -> dict[str, str]:
+    """Return the role of each joint by its name.
+
+    Args:
+        names: Names of the moving joints.
+        joints: Names of joints by role; None for the default names of `ROLES`.
+
+    Raises:
+        UnknownName: If there is no such role or no such joint.
+        ModelError: If one joint has two roles.
+    """
+    if joints is None:
+        return {role.joint: name for name, role in ROLES.items() if role.joint in names}
+    roles: dict[str, str] = {}
+    for role, joint in joints.items():
+        if role not in ROLES:
+            raise UnknownName("role", role, ROLES)
+        if joint not in names:
+            raise UnknownName("moving joint", joint, names)
+        if joint in roles:
+            raise ModelError(
+                f"The joint {joint} is given two roles, {roles[joint]} and {role}; allowed is one."
+            )
+        roles[joint] = role
+    return roles
+
+
+def read_joints(
+    model: pin.Model, roles: Mapping[str, str], driven: set[str], path: Path
+) -> tuple[Joint, ...]:
+    """Return the joints in the order of the coordinates.
+
+    The symbol of a joint is the symbol of its role, or its name without the ending "_joint".
+
+    Raises:
+        ModelError: If two joints have the same symbol.
+    """
+    joints, data, n = [], model.createData(), len(joint_names(model))
+    pin.computeJointJacobians(model, data, np.zeros(n))
+    for i, name in enumerate(joint_names(model)):
+        # Pinocchio gives a matrix of one column without its second dimension.
+        jacobian = pin.getJointJacobian(model, data, i + 1, pin.LOCAL_WORLD_ALIGNED).reshape(6, n)
+        linear, angular = jacobian[:3, i], jacobian[3:, i]
+        prismatic = bool(np.linalg.norm(angular) < 1e-9)
+        role = roles.get(name, "")
+        joints.append(
+            Joint(
+                name=name,
+                symbol=ROLES[role].symbol if role else name.removesuffix("_joint"),
+                unit="m" if prismatic else "rad",
+                kind="prismatic" if prismatic else "revolute",
+                axis=tuple((linear if prismatic else angular).tolist()),
+                driven=name in driven,
+                role=role,
+            )
+        )
+    symbols = [joint.symbol for joint in joints]
+    if len(set(symbols)) < n:
+        raise ModelError(
+            f"{path} has joints of the same symbol among {', '.join(map(quoted, symbols))}; give "
+            "them other names."
+        )
+    return tuple(joints)
+
+
+def check_roles(joints: Sequence[Joint], path: Path) -> None:
+    """Check that kind and axis of each joint fit its role.
+
+    Raises:
+        ModelError: If one does not.
+    """
+    for joint in joints:
+        if not joint.role:
+            continue
+        role = ROLES[joint.role]
+        if joint.kind != role.kind:
+            raise ModelError(f"{path} has a {joint.kind} {joint.name}; it must be {role.kind}.")
+        if not np.allclose(joint.axis, role.axis, atol=1e-6):
+            axis = [round(component, 6) for component in joint.axis]
+            raise ModelError(
+                f"{path} has {joint.name} along {axis} of the world; it must be {list(role.axis)}."
+            )
+
+
+def force_points(model: pin.Model, joints: Sequence[Joint], payload: int) -> tuple[Point, ...]:
+    """Return the points on which external forces act.
+
+    They are the payload, the pivot of the first passive revolute joint, and the hook if the payload
+    hangs below the joint of the role hoist.
+    """
+
+    def centre(name: str, joint: int) -> Point:
+        return Point(name, joint, model.inertias[joint + 1].lever.copy())
+
+    points, roles = [centre("payload", payload)], [joint.role for joint in joints]
+    swings = [i for i, j in enumerate(joints) if not j.driven and j.kind == "revolute"]
+    if swings:
+        points.append(Point("trolley" if "trolley" in roles else "pivot", swings[0], np.zeros(3)))
+    if "hoist" in roles and roles.index("hoist") != payload:
+        points.append(centre("hook", roles.index("hoist")))
+    return tuple(points)
