@@ -82,8 +82,10 @@ def out_of_service_speed(height: float, reference: float, years: float = 50) -> 
 
 @checked
 def wind_force(pressure: float, drag_area: float) -> float:
-    """Force of a wind pressure [Pa] on a coefficient of drag times an area [m²]: q c A [N]. AS
-    5222:2021 (second hand).
+    """Return the force [N] of a wind pressure [Pa] on a body at rest by its coefficient of drag
+    times its area [m²]: q c A. AS 5222:2021 (second hand).
+
+    The drag of a body that moves is `cranedyn.disturbances.wind.drag_force`.
     """
     return number("pressure", pressure, "Pa", ">= 0") * number("drag_area", drag_area, "m²", ">= 0")
 

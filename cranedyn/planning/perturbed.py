@@ -21,7 +21,7 @@ from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.compiled.inputs import fit
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.disturbances.wind import AIR_DENSITY, gust_shape
+from cranedyn.disturbances.wind import drag_force, gust_shape
 from cranedyn.errors import CraneError, whole, within
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -353,9 +353,8 @@ def _forces(lift: Lift, drawn: dict[str, np.ndarray], times: np.ndarray) -> np.n
         speed = np.full(len(times), steady)
         blows = slice(*np.searchsorted(times, (at, at + lasts)))
         speed[blows] += rise * gust_shape(times[blows], at, lasts)
-        x, y = speed * math.cos(direction) - own[:, 0], speed * math.sin(direction) - own[:, 1]
-        drag = 0.5 * AIR_DENSITY * area * np.sqrt(x * x + y * y)
-        force[i, :, 0], force[i, :, 1] = drag * x, drag * y
+        along = np.array([math.cos(direction), math.sin(direction)])
+        force[i, :, :2] = drag_force(area, speed[:, None] * along - own[:, :2])
     return force
 
 
