@@ -59,7 +59,7 @@ class Made:
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Plan and certify a lift on each site."""
     from cranedyn.recording import Run
-    from experiments.lift_figures import over_time, scenery, views
+    from cranedyn.lifting.site_figures import over_time, scenery, views
 
     count = whole("lifts", options.lifts, 0)
     names = [Path(file).stem for file in options.site] if options.site else list(EXAMPLES)

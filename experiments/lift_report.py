@@ -22,7 +22,7 @@ from experiments.harness.arguments import called
 from experiments.report import read_result
 
 if TYPE_CHECKING:
-    from experiments.judgement.case import Case
+    from cranedyn.lifting.analysis import Case
 
 LIFTS, GUSTS = 10_000, 32
 """How many lifts are made that are not quite as planned, and how many gusts are drawn."""
@@ -36,10 +36,10 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     """Plan, certify, weigh, blow, perturb."""
     from cranedyn.planning.site_file import SITES, read_site
     from cranedyn.recording import Run
-    from experiments.judgement import figures
-    from experiments.judgement.case import Asked, case, checks
-    from experiments.judgement.tables import tables
-    from experiments.lift_figures import over_time, scenery, views
+    from cranedyn.lifting import figures
+    from cranedyn.lifting.analysis import Asked, case, checks
+    from cranedyn.lifting.tables import tables
+    from cranedyn.lifting.site_figures import over_time, scenery, views
 
     asked = Asked(
         number("wind asked for", options.wind, "m/s", ">= 0"),
@@ -119,8 +119,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _paged(folder: Path, code: int) -> int:
-    from experiments.judgement.page import page
-    from experiments.judgement.printed import NoBrowser, print_page
+    from cranedyn.lifting.page import page
+    from cranedyn.lifting.pdf import NoBrowser, print_page
 
     write_text(folder / "lift.html", page(folder))
     print(f"The page: {folder / 'lift.html'}.")

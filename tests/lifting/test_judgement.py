@@ -21,14 +21,14 @@ from cranedyn.lifting import wind
 from cranedyn.lifting.chart import CHARTS, judged, read_chart
 from cranedyn.lifting.loads import Arm, Base, loads
 from cranedyn.model.load import load_crane
-from cranedyn.planning import wind_limit as wind_limit_module
+from cranedyn.lifting import wind_limit as wind_limit_module
 from cranedyn.planning.perturbed import _DRAG, Perturbed, _silhouette
 from cranedyn.planning.site_file import SITES
-from cranedyn.planning.wind_limit import GUST_FACTOR, WindLimit, wind_limit
+from cranedyn.lifting.wind_limit import GUST_FACTOR, WindLimit, wind_limit
 from experiments import lift_report
-from experiments.judgement import printed
-from experiments.judgement.case import Asked, Case, checks
-from experiments.judgement.page import STATEMENT, page
+from cranedyn.lifting import pdf as printed
+from cranedyn.lifting.analysis import Asked, Case, checks
+from cranedyn.lifting.page import STATEMENT, page
 from tests.planning.sites import certificate, lift
 
 CHART = read_chart(CHARTS / "laboratory.toml")

@@ -10,7 +10,7 @@ import numpy as np
 from cranedyn.lifting.chart import CUT_OUT, WARNING
 from cranedyn.lifting.loads import hanging_mass, jib_moment
 from cranedyn.plotting.figures import COLOURS, panels
-from experiments.judgement.case import Case
+from cranedyn.lifting.analysis import Case
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

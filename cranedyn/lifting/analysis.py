@@ -19,7 +19,7 @@ from cranedyn.planning.certificate import Certificate, Check, certify
 from cranedyn.planning.lift import crane_of, plan_lift
 from cranedyn.planning.perturbed import CONFIDENCE, Perturbed, Spread, perturb
 from cranedyn.planning.site import Site
-from cranedyn.planning.wind_limit import WindLimit, wind_limit
+from cranedyn.lifting.wind_limit import WindLimit, wind_limit
 from experiments import harness
 from experiments.scenarios.moves import LIMITS
 

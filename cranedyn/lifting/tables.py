@@ -10,7 +10,7 @@ from cranedyn.lifting import factors, wind
 from cranedyn.lifting.factors import DriveClass, HoistingClass
 from cranedyn.lifting.loads import hanging_mass
 from experiments.harness import Table
-from experiments.judgement.case import Case
+from cranedyn.lifting.analysis import Case
 
 Row = list[float | str | None]
 
