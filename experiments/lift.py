@@ -58,8 +58,8 @@ class Made:
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Plan and certify a lift on each site."""
+    from cranedyn.lifting.site_figures import clearance_over_time, scenery, site_views
     from cranedyn.recording import Run
-    from cranedyn.lifting.site_figures import over_time, scenery, views
 
     count = whole("lifts", options.lifts, 0)
     names = [Path(file).stem for file in options.site] if options.site else list(EXAMPLES)
@@ -98,7 +98,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         figures={
             f"{kind}_{name}": draw(one.certificate)
             for name, one in certified.items()
-            for kind, draw in (("site", views), ("time", over_time))
+            for kind, draw in (("site", site_views), ("time", clearance_over_time))
         },
         recording=[
             Run(
@@ -203,10 +203,19 @@ def _tables(made: dict[str, Made]) -> list[harness.Table]:
         if one.perturbed is not None:
             low, high = one.perturbed.interval()
             least, lifts = float(np.nanmin(one.perturbed.least)), len(one.perturbed.least)
-            share = 100.0 * one.perturbed.nearer / lifts
+            share = 100.0 * one.perturbed.failures / lifts
             swing = 1e3 * float(one.perturbed.swing.max())
             spread.append(
-                [name, lifts, one.perturbed.nearer, share, 100.0 * low, 100.0 * high, least, swing]
+                [
+                    name,
+                    lifts,
+                    one.perturbed.failures,
+                    share,
+                    100.0 * low,
+                    100.0 * high,
+                    least,
+                    swing,
+                ]
             )
     columns = [
         ("site", ""),

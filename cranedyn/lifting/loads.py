@@ -24,9 +24,10 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.drives import cable_buffers
 from cranedyn.dynamics.joint_forces import rope_tension
 from cranedyn.dynamics.validity import hoisting
-from cranedyn.errors import CraneError, OutOfRange, UnknownColumn, number
+from cranedyn.errors import CraneError, OutOfRange, UnknownColumn
 from cranedyn.lifting.wrench import Moving, Wrench
 from cranedyn.model.crane import Crane
+from cranedyn.planning.structure import Arm, Base
 
 if TYPE_CHECKING:
     import pyarrow
@@ -36,72 +37,6 @@ _UP = np.array([0.0, 0.0, 1.0])
 _SHOWN = ("load_moment_Nm", "rope_N", "off_lead_rad", "side_lead_rad")
 _BELOW = 1e-9
 """Horizontal part of an axis below which it points nowhere in the plan."""
-
-
-@checked
-@dataclass(frozen=True)
-class Base:
-    """A square base on which a tower stands by four corners, its sides along the world's X and Y.
-
-    Attributes:
-        spacing: Between neighbouring corners [m].
-        mass: Of base, ballast and mast, whatever the crane's model does not weigh [kg], above the
-            middle.
-        permitted: Largest force that the ground may bear under a corner [N]; None if nobody said.
-
-    Raises:
-        OutOfRange: If the spacing or the permitted force is not positive, or the mass negative.
-    """
-
-    spacing: float
-    mass: float
-    permitted: float | None = None
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        number("spacing of the corners", self.spacing, "m", "> 0")
-        number("mass of the base", self.mass, "kg", ">= 0")
-        if self.permitted is not None:
-            number("permitted force of a corner", self.permitted, "N", "> 0")
-
-    def corners(self, foot: Wrench, gravity: float) -> np.ndarray:
-        """How hard each corner presses on the ground [N], shape (rows, 4), at (+, +), (-, +),
-        (-, -), (+, -); negative where it would lift.
-
-        A stiff base on four equal supports presses by F = V/4 + (M_y x - M_x y)/b² at x, y = ±b/2.
-        """
-        vertical = -foot.force[:, 2] + self.mass * gravity
-        half = self.spacing / 2.0
-        at = [(half, half), (-half, half), (-half, -half), (half, -half)]
-        m_x, m_y = foot.moment[:, 0], foot.moment[:, 1]
-        share = [(m_y * x - m_x * y) / self.spacing**2 for x, y in at]
-        return np.stack([vertical / 4.0 + one for one in share], axis=1)
-
-
-@checked
-@dataclass(frozen=True)
-class Arm:
-    """A part of the upper structure that weighs where it lies, jib or counter-jib.
-
-    Its weight is added to what passes through the slewing ring and the foot, besides the upper
-    structure that the crane's model has on the slew axis. What it does as it slews is in the
-    crane's `slewing_inertia` alone.
-
-    Attributes:
-        mass: [kg].
-        centre: Of mass, from the slew axis along the jib, negative behind it [m].
-
-    Raises:
-        OutOfRange: If the mass is negative, or a number is not finite.
-    """
-
-    mass: float
-    centre: float
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        number("mass of an arm", self.mass, "kg", ">= 0")
-        number("centre of an arm", self.centre, "m")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -283,9 +218,28 @@ def loads_of_rows(
         "torsion_Nm": foot.moment[:, 2],
     }
     if base is not None:
-        corners = base.corners(foot, crane.gravity).T
+        corners = corner_forces(base, foot, crane.gravity).T
         found |= {f"corner_{i}_N": one for i, one in enumerate(corners, start=1)}
     return {name: one.reshape(shape) for name, one in found.items()}
+
+
+def corner_forces(base: Base, foot: Wrench, gravity: float) -> np.ndarray:
+    """Return the force of each corner of a base on the ground [N], shape (rows, 4), at (+, +),
+    (-, +), (-, -), (+, -); negative where the corner would lift.
+
+    A stiff base on four equal supports presses by F = V/4 + (M_y x - M_x y)/b² at x, y = ±b/2.
+
+    Args:
+        base: The base.
+        foot: What passes through the foot of the tower, about the world's origin.
+        gravity: Gravity [m/s²].
+    """
+    vertical = -foot.force[:, 2] + base.mass * gravity
+    half = base.spacing / 2.0
+    positions = [(half, half), (-half, half), (-half, -half), (half, -half)]
+    m_x, m_y = foot.moment[:, 0], foot.moment[:, 1]
+    tilting = [(m_y * x - m_x * y) / base.spacing**2 for x, y in positions]
+    return np.stack([vertical / 4.0 + force for force in tilting], axis=1)
 
 
 @checked

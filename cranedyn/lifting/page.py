@@ -1,26 +1,20 @@
-"""The page of a judged lift: go or no go and why, then every number; made of what the experiment
-left in its folder.
-"""
+"""The report of a lift as one HTML document: GO or NO GO and why, then every number."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import platform
+from collections.abc import Sequence
 from datetime import date
 from html import escape
-from pathlib import Path
-from typing import Any
+from importlib import metadata
 
 from cranedyn import __version__
-from experiments.catalogue import EXPERIMENTS
-from experiments.report import (
-    best_figure,
-    crane_address,
-    figure_html,
-    mark_html,
-    read_result,
-    table_html,
-)
-from experiments.report_style import STYLE
+from cranedyn.lifting.figures import LiftFigure
+from cranedyn.lifting.tables import Table
+from cranedyn.model.load import load_crane
+from cranedyn.planning.certificate import Check
+from cranedyn.plotting.html import STYLE, mark_html, svg_address, table_html
+from cranedyn.recording.sketch import sketch
 
 STATEMENT = (
     "This page is an appendix to a method statement. It is made by a program from a model of a "
@@ -38,7 +32,7 @@ LIMITS = (
     "Standards were read second hand; where a clause is named, read it there.",
     "The chart of this project's own crane is chosen here, no maker stands behind it.",
 )
-"""What the numbers do not say."""
+"""Limits of the model that a reader must know."""
 
 _SHEET = """
 .verdict { font-size: 3.2rem; font-weight: 800; line-height: 1; margin: 1rem 0 0.4rem; }
@@ -53,74 +47,83 @@ section { margin-top: 1.6rem; padding-top: 0.8rem; }
 """
 
 
-def page(folder: Path) -> str:
-    """The page as one HTML document that needs nothing else.
+def html(
+    title: str,
+    checks: Sequence[Check],
+    tables: Sequence[Table],
+    figures: Sequence[LiftFigure],
+    command: str = "",
+) -> str:
+    """Return the report as one HTML document that needs no other file.
 
     Args:
-        folder: Where experiment lift_report left its results.
-
-    Raises:
-        DataError: If there is no such result.
+        title: Heading.
+        checks: Checks of the lift.
+        tables: Tables of the lift; the first stands on the first screen.
+        figures: Figures of the lift.
+        command: The command that makes the numbers again; empty if unknown.
     """
-    result = read_result(folder)
-    title = f"Lift: {result['parameters']['site']}"
+    sections = "".join(f"<section>{_table(table)}</section>" for table in tables[1:])
+    pictures = "".join(
+        f'<figure><img alt="{escape(caption)}" src="{svg_address(figure)}"><figcaption>'
+        f"{escape(caption)}</figcaption></figure>"
+        for figure, caption in figures
+    )
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
         'content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'
         f"<title>{escape(title)}</title><style>{STYLE}{_SHEET}</style></head><body>\n<main>"
-        f"{_first(result, title)}{_numbers(folder, result)}{_again(result)}"
-        "</main></body></html>\n"
+        f"{_verdict(title, checks)}{_table(tables[0])}{sections}"
+        f'<section class="pages"><h2>Figures</h2>{pictures}</section>'
+        f"{_limits_and_command(command)}</main></body></html>\n"
     )
 
 
-def _first(result: Mapping[str, Any], title: str) -> str:
-    """Go or no go, and why."""
-    today, claims = date.today(), result["claims"]
-    failed = [claim for claim in claims if claim["holds"] is not True]
-    go, unknown = not failed, sum(claim["holds"] is None for claim in claims)
-    does = "does" if len(failed) - unknown == 1 else "do"
-    why = (
-        f"All {len(claims)} checks hold."
-        if go
-        else f"{len(failed) - unknown} of {len(claims)} checks {does} not hold, {unknown} could "
-        "not be judged:"
-    )
+def _verdict(title: str, checks: Sequence[Check]) -> str:
+    """Return GO or NO GO and the checks, those first that do not hold."""
+    today, crane = date.today(), load_crane()
+    held = [check for check in checks if check.holds is True]
+    others = [check for check in checks if check.holds is not True]
+    unknown = sum(check.holds is None for check in checks)
+    failed = len(others) - unknown
+    reason = f"All {len(checks)} checks hold."
+    if others:
+        does = "does" if failed == 1 else "do"
+        reason = f"{failed} of {len(checks)} checks {does} not hold, {unknown} could not be judged:"
     listed = "".join(
-        f"<li>{mark_html(claim['holds'])}{escape(claim['sentence'])}</li>"
-        for claim in [*failed, *(one for one in claims if one["holds"] is True)]
+        f"<li>{mark_html(check.holds)}{escape(check.sentence)}</li>" for check in [*others, *held]
     )
+    style, verdict = ("fails", "NO GO") if others else ("held", "GO")
     return (
         f'<div class="first"><div><h1>{escape(title)}</h1><p class="lead">{today.day} '
         f"{today:%B %Y} · cranedyn {escape(__version__)}</p>"
-        f'<p class="verdict {"held" if go else "fails"}">{"GO" if go else "NO GO"}</p>'
-        f"<p>{why}</p></div>"
-        f'<figure><img alt="The crane from the side" src="{crane_address()}">'
+        f'<p class="verdict {style}">{verdict}</p><p>{reason}</p></div>'
+        '<figure><img alt="The crane from the side" '
+        f'src="{svg_address(sketch(crane, crane.state(phi=0.06)))}">'
         "<figcaption>The kind of crane, from the side.</figcaption></figure></div>"
         f'<ul class="claims">{listed}</ul><p class="statement">{STATEMENT}</p>'
-        f"{table_html(result['tables'][0])}"
     )
 
 
-def _numbers(folder: Path, result: Mapping[str, Any]) -> str:
-    """Every table, and the figures."""
-    entry = EXPERIMENTS["lift_report"]
-    tables = "".join(f"<section>{table_html(table)}</section>" for table in result["tables"][1:])
-    figures = "".join(
-        f"<figure>{figure_html(folder, best_figure(name, result['files']))}<figcaption>"
-        f"{escape(entry.caption(Path(name).stem))}</figcaption></figure>"
-        for name in result["figures"]
+def _table(table: Table) -> str:
+    columns = [(header, not form) for header, form in table.columns]
+    return table_html(table.title, columns, table.cells(), table.note)
+
+
+def _limits_and_command(command: str) -> str:
+    """Return the limits of the model, and how to make the numbers again."""
+    limits = "".join(f"<li>{escape(sentence)}</li>" for sentence in LIMITS)
+    packages = ("cranedyn", "pin", "numpy", "scipy")
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in packages)
+    again = (
+        f"Every number of this page: <code>{escape(command)}</code>; derivations"
+        if command
+        else "Derivations"
     )
-    return f'{tables}<section class="pages"><h2>Figures</h2>{figures}</section>'
-
-
-def _again(result: Mapping[str, Any]) -> str:
-    """What the numbers do not say, and how to make them again."""
-    limits = "".join(f"<li>{escape(one)}</li>" for one in LIMITS)
-    versions = ", ".join(f"{name} {one}" for name, one in result["versions"].items() if one)
     return (
         f"<section><h2>What these numbers do not say</h2><ul>{limits}</ul></section>"
-        f"<section><h2>Again</h2><p>Every number of this page: <code>{escape(result['command'])}"
-        "</code>; derivations of the factors: <code>python -m experiments.factors</code>. The run "
-        "and its loads are kept beside the page as CSV and Parquet.</p>"
-        f'<p class="note">{escape(versions)}; {escape(result["machine"])}</p></section>'
+        f"<section><h2>Again</h2><p>{again} of the factors: <code>python -m experiments.factors"
+        "</code>. The experiment keeps the run and its loads beside the page as CSV and Parquet."
+        f'</p><p class="note">python {platform.python_version()}, {versions}; '
+        f"{platform.system()} {platform.machine()}</p></section>"
     )

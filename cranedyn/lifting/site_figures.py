@@ -24,7 +24,7 @@ _SHOWN, _SPACED, _SCALE = 5, 1.5, 8.0
 _PALETTE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
 
 
-def views(certificate: Certificate) -> Figure:
+def site_views(certificate: Certificate) -> Figure:
     """Plan and two elevations of a site with the path of the load, its envelope at the nearest
     point, and the reach of the crane.
     """
@@ -78,7 +78,7 @@ def views(certificate: Certificate) -> Figure:
     return figure
 
 
-def over_time(certificate: Certificate) -> Figure:
+def clearance_over_time(certificate: Certificate) -> Figure:
     """Clearance to the obstacles that come nearest, and the swing, over time."""
     site = certificate.lift.clearance.site
     figure, (clear, swing) = panels(2, height=2.6, sharex=True)

@@ -18,7 +18,7 @@ from cranedyn.errors import number, whole, within
 from cranedyn.lifting.chart import CUT_OUT, Chart
 from cranedyn.lifting.loads import loads_of_rows
 from cranedyn.planning.certificate import Certificate
-from cranedyn.planning.perturbed import Otherwise, made_otherwise
+from cranedyn.planning.perturbed import PerturbedBatch, simulate_perturbed
 
 GUST_FACTOR = 1.5
 """Speed of a gust over that of the mean wind in which it comes; ours, of a rough city's terrain."""
@@ -152,7 +152,7 @@ def wind_limit(
         found = {
             name: np.full(len(rows), -_NONE if name == "clearance" else _NONE) for name in allowed
         }
-        for some in made_otherwise(certificate, drawn, dt=dt, threads=threads):
+        for some in simulate_perturbed(certificate, drawn, dt=dt, threads=threads):
             _note(found, some, chart, falls)
         return np.column_stack([rows, *found.values()])
 
@@ -192,7 +192,9 @@ def _limits(tried: np.ndarray, allowed: Mapping[str, float]) -> WindLimit:
     return WindLimit(speeds, worst, allowed, len(tried))
 
 
-def _note(found: dict[str, np.ndarray], made: Otherwise, chart: Chart, falls: int | None) -> None:
+def _note(
+    found: dict[str, np.ndarray], made: PerturbedBatch, chart: Chart, falls: int | None
+) -> None:
     """Write down what became of some lifts; those that failed stay as they are."""
     batch, count = made.batch, len(made.rows)
     well = np.isfinite(batch.q).all(axis=(1, 2)) & ~np.isfinite(batch.valid_until)

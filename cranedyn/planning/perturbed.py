@@ -102,7 +102,7 @@ class Perturbed:
     swing: np.ndarray
 
     @property
-    def nearer(self) -> int:
+    def failures(self) -> int:
         """How many came nearer than required, or failed."""
         return int(np.count_nonzero(~(self.least >= self.required)))
 
@@ -110,7 +110,7 @@ class Perturbed:
         """Within which the probability of coming nearer than required lies, by Clopper and Pearson
         (1934).
         """
-        test = binomtest(self.nearer, len(self.least))
+        test = binomtest(self.failures, len(self.least))
         low, high = test.proportion_ci(CONFIDENCE, "exact")
         return float(low), float(high)
 
@@ -153,12 +153,12 @@ def perturb(
         "late_s": rng.choice(spread.late, count),
     }
     least, swing = np.empty(count), np.empty(count)
-    for made in made_otherwise(certificate, drawn, dt=dt, threads=threads):
+    for made in simulate_perturbed(certificate, drawn, dt=dt, threads=threads):
         least[made.rows], swing[made.rows] = made.least, made.batch.residual_swing
     return Perturbed(least, lift.clearance.site.distance, drawn, swing)
 
 
-class Otherwise(NamedTuple):
+class PerturbedBatch(NamedTuple):
     """Lifts of one load that were made at once, not as planned.
 
     Attributes:
@@ -177,13 +177,13 @@ class Otherwise(NamedTuple):
     least: np.ndarray
 
 
-def made_otherwise(
+def simulate_perturbed(
     certificate: Certificate,
     drawn: dict[str, np.ndarray],
     *,
     dt: float = 1e-3,
     threads: int | None = None,
-) -> Iterator[Otherwise]:
+) -> Iterator[PerturbedBatch]:
     """Make a certified lift as often as numbers are drawn, some hundred at a time.
 
     Args:
@@ -211,7 +211,9 @@ def made_otherwise(
             if ahead >= workers:
                 some, (batch, force) = chunks[ahead - workers], under_way.popleft().result()
                 least = _least(lift.clearance, planned, room, batch)
-                yield Otherwise(some, cranes[float(drawn["load"][some[0]])], batch, force, least)
+                yield PerturbedBatch(
+                    some, cranes[float(drawn["load"][some[0]])], batch, force, least
+                )
 
 
 def _chunks(loads: np.ndarray, most: int = 200) -> list[np.ndarray]:

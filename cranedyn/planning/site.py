@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cranedyn.errors import DataError, number, quoted
-from cranedyn.lifting.loads import Arm, Base
 from cranedyn.planning.solids import Solid, turned
+from cranedyn.planning.structure import Arm, Base
 from cranedyn.references.limits import Limits
 
 DISTANCE, SWING = 0.5, math.radians(2.0)

@@ -17,11 +17,11 @@ import numpy as np
 from cranedyn.arguments import checked
 from cranedyn.data.files import read_text
 from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, number, quoted
-from cranedyn.lifting.loads import Arm, Base
 from cranedyn.planning.bim import read_ifc
 from cranedyn.planning.neighbour import neighbour
 from cranedyn.planning.site import DISTANCE, SWING, Site
 from cranedyn.planning.solids import Solid, body, box, prism, read_mesh, turned
+from cranedyn.planning.structure import Arm, Base
 from cranedyn.references.limits import Limits
 
 SITES = Path(__file__).parent / "sites"

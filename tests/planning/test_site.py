@@ -14,13 +14,13 @@ import pytest
 import trimesh
 
 from cranedyn.errors import CraneError, DataError
-from cranedyn.lifting.loads import Arm, Base
 from cranedyn.planning import bim
 from cranedyn.planning.bim import read_ifc
 from cranedyn.planning.bodies import solid_parts
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.lift import crane_of
 from cranedyn.planning.site_file import SITES, read_site
+from cranedyn.planning.structure import Arm, Base
 from tests.planning.sites import crane, site
 
 

@@ -66,7 +66,9 @@ PUBLIC = {
     "theory": ("cranedyn.theory",),
     "trajectory": ("cranedyn.data.trajectory",),
     "wind": ("cranedyn.disturbances.wind",),
-    "lifting": tuple(f"cranedyn.lifting.{name}" for name in ("loads", "chart", "factors", "wind")),
+    "lifting": tuple(
+        f"cranedyn.lifting.{name}" for name in ("loads", "chart", "factors", "wind", "wind_limit")
+    ),
     "sweep": ("cranedyn.sweep",),
     "recording": ("cranedyn.recording", "cranedyn.recording.snapshot"),
     "planning": tuple(
@@ -77,7 +79,6 @@ PUBLIC = {
             "least_time",
             "certificate",
             "perturbed",
-            "wind_limit",
         )
     ),
 }
@@ -87,12 +88,15 @@ INTERNAL = tuple(
     f"cranedyn.{name}"
     for name in (
         "__main__ arguments arrays clocks command compiled data.elsewhere data.files data.shown "
-        "data.tables dynamics errors interfaces lifting lifting.wrench"
+        "data.tables dynamics errors interfaces lifting lifting.analysis "
+        "lifting.checks lifting.figures lifting.judgement lifting.page lifting.pdf "
+        "lifting.site_figures lifting.tables lifting.wrench"
         " model.layout model.shown model.springs model.urdf"
         " version planning.bim planning.bodies planning.clearance planning.curve planning.driven "
         "planning.fields planning.grid planning.half_spaces planning.ifc_shapes planning.move "
         "planning.neighbour planning.proof"
-        " planning.search planning.site planning.solids planning.timing planning.transcription"
+        " planning.search planning.site planning.solids planning.structure planning.timing "
+        "planning.transcription"
         " plotting processes simulation.engine simulation.log simulation.record startup bridges"
     ).split()
 )
@@ -119,7 +123,7 @@ WITHIN = (
     "force_of",
     "diverged",
     "late",
-    "made_otherwise",
+    "simulate_perturbed",
     "unproven_time",
     "Receding",
     "Marks",
