@@ -229,14 +229,14 @@ def _summary(tried: Sequence[Tried]) -> harness.Table:
     held = _held(tried)
     measured: dict[str, list[float]] = {
         "plan and certificate [s]": [one.seconds for one, _ in held],
-        "way over grid": [lift.way / lift.on_grid for _, lift in held],
-        "drives along the way over bound": [lift.timed.bound / lift.least for _, lift in held],
-        "motion over bound": [lift.timed.motion.arrival / lift.least for _, lift in held],
+        "way / grid": [lift.way / lift.on_grid for _, lift in held],
+        "drives along the way / bound": [lift.timed.bound / lift.least for _, lift in held],
+        "motion / bound": [lift.timed.motion.arrival / lift.least for _, lift in held],
         "motion [s]": [lift.timed.motion.arrival for _, lift in held],
         "least clearance [m]": [-one.clearance for one, _ in held],
     }
     if any(one.least for one, _ in held):
-        measured["least time over bound"] = [
+        measured["least time / bound"] = [
             one.least.timed.motion.arrival / lift.least for one, lift in held if one.least
         ]
     rows: list[list[float | str | None]] = [
@@ -277,7 +277,7 @@ def _beside(tried: Sequence[Tried]) -> harness.Table:
         ("along the same way", ""),
         ("median [s]", ".1f"),
         ("least clearance [m]", ".2f"),
-        ("nearer than required", "d"),
+        ("below required clearance", "d"),
         ("swing at arrival [mrad]", ".3g"),
     ]
     return harness.Table("Beside other means", columns, rows)

@@ -523,7 +523,7 @@ def test_the_experiment_leaves_tables_figures_runs_and_a_recording_with_the_site
     result = json.loads((out / "result.json").read_text())
     assert [table["title"] for table in result["tables"]] == [
         "Certified lifts",
-        "Lifts not quite as planned",
+        "Perturbed lifts",
         "In least time",
         "How long it took on this machine",
     ]
