@@ -602,7 +602,7 @@ MUTATIONS = (
     Mutation(
         "the own mast is no obstacle",
         "cranedyn/planning/clearance.py",
-        "Field([*solids, *((MAST, one) for one in self.bodies.mast)])",
+        "Field([*solids, *((MAST, shape) for shape in self.bodies.mast)])",
         "Field([*solids])",
         "clearance::the_hook_keeps_from_the_own_mast_by_the_way_between_them",
     ),
@@ -635,10 +635,10 @@ MUTATIONS = (
         "proof::a_motion_that_rests_and_then_enters_a_wall_is_not_proven",
     ),
     Mutation(
-        "lifts not quite as planned jump from row to row",
+        "perturbed lifts jump from row to row",
         "cranedyn/planning/perturbed.py",
-        "bounds[k] = clearance.true_room(batch.q[i, k]) - step[i, k]",
-        "bounds[k] = clearance.true_room(batch.q[i, k])",
+        "bounds[k] = clearance.margin(batch.q[i, k]) - step[i, k]",
+        "bounds[k] = clearance.margin(batch.q[i, k])",
         "lift::a_lift_that_passes_a_plate_between_two_rows_kept_is_near_to_it",
     ),
     Mutation(
@@ -650,7 +650,7 @@ MUTATIONS = (
     ),
     Mutation(
         "drives of a plan reach no farther than at their rates at both ends",
-        "cranedyn/planning/driven.py",
+        "cranedyn/planning/drive_trajectory.py",
         "self._rate(np.concatenate([[first, last], between]))",
         "self._rate(np.array([first, last]))",
         "least_time::drives_reach_no_farther_between_two_times_than_is_said",

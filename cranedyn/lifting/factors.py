@@ -56,7 +56,7 @@ rarely and often: FEM 1.001 (second hand)."""
 
 @checked
 def phi_1(a: float = 0.1) -> tuple[float, float]:
-    """Least and largest φ1, on the crane's own weight when a load leaves the ground: 1 ± a.
+    """Return the least and largest φ1, on the crane's own weight when a load leaves the ground: 1 ± a.
 
     EN 1991-3, Table 2.4: 0 ≤ a ≤ 0.1 (second hand).
     """
@@ -66,7 +66,7 @@ def phi_1(a: float = 0.1) -> tuple[float, float]:
 
 @checked
 def phi_2_least(hoisting: HoistingClass, drive: DriveClass = "HD1") -> float:
-    """φ2,min: EN 1991-3, Table 2.5; 1.05 for HD3 and HD5 by AS 5221.1:2021 (both second hand)."""
+    """Return φ2,min: EN 1991-3, Table 2.5; 1.05 for HD3 and HD5 by AS 5221.1:2021 (both second hand)."""
     check_word("hoisting", hoisting, HoistingClass)
     check_word("drive", drive, DriveClass)
     return 1.05 if drive in ("HD3", "HD5") else HOISTING[hoisting].least
@@ -74,7 +74,7 @@ def phi_2_least(hoisting: HoistingClass, drive: DriveClass = "HD1") -> float:
 
 @checked
 def phi_2(hoisting: HoistingClass, speed: float, drive: DriveClass = "HD1") -> float:
-    """φ2 = φ2,min + β2 v_h, on a load that is picked up from the ground at a speed [m/s].
+    """Return φ2 = φ2,min + β2 v_h, on a load that is picked up from the ground at a speed [m/s].
 
     EN 1991-3, Table 2.4 (second hand). β2 is the frequency of an elastic hoist, see
     `hoist_frequency`.
@@ -85,7 +85,7 @@ def phi_2(hoisting: HoistingClass, speed: float, drive: DriveClass = "HD1") -> f
 
 @checked
 def pick_up_speed(drive: DriveClass, largest: float, creep: float) -> float:
-    """v_h, at which a drive picks a load up [m/s]: HD1 the largest, HD2 and HD3 creep, HD4 half of
+    """Return v_h, at which a drive picks a load up [m/s]: HD1 the largest, HD2 and HD3 creep, HD4 half of
     the largest, HD5 none.
 
     AS 5221.1:2021 (second hand).
@@ -103,7 +103,7 @@ def pick_up_speed(drive: DriveClass, largest: float, creep: float) -> float:
 
 @checked
 def hoist_frequency(slope: float, gravity: float = STANDARD_GRAVITY) -> float:
-    """Frequency [Hz] of the elastic hoist whose pick-up has a slope β2 [s/m]: β2 g/(2π).
+    """Return the frequency [Hz] of the elastic hoist whose pick-up has a slope β2 [s/m]: β2 g/(2π).
 
     A load picked up at v by a hoist of frequency ω pulls 1 + v ω/g times its weight
     (`cranedyn.theory.pickup_factor`), so β2 = ω/g.
@@ -117,7 +117,7 @@ def hoist_frequency(slope: float, gravity: float = STANDARD_GRAVITY) -> float:
 
 @checked
 def phi_3(share: float, beta: float = RAPID_RELEASE) -> float:
-    """φ3 = 1 - (Δm/m)(1 + β3), on a load of which a part is let go; negative where it jumps up.
+    """Return φ3 = 1 - (Δm/m)(1 + β3), on a load of which a part is let go; negative where it jumps up.
 
     EN 1991-3, Table 2.4 (second hand). With β3 = 1 it is exactly the least tension of an undamped
     elastic hoist over the weight before.
@@ -131,7 +131,7 @@ def phi_3(share: float, beta: float = RAPID_RELEASE) -> float:
 
 @checked
 def release_beta(periods: float) -> float:
-    """β3 of a part of the load that is let go evenly over so many periods of the bounce:
+    """Return β3 of a part of the load that is let go evenly over so many periods of the bounce:
     |sin(πn)|/(πn); half at 0.6034.
 
     Closed form: an oscillator under a force that falls along a straight line.
@@ -148,7 +148,7 @@ def phi_6(phi_2: float) -> float:
 
 @checked
 def psi_h(mass_ratio: float) -> float:
-    """ψ_h: horizontal pull of a load that hangs from a carriage braked by a constant force, over
+    """Return ψ_h: horizontal pull of a load that hangs from a carriage braked by a constant force, over
     its mass times the mean deceleration: √(2 + μ + 1/μ) for μ > 1, else 2.
 
     FEM 1.001, A.2.2.3 (second hand). It is the worst case over all durations of braking to
@@ -163,7 +163,7 @@ def psi_h(mass_ratio: float) -> float:
 
 @checked
 def psi_h_regulated(periods: float) -> float:
-    """ψ_h of a drive that keeps its acceleration whatever the load does: 2 sin βπ for β ≤ ½, else
+    """Return ψ_h of a drive that keeps its acceleration whatever the load does: 2 sin βπ for β ≤ ½, else
     2.
 
     FEM 1.001, A.2.2.3 (second hand). It is exact for the small swing that a constant acceleration
@@ -178,7 +178,7 @@ def psi_h_regulated(periods: float) -> float:
 
 @checked
 def stopping(speed: float, deceleration: float) -> tuple[float, float]:
-    """Way and time in which a drive stops: v²/(2a), v/a; of a slew [rad], [s], else [m], [s].
+    """Return the way and time in which a drive stops: v²/(2a), v/a; of a slew [rad], [s], else [m], [s].
 
     Args:
         speed: [rad/s] or [m/s].
@@ -190,7 +190,7 @@ def stopping(speed: float, deceleration: float) -> tuple[float, float]:
 
 @checked
 def buffer_stroke(speed: float, deceleration: float = BUFFER_MOST) -> float:
-    """Way that a buffer needs for a crane of a speed [m/s], at 0.7 of it and a constant
+    """Return the way that a buffer needs for a crane of a speed [m/s], at 0.7 of it and a constant
     deceleration [m/s²]: (0.7 v)²/(2a) [m]. FEM 1.001 (second hand).
     """
     most = within("deceleration", deceleration, 1e-3, BUFFER_MOST, "m/s²")

@@ -1,5 +1,5 @@
-"""What a crane carries during a run: rope, load moment at the slewing ring and along the jib, the
-tower's foot and its corners, and how far the rope is from plumb, slack and its hoist's strength.
+"""Loads of a crane during a run: rope, load moment at the slewing ring and along the jib, tower's
+foot and its corners, and the margins of the rope from plumb, slack and its hoist's strength.
 
 All of it follows from coordinates, rates and efforts of the recorded rows: these and gravity cause
 accelerations, and with them Newton and Euler give what passes through each cut
@@ -174,7 +174,7 @@ def loads_of_rows(
     arms: Sequence[Arm] = (),
     buffers: bool = False,
 ) -> dict[str, np.ndarray]:
-    """The columns of `loads` for any rows of states, such as those of a batch.
+    """Return the columns of `loads` for any rows of states, such as those of a batch.
 
     Args:
         crane: The crane, with n joints and m drives.
@@ -244,7 +244,8 @@ def corner_forces(base: Base, foot: Wrench, gravity: float) -> np.ndarray:
 
 @checked
 def jib_moment(crane: Crane, run: Trajectory, stations: np.ndarray) -> np.ndarray:
-    """Bending moment of the jib in its own plane by trolley and load, jib down positive [N m].
+    """Return the bending moment of the jib in its own plane by trolley and load, jib down positive
+    [N m].
 
     The jib's own weight is not in it: the model does not say where along the jib that lies. Behind
     the trolley it is nothing.
@@ -274,7 +275,7 @@ def jib_moment(crane: Crane, run: Trajectory, stations: np.ndarray) -> np.ndarra
 
 @checked
 def hanging_mass(crane: Crane) -> float:
-    """What hangs on the rope [kg].
+    """Return the mass that hangs on the rope [kg].
 
     Raises:
         MissingRole: If no joint is a hoist.
@@ -331,7 +332,7 @@ def _of_ring(
 
 
 def _plan(moving: Moving, trolley: int) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors along the jib and aside from it, a quarter turn on in the sense of positive
+    """Return unit vectors along the jib and aside from it, a quarter turn on in the sense of positive
     slew, both level, shape (rows, 3).
     """
     out = moving.axis(trolley) * np.array([1.0, 1.0, 0.0])

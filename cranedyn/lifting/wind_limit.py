@@ -1,5 +1,5 @@
-"""Up to which wind a lift can be made: gusts of a speed, from all sides and at all times, until
-utilisation, swing or clearance reaches its limit.
+"""Wind limit of a lift: the strongest gust, from any side and at any time, in which utilisation,
+swing and clearance keep their limits.
 
 The wind acts on the load alone, as in `cranedyn.planning.perturbed`. What it does to the crane's
 own structure is not in it, and the speed at which the crane must stop is its maker's to say.
@@ -27,28 +27,28 @@ LASTS = (3.0, 12.0)
 """Shortest and longest gust [s]."""
 
 STRONGEST, STEP, FINER = 28.0, 4.0, 4
-"""Strongest gust that is tried, the step from one to the next [m/s], and into how many parts the
+"""Strongest gust to try, step from one speed to the next [m/s], and number of parts into which the
 step at which a limit is met is divided."""
 
 WORST, SPREADS = 4, (0.2, 0.1, 0.05, 0.02)
-"""About how many of the worst gusts others are searched, one time after the other, and how far
-from them, as shares of what gusts are drawn from."""
+"""Number of the worst gusts about which others are searched, one time after the other, and how far
+from them, as shares of the ranges of gusts."""
 
-_NONE = 1e6
+_FAILED = 1e6
 """Stands for what is beyond all limits: a lift that failed."""
 
 
 @dataclass(frozen=True, eq=False)
 class WindLimit:
-    """What gusts do to a lift.
+    """Limits of a lift in gusts.
 
     Attributes:
-        speeds: Of the gusts that were tried [m/s], increasing, shape (k,).
-        worst: Of all lifts in each: utilisation, swing [rad], clearance [m], by name, shape (k,)
-            each; a lift that failed, or left the radii of the chart, counts as a million, or as
-            minus a million for clearance.
+        speeds: Speeds of the gusts [m/s], increasing, shape (k,).
+        worst: Worst of all lifts at each speed: utilisation, swing [rad], clearance [m], by name,
+            shape (k,) each; a lift that failed, or left the radii of the chart, counts as a
+            million, or as minus a million for clearance.
         allowed: Limit of each, by name.
-        lifts: How many were made in all.
+        lifts: Number of simulated lifts.
     """
 
     speeds: np.ndarray
@@ -57,15 +57,15 @@ class WindLimit:
     lifts: int
 
     def limit(self, name: str | None = None) -> float:
-        """Strongest gust up to which a limit is kept by all lifts, or with no name all limits are
-        [m/s]; 0 if not even the weakest that was tried.
+        """Return the strongest gust up to which a limit is kept by all lifts, by default all
+        limits [m/s]; 0 if not even in the weakest.
         """
         names = list(self.allowed) if name is None else [name]
-        return min(self._limit(one) for one in names)
+        return min(self._limit(name) for name in names)
 
     def interval(self) -> tuple[float, float]:
         """Return the strongest gust up to which all limits are kept by all lifts, and the weakest
-        in which some lift does not [m/s], infinite if none was found.
+        in which some lift does not [m/s], infinite if there is none.
         """
         kept = np.all([self.kept(name) for name in self.allowed], axis=0)
         broken = self.speeds[~kept]
@@ -73,11 +73,11 @@ class WindLimit:
 
     @property
     def binding(self) -> str:
-        """Which limit is met first."""
+        """Name of the limit that is met first."""
         return min(self.allowed, key=self._limit)
 
     def kept(self, name: str) -> np.ndarray:
-        """Whether a limit is kept at each speed, shape (k,)."""
+        """Return whether a limit is kept at each speed, shape (k,)."""
         worst, allowed = self.worst[name], self.allowed[name]
         return worst >= allowed if name == "clearance" else worst <= allowed
 
@@ -101,27 +101,27 @@ def wind_limit(
     dt: float = 1e-3,
     threads: int | None = None,
 ) -> WindLimit:
-    """Make a certified lift in ever stronger gusts.
+    """Simulate a certified lift in ever stronger gusts.
 
     Each gust of shape (1 - cos)/2 rises from a mean wind of its speed over `GUST_FACTOR`, in which
     the load hangs at the start. Directions, times and lengths are drawn once and are the same at
-    every speed; then worse ones are searched about the worst of them, for each limit about the
+    every speed. Then worse ones are searched about the worst of them, for each limit about the
     speed at which it is met.
 
     Args:
         certificate: The lift.
-        chart: Of the crane.
-        falls: How many carry the hook; None for the fewest of the chart.
+        chart: Load chart of the crane.
+        falls: Number of falls that carry the hook; None for the fewest of the chart.
         swing: Largest angle of the rope from plumb that is allowed [rad].
         utilisation: Largest share of the rated load moment that is allowed.
-        count: How many gusts are drawn, and searched about the worst each time.
-        seed: Of what is drawn.
+        count: Number of gusts to draw, and to search about the worst each time.
+        seed: Seed of the random numbers.
         dt: Physics step [s].
-        threads: How many; by default one for each processor.
+        threads: Number of threads; by default one for each processor.
 
     Raises:
-        OutOfRange: If a limit or the count is none that there could be.
-        UnknownName: If the chart does not know so many falls.
+        OutOfRange: If a limit or the count is out of its range.
+        UnknownName: If the chart has no such number of falls.
     """
     chart.on(falls)
     allowed = {
@@ -129,90 +129,85 @@ def wind_limit(
         "swing": within("swing", swing, 0.0, math.pi / 2.0, "rad"),
         "clearance": certificate.lift.clearance.site.distance,
     }
-    rng, each = np.random.default_rng(seed), whole("number of lifts", count, 1)
+    rng, count = np.random.default_rng(seed), whole("number of lifts", count, 1)
     lowest = np.array([0.0, LASTS[0], -math.pi])
     widths = np.array([certificate.lift.timed.motion.arrival, LASTS[1] - LASTS[0], 2.0 * math.pi])
 
-    def made(speeds: np.ndarray, gusts: np.ndarray) -> np.ndarray:
-        """Return rows of speed, gust and what each limit is measured by, for each gust at each
-        speed.
-        """
+    def simulated(speeds: np.ndarray, gusts: np.ndarray) -> np.ndarray:
+        """Return rows of speed, gust and the value of each limit, for each gust at each speed."""
         rows = np.column_stack([np.repeat(speeds, len(gusts)), np.tile(gusts, (len(speeds), 1))])
-        speed, at, lasts, direction = rows.T
+        speed, start, duration, direction = rows.T
         drawn = {
             "load": np.ones(len(rows)),
             "cable_m": np.zeros(len(rows)),
             "wind_m_s": speed / GUST_FACTOR,
             "gust_m_s": speed - speed / GUST_FACTOR,
-            "gust_at_s": at,
-            "gust_lasts_s": lasts,
+            "gust_at_s": start,
+            "gust_lasts_s": duration,
             "direction_rad": direction,
             "late_s": np.zeros(len(rows)),
         }
-        found = {
-            name: np.full(len(rows), -_NONE if name == "clearance" else _NONE) for name in allowed
+        values = {
+            name: np.full(len(rows), -_FAILED if name == "clearance" else _FAILED)
+            for name in allowed
         }
-        for some in simulate_perturbed(certificate, drawn, dt=dt, threads=threads):
-            _note(found, some, chart, falls)
-        return np.column_stack([rows, *found.values()])
+        for batch in simulate_perturbed(certificate, drawn, dt=dt, threads=threads):
+            _note(values, batch, chart, falls)
+        return np.column_stack([rows, *values.values()])
 
     speeds = np.arange(STEP, STRONGEST + STEP / 2.0, STEP)
-    tried = made(speeds, lowest + widths * rng.random((each, 3)))
+    rows = simulated(speeds, lowest + widths * rng.random((count, 3)))
     for spread in SPREADS:
-        found = _limits(tried, allowed)
-        more = []
+        limits = _limits(rows, allowed)
+        added = []
         for column, name in enumerate(allowed, 4):
-            limit = found.limit(name)
-            broken = found.speeds[found.speeds > limit]
-            rows = tried[tried[:, 0] == (broken[0] if len(broken) else limit)]
+            limit = limits.limit(name)
+            broken = limits.speeds[limits.speeds > limit]
+            at_limit = rows[rows[:, 0] == (broken[0] if len(broken) else limit)]
             sign = 1.0 if name == "clearance" else -1.0
-            worst = rows[np.argsort(sign * rows[:, column], kind="stable")][:WORST, 1:4]
-            about = worst[np.arange(each) % len(worst)] + spread * widths * rng.normal(
-                size=(each, 3)
-            )
-            about[:, :2] = np.clip(about[:, :2], lowest[:2], (lowest + widths)[:2])
-            near = limit + STEP / FINER * np.arange(-1, FINER)
-            more.append(made(near[(near > 0.0) & (near <= STRONGEST)], np.vstack([worst, about])))
-        tried = np.vstack([tried, *more])
-    return _limits(tried, allowed)
+            worst = at_limit[np.argsort(sign * at_limit[:, column], kind="stable")][:WORST, 1:4]
+            steps = spread * widths * rng.normal(size=(count, 3))
+            gusts = worst[np.arange(count) % len(worst)] + steps
+            gusts[:, :2] = np.clip(gusts[:, :2], lowest[:2], (lowest + widths)[:2])
+            finer = limit + STEP / FINER * np.arange(-1, FINER)
+            finer = finer[(finer > 0.0) & (finer <= STRONGEST)]
+            added.append(simulated(finer, np.vstack([worst, gusts])))
+        rows = np.vstack([rows, *added])
+    return _limits(rows, allowed)
 
 
-def _limits(tried: np.ndarray, allowed: Mapping[str, float]) -> WindLimit:
-    """Return the worst at each speed of rows of `made`."""
-    speeds = np.unique(tried[:, 0])
-    worst = {
-        name: np.array(
-            [
-                (np.min if name == "clearance" else np.max)(tried[tried[:, 0] == speed, column])
-                for speed in speeds
-            ]
-        )
-        for column, name in enumerate(allowed, 4)
-    }
-    return WindLimit(speeds, worst, allowed, len(tried))
+def _limits(rows: np.ndarray, allowed: Mapping[str, float]) -> WindLimit:
+    """Return the worst at each speed."""
+    speeds = np.unique(rows[:, 0])
+    worst = {}
+    for column, name in enumerate(allowed, 4):
+        extreme = np.min if name == "clearance" else np.max
+        values = [extreme(rows[rows[:, 0] == speed, column]) for speed in speeds]
+        worst[name] = np.array(values)
+    return WindLimit(speeds, worst, allowed, len(rows))
 
 
 def _note(
-    found: dict[str, np.ndarray], made: PerturbedBatch, chart: Chart, falls: int | None
+    values: dict[str, np.ndarray], perturbed: PerturbedBatch, chart: Chart, falls: int | None
 ) -> None:
-    """Write down what became of some lifts; those that failed stay as they are."""
-    batch, count = made.batch, len(made.rows)
-    well = np.isfinite(batch.q).all(axis=(1, 2)) & ~np.isfinite(batch.valid_until)
-    well &= np.isfinite(made.least)
-    if not well.any():
+    """Enter the values of some lifts; those of lifts that failed stay as they are."""
+    batch, count = perturbed.batch, len(perturbed.rows)
+    valid = np.isfinite(batch.q).all(axis=(1, 2)) & ~np.isfinite(batch.valid_until)
+    valid &= np.isfinite(perturbed.least)
+    if not valid.any():
         return
-    rows = made.rows[well]
-    carried = loads_of_rows(
-        made.crane,
-        batch.q[well],
-        batch.v[:count][well],
-        batch.effort[:count][well],
-        made.force[well],
+    rows = perturbed.rows[valid]
+    loads = loads_of_rows(
+        perturbed.crane,
+        batch.q[valid],
+        batch.v[:count][valid],
+        batch.effort[:count][valid],
+        perturbed.force[valid],
     )
-    on, radius = chart.on(falls), carried["radius_m"]
-    inside = np.clip(radius, on.least, on.radii[-1])
-    used = carried["pull_N"] / (made.crane.gravity * on.at(inside))
-    found["utilisation"][rows] = np.where(inside == radius, used, _NONE).max(axis=1)
-    lead = np.hypot(np.tan(carried["off_lead_rad"]), np.tan(carried["side_lead_rad"]))
-    found["swing"][rows] = np.arctan(lead).max(axis=1)
-    found["clearance"][rows] = made.least[well]
+    reeving, radius = chart.on(falls), loads["radius_m"]
+    inside = np.clip(radius, reeving.least, reeving.radii[-1])
+    used = loads["pull_N"] / (perturbed.crane.gravity * reeving.at(inside))
+    values["utilisation"][rows] = np.where(inside == radius, used, _FAILED).max(axis=1)
+    lead = np.hypot(np.tan(loads["off_lead_rad"]), np.tan(loads["side_lead_rad"]))
+    values["swing"][rows] = np.arctan(lead).max(axis=1)
+    values["clearance"][rows] = perturbed.least[valid]

@@ -132,7 +132,7 @@ def _mast(shapes: list[Placed]) -> list[Placed]:
     return [(hull(np.concatenate(half)), *here) for half in halves if half]
 
 
-def solid_parts(crane: Crane) -> list[tuple[int, np.ndarray]]:
+def shape_corners(crane: Crane) -> list[tuple[int, np.ndarray]]:
     """Every shape that a crane shows: the joint that carries it (0 for none), and its corners in
     the frame of that joint [m].
     """

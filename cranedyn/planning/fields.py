@@ -1,5 +1,5 @@
-"""Distances by coal (Pan et al. 2012; Montaut et al. 2024): sets of things that stand still, and
-bodies that move among them.
+"""Distances between obstacles at rest and bodies that move, by coal (Pan et al. 2012; Montaut et
+al. 2024).
 """
 
 from __future__ import annotations

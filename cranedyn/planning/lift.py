@@ -15,12 +15,12 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.curve import Path, full_stop, lasts, rounded, straight_time
+from cranedyn.planning.curve import Path, leg_durations, rest_to_rest_time, rounded, straight_time
 from cranedyn.planning.grid import best_on_grid
 from cranedyn.planning.proof import CLOSE, SlewRange, slew_range, unproven_row
 from cranedyn.planning.search import CELLS, search
 from cranedyn.planning.site import Site
-from cranedyn.planning.timing import RAMP, Timed, timed
+from cranedyn.planning.timing import RAMP, TimedMotion, timed
 from cranedyn.references.limits import Limits
 
 EXTRA = (0.1, 0.2, 0.0)
@@ -64,7 +64,7 @@ class Lift:
     ends: np.ndarray
     slews: SlewRange
     path: Path
-    timed: Timed
+    timed: TimedMotion
     extra: float = 0.0
 
     @property
@@ -85,7 +85,7 @@ class Lift:
     @property
     def way(self) -> float:
         """Length of the way as time at full speed [s]."""
-        return float(lasts(self.points, np.array(self.limits.rates)).sum())
+        return float(leg_durations(self.points, np.array(self.limits.rates)).sum())
 
     @property
     def on_grid(self) -> float:
@@ -113,7 +113,7 @@ class Lift:
             if straight < least:
                 bounds = _bounds(self.clearance, ends, self.slews)
                 way = best_on_grid(self.clearance, ends, bounds, rates, cell=_FINE).duration
-                along = full_stop(np.array(way - _FINE), np.array(1.0), 1.0 / ramp.min())
+                along = rest_to_rest_time(np.array(way - _FINE), np.array(1.0), 1.0 / ramp.min())
                 grid, least = min(grid, way), min(least, max(float(along), straight))
         return grid, least
 
@@ -214,7 +214,7 @@ def _end(clearance: Clearance, what: str, point: np.ndarray | None) -> np.ndarra
     if point is None:
         raise CraneError(f"The site does not say where the {what} of the lift is; give it.")
     place = clearance.place(finite(f"{what} of the load", point, (3,), unit="m"), what)
-    room, site = clearance.room(place), clearance.site
+    room, site = clearance.swing_margin(place), clearance.site
     centre = clearance.point(place)
     for solid in clearance.solids:
         if solid.holds(centre):
@@ -249,7 +249,8 @@ def _bounds(clearance: Clearance, ends: np.ndarray, slews: SlewRange) -> np.ndar
     and hoist.
     """
     (_, near, _), (_, far, long) = (
-        one[clearance.place_of].tolist() for one in (clearance.crane.lower, clearance.crane.upper)
+        one[clearance.drive_joints].tolist()
+        for one in (clearance.crane.lower, clearance.crane.upper)
     )
     gammas = ends[:, 0].min() - math.pi / 2.0, ends[:, 0].max() + math.pi / 2.0
     margin = clearance.site.swing * long / near
@@ -257,7 +258,7 @@ def _bounds(clearance: Clearance, ends: np.ndarray, slews: SlewRange) -> np.ndar
     high = (
         min(slews.high - min(margin, 0.1), gammas[1]) if slews.above else min(slews.high, gammas[1])
     )
-    return np.array([[low, near, clearance.shortest], [high, far, long]])
+    return np.array([[low, near, clearance.shortest_cable], [high, far, long]])
 
 
 def _way(
@@ -272,7 +273,7 @@ def _way(
     """A lift between two places, with as much room beyond what is required as there is; None if
     none was found.
     """
-    least = min(clearance.room(end) for end in ends)
+    least = min(clearance.swing_margin(end) for end in ends)
     bounds = _bounds(clearance, ends, slews)
     if not ((bounds[0] <= ends).all() and (ends <= bounds[1]).all()):
         return None
@@ -302,7 +303,7 @@ def _way(
     return best
 
 
-def _proven(clearance: Clearance, made: Timed, slews: SlewRange) -> bool:
+def _proven(clearance: Clearance, made: TimedMotion, slews: SlewRange) -> bool:
     """Return whether all that hangs is proven free where a motion has it, with its envelope of
     swing, all joints stay in their ranges, and the jib among the slew angles that are free.
     """

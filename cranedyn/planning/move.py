@@ -181,7 +181,7 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
         bound[swings] = np.inf  # the bound moves with the drives
         kept.append(angle / move.swing)
     shares, hoist = ca.vertcat(*kept), layout.drive_of("hoist")
-    positive = [] if spaces is None else [spaces.room(q)]
+    positive = [] if spaces is None else [spaces.margins(q)]
     if hoist is not None:
         cable = int(layout.drives[hoist])
         holding = abs(holding_effort(crane, move.start.q)[hoist])

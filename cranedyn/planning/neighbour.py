@@ -10,8 +10,8 @@ import pinocchio as pin
 
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from cranedyn.planning.bodies import bodies, solid_parts
-from cranedyn.planning.solids import Solid, convex_hull, turned
+from cranedyn.planning.bodies import bodies, shape_corners
+from cranedyn.planning.solids import Solid, convex_hull, rotation_z
 
 
 def neighbour(
@@ -39,7 +39,7 @@ def neighbour(
     asked = {"gamma": math.radians(place["slew"]), "x": place["trolley"], "l": place["cable"]}
     q = crane.state(**{coordinate: value for coordinate, value in asked.items() if value}).q
     parts = _parts(crane, q)
-    rotation = turned(heading + math.pi / 2.0)
+    rotation = rotation_z(heading + math.pi / 2.0)
     placed = [part @ rotation.T + position for part in parts]
     corners, triangles = zip(*map(convex_hull, placed), strict=True)
     firsts = np.cumsum([0, *map(len, corners[:-1])])
@@ -53,7 +53,7 @@ def _parts(crane: Crane, q: np.ndarray) -> list[np.ndarray]:
     pin.forwardKinematics(crane.model, data, q)
     parts = [
         data.oMi[joint].rotation @ corners.T + data.oMi[joint].translation[:, None]
-        for joint, corners in solid_parts(crane)
+        for joint, corners in shape_corners(crane)
     ]
     _, _, pivot, _, hoist = crane.layout.tower("A parked neighbour")
     falls, ends = bodies(crane).falls, [data.oMi[joint + 1].translation for joint in (pivot, hoist)]

@@ -23,7 +23,7 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.planning import transcription
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.driven import SOON, Driven
+from cranedyn.planning.drive_trajectory import SOON, DriveTrajectory
 from cranedyn.planning.half_spaces import half_spaces
 from cranedyn.planning.move import (
     PLUMB,
@@ -37,7 +37,7 @@ from cranedyn.planning.move import (
     periods,
     problem,
 )
-from cranedyn.planning.proof import CLOSE, Unproven, slew_range, unproven
+from cranedyn.planning.proof import CLOSE, Unproven, slew_range, unproven_parameter
 from cranedyn.planning.transcription import Plan
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
@@ -183,7 +183,7 @@ def optimal(
             )
         if goal.v.any():
             plan = search.lasting(plan, period * math.ceil(plan.durations.sum() / period - 1e-9))
-    motion = Driven(move, plan).motion(period)
+    motion = DriveTrajectory(move, plan).motion(period)
     if clearance is not None:
         _check_rows(clearance, move, motion)
     return motion
@@ -228,10 +228,12 @@ class _Search:
         """As solved, and if there are obstacles proven to touch none."""
         plan = self._solved(plan, least, most, margin)
         if self.clearance is not None:
-            driven = Driven(self.move, plan)
-            at = unproven(self.clearance, driven, 0.0, driven.duration)
+            driven = DriveTrajectory(self.move, plan)
+            at = unproven_parameter(self.clearance, driven, 0.0, driven.duration)
             if at is not None:
-                raise Unproven(at, f"the room is {self.clearance.room(driven.at(at)):.3f} m")
+                raise Unproven(
+                    at, f"the room is {self.clearance.swing_margin(driven.at(at)):.3f} m"
+                )
         return plan
 
     def _solved(
@@ -269,17 +271,19 @@ def _first(
     if interval is not None:
         longest = number("interval", interval, "s", "> 0")
     longest = min(longest, _SHARE * fastest)
-    lasts = max(least, about(move, slowest) + ramp) if begin is None else max(least, begin.arrival)
-    intervals("duration", lasts, period)
-    if lasts / longest > _MOST:
+    duration = (
+        max(least, about(move, slowest) + ramp) if begin is None else max(least, begin.arrival)
+    )
+    intervals("duration", duration, period)
+    if duration / longest > _MOST:
         raise OutOfRange(
             "duration",
-            lasts,
+            duration,
             f"{_MOST * longest:g} or less with intervals of {longest:g} s: half the ramp at most",
             "s",
         )
-    count = math.ceil(lasts / longest)
-    return guess(move, lasts, count) if begin is None else begun(move, begin, count)
+    count = math.ceil(duration / longest)
+    return guess(move, duration, count) if begin is None else begun(move, begin, count)
 
 
 def _check_ends(crane: Crane, start: State, goal: State, rate: np.ndarray, swing: float) -> None:
@@ -325,9 +329,9 @@ def _among(move: Move, clearance: Clearance) -> Move:
     """A move among obstacles: the jib in the slew angles that are free about the start, the rope
     no more aslant than the site allows.
     """
-    crane, joints, place_of = move.crane, clearance.joints, clearance.place_of
+    crane, joints, drive_joints = move.crane, clearance.joints, clearance.drive_joints
     for where, state in (("start", move.start), ("goal", move.goal)):
-        room = clearance.room(state.q[place_of])
+        room = clearance.swing_margin(state.q[drive_joints])
         number(f"room at the {where} beyond what is required", room - CLOSE, "m", ">= 0")
         within(
             f"tilt of the rope at the {where}",
@@ -341,7 +345,7 @@ def _among(move: Move, clearance: Clearance) -> Move:
         clearance, float(move.start.q[slew]), float(crane.lower[slew]), float(crane.upper[slew])
     )
     lower, upper = move.ranges
-    lower[hoist] = max(lower[hoist], clearance.shortest)
+    lower[hoist] = max(lower[hoist], clearance.shortest_cable)
     lower[slew], upper[slew] = slews.low + _TURNED * bool(slews.below), slews.high
     upper[slew] -= _TURNED * bool(slews.above)
     within("gamma at the goal", move.goal.q[slew], lower[slew], upper[slew], "rad")

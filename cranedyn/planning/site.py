@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cranedyn.errors import DataError, number, quoted
-from cranedyn.planning.solids import Solid, turned
+from cranedyn.planning.solids import Solid, rotation_z
 from cranedyn.planning.structure import Arm, Base
 from cranedyn.references.limits import Limits
 
@@ -82,7 +82,7 @@ class Site:
         """Rotation from the crane's frame, whose jib points along -Y at zero slew, to the site's,
         shape (3, 3).
         """
-        return turned(self.heading + math.pi / 2.0)
+        return rotation_z(self.heading + math.pi / 2.0)
 
     def to_crane(self, points: np.ndarray) -> np.ndarray:
         """Points of the site [m], shape (..., 3), in the frame of the crane."""

@@ -20,7 +20,7 @@ from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, numb
 from cranedyn.planning.bim import read_ifc
 from cranedyn.planning.neighbour import neighbour
 from cranedyn.planning.site import DISTANCE, SWING, Site
-from cranedyn.planning.solids import Solid, body, box, prism, read_mesh, turned
+from cranedyn.planning.solids import Solid, body, box, prism, read_mesh, rotation_z
 from cranedyn.planning.structure import Arm, Base
 from cranedyn.references.limits import Limits
 
@@ -303,14 +303,14 @@ def _mesh(entry: _Table, ground: float) -> list[Solid]:
         entry.number("scale", 1.0, "", "> 0"),
         entry.numbers("position", 3, default=[0.0, 0.0, ground]),
     )
-    placed = scale * vertices @ turned(entry.angle("yaw")).T + np.array(position)
+    placed = scale * vertices @ rotation_z(entry.angle("yaw")).T + np.array(position)
     return [body(entry.text("name"), placed, triangles, as_hull=entry.flag("hull"))]
 
 
 def _ifc(entry: _Table, ground: float) -> list[Solid]:
     position = np.array(entry.numbers("position", 3, default=[0.0, 0.0, 0.0]))
     solids = read_ifc(entry.file("file"), as_hulls=entry.flag("hull"))
-    return [solid.moved(turned(entry.angle("yaw")), position) for solid in solids]
+    return [solid.moved(rotation_z(entry.angle("yaw")), position) for solid in solids]
 
 
 def _neighbour(entry: _Table, ground: float) -> list[Solid]:

@@ -187,7 +187,7 @@ def hull(points: np.ndarray) -> coal.Convex:
     return coal.Convex(corners, triangles)
 
 
-def turned(yaw: float) -> np.ndarray:
+def rotation_z(yaw: float) -> np.ndarray:
     """Rotation about Z by an angle [rad], shape (3, 3)."""
     c, s = math.cos(yaw), math.sin(yaw)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -209,7 +209,7 @@ def box(
     corners = (
         np.array([[-length, -width], [length, -width], [length, width], [-length, width]]) / 2.0
     )
-    return prism(name, corners @ turned(yaw)[:2, :2].T + np.asarray(centre), base, size[2])
+    return prism(name, corners @ rotation_z(yaw)[:2, :2].T + np.asarray(centre), base, size[2])
 
 
 def prism(

@@ -69,7 +69,7 @@ class Bounds(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Timed:
+class TimedMotion:
     """A motion along a path.
 
     Attributes:
@@ -90,11 +90,11 @@ def timed(
     clearance: Clearance,
     path: Path,
     limits: Limits,
-    proven: Callable[[Timed], bool],
+    proven: Callable[[TimedMotion], bool],
     *,
     ramp: float = RAMP,
     period: float = 5e-3,
-) -> Timed | None:
+) -> TimedMotion | None:
     """The fastest motion of the load along a path that keeps the limits of the drives and the swing
     of the site, and is proven.
 
@@ -121,7 +121,7 @@ def timed(
     rates, accelerations = np.array(limits.rates), np.array(limits.accelerations)
     bound = float(_fastest(path, Bounds(rates, accelerations, math.inf))[0][-1])
     for slower in _SLOWER:
-        best: Timed | None = None
+        best: TimedMotion | None = None
         for average in _AVERAGES:
             asked = Bounds(
                 rates,
@@ -136,9 +136,9 @@ def timed(
                     and STEP * (len(places) - 1) >= best.motion.arrival - STEP
                 ):
                     break
-                motion = carried(clearance, places, STEP)
-                shares = shares_of(clearance, motion, limits, ramp)
-                made = Timed(places, motion, bound, shares)
+                motion = load_motion(clearance, places, STEP)
+                shares = limit_shares(clearance, motion, limits, ramp)
+                made = TimedMotion(places, motion, bound, shares)
                 kept = max(shares.values()) <= _KEPT
                 if kept and not proven(made):
                     break
@@ -146,7 +146,7 @@ def timed(
                     best = made
                 asked = _nearer(asked, shares, slower)
         if best is not None:
-            return replace(best, motion=carried(clearance, best.places, period))
+            return replace(best, motion=load_motion(clearance, best.places, period))
     return None
 
 
@@ -280,7 +280,7 @@ def _averaged(t: np.ndarray, places: np.ndarray, average: float) -> np.ndarray:
     return found[moving[0] : moving[-1] + 2]
 
 
-def carried(clearance: Clearance, places: np.ndarray, period: float) -> Motion:
+def load_motion(clearance: Clearance, places: np.ndarray, period: float) -> Motion:
     """The motion of all joints in which the load is at places a `STEP` apart, at rest at both ends,
     with rows a period [s] apart.
 
@@ -311,11 +311,11 @@ def carried(clearance: Clearance, places: np.ndarray, period: float) -> Motion:
     return Motion(period, place, v, a, crane.layout.drives)
 
 
-def shares_of(
+def limit_shares(
     clearance: Clearance, motion: Motion, limits: Limits, ramp: float
 ) -> dict[str, float]:
     """How much of each limit a motion uses; 1 is all of it."""
-    jerk = np.abs(np.diff(motion.a[:, clearance.place_of], axis=0)).max(axis=0) / motion.period
+    jerk = np.abs(np.diff(motion.a[:, clearance.drive_joints], axis=0)).max(axis=0) / motion.period
     tilt = clearance.tilt(motion.q).max()
     names = zip(
         ("slew", "trolley", "hoist"), jerk * ramp / np.array(limits.accelerations), strict=True

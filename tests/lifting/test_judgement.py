@@ -20,7 +20,7 @@ from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.lifting import pdf, wind
 from cranedyn.lifting import wind_limit as wind_limit_module
 from cranedyn.lifting.analysis import LiftAnalysis, Requirements
-from cranedyn.lifting.chart import CHARTS, judged, read_chart
+from cranedyn.lifting.chart import CHARTS, assess_run, read_chart
 from cranedyn.lifting.checks import CHECKS, run_checks
 from cranedyn.lifting.judgement import Judgement, judge
 from cranedyn.lifting.loads import loads
@@ -79,7 +79,7 @@ def test_numbers_of_the_page_are_made_again_from_the_run_that_lies_beside_it(
 ) -> None:
     run = read(folder / "lift.parquet")
     crane = load_crane(from_record=folder / "lift.parquet")
-    used, stops = judged(crane, run, CHART)
+    used, stops = assess_run(crane, run, CHART)
     carried = loads(crane, run)
     shown = table(folder, "Loads of the run")
     assert shown["utilisation [%]"][0] == pytest.approx(100.0 * used.max(), rel=1e-12)
@@ -172,7 +172,7 @@ def small(**changes: object) -> LiftAnalysis:
         arms=(Arm(2000.0, 10.0), Arm(3500.0, -6.0)),
     )
     carried = loads(made.lift.crane, made.run, base=site.base, arms=site.arms)
-    used, _ = judged(made.lift.crane, made.run, CHART)
+    used, _ = assess_run(made.lift.crane, made.run, CHART)
     required = Requirements(lifts=0, gusts=0)
     case = LiftAnalysis(site, CHART, 2, required, made, carried, used, "", None, None, 0.0)
     return replace(case, **changes)  # type: ignore[arg-type]

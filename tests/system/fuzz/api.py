@@ -92,11 +92,10 @@ INTERNAL = tuple(
         "lifting.checks lifting.figures lifting.judgement lifting.page lifting.pdf "
         "lifting.site_figures lifting.tables lifting.wrench"
         " model.layout model.shown model.springs model.urdf"
-        " version planning.bim planning.bodies planning.clearance planning.curve planning.driven "
-        "planning.fields planning.grid planning.half_spaces planning.ifc_shapes planning.move "
-        "planning.neighbour planning.proof"
-        " planning.search planning.site planning.solids planning.structure planning.timing "
-        "planning.transcription"
+        " version planning.bim planning.bodies planning.clearance planning.curve "
+        "planning.drive_trajectory planning.fields planning.grid planning.half_spaces "
+        "planning.ifc_shapes planning.move planning.neighbour planning.proof planning.search "
+        "planning.site planning.solids planning.structure planning.timing planning.transcription"
         " plotting processes simulation.engine simulation.log simulation.record startup bridges"
     ).split()
 )

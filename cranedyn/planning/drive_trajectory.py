@@ -22,7 +22,7 @@ SOON = 1e-6
 """What counts as the same time [s]."""
 
 
-class Driven:
+class DriveTrajectory:
     """All drives over time by a plan; see `cranedyn.planning.proof.Curve`.
 
     Attributes:
