@@ -26,6 +26,6 @@ To add a check or a load case, write a function that takes the `analysis.LiftAna
 `cranedyn.planning.certificate.Check`, and enter it in `checks.CHECKS`, or pass it to `judge`. A
 table is a function in `tables.tables`, a figure one in `figures.figures`.
 
-To read: `judgement` (10 minutes), `checks`, `loads`, then `wrench`, which says how loads follow from
-the motion. The judging stands above `cranedyn.planning`; docs/lifting.md derives the formulas.
+To read: `judgement` (10 minutes), `checks`, `loads`, then `wrench`, which says how loads follow
+from the motion. The judging stands above `cranedyn.planning`; docs/lifting.md derives the formulas.
 """

@@ -208,8 +208,8 @@ def assess_run(
 
 @checked
 def read_chart(path: str | Path) -> Chart:
-    """Read a chart from a TOML file: `name`, `source`, and a table `[[falls]]` for each reeving with
-    `count`, `radii` [m], `loads` [kg] and, as an option, `least` [m].
+    """Read a chart from a TOML file: `name`, `source`, and a table `[[falls]]` for each reeving
+    with `count`, `radii` [m], `loads` [kg] and, as an option, `least` [m].
 
     Raises:
         DataError: If it cannot be read, is no TOML, or something in it is missing, unknown, or no

@@ -56,7 +56,8 @@ rarely and often: FEM 1.001 (second hand)."""
 
 @checked
 def phi_1(a: float = 0.1) -> tuple[float, float]:
-    """Return the least and largest φ1, on the crane's own weight when a load leaves the ground: 1 ± a.
+    """Return the least and largest φ1, on the crane's own weight when a load leaves the ground: 1 ±
+    a.
 
     EN 1991-3, Table 2.4: 0 ≤ a ≤ 0.1 (second hand).
     """
@@ -66,7 +67,9 @@ def phi_1(a: float = 0.1) -> tuple[float, float]:
 
 @checked
 def phi_2_least(hoisting: HoistingClass, drive: DriveClass = "HD1") -> float:
-    """Return φ2,min: EN 1991-3, Table 2.5; 1.05 for HD3 and HD5 by AS 5221.1:2021 (both second hand)."""
+    """Return φ2,min: EN 1991-3, Table 2.5; 1.05 for HD3 and HD5 by AS 5221.1:2021 (both second
+    hand).
+    """
     check_word("hoisting", hoisting, HoistingClass)
     check_word("drive", drive, DriveClass)
     return 1.05 if drive in ("HD3", "HD5") else HOISTING[hoisting].least
@@ -85,8 +88,8 @@ def phi_2(hoisting: HoistingClass, speed: float, drive: DriveClass = "HD1") -> f
 
 @checked
 def pick_up_speed(drive: DriveClass, largest: float, creep: float) -> float:
-    """Return v_h, at which a drive picks a load up [m/s]: HD1 the largest, HD2 and HD3 creep, HD4 half of
-    the largest, HD5 none.
+    """Return v_h, at which a drive picks a load up [m/s]: HD1 the largest, HD2 and HD3 creep, HD4
+    half of the largest, HD5 none.
 
     AS 5221.1:2021 (second hand).
 
@@ -117,7 +120,8 @@ def hoist_frequency(slope: float, gravity: float = STANDARD_GRAVITY) -> float:
 
 @checked
 def phi_3(share: float, beta: float = RAPID_RELEASE) -> float:
-    """Return φ3 = 1 - (Δm/m)(1 + β3), on a load of which a part is let go; negative where it jumps up.
+    """Return φ3 = 1 - (Δm/m)(1 + β3), on a load of which a part is let go; negative where it jumps
+    up.
 
     EN 1991-3, Table 2.4 (second hand). With β3 = 1 it is exactly the least tension of an undamped
     elastic hoist over the weight before.
@@ -148,8 +152,8 @@ def phi_6(phi_2: float) -> float:
 
 @checked
 def psi_h(mass_ratio: float) -> float:
-    """Return ψ_h: horizontal pull of a load that hangs from a carriage braked by a constant force, over
-    its mass times the mean deceleration: √(2 + μ + 1/μ) for μ > 1, else 2.
+    """Return ψ_h: horizontal pull of a load that hangs from a carriage braked by a constant force,
+    over its mass times the mean deceleration: √(2 + μ + 1/μ) for μ > 1, else 2.
 
     FEM 1.001, A.2.2.3 (second hand). It is the worst case over all durations of braking to
     standstill, exactly: at cos ωT = -1/μ.
@@ -163,8 +167,8 @@ def psi_h(mass_ratio: float) -> float:
 
 @checked
 def psi_h_regulated(periods: float) -> float:
-    """Return ψ_h of a drive that keeps its acceleration whatever the load does: 2 sin βπ for β ≤ ½, else
-    2.
+    """Return ψ_h of a drive that keeps its acceleration whatever the load does: 2 sin βπ for β ≤ ½,
+    else 2.
 
     FEM 1.001, A.2.2.3 (second hand). It is exact for the small swing that a constant acceleration
     leaves.
@@ -178,7 +182,8 @@ def psi_h_regulated(periods: float) -> float:
 
 @checked
 def stopping(speed: float, deceleration: float) -> tuple[float, float]:
-    """Return the way and time in which a drive stops: v²/(2a), v/a; of a slew [rad], [s], else [m], [s].
+    """Return the way and time in which a drive stops: v²/(2a), v/a; of a slew [rad], [s], else [m],
+    [s].
 
     Args:
         speed: [rad/s] or [m/s].

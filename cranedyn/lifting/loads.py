@@ -332,8 +332,8 @@ def _of_ring(
 
 
 def _plan(moving: Moving, trolley: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit vectors along the jib and aside from it, a quarter turn on in the sense of positive
-    slew, both level, shape (rows, 3).
+    """Return unit vectors along the jib and aside from it, a quarter turn on in the sense of
+    positive slew, both level, shape (rows, 3).
     """
     out = moving.axis(trolley) * np.array([1.0, 1.0, 0.0])
     size = np.linalg.norm(out, axis=1)

@@ -106,8 +106,8 @@ def clearance_over_time(certificate: Certificate) -> Figure:
 
 
 def scenery(certificate: Certificate) -> Scenery:
-    """Return the obstacles of a site for a recording, marked while they are nearer than the required
-    distance and twice the envelope.
+    """Return the obstacles of a site for a recording, marked while they are nearer than the
+    required distance and twice the envelope.
     """
     lift, clearance = certificate.lift, certificate.lift.clearance
     mark = clearance.site.distance + 2.0 * clearance.envelope(float(lift.ends[:, 2].mean()))

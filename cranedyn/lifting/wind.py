@@ -68,7 +68,8 @@ def recurrence_factor(years: float) -> float:
 
 @checked
 def out_of_service_speed(height: float, reference: float, years: float = 50) -> float:
-    """Return the wind speed out of service [m/s]: f_rec [(z/10)^0.14 + 0.4] v_ref. AS 5222:2021 (second hand).
+    """Return the wind speed out of service [m/s]: f_rec [(z/10)^0.14 + 0.4] v_ref. AS 5222:2021
+    (second hand).
 
     Args:
         height: z above ground [m].

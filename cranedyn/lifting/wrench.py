@@ -23,7 +23,8 @@ _CUT = 6
 
 
 class Wrench(NamedTuple):
-    """Force and moment through a cut, from the side of the load to that of the ground, in the world.
+    """Force and moment through a cut, from the side of the load to that of the ground, in the
+    world.
 
     Attributes:
         force: [N], shape (rows, 3).
@@ -144,7 +145,7 @@ def _after(body: int, first: int) -> int:
 
 
 def _with_cut(tree: Bodies, joint: int | None) -> Bodies:
-    """Return the tree with six joints before one of it, or before all, along and about three axes."""
+    """Return the tree with six joints, along and about three axes, before one joint or all."""
     first, n = joint or 0, len(tree)
     whole = rigid_body.blank([0] * (n + _CUT))
     arrays = whole.with_numbers(whole.numbers().tolist())

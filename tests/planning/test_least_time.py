@@ -263,7 +263,7 @@ def test_ends_that_are_too_near_to_something_are_refused() -> None:
     asked: Clearance = lift().clearance
     start, _ = lift().states()
     low = State(start.q + np.array([0.1, 0.0, 0.0, 0.0, 2.3]), start.v)
-    with pytest.raises(OutOfRange, match="room at the goal beyond what is required is -"):
+    with pytest.raises(OutOfRange, match="clearance margin at the goal is -"):
         optimal(crane(), start, low, LIMITS, clearance=asked)
 
 
