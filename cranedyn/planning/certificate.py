@@ -21,7 +21,8 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.interfaces import EngineName
 from cranedyn.planning.clearance import Clearance, Nearest
 from cranedyn.planning.lift import Lift
-from cranedyn.planning.proof import slew_range, unproven_row
+from cranedyn.planning.proof import SlewRange, slew_range, unproven_row
+from cranedyn.planning.site import Site
 from cranedyn.simulation.simulate import simulate
 
 HOIST_INTEGRAL = 4.0e3
@@ -121,96 +122,88 @@ def certify(
     """
     clearance = lift.clearance if clearance is None else clearance
     controller = controller_of(lift, dt=dt) if controller is None else controller
-    motion = lift.timed.motion
+    motion, (start, goal_state) = lift.timed.motion, lift.states()
     run = simulate(
         lift.crane,
         replace(controller, integral=0.0),
         motion,
-        start=lift.states()[0],
+        start=start,
         duration=motion.arrival + motion.period * math.ceil(AFTER / motion.period),
         dt=dt,
         control_period=motion.period,
         engine=engine,
     )
-    residual_swing = _residual_swing(lift, run)
+    arrival = run.since(motion.arrival - 1e-9)
+    passive, length = lift.crane.layout.passive, float(arrival.q[0, clearance.joints.hoist])
+    q, v = arrival.q[:1, passive], arrival.v[:1, passive]
+    residual_swing = float(swing_amplitude(q, v, length, lift.crane.gravity)[0])
+
     every = max(1, round(_MEASURED / motion.period))
     rows = np.unique(np.append(np.arange(0, len(run), every), len(run) - 1))
     pairs = [clearance.distances(run.q[k], jib=False) for k in rows]
     distances = {name: np.array([row[name].distance for row in pairs]) for name in pairs[0]}
     k = clearance.nearest_row(run.q)
     nearest, nearest_t = clearance.nearest(run.q[k]), float(run.t[k])
+    peak_swing = float(clearance.tilt(run.q).max())
+    end, goal = clearance.point(np.array([run.q[-1], goal_state.q])[:, clearance.drive_joints])
+
+    slew = run.q[:, clearance.joints.slew]
+    unproven = unproven_row(clearance, run.q, motion.period)
+    free = slew_range(clearance, float(slew[0]), float(slew.min()), float(slew.max()))
+    rates = np.abs(run.v[:, clearance.drive_joints]).max(axis=0) / np.array(lift.limits.rates)
     checks = [
-        _distance_check(clearance, run, motion.period, nearest, nearest_t),
-        _slewing_check(clearance, run),
-        _swing_check(clearance, run),
-        _arrival_check(clearance, lift, run, residual_swing),
-        _drives_check(clearance, lift, run),
+        _distance_check(clearance.site, run, nearest, nearest_t, unproven),
+        _slewing_check(clearance.site, slew, free),
+        _swing_check(clearance.site, peak_swing),
+        _arrival_check(residual_swing, float(np.linalg.norm(end - goal))),
+        _drives_check(run, float(rates.max())),
     ]
     return Certificate(
         lift, run, run.t[rows], distances, nearest, nearest_t, residual_swing, checks
     )
 
 
-def _residual_swing(lift: Lift, run: Trajectory) -> float:
-    """Return the amplitude of the swing at the arrival [rad]."""
-    crane, row = lift.crane, run.since(lift.timed.motion.arrival - 1e-9)
-    passive, length = crane.layout.passive, float(row.q[0, lift.clearance.joints.hoist])
-    q, v = row.q[:1, passive], row.v[:1, passive]
-    return float(swing_amplitude(q, v, length, crane.gravity)[0])
-
-
 def _distance_check(
-    clearance: Clearance, run: Trajectory, period: float, nearest: Nearest, nearest_t: float
+    site: Site, run: Trajectory, nearest: Nearest, nearest_t: float, unproven: int | None
 ) -> Check:
-    distance, row = clearance.site.distance, unproven_row(clearance, run.q, period)
-    proof = (
-        "proven between all instants" if row is None else f"not proven at t = {run.t[row]:.2f} s"
-    )
+    proof = "proven between all instants"
+    if unproven is not None:
+        proof = f"not proven at t = {run.t[unproven]:.2f} s"
     return Check(
-        f"Nothing that hangs comes nearer than {distance:g} m: least is {nearest.distance:.2f} m, "
-        f"{nearest.body} and {nearest.obstacle} at t = {nearest_t:.1f} s; {proof}.",
-        row is None and nearest.distance >= distance,
+        f"Nothing that hangs comes nearer than {site.distance:g} m: least is "
+        f"{nearest.distance:.2f} m, {nearest.body} and {nearest.obstacle} at "
+        f"t = {nearest_t:.1f} s; {proof}.",
+        unproven is None and nearest.distance >= site.distance,
     )
 
 
-def _slewing_check(clearance: Clearance, run: Trajectory) -> Check:
-    slew = run.q[:, clearance.joints.slew]
-    low, high = float(slew.min()), float(slew.max())
-    free = slew_range(clearance, float(slew[0]), low, high)
-    holds = low == high or (free.low <= low and high <= free.high and free.low < free.high)
-    if holds:
-        return Check(
-            f"Slewing: jib and counter-jib turn freely, with {clearance.site.distance:g} m at "
-            "least.",
-            True,
-        )
+def _slewing_check(site: Site, slew: np.ndarray, free: SlewRange) -> Check:
+    low, high = slew.min(), slew.max()
+    if low == high or (free.low <= low and high <= free.high and free.low < free.high):
+        turns = f"jib and counter-jib turn freely, with {site.distance:g} m at least"
+        return Check(f"Slewing: {turns}.", True)
     return Check(f"Slewing: the jib comes too near to {free.below or free.above}.", False)
 
 
-def _swing_check(clearance: Clearance, run: Trajectory) -> Check:
-    peak, allowed = float(clearance.tilt(run.q).max()), clearance.site.swing
+def _swing_check(site: Site, peak: float) -> Check:
     return Check(
-        f"The load swings {1000 * peak:.1f} mrad at most, {1000 * allowed:.1f} allowed.",
-        peak <= allowed,
+        f"The load swings {1000 * peak:.1f} mrad at most, {1000 * site.swing:.1f} allowed.",
+        peak <= site.swing,
     )
 
 
-def _arrival_check(clearance: Clearance, lift: Lift, run: Trajectory, swing: float) -> Check:
-    end, goal = (
-        clearance.point(q[clearance.drive_joints]) for q in (run.q[-1], lift.states()[1].q)
-    )
+def _arrival_check(swing: float, off: float) -> Check:
     return Check(
         f"At the arrival it swings {1e3 * swing:.4f} mrad, {1e3 * ARRIVAL_SWING:g} allowed; it "
-        f"ends {1000.0 * float(np.linalg.norm(end - goal)):.1f} mm from its goal.",
+        f"ends {1000.0 * off:.1f} mm from its goal.",
         swing <= ARRIVAL_SWING,
     )
 
 
-def _drives_check(clearance: Clearance, lift: Lift, run: Trajectory) -> Check:
-    rates = np.abs(run.v[:, clearance.drive_joints]).max(axis=0) / np.array(lift.limits.rates)
+def _drives_check(run: Trajectory, rate: float) -> Check:
     cut = bool((run.command != run.effort).any())
     return Check(
-        f"Rates are {100 * rates.max():.1f} % of their limits at most; efforts are "
+        f"Rates are {100 * rate:.1f} % of their limits at most; efforts are "
         f"{'cut' if cut else 'never cut'}.",
-        bool(rates.max() <= _TOO_FAST) and not cut,
+        rate <= _TOO_FAST and not cut,
     )
