@@ -73,8 +73,8 @@ def loads_over_time(analysis: LiftAnalysis) -> Figure:
     moment.plot(t, 1e-3 * analysis.loads["load_moment_Nm"], color=COLOURS["x"], label="load")
     moment.plot(t, 1e-3 * analysis.loads["ring_tilting_Nm"], color=COLOURS["l"], label="ring")
     moment.set(ylabel="moment [kN m]")
-    for name, words, style in (("off_lead_rad", "off-lead", "-"), ("side_lead_rad", "side", "--")):
-        lead.plot(t, np.degrees(analysis.loads[name]), style, color=COLOURS["phi"], label=words)
+    for name, label, style in (("off_lead_rad", "off-lead", "-"), ("side_lead_rad", "side", "--")):
+        lead.plot(t, np.degrees(analysis.loads[name]), style, color=COLOURS["phi"], label=label)
     lead.set(ylabel="rope from plumb [°]", xlabel="time [s]")
     for ax in (moment, lead):
         ax.legend(ncols=2, fontsize=9)
@@ -121,11 +121,11 @@ def wind(limit: WindLimit, required: float) -> Figure:
         worst = limit.worst[name]
         near = name == "clearance"
         share = allowed / np.maximum(worst, 1e-3) if near else worst / allowed
-        shown, words = (
+        shown, label = (
             share < _FAILED,
             "required over clearance" if near else f"{name} over its limit",
         )
-        ax.plot(limit.speeds[shown], share[shown], ".-", color=colour, label=words)
+        ax.plot(limit.speeds[shown], share[shown], ".-", color=colour, label=label)
     ax.axhline(1.0, color=COLOURS["limit"], linestyle="--", linewidth=1.0)
     ax.axvline(required, color=COLOURS["limit"], linestyle=":", linewidth=1.0)
     swing = f"{math.degrees(limit.allowed['swing']):g}°"

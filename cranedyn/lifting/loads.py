@@ -151,7 +151,7 @@ def loads(
             "run", f"of joints {', '.join(run.symbols)}", f"of {', '.join(crane.layout.symbols)}"
         )
     buffers = run.parameters.get("validity") == "buffers"
-    found = loads_of_rows(
+    columns = loads_of_rows(
         crane, run.q, run.v, run.effort, run.force, base=base, arms=arms, buffers=buffers
     )
     entered: dict[str, float | str] = {}
@@ -159,7 +159,7 @@ def loads(
         entered |= {"base_spacing_m": base.spacing, "base_mass_kg": base.mass}
     for i, arm in enumerate(arms, start=1):
         entered |= {f"arm_{i}_mass_kg": arm.mass, f"arm_{i}_centre_m": arm.centre}
-    return Loads(run.t, found, entered, run.record)
+    return Loads(run.t, columns, entered, run.record)
 
 
 @checked
@@ -198,19 +198,19 @@ def loads_of_rows(
     outside = None if force is None else _flat("force", force, 3 * points)
     moving = Moving.of(crane, q, v, effort, outside, buffers=buffers)
     layout = crane.layout
-    found: dict[str, np.ndarray] = {}
+    columns: dict[str, np.ndarray] = {}
     if layout.has("hoist"):
-        found |= _of_rope(crane, moving, effort, buffers)
+        columns |= _of_rope(crane, moving, effort, buffers)
     if layout.has("slew", "trolley", "hoist"):
-        found |= _of_ring(crane, moving, found["pull_N"], arms)
+        columns |= _of_ring(crane, moving, columns["pull_N"], arms)
     foot = moving.through(None)
     if arms:
         out, _ = _plan(moving, layout.role("trolley", "A jib that weighs where it lies"))
-        turning = np.cross(out, -_UP) * (crane.gravity * sum(one.mass * one.centre for one in arms))
-        weight = _UP * (crane.gravity * sum(one.mass for one in arms))
+        turning = np.cross(out, -_UP) * (crane.gravity * sum(arm.mass * arm.centre for arm in arms))
+        weight = _UP * (crane.gravity * sum(arm.mass for arm in arms))
         foot = foot._replace(force=foot.force - weight, moment=foot.moment + turning)
     still = 0.0 if base is None else base.mass * crane.gravity
-    found |= {
+    columns |= {
         "foot_vertical_N": -foot.force[:, 2] + still,
         "foot_x_Nm": foot.moment[:, 0],
         "foot_y_Nm": foot.moment[:, 1],
@@ -219,8 +219,8 @@ def loads_of_rows(
     }
     if base is not None:
         corners = corner_forces(base, foot, crane.gravity).T
-        found |= {f"corner_{i}_N": one for i, one in enumerate(corners, start=1)}
-    return {name: one.reshape(shape) for name, one in found.items()}
+        columns |= {f"corner_{i}_N": force for i, force in enumerate(corners, start=1)}
+    return {name: values.reshape(shape) for name, values in columns.items()}
 
 
 def corner_forces(base: Base, foot: Wrench, gravity: float) -> np.ndarray:
@@ -300,27 +300,29 @@ def _of_rope(
         rope_tension(layout, crane.damping, crane.springs, moving.q.T, moving.v.T, hoist),
         len(hoist),
     )
-    found = {"rope_N": tension, "pull_N": -pull[:, 2], "slack_margin": tension / weight}
+    columns = {"rope_N": tension, "pull_N": -pull[:, 2], "slack_margin": tension / weight}
     if (drive := layout.drive_of("hoist")) is not None:
-        found["snag_margin"] = 1.0 - tension / crane.effort_limit[drive]
+        columns["snag_margin"] = 1.0 - tension / crane.effort_limit[drive]
     if layout.has("trolley"):
         out, aside = _plan(moving, layout.role("trolley", "The plane of the jib"))
         rope = moving.axis(joint)
-        found["off_lead_rad"] = np.arctan2(_along(rope, out), -rope[:, 2])
-        found["side_lead_rad"] = np.arctan2(_along(rope, aside), -rope[:, 2])
-        found["side_force_percent"] = 100.0 * _along(pull, aside) / weight
-    return found
+        columns["off_lead_rad"] = np.arctan2(_along(rope, out), -rope[:, 2])
+        columns["side_lead_rad"] = np.arctan2(_along(rope, aside), -rope[:, 2])
+        columns["side_force_percent"] = 100.0 * _along(pull, aside) / weight
+    return columns
 
 
 def _of_ring(
     crane: Crane, moving: Moving, pull: np.ndarray, arms: Sequence[Arm]
 ) -> dict[str, np.ndarray]:
-    slew, trolley = (crane.layout.role(one, "The slewing ring") for one in ("slew", "trolley"))
+    slew, trolley = (crane.layout.role(name, "The slewing ring") for name in ("slew", "trolley"))
     out, aside = _plan(moving, trolley)
     ring = moving.through(slew)
     radius = _along(moving.origin(trolley) - ring.point, out)
-    own = crane.gravity * np.array([[one.mass, one.mass * one.centre] for one in arms]).sum(axis=0)
-    weight, turning = own if arms else (0.0, 0.0)
+    weights = crane.gravity * np.array([[arm.mass, arm.mass * arm.centre] for arm in arms]).sum(
+        axis=0
+    )
+    weight, turning = weights if arms else (0.0, 0.0)
     return {
         "radius_m": radius,
         "load_moment_Nm": pull * radius,
@@ -348,5 +350,5 @@ def _along(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 
 def _flat(name: str, table: np.ndarray, wide: int) -> np.ndarray:
-    found = finite(name, table, (wide,), ("rows", wide), ("cranes", "rows", wide))
-    return found.reshape(-1, wide)
+    flat = finite(name, table, (wide,), ("rows", wide), ("cranes", "rows", wide))
+    return flat.reshape(-1, wide)

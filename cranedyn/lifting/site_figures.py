@@ -113,13 +113,13 @@ def scenery(certificate: Certificate) -> Scenery:
     mark = clearance.site.distance + 2.0 * clearance.envelope(float(lift.ends[:, 2].mean()))
     obstacles = [
         Obstacle(
-            one.name,
-            one.vertices,
-            one.triangles,
-            one.zone,
-            () if one.zone else _spells(certificate, one.name, mark),
+            solid.name,
+            solid.vertices,
+            solid.triangles,
+            solid.zone,
+            () if solid.zone else _spells(certificate, solid.name, mark),
         )
-        for one in clearance.solids
+        for solid in clearance.solids
     ]
     return Scenery(obstacles, clearance.point(lift.timed.places[::5]), _swept(lift))
 
@@ -135,8 +135,8 @@ def _swept(lift: Lift) -> dict[str, np.ndarray]:
     """Return boxes around the load with its envelope, some metres apart."""
     clearance, places = lift.clearance, lift.timed.places
     points = clearance.point(places)
-    gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    rows = np.unique(np.searchsorted(gone, np.arange(0.0, gone[-1], _SPACED)))
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    rows = np.unique(np.searchsorted(arc, np.arange(0.0, arc[-1], _SPACED)))
     load = clearance.bodies.load
     envelope = np.array([clearance.envelope(length) for length in places[rows, 2]])
     return {
@@ -150,8 +150,8 @@ def _outlines(solid: Solid, i: int, j: int) -> PolyCollection:
     """Draw a solid along an axis."""
     parts = solid.parts or tuple(solid.vertices[triangle] for triangle in solid.triangles)
     shapes = []
-    for part in parts:
-        flat = np.unique(np.round(part[:, [i, j]], 6), axis=0)
+    for corners in parts:
+        flat = np.unique(np.round(corners[:, [i, j]], 6), axis=0)
         if len(flat) > 2 and np.linalg.matrix_rank(flat - flat[0], tol=1e-5) == 2:
             shapes.append(flat[ConvexHull(flat).vertices])
     colour = "#CC3311" if solid.zone else "#8C8475"

@@ -80,9 +80,9 @@ def _lift(analysis: LiftAnalysis) -> Table:
     length = run["l_m"]
     rows: list[Row] = [
         ["site", site.name, "the site's file"],
-        ["from, to [m]", " to ".join(_point(one) for one in ends), "the site's file"],
+        ["from, to [m]", " to ".join(_point(end) for end in ends), "the site's file"],
         ["gross load", _gross(analysis), "the site's file"],
-        ["its size [m]", " x ".join(f"{one:.1f}" for one in size), "the site's file"],
+        ["its size [m]", " x ".join(f"{side:.1f}" for side in size), "the site's file"],
         ["crane", crane.model.name, "its URDF"],
         ["chart", analysis.chart.name, "the chart's file"],
         ["its source", analysis.chart.source, "the chart's file"],
@@ -100,13 +100,16 @@ def _lift(analysis: LiftAnalysis) -> Table:
 def _gross(analysis: LiftAnalysis) -> str:
     """Return the mass that hangs as the sum that it is."""
     gross, rigging = hanging_mass(analysis.crane) / 1e3, analysis.site.rigging
-    own = gross - sum(rigging.values()) / 1e3
-    parts = [f"load {own:.2f} t", *(f"{name} {one / 1e3:.2f} t" for name, one in rigging.items())]
+    load = gross - sum(rigging.values()) / 1e3
+    parts = [
+        f"load {load:.2f} t",
+        *(f"{name} {mass / 1e3:.2f} t" for name, mass in rigging.items()),
+    ]
     return f"{gross:.2f} t" + (f" = {' + '.join(parts)}" if rigging else " with hook and slings")
 
 
 def _point(point: np.ndarray) -> str:
-    return f"({', '.join(f'{one:.1f}' for one in point)})"
+    return f"({', '.join(f'{coordinate:.1f}' for coordinate in point)})"
 
 
 def _loads(analysis: LiftAnalysis, again: str) -> Table:
@@ -115,17 +118,17 @@ def _loads(analysis: LiftAnalysis, again: str) -> Table:
     rows: list[Row] = []
 
     def add(name: str, values: np.ndarray, scale: float, unit: str, limit: str = "-") -> None:
-        at = int(np.abs(values).argmax())
-        rows.append([f"{name} [{unit}]", scale * float(values[at]), float(t[at]), limit])
+        k = int(np.abs(values).argmax())
+        rows.append([f"{name} [{unit}]", scale * float(values[k]), float(t[k]), limit])
 
     if analysis.utilisation is not None:
         add("utilisation", analysis.utilisation, 100.0, "%", "90, 100")
     add("load moment", carried["load_moment_Nm"], 1e-3, "kN m", "the chart")
     add("rope", carried["rope_N"], 1e-3, "kN")
     lead = [np.degrees(carried[f"{side}_lead_rad"]) for side in ("off", "side")]
-    asked = f"{math.degrees(analysis.requirements.swing):g}"
-    add("off-lead", lead[0], 1.0, "°", asked)
-    add("side-lead", lead[1], 1.0, "°", asked)
+    allowed = f"{math.degrees(analysis.requirements.swing):g}"
+    add("off-lead", lead[0], 1.0, "°", allowed)
+    add("side-lead", lead[1], 1.0, "°", allowed)
     add("side force", carried["side_force_percent"], 1.0, "% of the weight")
     add("slewing ring, tilting", carried["ring_tilting_Nm"], 1e-3, "kN m")
     add("slewing ring, torsion", carried["ring_torsion_Nm"], 1e-3, "kN m")
@@ -136,8 +139,8 @@ def _loads(analysis: LiftAnalysis, again: str) -> Table:
         corners = np.stack([carried[f"corner_{i}_N"] for i in range(1, 5)], axis=1)
         permitted = "-" if base.permitted is None else f"{base.permitted / 1e3:g}"
         add("corner, most", corners.max(axis=1), 1e-3, "kN", permitted)
-        at = int(corners.min(axis=1).argmin())
-        rows.append(["corner, least [kN]", 1e-3 * float(corners.min()), float(t[at]), "> 0"])
+        k = int(corners.min(axis=1).argmin())
+        rows.append(["corner, least [kN]", 1e-3 * float(corners.min()), float(t[k]), "> 0"])
         note = (
             f"Formulas: {_MODEL}. Corners: base {base.spacing:g} m wide, {base.mass / 1e3:g} t "
             f"with mast and ballast, as entered.{again}"
@@ -150,10 +153,10 @@ def _clearances(analysis: LiftAnalysis, again: str) -> Table:
     certificate = analysis.certificate
     zones = {solid.name for solid in analysis.site.solids if solid.zone}
     rows: list[Row] = []
-    for name, distance in sorted(certificate.distances.items(), key=lambda one: one[1].min()):
+    for name, distance in sorted(certificate.distances.items(), key=lambda item: item[1].min()):
         k = int(distance.argmin())
-        kept = "kept out of" if name in zones else f"{analysis.site.distance:g}"
-        rows.append([name, float(distance[k]), float(certificate.t[k]), kept])
+        required = "kept out of" if name in zones else f"{analysis.site.distance:g}"
+        rows.append([name, float(distance[k]), float(certificate.t[k]), required])
     columns = [("obstacle", ""), ("least [m]", ".2f"), ("at [s]", ".1f"), ("required [m]", "")]
     note = f"Of all that hangs; proven between the instants (docs/lift.md).{again}"
     return Table("Clearances", columns, rows, note)
@@ -169,7 +172,7 @@ def _factors(analysis: LiftAnalysis) -> Table:
     weight = hanging_mass(crane) * crane.gravity
     pull = float(carried["rope_N"].max()) / weight
     mass, radius = hanging_mass(crane), float(carried["radius_m"].max())
-    along, about = (limits.accelerations[crane.layout.drive(one)] for one in ("x", "gamma"))
+    along, about = (limits.accelerations[crane.layout.drive(name)] for name in ("x", "gamma"))
     out, aside = (
         float(np.abs(carried["pull_N"] * np.tan(carried[f"{side}_lead_rad"])).max())
         for side in ("off", "side")
@@ -249,12 +252,12 @@ def _limits(limit: WindLimit) -> Table:
 def _robustness(analysis: LiftAnalysis, perturbed: Perturbed, again: str) -> Table:
     count = len(perturbed.least)
     low, high = perturbed.interval()
-    known = perturbed.least[np.isfinite(perturbed.least)]
+    distances = perturbed.least[np.isfinite(perturbed.least)]
     rows: list[Row] = [
         ["lifts", f"{count}"],
         ["below required clearance, or failed", f"{perturbed.failures}"],
         ["probability of that, 95 % [%]", f"{100.0 * low:.3f} to {100.0 * high:.3f}"],
-        ["least distance [m]", f"{known.min():.2f}" if len(known) else "-"],
+        ["least distance [m]", f"{distances.min():.2f}" if len(distances) else "-"],
         ["swing after, at most [mrad]", f"{1e3 * float(perturbed.swing.max()):.1f}"],
         [
             "lifts a minute on this machine",
