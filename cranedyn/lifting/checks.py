@@ -48,7 +48,7 @@ def counter_jib_entered(analysis: LiftAnalysis) -> Check:
     )
 
 
-def utilisation(analysis: LiftAnalysis) -> Check:
+def utilisation_below_warning(analysis: LiftAnalysis) -> Check:
     """Check that a load moment limiter gives no warning."""
     if analysis.utilisation is None:
         return Check(f"The chart does not reach: {analysis.chart_error}", False)
@@ -86,7 +86,7 @@ def taut_rope(analysis: LiftAnalysis) -> Check:
     )
 
 
-def corners(analysis: LiftAnalysis) -> Check:
+def corners_pressed(analysis: LiftAnalysis) -> Check:
     """Check that all corners of the base press on the ground, and no more than it may bear."""
     site = analysis.site
     if site.base is None or len(site.arms) < 2:
@@ -108,7 +108,7 @@ def corners(analysis: LiftAnalysis) -> Check:
     )
 
 
-def wind(analysis: LiftAnalysis) -> Check:
+def wind_borne(analysis: LiftAnalysis) -> Check:
     """Check that the lift bears the required gust."""
     required = analysis.requirements
     if analysis.wind is None:
@@ -139,11 +139,11 @@ def perturbed_lifts(analysis: LiftAnalysis) -> Check:
 CHECKS: tuple[CheckFunction, ...] = (
     drives_entered,
     counter_jib_entered,
-    utilisation,
+    utilisation_below_warning,
     heavier_load,
     taut_rope,
-    corners,
-    wind,
+    corners_pressed,
+    wind_borne,
     perturbed_lifts,
 )
 """The checks of a lift beside those of its certificate, in the order of the report."""

@@ -47,21 +47,21 @@ def figures(analysis: LiftAnalysis) -> dict[str, LiftFigure]:
             clearance_over_time(analysis.certificate), "Clearance and swing over time."
         ),
         "loads": LiftFigure(
-            loads_over_time(analysis), "Utilisation, load moment and the rope's angles over time."
+            draw_loads(analysis), "Utilisation, load moment and the rope's angles over time."
         ),
         "chart": LiftFigure(
-            chart(analysis), "Chart with the way of the load, and the jib's largest moments."
+            draw_chart(analysis), "Chart with the way of the load, and the jib's largest moments."
         ),
     }
     if analysis.wind is not None:
         result["wind"] = LiftFigure(
-            wind(analysis.wind, analysis.requirements.wind),
+            draw_wind(analysis.wind, analysis.requirements.wind),
             "Utilisation, swing and clearance over the speed of a gust.",
         )
     return result
 
 
-def loads_over_time(analysis: LiftAnalysis) -> Figure:
+def draw_loads(analysis: LiftAnalysis) -> Figure:
     """Draw utilisation, load moment and the rope's angles over time."""
     figure, (used, moment, lead) = panels(3, height=1.9, sharex=True)
     t = analysis.loads.t
@@ -81,7 +81,7 @@ def loads_over_time(analysis: LiftAnalysis) -> Figure:
     return figure
 
 
-def chart(analysis: LiftAnalysis) -> Figure:
+def draw_chart(analysis: LiftAnalysis) -> Figure:
     """Draw the rated load over the radius with the pull of the load, and the moment of the jib."""
     figure, (rated, jib) = panels(1, 2, height=3.4, width=11.0)
     for reeving in analysis.chart.reevings:
@@ -108,7 +108,7 @@ def chart(analysis: LiftAnalysis) -> Figure:
     return figure
 
 
-def wind(limit: WindLimit, required: float) -> Figure:
+def draw_wind(limit: WindLimit, required: float) -> Figure:
     """Draw utilisation, swing and clearance over the speed of a gust, as shares of their limits.
 
     Args:
@@ -121,11 +121,11 @@ def wind(limit: WindLimit, required: float) -> Figure:
         worst = limit.worst[name]
         near = name == "clearance"
         share = allowed / np.maximum(worst, 1e-3) if near else worst / allowed
-        shown, label = (
+        drawn, label = (
             share < _FAILED,
             "required over clearance" if near else f"{name} over its limit",
         )
-        ax.plot(limit.speeds[shown], share[shown], ".-", color=colour, label=label)
+        ax.plot(limit.speeds[drawn], share[drawn], ".-", color=colour, label=label)
     ax.axhline(1.0, color=COLOURS["limit"], linestyle="--", linewidth=1.0)
     ax.axvline(required, color=COLOURS["limit"], linestyle=":", linewidth=1.0)
     swing = f"{math.degrees(limit.allowed['swing']):g}°"
