@@ -679,8 +679,8 @@ MUTATIONS = (
     Mutation(
         "a load goes on a straight line from row to row",
         "cranedyn/planning/proof.py",
-        "bend, waiting = _FASTEST * period**2 / 8.0,",
-        "bend, waiting = 0.0 * period,",
+        "bend, stretches = _FASTEST * period**2 / 8.0,",
+        "bend, stretches = 0.0 * period,",
         "proof::between_two_rows_alike_a_load_may_have_been_thrown_as_far_as_it_can",
     ),
     Mutation(
