@@ -50,9 +50,12 @@ def leg_durations(points: np.ndarray, rates: np.ndarray) -> np.ndarray:
 
 
 def rest_to_rest_time(ways: np.ndarray, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
-    """Return the times [s] in which drives get along ways from rest to rest, shape (m,) each."""
-    long = ways * accelerations > rates**2
-    return np.where(long, ways / rates + rates / accelerations, 2.0 * np.sqrt(ways / accelerations))
+    """Return the times [s] in which drives get along ways from rest to rest by trapezoids of their
+    rates, shape (m,) each.
+    """
+    peak = np.minimum(rates, np.sqrt(ways * accelerations))
+    cruise = np.divide(ways, peak, out=np.zeros_like(ways), where=ways > 0.0)
+    return cruise + peak / accelerations
 
 
 def straight_time(ends: np.ndarray, limits: Limits) -> float:

@@ -17,7 +17,7 @@ from cranedyn.errors import number
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.planning import transcription
-from cranedyn.planning.curve import interpolate_columns
+from cranedyn.planning.curve import interpolate_columns, rest_to_rest_time
 from cranedyn.planning.half_spaces import HalfSpaces
 from cranedyn.references.motion import Motion
 
@@ -254,8 +254,7 @@ def estimated_duration(move: Move, slowest: float) -> float:
         for joint in joints
     ]
     acceleration = np.minimum(move.acceleration, swing_limits)
-    peak = np.minimum(move.rate, np.sqrt(way * acceleration))
-    trapezoids = np.divide(way, peak, out=np.zeros_like(way), where=way > 0.0) + peak / acceleration
+    trapezoids = rest_to_rest_time(way, move.rate, acceleration)
     changes = np.abs(move.goal.v - move.start.v)[move.joints] / acceleration
     return max(slowest, float((trapezoids + changes).max()))
 
