@@ -108,6 +108,8 @@ NOT_CALLED = ("main", "open_viewer", "serve", "check_display")
 WITHIN = (
     "add_values",
     "gust_shape",
+    "drag_force",
+    "corner_forces",
     "over_period",
     "usual_input_weight",
     "bounds",
