@@ -1,5 +1,5 @@
 """From a site with obstacles to a motion that provably touches nothing: planned, certified, and
-made ten thousand times not quite so.
+simulated ten thousand times with perturbations.
 """
 
 from __future__ import annotations
@@ -7,7 +7,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,26 +27,29 @@ EXAMPLES = ("open_yard", "city_block", "tower", "neighbour")
 """Sites that come with the project."""
 
 LIFTS = 10_000
-"""How many lifts are made that are not quite as planned."""
+"""Number of perturbed lifts."""
 
 OF_BOUND, OF_LEAST, IN_LEAST_TIME = 1.25, 1.4, 1.25
 """How long the drives may need along the way, how long a planned motion may last, and one in least
 time, over the time that no motion falls short of."""
 
 _APART = 90.0
+"""Distance between the sites in the recording [m]."""
+
+Rows = list[list[float | str | None]]
 
 
 @dataclass(frozen=True, eq=False)
-class Made:
-    """A lift with all that is known of it.
+class SiteResult:
+    """The lift of a site.
 
     Attributes:
-        site: Where.
-        certificate: What it is held against.
-        perturbed: What became of lifts not quite like it; None if none were made.
-        seconds: How long planning, certifying and perturbing took [s].
+        site: The site.
+        certificate: The planned lift, simulated and checked against the site.
+        perturbed: Perturbed lifts; None if none were made.
+        seconds: Time that planning, certifying and perturbing took [s].
         least: The same lift in least time; None if it was not asked for.
-        searched: How long that took to find [s].
+        least_seconds: Time that finding it took [s].
     """
 
     site: Site
@@ -54,86 +57,87 @@ class Made:
     perturbed: Perturbed | None
     seconds: tuple[float, float, float]
     least: Certificate | None = None
-    searched: float = 0.0
+    least_seconds: float = 0.0
 
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Plan and certify a lift on each site."""
+    from cranedyn.lifting.site_figures import clearance_over_time, scenery, site_views
     from cranedyn.recording import Run
-    from experiments.lift_figures import over_time, scenery, views
 
     count = whole("lifts", options.lifts, 0)
-    names = [Path(file).stem for file in options.site] if options.site else list(EXAMPLES)
-    if len(set(names)) < len(names):
-        raise DataError(f"Two sites have one name: {', '.join(names)}.")
-    sites = [
-        read_site(file) for file in options.site or [SITES / f"{name}.toml" for name in EXAMPLES]
-    ]
-    for what in ("start", "goal"):
-        if getattr(options, what) is not None and len(sites) != 1:
-            raise DataError(
-                f"--{'from' if what == 'start' else 'to'} is for one site; give one with --site."
-            )
-    made = {
-        name: _made(setup, site, options, count) for name, site in zip(names, sites, strict=True)
-    }
-    certified = {name: one for name, one in made.items() if one.certificate.holds}
+    results = {name: _result(setup, site, options, count) for name, site in _sites(options)}
+    certified = {name: result for name, result in results.items() if result.certificate.holds}
+    figures = {}
+    for name, result in certified.items():
+        figures[f"site_{name}"] = site_views(result.certificate)
+        figures[f"time_{name}"] = clearance_over_time(result.certificate)
+    trajectories = {f"lift_{name}": result.certificate.run for name, result in results.items()}
+    for name, result in results.items():
+        if result.least:
+            trajectories[f"least_time_{name}"] = result.least.run
+    limits = {name: result.certificate.lift.limits for name, result in results.items()}
     return harness.Outcome(
-        tables=[*_tables(certified), *_least_time(certified), _times(made)],
-        claims=[
-            claim
-            for name, one in made.items()
-            for claim in [*_claims(name, one), *_least_claims(name, one)]
-        ],
+        tables=[*_tables(certified), *_least_time(certified), _times(results)],
+        claims=[claim for name, result in results.items() for claim in _claims(name, result)],
         parameters=setup.parameters()
         | {
-            "sites": names,
+            "sites": list(results),
             "lifts": count,
             "limits": {
-                name: [list(kept.rates), list(kept.accelerations)]
-                for name, kept in ((n, one.certificate.lift.limits) for n, one in made.items())
+                name: [list(kept.rates), list(kept.accelerations)] for name, kept in limits.items()
             },
         },
-        trajectories={f"lift_{name}": one.certificate.run for name, one in made.items()}
-        | {f"least_time_{name}": one.least.run for name, one in made.items() if one.least},
-        figures={
-            f"{kind}_{name}": draw(one.certificate)
-            for name, one in certified.items()
-            for kind, draw in (("site", views), ("time", over_time))
-        },
+        trajectories=trajectories,
+        figures=figures,
         recording=[
             Run(
-                one.site.name,
-                one.certificate.lift.crane,
-                one.certificate.run,
+                result.site.name,
+                result.certificate.lift.crane,
+                result.certificate.run,
                 (_APART * i, 0.0, 0.0),
-                scenery=scenery(one.certificate),
+                scenery=scenery(result.certificate),
             )
-            for i, one in enumerate(made.values())
+            for i, result in enumerate(results.values())
         ],
     )
 
 
-def _made(setup: harness.Setup, site: Site, options: argparse.Namespace, count: int) -> Made:
-    begun = time.monotonic()
+def _sites(options: argparse.Namespace) -> list[tuple[str, Site]]:
+    """Return the sites by name."""
+    files = options.site or [SITES / f"{name}.toml" for name in EXAMPLES]
+    names = [Path(file).stem for file in files]
+    if len(set(names)) < len(names):
+        raise DataError(f"Two sites have one name: {', '.join(names)}.")
+    sites = [read_site(file) for file in files]
+    for end, option in (("start", "--from"), ("goal", "--to")):
+        if getattr(options, end) is not None and len(sites) != 1:
+            raise DataError(f"{option} is for one site; give one with --site.")
+    return list(zip(names, sites, strict=True))
+
+
+def _result(
+    setup: harness.Setup, site: Site, options: argparse.Namespace, count: int
+) -> SiteResult:
+    started = time.monotonic()
     crane = crane_of(site, gravity=setup.gravity, **setup.values)
     start, goal = (
-        None if point is None else np.array([number("coordinate", one, "m") for one in point])
+        None if point is None else np.array([number("coordinate", value, "m") for value in point])
         for point in (options.start, options.goal)
     )
     limits = site.limits or LIMITS
     lift = plan_lift(site, limits, start=start, goal=goal, crane=crane, period=setup.control_period)
     planned = time.monotonic()
     certificate = certify(lift, dt=setup.dt, engine=setup.engine)
-    done = time.monotonic()
+    certified = time.monotonic()
     perturbed = (
         perturb(certificate, count, dt=2.0 * setup.dt) if count and certificate.holds else None
     )
-    seconds = planned - begun, done - planned, time.monotonic() - done
-    least, begun = None, time.monotonic()
+    seconds = planned - started, certified - planned, time.monotonic() - certified
+    least, started = None, time.monotonic()
     if options.least_time and certificate.holds:
         least = certify(_shortened(lift), dt=setup.dt, engine=setup.engine)
-    return Made(site, certificate, perturbed, seconds, least, time.monotonic() - begun)
+    return SiteResult(site, certificate, perturbed, seconds, least, time.monotonic() - started)
 
 
 def _shortened(lift: Lift) -> Lift:
@@ -142,73 +146,22 @@ def _shortened(lift: Lift) -> Lift:
     return in_least_time(lift)
 
 
-def _least_time(made: dict[str, Made]) -> list[harness.Table]:
-    """The same lifts as fast as they can be, beside the planned ones."""
-    rows: list[list[float | str | None]] = []
-    for name, one in made.items():
-        if one.least is not None and one.least.holds:
-            timed, planned = one.least.lift.timed, one.certificate.lift.timed.motion.arrival
-            least = timed.motion.arrival
-            bound = one.certificate.lift.least
-            times = [planned, least, planned / bound, least / bound]
-            near, swing = one.least.nearest.distance, 1e3 * timed.shares["swing"] * one.site.swing
-            rows.append([name, *times, near, swing, 1e3 * one.least.left, one.searched])
-    columns = [
-        ("site", ""),
-        ("planned [s]", ".2f"),
-        ("least time [s]", ".2f"),
-        ("planned over bound", ".3f"),
-        ("least over bound", ".3f"),
-        ("clearance [m]", ".2f"),
-        ("swing [mrad]", ".1f"),
-        ("at arrival [mrad]", ".4f"),
-        ("found in [s]", ".1f"),
-    ]
-    note = (
-        "The same lifts with motions of least time near the planned ones, as proven and as "
-        "certified. Over bound: beside what drives need at least, whichever way round."
-    )
-    return [harness.Table("In least time", columns, rows, note)] if rows else []
+def _tables(results: dict[str, SiteResult]) -> list[harness.Table]:
+    """Return the certified lifts and the perturbed ones."""
+    tables = [_certified(results)]
+    perturbed = {name: result.perturbed for name, result in results.items() if result.perturbed}
+    return [*tables, _perturbed(perturbed)] if perturbed else tables
 
 
-def _least_claims(name: str, made: Made) -> list[harness.Claim]:
-    if made.least is None:
-        return []
-    planned, least = made.certificate.lift, made.least.lift.timed.motion.arrival
-    claims = [
-        harness.Claim(f"{name} in least time: {check.sentence}", check.holds)
-        for check in made.least.checks
-    ]
-    sentence = (
-        f"{name}: in least time it lasts {least / planned.least:.3f} times what drives need at "
-        f"least, at most {IN_LEAST_TIME:g}, and less than planned."
-    )
-    holds = planned.least * IN_LEAST_TIME >= least < planned.timed.motion.arrival
-    return [*claims, harness.Claim(sentence, holds)]
-
-
-def _tables(made: dict[str, Made]) -> list[harness.Table]:
-    """What was certified, and what became of lifts not quite like it; nothing of a plan that does
-    not hold.
-    """
-    rows: list[list[float | str | None]] = []
-    spread: list[list[float | str | None]] = []
-    for name, one in made.items():
-        lift, certificate = one.certificate.lift, one.certificate
-        timed = lift.timed
-        near = certificate.nearest
-        ways = [lift.way, lift.on_grid, lift.least]
-        motion = [timed.bound, timed.motion.arrival, timed.motion.arrival / lift.least]
-        swing = 1e3 * timed.shares["swing"] * one.site.swing
-        rows.append([name, *ways, *motion, near.distance, f"{near.body}, {near.obstacle}", swing])
-        if one.perturbed is not None:
-            low, high = one.perturbed.interval()
-            least, lifts = float(np.nanmin(one.perturbed.least)), len(one.perturbed.least)
-            share = 100.0 * one.perturbed.nearer / lifts
-            swing = 1e3 * float(one.perturbed.swing.max())
-            spread.append(
-                [name, lifts, one.perturbed.nearer, share, 100.0 * low, 100.0 * high, least, swing]
-            )
+def _certified(results: dict[str, SiteResult]) -> harness.Table:
+    rows: Rows = []
+    for name, result in results.items():
+        lift, nearest = result.certificate.lift, result.certificate.nearest
+        times = [lift.way, lift.on_grid, lift.least, lift.timed.bound, lift.timed.motion.arrival]
+        swing = 1e3 * lift.timed.shares["swing"] * result.site.swing
+        bodies = f"{nearest.body}, {nearest.obstacle}"
+        share = lift.timed.motion.arrival / lift.least
+        rows.append([name, *times, share, nearest.distance, bodies, swing])
     columns = [
         ("site", ""),
         ("way [s]", ".2f"),
@@ -216,89 +169,128 @@ def _tables(made: dict[str, Made]) -> list[harness.Table]:
         ("bound [s]", ".2f"),
         ("drives [s]", ".2f"),
         ("motion [s]", ".2f"),
-        ("over bound", ".3f"),
+        ("motion / bound", ".3f"),
+        ("clearance [m]", ".2f"),
+        ("of", ""),
+        ("swing [mrad]", ".1f"),
     ]
-    columns += [("clearance [m]", ".2f"), ("of", ""), ("swing [mrad]", ".1f")]
     note = (
         "Way: the path at full speed of the drives; grid: the best on cells of 0.5 s with no more "
-        "room than required, whichever way round. Bound: what the drives need at least, by that "
-        "grid and from start to goal. Drives: what they need along the path without a thought of "
-        "the load; motion: "
-        "with the load at rest at the end. Clearance: the least in the simulation."
+        "clearance than required, whichever way round. Bound: what the drives need at least, by "
+        "that grid and from start to goal. Drives: what they need along the path without a thought "
+        "of the load; motion: with the load at rest at the end. Clearance: the least in the "
+        "simulation."
     )
-    tables = [harness.Table("Certified lifts", columns, rows, note)]
-    if spread:
-        columns = [
-            ("site", ""),
-            ("lifts", "d"),
-            ("nearer", "d"),
-            ("%", ".2f"),
-            ("from %", ".3f"),
-            ("to %", ".3f"),
-            ("least [m]", ".2f"),
-            ("swing after [mrad]", ".1f"),
-        ]
-        note = (
-            f"Nearer than required; its probability lies from … to with {100 * CONFIDENCE:g} % "
-            "confidence (Clopper "
-            "and Pearson). Load ±30 %, cable ±0.5 m off its measure, wind up to 4 m/s with a gust "
-            "of up to 6 m/s "
-            "more, sensors up to 20 ms late. Least: negative where something is run into."
-        )
-        tables.append(harness.Table("Lifts not quite as planned", columns, spread, note))
-    return tables
+    return harness.Table("Certified lifts", columns, rows, note)
 
 
-def _times(made: dict[str, Made]) -> harness.Table:
+def _perturbed(results: dict[str, Perturbed]) -> harness.Table:
+    rows: Rows = []
+    for name, perturbed in results.items():
+        count, failures = len(perturbed.least), perturbed.failures
+        shares = [100.0 * share for share in (failures / count, *perturbed.interval())]
+        least, swing = float(np.nanmin(perturbed.least)), 1e3 * float(perturbed.swing.max())
+        rows.append([name, count, failures, *shares, least, swing])
+    columns = [
+        ("site", ""),
+        ("lifts", "d"),
+        ("below required clearance", "d"),
+        ("%", ".2f"),
+        ("from %", ".3f"),
+        ("to %", ".3f"),
+        ("least [m]", ".2f"),
+        ("swing after [mrad]", ".1f"),
+    ]
+    note = (
+        f"The probability lies from … to with {100 * CONFIDENCE:g} % confidence (Clopper and "
+        "Pearson). Load ±30 %, cable ±0.5 m off its measure, wind up to 4 m/s with a gust of up to "
+        "6 m/s more, sensors up to 20 ms late. Least: negative where something is run into."
+    )
+    return harness.Table("Perturbed lifts", columns, rows, note)
+
+
+def _least_time(results: dict[str, SiteResult]) -> list[harness.Table]:
+    """Return the lifts in least time beside the planned ones."""
+    rows: Rows = []
+    for name, result in results.items():
+        if result.least is not None and result.least.holds:
+            timed, bound = result.least.lift.timed, result.certificate.lift.least
+            planned, least = result.certificate.lift.timed.motion.arrival, timed.motion.arrival
+            times = [planned, least, planned / bound, least / bound]
+            swing = 1e3 * timed.shares["swing"] * result.site.swing
+            nearest, left = result.least.nearest.distance, 1e3 * result.least.residual_swing
+            rows.append([name, *times, nearest, swing, left, result.least_seconds])
+    columns = [
+        ("site", ""),
+        ("planned [s]", ".2f"),
+        ("least time [s]", ".2f"),
+        ("planned / bound", ".3f"),
+        ("least / bound", ".3f"),
+        ("clearance [m]", ".2f"),
+        ("swing [mrad]", ".1f"),
+        ("at arrival [mrad]", ".4f"),
+        ("found in [s]", ".1f"),
+    ]
+    note = (
+        "The same lifts with motions of least time near the planned ones, as proven and as "
+        "certified. Bound: what drives need at least, whichever way round."
+    )
+    return [harness.Table("In least time", columns, rows, note)] if rows else []
+
+
+def _times(results: dict[str, SiteResult]) -> harness.Table:
     columns = [
         ("site", ""),
         ("planned [s]", ".1f"),
         ("certified [s]", ".1f"),
         ("perturbed [s]", ".1f"),
     ]
-    return harness.Table(
-        "How long it took on this machine",
-        columns,
-        [(name, *one.seconds) for name, one in made.items()],
+    rows = [(name, *result.seconds) for name, result in results.items()]
+    return harness.Table("How long it took on this machine", columns, rows)
+
+
+def _claims(name: str, result: SiteResult) -> Iterator[harness.Claim]:
+    lift = result.certificate.lift
+    for check in result.certificate.checks:
+        yield harness.Claim(f"{name}: {check.sentence}", check.holds)
+    if result.certificate.holds:
+        for phrase, duration, most in (
+            ("along the way the drives need", lift.timed.bound, OF_BOUND),
+            ("the motion lasts", lift.timed.motion.arrival, OF_LEAST),
+        ):
+            yield harness.Claim(
+                f"{name}: {phrase} {duration / lift.least:.3f} times what drives need at "
+                f"least, whichever way round; at most {most:g}.",
+                duration <= most * lift.least,
+            )
+    if result.least is None:
+        return
+    for check in result.least.checks:
+        yield harness.Claim(f"{name} in least time: {check.sentence}", check.holds)
+    least = result.least.lift.timed.motion.arrival
+    yield harness.Claim(
+        f"{name}: in least time it lasts {least / lift.least:.3f} times what drives need at "
+        f"least, at most {IN_LEAST_TIME:g}, and less than planned.",
+        lift.least * IN_LEAST_TIME >= least < lift.timed.motion.arrival,
     )
-
-
-def _claims(name: str, made: Made) -> list[harness.Claim]:
-    lift = made.certificate.lift
-    claims = [
-        harness.Claim(f"{name}: {check.sentence}", check.holds) for check in made.certificate.checks
-    ]
-    if made.certificate.holds:
-        claims += [
-            harness.Claim(
-                f"{name}: {what} {lasts / lift.least:.3f} times what drives need at least, "
-                f"whichever way round; at most {most:g}.",
-                lasts <= most * lift.least,
-            )
-            for what, lasts, most in (
-                ("along the way the drives need", lift.timed.bound, OF_BOUND),
-                ("the motion lasts", lift.timed.motion.arrival, OF_LEAST),
-            )
-        ]
-    return claims
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "lift",
         "From a site with obstacles to a motion that provably touches nothing.",
         engines=("compiled", "pinocchio"),
     )
-    harness.add_setup(made, "payload_mass")
-    made.add_argument(
+    harness.add_setup(parser, "payload_mass")
+    parser.add_argument(
         "--site",
         nargs="+",
         metavar="FILE",
         default=None,
         help="sites as TOML, see docs/lift.md; all examples if not given",
     )
-    made.add_argument(
+    parser.add_argument(
         "--from",
         dest="start",
         nargs=3,
@@ -306,7 +298,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar=("X", "Y", "Z"),
         help="centre of the load at the start, in the site's frame [m]",
     )
-    made.add_argument(
+    parser.add_argument(
         "--to",
         dest="goal",
         nargs=3,
@@ -314,19 +306,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar=("X", "Y", "Z"),
         help="the same at the end",
     )
-    made.add_argument(
-        "--lifts",
-        type=int,
-        default=LIFTS,
-        metavar="N",
-        help="how many lifts to make that are not quite as planned; 0 for none",
+    parser.add_argument(
+        "--lifts", type=int, default=LIFTS, metavar="N", help="perturbed lifts; 0 for none"
     )
-    made.add_argument(
+    parser.add_argument(
         "--least-time",
         action="store_true",
         help="also make each lift as short as it can be, some ten seconds a site (extra `optimal`)",
     )
-    return harness.conduct(made, experiment, argv)
+    return harness.conduct(parser, experiment, argv)
 
 
 if __name__ == "__main__":

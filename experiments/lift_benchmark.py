@@ -74,7 +74,7 @@ def sites(crane: Crane, count: int, seed: int = SEED) -> Iterator[Site]:
         )
         site = Site(f"site {made + 1}", solids, load=_LOAD, start=start, goal=goal)
         asked = Clearance(crane, site)
-        if min(asked.room(asked.place(point)) for point in (start, goal)) > 0.1:
+        if min(asked.swing_margin(asked.place(point)) for point in (start, goal)) > 0.1:
             made += 1
             yield site
 
@@ -121,7 +121,7 @@ def _tried(setup: harness.Setup, site: Site, least_time: bool) -> Tried:
     certificate = certify(lift, dt=setup.dt)
     seconds = time.monotonic() - begun
     lacking = "; ".join(check.sentence for check in certificate.checks if not check.holds)
-    planned = lift.timed.motion.arrival, certificate.nearest.distance, certificate.left
+    planned = lift.timed.motion.arrival, certificate.nearest.distance, certificate.residual_swing
     means = {"planned": planned, **_others(setup, lift)}
     least = None
     if least_time and not lacking:
@@ -138,7 +138,7 @@ def _in_least_time(
 
     shorter = in_least_time(lift)
     certificate = certify(shorter, dt=setup.dt)
-    told = shorter.timed.motion.arrival, certificate.nearest.distance, certificate.left
+    told = shorter.timed.motion.arrival, certificate.nearest.distance, certificate.residual_swing
     return (shorter if certificate.holds else None), told
 
 
@@ -207,7 +207,7 @@ def _run(
         record=20,
         threads=1,
     )
-    least = min(lift.clearance.least(q) for q in batch.q[0])
+    least = min(lift.clearance.least_distance(q) for q in batch.q[0])
     k = int(np.searchsorted(batch.t, arrives))
     passive, hoist = lift.crane.layout.passive, lift.clearance.joints.hoist
     here = slice(k, k + 1)
@@ -229,14 +229,14 @@ def _summary(tried: Sequence[Tried]) -> harness.Table:
     held = _held(tried)
     measured: dict[str, list[float]] = {
         "plan and certificate [s]": [one.seconds for one, _ in held],
-        "way over grid": [lift.way / lift.on_grid for _, lift in held],
-        "drives along the way over bound": [lift.timed.bound / lift.least for _, lift in held],
-        "motion over bound": [lift.timed.motion.arrival / lift.least for _, lift in held],
+        "way / grid": [lift.way / lift.on_grid for _, lift in held],
+        "drives along the way / bound": [lift.timed.bound / lift.least for _, lift in held],
+        "motion / bound": [lift.timed.motion.arrival / lift.least for _, lift in held],
         "motion [s]": [lift.timed.motion.arrival for _, lift in held],
         "least clearance [m]": [-one.clearance for one, _ in held],
     }
     if any(one.least for one, _ in held):
-        measured["least time over bound"] = [
+        measured["least time / bound"] = [
             one.least.timed.motion.arrival / lift.least for one, lift in held if one.least
         ]
     rows: list[list[float | str | None]] = [
@@ -277,7 +277,7 @@ def _beside(tried: Sequence[Tried]) -> harness.Table:
         ("along the same way", ""),
         ("median [s]", ".1f"),
         ("least clearance [m]", ".2f"),
-        ("nearer than required", "d"),
+        ("below required clearance", "d"),
         ("swing at arrival [mrad]", ".3g"),
     ]
     return harness.Table("Beside other means", columns, rows)

@@ -5,7 +5,6 @@ make each again.
 from __future__ import annotations
 
 import argparse
-import base64
 import importlib
 import json
 import os
@@ -28,21 +27,23 @@ from cranedyn.data.files import (
     write_text,
 )
 from cranedyn.errors import DataError, UnknownName
+from cranedyn.model.load import load_crane
+from cranedyn.plotting.html import (
+    IMAGE_TYPES,
+    STYLE,
+    image_address,
+    mark_html,
+    svg_address,
+    table_html,
+)
+from cranedyn.recording.sketch import sketch
 from experiments import harness
 from experiments.catalogue import EXPERIMENTS, Entry
 from experiments.harness.arguments import add_engine, called
 from experiments.harness.outcome import summary
-from experiments.harness.terminal import columns_of
-from experiments.report_style import STYLE
 
 _LARGEST_FIGURE = 50_000_000
 """Most bytes of a figure."""
-
-_MARKS = {True: ("held", "✔"), False: ("fails", "✘"), None: ("open", "–")}
-"""The class and the sign of a claim."""
-
-_KINDS = {".svg": "image/svg+xml", ".png": "image/png"}
-"""Endings of figures, the better first."""
 
 
 def page(folders: Sequence[Path]) -> str:
@@ -86,11 +87,13 @@ def _first(results: Sequence[dict[str, Any]]) -> str:
     )
     words = summary(claims).partition(f"of {len(claims)} ")[2]
     verdict = "held" if held == len(claims) else "fails" if failed else "open"
+    crane = load_crane()
+    picture = sketch(crane, crane.state(phi=0.06))
     return (
         '<div class="first"><div><h1>cranedyn: what it claims, and what was found</h1>'
         f'<p class="lead">{today.day} {today:%B %Y} · cranedyn {escape(__version__)}</p>'
         f'<p class="count {verdict}">{held} of {len(claims)}</p><p>{escape(words)}</p></div>'
-        f'<figure><img alt="The crane from the side" src="{crane_address()}">'
+        f'<figure><img alt="The crane from the side" src="{svg_address(picture)}">'
         "<figcaption>The crane of the experiments, from the side.</figcaption></figure></div>"
         '<div class="table"><table class="summary"><thead><tr><th>experiment</th><th>what it '
         "shows</th>"
@@ -105,26 +108,6 @@ def _of_total(claims: Sequence[Mapping[str, Any]]) -> str:
     return f'<span class="{kind}">{held} of {len(claims)}</span>' + (
         f", {unknown} not judged" if unknown else ""
     )
-
-
-def crane_address() -> str:
-    """The crane as a picture in an address."""
-    import io
-
-    import matplotlib as mpl
-
-    from cranedyn.model.load import load_crane
-    from cranedyn.recording.sketch import sketch
-
-    crane = load_crane()
-    drawn = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "cranedyn"}):
-        sketch(crane, crane.state(phi=0.06)).savefig(drawn, format="svg", metadata={"Date": None})
-    return _address(drawn.getvalue(), ".svg")
-
-
-def _address(content: bytes, ending: str) -> str:
-    return f"data:{_KINDS[ending]};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def _entry(result: Mapping[str, Any]) -> Entry:
@@ -219,7 +202,7 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
         f'<section id="{escape(result["experiment"])}"><h2>{escape(entry.title)}</h2>'
         f'<p class="lead">{escape(result["about"][:1].upper() + result["about"][1:])}</p><ul '
         f'class="claims">{claims}</ul>'
-        f"{''.join(map(table_html, result['tables']))}{figures}"
+        f"{''.join(map(_table, result['tables']))}{figures}"
         f"<p>Again: <code>{escape(result['command'])}</code></p>"
         "<details><summary>Parameters and "
         "versions</summary>"
@@ -228,31 +211,11 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
     )
 
 
-def mark_html(holds: bool | None) -> str:
-    """The sign of a claim, as HTML."""
-    kind, sign = _MARKS[holds]
-    return f'<span class="mark {kind}" title="{harness.MARKS[holds]}">{sign}</span>'
-
-
-def table_html(table: dict[str, Any]) -> str:
-    """A table of a ``result.json``, as HTML."""
-    made = harness.Table.of(table)
-    kinds = ["" if form else ' class="text"' for _, form in made.columns]
-    head = "".join(
-        f"<th{kind}>{escape(header)}</th>"
-        for (header, _), kind in zip(made.columns, kinds, strict=True)
-    )
-    body = "".join(
-        f"<tr>{''.join(map('<td{}>{}</td>'.format, kinds, map(escape, row)))}</tr>"
-        for row in made.shown()
-    )
-    note = f'<p class="note">{escape(made.note)}</p>' if made.note else ""
-    rows = f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody>"
-    letters = sum(column.least + 2 for column in columns_of(made))
-    return (
-        '<div class="table"><table style="--letters: '
-        f'{letters}"><caption>{escape(made.title)}</caption>{rows}</table></div>{note}'
-    )
+def _table(kept: dict[str, Any]) -> str:
+    """Return a table of a ``result.json`` as HTML."""
+    table = harness.Table.of(kept)
+    columns = [(header, not form) for header, form in table.columns]
+    return table_html(table.title, columns, table.shown(), table.note)
 
 
 def best_figure(name: str, files: Mapping[str, str]) -> str:
@@ -263,10 +226,12 @@ def best_figure(name: str, files: Mapping[str, str]) -> str:
 
 def figure_html(folder: Path, name: str) -> str:
     """A figure of a folder of results, as HTML that holds it."""
-    if Path(name).name != name or Path(name).suffix not in _KINDS:
+    if Path(name).name != name or Path(name).suffix not in IMAGE_TYPES:
         raise ValueError(f"{name!r} is no figure in its folder")
     content = read_bytes(folder / name, _LARGEST_FIGURE)
-    return f'<img alt="{escape(Path(name).stem)}" src="{_address(content, Path(name).suffix)}">'
+    return (
+        f'<img alt="{escape(Path(name).stem)}" src="{image_address(content, Path(name).suffix)}">'
+    )
 
 
 def main(argv: Sequence[str] | None = None) -> int:

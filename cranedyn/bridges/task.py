@@ -15,7 +15,7 @@ import numpy as np
 
 from cranedyn.checks import finite, number, short_repr, whole, within
 from cranedyn.compiled.fleet import Fleet
-from cranedyn.disturbances.wind import AIR_DENSITY
+from cranedyn.disturbances.wind import drag_force
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -225,10 +225,10 @@ class Task:
         self._kind[rows] = rng.integers(len(self.fleet.cranes), size=n)
         self.fleet.place(rows, State(q.T, v.T), self._kind[rows])
         if self.rules.wind:
-            blow, side = rng.uniform(0.0, self.rules.wind, n), rng.uniform(-np.pi, np.pi, n)
-            self._force[rows, :2] = (
-                0.5 * AIR_DENSITY * self.rules.payload_area * blow**2 * [np.cos(side), np.sin(side)]
-            ).T
+            speed, side = rng.uniform(0.0, self.rules.wind, n), rng.uniform(-np.pi, np.pi, n)
+            wind = speed[:, None] * np.column_stack([np.cos(side), np.sin(side)])
+            # The force is that on a load at rest: its own velocity is neglected.
+            self._force[rows, :2] = drag_force(self.rules.payload_area, wind)
             self.fleet.push(rows, self._force[rows])
         self.far = self.distance(self.fleet.z, self.goal)
 

@@ -28,6 +28,20 @@ Speed = Callable[[float], float]
 """From time [s] to wind speed [m/s]."""
 
 
+def drag_force(area: np.ndarray | float, relative_velocity: np.ndarray) -> np.ndarray:
+    """Return the drag of air on bodies [N]: ½ ρ A |w| w, with ρ = `AIR_DENSITY`.
+
+    Args:
+        area: Drag coefficient times area of each body [m²], a number or shape (...).
+        relative_velocity: Velocity of the air less that of the body [m/s], shape (..., k).
+
+    Returns:
+        The forces in the axes of the velocity, shape (..., k).
+    """
+    speed = np.linalg.norm(relative_velocity, axis=-1)[..., None]
+    return 0.5 * AIR_DENSITY * np.asarray(area)[..., None] * speed * relative_velocity
+
+
 def constant_force(crane: Crane, *, at: float = 0.0, **forces: Sequence[float]) -> Disturbance:
     """Constant forces on points of a crane in the world [N] from a time on [s].
 
@@ -156,16 +170,15 @@ def wind(crane: Crane, speed: Speed, *, direction: float, **areas: float) -> Dis
     """
     angle = number("direction of the wind", direction, "rad")
     along = np.array([math.cos(angle), math.sin(angle), 0.0])
-    points, each = crane.layout.points, np.zeros((len(crane.points), 1))
+    points, drag_areas = crane.layout.points, np.zeros(len(crane.points))
     for name, area in areas.items():
         if name not in (known := [f"{point}_area" for point in points]):
             raise UnknownName("drag area", name, known)
-        each[known.index(name)] = number(
+        drag_areas[known.index(name)] = number(
             f"drag area of the {name.removesuffix('_area')}", area, "m²", ">= 0"
         )
 
     def disturbance(t: float, state: State) -> np.ndarray:
-        relative = speed(t) * along - point_velocities(crane, state)
-        return 0.5 * AIR_DENSITY * each * np.linalg.norm(relative, axis=1)[:, None] * relative
+        return drag_force(drag_areas, speed(t) * along - point_velocities(crane, state))
 
     return disturbance

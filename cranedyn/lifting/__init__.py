@@ -1,1 +1,31 @@
-"""What a lift is judged by: loads on the crane, charts of rated loads, factors of the standards."""
+"""Judge a lift: what it does to the crane, up to which wind it can be made, GO or NO GO.
+
+Begin with `judgement.judge`: it plans the lift of a site, certifies it, simulates it with
+perturbations and in gusts, and checks all that is required.
+
+    from cranedyn.lifting.chart import CHARTS, read_chart
+    from cranedyn.lifting.judgement import judge
+    from cranedyn.planning.site_file import SITES, read_site
+
+    site = read_site(SITES / "open_yard.toml")
+    judgement = judge(site, read_chart(CHARTS / "laboratory.toml"))
+    print(judgement.go, judgement.reasons)
+    judgement.report("lift.html")
+
+Public names:
+
+* `judgement.judge` returns a `Judgement`: `go`, `reasons`, `checks`, `analysis` with every number,
+  `tables()`, `figures`, `report(path)`. It needs the extra `planning`.
+* `analysis.Requirements`: wind, swing, risk, number of perturbed lifts and gusts.
+* `loads.loads`: rope, load moment, slewing ring, foot and corners of any recorded run. It needs the
+  core only, as do charts and formulas.
+* `chart.read_chart`, `chart.assess_run`: utilisation of a load chart, and where a limiter acts.
+* `factors`, `wind`: dynamic factors and wind of the standards, as functions.
+
+To add a check or a load case, write a function that takes the `analysis.LiftAnalysis` and returns a
+`cranedyn.planning.certificate.Check`, and enter it in `checks.CHECKS`, or pass it to `judge`. A
+table is a function in `tables.tables`, a figure one in `figures.figures`.
+
+To read: `judgement` (10 minutes), `checks`, `loads`, then `wrench`, which says how loads follow
+from the motion. The judging stands above `cranedyn.planning`; docs/lifting.md derives the formulas.
+"""

@@ -1,4 +1,5 @@
-"""A crane's chart: what it may lift at which radius on how many falls, and how near a run comes.
+"""Load charts: the rated load of a crane by radius and number of falls, and the utilisation of a
+run.
 
 Between two points of a chart the rated load falls so that its moment is a straight line over the
 radius, as makers' charts do. That is never more than the straight line of the loads themselves
@@ -63,10 +64,12 @@ class Falls:
         if not 1 <= len(radii) <= _MOST:
             raise OutOfRange("number of points of a chart", len(radii), f"1 to {_MOST}")
         number("smallest radius", self.least, "m", f"0 to {radii[0]:g}")
-        for one, other in itertools.pairwise(radii.tolist()):
-            if not other > one:
+        for before, radius in itertools.pairwise(radii.tolist()):
+            if not radius > before:
                 raise OutOfRange(
-                    "radius of a point", f"{other:g} m after {one:g} m", "more than the one before"
+                    "radius of a point",
+                    f"{radius:g} m after {before:g} m",
+                    "more than the one before",
                 )
         for radius, load in zip(radii, rated, strict=True):
             within("radius of a point", float(radius), 0.0, _FARTHEST, "m")
@@ -79,10 +82,10 @@ class Falls:
             )
 
     def at(self, radius: np.ndarray | float) -> np.ndarray:
-        """What may hang at some radii [kg], of their shape.
+        """Return the rated load at radii [kg], of their shape.
 
         Raises:
-            OutOfRange: If a radius is not among those of the chart.
+            OutOfRange: If a radius is outside of the chart.
         """
         radius = np.asarray(radius, dtype=float)
         outside = ~((radius >= self.least) & (radius <= self.radii[-1]))
@@ -116,26 +119,26 @@ class Chart:
     reevings: tuple[Falls, ...]
 
     def on(self, falls: int | None = None) -> Falls:
-        """Rated loads on so many falls; None for the fewest.
+        """Return the rated loads on a number of falls; None for the fewest.
 
         Raises:
-            UnknownName: If the chart does not know so many.
+            UnknownName: If the chart has no such number of falls.
         """
-        for one in self.reevings:
-            if falls is None or one.count == falls:
-                return one
-        known = [str(one.count) for one in self.reevings]
-        raise UnknownName("number of falls", short_repr(falls), known)
+        for reeving in self.reevings:
+            if falls is None or reeving.count == falls:
+                return reeving
+        counts = [str(reeving.count) for reeving in self.reevings]
+        raise UnknownName("number of falls", short_repr(falls), counts)
 
 
 class CutOut(NamedTuple):
-    """A stretch in which a limiter would act.
+    """An interval in which a load moment limiter would act.
 
     Attributes:
         t: When it begins [s].
         ends: When it ends, or the run [s].
         kind: "warning" or "cut-out".
-        most: Largest utilisation meanwhile.
+        most: Largest utilisation in it.
     """
 
     t: float
@@ -147,17 +150,17 @@ class CutOut(NamedTuple):
 def utilisation(
     loads: Loads, chart: Chart, falls: int | None = None, *, gravity: float = STANDARD_GRAVITY
 ) -> np.ndarray:
-    """How much of the rated load moment a run takes at each row, shape (rows,): what hangs pulls
-    by, with all that dynamics adds, over the weight that may hang at that radius.
+    """Return the utilisation of the rated load moment in each row, shape (rows,): the pull of all
+    that hangs, dynamics included, over the rated weight at that radius.
 
     Args:
-        loads: Of the run; of a tower crane.
-        chart: Of the crane.
-        falls: How many carry the hook; None for the fewest of the chart.
-        gravity: For which the chart is made [m/s²].
+        loads: Loads of the run of a tower crane.
+        chart: Load chart of the crane.
+        falls: Number of falls that carry the hook; None for the fewest of the chart.
+        gravity: Gravity for which the chart is made [m/s²].
 
     Raises:
-        UnknownName: If the chart does not know so many falls.
+        UnknownName: If the chart has no such number of falls.
         OutOfRange: If the trolley leaves the radii of the chart.
         UnknownColumn: If the loads are not those of a tower crane.
     """
@@ -166,8 +169,8 @@ def utilisation(
 
 
 def cut_outs(t: np.ndarray, used: np.ndarray) -> list[CutOut]:
-    """Where a load moment limiter would act, in the order of time: a warning from 90 %, a cut-out
-    from 100 % on.
+    """Return where a load moment limiter would act, in the order of time: a warning from 90 %, a
+    cut-out from 100 % on.
 
     Args:
         t: Times [s], shape (rows,).
@@ -178,27 +181,29 @@ def cut_outs(t: np.ndarray, used: np.ndarray) -> list[CutOut]:
     """
     t = finite("t", t, ("rows",), unit="s")
     used = finite("utilisation", used, t.shape)
-    found = []
+    intervals = []
     for kind, limit in (("warning", WARNING), ("cut-out", CUT_OUT)):
         edges = np.diff(np.concatenate([[False], used >= limit, [False]]).astype(int))
         begins, ended = (np.flatnonzero(side).tolist() for side in (edges > 0, edges < 0))
         for first, end in zip(begins, ended, strict=True):
             ends = float(t[min(end, len(t) - 1)])
-            found.append(CutOut(float(t[first]), ends, kind, float(used[first:end].max())))
-    return sorted(found)
+            intervals.append(CutOut(float(t[first]), ends, kind, float(used[first:end].max())))
+    return sorted(intervals)
 
 
-def judged(
+def assess_run(
     crane: Crane, run: Trajectory, chart: Chart, falls: int | None = None
 ) -> tuple[np.ndarray, list[CutOut]]:
-    """Utilisation of a run and where a limiter would act, see `utilisation` and `cut_outs`."""
+    """Return the utilisation of a run and where a limiter would act, see `utilisation` and
+    `cut_outs`.
+    """
     used = utilisation(loads(crane, run), chart, falls, gravity=crane.gravity)
     return used, cut_outs(run.t, used)
 
 
 def read_chart(path: str | Path) -> Chart:
-    """A chart from a TOML file: `name`, `source`, and a table `[[falls]]` for each reeving with
-    `count`, `radii` [m], `loads` [kg] and, as an option, `least` [m].
+    """Read a chart from a TOML file: `name`, `source`, and a table `[[falls]]` for each reeving
+    with `count`, `radii` [m], `loads` [kg] and, as an option, `least` [m].
 
     Raises:
         DataError: If it cannot be read, is no TOML, or something in it is missing, unknown, or no
@@ -206,25 +211,25 @@ def read_chart(path: str | Path) -> Chart:
     """
     text = read_text(path)
     try:
-        found = tomllib.loads(text)
+        content = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
         raise DataError(f"{path} is not TOML: {error}.") from error
-    _known(path, "chart", found, ("name", "source", "falls"), ())
-    tables = found["falls"]
+    _check_fields(path, "chart", content, ("name", "source", "falls"), ())
+    tables = content["falls"]
     if not isinstance(tables, list) or not 1 <= len(tables) <= _MOST:
         raise DataError(f"{path}, falls: write each reeving as [[falls]].")
-    reevings = [_falls(path, f"[[falls]] {i}", one) for i, one in enumerate(tables, start=1)]
-    reevings.sort(key=lambda one: one.count)
-    if len({one.count for one in reevings}) < len(reevings):
+    reevings = [_falls(path, f"[[falls]] {i}", table) for i, table in enumerate(tables, start=1)]
+    reevings.sort(key=lambda reeving: reeving.count)
+    if len({reeving.count for reeving in reevings}) < len(reevings):
         raise DataError(f"{path}, falls: two tables have the same count.")
     for name in ("name", "source"):
-        if not isinstance(found[name], str) or not found[name].isprintable():
+        if not isinstance(content[name], str) or not content[name].isprintable():
             raise DataError(f"{path}, {name}: allowed is a text of one line.")
-    return Chart(found["name"], found["source"], tuple(reevings))
+    return Chart(content["name"], content["source"], tuple(reevings))
 
 
 def _falls(path: str | Path, where: str, table: Any) -> Falls:
-    _known(path, where, table, ("count", "radii", "loads"), ("least",))
+    _check_fields(path, where, table, ("count", "radii", "loads"), ("least",))
     try:
         radii, rated = (_numbers(name, table[name]) for name in ("radii", "loads"))
         least = number("smallest radius", table.get("least", 0.0), "m")
@@ -233,13 +238,13 @@ def _falls(path: str | Path, where: str, table: Any) -> Falls:
         raise DataError(f"{path}, {where}: {error}") from None
 
 
-def _numbers(name: str, given: Any) -> np.ndarray:
-    if not isinstance(given, list) or any(isinstance(one, bool) for one in given):
-        raise OutOfRange(name, type(given).__name__, "a list of numbers")
-    return np.array([number(f"a number of {name}", one) for one in given])
+def _numbers(name: str, values: Any) -> np.ndarray:
+    if not isinstance(values, list) or any(isinstance(value, bool) for value in values):
+        raise OutOfRange(name, type(values).__name__, "a list of numbers")
+    return np.array([number(f"a number of {name}", value) for value in values])
 
 
-def _known(
+def _check_fields(
     path: str | Path, where: str, table: Any, needed: tuple[str, ...], allowed: tuple[str, ...]
 ) -> None:
     if not isinstance(table, Mapping):

@@ -54,7 +54,8 @@ rarely and often: FEM 1.001 (second hand)."""
 
 
 def phi_1(a: float = 0.1) -> tuple[float, float]:
-    """Least and largest φ1, on the crane's own weight when a load leaves the ground: 1 ± a.
+    """Return the least and largest φ1, on the crane's own weight when a load leaves the ground: 1 ±
+    a.
 
     EN 1991-3, Table 2.4: 0 ≤ a ≤ 0.1 (second hand).
     """
@@ -63,14 +64,16 @@ def phi_1(a: float = 0.1) -> tuple[float, float]:
 
 
 def phi_2_least(hoisting: HoistingClass, drive: DriveClass = "HD1") -> float:
-    """φ2,min: EN 1991-3, Table 2.5; 1.05 for HD3 and HD5 by AS 5221.1:2021 (both second hand)."""
+    """Return φ2,min: EN 1991-3, Table 2.5; 1.05 for HD3 and HD5 by AS 5221.1:2021 (both second
+    hand).
+    """
     check_choice("hoisting", hoisting, HoistingClass)
     check_choice("drive", drive, DriveClass)
     return 1.05 if drive in ("HD3", "HD5") else HOISTING[hoisting].least
 
 
 def phi_2(hoisting: HoistingClass, speed: float, drive: DriveClass = "HD1") -> float:
-    """φ2 = φ2,min + β2 v_h, on a load that is picked up from the ground at a speed [m/s].
+    """Return φ2 = φ2,min + β2 v_h, on a load that is picked up from the ground at a speed [m/s].
 
     EN 1991-3, Table 2.4 (second hand). β2 is the frequency of an elastic hoist, see
     `hoist_frequency`.
@@ -80,8 +83,8 @@ def phi_2(hoisting: HoistingClass, speed: float, drive: DriveClass = "HD1") -> f
 
 
 def pick_up_speed(drive: DriveClass, largest: float, creep: float) -> float:
-    """v_h, at which a drive picks a load up [m/s]: HD1 the largest, HD2 and HD3 creep, HD4 half of
-    the largest, HD5 none.
+    """Return v_h, at which a drive picks a load up [m/s]: HD1 the largest, HD2 and HD3 creep, HD4
+    half of the largest, HD5 none.
 
     AS 5221.1:2021 (second hand).
 
@@ -97,7 +100,7 @@ def pick_up_speed(drive: DriveClass, largest: float, creep: float) -> float:
 
 
 def hoist_frequency(slope: float, gravity: float = STANDARD_GRAVITY) -> float:
-    """Frequency [Hz] of the elastic hoist whose pick-up has a slope β2 [s/m]: β2 g/(2π).
+    """Return the frequency [Hz] of the elastic hoist whose pick-up has a slope β2 [s/m]: β2 g/(2π).
 
     A load picked up at v by a hoist of frequency ω pulls 1 + v ω/g times its weight
     (`cranedyn.theory.pickup_factor`), so β2 = ω/g.
@@ -110,7 +113,8 @@ def hoist_frequency(slope: float, gravity: float = STANDARD_GRAVITY) -> float:
 
 
 def phi_3(share: float, beta: float = RAPID_RELEASE) -> float:
-    """φ3 = 1 - (Δm/m)(1 + β3), on a load of which a part is let go; negative where it jumps up.
+    """Return φ3 = 1 - (Δm/m)(1 + β3), on a load of which a part is let go; negative where it jumps
+    up.
 
     EN 1991-3, Table 2.4 (second hand). With β3 = 1 it is exactly the least tension of an undamped
     elastic hoist over the weight before.
@@ -123,7 +127,7 @@ def phi_3(share: float, beta: float = RAPID_RELEASE) -> float:
 
 
 def release_beta(periods: float) -> float:
-    """β3 of a part of the load that is let go evenly over so many periods of the bounce:
+    """Return β3 of a part of the load that is let go evenly over so many periods of the bounce:
     |sin(πn)|/(πn); half at 0.6034.
 
     Closed form: an oscillator under a force that falls along a straight line.
@@ -138,8 +142,8 @@ def phi_6(phi_2: float) -> float:
 
 
 def psi_h(mass_ratio: float) -> float:
-    """ψ_h: horizontal pull of a load that hangs from a carriage braked by a constant force, over
-    its mass times the mean deceleration: √(2 + μ + 1/μ) for μ > 1, else 2.
+    """Return ψ_h: horizontal pull of a load that hangs from a carriage braked by a constant force,
+    over its mass times the mean deceleration: √(2 + μ + 1/μ) for μ > 1, else 2.
 
     FEM 1.001, A.2.2.3 (second hand). It is the worst case over all durations of braking to
     standstill, exactly: at cos ωT = -1/μ.
@@ -152,8 +156,8 @@ def psi_h(mass_ratio: float) -> float:
 
 
 def psi_h_regulated(periods: float) -> float:
-    """ψ_h of a drive that keeps its acceleration whatever the load does: 2 sin βπ for β ≤ ½, else
-    2.
+    """Return ψ_h of a drive that keeps its acceleration whatever the load does: 2 sin βπ for β ≤ ½,
+    else 2.
 
     FEM 1.001, A.2.2.3 (second hand). It is exact for the small swing that a constant acceleration
     leaves.
@@ -166,7 +170,8 @@ def psi_h_regulated(periods: float) -> float:
 
 
 def stopping(speed: float, deceleration: float) -> tuple[float, float]:
-    """Way and time in which a drive stops: v²/(2a), v/a; of a slew [rad], [s], else [m], [s].
+    """Return the way and time in which a drive stops: v²/(2a), v/a; of a slew [rad], [s], else [m],
+    [s].
 
     Args:
         speed: [rad/s] or [m/s].
@@ -177,7 +182,7 @@ def stopping(speed: float, deceleration: float) -> tuple[float, float]:
 
 
 def buffer_stroke(speed: float, deceleration: float = BUFFER_MOST) -> float:
-    """Way that a buffer needs for a crane of a speed [m/s], at 0.7 of it and a constant
+    """Return the way that a buffer needs for a crane of a speed [m/s], at 0.7 of it and a constant
     deceleration [m/s²]: (0.7 v)²/(2a) [m]. FEM 1.001 (second hand).
     """
     most = within("deceleration", deceleration, 1e-3, BUFFER_MOST, "m/s²")

@@ -1,5 +1,5 @@
-"""What a crane carries during a run: rope, load moment at the slewing ring and along the jib, the
-tower's foot and its corners, and how far the rope is from plumb, slack and its hoist's strength.
+"""Loads of a crane during a run: rope, load moment at the slewing ring and along the jib, tower's
+foot and its corners, and the margins of the rope from plumb, slack and its hoist's strength.
 
 All of it follows from coordinates, rates and efforts of the recorded rows: these and gravity cause
 accelerations, and with them Newton and Euler give what passes through each cut
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.checks import finite, number
+from cranedyn.checks import finite
 from cranedyn.data.time_series import TimeSeries
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.drives import cable_buffers
@@ -24,75 +24,12 @@ from cranedyn.dynamics.validity import hoisting
 from cranedyn.errors import OutOfRange, UnknownColumn
 from cranedyn.lifting.wrench import Moving, Wrench
 from cranedyn.model.crane import Crane
+from cranedyn.planning.structure import Arm, Base
 
 _UP = np.array([0.0, 0.0, 1.0])
 _PRINCIPAL = ("load_moment_Nm", "rope_N", "off_lead_rad", "side_lead_rad")
 _BELOW = 1e-9
 """Horizontal part of an axis below which it points nowhere in the plan."""
-
-
-@dataclass(frozen=True)
-class Base:
-    """A square base on which a tower stands by four corners, its sides along the world's X and Y.
-
-    Attributes:
-        spacing: Between neighbouring corners [m].
-        mass: Of base, ballast and mast, whatever the crane's model does not weigh [kg], above the
-            middle.
-        permitted: Largest force that the ground may bear under a corner [N]; None if nobody said.
-
-    Raises:
-        OutOfRange: If the spacing or the permitted force is not positive, or the mass negative.
-    """
-
-    spacing: float
-    mass: float
-    permitted: float | None = None
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        number("spacing of the corners", self.spacing, "m", "> 0")
-        number("mass of the base", self.mass, "kg", ">= 0")
-        if self.permitted is not None:
-            number("permitted force of a corner", self.permitted, "N", "> 0")
-
-    def corners(self, foot: Wrench, gravity: float) -> np.ndarray:
-        """How hard each corner presses on the ground [N], shape (rows, 4), at (+, +), (-, +),
-        (-, -), (+, -); negative where it would lift.
-
-        A stiff base on four equal supports presses by F = V/4 + (M_y x - M_x y)/b² at x, y = ±b/2.
-        """
-        vertical = -foot.force[:, 2] + self.mass * gravity
-        half = self.spacing / 2.0
-        at = [(half, half), (-half, half), (-half, -half), (half, -half)]
-        m_x, m_y = foot.moment[:, 0], foot.moment[:, 1]
-        share = [(m_y * x - m_x * y) / self.spacing**2 for x, y in at]
-        return np.stack([vertical / 4.0 + one for one in share], axis=1)
-
-
-@dataclass(frozen=True)
-class Arm:
-    """A part of the upper structure that weighs where it lies, jib or counter-jib.
-
-    Its weight is added to what passes through the slewing ring and the foot, besides the upper
-    structure that the crane's model has on the slew axis. What it does as it slews is in the
-    crane's `slewing_inertia` alone.
-
-    Attributes:
-        mass: [kg].
-        centre: Of mass, from the slew axis along the jib, negative behind it [m].
-
-    Raises:
-        OutOfRange: If the mass is negative, or a number is not finite.
-    """
-
-    mass: float
-    centre: float
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        number("mass of an arm", self.mass, "kg", ">= 0")
-        number("centre of an arm", self.centre, "m")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -164,7 +101,7 @@ def loads(
             "run", f"of joints {', '.join(run.symbols)}", f"of {', '.join(crane.layout.symbols)}"
         )
     buffers = run.parameters.get("validity") == "buffers"
-    found = loads_of_rows(
+    columns = loads_of_rows(
         crane, run.q, run.v, run.effort, run.force, base=base, arms=arms, buffers=buffers
     )
     entered: dict[str, float | str] = {}
@@ -172,7 +109,7 @@ def loads(
         entered |= {"base_spacing_m": base.spacing, "base_mass_kg": base.mass}
     for i, arm in enumerate(arms, start=1):
         entered |= {f"arm_{i}_mass_kg": arm.mass, f"arm_{i}_centre_m": arm.centre}
-    return Loads(run.t, found, entered, run.record)
+    return Loads(run.t, columns, entered, run.record)
 
 
 def loads_of_rows(
@@ -186,7 +123,7 @@ def loads_of_rows(
     arms: Sequence[Arm] = (),
     buffers: bool = False,
 ) -> dict[str, np.ndarray]:
-    """The columns of `loads` for any rows of states, such as those of a batch.
+    """Return the columns of `loads` for any rows of states, such as those of a batch.
 
     Args:
         crane: The crane, with n joints and m drives.
@@ -210,19 +147,19 @@ def loads_of_rows(
     outside = None if force is None else _flat("force", force, 3 * points)
     moving = Moving.of(crane, q, v, effort, outside, buffers=buffers)
     layout = crane.layout
-    found: dict[str, np.ndarray] = {}
+    columns: dict[str, np.ndarray] = {}
     if layout.has("hoist"):
-        found |= _of_rope(crane, moving, effort, buffers)
+        columns |= _of_rope(crane, moving, effort, buffers)
     if layout.has("slew", "trolley", "hoist"):
-        found |= _of_ring(crane, moving, found["pull_N"], arms)
+        columns |= _of_ring(crane, moving, columns["pull_N"], arms)
     foot = moving.through(None)
     if arms:
         out, _ = _plan(moving, layout.role("trolley", "A jib that weighs where it lies"))
-        turning = np.cross(out, -_UP) * (crane.gravity * sum(one.mass * one.centre for one in arms))
-        weight = _UP * (crane.gravity * sum(one.mass for one in arms))
+        turning = np.cross(out, -_UP) * (crane.gravity * sum(arm.mass * arm.centre for arm in arms))
+        weight = _UP * (crane.gravity * sum(arm.mass for arm in arms))
         foot = foot._replace(force=foot.force - weight, moment=foot.moment + turning)
     still = 0.0 if base is None else base.mass * crane.gravity
-    found |= {
+    columns |= {
         "foot_vertical_N": -foot.force[:, 2] + still,
         "foot_x_Nm": foot.moment[:, 0],
         "foot_y_Nm": foot.moment[:, 1],
@@ -230,13 +167,33 @@ def loads_of_rows(
         "torsion_Nm": foot.moment[:, 2],
     }
     if base is not None:
-        corners = base.corners(foot, crane.gravity).T
-        found |= {f"corner_{i}_N": one for i, one in enumerate(corners, start=1)}
-    return {name: one.reshape(shape) for name, one in found.items()}
+        corners = corner_forces(base, foot, crane.gravity).T
+        columns |= {f"corner_{i}_N": force for i, force in enumerate(corners, start=1)}
+    return {name: values.reshape(shape) for name, values in columns.items()}
+
+
+def corner_forces(base: Base, foot: Wrench, gravity: float) -> np.ndarray:
+    """Return the force of each corner of a base on the ground [N], shape (rows, 4), at (+, +),
+    (-, +), (-, -), (+, -); negative where the corner would lift.
+
+    A stiff base on four equal supports presses by F = V/4 + (M_y x - M_x y)/b² at x, y = ±b/2.
+
+    Args:
+        base: The base.
+        foot: What passes through the foot of the tower, about the world's origin.
+        gravity: Gravity [m/s²].
+    """
+    vertical = -foot.force[:, 2] + base.mass * gravity
+    half = base.spacing / 2.0
+    positions = [(half, half), (-half, half), (-half, -half), (half, -half)]
+    m_x, m_y = foot.moment[:, 0], foot.moment[:, 1]
+    tilting = [(m_y * x - m_x * y) / base.spacing**2 for x, y in positions]
+    return np.stack([vertical / 4.0 + force for force in tilting], axis=1)
 
 
 def jib_moment(crane: Crane, run: Trajectory, stations: np.ndarray) -> np.ndarray:
-    """Bending moment of the jib in its own plane by trolley and load, jib down positive [N m].
+    """Return the bending moment of the jib in its own plane by trolley and load, jib down positive
+    [N m].
 
     The jib's own weight is not in it: the model does not say where along the jib that lies. Behind
     the trolley it is nothing.
@@ -265,7 +222,7 @@ def jib_moment(crane: Crane, run: Trajectory, stations: np.ndarray) -> np.ndarra
 
 
 def hanging_mass(crane: Crane) -> float:
-    """What hangs on the rope [kg].
+    """Return the mass that hangs on the rope [kg].
 
     Raises:
         MissingRole: If no joint is a hoist.
@@ -290,27 +247,29 @@ def _of_rope(
         rope_tension(layout, crane.damping, crane.springs, moving.q.T, moving.v.T, hoist),
         len(hoist),
     )
-    found = {"rope_N": tension, "pull_N": -pull[:, 2], "slack_margin": tension / weight}
+    columns = {"rope_N": tension, "pull_N": -pull[:, 2], "slack_margin": tension / weight}
     if (drive := layout.drive_of("hoist")) is not None:
-        found["snag_margin"] = 1.0 - tension / crane.effort_limit[drive]
+        columns["snag_margin"] = 1.0 - tension / crane.effort_limit[drive]
     if layout.has("trolley"):
         out, aside = _plan(moving, layout.role("trolley", "The plane of the jib"))
         rope = moving.axis(joint)
-        found["off_lead_rad"] = np.arctan2(_along(rope, out), -rope[:, 2])
-        found["side_lead_rad"] = np.arctan2(_along(rope, aside), -rope[:, 2])
-        found["side_force_percent"] = 100.0 * _along(pull, aside) / weight
-    return found
+        columns["off_lead_rad"] = np.arctan2(_along(rope, out), -rope[:, 2])
+        columns["side_lead_rad"] = np.arctan2(_along(rope, aside), -rope[:, 2])
+        columns["side_force_percent"] = 100.0 * _along(pull, aside) / weight
+    return columns
 
 
 def _of_ring(
     crane: Crane, moving: Moving, pull: np.ndarray, arms: Sequence[Arm]
 ) -> dict[str, np.ndarray]:
-    slew, trolley = (crane.layout.role(one, "The slewing ring") for one in ("slew", "trolley"))
+    slew, trolley = (crane.layout.role(name, "The slewing ring") for name in ("slew", "trolley"))
     out, aside = _plan(moving, trolley)
     ring = moving.through(slew)
     radius = _along(moving.origin(trolley) - ring.point, out)
-    own = crane.gravity * np.array([[one.mass, one.mass * one.centre] for one in arms]).sum(axis=0)
-    weight, turning = own if arms else (0.0, 0.0)
+    weights = crane.gravity * np.array([[arm.mass, arm.mass * arm.centre] for arm in arms]).sum(
+        axis=0
+    )
+    weight, turning = weights if arms else (0.0, 0.0)
     return {
         "radius_m": radius,
         "load_moment_Nm": pull * radius,
@@ -322,8 +281,8 @@ def _of_ring(
 
 
 def _plan(moving: Moving, trolley: int) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors along the jib and aside from it, a quarter turn on in the sense of positive
-    slew, both level, shape (rows, 3).
+    """Return unit vectors along the jib and aside from it, a quarter turn on in the sense of
+    positive slew, both level, shape (rows, 3).
     """
     out = moving.axis(trolley) * np.array([1.0, 1.0, 0.0])
     size = np.linalg.norm(out, axis=1)
@@ -338,5 +297,5 @@ def _along(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 
 def _flat(name: str, table: np.ndarray, wide: int) -> np.ndarray:
-    found = finite(name, table, (wide,), ("rows", wide), ("cranes", "rows", wide))
-    return found.reshape(-1, wide)
+    flat = finite(name, table, (wide,), ("rows", wide), ("cranes", "rows", wide))
+    return flat.reshape(-1, wide)

@@ -35,18 +35,18 @@ OPERATING = MappingProxyType(
 
 
 def wind_pressure(speed: float) -> float:
-    """Pressure [Pa] of a wind speed [m/s]: 0.625 v². AS 5222:2021 (second hand)."""
+    """Return the pressure [Pa] of a wind speed [m/s]: 0.625 v². AS 5222:2021 (second hand)."""
     v = number("wind speed", speed, "m/s")
     return PRESSURE * v * v
 
 
 def speed_of_pressure(pressure: float) -> float:
-    """Wind speed [m/s] of a pressure [Pa]: √(q/0.625)."""
+    """Return the wind speed [m/s] of a pressure [Pa]: √(q/0.625)."""
     return math.sqrt(number("pressure", pressure, "Pa", ">= 0") / PRESSURE)
 
 
 def height_factor(height: float) -> float:
-    """How much faster wind out of service is at a height [m] than the reference at 10 m:
+    """Return the wind speed out of service at a height [m] over the reference at 10 m:
     (z/10)^0.14 + 0.4. AS 5222:2021 (second hand).
     """
     return float((number("height", height, "m", "> 0") / 10.0) ** 0.14 + 0.4)
@@ -62,7 +62,8 @@ def recurrence_factor(years: float) -> float:
 
 
 def out_of_service_speed(height: float, reference: float, years: float = 50) -> float:
-    """Wind speed out of service [m/s]: f_rec [(z/10)^0.14 + 0.4] v_ref. AS 5222:2021 (second hand).
+    """Return the wind speed out of service [m/s]: f_rec [(z/10)^0.14 + 0.4] v_ref. AS 5222:2021
+    (second hand).
 
     Args:
         height: z above ground [m].
@@ -75,22 +76,24 @@ def out_of_service_speed(height: float, reference: float, years: float = 50) -> 
 
 
 def wind_force(pressure: float, drag_area: float) -> float:
-    """Force of a wind pressure [Pa] on a coefficient of drag times an area [m²]: q c A [N]. AS
-    5222:2021 (second hand).
+    """Return the force [N] of a wind pressure [Pa] on a body at rest by its coefficient of drag
+    times its area [m²]: q c A. AS 5222:2021 (second hand).
+
+    The drag of a body that moves is `cranedyn.disturbances.wind.drag_force`.
     """
     return number("pressure", pressure, "Pa", ">= 0") * number("drag_area", drag_area, "m²", ">= 0")
 
 
 def wind_lean(force: float, mass: float, gravity: float) -> float:
-    """Angle [rad] at which a load of a mass [kg] hangs in a steady horizontal force [N]: atan(F/(m
-    g)).
+    """Return the angle [rad] at which a load of a mass [kg] hangs in a steady horizontal force [N]:
+    atan(F/(m g)).
     """
     weight = number("mass", mass, "kg", "> 0") * number("gravity", gravity, "m/s²", "> 0")
     return math.atan(number("force", force, "N") / weight)
 
 
 def gust_lean(force: float, mass: float, gravity: float) -> float:
-    """Largest angle [rad] of a load that hung plumb when a steady horizontal force [N] came at
-    once: 2 atan(F/(m g)), exactly, since it swings about its new rest.
+    """Return the largest angle [rad] of a load that hung plumb when a steady horizontal force [N]
+    came at once: 2 atan(F/(m g)), exactly, since it swings about its new rest.
     """
     return 2.0 * wind_lean(force, mass, gravity)

@@ -1,8 +1,8 @@
 """Force and moment that pass through a cut anywhere in a crane, of many states at once.
 
-A cut is six joints that do not move, put where one joint stands: their efforts are the three forces
-and three moments that hold what hangs beyond them. So the recursion that makes the crane move
-(`cranedyn.plant.rigid_body`) also says what it carries.
+A cut is six locked joints in the place of one joint: their efforts are the three forces and three
+moments that hold all beyond them. So the recursion of the equations of motion
+(`cranedyn.plant.rigid_body`) also gives the loads.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from cranedyn.checks import as_array
 from cranedyn.dynamics.bodies import Bodies, blank, bodies
-from cranedyn.dynamics.scalars import array, rows
+from cranedyn.dynamics.scalars import rows
 from cranedyn.model.crane import Crane
 from cranedyn.plant import rigid_body
 from cranedyn.plant.plant import Topology, numbers, plant
@@ -24,7 +24,8 @@ _CUT = 6
 
 
 class Wrench(NamedTuple):
-    """What passes through a cut, from the side of the load to that of the ground, in the world.
+    """Force and moment through a cut, from the side of the load to that of the ground, in the
+    world.
 
     Attributes:
         force: [N], shape (rows, 3).
@@ -37,7 +38,7 @@ class Wrench(NamedTuple):
     point: np.ndarray
 
     def about(self, point: np.ndarray) -> Wrench:
-        """The same with the moment about another point [m], shape (3,) or (rows, 3)."""
+        """Return the wrench about another point [m], shape (3,) or (rows, 3)."""
         arm = self.point - point
         there = np.broadcast_to(np.asarray(point, dtype=float), self.point.shape)
         return Wrench(self.force, self.moment + np.cross(arm, self.force), there)
@@ -70,7 +71,7 @@ class Moving:
         *,
         buffers: bool = False,
     ) -> Moving:
-        """States with the accelerations that efforts, gravity and forces from outside cause.
+        """Return states with the accelerations by efforts, gravity and forces from outside.
 
         Args:
             crane: The crane, with n joints and m drives.
@@ -99,10 +100,10 @@ class Moving:
         return cls(tree, q, v, a, tuple(ExternalForce(*one) for one in points))
 
     def through(self, joint: int | None) -> Wrench:
-        """What passes through a joint; for None through the ground, about the world's origin.
+        """Return the wrench through a joint; for None through the ground, about the world's origin.
 
         Args:
-            joint: By its place among the coordinates.
+            joint: Its index among the coordinates.
         """
         first = 0 if joint is None else joint
         tree = _with_cut(self.tree, joint)
@@ -121,13 +122,13 @@ class Moving:
         )
 
     def axis(self, joint: int) -> np.ndarray:
-        """Where the positive direction of a joint points in the world, shape (rows, 3)."""
+        """Return the positive direction of a joint in the world, shape (rows, 3)."""
         where = rigid_body.frames(self.tree, rows(self.q))
         along, about = self.tree.axis[joint]
         return self._filled(_turned(self.tree, where, joint, along + about))
 
     def origin(self, joint: int) -> np.ndarray:
-        """Where a joint's frame is in the world [m], shape (rows, 3)."""
+        """Return the origin of a joint's frame in the world [m], shape (rows, 3)."""
         return self._filled(_placed(self.tree, rigid_body.frames(self.tree, rows(self.q)), joint))
 
     def _filled(self, vector: np.ndarray) -> np.ndarray:
@@ -140,12 +141,12 @@ def _wide(crane: Crane) -> int:
 
 
 def _after(body: int, first: int) -> int:
-    """Where a body stands once the cut is there."""
+    """Return the index of a body after the cut is inserted."""
     return body + _CUT if body >= first else body
 
 
 def _with_cut(tree: Bodies, joint: int | None) -> Bodies:
-    """The tree with six joints before one of it, or before all, along and about three axes."""
+    """Return the tree with six joints, along and about three axes, before one joint or all."""
     first, n = joint or 0, len(tree)
     whole = blank([0] * (n + _CUT))
     arrays = whole.with_numbers(whole.numbers().tolist())
@@ -176,15 +177,15 @@ def _with_cut(tree: Bodies, joint: int | None) -> Bodies:
 
 
 def _turned(tree: Bodies, where: list[Frame], body: int, vector: np.ndarray) -> np.ndarray:
-    """A vector in the frame of a joint as seen in the world, shape (3,)."""
+    """Return a vector of the frame of a joint in the world, shape (3,)."""
     while body >= 0:
         vector, body = where[body].rotation @ vector, tree.parents[body]
     return vector
 
 
 def _placed(tree: Bodies, where: list[Frame], body: int) -> np.ndarray:
-    """Origin of a joint's frame in the world [m], shape (3,)."""
-    point = array([0.0] * 3)
+    """Return the origin of a joint's frame in the world [m], shape (3,)."""
+    point = rigid_body.array([0.0] * 3)
     while body >= 0:
         frame = where[body]
         point, body = frame.origin + frame.rotation @ point, tree.parents[body]

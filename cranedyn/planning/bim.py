@@ -22,7 +22,8 @@ LARGEST_IFC = 200_000_000
 
 
 def read_ifc(path: Path, *, as_hulls: bool = False) -> list[Solid]:
-    """Every product in an IFC file that has a shape, but for rooms, openings and annotations.
+    """Return every product in an IFC file that has a shape, but for rooms, openings and
+    annotations.
 
     Nothing in the file is run, and no other file is read. A process of its own reads it, so that a
     file at which `ifcopenshell` crashes is refused like others. A product whose surface is not

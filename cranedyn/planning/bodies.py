@@ -1,5 +1,5 @@
-"""What of a crane takes up room, from the shapes in its URDF: mast, upper structure, trolley, rope,
-hook and load.
+"""Bodies of a crane from the shapes in its URDF: mast, upper structure, trolley, rope, hook and
+load.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ class Bodies:
     """Bodies of a crane, each in the frame of the joint that carries it.
 
     Attributes:
-        mast: Hulls of what stands still.
+        mast: Hulls of the mast.
         upper: Shapes that slew, jib and counter-jib among them.
-        trolley: Its box, around all of its shapes: centre and size [m].
+        trolley: The box around the trolley: centre and size [m].
         hook: The box around the hook, above the load: centre and size [m].
         load: Corners of the load about the end of the cable [m], shape (n, 3).
         falls: Radius about the cable's axis within which the falls of the rope run [m]: half the
@@ -43,7 +43,7 @@ class Bodies:
 
     @cached_property
     def spread(self) -> float:
-        """Farthest that a point of trolley, rope, hook or load is from the plumb line [m]."""
+        """Largest distance of trolley, rope, hook or load from the plumb line [m]."""
         boxes = [np.abs(centre[:2]) + size[:2] / 2.0 for centre, size in (self.trolley, self.hook)]
         return float(
             max(
@@ -55,14 +55,14 @@ class Bodies:
 
     @cached_property
     def below(self) -> float:
-        """How far the load reaches below the end of the cable, or beside it [m]: no point is
+        """Largest distance of a point of the load from the end of the cable [m]: no point is
         farther from the pivot than l and this.
         """
         return float(np.linalg.norm(self.load, axis=1).max())
 
 
 def bodies(crane: Crane, load: np.ndarray | None = None) -> Bodies:
-    """The bodies of a crane by the boxes, cylinders and spheres that its URDF shows.
+    """Return the bodies of a crane from the boxes, cylinders and spheres in its URDF.
 
     The largest shape of the link at the hook is the load, those above it are the hook.
 
@@ -77,7 +77,7 @@ def bodies(crane: Crane, load: np.ndarray | None = None) -> Bodies:
             one is needed.
     """
     slew, trolley, radial, tangential, hoist = (
-        joint + 1 for joint in crane.layout.tower("What takes up room")
+        joint + 1 for joint in crane.layout.tower("Clearance")
     )
     carriers = {
         "mast": [0],
@@ -87,7 +87,7 @@ def bodies(crane: Crane, load: np.ndarray | None = None) -> Bodies:
     }
     shapes = _shapes(crane)
     groups = {
-        name: [one for joint in joints for one in shapes.get(joint, [])]
+        name: [shape for joint in joints for shape in shapes.get(joint, [])]
         for name, joints in carriers.items()
     }
     for name in ("upper structure", "trolley", "payload"):
@@ -96,7 +96,7 @@ def bodies(crane: Crane, load: np.ndarray | None = None) -> Bodies:
                 f"The URDF of the crane shows no shapes of its {name}; clearance needs boxes, "
                 "cylinders or spheres."
             )
-    corners = [_corners(one) for one in groups["payload"]]
+    corners = [_corners(shape) for shape in groups["payload"]]
     largest = max(corners, key=lambda points: float(np.prod(np.ptp(points, axis=0))))
     top = float(largest[:, 2].max())
     above = [points for points in corners if points[:, 2].mean() > top]
@@ -111,7 +111,7 @@ def bodies(crane: Crane, load: np.ndarray | None = None) -> Bodies:
     return Bodies(
         mast=_mast(groups["mast"]),
         upper=groups["upper structure"],
-        trolley=_box(np.concatenate([_corners(one) for one in groups["trolley"]])),
+        trolley=_box(np.concatenate([_corners(shape) for shape in groups["trolley"]])),
         hook=_box(hook),
         load=carried,
         falls=float(np.ptp(block[:, :2], axis=0).max()) / 2.0,
@@ -119,24 +119,24 @@ def bodies(crane: Crane, load: np.ndarray | None = None) -> Bodies:
 
 
 def _mast(shapes: list[Placed]) -> list[Placed]:
-    """Two hulls instead of a hundred bars: one around all that reaches above a quarter of its
-    height, one around its foot.
+    """Return two hulls instead of a hundred bars: one around all bars that reach above a quarter of
+    the height, one around the foot.
     """
-    corners = [_corners(one) for one in shapes]
+    corners = [_corners(shape) for shape in shapes]
     quarter = max((float(points[:, 2].max()) for points in corners), default=0.0) / 4.0
     halves = (
         [points for points in corners if bool(points[:, 2].max() > quarter) is high]
         for high in (True, False)
     )
-    here = np.eye(3), np.zeros(3)
-    return [(hull(np.concatenate(half)), *here) for half in halves if half]
+    identity = np.eye(3), np.zeros(3)
+    return [(hull(np.concatenate(half)), *identity) for half in halves if half]
 
 
-def solid_parts(crane: Crane) -> list[tuple[int, np.ndarray]]:
-    """Every shape that a crane shows: the joint that carries it (0 for none), and its corners in
+def shape_corners(crane: Crane) -> list[tuple[int, np.ndarray]]:
+    """Return every shape in the URDF: the joint that carries it (0 for none), and its corners in
     the frame of that joint [m].
     """
-    return [(joint, _corners(one)) for joint, some in _shapes(crane).items() for one in some]
+    return [(joint, _corners(one)) for joint, shapes in _shapes(crane).items() for one in shapes]
 
 
 def _shapes(crane: Crane) -> dict[int, list[Placed]]:
@@ -145,17 +145,17 @@ def _shapes(crane: Crane) -> dict[int, list[Placed]]:
         raise ModelError(
             "The URDF of the crane shows a mesh; clearance needs boxes, cylinders or spheres."
         )
-    found: dict[int, list[Placed]] = {}
+    shapes: dict[int, list[Placed]] = {}
     for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):
-        for part in pin.buildGeomFromUrdfString(crane.model, urdf, kind).geometryObjects:
-            placed = (part.geometry, part.placement.rotation, part.placement.translation)
-            found.setdefault(int(part.parentJoint), []).append(placed)
-    return found
+        for shape in pin.buildGeomFromUrdfString(crane.model, urdf, kind).geometryObjects:
+            placed = (shape.geometry, shape.placement.rotation, shape.placement.translation)
+            shapes.setdefault(int(shape.parentJoint), []).append(placed)
+    return shapes
 
 
 def _corners(placed: Placed) -> np.ndarray:
-    """Corners of the box around a shape, turned with it, in the frame of the joint [m], shape (8,
-    3).
+    """Return the corners of the box around a shape, aligned with it, in the frame of the joint [m],
+    shape (8, 3).
     """
     geometry, rotation, translation = placed
     geometry.computeLocalAABB()

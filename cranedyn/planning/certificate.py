@@ -1,8 +1,7 @@
-"""What a planned lift is really like: simulated under its controller, with the swing it has, held
-against everything that is asked of it.
+"""A planned lift, simulated under its controller with its swing, and checked against its site.
 
 The certificate trusts nothing of the plan but the motion that it asks for: distances are measured
-again, with the load where the simulation has it, and between the instants they are proven.
+again, with the load where the simulation has it, and between the rows they are proven.
 """
 
 from __future__ import annotations
@@ -21,26 +20,32 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.interfaces import EngineName
 from cranedyn.planning.clearance import Clearance, Nearest
 from cranedyn.planning.lift import Lift
-from cranedyn.planning.proof import slew_range, unproven_row
+from cranedyn.planning.proof import SlewRange, slew_range, unproven_row
+from cranedyn.planning.site import Site
 from cranedyn.simulation.simulate import simulate
 
 HOIST_INTEGRAL = 4.0e3
 """Gain of the integrator on the hoist beside the LQR [N/(m s)]."""
 
 AFTER = 5.0
-"""For how long a lift is watched after its arrival [s]."""
+"""Time that a lift is watched after its arrival [s]."""
 
 ARRIVAL_SWING = 0.05e-3
 """Largest amplitude of the swing at the arrival [rad]."""
 
-_SHOWN = 0.2
+_MEASURED = 0.2
+"""Time between measurements of the distances to all obstacles [s]."""
+
 _TOO_FAST = 1.005
-"""By how much a drive may exceed a rate while the controller corrects it: half a percent."""
+"""Share of a rate that a drive may reach while the controller corrects it."""
 
 
 class Check(NamedTuple):
-    """Something that is asked of a lift, in a sentence with its numbers, and whether it holds; None
-    where that cannot be judged, since nobody entered what decides it.
+    """A requirement on a lift, in a sentence with its numbers.
+
+    Attributes:
+        sentence: The sentence.
+        holds: Whether it holds; None if that cannot be judged, since a value was not entered.
     """
 
     sentence: str
@@ -49,19 +54,19 @@ class Check(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """What a lift is held against.
+    """A simulated lift and its checks.
 
     Attributes:
-        lift: What was planned.
-        run: What was simulated.
+        lift: The planned lift.
+        run: The simulated run.
         t: Times at which distances were measured [s], shape (m,).
-        distances: How near anything that hangs comes to each obstacle then [m], by its name, shape
-            (m,) each.
-        nearest: The least distance of all that hangs, of which body from what; zones count where
+        distances: Distance of all that hangs from each obstacle at these times [m], by name of the
+            obstacle, shape (m,) each.
+        nearest: Least distance of all that hangs, with its body and obstacle; zones count where
             something is in them.
-        at: When that is [s].
-        left: Amplitude of the swing at the arrival [rad].
-        checks: All that is asked.
+        nearest_t: Time of the least distance [s].
+        residual_swing: Amplitude of the swing at the arrival [rad].
+        checks: All requirements.
     """
 
     lift: Lift
@@ -69,19 +74,19 @@ class Certificate:
     t: np.ndarray
     distances: dict[str, np.ndarray]
     nearest: Nearest
-    at: float
-    left: float
+    nearest_t: float
+    residual_swing: float
     checks: Sequence[Check]
 
     @property
     def holds(self) -> bool:
-        """Whether all of it holds; a lift of which it does not is none."""
+        """Whether all checks hold."""
         return all(check.holds for check in self.checks)
 
 
 def controller_of(lift: Lift, *, dt: float = 5e-4) -> HoistIntegral:
-    """What makes a lift: a full-model LQR about its motion, with an integrator on the hoist; a new
-    one for each run.
+    """Return a new controller for a lift: a full-model LQR about its motion, with an integrator on
+    the hoist.
     """
     crane = lift.crane
     return HoistIntegral(
@@ -100,118 +105,102 @@ def certify(
     dt: float = 5e-4,
     engine: EngineName = "compiled",
 ) -> Certificate:
-    """Simulate a lift and hold it against its site.
+    """Simulate a lift and check it against its site.
 
     Args:
         lift: The lift.
-        clearance: Crane and site to hold it against; None for those it was planned for.
-        controller: What makes it, see `controller_of`.
+        clearance: Crane and site to check it against; None for those it was planned for.
+        controller: Controller of the lift, see `controller_of`.
         dt: Physics step [s].
-        engine: What computes a step.
+        engine: Engine that computes a step.
 
     Raises:
         RunError: If the simulation breaks off.
     """
-    against = lift.clearance if clearance is None else clearance
-    made = replace(controller_of(lift, dt=dt) if controller is None else controller, integral=0.0)
-    motion, (start, goal) = lift.timed.motion, lift.states()
-    duration = motion.arrival + motion.period * math.ceil(AFTER / motion.period)
+    clearance = lift.clearance if clearance is None else clearance
+    controller = controller_of(lift, dt=dt) if controller is None else controller
+    motion, (start, goal_state) = lift.timed.motion, lift.states()
     run = simulate(
         lift.crane,
-        made,
+        replace(controller, integral=0.0),
         motion,
         start=start,
-        duration=duration,
+        duration=motion.arrival + motion.period * math.ceil(AFTER / motion.period),
         dt=dt,
         control_period=motion.period,
         engine=engine,
     )
-    rows = np.unique(
-        np.append(np.arange(0, len(run), max(1, round(_SHOWN / motion.period))), len(run) - 1)
-    )
-    found = [against.distances(run.q[k], jib=False) for k in rows]
-    names = list(found[0])
-    distances = {name: np.array([one[name].distance for one in found]) for name in names}
-    k = _least_row(against, run)
-    nearest, at, left = against.nearest(run.q[k]), float(run.t[k]), _left(lift, run)
-    checks = _checks(against, lift, run, goal.q, nearest, at, left)
-    return Certificate(lift, run, run.t[rows], distances, nearest, at, left, checks)
+    arrival = run.since(motion.arrival - 1e-9)
+    passive, length = lift.crane.layout.passive, float(arrival.q[0, clearance.joints.hoist])
+    q, v = arrival.q[:1, passive], arrival.v[:1, passive]
+    residual_swing = float(swing_amplitude(q, v, length, lift.crane.gravity)[0])
 
+    every = max(1, round(_MEASURED / motion.period))
+    rows = np.unique(np.append(np.arange(0, len(run), every), len(run) - 1))
+    pairs = [clearance.distances(run.q[k], jib=False) for k in rows]
+    distances = {name: np.array([row[name].distance for row in pairs]) for name in pairs[0]}
+    k = clearance.nearest_row(run.q)
+    nearest, nearest_t = clearance.nearest(run.q[k]), float(run.t[k])
+    peak_swing = float(clearance.tilt(run.q).max())
+    end, goal = clearance.point(np.array([run.q[-1], goal_state.q])[:, clearance.drive_joints])
 
-def _least_row(clearance: Clearance, run: Trajectory) -> int:
-    """Return the row in which anything that hangs is nearest to anything: every fourth is looked
-    at, then all beside the nearest of these.
-    """
-
-    def least(rows: range) -> int:
-        return min(rows, key=lambda k: clearance.least(run.q[k]))
-
-    about = least(range(0, len(run), 4))
-    return least(range(max(about - 3, 0), min(about + 4, len(run))))
-
-
-def _left(lift: Lift, run: Trajectory) -> float:
-    """Amplitude of the swing at the arrival [rad]."""
-    crane, there = lift.crane, run.since(lift.timed.motion.arrival - 1e-9)
-    passive, length = crane.layout.passive, float(there.q[0, lift.clearance.joints.hoist])
-    return float(
-        swing_amplitude(there.q[:1, passive], there.v[:1, passive], length, crane.gravity)[0]
-    )
-
-
-def _checks(
-    clearance: Clearance,
-    lift: Lift,
-    run: Trajectory,
-    goal: np.ndarray,
-    nearest: Nearest,
-    at: float,
-    swing: float,
-) -> list[Check]:
-    site, motion = clearance.site, lift.timed.motion
+    slew = run.q[:, clearance.joints.slew]
     unproven = unproven_row(clearance, run.q, motion.period)
-    slew, place = run.q[:, clearance.joints.slew], clearance.place_of
-    turns = slew_range(clearance, float(slew[0]), float(slew.min()), float(slew.max()))
-    turned = (
-        turns.low <= slew.min() and slew.max() <= turns.high and turns.low < turns.high
-    ) or bool(np.ptp(slew) == 0.0)
-    after = run.since(motion.arrival - 1e-9)
-    peak = float(clearance.tilt(run.q).max())
-    rates = np.abs(run.v[:, place]).max(axis=0) / np.array(lift.limits.rates)
-    cut = bool((run.command != run.effort).any())
-    off = 1000.0 * float(
-        np.linalg.norm(clearance.point(after.q[-1, place]) - clearance.point(goal[place]))
-    )
-    proof = (
-        "proven between all instants"
-        if unproven is None
-        else f"not proven at t = {run.t[unproven]:.2f} s"
-    )
-    jib = (
-        f"jib and counter-jib turn freely, with {site.distance:g} m at least"
-        if turned
-        else f"the jib comes too near to {turns.below or turns.above}"
-    )
-    return [
-        Check(
-            f"Nothing that hangs comes nearer than {site.distance:g} m: least is "
-            f"{nearest.distance:.2f} m, {nearest.body} and {nearest.obstacle} at t = {at:.1f} s; "
-            f"{proof}.",
-            unproven is None and nearest.distance >= site.distance,
-        ),
-        Check(f"Slewing: {jib}.", bool(turned)),
-        Check(
-            f"The load swings {1000 * peak:.1f} mrad at most, {1000 * site.swing:.1f} allowed.",
-            peak <= site.swing,
-        ),
-        Check(
-            f"At the arrival it swings {1e3 * swing:.4f} mrad, {1e3 * ARRIVAL_SWING:g} allowed; it "
-            f"ends {off:.1f} mm from its goal.",
-            swing <= ARRIVAL_SWING,
-        ),
-        Check(
-            f"Rates are {100 * rates.max():.1f} % of their limits at most; efforts are "
-            f"{'cut' if cut else 'never cut'}.",
-            bool(rates.max() <= _TOO_FAST) and not cut,
-        ),
+    free = slew_range(clearance, float(slew[0]), float(slew.min()), float(slew.max()))
+    rates = np.abs(run.v[:, clearance.drive_joints]).max(axis=0) / np.array(lift.limits.rates)
+    checks = [
+        _distance_check(clearance.site, run, nearest, nearest_t, unproven),
+        _slewing_check(clearance.site, slew, free),
+        _swing_check(clearance.site, peak_swing),
+        _arrival_check(residual_swing, float(np.linalg.norm(end - goal))),
+        _drives_check(run, float(rates.max())),
     ]
+    return Certificate(
+        lift, run, run.t[rows], distances, nearest, nearest_t, residual_swing, checks
+    )
+
+
+def _distance_check(
+    site: Site, run: Trajectory, nearest: Nearest, nearest_t: float, unproven: int | None
+) -> Check:
+    proof = "proven between all instants"
+    if unproven is not None:
+        proof = f"not proven at t = {run.t[unproven]:.2f} s"
+    return Check(
+        f"Nothing that hangs comes nearer than {site.distance:g} m: least is "
+        f"{nearest.distance:.2f} m, {nearest.body} and {nearest.obstacle} at "
+        f"t = {nearest_t:.1f} s; {proof}.",
+        unproven is None and nearest.distance >= site.distance,
+    )
+
+
+def _slewing_check(site: Site, slew: np.ndarray, free: SlewRange) -> Check:
+    low, high = slew.min(), slew.max()
+    if low == high or (free.low <= low and high <= free.high and free.low < free.high):
+        turns = f"jib and counter-jib turn freely, with {site.distance:g} m at least"
+        return Check(f"Slewing: {turns}.", True)
+    return Check(f"Slewing: the jib comes too near to {free.below or free.above}.", False)
+
+
+def _swing_check(site: Site, peak: float) -> Check:
+    return Check(
+        f"The load swings {1000 * peak:.1f} mrad at most, {1000 * site.swing:.1f} allowed.",
+        peak <= site.swing,
+    )
+
+
+def _arrival_check(swing: float, off: float) -> Check:
+    return Check(
+        f"At the arrival it swings {1e3 * swing:.4f} mrad, {1e3 * ARRIVAL_SWING:g} allowed; it "
+        f"ends {1000.0 * off:.1f} mm from its goal.",
+        swing <= ARRIVAL_SWING,
+    )
+
+
+def _drives_check(run: Trajectory, rate: float) -> Check:
+    cut = bool((run.command != run.effort).any())
+    return Check(
+        f"Rates are {100 * rate:.1f} % of their limits at most; efforts are "
+        f"{'cut' if cut else 'never cut'}.",
+        rate <= _TOO_FAST and not cut,
+    )

@@ -1,8 +1,8 @@
-"""How far crane and load are from what stands about them.
+"""Distances between crane, load and obstacles.
 
-A place is slew [rad], trolley radius [m] and cable length [m] with the load plumb, shape (3,). The
-required distance is part of the shapes, which are inflated by it, and the swing of the load is an
-envelope about these.
+A place is slew [rad], trolley radius [m] and cable length [m] with the load plumb, shape (3,). A
+margin is a distance beyond the required one. The shapes are inflated by the required distance, and
+the swing of the load is an envelope about them.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from cranedyn.planning.site import Site
 from cranedyn.planning.solids import Solid, hull
 
 GROUND, MAST = "ground", "own mast"
-"""What the ground and the crane's own mast are called among the obstacles."""
+"""Names of the ground and the crane's own mast among the obstacles."""
 
 ROUNDING = 1e-4
-"""By how much a distance counts as less [m]: a hundred times the tolerance of coal's algorithm."""
+"""Deduction from every distance [m]: a hundred times the tolerance of coal's algorithm."""
 
 _KINEMATICS = threading.Lock()
 """Held while Pinocchio's data is written and read; all else is the same for all threads."""
@@ -45,16 +45,15 @@ _KEEPS_FROM = {
     },
     "bare": {"trolley": [], "rope": ["zones"], "hook": ["zones"], "load": ["zones"]},
 }
-"""Which obstacles which body has to keep away from: by the required distance, and as it is. The
-load hangs lowest, and solids that are not tall never come near the trolley, whose height does not
-change."""
+"""Kinds of obstacles for each body, inflated by the required distance, or bare. The load hangs
+lowest, and solids that are not tall never come close to the trolley, whose height is constant."""
 
 
 Length = TypeVar("Length", float, np.ndarray)
 
 
 class Joints(NamedTuple):
-    """Where the joints of a tower crane stand among its coordinates."""
+    """Indices of the joints of a tower crane among its coordinates."""
 
     slew: int
     trolley: int
@@ -64,10 +63,10 @@ class Joints(NamedTuple):
 
 
 class Nearest(NamedTuple):
-    """Which body is how near to what.
+    """Nearest pair of bodies and their distance.
 
     Attributes:
-        distance: Between them [m]; zero or less where they touch.
+        distance: Distance between them [m]; zero or less where they touch.
         body: "load", "hook", "rope", "trolley", or "jib" for all that slews with it.
         obstacle: Name of the solid, "ground" or "own mast".
     """
@@ -78,18 +77,18 @@ class Nearest(NamedTuple):
 
 
 class Touch(NamedTuple):
-    """Where a body and an obstacle are nearest to each other.
+    """Nearest points of a body and an obstacle.
 
     Attributes:
-        room: By how much their distance is more than required [m].
-        required: The distance that is required [m].
+        margin: Distance beyond the required one [m].
+        required: Required distance [m].
         body: "load", "hook", "rope" or "trolley".
         on_body: The point of the body [m], shape (3,).
         on_obstacle: The point of the obstacle [m], shape (3,).
         normal: Unit vector from the obstacle to the body, shape (3,).
     """
 
-    room: float
+    margin: float
     required: float
     body: str
     on_body: np.ndarray
@@ -99,18 +98,18 @@ class Touch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
-    """What stands about a crane, and how near the crane comes to it.
+    """Crane and site, and the distances between them.
 
     Attributes:
         crane: The crane.
-        site: Where it stands.
+        site: The site.
     """
 
     crane: Crane
     site: Site
 
     def __post_init__(self) -> None:
-        """Check that the crane is one of which a place says all.
+        """Check that a place determines the crane.
 
         Raises:
             MissingRole: If it is not a tower crane.
@@ -120,17 +119,17 @@ class Clearance:
 
     @cached_property
     def joints(self) -> Joints:
-        """Where the joints stand among the coordinates."""
+        """Indices of the joints among the coordinates."""
         return Joints(*self.crane.layout.tower("A planned lift"))
 
     @cached_property
-    def place_of(self) -> np.ndarray:
-        """Where slew, trolley radius and cable length stand among the coordinates, shape (3,)."""
+    def drive_joints(self) -> np.ndarray:
+        """Indices of slew, trolley radius and cable length among the coordinates, shape (3,)."""
         return self.crane.layout.drives
 
     @cached_property
     def solids(self) -> list[Solid]:
-        """What stands there, in the frame of the crane."""
+        """The obstacles in the frame of the crane."""
         return self.site.seen_by_crane()
 
     @cached_property
@@ -140,12 +139,12 @@ class Clearance:
 
     @cached_property
     def height(self) -> float:
-        """Of the swing pivot above the crane's foot [m]."""
+        """Height of the swing pivot above the crane's foot [m]."""
         (pivot,) = self._frames(self.crane.start.q, self.joints.radial_swing)
         return float(pivot.getTranslation()[2])
 
     @property
-    def shortest(self) -> float:
+    def shortest_cable(self) -> float:
         """Shortest cable on which the hook, on top of the load, hangs below the trolley [m], not
         less than that of the crane.
         """
@@ -157,7 +156,7 @@ class Clearance:
         )
 
     def with_more_distance(self, extra: float) -> Clearance:
-        """The same where more distance is asked for [m]."""
+        """Return the clearance for a required distance that is larger by an extra [m]."""
         wider = Clearance(self.crane, replace(self.site, distance=self.site.distance + extra))
         wider.__dict__["bodies"] = self.bodies
         return wider
@@ -165,69 +164,66 @@ class Clearance:
     # --- places -----------------------------------------------------------------------------------
 
     def place(self, point: np.ndarray, what: str = "point") -> np.ndarray:
-        """The place at which the centre of the load is at a point of the site [m], its slew from -π
-        to π.
+        """Return the place at which the centre of the load is at a point of the site.
+
+        Args:
+            point: The point [m], shape (3,).
+            what: Name of the point, for errors.
+
+        Returns:
+            The place, its slew from -π to π.
 
         Raises:
             OutOfRange: If the crane does not reach it: which coordinate is how far out of its
                 range.
         """
         x, y, z = self.site.to_crane(point)
-        found = np.array([math.atan2(x, -y), math.hypot(x, y), self.height - z])
+        place = np.array([math.atan2(x, -y), math.hypot(x, y), self.height - z])
         (_, low, _), (_, *high) = (
-            ends[self.place_of].tolist() for ends in (self.crane.lower, self.crane.upper)
+            ends[self.drive_joints].tolist() for ends in (self.crane.lower, self.crane.upper)
         )
-        ranges = zip((low, self.shortest), high, strict=True)
-        for words, value, (low, high) in zip(
-            ("trolley radius", "cable length"), found[1:], ranges, strict=True
+        ranges = zip((low, self.shortest_cable), high, strict=True)
+        shown = quoted(np.round(point, 3).tolist())
+        for name, value, (low, high) in zip(
+            ("trolley radius", "cable length"), place[1:].tolist(), ranges, strict=True
         ):
-            within(
-                f"{words} for the {what} {quoted(np.round(point, 3).tolist())}",
-                float(value),
-                low,
-                high,
-                "m",
-            )
-        return found
+            within(f"{name} for the {what} {shown}", value, low, high, "m")
+        return place
 
     def point(self, place: np.ndarray) -> np.ndarray:
-        """Centre of the load at places, shape (..., 3), in the frame of the crane [m], shape (...,
-        3).
+        """Return the centre of the load in the frame of the crane [m], shape (..., 3), at places,
+        shape (..., 3).
         """
         gamma, x, length = np.moveaxis(place, -1, 0)
         return np.stack([x * np.sin(gamma), -x * np.cos(gamma), self.height - length], axis=-1)
 
     def q(self, place: np.ndarray) -> np.ndarray:
-        """All coordinates at a place, shape (n,), the load plumb."""
+        """Return all coordinates at a place, shape (n,), the load plumb."""
         q = np.zeros(self.crane.layout.n)
-        q[self.place_of] = place
+        q[self.drive_joints] = place
         return q
 
     def tilt(self, q: np.ndarray) -> np.ndarray:
-        """How far the rope leans, or its leaning differs where coordinates do, shape (..., n); in
-        [rad], shape (...).
+        """Return the angle of the rope from plumb [rad], shape (...), at coordinates of shape (...,
+        n); of differences of coordinates, its change.
         """
         return np.hypot(q[..., self.joints.radial_swing], q[..., self.joints.tangential_swing])
 
     # --- what hangs -------------------------------------------------------------------------------
 
     def envelope(self, length: Length) -> Length:
-        """Return how far a point of load, hook or rope may be from where it is with the load plumb
-        under its trolley [m], on a cable of a length [m].
-
-        All of these are turned about the pivot by no more than the swing of the site.
+        """Return the largest displacement of a point of load, hook or rope from its place with the
+        load plumb [m], by the swing of the site on a cable of a length [m].
         """
         return 2.0 * (length + self.bodies.below) * math.sin(self.site.swing / 2.0)
 
-    def room(self, place: np.ndarray) -> float:
-        """By how much all that hangs, with its envelope of swing, is farther from everything than
-        required [m].
-        """
-        return self.true_room(self.q(place)) - self.envelope(float(place[2]))
+    def swing_margin(self, place: np.ndarray) -> float:
+        """Return the margin of all that hangs with its envelope of swing at a place [m]."""
+        return self.margin(self.q(place)) - self.envelope(float(place[2]))
 
     def travel(self, place: np.ndarray, reach: np.ndarray) -> float:
-        """By how much `room` changes at most between a place and one that is no farther from it
-        than a reach in each coordinate [m].
+        """Return an upper bound of the change of `swing_margin` between a place and one that is no
+        farther from it than a reach in each coordinate [m].
 
         A point at the radius r from the slew axis moves by r |Δγ| + |Δx| across and by |Δl| down at
         most; the envelope grows with l.
@@ -236,30 +232,41 @@ class Clearance:
         across = (float(place[1]) + x + self.bodies.spread) * gamma + x
         return math.hypot(across, length) + 2.0 * math.sin(self.site.swing / 2.0) * length
 
-    def true_room(self, q: np.ndarray) -> float:
-        """By how much all that hangs is farther from everything than required, at coordinates of
-        all joints, shape (n,); in [m].
+    def margin(self, q: np.ndarray) -> float:
+        """Return the margin of all that hangs at coordinates of all joints, shape (n,), as they
+        are, without an envelope [m].
         """
-        return min(self._rooms(q))
+        return min(self._margins(q))
 
-    def least(self, q: np.ndarray) -> float:
+    def least_distance(self, q: np.ndarray) -> float:
         """Return the least distance of all that hangs [m], at coordinates of all joints, shape
         (n,); zones count where something is in them.
         """
-        room, in_zones = self._rooms(q)
-        return min(room + self.site.distance, in_zones if in_zones <= 0.0 else math.inf)
+        margin, in_zones = self._margins(q)
+        return min(margin + self.site.distance, in_zones if in_zones <= 0.0 else math.inf)
 
-    def moved(self, q: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """Return how far any point of what hangs is moved at most between coordinates, shape
-        (..., n) each; in [m], shape (...).
+    def nearest_row(self, q: np.ndarray) -> int:
+        """Return the row of a motion, shape (rows, n), in which the least distance is least: of
+        every fourth row, then of those beside the best.
+        """
+
+        def least(rows: range) -> int:
+            return min(rows, key=lambda k: self.least_distance(q[k]))
+
+        k = least(range(0, len(q), 4))
+        return least(range(max(k - 3, 0), min(k + 4, len(q))))
+
+    def displacement(self, q: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Return an upper bound of the displacement of any point that hangs between coordinates,
+        shape (..., n) each; in [m], shape (...).
 
         Drives move it one after the other: slew and trolley across, the hoist along a rope that
         leans and so takes it across, too.
         """
         apart = np.abs(other - q)
         swing = np.maximum(self.tilt(q), self.tilt(other))
-        slewed, out, hoisted = np.moveaxis(apart[..., self.place_of], -1, 0)
-        _, x, length = np.moveaxis(np.maximum(q, other)[..., self.place_of], -1, 0)
+        slewed, out, hoisted = np.moveaxis(apart[..., self.drive_joints], -1, 0)
+        _, x, length = np.moveaxis(np.maximum(q, other)[..., self.drive_joints], -1, 0)
         length = length + self.bodies.below
         aside = np.sin(np.minimum(swing, math.pi / 2.0))
         across = (x + self.bodies.spread + length * aside) * slewed + out
@@ -268,10 +275,8 @@ class Clearance:
 
     # --- what slews with the jib ------------------------------------------------------------------
 
-    def slewing_room(self, gamma: float) -> float:
-        """By how much all that slews with the jib is farther from every solid than required, at a
-        slew angle [rad]; in [m].
-        """
+    def slewing_margin(self, gamma: float) -> float:
+        """Return the margin of all that slews with the jib at a slew angle [rad]; in [m]."""
         field = self._fields["solids"]
         return (
             min(field.least(moving) for moving in self._slewing(gamma)) - ROUNDING
@@ -281,65 +286,71 @@ class Clearance:
 
     @cached_property
     def slewing_radius(self) -> float:
-        """Farthest point of what slews with the jib from the slew axis [m], at most."""
+        """Upper bound of the distance from the slew axis of all that slews with the jib [m]."""
         return max(body.radius for body in self._upper)
 
     # --- by name ----------------------------------------------------------------------------------
 
     def distances(self, q: np.ndarray, *, jib: bool = True) -> dict[str, Nearest]:
-        """What is nearest to each obstacle, by its name, at coordinates of all joints, shape (n,);
-        the jib counted or not.
+        """Return the nearest body to each obstacle, by name of the obstacle.
+
+        Args:
+            q: Coordinates of all joints, shape (n,).
+            jib: Whether the jib counts.
         """
-        found: dict[str, Nearest] = {}
+        nearest: dict[str, Nearest] = {}
         jib_parts = self._slewing(float(q[self.joints.slew])) if jib else ()
         for body, kind, moving in itertools.chain(
             self._placed(q), (("jib", "solids", moving) for moving in jib_parts)
         ):
             inflated = 0.0 if kind == "zones" else self.site.distance
             for name, distance in self._fields[kind].each(moving).items():
-                found[name] = min(
-                    found.get(name, Nearest(math.inf, "", name)),
-                    Nearest(distance + inflated, body, name),
-                )
-        return found
+                pair = Nearest(distance + inflated, body, name)
+                nearest[name] = min(nearest.get(name, pair), pair)
+        return nearest
 
     def nearest(self, q: np.ndarray, *, beside_zones: bool = False) -> Nearest:
-        """Return which body that hangs has the least room, at coordinates of all joints, shape
-        (n,); zones count where something is in them, or beside them, too.
+        """Return the pair of body and obstacle with the least margin.
+
+        Args:
+            q: Coordinates of all joints, shape (n,).
+            beside_zones: Whether zones also count where nothing is in them.
         """
         zones = {solid.name for solid in self.solids if solid.zone}
-        return min(
-            (
-                found
-                for found in self.distances(q, jib=False).values()
-                if beside_zones or found.obstacle not in zones or found.distance <= 0.0
-            ),
-            key=lambda one: one.distance - self.site.distance * (one.obstacle not in zones),
-        )
+        pairs = [
+            pair
+            for pair in self.distances(q, jib=False).values()
+            if beside_zones or pair.obstacle not in zones or pair.distance <= 0.0
+        ]
+        required = self.site.distance
+        return min(pairs, key=lambda pair: pair.distance - required * (pair.obstacle not in zones))
 
     def touches(self, q: np.ndarray, far: float) -> Iterator[Touch]:
-        """Where all that hangs is nearest to each obstacle with less room than a distance [m], at
-        coordinates of all joints, shape (n,).
+        """Yield the nearest points of each body that hangs and each obstacle.
+
+        Args:
+            q: Coordinates of all joints, shape (n,).
+            far: Margin from which on an obstacle is left out [m].
         """
         for body, kind, moving in self._placed(q):
             for distance, on_body, on_obstacle, normal in self._fields[kind].witnesses(moving):
-                if (room := distance - moving.inflated) < far:
-                    yield Touch(room, moving.inflated, body, on_body, on_obstacle, normal)
+                if (margin := distance - moving.inflated) < far:
+                    yield Touch(margin, moving.inflated, body, on_body, on_obstacle, normal)
 
     # --- inside -----------------------------------------------------------------------------------
 
     @cached_property
     def _fields(self) -> dict[str, Field]:
-        here = np.eye(3), np.zeros(3)
+        identity = np.eye(3), np.zeros(3)
         ground = coal.Halfspace(
             np.array([0.0, 0.0, 1.0]), self.site.ground - float(self.site.foot[2])
         )
         solids, zones = (
             [
-                (one.name, (shape, *here))
-                for one in self.solids
-                if one.zone is zone
-                for shape in one.geometries()
+                (solid.name, (shape, *identity))
+                for solid in self.solids
+                if solid.zone is zone
+                for shape in solid.geometries()
             ]
             for zone in (False, True)
         )
@@ -351,31 +362,31 @@ class Clearance:
             - self.site.distance
             - self.envelope(longest)
         )
-        tall = {one.name for one in self.solids if one.vertices[:, 2].max() > low - ROUNDING}
+        tall = {solid.name for solid in self.solids if solid.vertices[:, 2].max() > low - ROUNDING}
         return {
             "solids": Field(solids),
-            "tall solids": Field([one for one in solids if one[0] in tall]),
-            "solids and mast": Field([*solids, *((MAST, one) for one in self.bodies.mast)]),
+            "tall solids": Field([named for named in solids if named[0] in tall]),
+            "solids and mast": Field([*solids, *((MAST, shape) for shape in self.bodies.mast)]),
             "zones": Field(zones),
-            "ground": Field([(GROUND, (ground, *here))]),
+            "ground": Field([(GROUND, (ground, *identity))]),
         }
 
     @cached_property
     def _bodies(self) -> dict[str, dict[str, Body]]:
-        """What hangs, inflated by the required distance, and bare against zones."""
-        made, here = {}, (np.eye(3), np.zeros(3))
+        """Bodies that hang, inflated by the required distance, and bare against zones."""
+        bodies, identity = {}, (np.eye(3), np.zeros(3))
         for kind, inflated in (("inflated", self.site.distance), ("bare", 0.0)):
             boxes = {"trolley": self.bodies.trolley, "hook": self.bodies.hook}
-            made[kind] = {
+            bodies[kind] = {
                 name: Body((coal.Box(size), np.eye(3), centre), inflated)
                 for name, (centre, size) in boxes.items()
             }
-            made[kind]["load"] = Body((hull(self.bodies.load), *here), inflated)
-        return made
+            bodies[kind]["load"] = Body((hull(self.bodies.load), *identity), inflated)
+        return bodies
 
     @cached_property
     def _above(self) -> float:
-        """How far the swing pivot is above the load where the hoist stands at zero [m]."""
+        """Height of the swing pivot above the load where the hoist is at zero [m]."""
         start = self.crane.start.q
         pivot, load = self._frames(start, self.joints.radial_swing, self.joints.hoist)
         return math.dist(pivot.getTranslation(), load.getTranslation()) - float(
@@ -386,19 +397,15 @@ class Clearance:
     def _upper(self) -> list[Body]:
         return [Body(placed, self.site.distance) for placed in self.bodies.upper]
 
-    def _rooms(self, q: np.ndarray) -> tuple[float, float]:
-        """Return by how much all that hangs is farther than required from everything but zones,
-        and from zones [m].
-        """
+    def _margins(self, q: np.ndarray) -> tuple[float, float]:
+        """Return the margins of all that hangs to everything but zones, and to zones [m]."""
         least = [math.inf, math.inf]
         for _, kind, moving in self._placed(q):
             least[kind == "zones"] = min(least[kind == "zones"], self._fields[kind].least(moving))
         return least[0] - ROUNDING, least[1] - ROUNDING
 
     def _placed(self, q: np.ndarray) -> Iterator[tuple[str, str, Placed]]:
-        """Each body that hangs, at its place, with each kind of obstacle that it has to keep away
-        from.
-        """
+        """Yield each body that hangs with each kind of obstacle that it must keep away from."""
         trolley, load = self._frames(q, self.joints.trolley, self.joints.hoist)
         length = float(q[self.joints.hoist]) + self._above
         for which, hanging in self._bodies.items():
@@ -426,8 +433,8 @@ class Clearance:
         return self.crane.model.createData()
 
     def _frames(self, q: np.ndarray, *joints: int) -> list[coal.Transform3s]:
-        """Return where joints are, by their numbers among the coordinates."""
+        """Return the frames of joints, by their indices among the coordinates."""
         with _KINEMATICS:
             pin.forwardKinematics(self.crane.model, self._data, q)
             placements = [self._data.oMi[joint + 1] for joint in joints]
-            return [coal.Transform3s(one.rotation, one.translation) for one in placements]
+            return [coal.Transform3s(frame.rotation, frame.translation) for frame in placements]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.proof import unproven
+from cranedyn.planning.proof import unproven_parameter
 from cranedyn.references.limits import Limits
 
 _KERNEL = Polynomial([35.0 / 32.0]) * Polynomial([1.0, 0.0, -1.0]) ** 3
@@ -25,8 +25,22 @@ have four derivatives."""
 _SHARPEST, _HALVINGS = 1e-3, 9
 
 
-def lasts(points: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Time at full speed from each place to the next [s], shape (n - 1,).
+def interpolate_columns(t: np.ndarray, rows: np.ndarray, table: np.ndarray) -> np.ndarray:
+    """Interpolate each column of a table linearly; before and after its rows it is constant.
+
+    Args:
+        t: Times, shape (m,).
+        rows: Times of the rows of the table, increasing, shape (n,).
+        table: Values, shape (n, k).
+
+    Returns:
+        Shape (m, k).
+    """
+    return np.column_stack([np.interp(t, rows, column) for column in table.T])
+
+
+def leg_durations(points: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """Return the time at full speed from each place to the next [s], shape (n - 1,).
 
     Args:
         points: Places, shape (n, 3).
@@ -35,16 +49,19 @@ def lasts(points: np.ndarray, rates: np.ndarray) -> np.ndarray:
     return (np.abs(np.diff(points, axis=0)) / rates).max(axis=1)
 
 
-def full_stop(ways: np.ndarray, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
-    """Return the times [s] in which drives get along ways from rest to rest, shape (m,) each."""
-    long = ways * accelerations > rates**2
-    return np.where(long, ways / rates + rates / accelerations, 2.0 * np.sqrt(ways / accelerations))
+def rest_to_rest_time(ways: np.ndarray, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
+    """Return the times [s] in which drives get along ways from rest to rest by trapezoids of their
+    rates, shape (m,) each.
+    """
+    peak = np.minimum(rates, np.sqrt(ways * accelerations))
+    cruise = np.divide(ways, peak, out=np.zeros_like(ways), where=ways > 0.0)
+    return cruise + peak / accelerations
 
 
 def straight_time(ends: np.ndarray, limits: Limits) -> float:
     """Return the time [s] that the slowest drive needs from a place to another, shape (2, 3)."""
     rates, accelerations = np.array(limits.rates), np.array(limits.accelerations)
-    return float(full_stop(np.abs(ends[1] - ends[0]), rates, accelerations).max())
+    return float(rest_to_rest_time(np.abs(ends[1] - ends[0]), rates, accelerations).max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +82,7 @@ class Path:
     @cached_property
     def knots(self) -> np.ndarray:
         """Parameter of each place [s], shape (n,)."""
-        return np.concatenate([[0.0], np.cumsum(lasts(self.points, self.rates))])
+        return np.concatenate([[0.0], np.cumsum(leg_durations(self.points, self.rates))])
 
     @property
     def duration(self) -> float:
@@ -77,8 +94,13 @@ class Path:
         return np.diff(self.points, axis=0) / np.diff(self.knots)[:, None]
 
     def derivatives(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Places and their first and second derivatives at parameters [s], shape (m,); shape (m, 3)
-        each.
+        """Return places and their first and second derivatives at parameters [s].
+
+        Args:
+            s: Parameters [s], shape (m,).
+
+        Returns:
+            Three arrays of shape (m, 3).
         """
         s = np.asarray(s, dtype=float)
         leg = np.clip(np.searchsorted(self.knots, s, side="right") - 1, 0, len(self.points) - 2)
@@ -87,19 +109,20 @@ class Path:
         for k, width in enumerate(self.widths):
             share = (s - self.knots[k + 1]) / width
             inside, bend = np.abs(share) < 1.0, self._speeds[k + 1] - self._speeds[k]
-            at = share[inside]
-            place[inside] += (width * (_RAMP(at) - np.maximum(at, 0.0)))[:, None] * bend
-            first[inside] += (_STEP(at) - (at >= 0.0))[:, None] * bend
-            second[inside] += (_KERNEL(at) / width)[:, None] * bend
+            u = share[inside]
+            place[inside] += (width * (_RAMP(u) - np.maximum(u, 0.0)))[:, None] * bend
+            first[inside] += (_STEP(u) - (u >= 0.0))[:, None] * bend
+            second[inside] += (_KERNEL(u) / width)[:, None] * bend
         return place, first, second
 
     def at(self, s: float) -> np.ndarray:
-        """The place at a parameter [s], shape (3,)."""
+        """Return the place at a parameter [s], shape (3,)."""
         return self.derivatives(np.array([s]))[0][0]
 
     def reach(self, first: float, last: float) -> np.ndarray:
-        """See `cranedyn.planning.proof.Curve`: within a corner the curve goes at a mean of the
-        speeds before and after it.
+        """See `cranedyn.planning.proof.Curve`.
+
+        Within a corner the speed is a mean of the speeds before and after it.
         """
         begins = self.knots[:-1] - np.append(0.0, self.widths)
         ends = self.knots[1:] + np.append(self.widths, 0.0)
@@ -108,23 +131,23 @@ class Path:
 
 
 def rounded(clearance: Clearance, points: np.ndarray, rates: np.ndarray) -> Path | None:
-    """A proven curve along proven straight lines, each corner rounded as widely as can be proven;
-    None if one cannot at all.
+    """Return a proven curve along proven straight lines, each corner rounded as widely as can be
+    proven; None if a corner cannot be rounded.
 
     Args:
         clearance: Crane and site.
         points: Places, shape (n, 3).
         rates: Rates of slew [rad/s], trolley and hoist [m/s], shape (3,).
     """
-    legs = lasts(points, rates)
-    # An end has no other corner.
+    legs = leg_durations(points, rates)
+    # An end of the way needs no part of its leg for another corner.
     shares = np.where(np.arange(len(legs)) % max(len(legs) - 1, 1) == 0, 0.98, 0.49)
     widths = np.minimum((shares * legs)[:-1], (shares * legs)[1:])
     for k in range(len(widths)):
         for _ in range(_HALVINGS):
             path = Path(points, rates, widths)
             if (
-                unproven(
+                unproven_parameter(
                     clearance, path, path.knots[k + 1] - widths[k], path.knots[k + 1] + widths[k]
                 )
                 is None

@@ -1,5 +1,5 @@
-"""Distances by coal (Pan et al. 2012; Montaut et al. 2024): sets of things that stand still, and
-bodies that move among them.
+"""Distances between obstacles at rest and bodies that move, by coal (Pan et al. 2012; Montaut et
+al. 2024).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ class Placed(NamedTuple):
     """A body at its place.
 
     Attributes:
-        moving: The shape there, inflated.
-        inflated: By how much [m].
+        moving: The inflated shape at its place.
+        inflated: Distance by which it is inflated [m].
     """
 
     moving: coal.CollisionObject
@@ -27,30 +27,25 @@ class Placed(NamedTuple):
 
     @property
     def bare(self) -> coal.CollisionObject:
-        """The shape without what it is inflated by: coal knows of no inflated shape beside a
-        surface of triangles.
-        """
+        """The shape without inflation: coal ignores that beside a surface of triangles."""
         shape = self.moving.collisionGeometry().clone()
         shape.setSweptSphereRadius(0.0)
         return coal.CollisionObject(shape, self.moving.getTransform())
 
 
 class Body:
-    """A shape that moves, inflated by a distance on all sides. It is the same wherever it is put,
-    so that threads may share it.
+    """A shape that moves, inflated by a distance on all sides; threads may share it.
 
-    Inflating is by coal's swept-sphere radius, which its bounding boxes and its distances both know
-    of; a `security_margin` of a request is unknown to its broad phase.
+    Inflation is by coal's swept-sphere radius, which both its bounding boxes and its distances
+    respect; its broad phase ignores the `security_margin` of a request.
 
     Attributes:
         shape: The shape, inflated.
-        inflated: By how much it is inflated [m].
+        inflated: Distance by which it is inflated [m].
     """
 
     def __init__(self, placed: Shape, inflated: float) -> None:
-        """Inflate a shape by a distance [m]; its rotation and translation are those in the frame
-        that it moves with.
-        """
+        """Inflate a shape, placed in the frame that it moves with, by a distance [m]."""
         shape, rotation, translation = placed
         self.inflated, self.shape = inflated, shape.clone()
         self.shape.setSweptSphereRadius(inflated)
@@ -64,7 +59,7 @@ class Body:
         return float(np.linalg.norm(centre[:2])) + float(self.shape.aabb_radius)
 
     def put(self, frame: coal.Transform3s) -> Placed:
-        """Return it with the frame that it moves with put somewhere."""
+        """Return the body with the frame that it moves with at a place."""
         moving = coal.CollisionObject(self.shape, frame * self._within, False)
         return Placed(moving, self.inflated)
 
@@ -80,30 +75,28 @@ def rope(frame: coal.Transform3s, radius: float, length: float, inflated: float)
 
 
 class Field:
-    """Things that stand still, by name: shapes in one broad phase, surfaces of triangles in
-    another.
-    """
+    """Obstacles at rest, by name: shapes in one broad phase, surfaces of triangles in another."""
 
     def __init__(self, named: Sequence[tuple[str, Shape]]) -> None:
-        """Take the things at their places."""
-        self._things: dict[bool, list[tuple[str, coal.CollisionObject]]] = {False: [], True: []}
+        """Place the obstacles."""
+        self._objects: dict[bool, list[tuple[str, coal.CollisionObject]]] = {False: [], True: []}
         for name, (geometry, rotation, translation) in named:
-            one = coal.CollisionObject(geometry, coal.Transform3s(rotation, translation))
-            one.computeAABB()
-            self._things[isinstance(geometry, coal.BVHModelBase)].append((name, one))
+            shape = coal.CollisionObject(geometry, coal.Transform3s(rotation, translation))
+            shape.computeAABB()
+            self._objects[isinstance(geometry, coal.BVHModelBase)].append((name, shape))
         self._managers = {
-            kind: _manager([one for _, one in things])
-            for kind, things in self._things.items()
-            if things
+            kind: _manager([shape for _, shape in objects])
+            for kind, objects in self._objects.items()
+            if objects
         }
 
     def __len__(self) -> int:
-        """How many things there are."""
-        return sum(map(len, self._things.values()))
+        """Return the number of shapes."""
+        return sum(map(len, self._objects.values()))
 
     def least(self, body: Placed) -> float:
-        """Distance of a body, inflated, from the nearest of them [m], inf where there is nothing;
-        zero or less where it touches.
+        """Return the distance of an inflated body from the nearest obstacle [m], inf where there is
+        none; zero or less where they touch.
         """
         least = math.inf
         for surfaces, manager in self._managers.items():
@@ -114,36 +107,32 @@ class Field:
         return least
 
     def each(self, body: Placed) -> dict[str, float]:
-        """Distance of a body, inflated, from all things of a name, by name [m]; one after the
-        other, without the broad phase.
-        """
-        request, found = coal.DistanceRequest(), dict[str, float]()
-        for surfaces, things in self._things.items():
+        """Return the distance of an inflated body from each obstacle, by name [m]."""
+        request, distances = coal.DistanceRequest(), dict[str, float]()
+        for surfaces, objects in self._objects.items():
             moving, inflated = (body.bare, body.inflated) if surfaces else (body.moving, 0.0)
-            for name, one in things:
-                distance = (
-                    float(coal.distance(moving, one, request, coal.DistanceResult())) - inflated
-                )
-                found[name] = min(found.get(name, math.inf), distance)
-        return found
+            for name, shape in objects:
+                distance = float(coal.distance(moving, shape, request, coal.DistanceResult()))
+                distances[name] = min(distances.get(name, math.inf), distance - inflated)
+        return distances
 
     def witnesses(self, body: Placed) -> Iterator[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
-        """Distance of a body, not inflated, from each thing [m], the points of both that are
-        nearest, and the unit vector from the thing to the body, shape (3,) each.
+        """Yield the distance of a body, not inflated, from each shape [m], the nearest points of
+        both, and the unit vector from the shape to the body, shape (3,) each.
         """
         request = coal.DistanceRequest()
-        for things in self._things.values():
-            for _, one in things:
-                found = coal.DistanceResult()
-                distance = float(coal.distance(body.bare, one, request, found))
-                ours, theirs = found.getNearestPoint1(), found.getNearestPoint2()
-                apart = distance > 1e-6
-                yield distance, ours, theirs, (ours - theirs) / distance if apart else -found.normal
+        for objects in self._objects.values():
+            for _, shape in objects:
+                result = coal.DistanceResult()
+                distance = float(coal.distance(body.bare, shape, request, result))
+                ours, theirs = result.getNearestPoint1(), result.getNearestPoint2()
+                normal = (ours - theirs) / distance if distance > 1e-6 else -result.normal
+                yield distance, ours, theirs, normal
 
 
 def _manager(objects: Sequence[coal.CollisionObject]) -> coal.DynamicAABBTreeCollisionManager:
-    made = coal.DynamicAABBTreeCollisionManager()
-    for one in objects:
-        made.registerObject(one)
-    made.setup()
-    return made
+    manager = coal.DynamicAABBTreeCollisionManager()
+    for shape in objects:
+        manager.registerObject(shape)
+    manager.setup()
+    return manager

@@ -1,10 +1,9 @@
-"""Obstacles as constraints: half spaces that what hangs has to stay in, some at each point of a
-plan.
+"""Obstacles as constraints of an optimal control problem: half spaces at each point of a plan.
 
 Between a body and an obstacle lies a plane across their shortest distance. An obstacle that is
-convex is beyond it as a whole, so that every place on this side is free. Planes about a plan that
-is free leave it free, so that the best plan between them is not worse; about that, planes are made
-anew. What is found in this way is free at the points; between them it is for `proof` to say.
+convex is beyond it as a whole, so that every place on this side is free. The best plan between the
+planes about a free plan is not worse than that, and planes about it are made again. Such a plan is
+free at its points; between them `cranedyn.planning.proof` must prove it.
 """
 
 from __future__ import annotations
@@ -20,8 +19,7 @@ from cranedyn.planning.proof import CLOSE
 from cranedyn.planning.symbolic import ca
 
 _MOST, _FAR = 6, 8.0
-"""How many half spaces there are at a point at most, and from what distance on an obstacle has
-none [m]."""
+"""Most half spaces at a point, and distance from which on an obstacle has none [m]."""
 
 _NUMBERS = 8
 
@@ -36,7 +34,7 @@ class HalfSpaces:
     Attributes:
         clearance: Crane and site.
         values: These numbers, shape (8 k, points) for k half spaces at each.
-        margin: By how much more room is kept than a proof needs [m].
+        margin: Distance to keep beyond what a proof needs [m].
     """
 
     clearance: Clearance
@@ -48,9 +46,9 @@ class HalfSpaces:
         """Symbols for the numbers at a point."""
         return ca.SX.sym("half_spaces", len(self.values))
 
-    def room(self, q: ca.SX) -> ca.SX:
-        """By how much all half spaces are kept with an envelope of swing as large as the site
-        allows [m], shape (k,), at coordinates of all joints.
+    def margins(self, q: ca.SX) -> ca.SX:
+        """Return the distances inside all half spaces with the envelope of the site's swing [m],
+        shape (k,), at coordinates of all joints.
         """
         joints, below = self.clearance.joints, self.clearance.bodies.below
         gamma, x, length = q[joints.slew], q[joints.trolley], q[joints.hoist]
@@ -62,35 +60,35 @@ class HalfSpaces:
         along = s * b[0, :] + c * b[1, :] - x * c
         up = b[2, :] - hangs * length
         envelope = 2.0 * (length + below) * math.sin(self.clearance.site.swing / 2.0)
-        off = n[0, :] * across + n[1, :] * along + n[2, :] * up - offset
-        return (off - envelope - CLOSE - self.margin).T
+        distance = n[0, :] * across + n[1, :] * along + n[2, :] * up - offset
+        return (distance - envelope - CLOSE - self.margin).T
 
 
 def half_spaces(clearance: Clearance, places: np.ndarray, margin: float) -> HalfSpaces:
-    """Half spaces about places, which are those of a plan at its points.
+    """Return the half spaces about the points of a plan.
 
     Args:
         clearance: Crane and site.
         places: Slew, trolley radius and cable length, shape (points, 3).
-        margin: By how much more room is kept than a proof needs [m].
+        margin: Distance to keep beyond what a proof needs [m].
     """
-    found = [sorted(_at(clearance, place), key=lambda one: one[0])[:_MOST] for place in places]
-    count = max(1, *map(len, found))
-    none = np.array([*np.zeros(_NUMBERS - 1), -1e3])
-    values = np.tile(none, (len(places), count, 1))
-    for k, nearest in enumerate(found):
-        for i, (_, numbers) in enumerate(nearest):
+    nearest = [sorted(_at(clearance, place), key=lambda pair: pair[0])[:_MOST] for place in places]
+    count = max(1, *map(len, nearest))
+    unbounded = np.array([*np.zeros(_NUMBERS - 1), -1e3])
+    values = np.tile(unbounded, (len(places), count, 1))
+    for k, pairs in enumerate(nearest):
+        for i, (_, numbers) in enumerate(pairs):
             values[k, i] = numbers
     return HalfSpaces(clearance, values.reshape(len(places), -1).T, margin)
 
 
 def _at(clearance: Clearance, place: np.ndarray) -> list[tuple[float, np.ndarray]]:
-    """Distances beyond what is required [m], each with the numbers of a half space, at a place."""
+    """Return margins [m], each with the numbers of a half space, at a place."""
     gamma, x, length = place.tolist()
     c, s = math.cos(gamma), math.sin(gamma)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     carriers = {hangs: np.array([x * s, -x * c, -hangs * length]) for hangs in (0.0, 1.0)}
-    found = []
+    pairs = []
     for touch in clearance.touches(clearance.q(place), _FAR):
         # A rope ends at both carriers.
         hangs = float(touch.normal[2] >= 0.0 if touch.body == "rope" else touch.body != "trolley")
@@ -100,6 +98,6 @@ def _at(clearance: Clearance, place: np.ndarray) -> list[tuple[float, np.ndarray
             end = carriers[hangs] + np.array([0.0, 0.0, clearance.height])
             point = end - radius * touch.normal
         offset = float(touch.normal @ touch.on_obstacle) + touch.required
-        b = turn.T @ (point - carriers[hangs])
-        found.append((touch.room, np.array([*touch.normal, *b, hangs, offset])))
-    return found
+        b = rotation.T @ (point - carriers[hangs])
+        pairs.append((touch.margin, np.array([*touch.normal, *b, hangs, offset])))
+    return pairs

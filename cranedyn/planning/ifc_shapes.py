@@ -55,9 +55,9 @@ def shapes(path: str) -> dict[str, np.ndarray]:
 
 if __name__ == "__main__":
     try:
-        found = shapes(sys.argv[1])
+        arrays = shapes(sys.argv[1])
     except Exception as error:  # whatever a parser of a stranger's bytes raises
         sys.exit(f"it is no whole IFC file ({' '.join(str(error).split())})")
     content = io.BytesIO()  # a pipe cannot be sought in
-    np.savez(content, allow_pickle=False, **found)  # type: ignore[arg-type]
+    np.savez(content, allow_pickle=False, **arrays)  # type: ignore[arg-type]
     sys.stdout.buffer.write(content.getbuffer())

@@ -1,5 +1,4 @@
-"""A planned lift made shorter: the motion of least time between the same obstacles, by optimal
-control.
+"""A planned lift in least time: the fastest motion between the same obstacles, by optimal control.
 
 A plan by `cranedyn.planning.timing` keeps to its path, and averages over what a pendulum needs. The
 motion of least time does neither: drives are at their limits all the time, and the load swings as
@@ -12,16 +11,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from cranedyn.planning.curve import interpolate_columns
 from cranedyn.planning.lift import Lift
 from cranedyn.planning.optimal import optimal
-from cranedyn.planning.timing import RAMP, STEP, Timed, shares_of
+from cranedyn.planning.timing import RAMP, STEP, TimedMotion, limit_shares
 
 INTERVAL = 0.5
 """Longest interval of constant jerk [s]."""
 
 
 def in_least_time(lift: Lift, *, ramp: float = RAMP, interval: float = INTERVAL) -> Lift:
-    """A lift with the motion of least time near its planned one, proven as that is.
+    """Return a lift with the motion of least time near its planned one, proven as that is.
 
     Args:
         lift: The planned lift, with which the search begins.
@@ -44,10 +44,8 @@ def in_least_time(lift: Lift, *, ramp: float = RAMP, interval: float = INTERVAL)
         clearance=clearance,
         begin=planned.motion,
     )
-    rows = motion.period * np.arange(len(motion.q))
+    t = motion.period * np.arange(len(motion.q))
     steps = np.linspace(0.0, motion.arrival, max(2, round(motion.arrival / STEP) + 1))
-    places = np.column_stack(
-        [np.interp(steps, rows, motion.q[:, joint]) for joint in clearance.place_of]
-    )
-    shares = shares_of(clearance, motion, lift.limits, ramp)
-    return replace(lift, timed=Timed(places, motion, planned.bound, shares))
+    places = interpolate_columns(steps, t, motion.q[:, clearance.drive_joints])
+    shares = limit_shares(clearance, motion, lift.limits, ramp)
+    return replace(lift, timed=TimedMotion(places, motion, planned.bound, shares))

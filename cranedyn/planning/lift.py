@@ -1,4 +1,4 @@
-"""A lift: from a site to a motion of the crane that is proven to touch nothing."""
+"""Plan a lift: from a site to a motion of the crane that is proven to touch nothing."""
 
 from __future__ import annotations
 
@@ -14,34 +14,33 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.curve import Path, full_stop, lasts, rounded, straight_time
+from cranedyn.planning.curve import Path, leg_durations, rest_to_rest_time, rounded, straight_time
 from cranedyn.planning.grid import best_on_grid
 from cranedyn.planning.proof import CLOSE, SlewRange, slew_range, unproven_row
 from cranedyn.planning.search import CELLS, search
 from cranedyn.planning.site import Site
-from cranedyn.planning.timing import RAMP, Timed, timed
+from cranedyn.planning.timing import RAMP, TimedMotion, timed
 from cranedyn.references.limits import Limits
 
 EXTRA = (0.1, 0.2, 0.0)
-"""Room beyond what is required that a path is planned with, as far as there is a way [m]: what
-averaging may take it off its curve."""
+"""Margins to plan a path with, where there is a way [m]: averaging takes a motion off its curve."""
 
 RESERVE = 1.1
-"""Rate that a drive of the crane has over the largest that is planned with: what the controller
-needs to make up for what is not as planned."""
+"""Rate of a drive over the largest rate of a plan: the controller needs the rest for corrections.
+"""
 
 _FAST = 1.15
-"""A motion is fast enough, so that nothing else is tried, if it lasts no more than so many times
-what the drives alone would need from start to goal if nothing stood there."""
+"""A motion that lasts no more than so many times what the drives alone need from start to goal
+without obstacles is fast enough: nothing else is tried."""
 
 _FINE = 0.5
-"""Edge of the cells of the grid that lifts are measured against [s]."""
+"""Edge of the cells of the grid that gives the least time of a lift [s]."""
 
 _TURN = 2.0 * math.pi
 
 
 class NoWay(CraneError):
-    """There is no way for a lift, or none was found: why."""
+    """There is no way for a lift, or none was found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +49,12 @@ class Lift:
 
     Attributes:
         clearance: Crane and site.
-        limits: Of the drives.
+        limits: Limits of the drives.
         ends: First and last place of the load, shape (2, 3).
         slews: Slew angles through which the jib is proven to turn freely.
-        path: The way that was found, with rounded corners, proven.
+        path: The way with rounded corners, proven.
         timed: The motion, proven.
-        extra: Room beyond what is required that the way keeps [m].
+        extra: Margin that the way keeps [m].
     """
 
     clearance: Clearance
@@ -63,7 +62,7 @@ class Lift:
     ends: np.ndarray
     slews: SlewRange
     path: Path
-    timed: Timed
+    timed: TimedMotion
     extra: float = 0.0
 
     @property
@@ -73,7 +72,7 @@ class Lift:
 
     @property
     def bounds(self) -> np.ndarray:
-        """Least and largest place that the search looks at, shape (2, 3)."""
+        """Least and largest place of the search, shape (2, 3)."""
         return _bounds(self.clearance, self.ends, self.slews)
 
     @property
@@ -84,18 +83,18 @@ class Lift:
     @property
     def way(self) -> float:
         """Length of the way as time at full speed [s]."""
-        return float(lasts(self.points, np.array(self.limits.rates)).sum())
+        return float(leg_durations(self.points, np.array(self.limits.rates)).sum())
 
     @property
     def on_grid(self) -> float:
-        """Length of the best way on a grid of cells of half a second that keeps no more room than
-        required, whichever way round, as time at full speed [s].
+        """Length of the best way on a grid of cells of half a second with the required distance,
+        whichever way round, as time at full speed [s].
         """
         return self._reference[0]
 
     @property
     def least(self) -> float:
-        """Time [s] that no motion falls short of, whichever way round: each drive needs it from
+        """Lower bound of the time of a motion [s], whichever way round: each drive needs it from
         start to goal, and the quickest to full speed needs it along the best way on the grid, less
         a cell by which that may be too long.
         """
@@ -106,35 +105,35 @@ class Lift:
         rates = np.array(self.limits.rates)
         ramp = rates / np.array(self.limits.accelerations)
         grid = least = math.inf
-        for there in _turns(self.ends[0], self.ends[1], self.slews):
-            ends = np.array([self.ends[0], there])
+        for goal in _turns(self.ends[0], self.ends[1], self.slews):
+            ends = np.array([self.ends[0], goal])
             straight = straight_time(ends, self.limits)
             if straight < least:
                 bounds = _bounds(self.clearance, ends, self.slews)
                 way = best_on_grid(self.clearance, ends, bounds, rates, cell=_FINE).duration
-                along = full_stop(np.array(way - _FINE), np.array(1.0), 1.0 / ramp.min())
+                along = rest_to_rest_time(np.array(way - _FINE), np.array(1.0), 1.0 / ramp.min())
                 grid, least = min(grid, way), min(least, max(float(along), straight))
         return grid, least
 
     def states(self) -> tuple[State, State]:
-        """Start and goal, at rest with the load plumb."""
-        start, goal = (
-            State(self.clearance.q(end), np.zeros(self.crane.layout.n)) for end in self.ends
-        )
+        """Return start and goal, at rest with the load plumb."""
+        rest = np.zeros(self.crane.layout.n)
+        start, goal = (State(self.clearance.q(end), rest) for end in self.ends)
         return start, goal
 
 
 def crane_of(site: Site, *, gravity: float | None = None, **values: object) -> Crane:
-    """Load the crane of a site, with further numbers of it changed by name.
+    """Load the crane of a site, with further values changed by name.
 
     Raises:
-        DataError: If the site gives such a number, too.
+        DataError: If the site gives such a value, too.
         CraneError: As `cranedyn.model.load.load_crane`.
     """
     for name in site.crane.keys() & values.keys():
         raise DataError(f"{name} is given by the site, too; leave one out.")
-    given = {**site.crane, **values}
-    return load_crane(**given) if gravity is None else load_crane(gravity=gravity, **given)  # type: ignore[arg-type]
+    if gravity is not None:
+        values["gravity"] = gravity
+    return load_crane(**site.crane, **values)  # type: ignore[arg-type]
 
 
 def plan_lift(
@@ -147,11 +146,11 @@ def plan_lift(
     ramp: float = RAMP,
     period: float = 5e-3,
 ) -> Lift:
-    """Plan a lift. What it returns is proven to keep the distance of the site from everything,
-    within the swing of the site.
+    """Plan a lift that is proven to keep the distance of the site from every obstacle, within the
+    swing of the site.
 
     Args:
-        site: Where it takes place.
+        site: The site.
         limits: Rates and accelerations of the drives; of the crane's own rates a plan uses ten
             elevenths at most, and leaves the rest to the controller.
         start: Centre of the load at the start, in the frame of the site [m], shape (3,); None for
@@ -162,8 +161,8 @@ def plan_lift(
         period: Time between rows of the motion [s].
 
     Raises:
-        NoWay: If there is no way: start or goal too near to what, the jib in the way of what,
-            enclosed by what, or none found.
+        NoWay: If there is no way, with the reason: start or goal too close to an obstacle, an
+            obstacle in the way of the jib, an end that is enclosed, or none found.
         OutOfRange: If the crane does not reach start or goal.
         MissingRole: If it is not a tower crane.
         Misshapen: If start or goal is no array of three numbers.
@@ -178,28 +177,25 @@ def plan_lift(
     )
     slew = clearance.joints.slew
     slews = slew_range(
-        clearance,
-        float(first[0]),
-        float(clearance.crane.lower[slew]),
-        float(clearance.crane.upper[slew]),
+        clearance, float(first[0]), float(crane.lower[slew]), float(crane.upper[slew])
     )
     if slews.low == slews.high:
         raise NoWay(f"At the start the jib is nearer to {slews.below} than {site.distance:g} m.")
     rates = np.array(limits.rates)
     best: Lift | None = None
-    for there in _turns(first, last, slews):
-        ends = np.array([first, there])
+    for turn in _turns(first, last, slews):
+        ends = np.array([first, turn])
         if best is None or straight_time(ends, limits) < best.timed.motion.arrival:
-            found = _way(clearance, ends, slews, rates, ramp, limits, period)
-            best = (
-                found
-                if best is None
-                or (found is not None and found.timed.motion.arrival < best.timed.motion.arrival)
-                else best
-            )
+            best = _faster(best, _way(clearance, ends, slews, rates, ramp, limits, period))
     if best is None:
-        raise NoWay(_why(clearance, first, last, slews, rates))
+        raise NoWay(_reason(clearance, first, last, slews, rates))
     return best
+
+
+def _faster(best: Lift | None, lift: Lift | None) -> Lift | None:
+    if best is None or lift is None:
+        return best or lift
+    return lift if lift.timed.motion.arrival < best.timed.motion.arrival else best
 
 
 def _with_reserve(limits: Limits, crane: Crane) -> Limits:
@@ -207,22 +203,21 @@ def _with_reserve(limits: Limits, crane: Crane) -> Limits:
 
 
 def _end(clearance: Clearance, what: str, point: np.ndarray | None) -> np.ndarray:
-    """The place of an end of a lift, if the load may hang there."""
+    """Return the place of an end of a lift, if the load may hang there."""
     if point is None:
         raise CraneError(f"The site does not say where the {what} of the lift is; give it.")
     place = clearance.place(finite(f"{what} of the load", point, (3,), unit="m"), what)
-    room, site = clearance.room(place), clearance.site
-    centre = clearance.point(place)
+    site, centre = clearance.site, clearance.point(place)
     for solid in clearance.solids:
         if solid.holds(centre):
             raise NoWay(f"At the {what} the load is inside of {solid.name}.")
-    if room < CLOSE:
-        near = clearance.nearest(clearance.q(place), beside_zones=True)
+    if clearance.swing_margin(place) < CLOSE:
+        nearest = clearance.nearest(clearance.q(place), beside_zones=True)
         zones = [solid.name for solid in clearance.solids if solid.zone]
-        asked = "kept out of" if near.obstacle in zones else f"required are {site.distance:g} m"
+        rule = "kept out of" if nearest.obstacle in zones else f"required are {site.distance:g} m"
         raise NoWay(
-            f"At the {what} the {near.body} is {max(near.distance, 0.0):.2f} m from "
-            f"{near.obstacle}; {asked}, and "
+            f"At the {what} the {nearest.body} is {max(nearest.distance, 0.0):.2f} m from "
+            f"{nearest.obstacle}; {rule}, and "
             f"{clearance.envelope(float(place[2])):.2f} m for a swing of "
             f"{math.degrees(site.swing):.2g}°."
         )
@@ -230,23 +225,21 @@ def _end(clearance: Clearance, what: str, point: np.ndarray | None) -> np.ndarra
 
 
 def _turns(first: np.ndarray, last: np.ndarray, slews: SlewRange) -> list[np.ndarray]:
-    """The goal by the slew angles at which it is reached, the two nearest ones."""
-    around = [
-        last[0] + k * _TURN
-        for k in range(
-            math.ceil((slews.low - last[0]) / _TURN), math.floor((slews.high - last[0]) / _TURN) + 1
-        )
-    ]
-    nearest = sorted(around, key=lambda gamma: abs(gamma - first[0]))[:2]
+    """Return the goal by the slew angles at which it is reached, the two nearest ones."""
+    first_turn = math.ceil((slews.low - last[0]) / _TURN)
+    last_turn = math.floor((slews.high - last[0]) / _TURN)
+    angles = [last[0] + k * _TURN for k in range(first_turn, last_turn + 1)]
+    nearest = sorted(angles, key=lambda gamma: abs(gamma - first[0]))[:2]
     return [np.array([gamma, *last[1:]]) for gamma in nearest if abs(gamma - first[0]) <= _TURN]
 
 
 def _bounds(clearance: Clearance, ends: np.ndarray, slews: SlewRange) -> np.ndarray:
-    """Least and largest place to look at: half a turn beyond the ends, and the ranges of trolley
-    and hoist.
+    """Return the least and largest place of the search: a quarter turn beyond the ends, and the
+    ranges of trolley and hoist.
     """
     (_, near, _), (_, far, long) = (
-        one[clearance.place_of].tolist() for one in (clearance.crane.lower, clearance.crane.upper)
+        ends_of_range[clearance.drive_joints].tolist()
+        for ends_of_range in (clearance.crane.lower, clearance.crane.upper)
     )
     gammas = ends[:, 0].min() - math.pi / 2.0, ends[:, 0].max() + math.pi / 2.0
     margin = clearance.site.swing * long / near
@@ -254,7 +247,7 @@ def _bounds(clearance: Clearance, ends: np.ndarray, slews: SlewRange) -> np.ndar
     high = (
         min(slews.high - min(margin, 0.1), gammas[1]) if slews.above else min(slews.high, gammas[1])
     )
-    return np.array([[low, near, clearance.shortest], [high, far, long]])
+    return np.array([[low, near, clearance.shortest_cable], [high, far, long]])
 
 
 def _way(
@@ -266,10 +259,8 @@ def _way(
     limits: Limits,
     period: float,
 ) -> Lift | None:
-    """A lift between two places, with as much room beyond what is required as there is; None if
-    none was found.
-    """
-    least = min(clearance.room(end) for end in ends)
+    """Return a lift between two places with a margin of `EXTRA`; None if none is found."""
+    least = min(clearance.swing_margin(end) for end in ends)
     bounds = _bounds(clearance, ends, slews)
     if not ((bounds[0] <= ends).all() and (ends <= bounds[1]).all()):
         return None
@@ -280,42 +271,40 @@ def _way(
         wider = clearance.with_more_distance(extra) if extra else clearance
         for points in search(wider, ends, bounds, rates):
             path = rounded(wider, points, rates)
-            made = None
-            if path is not None:
-                made = timed(
-                    clearance,
-                    path,
-                    limits,
-                    lambda one: _proven(clearance, one, slews),
-                    ramp=ramp,
-                    period=period,
-                )
-            if path is None or made is None:
+            if path is None:
                 continue
-            if best is None or made.motion.arrival < best.timed.motion.arrival:
-                best = Lift(clearance, limits, ends, slews, path, made, extra)
-            if made.motion.arrival < _FAST * straight_time(ends, limits):
+            motion = timed(
+                clearance,
+                path,
+                limits,
+                lambda motion: _proven(clearance, motion, slews),
+                ramp=ramp,
+                period=period,
+            )
+            if motion is None:
+                continue
+            best = _faster(best, Lift(clearance, limits, ends, slews, path, motion, extra))
+            if motion.motion.arrival < _FAST * straight_time(ends, limits):
                 return best
     return best
 
 
-def _proven(clearance: Clearance, made: Timed, slews: SlewRange) -> bool:
-    """Return whether all that hangs is proven free where a motion has it, with its envelope of
-    swing, all joints stay in their ranges, and the jib among the slew angles that are free.
+def _proven(clearance: Clearance, timed: TimedMotion, slews: SlewRange) -> bool:
+    """Return whether all that hangs is proven free along a motion, with its envelope of swing, all
+    joints stay in their ranges, and the jib in the slew angles that are free.
     """
-    q, slew = made.motion.q, made.motion.q[:, clearance.joints.slew]
+    motion = timed.motion
+    q, slew = motion.q, motion.q[:, clearance.joints.slew]
     inside = bool((q >= clearance.crane.lower).all() and (q <= clearance.crane.upper).all())
     turns = bool(slews.low <= slew.min() and slew.max() <= slews.high)
-    return (
-        inside and turns and unproven_row(clearance, q, made.motion.period, swinging=True) is None
-    )
+    return inside and turns and unproven_row(clearance, q, motion.period, swinging=True) is None
 
 
-def _why(
+def _reason(
     clearance: Clearance, first: np.ndarray, last: np.ndarray, slews: SlewRange, rates: np.ndarray
 ) -> str:
-    """Why there is no way, by a search on a grid from both ends, and by one with a load of no
-    size.
+    """Return why there is no way, by a search on a grid from both ends, and by one with a load of
+    no size.
     """
     turns = _turns(first, last, slews)
     if not turns:
@@ -327,12 +316,10 @@ def _why(
     ends = np.array([first, turns[0]])
     bounds = _bounds(clearance, ends, slews)
     for what, pair in (("start", ends), ("goal", ends[::-1])):
-        searched = best_on_grid(clearance, pair, bounds, rates, most=CELLS)
-        if searched.points is None and searched.blocked:
-            around = ", ".join(searched.blocked[:3])
-            small = Clearance(
-                clearance.crane, replace(clearance.site, load=0.01 * clearance.bodies.load)
-            )
+        result = best_on_grid(clearance, pair, bounds, rates, most=CELLS)
+        if result.points is None and result.blocked:
+            small_load = replace(clearance.site, load=0.01 * clearance.bodies.load)
+            small = Clearance(clearance.crane, small_load)
             hook = (
                 ""
                 if best_on_grid(small, pair, bounds, rates, most=CELLS).points is None
@@ -340,7 +327,7 @@ def _why(
                 "with its distance and swing."
             )
             return (
-                f"There is no way: the {what} is enclosed by {around}; {searched.reached} cells "
-                f"of 1 s can be reached from it.{hook}"
+                f"There is no way: the {what} is enclosed by {', '.join(result.blocked[:3])}; "
+                f"{result.reached} cells of 1 s can be reached from it.{hook}"
             )
     return "No way was found; one on a grid exists, but no motion along it could be proven."

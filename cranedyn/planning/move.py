@@ -1,6 +1,4 @@
-"""A move as an optimal control problem on the full model: what moves, what is kept, where a search
-begins.
-"""
+"""A move as an optimal control problem on the full model: states, constraints and first plans."""
 
 from __future__ import annotations
 
@@ -16,6 +14,7 @@ from cranedyn.dynamics.pinocchio import holding_effort, payload_position
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.planning import symbolic, transcription
+from cranedyn.planning.curve import interpolate_columns, rest_to_rest_time
 from cranedyn.planning.half_spaces import HalfSpaces
 from cranedyn.planning.symbolic import ca
 from cranedyn.references.motion import Motion
@@ -24,22 +23,22 @@ _TAUT = 0.1
 """Least tension of the rope, as a share of the payload's weight."""
 
 _SIZE = {"revolute": 1.0, "prismatic": 10.0}
-"""Size of the way of a drive [rad or m], by its kind."""
+"""Scale of the position of a drive [rad or m], by its kind."""
 
 PLUMB = 1e-9
-"""How far from its balance an elastic crane may be at rest [rad or m]."""
+"""Largest distance from equilibrium of an elastic crane at rest [rad or m]."""
 
 _INSIDE = 1e-3
-"""How far drives stay from the ends of their ranges [rad or m] where start and goal do: ranges are
+"""Margin of drives to the ends of their ranges [rad or m], where start and goal keep it: ranges are
 kept at points of a plan, and between these motions curve by 3e-5 m; a controller adds as much."""
 
 _WITHIN = 0.02
-"""By which share less the rope leans than the site allows, for what it does between points."""
+"""Share by which the rope leans less than the site allows, for its motion between points."""
 
 
 @dataclass(frozen=True)
 class Preference:
-    """What decides among motions that are nearly as fast as each other.
+    """Weights that decide among motions that are nearly as fast as each other.
 
     The cost of an instant is the weighted mean of squares, each of a share: every swing of its
     bound, every acceleration and jerk of a drive of its limit. It lies between 0 and 1, so that a
@@ -49,7 +48,7 @@ class Preference:
         swing: Weight of each swing.
         acceleration: Weight of each acceleration of a drive.
         jerk: Weight of each jerk of a drive.
-        longer: What the cost is worth, as a share of the least time.
+        longer: Weight of the cost, as a share of the least time.
     """
 
     swing: float = 1.0
@@ -75,21 +74,21 @@ USUAL = Preference()
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """What is asked for.
+    """A move of a crane under limits.
 
     Attributes:
         crane: The crane.
-        start: Where it begins.
-        goal: Where it ends.
-        drives: Which drives move, by their place among the drives.
-        rate: Their limits of rate, shape (m,).
-        acceleration: Of acceleration, shape (m,).
-        jerk: Of jerk, shape (m,); None for drives whose acceleration may jump.
+        start: First state.
+        goal: Last state.
+        drives: Indices of the drives that move, among the drives.
+        rate: Limits of their rates, shape (m,).
+        acceleration: Limits of their accelerations, shape (m,).
+        jerk: Limits of their jerks, shape (m,); None for drives whose acceleration may jump.
         swing: Bound of each swing [rad].
         preference: Weights of the cost.
-        worth: What the cost is worth, as a share of the duration.
-        tilt: Bound of how far the rope leans in all [rad]; None for none.
-        given: Least and largest coordinates, shape (2, n); None for those of the crane.
+        worth: Weight of the cost, as a share of the duration.
+        tilt: Bound of the angle of the rope from plumb [rad]; None for none.
+        given_ranges: Least and largest coordinates, shape (2, n); None for those of the crane.
     """
 
     crane: Crane
@@ -103,13 +102,13 @@ class Move:
     preference: Preference
     worth: float
     tilt: float | None = None
-    given: np.ndarray | None = None
+    given_ranges: np.ndarray | None = None
 
     @property
     def ranges(self) -> np.ndarray:
         """Least and largest coordinates, shape (2, n)."""
-        if self.given is not None:
-            return self.given
+        if self.given_ranges is not None:
+            return self.given_ranges
         ends = np.array([self.start.q, self.goal.q])
         lower = np.minimum(self.crane.lower + _INSIDE, ends.min(axis=0))
         upper = np.maximum(self.crane.upper - _INSIDE, ends.max(axis=0))
@@ -117,11 +116,11 @@ class Move:
 
     @property
     def joints(self) -> list[int]:
-        """Which joints move by drives, by their place among the coordinates."""
-        return [int(one) for one in self.crane.layout.drives[self.drives]]
+        """Indices of the joints of the drives that move, among the coordinates."""
+        return [int(joint) for joint in self.crane.layout.drives[self.drives]]
 
     def drives_of(self, states: np.ndarray) -> np.ndarray:
-        """Positions of all drives, shape (n, drives), in states of a plan."""
+        """Return the positions of all drives, shape (n, drives), in states of a plan."""
         layout, m = self.crane.layout, len(self.drives)
         places = np.tile(self.start.q[layout.drives], (len(states), 1))
         first = 2 * len(layout.passive)
@@ -130,15 +129,16 @@ class Move:
 
 
 def at_rest(crane: Crane, state: State) -> bool:
-    """Whether nothing moves, and the passive joints are where gravity and springs balance."""
+    """Return whether nothing moves, and gravity and springs balance at the passive joints."""
     off = np.abs(state.q - crane.hanging(state.q)).max(initial=0.0)
     return bool(not state.v.any() and off <= PLUMB)
 
 
 def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Problem:
-    """The problem of a move. State: passive joints, their rates, then positions, rates and, where
-    there is a ramp, accelerations of the drives that move. Control: jerks of these drives, or their
-    accelerations.
+    """Return the problem of a move.
+
+    State: passive joints, their rates, then positions, rates and, where there is a ramp,
+    accelerations of the drives that move. Control: jerks of these drives, or their accelerations.
     """
     crane, layout = move.crane, move.crane.layout
     ramp, passive = move.jerk is not None, layout.passive.tolist()
@@ -178,17 +178,17 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
         bound[swings] = np.inf  # the bound moves with the drives
         kept.append(angle / move.swing)
     shares, hoist = ca.vertcat(*kept), layout.drive_of("hoist")
-    positive = [] if spaces is None else [spaces.room(q)]
+    nonnegative = [] if spaces is None else [spaces.margins(q)]
     if hoist is not None:
         cable = int(layout.drives[hoist])
         holding = abs(holding_effort(crane, move.start.q)[hoist])
-        positive.append((crane.damping[cable] * v[cable] - effort[hoist]) / holding - _TAUT)
-    least = ca.vertcat(*positive)
+        nonnegative.append((crane.damping[cable] * v[cable] - effort[hoist]) / holding - _TAUT)
+    margins = ca.vertcat(*nonnegative)
     low = [np.maximum(-bound, lower[passive]), -any_rate, lower[move.joints]]
     high = [np.minimum(bound, upper[passive]), any_rate, upper[move.joints]]
     kinds = [move.rate, move.acceleration][: len(sizes) - 3]
     control = move.acceleration if move.jerk is None else move.jerk
-    ones, none = np.ones(shares.numel()), np.zeros(least.numel())
+    ones, none = np.ones(shares.numel()), np.zeros(margins.numel())
     way = [_SIZE[layout.driven[drive].kind] for drive in move.drives]
     return transcription.Problem(
         x=x,
@@ -196,7 +196,7 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
         gap=gap,
         rates=ca.vertcat(free_rate, full[passive], rate, *rest, u),
         cost=1.0 + move.worth * _cost(move, angle, acceleration, u),
-        path=ca.vertcat(shares, least),
+        path=ca.vertcat(shares, margins),
         bounds=np.array(
             [np.concatenate([*low, *(-one for one in kinds)]), np.concatenate([*high, *kinds])]
         ),
@@ -205,27 +205,27 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
             [np.concatenate([-ones, none]), np.concatenate([ones, np.full(len(none), np.inf)])]
         ),
         scale=np.concatenate([np.full(2 * p, 0.1), way, *kinds]),
-        given=None if spaces is None else spaces.symbols,
+        parameters=None if spaces is None else spaces.symbols,
         values=None if spaces is None else spaces.values,
     )
 
 
 def _cost(move: Move, angle: ca.SX, acceleration: ca.SX, u: ca.SX) -> ca.SX:
-    """From 0 to 1, see `Preference`."""
-    parts = [
+    """Return the cost of an instant, from 0 to 1, see `Preference`."""
+    terms = [
         (move.preference.swing, angle / move.swing),
         (move.preference.acceleration, acceleration / move.acceleration),
     ]
     if move.jerk is not None:
-        parts.append((move.preference.jerk, u / move.jerk))
-    most = sum(weight * part.numel() for weight, part in parts)
-    squares = [weight * ca.sumsqr(part) for weight, part in parts]
-    return ca.sum1(ca.vertcat(*squares)) / (most or 1.0)
+        terms.append((move.preference.jerk, u / move.jerk))
+    largest = sum(weight * term.numel() for weight, term in terms)
+    squares = [weight * ca.sumsqr(term) for weight, term in terms]
+    return ca.sum1(ca.vertcat(*squares)) / (largest or 1.0)
 
 
 def periods(move: Move) -> tuple[float, float]:
-    """The longest and the shortest period of the passive joints with the drives at rest, at either
-    end [s].
+    """Return the longest and the shortest period of the passive joints with the drives at rest, at
+    either end [s].
     """
     if not len(move.crane.layout.passive):
         return 0.0, math.inf
@@ -235,9 +235,9 @@ def periods(move: Move) -> tuple[float, float]:
     return 2.0 * math.pi / float(rates.min()), 2.0 * math.pi / float(rates.max())
 
 
-def about(move: Move, slowest: float) -> float:
-    """About the least time [s], to begin the search: trapezoids of the rates, slow enough for the
-    swing; the longest period at least.
+def estimated_duration(move: Move, slowest: float) -> float:
+    """Return an estimate of the least time [s]: trapezoids of the rates, slow enough for the swing;
+    the longest period at least.
     """
     crane, layout = move.crane, move.crane.layout
     reach = max(
@@ -246,57 +246,52 @@ def about(move: Move, slowest: float) -> float:
     way = np.abs(move.goal.q - move.start.q)[move.joints]
     gentle = crane.gravity * move.swing
     joints = [layout.driven[drive] for drive in move.drives]
-    at_most = [
+    swing_limits = [
         math.inf if joint.role == "hoist" else gentle / (reach if joint.kind == "revolute" else 1.0)
         for joint in joints
     ]
-    acceleration = np.minimum(move.acceleration, at_most)
-    peak = np.minimum(move.rate, np.sqrt(way * acceleration))
-    trapezoids = np.divide(way, peak, out=np.zeros_like(way), where=way > 0.0) + peak / acceleration
+    acceleration = np.minimum(move.acceleration, swing_limits)
+    trapezoids = rest_to_rest_time(way, move.rate, acceleration)
     changes = np.abs(move.goal.v - move.start.v)[move.joints] / acceleration
     return max(slowest, float((trapezoids + changes).max()))
 
 
-def guess(move: Move, duration: float, count: int) -> transcription.Plan:
-    """A polynomial of the drives over a count of intervals, with the load on its way from the swing
-    at the start to that at the goal.
+def straight_plan(move: Move, duration: float, count: int) -> transcription.Plan:
+    """Return a polynomial of the drives over a count of intervals, with the swing interpolated
+    between start and goal.
     """
     durations = np.full(count, duration / count)
     times = transcription.times(durations)
     start, goal = move.start, move.goal
     joints, passive = move.joints, move.crane.layout.passive
-    ends = [[one.q[joints], one.v[joints], 0.0 * one.v[joints]] for one in (start, goal)]
+    ends = [[end.q[joints], end.v[joints], 0.0 * end.v[joints]] for end in (start, goal)]
     curve = BPoly.from_derivatives([0.0, duration], np.array(ends))
-    share = (times / duration)[:, None]
-    rest = [
-        (1.0 - share) * one[passive] + share * other[passive]
-        for one, other in ((start.q, goal.q), (start.v, goal.v))
+    s = (times / duration)[:, None]
+    swing = [
+        (1.0 - s) * first[passive] + s * last[passive]
+        for first, last in ((start.q, goal.q), (start.v, goal.v))
     ]
-    return _plan(move, durations, rest, [curve(times, order) for order in range(3)])
+    return _plan(move, durations, swing, [curve(times, order) for order in range(3)])
 
 
-def begun(move: Move, motion: Motion, count: int) -> transcription.Plan:
-    """A motion over a count of intervals, from the start to the goal of a move."""
+def plan_of_motion(move: Move, motion: Motion, count: int) -> transcription.Plan:
+    """Return a motion from the start to the goal of a move as a plan of a count of intervals."""
     durations = np.full(count, motion.arrival / count)
     times = transcription.times(durations)
     rows = motion.period * np.arange(len(motion.q))
-    q, v, a = (
-        np.column_stack([np.interp(times, rows, column) for column in part.T])
-        for part in (motion.q, motion.v, motion.a)
-    )
-    for part, kind in ((q, "q"), (v, "v")):
-        part[0], part[-1] = getattr(move.start, kind), getattr(move.goal, kind)
+    q, v, a = (interpolate_columns(times, rows, table) for table in (motion.q, motion.v, motion.a))
+    q[0], q[-1], v[0], v[-1] = move.start.q, move.goal.q, move.start.v, move.goal.v
     a[[0, -1]] = 0.0
     passive = move.crane.layout.passive
-    rest = [q[:, passive], v[:, passive]]
-    return _plan(move, durations, rest, [part[:, move.joints] for part in (q, v, a)])
+    swing = [q[:, passive], v[:, passive]]
+    return _plan(move, durations, swing, [table[:, move.joints] for table in (q, v, a)])
 
 
 def _plan(
-    move: Move, durations: np.ndarray, rest: list[np.ndarray], drives: list[np.ndarray]
+    move: Move, durations: np.ndarray, swing: list[np.ndarray], drives: list[np.ndarray]
 ) -> transcription.Plan:
-    """A plan of what the passive joints do, and drives with their rates and accelerations."""
+    """Return a plan of passive joints and drives, with their rates and accelerations."""
     ends = drives[2][::3] if move.jerk is not None else drives[1][::3]
     controls = np.diff(ends, axis=0) / durations[:, None]
-    kept = drives if move.jerk is not None else drives[:2]
-    return transcription.Plan(durations, controls, np.hstack([*rest, *kept]))
+    derivatives = drives if move.jerk is not None else drives[:2]
+    return transcription.Plan(durations, controls, np.hstack([*swing, *derivatives]))

@@ -1,4 +1,4 @@
-"""A crane that stands parked on the site, as an obstacle."""
+"""A crane that is parked on the site, as an obstacle."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import pinocchio as pin
 
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from cranedyn.planning.bodies import bodies, solid_parts
-from cranedyn.planning.solids import Solid, convex_hull, turned
+from cranedyn.planning.bodies import bodies, shape_corners
+from cranedyn.planning.solids import Solid, convex_hull, rotation_z
 
 
 def neighbour(
@@ -21,39 +21,39 @@ def neighbour(
     place: Mapping[str, float],
     values: Mapping[str, float],
 ) -> list[Solid]:
-    """A parked crane with its rope and hook.
+    """Return a parked crane with its rope and hook as an obstacle.
 
     Args:
-        name: What it is called.
-        position: Where its mast stands [m], shape (3,).
-        heading: Where its jib points at zero slew, from X towards Y [rad].
+        name: Its name.
+        position: Foot of its mast [m], shape (3,).
+        heading: Direction of its jib at zero slew, from X towards Y [rad].
         place: Its slew [°], trolley radius [m] and cable length [m], by "slew", "trolley", "cable";
             0 is where its URDF has them.
-        values: Numbers of the crane that differ from its defaults, by name.
+        values: Values of the crane that differ from its defaults, by name.
 
     Raises:
         CraneError: If there is no such crane, or it cannot stand so.
     """
     crane = load_crane(values=values)
     crane.layout.tower("A parked neighbour")
-    asked = {"gamma": math.radians(place["slew"]), "x": place["trolley"], "l": place["cable"]}
-    q = crane.state(**{coordinate: value for coordinate, value in asked.items() if value}).q
+    coordinates = {"gamma": math.radians(place["slew"]), "x": place["trolley"], "l": place["cable"]}
+    q = crane.state(**{coordinate: value for coordinate, value in coordinates.items() if value}).q
     parts = _parts(crane, q)
-    rotation = turned(heading + math.pi / 2.0)
+    rotation = rotation_z(heading + math.pi / 2.0)
     placed = [part @ rotation.T + position for part in parts]
     corners, triangles = zip(*map(convex_hull, placed), strict=True)
     firsts = np.cumsum([0, *map(len, corners[:-1])])
-    numbered = [one + first for one, first in zip(triangles, firsts, strict=True)]
+    numbered = [indices + first for indices, first in zip(triangles, firsts, strict=True)]
     return [Solid(name, tuple(placed), np.vstack(corners), np.vstack(numbered))]
 
 
 def _parts(crane: Crane, q: np.ndarray) -> list[np.ndarray]:
-    """Corners of all of its shapes and of its rope, in its own frame [m]."""
+    """Return the corners of all shapes of a crane and of its rope, in its own frame [m]."""
     data = crane.model.createData()
     pin.forwardKinematics(crane.model, data, q)
     parts = [
         data.oMi[joint].rotation @ corners.T + data.oMi[joint].translation[:, None]
-        for joint, corners in solid_parts(crane)
+        for joint, corners in shape_corners(crane)
     ]
     _, _, pivot, _, hoist = crane.layout.tower("A parked neighbour")
     falls, ends = bodies(crane).falls, [data.oMi[joint + 1].translation for joint in (pivot, hoist)]

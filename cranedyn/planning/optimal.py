@@ -23,51 +23,50 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.planning import transcription
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.driven import SOON, Driven
+from cranedyn.planning.drive_trajectory import SOON, DriveTrajectory
 from cranedyn.planning.half_spaces import half_spaces
 from cranedyn.planning.move import (
     PLUMB,
     USUAL,
     Move,
     Preference,
-    about,
     at_rest,
-    begun,
-    guess,
+    estimated_duration,
     periods,
+    plan_of_motion,
     problem,
+    straight_plan,
 )
-from cranedyn.planning.proof import CLOSE, Unproven, slew_range, unproven
+from cranedyn.planning.proof import CLOSE, Unproven, slew_range, unproven_parameter
 from cranedyn.planning.transcription import Plan
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
 
 _LEAST_SWING = 0.03
-"""What the cost is worth where the duration is given: so little that a move does not last longer
-than that."""
+"""Weight of the cost where the duration is given: so little that a move does not last longer."""
 
 _INTERVAL = 0.25
 """Longest interval of constant jerk [s], if none is given."""
 
 _SHARE = 0.25
-"""An interval is at most this share of the shortest period in which the passive joints swing."""
+"""Longest interval as a share of the shortest period of the passive joints."""
 
 _ALONE = threading.Lock()
-"""CasADi counts who holds its symbols without care for threads, so one thread at a time."""
+"""Held while CasADi works: its reference counts are not safe for threads."""
 
 _MOST, _RAMPS = 10_000, (1e-3, 3600.0)
-"""Intervals that a motion may have, and the shortest and longest ramp [s] that is not none."""
+"""Most intervals of a motion, and shortest and longest ramp other than none [s]."""
 
 _MARGINS = (0.02, 0.1, 0.3)
-"""Room beyond what is required at the points of a plan [m], for what it does between them; more is
-tried where a plan is not proven."""
+"""Margins at the points of a plan [m], for its motion between them, one after the other until it is
+proven."""
 
 _NEAR = 1e-6
-"""How far a motion may begin and end from where it should [rad or m]."""
+"""Largest distance of the ends of a first motion from start and goal [rad or m]."""
 
 _TURNED = 1e-3
-"""How far the jib stays from the end of the free slew angles [rad]: more than it turns between rows
-of a motion."""
+"""Margin of the jib to the ends of the free slew angles [rad]: more than it turns between rows of a
+motion."""
 
 
 def optimal(
@@ -88,7 +87,7 @@ def optimal(
     clearance: Clearance | None = None,
     begin: Motion | None = None,
 ) -> Motion:
-    """The fastest move from one state to another, or the one of least swing in a given time.
+    """Return the fastest move from one state to another, or the one of least swing in a time.
 
     The jerk of the drives is constant over intervals, so accelerations are continuous and a
     controller can track them. Kept are the ranges of the joints, rates, accelerations, the effort
@@ -103,19 +102,19 @@ def optimal(
     cost of those that last as long; after its last row a `Motion` stands still, so that another has
     to follow.
 
-    Obstacles are kept away from as in `cranedyn.planning.lift`: everything that hangs by the
-    distance of the site, with an envelope of its swing. What is returned is proven, not sampled. It
-    is the best between planes that part what hangs from the obstacles where the search begins, and
-    so passes these on the same side. With the motion found as a new beginning it may get better.
+    Everything that hangs keeps the distance of the site from obstacles, with an envelope of its
+    swing, as in `cranedyn.planning.lift`. The motion is proven, not sampled. It is the best between
+    planes that separate crane and obstacles where the search begins, and so passes these on the
+    same side. A search that begins with the result may improve it.
 
     The longer a move and the shorter its ramp, the more intervals there are and the longer it takes
     to find it.
 
     Args:
         crane: The crane.
-        start: Where it begins; at rest, or as it moves and swings.
-        goal: Where it shall end; at rest, or in motion.
-        limits: Of the rates and accelerations of the drives.
+        start: First state, at rest or in motion.
+        goal: Last state, at rest or in motion.
+        limits: Rates and accelerations of the drives.
         swing: Largest size of each swing [rad].
         duration: Time for the move [s]; None for the least. The last row of the motion is the first
             at or after its end.
@@ -127,9 +126,9 @@ def optimal(
         period: Time between rows [s].
         interval: Longest interval [s]. None for half of the ramp but no more than 0.25 s. It is
             also no longer than a quarter of the shortest period of a swing.
-        preference: What decides among motions that are nearly as fast, and how fast that is.
-        tolerance: Relative error at which the optimiser has found the motion.
-        iterations: How many the optimiser makes at most.
+        preference: Weights that decide among motions that are nearly as fast.
+        tolerance: Relative error at which the optimiser ends.
+        iterations: Most iterations of the optimiser.
         clearance: Crane and site, so that nothing is touched; the rope then leans no more than the
             swing of the site. None for no obstacles. For a tower crane only.
         begin: A motion from the start to the goal with which the search begins, as of a planned
@@ -152,8 +151,8 @@ def optimal(
     start = crane.layout.as_state("start", start)
     goal = crane.layout.as_state("goal", goal)
     drives = _moving(crane, start, goal, still, clearance is not None)
-    kept = limits.for_crane(crane)
-    rate, acceleration = np.asarray(kept.rates), np.asarray(kept.accelerations)
+    limits = limits.for_crane(crane)
+    rate, acceleration = np.asarray(limits.rates), np.asarray(limits.accelerations)
     _check_ends(crane, start, goal, rate, swing)
     jerk = None
     if number("ramp", ramp, "s", ">= 0") > 0.0:
@@ -171,9 +170,9 @@ def optimal(
         preference.longer if duration is None else _LEAST_SWING,
     )
     if clearance is not None:
-        move = _among(move, clearance)
+        move = _among_obstacles(move, clearance)
     least = 0.0 if duration is None else number("duration", duration, "s", "> 0")
-    first = _first(move, least, ramp, interval, period, begin)
+    first = _first_plan(move, least, ramp, interval, period, begin)
     search = _Search(move, clearance, {"tolerance": tolerance, "iterations": iterations})
     with _ALONE:
         plan = search.best(first, least)
@@ -184,7 +183,7 @@ def optimal(
             )
         if goal.v.any():
             plan = search.lasting(plan, period * math.ceil(plan.durations.sum() / period - 1e-9))
-    motion = Driven(move, plan).motion(period)
+    motion = DriveTrajectory(move, plan).motion(period)
     if clearance is not None:
         _check_rows(clearance, move, motion)
     return motion
@@ -192,17 +191,23 @@ def optimal(
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """How plans of a move are made, proven ones where there are obstacles."""
+    """A search for plans of a move, proven ones where there are obstacles.
+
+    Attributes:
+        move: The move.
+        clearance: Crane and site; None for no obstacles.
+        options: Options of the optimiser.
+    """
 
     move: Move
     clearance: Clearance | None
-    how: dict[str, Any]
+    options: dict[str, Any]
 
     def best(self, first: Plan, least: float) -> Plan:
-        """The best plan near a first one, of no less than a duration [s]."""
+        """Return the best plan near a first one, of no less than a duration [s]."""
         move = self.move
         if not (at_rest(move.crane, move.start) and at_rest(move.crane, move.goal)):
-            # A guess of such a move is so far from one that the optimiser would give up time first.
+            # Such a first plan is so far from a motion that the optimiser would give up time first.
             each = max(least / len(first.durations), 0.7 * float(first.durations[0]))
             first = self._solved(first, each, 2.0 * each)
             inside = 1.001 * each < first.durations[0] < 1.999 * each
@@ -220,19 +225,20 @@ class _Search:
         raise failed
 
     def lasting(self, plan: Plan, duration: float) -> Plan:
-        """The plan of least cost near one that lasts as long [s]."""
-        each = duration / len(plan.durations)
-        alike = plan._replace(durations=np.full_like(plan.durations, each))
-        return self._proven(alike, each, each, margin=_MARGINS[0] / 2.0)
+        """Return the plan of least cost near one that lasts a duration [s]."""
+        interval = duration / len(plan.durations)
+        plan = plan._replace(durations=np.full_like(plan.durations, interval))
+        return self._proven(plan, interval, interval, margin=_MARGINS[0] / 2.0)
 
     def _proven(self, plan: Plan, least: float, most: float = math.inf, *, margin: float) -> Plan:
-        """As solved, and if there are obstacles proven to touch none."""
+        """Return a solved plan, proven to touch no obstacle."""
         plan = self._solved(plan, least, most, margin)
         if self.clearance is not None:
-            driven = Driven(self.move, plan)
-            at = unproven(self.clearance, driven, 0.0, driven.duration)
-            if at is not None:
-                raise Unproven(at, f"the room is {self.clearance.room(driven.at(at)):.3f} m")
+            drives = DriveTrajectory(self.move, plan)
+            t = unproven_parameter(self.clearance, drives, 0.0, drives.duration)
+            if t is not None:
+                margin = self.clearance.swing_margin(drives.at(t))
+                raise Unproven(t, f"the clearance margin is {margin:.3f} m")
         return plan
 
     def _solved(
@@ -247,11 +253,11 @@ class _Search:
             equal=least < most,
             least=least,
             most=most,
-            **self.how,
+            **self.options,
         )
 
 
-def _first(
+def _first_plan(
     move: Move,
     least: float,
     ramp: float,
@@ -259,7 +265,7 @@ def _first(
     period: float,
     begin: Motion | None,
 ) -> Plan:
-    """Where the search begins."""
+    """Return the plan with which the search begins."""
     if begin is not None:
         begin.check_fits("begin", move.crane.layout)
         drives = move.crane.layout.drives
@@ -271,17 +277,23 @@ def _first(
     if interval is not None:
         longest = number("interval", interval, "s", "> 0")
     longest = min(longest, _SHARE * fastest)
-    lasts = max(least, about(move, slowest) + ramp) if begin is None else max(least, begin.arrival)
-    intervals("duration", lasts, period)
-    if lasts / longest > _MOST:
+    duration = (
+        max(least, estimated_duration(move, slowest) + ramp)
+        if begin is None
+        else max(least, begin.arrival)
+    )
+    intervals("duration", duration, period)
+    if duration / longest > _MOST:
         raise OutOfRange(
             "duration",
-            lasts,
+            duration,
             f"{_MOST * longest:g} or less with intervals of {longest:g} s: half the ramp at most",
             "s",
         )
-    count = math.ceil(lasts / longest)
-    return guess(move, lasts, count) if begin is None else begun(move, begin, count)
+    count = math.ceil(duration / longest)
+    if begin is not None:
+        return plan_of_motion(move, begin, count)
+    return straight_plan(move, duration, count)
 
 
 def _check_ends(crane: Crane, start: State, goal: State, rate: np.ndarray, swing: float) -> None:
@@ -309,28 +321,28 @@ def _check_ends(crane: Crane, start: State, goal: State, rate: np.ndarray, swing
 
 
 def _moving(
-    crane: Crane, start: State, goal: State, still: Sequence[str] | None, among: bool
+    crane: Crane, start: State, goal: State, still: Sequence[str] | None, obstacles: bool
 ) -> np.ndarray:
-    """Which of the drives move."""
+    """Return the indices of the drives that move."""
     layout, drives = crane.layout, crane.layout.drives
     goes = (goal.q != start.q)[drives] | (goal.v != 0.0)[drives] | (start.v != 0.0)[drives]
     if still is None:
         helps = [joint.role == "trolley" and layout.has("slew") for joint in layout.driven]
-        return np.flatnonzero(goes | helps | [among])
+        return np.flatnonzero(goes | helps | [obstacles])
     for name in still:
         if goes[layout.drive(name)]:
             raise OutOfRange("still", name, "drives that have no way to go")
     return np.array([i for i, joint in enumerate(layout.driven) if joint.symbol not in still])
 
 
-def _among(move: Move, clearance: Clearance) -> Move:
-    """A move among obstacles: the jib in the slew angles that are free about the start, the rope
-    no more aslant than the site allows.
+def _among_obstacles(move: Move, clearance: Clearance) -> Move:
+    """Return a move among obstacles: the jib in the slew angles that are free about the start, the
+    rope within the swing of the site.
     """
-    crane, joints, place_of = move.crane, clearance.joints, clearance.place_of
+    crane, joints, drive_joints = move.crane, clearance.joints, clearance.drive_joints
     for where, state in (("start", move.start), ("goal", move.goal)):
-        room = clearance.room(state.q[place_of])
-        number(f"room at the {where} beyond what is required", room - CLOSE, "m", ">= 0")
+        margin = clearance.swing_margin(state.q[drive_joints])
+        number(f"clearance margin at the {where}", margin - CLOSE, "m", ">= 0")
         within(
             f"tilt of the rope at the {where}",
             float(clearance.tilt(state.q)),
@@ -343,16 +355,16 @@ def _among(move: Move, clearance: Clearance) -> Move:
         clearance, float(move.start.q[slew]), float(crane.lower[slew]), float(crane.upper[slew])
     )
     lower, upper = move.ranges
-    lower[hoist] = max(lower[hoist], clearance.shortest)
+    lower[hoist] = max(lower[hoist], clearance.shortest_cable)
     lower[slew], upper[slew] = slews.low + _TURNED * bool(slews.below), slews.high
     upper[slew] -= _TURNED * bool(slews.above)
     within("gamma at the goal", move.goal.q[slew], lower[slew], upper[slew], "rad")
-    return replace(move, tilt=clearance.site.swing, given=np.array([lower, upper]))
+    return replace(move, tilt=clearance.site.swing, given_ranges=np.array([lower, upper]))
 
 
 def _check_rows(clearance: Clearance, move: Move, motion: Motion) -> None:
-    """Return if the rows of a proven motion keep the lean of the rope and the angles of the jib,
-    which the plan does at its points.
+    """Check that the rows of a motion keep the angles of rope and jib, as the plan does at its
+    points.
     """
     tilt, slew = clearance.tilt(motion.q), clearance.joints.slew
     if tilt.max() > clearance.site.swing:

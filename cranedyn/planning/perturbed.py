@@ -1,5 +1,5 @@
-"""Many lifts that are not quite as planned: how often they come nearer than they should, and how
-near.
+"""Perturbed lifts: a certified lift simulated many times with other loads, cables, winds and
+sensors; how often it comes closer than required, and how close.
 """
 
 from __future__ import annotations
@@ -20,37 +20,45 @@ from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.compiled.inputs import fit
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.disturbances.wind import AIR_DENSITY, gust_shape
+from cranedyn.disturbances.wind import drag_force, gust_shape
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.planning.certificate import AFTER, HOIST_INTEGRAL, Certificate, controller_of
 from cranedyn.planning.clearance import Clearance, Joints
+from cranedyn.planning.curve import interpolate_columns
 from cranedyn.planning.lift import Lift
 
 CONFIDENCE = 0.95
-"""Of the interval in which the probability lies."""
+"""Confidence of the interval of a probability."""
 
-_RECORDED, _DRAG, _LEVELS = 0.1, 1.2, 13
+_RECORDED = 0.1
+"""Time between rows that are kept [s]."""
+
+_DRAG = 1.2
+"""Drag coefficient of the box around a load."""
+
+_LEVELS = 13
+"""Number of masses of the load."""
 
 
 @dataclass(frozen=True)
 class Spread:
-    """In what lifts differ from the plan; each number is drawn evenly within its range.
+    """Ranges in which lifts differ from the plan; each number is drawn uniformly.
 
     Attributes:
-        load: Mass of the load, by which share more or less; in 13 steps.
-        cable: How much longer or shorter the cable is than measured [m].
+        load: Change of the mass of the load, as a share of it; in 13 steps.
+        cable: Error of the measured cable length [m].
         wind: Largest steady wind [m/s], from any side, in which the load hangs at the start.
         gust: Largest rise of one gust [m/s], of shape (1 - cos)/2, in the same direction, at any
             time of the lift.
         gust_lasts: Shortest and longest gust [s].
-        late: How late the sensors are, one of these [s].
+        late: Delays of the sensors, of which one is drawn [s].
 
     Raises:
         OutOfRange: If a number is none, negative or not finite, the load could be gone, or a gust
             has no length.
-        CraneError: If nothing is said of how late the sensors are.
+        CraneError: If there is no delay of the sensors.
     """
 
     load: float = 0.3
@@ -61,19 +69,15 @@ class Spread:
     late: tuple[float, ...] = (0.0, 0.005, 0.010, 0.020)
 
     def __post_init__(self) -> None:
+        """Check the numbers."""
         within("share of the load", self.load, 0.0, 0.99)
         for name, unit in (("cable", "m"), ("wind", "m/s"), ("gust", "m/s")):
             within(f"spread of the {name}", getattr(self, name), 0.0, 100.0, unit)
         shortest, longest = finite("lengths of a gust", self.gust_lasts, (2,), unit="s")
-        within(
-            "longest gust",
-            longest,
-            within("shortest gust", shortest, 1e-3, 3600.0, "s"),
-            3600.0,
-            "s",
-        )
-        for late in finite("delays of the sensors", self.late, ("n",), unit="s"):
-            within("delay of the sensors", late, 0.0, 10.0, "s")
+        shortest = within("shortest gust", shortest, 1e-3, 3600.0, "s")
+        within("longest gust", longest, shortest, 3600.0, "s")
+        for delay in finite("delays of the sensors", self.late, ("n",), unit="s"):
+            within("delay of the sensors", delay, 0.0, 10.0, "s")
         if not len(self.late):
             raise CraneError(
                 "delays of the sensors is (); allowed is one or more [s], of which one is drawn "
@@ -83,15 +87,15 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class Perturbed:
-    """What became of many lifts.
+    """Results of perturbed lifts.
 
     Attributes:
-        least: How far at least anything that hangs stayed from anything in each lift [m], measured
-            where it could be less than required; from zones, which ask for none, by what is
-            required more; not a number where the lift failed: the rope slack, a range left; shape
-            (n,).
-        required: How near it may come [m].
-        drawn: What was drawn for each lift, by name.
+        least: Lower bound of the distance between anything that hangs and any obstacle in each lift
+            [m], exact where it could be less than required; the distance from zones, which require
+            none, counts with the required distance added; not a number where the lift failed: the
+            rope slack, a range left; shape (n,).
+        required: Required distance [m].
+        drawn: Numbers drawn for each lift, by name.
         swing: Amplitude of the swing after each lift [rad], shape (n,).
     """
 
@@ -101,15 +105,15 @@ class Perturbed:
     swing: np.ndarray
 
     @property
-    def nearer(self) -> int:
-        """How many came nearer than required, or failed."""
+    def failures(self) -> int:
+        """Number of lifts that came closer than required, or failed."""
         return int(np.count_nonzero(~(self.least >= self.required)))
 
     def interval(self) -> tuple[float, float]:
-        """Within which the probability of coming nearer than required lies, by Clopper and Pearson
+        """Return the confidence interval of the probability of a failure, by Clopper and Pearson
         (1934).
         """
-        test = binomtest(self.nearer, len(self.least))
+        test = binomtest(self.failures, len(self.least))
         low, high = test.proportion_ci(CONFIDENCE, "exact")
         return float(low), float(high)
 
@@ -123,18 +127,19 @@ def perturb(
     dt: float = 1e-3,
     threads: int | None = None,
 ) -> Perturbed:
-    """Make a certified lift many times, each time not quite as planned.
+    """Simulate a certified lift many times with perturbations.
 
     Args:
         certificate: The lift.
-        count: How many lifts.
-        spread: In what they differ.
-        seed: Of what is drawn.
+        count: Number of lifts.
+        spread: Ranges of the perturbations.
+        seed: Seed of the random numbers.
         dt: Physics step [s].
-        threads: How many; by default one for each processor.
+        threads: Number of threads; by default one for each processor.
 
     Raises:
-        OutOfRange: If the count is not a whole number from 1 on, or what is drawn would not fit.
+        OutOfRange: If the count is not a whole number from 1 on, or the random numbers do not fit
+            into memory.
     """
     whole("number of lifts", count, 1)
     fit("number of lifts", short_repr(count), 12 * count)
@@ -151,21 +156,21 @@ def perturb(
         "late_s": rng.choice(spread.late, count),
     }
     least, swing = np.empty(count), np.empty(count)
-    for made in made_otherwise(certificate, drawn, dt=dt, threads=threads):
-        least[made.rows], swing[made.rows] = made.least, made.batch.residual_swing
+    for chunk in simulate_perturbed(certificate, drawn, dt=dt, threads=threads):
+        least[chunk.rows], swing[chunk.rows] = chunk.least, chunk.batch.residual_swing
     return Perturbed(least, lift.clearance.site.distance, drawn, swing)
 
 
-class Otherwise(NamedTuple):
-    """Lifts of one load that were made at once, not as planned.
+class PerturbedBatch(NamedTuple):
+    """Perturbed lifts of one load that were simulated at once.
 
     Attributes:
-        rows: Which of all they are, shape (k,).
-        crane: With their load.
-        batch: What became of them, a row each tenth of a second.
-        force: Of the wind on the points of the crane in these rows [N], shape (k, rows, 3 points).
-        least: How far at least anything that hangs stayed from anything [m], see `Perturbed`, shape
-            (k,).
+        rows: Indices of these lifts among all, shape (k,).
+        crane: The crane with their load.
+        batch: The simulated lifts, a row each tenth of a second.
+        force: Force of the wind on the points of the crane in these rows [N], shape (k, rows,
+            3 points).
+        least: As of `Perturbed`, shape (k,).
     """
 
     rows: np.ndarray
@@ -175,51 +180,54 @@ class Otherwise(NamedTuple):
     least: np.ndarray
 
 
-def made_otherwise(
+def simulate_perturbed(
     certificate: Certificate,
     drawn: dict[str, np.ndarray],
     *,
     dt: float = 1e-3,
     threads: int | None = None,
-) -> Iterator[Otherwise]:
-    """Make a certified lift as often as numbers are drawn, some hundred at a time.
+) -> Iterator[PerturbedBatch]:
+    """Simulate a certified lift once for each set of numbers, some hundred lifts at a time.
 
     Args:
         certificate: The lift.
-        drawn: In what each lift differs, by the names of `Perturbed.drawn`, shape (n,) each.
+        drawn: Perturbations by the names of `Perturbed.drawn`, shape (n,) each.
         dt: Physics step [s].
-        threads: How many; by default one for each processor.
+        threads: Number of threads; by default one for each processor.
     """
     lift, nominal = certificate.lift, controller_of(certificate.lift, dt=dt)
     cranes = {level: _crane(lift.crane, level) for level in np.unique(drawn["load"]).tolist()}
     rows = np.searchsorted(certificate.run.t, _recorded(lift) - 1e-9)
     planned = certificate.run.q[rows]
-    room = np.array([lift.clearance.true_room(q) for q in planned])
+    margins = np.array([lift.clearance.margin(q) for q in planned])
 
-    def make(some: np.ndarray) -> tuple[Batch, np.ndarray]:
-        own = {name: values[some] for name, values in drawn.items()}
-        return _batch(lift, nominal, own, cranes, dt)
+    def simulate_chunk(rows: np.ndarray) -> tuple[Batch, np.ndarray]:
+        chunk = {name: values[rows] for name, values in drawn.items()}
+        return _batch(lift, nominal, chunk, cranes, dt)
 
     workers, chunks = threads or len(os.sched_getaffinity(0)), _chunks(drawn["load"])
-    under_way = deque[Future[tuple[Batch, np.ndarray]]]()
+    running = deque[Future[tuple[Batch, np.ndarray]]]()
     with ThreadPoolExecutor(workers) as pool:
-        for ahead in range(len(chunks) + workers):
-            if ahead < len(chunks):
-                under_way.append(pool.submit(make, chunks[ahead]))
-            if ahead >= workers:
-                some, (batch, force) = chunks[ahead - workers], under_way.popleft().result()
-                least = _least(lift.clearance, planned, room, batch)
-                yield Otherwise(some, cranes[float(drawn["load"][some[0]])], batch, force, least)
+        for i in range(len(chunks) + workers):
+            if i < len(chunks):
+                running.append(pool.submit(simulate_chunk, chunks[i]))
+            if i >= workers:
+                chunk, (batch, force) = chunks[i - workers], running.popleft().result()
+                least = _least(lift.clearance, planned, margins, batch)
+                crane = cranes[float(drawn["load"][chunk[0]])]
+                yield PerturbedBatch(chunk, crane, batch, force, least)
 
 
 def _chunks(loads: np.ndarray, most: int = 200) -> list[np.ndarray]:
-    """Rows to make at once, of the same load."""
+    """Return the indices of lifts of the same load, at most so many at once."""
     levels = [np.flatnonzero(loads == level) for level in np.unique(loads)]
-    return [some for rows in levels for some in np.array_split(rows, math.ceil(len(rows) / most))]
+    return [
+        rows for level in levels for rows in np.array_split(level, math.ceil(len(level) / most))
+    ]
 
 
 def _crane(crane: Crane, load: float) -> Crane:
-    """The crane with another mass of the load."""
+    """Return the crane with a multiple of the mass of its load."""
     if load == 1.0:
         return crane
     model, joint = crane.model.copy(), crane.payload.body + 1
@@ -230,18 +238,15 @@ def _crane(crane: Crane, load: float) -> Crane:
 
 
 def late(controller: HoistIntegral, seconds: float) -> Tracking:
-    """A tracking controller whose sensors are late, as far as they are late to show what is
-    planned.
+    """Return the tracking controller of a lift with sensors that are late.
 
-    What it sees at a time t is the state at t less the delay; where the lift goes as planned, this
-    is as if its setpoint were ahead by it.
+    What it reads at a time t is the state at t less the delay. Where the lift goes as planned, that
+    is as if its setpoint were ahead by the delay.
     """
     table = controller.tracking
-    rows = np.arange(len(table.setpoint)) + seconds / table.period
-    ahead = np.column_stack(
-        [np.interp(rows, np.arange(len(table.setpoint)), column) for column in table.setpoint.T]
-    )
-    return replace(table, setpoint=ahead)
+    rows = np.arange(len(table.setpoint))
+    setpoint = interpolate_columns(rows + seconds / table.period, rows, table.setpoint)
+    return replace(table, setpoint=setpoint)
 
 
 def _batch(
@@ -251,71 +256,72 @@ def _batch(
     cranes: dict[float, Crane],
     dt: float,
 ) -> tuple[Batch, np.ndarray]:
-    """What becomes of lifts, and the forces of the wind in the rows that are kept."""
+    """Simulate lifts of one load; return also the forces of the wind in the rows that are kept."""
     crane, motion, count = lift.crane, lift.timed.motion, len(drawn["load"])
     load = float(drawn["load"][0])
     heavier = (load - 1.0) * crane.payload_mass * crane.gravity
-    delays = np.unique(drawn["late_s"]).tolist()
-    made = {
-        one: replace(nominal, tracking=late(nominal, one), integral=-heavier / HOIST_INTEGRAL)
-        for one in delays
+    controllers = {
+        delay: replace(nominal, tracking=late(nominal, delay), integral=-heavier / HOIST_INTEGRAL)
+        for delay in np.unique(drawn["late_s"]).tolist()
     }
+    delays = drawn["late_s"].tolist()
     times = motion.period * np.arange(_periods(lift) + 1)
-    # So that all batches share one code, the last crane is made once more with another load.
-    other = next((one for level, one in cranes.items() if level != load), cranes[load])
-    force = _forces(lift, {name: np.append(one, one[-1:]) for name, one in drawn.items()}, times)
+    # All batches share one compiled code if the last crane is simulated again with another load.
+    added = next((crane for level, crane in cranes.items() if level != load), cranes[load])
+    force = _forces(lift, {name: _repeat_last(values) for name, values in drawn.items()}, times)
     start = np.tile(lift.states()[0].q, (count, 1))
     hoist = lift.clearance.joints.hoist
     start[:, hoist] += drawn["cable_m"]
     offset = np.zeros((count, 2 * crane.layout.n))
     offset[:, hoist] = -drawn["cable_m"]
     _hang(start, force[:-1, 0, :3], cranes[load], lift.clearance.joints)
-    batch = _without_last(
-        simulate_batch(
-            [*[cranes[load]] * count, other],
-            [*(made[one] for one in drawn["late_s"].tolist()), made[delays[0]]],
-            motion,
-            start=State(np.vstack([start, start[-1:]]), np.zeros((count + 1, start.shape[1]))),
-            duration=motion.period * _periods(lift),
-            dt=dt,
-            control_period=motion.period,
-            force=force,
-            sensor_offset=np.vstack([offset, offset[-1:]]),
-            residual_from=motion.arrival,
-            record=_every(lift),
-            threads=1,
-        )
+    batch = simulate_batch(
+        [*[cranes[load]] * count, added],
+        [*(controllers[delay] for delay in delays), controllers[min(controllers)]],
+        motion,
+        start=State(_repeat_last(start), np.zeros((count + 1, start.shape[1]))),
+        duration=motion.period * _periods(lift),
+        dt=dt,
+        control_period=motion.period,
+        force=force,
+        sensor_offset=_repeat_last(offset),
+        residual_from=motion.arrival,
+        record=_every(lift),
+        threads=1,
     )
+    names = ("peak_swing", "residual_swing", "largest_effort", "valid_until", "q", "v")
+    batch = replace(batch, **{name: getattr(batch, name)[:-1] for name in names})
     return batch, force[:-1, np.rint(batch.t / motion.period).astype(int)]
 
 
+def _repeat_last(values: np.ndarray) -> np.ndarray:
+    return np.concatenate([values, values[-1:]])
+
+
 def _periods(lift: Lift) -> int:
-    """Control periods that a lift is watched."""
+    """Return the number of control periods that a lift is watched."""
     motion = lift.timed.motion
     return round(motion.arrival / motion.period) + math.ceil(AFTER / motion.period)
 
 
 def _every(lift: Lift) -> int:
-    """Control periods from one row that is kept to the next."""
+    """Return the number of control periods between rows that are kept."""
     return max(1, round(_RECORDED / lift.timed.motion.period))
 
 
 def _recorded(lift: Lift) -> np.ndarray:
-    """Times of the rows that are kept [s]."""
+    """Return the times of the rows that are kept [s]."""
     return lift.timed.motion.period * np.arange(0, _periods(lift) + 1, _every(lift))
 
 
-def _without_last(batch: Batch) -> Batch:
-    parts = {
-        name: getattr(batch, name)[:-1]
-        for name in ("peak_swing", "residual_swing", "largest_effort", "valid_until", "q", "v")
-    }
-    return replace(batch, **parts)
-
-
 def _hang(start: np.ndarray, force: np.ndarray, crane: Crane, joints: Joints) -> None:
-    """Let loads hang as the wind holds them at the start, their pivots where they are; forces in
-    the world [N], shape (n, 3).
+    """Set loads where the wind holds them at the start, their pivots unmoved.
+
+    Args:
+        start: Coordinates to change, shape (n, coordinates).
+        force: Forces in the world [N], shape (n, 3).
+        crane: The crane.
+        joints: Its joints.
     """
     gamma, weight = start[:, joints.slew], crane.payload_mass * crane.gravity
     outward = force[:, 0] * np.sin(gamma) - force[:, 1] * np.cos(gamma)
@@ -325,64 +331,55 @@ def _hang(start: np.ndarray, force: np.ndarray, crane: Crane, joints: Joints) ->
 
 
 def _forces(lift: Lift, drawn: dict[str, np.ndarray], times: np.ndarray) -> np.ndarray:
-    """Drag of the wind on the points of the crane [N], shape (n, rows, 3 points), on the load
-    alone, which moves as planned.
+    """Return the drag of the wind on the load, which moves as planned [N], shape (n, rows,
+    3 points).
     """
     area = _DRAG * _silhouette(lift.clearance.bodies.load)
     points = lift.clearance.point(lift.timed.places)
-    velocity = np.gradient(points, _step(lift), axis=0)
-    own = np.column_stack(
-        [
-            np.interp(times, _step(lift) * np.arange(len(points)), part, right=0.0)
-            for part in velocity.T
-        ]
-    )
+    step = lift.timed.motion.arrival / (len(points) - 1)
+    velocity = np.gradient(points, step, axis=0)
+    velocity = interpolate_columns(times, step * np.arange(len(points)), velocity)
+    velocity[times > step * (len(points) - 1)] = 0.0
+    names = ("wind_m_s", "gust_m_s", "gust_at_s", "gust_lasts_s", "direction_rad")
     force = np.zeros((len(drawn["load"]), len(times), 3 * len(lift.crane.points)))
-    for i, row in enumerate(
-        zip(
-            *(
-                drawn[name]
-                for name in ("wind_m_s", "gust_m_s", "gust_at_s", "gust_lasts_s", "direction_rad")
-            ),
-            strict=True,
-        )
-    ):
-        steady, rise, at, lasts, direction = row
+    for i, row in enumerate(zip(*(drawn[name] for name in names), strict=True)):
+        steady, rise, start, duration, direction = row
         speed = np.full(len(times), steady)
-        blows = slice(*np.searchsorted(times, (at, at + lasts)))
-        speed[blows] += rise * gust_shape(times[blows], at, lasts)
-        x, y = speed * math.cos(direction) - own[:, 0], speed * math.sin(direction) - own[:, 1]
-        drag = 0.5 * AIR_DENSITY * area * np.sqrt(x * x + y * y)
-        force[i, :, 0], force[i, :, 1] = drag * x, drag * y
+        gust = slice(*np.searchsorted(times, (start, start + duration)))
+        speed[gust] += rise * gust_shape(times[gust], start, duration)
+        along = np.array([math.cos(direction), math.sin(direction)])
+        force[i, :, :2] = drag_force(area, speed[:, None] * along - velocity[:, :2])
     return force
 
 
 def _silhouette(corners: np.ndarray) -> float:
-    """Largest area that the box around a load shows to a horizontal wind [m²]."""
+    """Return the largest area that the box around a load shows to a horizontal wind [m²]."""
     length, width, height = np.ptp(corners, axis=0)
     return float(math.hypot(length, width) * height)
 
 
-def _step(lift: Lift) -> float:
-    return lift.timed.motion.arrival / (len(lift.timed.places) - 1)
+def _least(
+    clearance: Clearance, planned: np.ndarray, margins: np.ndarray, batch: Batch
+) -> np.ndarray:
+    """Return a lower bound of the least distance in each lift [m], shape (n,).
 
+    Where a lift differs from its plan by less than the margin of the plan, that difference gives
+    the bound. Elsewhere distances are measured in the recorded rows, less the way between these.
 
-def _least(clearance: Clearance, planned: np.ndarray, room: np.ndarray, batch: Batch) -> np.ndarray:
-    """How near each lift comes to anything [m], at least so far, shape (n,): at the instants
-    recorded, less how far it moves between these; from the coordinates planned for these, and how
-    near it comes there.
-
-    Where a lift differs from its plan by less than the plan is free, that tells; elsewhere
-    distances are measured.
+    Args:
+        clearance: Crane and site.
+        planned: Planned coordinates in the recorded rows, shape (rows, n).
+        margins: Margins of the plan in these rows [m], shape (rows,).
+        batch: The simulated lifts.
     """
-    between = clearance.moved(batch.q[:, :-1, :], batch.q[:, 1:, :]) / 2.0
+    between = clearance.displacement(batch.q[:, :-1, :], batch.q[:, 1:, :]) / 2.0
     step = np.maximum(np.pad(between, ((0, 0), (1, 0))), np.pad(between, ((0, 0), (0, 1))))
-    at_least = room - clearance.moved(planned, batch.q) - step
+    at_least = margins - clearance.displacement(planned, batch.q) - step
     least = np.full(len(batch.q), np.nan)
     for i in np.flatnonzero(np.isfinite(at_least).all(axis=1) & ~np.isfinite(batch.valid_until)):
-        bounds, looked_at = at_least[i], set[int]()
-        while (k := int(np.argmin(bounds))) not in looked_at and bounds[k] < 0.0:
-            bounds[k] = clearance.true_room(batch.q[i, k]) - step[i, k]
-            looked_at.add(k)
+        bounds, measured = at_least[i], set[int]()
+        while (k := int(np.argmin(bounds))) not in measured and bounds[k] < 0.0:
+            bounds[k] = clearance.margin(batch.q[i, k]) - step[i, k]
+            measured.add(k)
         least[i] = bounds[k] + clearance.site.distance
     return least

@@ -1,55 +1,65 @@
-"""Ways around obstacles: the best on a grid, every edge proven, then made short."""
+"""Ways around obstacles: the best way on a grid, every edge proven, then shortened."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
 
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.curve import lasts
+from cranedyn.planning.curve import leg_durations
 from cranedyn.planning.grid import best_on_grid
-from cranedyn.planning.proof import Line, unproven
+from cranedyn.planning.proof import is_free
 
 EDGES, CELLS = (1.0, 0.5), 50_000
-"""Edges of the cells of grids that are looked at, one after the other [s], and at how many cells of
-each."""
+"""Edges of the cells of the grids to try, one after the other [s], and the most cells of each."""
 
 _TIGHT = 0.2
-"""What a second costs more where there is no room: of ways that last equally long the one with more
-of it is the quicker, and less of it is left by rounding and averaging."""
+"""Additional cost of a second without margin: of ways that last equally long the one with more
+margin is the quicker, since rounding and averaging need some."""
 
 _TRIES = 3
-"""How often shortcuts of a way are drawn, from as many seeds."""
+"""Number of seeds from which shortcuts of a way are drawn."""
 
 _STEPS = (4.0, 2.0, 1.0, 0.5, 0.25)
-"""By how much corners are shifted on trial [s]."""
+"""Distances by which corners are shifted on trial [s]."""
 
 _STRAIGHT = 0.03
-"""What a second of the way of all drives is worth beside one of the longest: of ways that last
-equally long the straight one."""
+"""Cost of a second of all drives together beside one of the slowest: of ways that last equally long
+the straight one."""
+
+_DIRECTIONS = [
+    np.array(step, dtype=float)
+    for step in itertools.product((-1, 0, 1), repeat=3)
+    if 1 <= sum(map(abs, step)) <= 2
+]
+"""Shifts of one drive or two."""
+
+IsFree = Callable[[np.ndarray, np.ndarray], bool]
+"""Whether the straight line between two places is proven free."""
 
 
 class Proofs:
-    """Straight lines between places that are proven free, each looked at once."""
+    """Straight lines between places that are proven free; each is examined once."""
 
     def __init__(self, clearance: Clearance) -> None:
         """Begin with none."""
         self.clearance = clearance
-        self._found: dict[tuple[float, ...], bool] = {}
+        self._free: dict[tuple[float, ...], bool] = {}
 
-    def __call__(self, one: np.ndarray, other: np.ndarray) -> bool:
-        """Whether the line from a place to another is proven free."""
-        key = (*one.tolist(), *other.tolist())
-        if key not in self._found:
-            self._found[key] = unproven(self.clearance, Line(one, other), 0.0, 1.0) is None
-        return self._found[key]
+    def __call__(self, start: np.ndarray, end: np.ndarray) -> bool:
+        """Return whether the line between two places is proven free."""
+        key = (*start.tolist(), *end.tolist())
+        if key not in self._free:
+            self._free[key] = is_free(self.clearance, start, end)
+        return self._free[key]
 
 
 def search(
     clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarray
 ) -> list[np.ndarray]:
-    """Return ways: the straight line, or the best on a grid made short in a few ways; none if there
+    """Return ways: the straight line, or the best on a grid shortened by a few seeds; none if there
     is none on the finest grid either.
 
     Args:
@@ -59,8 +69,8 @@ def search(
         rates: Rates of the drives, in whose time a way is measured, shape (3,).
 
     Returns:
-        Places of each, shape (n, 3), each proven to be reached from the one before along a straight
-        line.
+        Places of each way, shape (n, 3), each proven to be reached from the one before along a
+        straight line.
     """
     free = Proofs(clearance)
     if free(ends[0], ends[1]):
@@ -70,13 +80,13 @@ def search(
             clearance, ends, bounds, rates, cell=cell, most=CELLS, tight=_TIGHT
         ).points
         if points is not None:
-            draws = (np.random.default_rng(seed) for seed in range(_TRIES))
-            return [shortened(free, points, rates, bounds, rng) for rng in draws]
+            generators = (np.random.default_rng(seed) for seed in range(_TRIES))
+            return [shortened(free, points, rates, bounds, rng) for rng in generators]
     return []
 
 
 def shortened(
-    free: Callable[[np.ndarray, np.ndarray], bool],
+    free: IsFree,
     points: np.ndarray,
     rates: np.ndarray,
     bounds: np.ndarray,
@@ -84,8 +94,8 @@ def shortened(
     *,
     rounds: int = 6,
 ) -> np.ndarray:
-    """A way along places, shape (n, 3), with shortcuts taken, corners left out and corners shifted
-    while it gets shorter.
+    """Return a way along places, shape (n, 3), with shortcuts taken, corners left out and corners
+    shifted while it gets shorter.
     """
     before = np.inf
     for _ in range(rounds):
@@ -98,41 +108,34 @@ def shortened(
 
 
 def _cost(points: np.ndarray, rates: np.ndarray) -> float:
-    return float(
-        lasts(points, rates).sum()
-        + _STRAIGHT * np.linalg.norm(np.diff(points, axis=0) / rates, axis=1).sum()
-    )
+    lengths = np.linalg.norm(np.diff(points, axis=0) / rates, axis=1)
+    return float(leg_durations(points, rates).sum() + _STRAIGHT * lengths.sum())
 
 
-def _fewer(free: Callable[..., bool], points: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Without corners that can be left out."""
+def _fewer(free: IsFree, points: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """Leave out corners that can be left out."""
     k = 1
     while k < len(points) - 1:
-        less = np.delete(points, k, axis=0)
-        if _cost(less, rates) <= _cost(points, rates) + 1e-9 and free(points[k - 1], points[k + 1]):
-            points = less
+        trial = np.delete(points, k, axis=0)
+        shorter = _cost(trial, rates) <= _cost(points, rates) + 1e-9
+        if shorter and free(points[k - 1], points[k + 1]):
+            points = trial
         else:
             k += 1
     return points
 
 
 def _shortcuts(
-    free: Callable[..., bool],
-    points: np.ndarray,
-    rates: np.ndarray,
-    rng: np.random.Generator,
-    tries: int = 25,
+    free: IsFree, points: np.ndarray, rates: np.ndarray, rng: np.random.Generator, tries: int = 25
 ) -> np.ndarray:
-    """With straight lines between points of the way taken at random."""
+    """Take straight lines between points of the way that are drawn at random."""
     for _ in range(tries if len(points) > 2 else 0):
-        knots = np.concatenate([[0.0], np.cumsum(lasts(points, rates))])
-        low, high = np.sort(rng.uniform(0.0, knots[-1], 2))
-        first, last = np.searchsorted(knots, (low, high), side="right")
+        knots = np.concatenate([[0.0], np.cumsum(leg_durations(points, rates))])
+        span = np.sort(rng.uniform(0.0, knots[-1], 2))
+        first, last = np.searchsorted(knots, span, side="right")
         if first == last or last >= len(points):
             continue
-        cut = np.stack(
-            [np.array([np.interp(s, knots, points[:, i]) for i in range(3)]) for s in (low, high)]
-        )
+        cut = np.column_stack([np.interp(span, knots, column) for column in points.T])
         trial = np.concatenate([points[:first], cut, points[last:]])
         if (
             _cost(trial, rates) < _cost(points, rates) - 1e-6
@@ -144,28 +147,13 @@ def _shortcuts(
     return points
 
 
-def _shifted(
-    free: Callable[..., bool], points: np.ndarray, rates: np.ndarray, bounds: np.ndarray
-) -> np.ndarray:
-    """With each corner where it makes the way shortest, as far as small steps of one drive or two
-    tell.
-    """
+def _shifted(free: IsFree, points: np.ndarray, rates: np.ndarray, bounds: np.ndarray) -> np.ndarray:
+    """Shift each corner by small steps of one drive or two while the way gets shorter."""
     points = points.copy()
-    directions = [
-        np.array([i, j, k], dtype=float)
-        for i in (-1, 0, 1)
-        for j in (-1, 0, 1)
-        for k in (-1, 0, 1)
-        if 1 <= abs(i) + abs(j) + abs(k) <= 2
-    ]
-    for step in _STEPS:
-        for k in range(1, len(points) - 1):
-            for direction in directions:
-                trial = points.copy()
-                trial[k] = np.clip(points[k] + step * direction * rates, *bounds)
-                shorter = (
-                    _cost(trial[k - 1 : k + 2], rates) < _cost(points[k - 1 : k + 2], rates) - 1e-6
-                )
-                if shorter and free(trial[k - 1], trial[k]) and free(trial[k], trial[k + 1]):
-                    points = trial
+    for step, k, direction in itertools.product(_STEPS, range(1, len(points) - 1), _DIRECTIONS):
+        trial = points[k - 1 : k + 2].copy()
+        trial[1] = np.clip(points[k] + step * direction * rates, *bounds)
+        shorter = _cost(trial, rates) < _cost(points[k - 1 : k + 2], rates) - 1e-6
+        if shorter and free(trial[0], trial[1]) and free(trial[1], trial[2]):
+            points[k] = trial[1]
     return points

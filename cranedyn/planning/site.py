@@ -10,13 +10,12 @@ import numpy as np
 
 from cranedyn.checks import number
 from cranedyn.errors import DataError, quoted
-from cranedyn.lifting.loads import Arm, Base
-from cranedyn.planning.solids import Solid, turned
+from cranedyn.planning.solids import Solid, rotation_z
+from cranedyn.planning.structure import Arm, Base
 from cranedyn.references.limits import Limits
 
 DISTANCE, SWING = 0.5, math.radians(2.0)
-"""What a site asks for if it does not say: how near anything may come [m], and how far the load may
-swing [rad]."""
+"""Required distance [m] and largest swing of the load [rad] of a site that does not give them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,24 +23,22 @@ class Site:
     """A site, in a frame of its own: metres, Z up.
 
     Attributes:
-        name: What it is called.
-        solids: What stands there, and zones to keep out of.
+        name: Its name.
+        solids: Obstacles, and zones to keep out of.
         ground: Height of the ground [m].
-        foot: Where the crane's mast stands [m], shape (3,).
-        heading: Where the jib points at zero slew, from X towards Y [rad].
-        crane: Numbers of the crane that differ from its defaults, by name; the mass of the load
-            with its rigging, the efforts of the drives and the length of the counter-jib are among
-            them, where they are entered.
+        foot: Foot of the crane's mast [m], shape (3,).
+        heading: Direction of the jib at zero slew, from X towards Y [rad].
+        crane: Values of the crane that differ from its defaults, by name; the mass of the load with
+            its rigging, the efforts of the drives and the length of the counter-jib are among them,
+            where they are entered.
         load: Corners of the load about its centre [m], shape (n, 3); X is across the jib, Y against
             it; None for that of the crane.
-        start, goal: Centre of the load at the start and at the end [m], shape (3,); None if the
-            site does not say.
-        distance: How near anything may come to anything [m].
-        swing: Within which angle from plumb the load is held for swinging [rad].
-        limits: Of the drives; None if the site does not say.
-        base: On what the crane stands; None likewise.
-        arms: Mass and centre of jib and counter-jib; empty likewise.
-        rigging: Masses of hook and slings [kg], by name, counted in that of the crane's load.
+        start, goal: Centre of the load at the start and at the end [m], shape (3,); None if
+        unknown. distance: Required distance between all that moves and every obstacle [m]. swing:
+        Largest angle of the rope from plumb that is allowed [rad]. limits: Limits of the drives;
+        None if unknown. base: Base of the crane; None if unknown. arms: Jib and counter-jib as
+        weights; empty if unknown. rigging: Masses of hook and slings [kg], by name, part of the
+        mass of the crane's load.
     """
 
     name: str
@@ -61,12 +58,12 @@ class Site:
     rigging: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check what a distance can be taken of.
+        """Check the numbers and names.
 
         Raises:
-            DataError: If two solids have one name.
-            OutOfRange: If a number is not finite, or the distance or the swing is none that can be
-                asked for.
+            DataError: If two solids have one name. OutOfRange: If a number is not finite, the
+            distance not positive, or the swing not from 0
+                to 0.5.
         """
         number("height of the ground", self.ground, "m")
         number("required distance", self.distance, "m", "> 0")
@@ -83,16 +80,16 @@ class Site:
         """Rotation from the crane's frame, whose jib points along -Y at zero slew, to the site's,
         shape (3, 3).
         """
-        return turned(self.heading + math.pi / 2.0)
+        return rotation_z(self.heading + math.pi / 2.0)
 
     def to_crane(self, points: np.ndarray) -> np.ndarray:
-        """Points of the site [m], shape (..., 3), in the frame of the crane."""
+        """Return points of the site [m], shape (..., 3), in the frame of the crane."""
         return (np.asarray(points) - self.foot) @ self.turn
 
     def to_site(self, points: np.ndarray) -> np.ndarray:
-        """Points in the frame of the crane [m], shape (..., 3), in that of the site."""
+        """Return points in the frame of the crane [m], shape (..., 3), in that of the site."""
         return np.asarray(points) @ self.turn.T + self.foot
 
     def seen_by_crane(self) -> list[Solid]:
-        """The solids in the frame of the crane."""
+        """Return the solids in the frame of the crane."""
         return [solid.moved(self.turn.T, -self.foot @ self.turn) for solid in self.solids]

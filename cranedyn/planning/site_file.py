@@ -1,6 +1,4 @@
-"""Sites from TOML files; what is wrong in one is said with its line and field. The format is
-described in docs/lift.md.
-"""
+"""Sites from TOML files; errors name line and field. docs/lift.md describes the format."""
 
 from __future__ import annotations
 
@@ -17,11 +15,11 @@ import numpy as np
 from cranedyn.checks import number
 from cranedyn.data.files import read_text
 from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, quoted
-from cranedyn.lifting.loads import Arm, Base
 from cranedyn.planning.bim import read_ifc
 from cranedyn.planning.neighbour import neighbour
 from cranedyn.planning.site import DISTANCE, SWING, Site
-from cranedyn.planning.solids import Solid, body, box, prism, read_mesh, turned
+from cranedyn.planning.solids import Solid, body, box, prism, read_mesh, rotation_z
+from cranedyn.planning.structure import Arm, Base
 from cranedyn.references.limits import Limits
 
 SITES = Path(__file__).parent / "sites"
@@ -33,32 +31,32 @@ _MOST = 2000
 
 
 class _Table:
-    """One table of the file, which knows where it stands."""
+    """One table of the file with the lines of its fields."""
 
     def __init__(
         self,
         path: Path,
         name: str,
-        found: dict[str, Any],
+        values: dict[str, Any],
         lines: dict[str, int],
-        known: Sequence[str],
+        fields: Sequence[str],
     ) -> None:
-        self.path, self.name, self.found, self.lines = path, name, found, lines
-        for key in found:
-            if key not in known:
-                self.fail(key, str(UnknownName("field", key, known)))
+        self.path, self.name, self.values, self.lines = path, name, values, lines
+        for key in values:
+            if key not in fields:
+                self.fail(key, str(UnknownName("field", key, fields)))
 
     def fail(self, key: str, sentence: str) -> None:
         line = self.lines.get(key, self.lines.get("", 1))
         raise DataError(f"{self.path}, line {line}, [{self.name}] {key}: {sentence}")
 
     def take(self, key: str, convert: Callable[[Any], Any], default: Any = None) -> Any:
-        if key not in self.found:
+        if key not in self.values:
             if default is None:
                 self.fail(key, "it is missing.")
             return default
         try:
-            return convert(self.found[key])
+            return convert(self.values[key])
         except CraneError as error:
             self.fail(key, str(error))
 
@@ -82,7 +80,7 @@ class _Table:
         return self.take(key, lambda value: _text(key, value), default)
 
     def flag(self, key: str) -> bool:
-        value = self.found.get(key, False)
+        value = self.values.get(key, False)
         if not isinstance(value, bool):
             self.fail(key, "allowed is true or false.")
         return bool(value)
@@ -93,7 +91,7 @@ class _Table:
         )
 
     def file(self, key: str) -> Path:
-        """Return the file of a name, which no link may lead out of the folder of the site."""
+        """Return the path of a file, which must lie in the folder of the site, links resolved."""
         name, folder = self.text(key), Path(os.path.realpath(self.path.parent))
         path = Path(os.path.realpath(folder / name))
         if not path.is_relative_to(folder):
@@ -105,52 +103,52 @@ class _Table:
 
 
 def read_site(path: str | Path) -> Site:
-    """A site from a TOML file.
+    """Read a site from a TOML file.
 
     Raises:
-        DataError: If it cannot be read, is no TOML, or something in it is missing, unknown, or no
-            number that it could be: which line and field. Also if a mesh or an IFC file that it
-            names cannot be read, or two obstacles have one name.
+        DataError: If it cannot be read, is no TOML, or a field is missing, unknown or out of its
+            range, with its line. Also if a mesh or an IFC file that it names cannot be read, or two
+            obstacles have one name.
     """
     path = Path(path)
     text = read_text(path)
     try:
-        found = tomllib.loads(text)
+        content = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
         raise DataError(f"{path} is not TOML: {error}.") from error
     lines = dict(_lines(text))
     top = _Table(
         path,
         "site",
-        found,
+        content,
         lines.get(("", 0), {}),
         ["name", "ground", "crane", "load", "lift", *_ENTERED, *_SOLIDS],
     )
-    if not isinstance(found.get("ground"), dict):
+    if not isinstance(content.get("ground"), dict):
         top.fail("ground", "there is none; a site needs a table [ground] with its height.")
 
-    def table(name: str, known: Sequence[str]) -> _Table:
-        given = found.get(name, {})
-        if not isinstance(given, dict):
+    def table(name: str, fields: Sequence[str]) -> _Table:
+        values = content.get(name, {})
+        if not isinstance(values, dict):
             top.fail(name, "it must be a table.")
-        return _Table(path, name, given, lines.get((name, 0), {}), known)
+        return _Table(path, name, values, lines.get((name, 0), {}), fields)
 
     ground = table("ground", ["height"]).number("height")
     solids: list[Solid] = []
-    for kind, (known, make) in _SOLIDS.items():
-        given = found.get(kind, [])
-        if not isinstance(given, list) or not all(isinstance(one, dict) for one in given):
+    for kind, (fields, make) in _SOLIDS.items():
+        tables = content.get(kind, [])
+        if not isinstance(tables, list) or not all(isinstance(values, dict) for values in tables):
             top.fail(kind, f"write each as [[{kind}]].")
-        if len(solids) + len(given) > _MOST:
+        if len(solids) + len(tables) > _MOST:
             top.fail(kind, f"there are more than {_MOST} obstacles.")
-        for i, one in enumerate(given):
-            entry = _Table(path, kind, one, lines.get((kind, i), {}), known)
+        for i, values in enumerate(tables):
+            entry = _Table(path, kind, values, lines.get((kind, i), {}), fields)
             try:
                 solids += make(entry, ground)
             except CraneError as error:
                 if str(error).startswith(str(path)):
                     raise
-                entry.fail("name" if "name" in one else "file", str(error))
+                entry.fail("name" if "name" in values else "file", str(error))
     names: set[str] = set()
     for solid in solids:
         if solid.name in names:
@@ -165,9 +163,9 @@ def read_site(path: str | Path) -> Site:
     )
     lift = table("lift", ["from", "to", "distance", "swing"])
     drives, base, jib, counter_jib, rigging = (table(name, _ENTERED[name]) for name in _ENTERED)
-    values = crane.take("values", lambda given: _values(given), {})
+    values = crane.take("values", _values, {})
     masses = {
-        name: rigging.number(name, unit="kg", allowed=">= 0") for name in sorted(rigging.found)
+        name: rigging.number(name, unit="kg", allowed=">= 0") for name in sorted(rigging.values)
     }
     for entry, name, argument, value in _arguments(load, drives, counter_jib, masses):
         if argument in values:
@@ -208,14 +206,14 @@ def _arguments(
     load: _Table, drives: _Table, counter_jib: _Table, rigging: Mapping[str, float]
 ) -> Iterator[tuple[_Table, str, str, float]]:
     """Yield the arguments of the crane that other tables enter: table, field, argument, value."""
-    if "mass" in load.found:
+    if "mass" in load.values:
         mass = load.number("mass", unit="kg", allowed="> 0") + sum(rigging.values())
         yield load, "mass", "payload_mass", mass
     elif rigging:
         load.fail("mass", "it is missing; hook and slings are counted besides.")
-    if "length" in counter_jib.found:
+    if "length" in counter_jib.values:
         yield counter_jib, "length", "counter_jib", counter_jib.number("length", allowed="> 0")
-    if "efforts" in drives.found:
+    if "efforts" in drives.values:
         for drive, value in zip(_DRIVES, _of_drives(drives, "efforts"), strict=True):
             yield drives, "efforts", f"{drive}_effort", value
 
@@ -227,68 +225,63 @@ def _of_drives(drives: _Table, name: str) -> list[float]:
 
 
 def _limits(drives: _Table) -> Limits | None:
-    if not drives.found:
+    if not drives.values:
         return None
     return Limits(*(_of_drives(drives, name) for name in ("rates", "accelerations")))
 
 
 def _base(base: _Table) -> Base | None:
-    if not base.found:
+    if not base.values:
         return None
-    permitted = (
-        base.number("permitted", unit="kN", allowed="> 0") if "permitted" in base.found else None
-    )
-    return Base(
-        base.number("spacing", allowed="> 0"),
-        base.number("mass", unit="kg", allowed=">= 0"),
-        None if permitted is None else 1e3 * permitted,
-    )
+    permitted = None
+    if "permitted" in base.values:
+        permitted = 1e3 * base.number("permitted", unit="kN", allowed="> 0")
+    spacing = base.number("spacing", allowed="> 0")
+    return Base(spacing, base.number("mass", unit="kg", allowed=">= 0"), permitted)
 
 
 def _arms(jib: _Table, counter_jib: _Table) -> tuple[Arm, ...]:
     """Return jib and counter-jib, as far as their masses are entered."""
     return tuple(
         Arm(
-            one.number("mass", unit="kg", allowed=">= 0"),
-            sign * one.number("centre", allowed=">= 0"),
+            arm.number("mass", unit="kg", allowed=">= 0"),
+            sign * arm.number("centre", allowed=">= 0"),
         )
-        for one, sign in ((jib, 1.0), (counter_jib, -1.0))
-        if {"mass", "centre"} & one.found.keys()
+        for arm, sign in ((jib, 1.0), (counter_jib, -1.0))
+        if {"mass", "centre"} & arm.values.keys()
     )
 
 
 def _load(load: _Table) -> np.ndarray | None:
-    if "file" in load.found:
+    if "file" in load.values:
         vertices, _ = read_mesh(load.file("file"))
         return vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
-    if "size" not in load.found:
+    if "size" not in load.values:
         return None
     size = np.array(load.numbers("size", 3, "> 0"))
     return np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size / 2.0
 
 
 def _point(lift: _Table, key: str) -> np.ndarray | None:
-    return np.array(lift.numbers(key, 3)) if key in lift.found else None
+    return np.array(lift.numbers(key, 3)) if key in lift.values else None
 
 
 def _box(entry: _Table, ground: float) -> list[Solid]:
-    size = entry.numbers("size", 3, "> 0")
-    return [
-        box(
-            entry.text("name"),
-            entry.numbers("centre", 2),
-            size,
-            entry.number("base", ground),
-            entry.angle("yaw"),
-        )
-    ]
+    size, name, centre = (
+        entry.numbers("size", 3, "> 0"),
+        entry.text("name"),
+        entry.numbers("centre", 2),
+    )
+    return [box(name, centre, size, entry.number("base", ground), entry.angle("yaw"))]
 
 
 def _prism(entry: _Table, ground: float) -> list[Solid]:
-    height = entry.number("height", allowed="> 0")
-    return [
-        prism(entry.text("name"), entry.points("outline"), entry.number("base", ground), height)
-    ]
+    height, name, outline = (
+        entry.number("height", allowed="> 0"),
+        entry.text("name"),
+        entry.points("outline"),
+    )
+    return [prism(name, outline, entry.number("base", ground), height)]
 
 
 def _zone(entry: _Table, ground: float) -> list[Solid]:
@@ -302,14 +295,14 @@ def _mesh(entry: _Table, ground: float) -> list[Solid]:
         entry.number("scale", 1.0, "", "> 0"),
         entry.numbers("position", 3, default=[0.0, 0.0, ground]),
     )
-    placed = scale * vertices @ turned(entry.angle("yaw")).T + np.array(position)
+    placed = scale * vertices @ rotation_z(entry.angle("yaw")).T + np.array(position)
     return [body(entry.text("name"), placed, triangles, as_hull=entry.flag("hull"))]
 
 
 def _ifc(entry: _Table, ground: float) -> list[Solid]:
     position = np.array(entry.numbers("position", 3, default=[0.0, 0.0, 0.0]))
     solids = read_ifc(entry.file("file"), as_hulls=entry.flag("hull"))
-    return [solid.moved(turned(entry.angle("yaw")), position) for solid in solids]
+    return [solid.moved(rotation_z(entry.angle("yaw")), position) for solid in solids]
 
 
 def _neighbour(entry: _Table, ground: float) -> list[Solid]:
@@ -318,10 +311,9 @@ def _neighbour(entry: _Table, ground: float) -> list[Solid]:
         name: entry.number(name, 0.0, unit)
         for name, unit in (("slew", "degrees"), ("trolley", "m"), ("cable", "m"))
     }
-    values = entry.take("values", lambda given: _values(given), {})
-    return neighbour(
-        entry.text("name"), position, entry.angle("heading", -math.pi / 2.0), place, values
-    )
+    values = entry.take("values", _values, {})
+    heading = entry.angle("heading", -math.pi / 2.0)
+    return neighbour(entry.text("name"), position, heading, place, values)
 
 
 _SOLIDS: dict[str, tuple[list[str], Callable[[_Table, float], list[Solid]]]] = {
@@ -352,7 +344,7 @@ def _list(name: str, value: Any, least: int) -> list[Any]:
 def _numbers(name: str, value: Any, count: int, allowed: str = "any") -> list[float]:
     if not isinstance(value, list) or len(value) != count:
         raise OutOfRange(name, quoted(value), f"{count} numbers", "m")
-    return [_number(f"one of {name}", part, "m", allowed) for part in value]
+    return [_number(f"one of {name}", item, "m", allowed) for item in value]
 
 
 def _text(name: str, value: Any) -> str:
@@ -361,14 +353,14 @@ def _text(name: str, value: Any) -> str:
     return value
 
 
-def _values(given: Any) -> dict[str, float]:
-    if not isinstance(given, dict):
-        raise OutOfRange("values", quoted(given), "a table of numbers of the crane")
-    return {name: _number(name, value, "", "any") for name, value in given.items()}
+def _values(table: Any) -> dict[str, float]:
+    if not isinstance(table, dict):
+        raise OutOfRange("values", quoted(table), "a table of numbers of the crane")
+    return {name: _number(name, value, "", "any") for name, value in table.items()}
 
 
 def _lines(text: str) -> Iterator[tuple[tuple[str, int], dict[str, int]]]:
-    """Where the fields of each table stand, by name of the table and which of its name it is."""
+    """Yield the lines of the fields of each table, by its name and its index among those of it."""
     counts: dict[str, int] = {}
     name, fields = "", {"": 1}
     for i, line in enumerate(text.splitlines(), start=1):

@@ -1,6 +1,4 @@
-"""What stands on a site: closed bodies, each as triangles to draw and as shapes to measure
-distances from.
-"""
+"""Obstacles of a site: closed bodies, each as triangles to draw and as shapes for distances."""
 
 from __future__ import annotations
 
@@ -20,19 +18,20 @@ from cranedyn.data.files import read_bytes
 from cranedyn.errors import DataError, OutOfRange
 
 MESH_ENDINGS = (".stl", ".ply", ".off", ".obj")
-"""Files of meshes that are read; none of them needs another file."""
+"""Endings of mesh files; none of these formats needs another file."""
 
 FARTHEST = 1e7
 """Largest coordinate of a corner [m]: that of national grids, in which doubles are 2e-9 m apart."""
 
-# Else what trimesh logs of a bad file, tracebacks among it, goes to standard error.
+# Otherwise trimesh logs tracebacks of bad files to standard error.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 _MOST_NEIGHBOURS = 255
-"""Of a corner of a convex body, each along an edge, in `coal`."""
+"""Most neighbours of a corner of a convex body, each along an edge, in `coal`."""
 
 _LARGEST_MESH = 50_000_000
 _THIN = 1e-6
+"""Least thickness of a body [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +39,13 @@ class Solid:
     """A closed body in the frame of the site.
 
     Attributes:
-        name: What it is called; no two of a site have the same name.
+        name: Its name; no two of a site have the same.
         parts: Corners of convex bodies [m], shape (n, 3) each, whose union it is; empty for a
             surface of triangles.
-        vertices: Of its surface [m], shape (n, 3).
-        triangles: Their corners, counter-clockwise from outside, shape (m, 3).
-        zone: Whether it is no body but a zone that load, hook and rope keep out of.
+        vertices: Corners of its surface [m], shape (n, 3).
+        triangles: Indices of the corners of each triangle, counter-clockwise from outside, shape
+            (m, 3).
+        zone: Whether it is a zone that load, hook and rope keep out of, and no body.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Solid:
     zone: bool = False
 
     def __post_init__(self) -> None:
-        """Check what libraries for geometry take for granted.
+        """Check what libraries for geometry assume.
 
         Raises:
             DataError: If a corner lies beyond `FARTHEST`, or a triangle has a corner that there is
@@ -69,14 +69,14 @@ class Solid:
             )
 
     def moved(self, rotation: np.ndarray, translation: np.ndarray) -> Solid:
-        """The same body, turned and then moved [m]."""
+        """Return the body, rotated and then translated [m]."""
         parts = tuple(part @ rotation.T + translation for part in self.parts)
         return Solid(
             self.name, parts, self.vertices @ rotation.T + translation, self.triangles, self.zone
         )
 
     def geometries(self) -> list[coal.CollisionGeometry]:
-        """Shapes for `coal`, at home in the frame that the numbers are in."""
+        """Return shapes for `coal`, in the frame of the corners."""
         if self.parts:
             return [hull(part) for part in self.parts]
         surface = coal.BVHModelOBBRSS()
@@ -87,8 +87,8 @@ class Solid:
         return [surface]
 
     def holds(self, point: np.ndarray) -> bool:
-        """Whether a point [m] lies inside of a surface of triangles; distances tell it of convex
-        parts themselves.
+        """Return whether a point [m] lies inside of a surface of triangles; for convex parts, whose
+        distances show it, always False.
         """
         return not self.parts and bool(
             trimesh.Trimesh(self.vertices, self.triangles, process=False).contains([point])[0]
@@ -132,10 +132,10 @@ def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         points = np.concatenate([points - axis * _THIN / 2.0, points + axis * _THIN / 2.0])
     scaled = (points - points.mean(axis=0)) @ axes.T
     scaled /= np.ptp(scaled, axis=0)
-    found = ConvexHull(scaled)
-    triangles, normals = found.simplices, found.equations[:, :3]
+    hull = ConvexHull(scaled)
+    triangles, normals = hull.simplices, hull.equations[:, :3]
     if _most_neighbours(triangles) > _MOST_NEIGHBOURS:
-        triangles, normals = _in_strips(scaled, found)
+        triangles, normals = _in_strips(scaled, hull)
     a, b, c = np.moveaxis(scaled[triangles], 1, 0)
     inward = np.sum(np.cross(b - a, c - a) * normals, axis=1) < 0.0
     triangles = np.where(inward[:, None], triangles[:, ::-1], triangles)
@@ -143,14 +143,15 @@ def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return points[corners], triangles.reshape(-1, 3)
 
 
-def _in_strips(points: np.ndarray, found: ConvexHull) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of a hull and their normals, those of each flat facet in a strip; Qhull has them
-    around one corner, which then has all others of the facet for neighbours.
+def _in_strips(points: np.ndarray, hull: ConvexHull) -> tuple[np.ndarray, np.ndarray]:
+    """Return triangles of a hull and their normals, those of each flat facet in a strip.
+
+    Qhull arranges them around one corner, which then has all others of the facet for neighbours.
     """
-    planes, facet = np.unique(found.equations, axis=0, return_inverse=True)
+    planes, facet = np.unique(hull.equations, axis=0, return_inverse=True)
     strips = []
     for i, plane in enumerate(planes):
-        corners = np.unique(found.simplices[facet.ravel() == i])
+        corners = np.unique(hull.simplices[facet.ravel() == i])
         along = points[corners[1]] - points[corners[0]]
         offsets = points[corners] - points[corners].mean(axis=0)
         ring = corners[
@@ -163,7 +164,7 @@ def _in_strips(points: np.ndarray, found: ConvexHull) -> tuple[np.ndarray, np.nd
 
 
 def _most_neighbours(triangles: np.ndarray) -> int:
-    """Of one corner of a closed surface."""
+    """Return the largest number of neighbours of a corner of a closed surface."""
     return int(np.bincount(triangles.ravel()).max())
 
 
@@ -187,8 +188,8 @@ def hull(points: np.ndarray) -> coal.Convex:
     return coal.Convex(corners, triangles)
 
 
-def turned(yaw: float) -> np.ndarray:
-    """Rotation about Z by an angle [rad], shape (3, 3)."""
+def rotation_z(yaw: float) -> np.ndarray:
+    """Return the rotation about Z by an angle [rad], shape (3, 3)."""
     c, s = math.cos(yaw), math.sin(yaw)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
@@ -196,26 +197,26 @@ def turned(yaw: float) -> np.ndarray:
 def box(
     name: str, centre: Sequence[float], size: Sequence[float], base: float, yaw: float = 0.0
 ) -> Solid:
-    """A box that stands upright.
+    """Return a box that stands upright.
 
     Args:
-        name: What it is called.
-        centre: Of its footprint [m], two numbers.
+        name: Its name.
+        centre: Centre of its footprint [m], two numbers.
         size: Length, width, height [m].
         base: Height of its bottom [m].
-        yaw: How far it is turned about Z [rad].
+        yaw: Rotation about Z [rad].
     """
     length, width, _ = size
     corners = (
         np.array([[-length, -width], [length, -width], [length, width], [-length, width]]) / 2.0
     )
-    return prism(name, corners @ turned(yaw)[:2, :2].T + np.asarray(centre), base, size[2])
+    return prism(name, corners @ rotation_z(yaw)[:2, :2].T + np.asarray(centre), base, size[2])
 
 
 def prism(
     name: str, outline: np.ndarray, base: float, height: float, *, zone: bool = False
 ) -> Solid:
-    """A body with an outline [m], shape (n, 2), from a base height up to a height above it [m].
+    """Return a body with an outline [m], shape (n, 2), from a base up to a height above it [m].
 
     Raises:
         DataError: If the outline crosses itself or encloses nothing, or a corner lies beyond
@@ -249,13 +250,13 @@ def prism(
 
 
 def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: bool = False) -> Solid:
-    """A body with a surface of triangles.
+    """Return a body with a surface of triangles.
 
     Args:
-        name: What it is called.
+        name: Its name.
         vertices: Corners [m], shape (n, 3).
-        triangles: Which three corners make each, shape (m, 3).
-        as_hull: Whether its convex hull stands for it, which is faster and never smaller.
+        triangles: Indices of the corners of each triangle, shape (m, 3).
+        as_hull: Whether to replace it by its convex hull, which is faster and never smaller.
 
     Raises:
         DataError: If a corner lies beyond `FARTHEST`, a triangle has a corner that there is not,
@@ -278,16 +279,15 @@ def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: boo
 
 
 def _as_parts(corners: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Parts of a convex body; none, so that its surface stands for it, if a corner has more
-    neighbours than `coal` takes, as the top of a cone may have.
+    """Return the parts of a convex body; none, for its surface, if a corner has more neighbours
+    than `coal` takes, as the top of a cone may have.
     """
     few = _most_neighbours(convex_hull(corners)[1]) <= _MOST_NEIGHBOURS
     return (corners,) if few else ()
 
 
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Corners, shape (n, 3), and triangles, shape (m, 3), of a mesh in a file; nothing else is read
-    for it.
+    """Read the corners, shape (n, 3), and triangles, shape (m, 3), of a mesh from one file.
 
     Raises:
         DataError: If it cannot be read, has another ending, or holds no mesh.
@@ -297,16 +297,11 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
     content = read_bytes(path, _LARGEST_MESH)
     try:
         with np.errstate(all="ignore"):  # numbers that are none are refused with their corner
-            found = trimesh.load_mesh(
-                io.BytesIO(content), file_type=path.suffix[1:].lower(), resolver=None
-            )
-            vertices, triangles = (
-                np.asarray(found.vertices, dtype=float),
-                np.asarray(found.faces, dtype=int),
-            )
-    except KeyboardInterrupt:
-        raise
-    except Exception as error:  # whatever a parser of a stranger's bytes raises
+            kind = path.suffix[1:].lower()
+            mesh = trimesh.load_mesh(io.BytesIO(content), file_type=kind, resolver=None)
+            vertices = np.asarray(mesh.vertices, dtype=float)
+            triangles = np.asarray(mesh.faces, dtype=int)
+    except Exception as error:  # parsers of bad files raise anything
         raise DataError(
             f"Cannot read {path}: it holds no mesh ({type(error).__name__})."
         ) from error

@@ -1,10 +1,10 @@
-"""When the load is where on its path: as fast as the drives allow, without a swing that is left
-over, and with no more than is allowed.
+"""Motion of a load along its path: as fast as the drives allow, with no more swing than is allowed
+and none at the end.
 
 TOPP-RA (Pham & Pham 2018) gives the fastest law of time under limits of rates, accelerations and
-swing. It exceeds these between the points of its grid, and its accelerations jump; averaging it
-over time does neither, since a mean is never more than what it is a mean of. Then the load is to be
-there, not the trolley: the drives go where the rope of such a load points
+swing. It exceeds these between the points of its grid, and its accelerations jump. Its average over
+time does neither, since a mean never exceeds its values. The load follows that average, not the
+trolley: the drives go where the rope of such a load points
 (`cranedyn.references.flat`).
 """
 
@@ -21,7 +21,7 @@ import scipy
 from cranedyn.checks import number
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.curve import Path
+from cranedyn.planning.curve import Path, interpolate_columns
 from cranedyn.references.flat import recover
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
@@ -31,35 +31,36 @@ RAMP = 0.5
 jerk."""
 
 STEP = 0.02
-"""Time between the samples that are averaged [s]."""
+"""Time between the samples of the average [s]."""
 
 _GRID, _IN_CORNER = 0.15, 9
 _SIDES = 16
 _AVERAGES = (1.2, 1.5, 1.8, 2.2, 2.6, 3.2)
-"""Times over which a law of time is averaged [s]; the one that gives the fastest motion is
-taken."""
+"""Times over which a law of time is averaged [s], of which the fastest motion is used."""
 
 _SHARES = (1.0, 0.7, 0.4)
-"""It is averaged three times over, over these shares of that time: of those tried the fastest for
-short moves."""
+"""Shares of that time over which it is averaged, one after the other: of those tried the fastest
+for short moves."""
 
 _SLOWER = (1.0, 1.5, 3.0, 6.0)
-"""By which factor accelerations are less than they might be where a motion is not proven
-otherwise."""
+"""Factors by which accelerations are reduced, one after the other, until a motion is proven."""
 
 _LONGEST = 1e5
-"""Time that a motion may take [s], more than a day."""
+"""Longest time of a motion [s], more than a day."""
 
 _ROUNDS, _KEPT, _MORE = 6, 1.0 + 1e-6, 2.0
-_MARGIN = 8
+"""Rounds of fitting bounds, share of a limit that is kept, largest change of a bound in a round."""
+
+_PADDING = 8
+"""Samples at rest before and after a motion."""
 
 
 class Bounds(NamedTuple):
-    """What a law of time keeps.
+    """Bounds of a law of time.
 
     Attributes:
-        rates: Of slew [rad/s], trolley and hoist [m/s], shape (3,).
-        accelerations: Of these, shape (3,).
+        rates: Rates of slew [rad/s], trolley and hoist [m/s], shape (3,).
+        accelerations: Their accelerations, shape (3,).
         across: Horizontal acceleration of the load [m/s²].
     """
 
@@ -69,15 +70,15 @@ class Bounds(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Timed:
+class TimedMotion:
     """A motion along a path.
 
     Attributes:
-        places: Where the load is to be, in rows a `STEP` apart, shape (n, 3).
+        places: Places of the load, in rows a `STEP` apart, shape (n, 3).
         motion: The motion of all joints.
-        bound: The shortest time in which the drives alone, without a thought of the load, get along
-            the path within their limits [s].
-        shares: How much of each limit the motion uses, by name; 1 is all of it.
+        bound: Shortest time in which the drives alone get along the path within their limits [s],
+            whatever the load does.
+        shares: Share of each limit that the motion uses, by name.
     """
 
     places: np.ndarray
@@ -90,13 +91,13 @@ def timed(
     clearance: Clearance,
     path: Path,
     limits: Limits,
-    proven: Callable[[Timed], bool],
+    proven: Callable[[TimedMotion], bool],
     *,
     ramp: float = RAMP,
     period: float = 5e-3,
-) -> Timed | None:
-    """The fastest motion of the load along a path that keeps the limits of the drives and the swing
-    of the site, and is proven.
+) -> TimedMotion | None:
+    """Return the fastest motion of the load along a path that keeps the limits of the drives and
+    the swing of the site, and is proven.
 
     Averaging takes a motion off its path where that bends, by half of its acceleration times the
     variance of the times averaged over.
@@ -105,7 +106,8 @@ def timed(
         clearance: Crane and site.
         path: The path of the load.
         limits: Rates and accelerations of the drives.
-        proven: Whether a motion is free; slower ones are tried where it is not.
+        proven: Function that says whether a motion is proven free; where it is not, slower ones are
+            tried.
         ramp: Time in which a drive may reach its limit of acceleration [s].
         period: Time between rows of the motion [s].
 
@@ -121,39 +123,31 @@ def timed(
     rates, accelerations = np.array(limits.rates), np.array(limits.accelerations)
     bound = float(_fastest(path, Bounds(rates, accelerations, math.inf))[0][-1])
     for slower in _SLOWER:
-        best: Timed | None = None
+        best: TimedMotion | None = None
         for average in _AVERAGES:
-            asked = Bounds(
-                rates,
-                accelerations / slower,
-                crane.gravity * math.tan(clearance.site.swing) / slower,
-            )
+            across = crane.gravity * math.tan(clearance.site.swing) / slower
+            bounds = Bounds(rates, accelerations / slower, across)
             for round_ in range(_ROUNDS):
-                places = _averaged(*_fastest(path, asked), average)
-                if (
-                    round_ > 1
-                    and best is not None
-                    and STEP * (len(places) - 1) >= best.motion.arrival - STEP
-                ):
+                places = _averaged(*_fastest(path, bounds), average)
+                duration = STEP * (len(places) - 1)
+                if round_ > 1 and best is not None and duration >= best.motion.arrival - STEP:
                     break
-                motion = carried(clearance, places, STEP)
-                shares = shares_of(clearance, motion, limits, ramp)
-                made = Timed(places, motion, bound, shares)
-                kept = max(shares.values()) <= _KEPT
-                if kept and not proven(made):
-                    break
-                if kept and (best is None or motion.arrival < best.motion.arrival):
-                    best = made
-                asked = _nearer(asked, shares, slower)
+                motion = load_motion(clearance, places, STEP)
+                shares = limit_shares(clearance, motion, limits, ramp)
+                candidate = TimedMotion(places, motion, bound, shares)
+                if max(shares.values()) <= _KEPT:
+                    if not proven(candidate):
+                        break
+                    if best is None or motion.arrival < best.motion.arrival:
+                        best = candidate
+                bounds = _fitted(bounds, shares, slower)
         if best is not None:
-            return replace(best, motion=carried(clearance, best.places, period))
+            return replace(best, motion=load_motion(clearance, best.places, period))
     return None
 
 
-def _nearer(asked: Bounds, shares: dict[str, float], slower: float) -> Bounds:
-    """Bounds for the law of time with which the motion, whose accelerations are means of it, should
-    use its limits fully.
-    """
+def _fitted(bounds: Bounds, shares: dict[str, float], slower: float) -> Bounds:
+    """Return bounds of the law of time for an averaged motion that uses its limits fully."""
     rate, acceleration, jerk, effort = (
         np.array([shares[f"{kind} of the {name}"] for name in ("slew", "trolley", "hoist")])
         for kind in ("rate", "acceleration", "jerk", "effort")
@@ -164,14 +158,14 @@ def _nearer(asked: Bounds, shares: dict[str, float], slower: float) -> Bounds:
         for share in (used, shares["swing"])
     )
     return Bounds(
-        asked.rates / np.maximum(1.0, rate / 0.999),
-        asked.accelerations * factor,
-        asked.across * float(across),
+        bounds.rates / np.maximum(1.0, rate / 0.999),
+        bounds.accelerations * factor,
+        bounds.across * float(across),
     )
 
 
 def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s], shape (n,), and places, shape (n, 3), of the fastest law of time within bounds."""
+    """Return times [s], shape (n,), and places, shape (n, 3), of the fastest law of time."""
     toppra, constraint, algorithm = _toppra()
 
     class Geometric(toppra.interpolator.AbstractGeometricPath):  # type: ignore[misc, name-defined]
@@ -180,12 +174,12 @@ def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
         waypoints = None
 
         def __call__(self, path_positions: Any, order: int = 0) -> np.ndarray:
-            found = path.derivatives(np.atleast_1d(path_positions))[order]
-            return found if np.ndim(path_positions) else found[0]
+            values = path.derivatives(np.atleast_1d(path_positions))[order]
+            return values if np.ndim(path_positions) else values[0]
 
     class Accelerations(constraint.LinearConstraint):  # type: ignore[misc, name-defined]
-        """Of the drives, and of the load across, whose circle is taken for the polygon inside
-        it.
+        """Accelerations of the drives, and of the load across, whose circle is replaced by the
+        polygon inside it.
         """
 
         def __init__(self) -> None:
@@ -199,9 +193,9 @@ def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
                 _accelerations(place, np.zeros_like(first), first),
                 _accelerations(place, first, second),
             )
-            rows, most = _polygon(bounds)
+            rows, upper = _polygon(bounds)
             return constraint.linear_constraint.canlinear_colloc_to_interpolate(
-                a, b, np.zeros_like(a), rows, most, None, None, gridpoints, identical=True
+                a, b, np.zeros_like(a), rows, upper, None, None, gridpoints, identical=True
             )
 
     velocity = constraint.JointVelocityConstraint(np.column_stack([-bounds.rates, bounds.rates]))
@@ -227,7 +221,9 @@ def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _accelerations(place: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Of slew, trolley and hoist, and of the load outward and along the circle, shape (n, 5)."""
+    """Return accelerations of slew, trolley and hoist, and of the load outward and along the
+    circle, shape (n, 5).
+    """
     (_, x, _), (slew, out, _) = place.T, first.T
     return np.column_stack(
         [second, second[:, 1] - x * slew**2, x * second[:, 0] + 2.0 * out * slew]
@@ -235,16 +231,16 @@ def _accelerations(place: np.ndarray, first: np.ndarray, second: np.ndarray) -> 
 
 
 def _polygon(bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and bounds of linear inequalities in these."""
-    rows, most = [], []
-    for i, one in enumerate(bounds.accelerations):
+    """Return rows and upper bounds of linear inequalities in these accelerations."""
+    rows, upper = [], []
+    for i, bound in enumerate(bounds.accelerations):
         rows += [sign * np.eye(5)[i] for sign in (1.0, -1.0)]
-        most += [one, one]
+        upper += [bound, bound]
     if math.isfinite(bounds.across):
         for angle in 2.0 * math.pi * np.arange(_SIDES) / _SIDES:
             rows.append(np.array([0.0, 0.0, 0.0, math.cos(angle), math.sin(angle)]))
-            most.append(bounds.across * math.cos(math.pi / _SIDES))
-    return np.array(rows), np.array(most)
+            upper.append(bounds.across * math.cos(math.pi / _SIDES))
+    return np.array(rows), np.array(upper)
 
 
 def _gridpoints(path: Path) -> np.ndarray:
@@ -262,27 +258,29 @@ def _gridpoints(path: Path) -> np.ndarray:
 
 
 def _averaged(t: np.ndarray, places: np.ndarray, average: float) -> np.ndarray:
-    """Places a `STEP` apart, averaged three times; it takes as much longer to get there as is
-    averaged over.
+    """Return places a `STEP` apart, averaged three times; the average lasts longer by the times
+    that are averaged over.
     """
-    last = math.ceil(t[-1] / STEP)
-    found = np.column_stack(
-        [np.interp(STEP * np.arange(last + 1), t, column) for column in places.T]
-    )
+    rows = STEP * np.arange(math.ceil(t[-1] / STEP) + 1)
+    averaged = interpolate_columns(rows, t, places)
     for share in _SHARES:
         count = max(1, round(share * average / STEP))
         padded = np.concatenate(
-            [np.repeat(found[:1], count, axis=0), found, np.repeat(found[-1:], count, axis=0)]
+            [
+                np.repeat(averaged[:1], count, axis=0),
+                averaged,
+                np.repeat(averaged[-1:], count, axis=0),
+            ]
         )
         sums = np.concatenate([np.zeros((1, 3)), np.cumsum(padded - padded[0], axis=0)])
-        found = padded[0] + (sums[count:] - sums[:-count]) / count
-    moving = np.flatnonzero(np.abs(np.diff(found, axis=0)).max(axis=1) > 1e-12)
-    return found[moving[0] : moving[-1] + 2]
+        averaged = padded[0] + (sums[count:] - sums[:-count]) / count
+    moving = np.flatnonzero(np.abs(np.diff(averaged, axis=0)).max(axis=1) > 1e-12)
+    return averaged[moving[0] : moving[-1] + 2]
 
 
-def carried(clearance: Clearance, places: np.ndarray, period: float) -> Motion:
-    """The motion of all joints in which the load is at places a `STEP` apart, at rest at both ends,
-    with rows a period [s] apart.
+def load_motion(clearance: Clearance, places: np.ndarray, period: float) -> Motion:
+    """Return the motion of all joints in which the load is at places a `STEP` apart, at rest at
+    both ends, with rows a period [s] apart.
 
     The load is at its place with its centre of oscillation, as in `cranedyn.references.flat.flat`.
 
@@ -291,11 +289,10 @@ def carried(clearance: Clearance, places: np.ndarray, period: float) -> Motion:
     """
     crane = clearance.crane
     inertia = (crane.payload_inertia[0, 0] + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass
-    rest = np.concatenate(
-        [np.repeat(places[:1], _MARGIN, axis=0), places, np.repeat(places[-1:], _MARGIN, axis=0)]
-    )
-    t = STEP * (np.arange(len(rest)) - _MARGIN)
-    point = clearance.point(rest) - np.array([0.0, 0.0, inertia]) / rest[:, 2:]
+    first, last = (np.repeat(places[[k]], _PADDING, axis=0) for k in (0, -1))
+    padded = np.concatenate([first, places, last])
+    t = STEP * (np.arange(len(padded)) - _PADDING)
+    point = clearance.point(padded) - np.array([0.0, 0.0, inertia]) / padded[:, 2:]
     acceleration = scipy.interpolate.make_interp_spline(t, point, k=7).derivative(2)(t)
     rope = acceleration / crane.gravity + np.array([0.0, 0.0, 1.0])
     if not (least := float(rope[:, 2].min())) > 0.0:
@@ -311,11 +308,11 @@ def carried(clearance: Clearance, places: np.ndarray, period: float) -> Motion:
     return Motion(period, place, v, a, crane.layout.drives)
 
 
-def shares_of(
+def limit_shares(
     clearance: Clearance, motion: Motion, limits: Limits, ramp: float
 ) -> dict[str, float]:
-    """How much of each limit a motion uses; 1 is all of it."""
-    jerk = np.abs(np.diff(motion.a[:, clearance.place_of], axis=0)).max(axis=0) / motion.period
+    """Return the share of each limit that a motion uses, by name."""
+    jerk = np.abs(np.diff(motion.a[:, clearance.drive_joints], axis=0)).max(axis=0) / motion.period
     tilt = clearance.tilt(motion.q).max()
     names = zip(
         ("slew", "trolley", "hoist"), jerk * ramp / np.array(limits.accelerations), strict=True

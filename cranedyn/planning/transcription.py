@@ -33,7 +33,7 @@ _OPTIONS: dict[str, Any] = {
 }
 
 TOLERANCE, ITERATIONS = 1e-8, 300
-"""Relative error at which a motion counts as found, and after how many iterations none does."""
+"""Relative error at which a motion counts as solved, and most iterations."""
 
 _GAPS = np.diff(_RADAU, append=1.0 + _RADAU[0])
 
@@ -42,7 +42,7 @@ class Unsolved(CraneError):
     """A program that the optimiser could not solve.
 
     Attributes:
-        status: What IPOPT says, for example ``"Infeasible_Problem_Detected"``.
+        status: Status of IPOPT, for example ``"Infeasible_Problem_Detected"``.
     """
 
     def __init__(self, status: str) -> None:
@@ -55,7 +55,7 @@ class Unsolved(CraneError):
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What moves, what it costs, and what is allowed; expressions are in the symbols x, u and gap.
+    """System, cost and bounds; expressions are in the symbols x, u and gap.
 
     Attributes:
         x: State, shape (nx,).
@@ -63,14 +63,14 @@ class Problem:
         gap: Time to the next point [s], as if the next interval lasted as long as this one.
         rates: dx/dt in x and u, shape (nx,).
         cost: Cost per second in x and u; 1 for least time.
-        path: What stays within `path_bounds` at every point but the first, in x, u and gap, shape
+        path: Expressions within `path_bounds` at every point but the first, in x, u and gap, shape
             (np,).
         bounds: Least and largest state, shape (2, nx).
         control_bounds: Least and largest control, finite, shape (2, nu).
         path_bounds: Shape (2, np).
         scale: Size of the state, shape (nx,).
-        given: Symbols in `path` whose values differ from point to point, shape (nd,); None if there
-            are none.
+        parameters: Symbols in `path` whose values differ from point to point, shape (nd,); None if
+            there are none.
         values: Their values, shape (nd, points).
     """
 
@@ -84,7 +84,7 @@ class Problem:
     control_bounds: np.ndarray
     path_bounds: np.ndarray
     scale: np.ndarray
-    given: ca.SX | None = None
+    parameters: ca.SX | None = None
     values: np.ndarray | None = None
 
 
@@ -103,7 +103,7 @@ class Plan(NamedTuple):
 
 
 def times(durations: np.ndarray, steps: int = 1) -> np.ndarray:
-    """When the states of a plan are [s], shape (1 + 3 n steps,).
+    """Return the times of the states of a plan [s], shape (1 + 3 n steps,).
 
     Args:
         durations: Of the intervals [s], shape (n,).
@@ -124,18 +124,18 @@ def solve(
     tolerance: float = TOLERANCE,
     iterations: int = ITERATIONS,
 ) -> Plan:
-    """The motion of least cost from the first to the last state of a guess.
+    """Return the motion of least cost from the first to the last state of a guess.
 
     Args:
-        problem: What moves, what it costs, and what is allowed.
-        guess: Where the search begins. Its first and last states are kept, and so is the number of
+        problem: System, cost and bounds.
+        guess: First plan of the search. Its first and last states are kept, and so is the number of
             its intervals and steps.
         equal: Whether all intervals last alike, or each as long as suits, so that the control
             switches when it should.
         least: Least duration of an interval [s].
         most: Largest duration of an interval [s].
-        tolerance: Relative error at which it is found.
-        iterations: How many are made at most.
+        tolerance: Relative error at which the optimiser ends.
+        iterations: Most iterations of the optimiser.
 
     Raises:
         Unsolved: If the optimiser does not converge.
@@ -195,7 +195,7 @@ def _pack(plan: Plan) -> np.ndarray:
 
 
 def _alike(plan: Plan, duration: float, control: np.ndarray, state: np.ndarray) -> Plan:
-    """A plan of the same size with one duration, one control and one state throughout."""
+    """Return a plan of the same size with one duration, one control and one state throughout."""
     return Plan(
         np.full_like(plan.durations, duration),
         np.tile(control, (len(plan.controls), 1)),
@@ -206,7 +206,7 @@ def _alike(plan: Plan, duration: float, control: np.ndarray, state: np.ndarray) 
 def _program(
     problem: Problem, guess: Plan, equal: bool, scale: np.ndarray
 ) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
-    """Unknowns over their scale, cost and constraints, with the bounds of the constraints."""
+    """Return scaled unknowns, cost and constraints, with the bounds of the constraints."""
     n, points = len(guess.durations), len(guess.states) - 1
     steps = points // (_POINTS * n)
     unknown = ca.MX.sym("unknown", scale.size)
@@ -223,10 +223,10 @@ def _program(
     flow = ca.Function(
         "flow", [problem.x, problem.u], [problem.rates, problem.cost], {"cse": True}
     ).map(points)
-    given = ca.SX(0, 1) if problem.given is None else problem.given
+    parameters = ca.SX(0, 1) if problem.parameters is None else problem.parameters
     values = np.zeros((0, points)) if problem.values is None else problem.values
     path = ca.Function(
-        "path", [problem.x, problem.u, problem.gap, given], [problem.path], {"cse": True}
+        "path", [problem.x, problem.u, problem.gap, parameters], [problem.path], {"cse": True}
     ).map(points)
     rates, cost = flow(x[:, 1:], u)
     defects = ca.vec(

@@ -14,7 +14,7 @@ import numpy as np
 
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.compiled.batch import Batch, simulate_batch
-from cranedyn.disturbances.wind import AIR_DENSITY, gust_shape
+from cranedyn.disturbances.wind import drag_force, gust_shape
 from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.dynamics.validity import hoisting, valid
@@ -200,15 +200,17 @@ _DRIVES, _SENSORS = ("slew", "trolley", "hoist"), ("noise", "delay")
 
 
 def gusts(crane: Crane, cases: Cases, times: np.ndarray) -> np.ndarray:
-    """Forces of a gust on each load, of shape (1 - cos)/2, on a load that stands still [N], shape
-    (cranes, rows, 3 points).
+    """Return the forces of a gust of shape (1 - cos)/2 on each load [N], shape (cranes, rows, 3
+    points).
+
+    The load's own velocity is neglected: the force is that on a load at rest.
     """
     shape = gust_shape(times, cases["gust_at_s"][:, None], cases["gust_lasts_s"][:, None])
-    drag = 0.5 * AIR_DENSITY * DRAG * (cases["gust_m_s"][:, None] * shape) ** 2
+    speed, direction = cases["gust_m_s"][:, None] * shape, cases["gust_to_rad"]
+    along = np.column_stack([np.cos(direction), np.sin(direction)])
     first = 3 * crane.layout.points.index("payload")
-    force = np.zeros((*drag.shape, 3 * len(crane.points)))
-    force[..., first] = drag * np.cos(cases["gust_to_rad"])[:, None]
-    force[..., first + 1] = drag * np.sin(cases["gust_to_rad"])[:, None]
+    force = np.zeros((*speed.shape, 3 * len(crane.points)))
+    force[..., first : first + 2] = drag_force(DRAG, speed[..., None] * along[:, None])
     return force
 
 

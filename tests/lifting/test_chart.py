@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cranedyn.errors import CraneError, DataError, OutOfRange
-from cranedyn.lifting.chart import CHARTS, Chart, CutOut, Falls, cut_outs, judged, read_chart
+from cranedyn.lifting.chart import CHARTS, Chart, CutOut, Falls, assess_run, cut_outs, read_chart
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import crane, locked
 
@@ -61,7 +61,7 @@ def test_a_load_at_rest_takes_its_share_and_one_that_is_lifted_faster_more() -> 
     of = crane(payload_mass=2000.0)
     start = of.state(x=20.0)
     rest = simulate(of, locked, start=start, duration=0.05, drive="motion")
-    used, stops = judged(of, rest, LABORATORY)
+    used, stops = assess_run(of, rest, LABORATORY)
     np.testing.assert_allclose(used, 2000.0 / 2500.0, rtol=1e-11)
     assert stops == []
     up = simulate(
@@ -71,7 +71,7 @@ def test_a_load_at_rest_takes_its_share_and_one_that_is_lifted_faster_more() -> 
         duration=0.05,
         drive="motion",
     )
-    used, stops = judged(of, up, LABORATORY)
+    used, stops = assess_run(of, up, LABORATORY)
     np.testing.assert_allclose(used[0], 0.8 * (1.0 + 1.5 / of.gravity), rtol=1e-11)
     assert [one.kind for one in stops] == ["warning", "cut-out"]
     assert stops[1].t == pytest.approx(0.025) and stops[1].most == pytest.approx(used[-1])

@@ -17,18 +17,21 @@ pytest.importorskip("toppra", reason="extra planning (toppra) is not installed")
 
 from cranedyn.data.trajectory import read
 from cranedyn.disturbances.wind import AIR_DENSITY
-from cranedyn.lifting import wind
-from cranedyn.lifting.chart import CHARTS, judged, read_chart
-from cranedyn.lifting.loads import Arm, Base, loads
+from cranedyn.lifting import pdf, wind
+from cranedyn.lifting import wind_limit as wind_limit_module
+from cranedyn.lifting.analysis import LiftAnalysis, Requirements
+from cranedyn.lifting.chart import CHARTS, assess_run, read_chart
+from cranedyn.lifting.checks import CHECKS, run_checks
+from cranedyn.lifting.judgement import Judgement, judge
+from cranedyn.lifting.loads import loads
+from cranedyn.lifting.page import STATEMENT
+from cranedyn.lifting.wind_limit import GUST_FACTOR, WindLimit, wind_limit
 from cranedyn.model.load import load_crane
-from cranedyn.planning import wind_limit as wind_limit_module
+from cranedyn.planning.certificate import Check
 from cranedyn.planning.perturbed import _DRAG, Perturbed, _silhouette
 from cranedyn.planning.site_file import SITES
-from cranedyn.planning.wind_limit import GUST_FACTOR, WindLimit, wind_limit
+from cranedyn.planning.structure import Arm, Base
 from experiments import lift_report
-from experiments.judgement import printed
-from experiments.judgement.case import Asked, Case, checks
-from experiments.judgement.page import STATEMENT, page
 from tests.planning.sites import certificate, lift
 
 CHART = read_chart(CHARTS / "laboratory.toml")
@@ -76,7 +79,7 @@ def test_numbers_of_the_page_are_made_again_from_the_run_that_lies_beside_it(
 ) -> None:
     run = read(folder / "lift.parquet")
     crane = load_crane(from_record=folder / "lift.parquet")
-    used, stops = judged(crane, run, CHART)
+    used, stops = assess_run(crane, run, CHART)
     carried = loads(crane, run)
     shown = table(folder, "Loads of the run")
     assert shown["utilisation [%]"][0] == pytest.approx(100.0 * used.max(), rel=1e-12)
@@ -89,7 +92,7 @@ def test_numbers_of_the_page_are_made_again_from_the_run_that_lies_beside_it(
 
 
 @pytest.mark.skipif(
-    not any(map(shutil.which, printed.BROWSERS)), reason="no browser that prints is installed"
+    not any(map(shutil.which, pdf.BROWSERS)), reason="no browser that prints is installed"
 )
 def test_the_page_is_printed(folder: Path) -> None:
     content = (folder / "lift.pdf").read_bytes()
@@ -138,25 +141,27 @@ def test_in_a_browser_it_fits_paper_and_a_phone_and_leaves_no_error(
 
 
 def test_without_a_browser_there_is_a_sentence_and_the_page(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(printed, "BROWSERS", ("no such browser",))
-    assert lift_report._paged(folder, 0) == 0
+    monkeypatch.setattr(pdf, "BROWSERS", ("no such browser",))
+    assert lift_report.write_pages(Judgement(small(), []), tmp_path, "") == 0
+    assert (tmp_path / "lift.html").exists() and not (tmp_path / "lift.pdf").exists()
     assert "install Chromium, or print the page from any browser" in capsys.readouterr().err
 
 
-def test_what_does_not_hold_is_no_go_and_comes_first(folder: Path, tmp_path: Path) -> None:
-    shutil.copytree(folder, tmp_path / "copy")
-    kept = result(folder)
-    kept["claims"][4]["holds"] = False
-    (tmp_path / "copy" / "result.json").write_text(json.dumps(kept), encoding="utf-8")
-    text = page(tmp_path / "copy")
+def test_what_does_not_hold_is_no_go_and_comes_first() -> None:
+    analysis = small()
+    checks = run_checks(analysis)
+    assert Judgement(analysis, checks).go
+    checks[4] = Check(checks[4].sentence, False)
+    judgement = Judgement(analysis, checks)
+    assert not judgement.go and judgement.reasons == [checks[4].sentence]
+    text = judgement.html()
     assert ">NO GO<" in text and "1 of 13 checks does not hold, 0 could not be judged" in text
-    listed = re.findall(r"</span>([^<]*)</li>", text)
-    assert listed[0] == kept["claims"][4]["sentence"]
+    assert re.findall(r"</span>([^<]*)</li>", text)[0] == checks[4].sentence
 
 
-def small(**changes: object) -> Case:
+def small(**changes: object) -> LiftAnalysis:
     """The lift over a wall of the tests of plans, without wind and without others like it."""
     made = certificate()
     site = replace(
@@ -167,34 +172,34 @@ def small(**changes: object) -> Case:
         arms=(Arm(2000.0, 10.0), Arm(3500.0, -6.0)),
     )
     carried = loads(made.lift.crane, made.run, base=site.base, arms=site.arms)
-    used, _ = judged(made.lift.crane, made.run, CHART)
-    asked = Asked(8.0, math.radians(5.0), 0.01, 0, 0)
-    case = Case(site, CHART, 2, asked, made, carried, used, "", None, None, 0.0)
+    used, _ = assess_run(made.lift.crane, made.run, CHART)
+    required = Requirements(lifts=0, gusts=0)
+    case = LiftAnalysis(site, CHART, 2, required, made, carried, used, "", None, None, 0.0)
     return replace(case, **changes)  # type: ignore[arg-type]
 
 
-def red(made: Case) -> list[str]:
-    return [check.sentence for check in checks(made) if check.holds is False]
+def red(made: LiftAnalysis) -> list[str]:
+    return [check.sentence for check in run_checks(made) if check.holds is False]
 
 
 def test_a_lift_that_holds_goes_and_each_thing_that_does_not_stops_it() -> None:
     case = small()
     assert red(case) == []
-    assert case.used is not None
-    over, heavier = red(small(used=case.used / case.used.max() * 0.95))
+    assert case.utilisation is not None
+    over, heavier = red(small(utilisation=case.utilisation / case.utilisation.max() * 0.95))
     assert "Utilisation is 95.0 %" in over and "warning at" in over
     assert "30 % heavier than entered uses 123.5 %" in heavier
-    (heavier,) = red(small(used=case.used / case.used.max() * 0.8))
+    (heavier,) = red(small(utilisation=case.utilisation / case.utilisation.max() * 0.8))
     assert "30 % heavier than entered uses 104.0 %" in heavier
-    (beyond,) = red(small(used=None, beyond="radius is 23 m."))
+    (beyond,) = red(small(utilisation=None, chart_error="radius is 23 m."))
     assert beyond == "The chart does not reach: radius is 23 m."
-    (not_blown,) = red(small(asked=replace(case.asked, gusts=4)))
+    (not_blown,) = red(small(requirements=replace(case.requirements, gusts=4)))
     assert not_blown == "The wind limit was not looked for."
-    lifted = replace(case.carried, values={**case.carried.values, "corner_2_N": -case.carried.t})
-    (corner,) = red(small(carried=lifted))
+    lifted = replace(case.loads, values={**case.loads.values, "corner_2_N": -case.loads.t})
+    (corner,) = red(small(loads=lifted))
     assert "corners" in corner
-    slack = replace(case.carried, values={**case.carried.values, "slack_margin": -case.carried.t})
-    (rope,) = red(small(carried=slack))
+    slack = replace(case.loads, values={**case.loads.values, "slack_margin": -case.loads.t})
+    (rope,) = red(small(loads=slack))
     assert "taut" in rope
 
 
@@ -211,9 +216,7 @@ def test_too_few_lifts_prove_no_risk_though_none_came_too_near(
     made = Perturbed(least, 0.5, {}, np.zeros(lifts))
     if not nearer:
         assert made.interval()[1] == pytest.approx(1.0 - 0.025 ** (1.0 / lifts), rel=1e-9)
-    found = [
-        sentence for sentence in red(small(perturbed=made)) if "not quite as planned" in sentence
-    ]
+    found = [sentence for sentence in red(small(perturbed=made)) if "perturbed lifts" in sentence]
     assert len(found) == (not goes)
 
 
@@ -221,10 +224,10 @@ def test_a_wind_is_borne_and_a_ground_bears_up_to_what_was_found_and_no_further(
     speeds, swing = np.array([4.0, 8.0, 9.0]), np.array([0.01, 0.05, 0.2])
     blown = WindLimit(speeds, {"swing": swing}, {"swing": 0.1}, 3)
     case = small(wind=blown)
-    assert case.asked.wind == 8.0 and red(case) == []
-    (wind_,) = red(small(wind=blown, asked=replace(case.asked, wind=8.5)))
+    assert case.requirements.wind == 8.0 and red(case) == []
+    (wind_,) = red(small(wind=blown, requirements=replace(case.requirements, wind=8.5)))
     assert "Gusts up to 8 m/s are borne, not in one of 9 m/s" in wind_
-    most = max(float(case.carried[f"corner_{i}_N"].max()) for i in range(1, 5))
+    most = max(float(case.loads[f"corner_{i}_N"].max()) for i in range(1, 5))
     for share, stops in ((1.001, 0), (0.999, 1)):
         site = replace(case.site, base=replace(case.site.base, permitted=share * most))
         assert len(red(small(site=site))) == stops
@@ -240,17 +243,15 @@ def test_a_wind_is_borne_and_a_ground_bears_up_to_what_was_found_and_no_further(
     ],
 )
 def test_what_nobody_entered_is_not_judged_and_no_go(
-    missing: dict[str, object], words: str, folder: Path, tmp_path: Path
+    missing: dict[str, object], words: str
 ) -> None:
     case = small()
     made = replace(case, site=replace(case.site, **missing))  # type: ignore[arg-type]
-    (open_,) = [check for check in checks(made) if check.holds is not True]
+    checks = run_checks(made)
+    (open_,) = [check for check in checks if check.holds is not True]
     assert open_.holds is None and words in open_.sentence
-    shutil.copytree(folder, tmp_path / "copy")
-    kept = result(folder)
-    kept["claims"][5]["holds"] = None
-    (tmp_path / "copy" / "result.json").write_text(json.dumps(kept), encoding="utf-8")
-    assert ">NO GO<" in page(tmp_path / "copy")
+    judgement = Judgement(made, checks)
+    assert not judgement.go and ">NO GO<" in judgement.html()
 
 
 def test_a_site_without_what_decides_ends_in_no_go_and_exit_code_one(tmp_path: Path) -> None:
@@ -259,6 +260,21 @@ def test_a_site_without_what_decides_ends_in_no_go_and_exit_code_one(tmp_path: P
     words = ["--site", str(tmp_path / "bare.toml"), "--lifts", "0", "--gusts", "0"]
     assert lift_report.main([*words, "--out", str(tmp_path / "out")]) == 1
     assert [claim["holds"] for claim in result(tmp_path / "out")["claims"]].count(None) == 1
+
+
+def test_a_check_of_ones_own_is_one_function() -> None:
+    """As CONTRIBUTING says: a load case or a check is a function of the analysis."""
+
+    def short_enough(analysis: LiftAnalysis) -> Check:
+        duration = analysis.certificate.lift.timed.motion.arrival
+        return Check(f"The lift takes {duration:.0f} s, 1 s allowed.", duration <= 1.0)
+
+    analysis = small()
+    assert run_checks(analysis, [*CHECKS, short_enough])[-1].holds is False
+    site, lifted = analysis.site, lift()
+    judgement = judge(site, CHART, analysis.requirements, crane=lifted.crane, checks=[short_enough])
+    assert not judgement.go and judgement.reasons[0].endswith("1 s allowed.")
+    assert judgement.checks[:-1] == certificate().checks
 
 
 def test_the_weakest_wind_that_breaks_a_limit_is_the_first_beyond_it() -> None:
@@ -300,7 +316,7 @@ def test_the_wind_limit_is_that_of_the_worst_gust_whatever_is_drawn(
         found["clearance"][:] = 12.0 - speed * (0.4 + 0.6 * np.exp(-away - turn**2))
         found["utilisation"][:] = found["swing"][:] = 0.0
 
-    monkeypatch.setattr(wind_limit_module, "made_otherwise", by_hand)
+    monkeypatch.setattr(wind_limit_module, "simulate_perturbed", by_hand)
     monkeypatch.setattr(wind_limit_module, "_note", note)
     found = wind_limit(certificate(), CHART, seed=seed)
     assert found.interval() == (11.0, 12.0) and found.binding == "clearance"

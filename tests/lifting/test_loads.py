@@ -19,10 +19,11 @@ from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import full
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
-from cranedyn.lifting.loads import Arm, Base, Loads, hanging_mass, jib_moment, loads, loads_of_rows
+from cranedyn.lifting.loads import Loads, hanging_mass, jib_moment, loads, loads_of_rows
 from cranedyn.lifting.wrench import Moving
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from cranedyn.planning.structure import Arm, Base
 from cranedyn.references import hold, pulse
 from cranedyn.simulation.simulate import simulate
 from experiments.relatives.catalogue import BRIDGE, HOOK, RELATIVES, crane_of

@@ -29,8 +29,8 @@ def test_a_random_site_is_planned_certified_and_set_beside_other_means(
     ]
     swings = [row[-1] for row in tables["Beside other means"]]
     assert min(swings[1:4]) > 0.5 > max(swings[0], swings[4])
-    _, planned, *_ = next(row for row in tables["Random sites"] if row[0] == "motion over bound")
-    _, least, *_ = next(row for row in tables["Random sites"] if row[0] == "least time over bound")
+    _, planned, *_ = next(row for row in tables["Random sites"] if row[0] == "motion / bound")
+    _, least, *_ = next(row for row in tables["Random sites"] if row[0] == "least time / bound")
     assert 1.0 < least < planned
 
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cranedyn.planning.bodies import solid_parts
+from cranedyn.planning.bodies import shape_corners
 from cranedyn.planning.clearance import GROUND, MAST, ROUNDING, Clearance
 from cranedyn.planning.fields import Body, Field
 from cranedyn.planning.neighbour import neighbour
@@ -33,7 +33,7 @@ def test_a_cube_beside_a_wall_and_above_the_ground_is_as_far_as_by_hand() -> Non
     assert found[GROUND].distance == pytest.approx(2.5, abs=1e-6)
     assert asked.nearest(q).obstacle == GROUND
     swung = 2.0 * (HEIGHT - 3.5 + np.sqrt(3.0)) * np.sin(asked.site.swing / 2.0)
-    assert asked.room(place) == pytest.approx(2.5 - 0.5 - swung - ROUNDING, abs=1e-6)
+    assert asked.swing_margin(place) == pytest.approx(2.5 - 0.5 - swung - ROUNDING, abs=1e-6)
 
 
 def test_a_place_is_where_pinocchio_has_the_load_in_any_frame_of_a_site() -> None:
@@ -88,7 +88,8 @@ def test_inflating_takes_exactly_as_much_off_a_distance_from_hulls_and_meshes() 
 def test_room_changes_by_no_more_than_travel(place: np.ndarray, step: np.ndarray) -> None:
     asked = clearance(WALL)
     there = place + step
-    assert abs(asked.room(there) - asked.room(place)) <= asked.travel(place, np.abs(step)) + 1e-5
+    change = abs(asked.swing_margin(there) - asked.swing_margin(place))
+    assert change <= asked.travel(place, np.abs(step)) + 1e-5
 
 
 @given(PLACES, st.floats(0.0, 1.0), st.floats(-np.pi, np.pi))
@@ -98,7 +99,7 @@ def test_the_envelope_holds_the_load_at_every_swing_that_the_site_allows(
     asked = clearance(WALL)
     q = asked.q(place)
     q[2:4] = share * asked.site.swing * np.array([np.cos(towards), np.sin(towards)])
-    assert asked.true_room(q) >= asked.room(place) - 1e-5
+    assert asked.margin(q) >= asked.swing_margin(place) - 1e-5
 
 
 def _farthest(asked: Clearance, one: np.ndarray, other: np.ndarray) -> float:
@@ -123,7 +124,7 @@ def test_no_point_of_the_load_moves_farther_than_said(
     asked = clearance(WALL)
     one, other = asked.q(place), asked.q(place + step)
     one[2:4], other[2:4] = swings[:2], swings[2:]
-    assert _farthest(asked, one, other) <= float(asked.moved(one, other)) + 1e-9
+    assert _farthest(asked, one, other) <= float(asked.displacement(one, other)) + 1e-9
 
 
 @given(PLACES, SMALL)
@@ -143,12 +144,12 @@ def test_hoisting_along_a_leaning_rope_moves_the_load_no_farther_than_said(
     asked = clearance(WALL)
     one, other = asked.q(place), asked.q(place + step)
     one[2:4] = other[2:4] = lean * np.array([np.cos(towards), np.sin(towards)])
-    assert _farthest(asked, one, other) <= float(asked.moved(one, other)) + 1e-9
+    assert _farthest(asked, one, other) <= float(asked.displacement(one, other)) + 1e-9
 
 
 def _drawn(joint: int) -> list[np.ndarray]:
     """Return the corners of all that the crane's URDF draws at a joint, in its frame [m]."""
-    return [corners for where, corners in solid_parts(crane()) if where == joint]
+    return [corners for where, corners in shape_corners(crane()) if where == joint]
 
 
 def test_the_hook_keeps_from_the_own_mast_by_the_way_between_them() -> None:
@@ -173,7 +174,7 @@ def test_rope_and_trolley_keep_from_a_post_beside_them_by_what_the_urdf_draws() 
         found = asked.distances(q, jib=False)["post"]
         assert found.body == body_name
         assert found.distance == pytest.approx(1.0 - half[body_name], abs=1e-6)
-        assert asked.true_room(q) == pytest.approx(found.distance - 0.5, abs=2e-4)  # ROUNDING
+        assert asked.margin(q) == pytest.approx(found.distance - 0.5, abs=2e-4)  # ROUNDING
 
 
 def test_the_rope_of_a_parked_neighbour_is_in_the_way() -> None:
@@ -205,10 +206,10 @@ def test_a_zone_bars_load_hook_and_rope_but_not_the_jib_and_asks_for_no_distance
     zoned = clearance(prism("zone", outline, 0.0, 10.0, zone=True))
     beside = zoned.place(np.array([9.6, -6.0, 5.0]))
     through = zoned.place(np.array([6.0, -6.0, 5.0]))
-    assert zoned.true_room(zoned.q(beside)) > 0.5
-    assert zoned.true_room(zoned.q(through)) < 0.0
+    assert zoned.margin(zoned.q(beside)) > 0.5
+    assert zoned.margin(zoned.q(through)) < 0.0
     assert zoned.nearest(zoned.q(through)).obstacle == "zone"
-    assert zoned.slewing_room(0.0) == np.inf
+    assert zoned.slewing_margin(0.0) == np.inf
     assert box("b", (0, 0), (1, 1, 1), 0.0).zone is False
 
 
@@ -217,7 +218,7 @@ def test_two_threads_that_share_a_clearance_get_the_distances_of_one() -> None:
     places = rng.uniform((-1.0, 6.0, 6.0), (4.0, 20.0, 22.0), (1000, 3))
 
     def rooms(order: slice) -> list[float]:
-        return [asked.true_room(asked.q(place)) for place in places[order]]
+        return [asked.margin(asked.q(place)) for place in places[order]]
 
     with ThreadPoolExecutor(2) as pool:
         forth, back = pool.map(rooms, (slice(None), slice(None, None, -1)))

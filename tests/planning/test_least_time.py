@@ -187,7 +187,7 @@ def shorter() -> Lift:
 def test_a_lift_in_least_time_is_certified_and_near_what_the_drives_alone_need() -> None:
     made = certify(shorter())
     assert [check.sentence for check in made.checks if not check.holds] == []
-    assert made.left < ARRIVAL_SWING and certificate().holds
+    assert made.residual_swing < ARRIVAL_SWING and certificate().holds
     planned, least = lift().timed, shorter().timed
     assert least.bound < least.motion.arrival < 0.95 * planned.motion.arrival
     assert least.motion.arrival < 1.05 * least.bound
@@ -201,17 +201,17 @@ def test_half_spaces_about_a_place_tell_its_room_and_no_more_of_any_place() -> N
     places = lift().timed.places[::150]
     spaces = half_spaces(clearance, places, 0.0)
     q = ca.SX.sym("q", 5)
-    room = ca.Function("room", [q, spaces.symbols], [ca.mmin(spaces.room(q))])
+    room = ca.Function("room", [q, spaces.symbols], [ca.mmin(spaces.margins(q))])
     rng = np.random.default_rng(1)
     for k, place in enumerate(places):
         here = float(room(clearance.q(place), spaces.values[:, k]))
         # coal's tolerance, and 1e-2 that a proof does not go below
-        assert here + 1e-2 == pytest.approx(clearance.room(place), abs=2e-4)
+        assert here + 1e-2 == pytest.approx(clearance.swing_margin(place), abs=2e-4)
         for other in place + rng.normal(size=(20, 3)) * [0.01, 0.5, 0.5]:
             at = float(room(clearance.q(other), spaces.values[:, k]))
             # a body may turn a corner towards a plane, by no more than its size times the turn
             turned = 2.0 * abs(other[0] - place[0])
-            assert at < clearance.room(other) + turned + 1e-2 or k in (0, len(places) - 1)
+            assert at < clearance.swing_margin(other) + turned + 1e-2 or k in (0, len(places) - 1)
 
 
 def test_a_motion_that_is_not_proven_is_not_returned(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -263,7 +263,7 @@ def test_ends_that_are_too_near_to_something_are_refused() -> None:
     asked: Clearance = lift().clearance
     start, _ = lift().states()
     low = State(start.q + np.array([0.1, 0.0, 0.0, 0.0, 2.3]), start.v)
-    with pytest.raises(OutOfRange, match="room at the goal beyond what is required is -"):
+    with pytest.raises(OutOfRange, match="clearance margin at the goal is -"):
         optimal(crane(), start, low, LIMITS, clearance=asked)
 
 
@@ -311,7 +311,7 @@ def test_weights_that_make_no_sense_are_refused(weights: dict[str, float], sente
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_drives_reach_no_farther_between_two_times_than_is_said(seed: int) -> None:
-    from cranedyn.planning.driven import Driven
+    from cranedyn.planning.drive_trajectory import DriveTrajectory
     from cranedyn.planning.move import USUAL, Move
 
     rng = np.random.default_rng(seed)
@@ -319,7 +319,7 @@ def test_drives_reach_no_farther_between_two_times_than_is_said(seed: int) -> No
     point = big_crane()
     jerk = ones if seed % 2 else None
     move = Move(point, point.start, point.start, np.arange(3), ones, ones, jerk, 0.1, USUAL, 1e-3)
-    driven = Driven(
+    driven = DriveTrajectory(
         move,
         transcription.Plan(rng.uniform(0.1, 1.0, 8), rng.normal(size=(8, 3)), np.zeros((25, 13))),
     )

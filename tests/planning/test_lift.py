@@ -38,9 +38,9 @@ from cranedyn.planning.perturbed import (
     late,
     perturb,
 )
-from cranedyn.planning.proof import Line, unproven, unproven_row
+from cranedyn.planning.proof import Line, unproven_parameter, unproven_row
 from cranedyn.planning.solids import body, box, prism
-from cranedyn.planning.timing import STEP, carried
+from cranedyn.planning.timing import STEP, load_motion
 from cranedyn.references.limits import use
 from cranedyn.simulation.simulate import simulate
 from experiments import lift as experiment
@@ -101,17 +101,17 @@ def test_a_lift_that_takes_days_is_refused(gravity: float, words: str) -> None:
 
 def test_a_load_of_any_weight_is_carried_alike() -> None:
     heavy = Clearance(load_crane(gravity=1e300), site())
-    motion = carried(heavy, lift().timed.places, STEP)
+    motion = load_motion(heavy, lift().timed.places, STEP)
     assert np.abs(motion.q[:, heavy.crane.swings]).max() < 1e-250
 
 
 def test_every_leg_curve_and_motion_of_a_lift_is_proven() -> None:
     asked, made = lift().clearance, lift()
     assert all(
-        unproven(asked, Line(one, other), 0.0, 1.0) is None
+        unproven_parameter(asked, Line(one, other), 0.0, 1.0) is None
         for one, other in zip(made.points, made.points[1:], strict=False)
     )
-    assert unproven(asked, made.path, 0.0, made.path.duration) is None
+    assert unproven_parameter(asked, made.path, 0.0, made.path.duration) is None
     motion = made.timed.motion
     assert unproven_row(asked, motion.q, motion.period, swinging=True) is None
 
@@ -362,7 +362,7 @@ def test_a_crane_of_other_joints_is_refused_in_a_sentence(
 
 def test_lifts_that_are_as_planned_are_as_near_as_planned() -> None:
     same = perturb(certificate(), 9, spread=Spread(0.0, 0.0, 0.0, 0.0, late=(0.0,)))
-    assert same.nearer == 0
+    assert same.failures == 0
     # a load that moves through still air is held back a little; between rows it is taken to be
     # nearer by half of its way of 0.1 s
     assert np.ptp(same.least) < 1e-6
@@ -387,7 +387,7 @@ def test_perturbed_lifts_are_repeatable_and_a_storm_is_not_survived() -> None:
         "late_s",
     }
     storm = perturb(certificate(), 40, seed=3, spread=Spread(wind=15.0, gust=40.0))
-    assert storm.nearer > calm.nearer
+    assert storm.failures > calm.failures
     assert storm.interval()[1] > calm.interval()[1]
 
 
@@ -436,7 +436,7 @@ def test_a_perturbed_lift_is_what_the_plain_loop_makes_of_it() -> None:
         }
         batch, _ = _batch(made, control, drawn, {load: heavy}, 1e-3)
         rows = np.searchsorted(run.t, batch.t - 1e-9)
-        off.append(float(made.clearance.moved(batch.q[0], run.q[rows]).max()))
+        off.append(float(made.clearance.displacement(batch.q[0], run.q[rows]).max()))
     # half a kilogram force of still air's drag, and what the delay does to what was not planned
     assert off[0] < 0.08
     assert off[0] < 0.6 * off[1]
@@ -446,7 +446,7 @@ def test_a_lift_that_passes_a_plate_between_two_rows_kept_is_near_to_it() -> Non
     plate = box("plate", (13.4, 0.0), (6.0, 0.02, 20.0), 0.0)
     asked = Clearance(crane(), site(plate))
     q = np.array([[asked.q(np.array([gamma, 13.4, 20.0])) for gamma in (1.3, 1.85)]])
-    rooms = np.array([asked.true_room(row) for row in q[0]])
+    rooms = np.array([asked.margin(row) for row in q[0]])
     assert rooms.min() > 0.5
     batch = SimpleNamespace(q=q, valid_until=np.array([math.inf]))
     (least,) = _least(asked, q[0], rooms, batch)  # type: ignore[arg-type]
@@ -479,7 +479,7 @@ def test_late_sensors_see_what_was_planned_a_while_ago() -> None:
 def test_the_interval_of_no_case_in_many_is_that_of_the_closed_form() -> None:
     none = Perturbed(np.full(10_000, 1.0), 0.5, {}, np.zeros(10_000))
     assert none.interval() == (0.0, pytest.approx(1.0 - 0.025 ** (1.0 / 10_000)))
-    assert Perturbed(np.array([1.0, math.nan, 0.4]), 0.5, {}, np.zeros(3)).nearer == 2
+    assert Perturbed(np.array([1.0, math.nan, 0.4]), 0.5, {}, np.zeros(3)).failures == 2
 
 
 # --- the experiment -------------------------------------------------------------------------------
@@ -523,7 +523,7 @@ def test_the_experiment_leaves_tables_figures_runs_and_a_recording_with_the_site
     result = json.loads((out / "result.json").read_text())
     assert [table["title"] for table in result["tables"]] == [
         "Certified lifts",
-        "Lifts not quite as planned",
+        "Perturbed lifts",
         "In least time",
         "How long it took on this machine",
     ]
@@ -566,7 +566,7 @@ def test_an_experiment_whose_load_cannot_start_leaves_nothing(
 
 def test_lengths_of_places_are_those_of_the_plan() -> None:
     assert lift().crane.layout.symbols[lift().clearance.joints.hoist] == "l"
-    assert [lift().crane.layout.symbols[i] for i in lift().clearance.place_of] == [
+    assert [lift().crane.layout.symbols[i] for i in lift().clearance.drive_joints] == [
         "gamma",
         "x",
         "l",

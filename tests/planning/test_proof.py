@@ -13,16 +13,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cranedyn.planning import curve, search
+from cranedyn.planning import curve, proof
 from cranedyn.planning import lift as planned
 from cranedyn.planning.certificate import certify
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import Path, rounded
 from cranedyn.planning.grid import best_on_grid
 from cranedyn.planning.lift import plan_lift
-from cranedyn.planning.proof import CLOSE, Curve, Line, slew_range, unproven, unproven_row
+from cranedyn.planning.proof import CLOSE, Curve, Line, slew_range, unproven_parameter, unproven_row
 from cranedyn.planning.solids import box
-from cranedyn.planning.timing import STEP, carried
+from cranedyn.planning.timing import STEP, load_motion
 from cranedyn.references.flat import smoothstep
 from tests.planning.sites import LIMITS, RATES, WALL, clearance, corners, crane, site
 
@@ -40,7 +40,7 @@ def sampled(asked: Clearance, line: Curve, first: float, last: float) -> float |
 
 
 def _free(asked: Clearance, place: np.ndarray) -> bool:
-    return asked.true_room(asked.q(place)) > -asked.site.distance + 0.01
+    return asked.margin(asked.q(place)) > -asked.site.distance + 0.01
 
 
 @given(st.integers(0, 10_000))
@@ -49,19 +49,19 @@ def test_what_is_proven_is_free_wherever_one_looks(seed: int) -> None:
     one, other = (
         np.array([rng.uniform(0.2, 2.8), rng.uniform(5, 21), rng.uniform(5, 23)]) for _ in range(2)
     )
-    where = unproven(asked, Line(one, other), 0.0, 1.0)
-    rooms = [asked.room(one + s * (other - one)) for s in np.linspace(0.0, 1.0, 60)]
+    where = unproven_parameter(asked, Line(one, other), 0.0, 1.0)
+    rooms = [asked.swing_margin(one + s * (other - one)) for s in np.linspace(0.0, 1.0, 60)]
     if where is None:
         assert min(rooms) > 0.0
     else:
-        assert asked.room(one + where * (other - one)) < CLOSE
+        assert asked.swing_margin(one + where * (other - one)) < CLOSE
 
 
 def test_a_plate_between_two_samples_is_met_by_proof_and_missed_by_sampling() -> None:
     asked = Clearance(crane(), site(PLATE, load=corners(0.3, 0.3, 0.3), distance=0.05, swing=0.0))
     line = Line(*(asked.place(np.array([6.0, y, 8.0])) for y in (-12.0, 12.0)))
     assert sampled(asked, line, 0.0, 1.0) is None
-    where = unproven(asked, line, 0.0, 1.0)
+    where = unproven_parameter(asked, line, 0.0, 1.0)
     assert where == pytest.approx(0.5, abs=0.03)
 
 
@@ -77,8 +77,8 @@ def test_a_sampling_validator_in_the_place_of_the_proving_one_gets_no_certificat
         swing=0.03,
     )
     assert certify(plan_lift(here, LIMITS, crane=crane())).holds
-    for module in (search, curve):
-        monkeypatch.setattr(module, "unproven", sampled)
+    for module in (proof, curve):
+        monkeypatch.setattr(module, "unproven_parameter", sampled)
     monkeypatch.setattr(planned, "unproven_row", lambda *_, **__: None)
     wrong = certify(plan_lift(here, LIMITS, crane=crane()))
     assert not wrong.holds
@@ -133,7 +133,7 @@ def test_a_motion_is_proven_with_the_load_turned_by_the_jib_not_by_its_own_azimu
     asked = Clearance(crane(), site(load=corners(20.0, 0.4, 1.0)))
     share = smoothstep(np.linspace(0.0, 1.0, round(14.2 / STEP)))
     places = np.column_stack([1.6 * share, np.full_like(share, 4.2), np.full_like(share, 25.0)])
-    motion = carried(asked, places, STEP)
+    motion = load_motion(asked, places, STEP)
     assert asked.tilt(motion.q).max() <= asked.site.swing
 
     def corner(q: np.ndarray) -> np.ndarray:
@@ -153,8 +153,8 @@ def test_a_motion_is_proven_with_the_load_turned_by_the_jib_not_by_its_own_azimu
     at = corner(motion.q[row])[which] + 0.45 * apart / np.linalg.norm(apart)
     solid = box("post", (float(at[0]), float(at[1])), (0.1, 0.1, 6.0), 0.0)
     post, so_far = Clearance(crane(), replace(asked.site, solids=(solid,))), motion.q[: row + 1]
-    assert min(post.room(place) for place in places[: row + 1]) > CLOSE
-    assert min(post.true_room(q) for q in so_far) < 0.0
+    assert min(post.swing_margin(place) for place in places[: row + 1]) > CLOSE
+    assert min(post.margin(q) for q in so_far) < 0.0
     assert unproven_row(post, so_far, STEP, swinging=True) is not None
 
 
@@ -163,7 +163,7 @@ def test_a_motion_that_rests_and_then_enters_a_wall_is_not_proven() -> None:
     asked = clearance(WALL)
     rest, within = (asked.q(np.array([gamma, 13.4, 24.0])) for gamma in (1.2, 1.5))
     q = np.array([rest, rest, rest, rest, within])
-    assert asked.true_room(rest) > 0.0 > asked.true_room(within)
+    assert asked.margin(rest) > 0.0 > asked.margin(within)
     assert unproven_row(asked, q, 5e-3) == 3
     assert unproven_row(asked, q[:4], 5e-3) is None
 
@@ -175,8 +175,8 @@ def test_between_two_rows_alike_a_load_may_have_been_thrown_as_far_as_it_can(
     """By 32 m/s² in a tenth of a second, there and back: 4 cm."""
     asked = clearance()
     high = asked.q(np.array([0.0, 12.0, 20.0]))
-    q = asked.q(np.array([0.0, 12.0, 20.0 + asked.true_room(high) - room]))
-    assert asked.true_room(q) == pytest.approx(room, abs=1e-9)  # above the ground
+    q = asked.q(np.array([0.0, 12.0, 20.0 + asked.margin(high) - room]))
+    assert asked.margin(q) == pytest.approx(room, abs=1e-9)  # above the ground
     assert unproven_row(asked, np.array([q, q]), 0.1) == row
 
 
@@ -188,7 +188,7 @@ def test_rounding_a_corner_over_a_wall_is_proven_and_sharper_where_there_is_less
         corner = asked.place(np.array([10.0, 0.01, over]))
         path = rounded(asked, np.array([ends[0], corner, ends[1]]), RATES)
         if path is not None:
-            assert unproven(asked, path, 0.0, path.duration) is None or over == 12.0
+            assert unproven_parameter(asked, path, 0.0, path.duration) is None or over == 12.0
             widths.append(float(path.widths[0]))
     assert widths == sorted(widths, reverse=True)
 
@@ -205,7 +205,7 @@ def test_the_jib_is_stopped_by_a_tower_at_the_angle_that_its_tip_has_there() -> 
     # the tower's corner (19, -10) is 21.47 m from the axis, less than the jib is long, at
     # atan(19/10) = 1.087 rad
     assert 1.087 - (0.5 + 1.0 + 0.2) / 21.47 < found.high < 1.087 - 0.5 / 21.47
-    assert asked.slewing_room(found.high + 0.01) < asked.slewing_room(found.high - 0.2)
+    assert asked.slewing_margin(found.high + 0.01) < asked.slewing_margin(found.high - 0.2)
 
 
 def test_a_grid_finds_the_way_through_the_only_gap_and_says_when_there_is_none() -> None:
@@ -220,7 +220,7 @@ def test_a_grid_finds_the_way_through_the_only_gap_and_says_when_there_is_none()
     at_wall = found.points[np.argmin(np.abs(gap.point(found.points)[:, 1]))]
     assert 8.0 < gap.point(at_wall)[0] < 14.0
     assert all(
-        unproven(gap, Line(one, other), 0.0, 1.0) is None
+        unproven_parameter(gap, Line(one, other), 0.0, 1.0) is None
         for one, other in zip(found.points, found.points[1:], strict=False)
     )
     shut = clearance(box("all", (12.0, 0.0), (24.0, 1.0, 30.0), 0.0))

@@ -14,13 +14,13 @@ import pytest
 import trimesh
 
 from cranedyn.errors import CraneError, DataError
-from cranedyn.lifting.loads import Arm, Base
 from cranedyn.planning import bim
 from cranedyn.planning.bim import read_ifc
-from cranedyn.planning.bodies import solid_parts
+from cranedyn.planning.bodies import shape_corners
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.lift import crane_of
 from cranedyn.planning.site_file import SITES, read_site
+from cranedyn.planning.structure import Arm, Base
 from tests.planning.sites import crane, site
 
 
@@ -94,7 +94,7 @@ def test_what_only_the_people_on_the_site_know_is_entered_in_tables_of_its_own(
     assert here.limits.accelerations == (math.radians(0.9), 0.4, 0.3)
     assert here.base == Base(6.0, 8e4, 350e3)
     assert here.arms == (Arm(2000.0, 10.0), Arm(3000.0, -6.0))
-    behind = max(points[:, 1].max() for _, points in solid_parts(crane))
+    behind = max(points[:, 1].max() for _, points in shape_corners(crane))
     assert 8.0 <= behind < 8.1  # the jib points along -Y
 
 
@@ -129,7 +129,7 @@ def test_the_examples_can_be_read_and_their_lifts_begin_and_end_free(name: str) 
     here = read_site(SITES / f"{name}.toml")
     assert here.start is not None and here.goal is not None
     asked = Clearance(crane_of(here), here)
-    assert min(asked.room(asked.place(point)) for point in (here.start, here.goal)) > 0.05
+    assert min(asked.swing_margin(asked.place(point)) for point in (here.start, here.goal)) > 0.05
 
 
 def test_a_site_is_what_its_file_says(tmp_path: Path) -> None:
@@ -450,7 +450,7 @@ def test_a_small_load_passes_through_the_opening_of_a_deck_but_not_of_its_hull(
             swing=0.0,
         )
         asked = Clearance(crane(), here)
-        rooms.append(asked.true_room(asked.q(asked.place(np.array([10.0, 0.0, 3.1])))))
+        rooms.append(asked.margin(asked.q(asked.place(np.array([10.0, 0.0, 3.1])))))
     assert rooms[0] > 0.0 > rooms[1]
 
 

@@ -66,7 +66,9 @@ PUBLIC = {
     "theory": ("cranedyn.theory",),
     "trajectory": ("cranedyn.data.trajectory",),
     "wind": ("cranedyn.disturbances.wind",),
-    "lifting": tuple(f"cranedyn.lifting.{name}" for name in ("loads", "chart", "factors", "wind")),
+    "lifting": tuple(
+        f"cranedyn.lifting.{name}" for name in ("loads", "chart", "factors", "wind", "wind_limit")
+    ),
     "sweep": ("cranedyn.sweep",),
     "recording": ("cranedyn.recording", "cranedyn.recording.snapshot"),
     "planning": tuple(
@@ -77,7 +79,6 @@ PUBLIC = {
             "least_time",
             "certificate",
             "perturbed",
-            "wind_limit",
         )
     ),
 }
@@ -87,15 +88,17 @@ INTERNAL = tuple(
     f"cranedyn.{name}"
     for name in (
         "__main__ checks clocks command compiled data.columns data.external data.files "
-        "data.tables data.time_series dynamics errors interfaces lifting lifting.wrench"
-        " display model.joints model.layout model.rest model.solvability model.springs"
-        " model.summary model.urdf model.values"
-        " version planning.bim planning.bodies planning.clearance planning.curve planning.driven "
-        "planning.fields planning.grid planning.half_spaces planning.ifc_shapes planning.move "
-        "planning.neighbour planning.proof plant"
-        " planning.search planning.site planning.solids planning.symbolic planning.timing"
-        " planning.transcription"
-        " plotting processes simulation.engine simulation.log simulation.record bridges"
+        "data.tables data.time_series display dynamics errors interfaces lifting lifting.analysis "
+        "lifting.checks lifting.figures lifting.judgement lifting.page lifting.pdf "
+        "lifting.site_figures lifting.tables lifting.wrench "
+        "model.joints model.layout model.rest model.solvability model.springs "
+        "model.summary model.urdf model.values "
+        "version planning.bim planning.bodies planning.clearance planning.curve "
+        "planning.drive_trajectory planning.fields planning.grid planning.half_spaces "
+        "planning.ifc_shapes planning.move planning.neighbour planning.proof planning.search "
+        "planning.site planning.solids planning.structure planning.symbolic planning.timing "
+        "planning.transcription plant plotting plugins processes simulation.engine simulation.log "
+        "simulation.monitors simulation.record simulation.setting bridges"
     ).split()
 )
 """What only our own code calls, in inner loops or with what was checked before; of the packages
@@ -107,6 +110,8 @@ NOT_CALLED = ("main", "open_viewer", "serve", "view", "check_display")
 WITHIN = (
     "add_values",
     "gust_shape",
+    "drag_force",
+    "corner_forces",
     "over_period",
     "usual_input_weight",
     "bounds",
@@ -122,7 +127,7 @@ WITHIN = (
     "as_force",
     "diverged",
     "late",
-    "made_otherwise",
+    "simulate_perturbed",
     "unproven_time",
     "Receding",
     "Marks",

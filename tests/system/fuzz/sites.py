@@ -73,7 +73,7 @@ def stood(path: Path) -> None:
         if not np.isfinite(distances).all():
             raise Broken("a site was read of which a distance is not finite", distances)
     for point in (site.start, site.goal):
-        if point is not None and math.isnan(room := asked.room(asked.place(point))):
+        if point is not None and math.isnan(room := asked.swing_margin(asked.place(point))):
             raise Broken("a site was read of which a room is not a number", room)
 
 

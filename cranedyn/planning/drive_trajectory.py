@@ -1,5 +1,5 @@
-"""What drives do over time by a plan: polynomials, the motion of the whole crane that they cause,
-and bounds for a proof.
+"""Drives over time by a plan: polynomials, the motion of the crane that they cause, and bounds for
+a proof.
 """
 
 from __future__ import annotations
@@ -19,48 +19,46 @@ from cranedyn.planning.move import Move, at_rest
 from cranedyn.references.motion import Motion
 
 SOON = 1e-6
-"""What counts as the same time [s]."""
+"""Difference below which times count as the same [s]."""
 
 
-class Driven:
+class DriveTrajectory:
     """All drives over time by a plan; see `cranedyn.planning.proof.Curve`.
 
     Attributes:
-        nodes: When its intervals begin and end [s], shape (n + 1,).
-        duration: When it ends [s].
+        nodes: Times at which its intervals begin and end [s], shape (n + 1,).
+        duration: Time at which it ends [s].
     """
 
     def __init__(self, move: Move, plan: transcription.Plan) -> None:
-        """Integrate the controls of a plan; they are jerks, or accelerations where there is no
-        ramp.
-        """
+        """Integrate the controls of a plan: jerks, or accelerations where there is no ramp."""
         layout = move.crane.layout
         self._move = move
         self.nodes = np.concatenate([[0.0], np.cumsum(plan.durations)])
         self.duration = float(self.nodes[-1])
         controls = np.zeros((1, len(plan.durations), layout.m))
         controls[0][:, move.drives] = plan.controls
-        found = PPoly(controls, self.nodes)
-        self._acceleration = found if move.jerk is None else found.antiderivative()
+        control = PPoly(controls, self.nodes)
+        self._acceleration = control if move.jerk is None else control.antiderivative()
         self._rate = _from(self._acceleration.antiderivative(), move.start.v[layout.drives])
         self._place = _from(self._rate.antiderivative(), move.start.q[layout.drives])
         self._fastest = np.unique(np.concatenate([self.nodes, _turns(self._acceleration)]))
 
     def at(self, s: float) -> np.ndarray:
-        """Positions of the drives at a time [s], shape (m,)."""
+        """Return the positions of the drives at a time [s], shape (m,)."""
         return np.asarray(self._place(s))
 
     def reach(self, first: float, last: float) -> np.ndarray:
-        """How far the drives are at most between two times from where they are in the middle, shape
-        (m,): by their largest rates, which they have at an end or where they do not accelerate.
+        """Return the largest distance of the drives between two times from their positions in the
+        middle, shape (m,): by their largest rates, at an end or where they do not accelerate.
         """
         between = self._fastest[(self._fastest > first) & (self._fastest < last)]
         rates = self._rate(np.concatenate([[first, last], between]))
         return np.asarray(np.abs(rates).max(axis=0) * (last - first) / 2.0)
 
     def motion(self, period: float) -> Motion:
-        """The motion of all joints in rows a period [s] apart, the swing by integrating the crane's
-        own equations; its last row is the goal, at the first instant at or after the end.
+        """Return the motion of all joints in rows a period [s] apart, the swing by integrating the
+        equations of motion; the last row is the goal, at the first instant at or after the end.
         """
         move, layout = self._move, self._move.crane.layout
         passive, nodes = layout.passive, self.nodes
@@ -68,7 +66,7 @@ class Driven:
         def state(t: float, y: np.ndarray, k: int) -> State:
             q, v = move.start.q.copy(), np.zeros(layout.n)
             q[layout.drives], v[layout.drives] = (
-                np.polyval(one.c[:, k], t - nodes[k]) for one in (self._place, self._rate)
+                np.polyval(curve.c[:, k], t - nodes[k]) for curve in (self._place, self._rate)
             )
             q[passive], v[passive] = np.split(y, 2)
             return State(q, v)
@@ -83,25 +81,25 @@ class Driven:
         times = period * np.arange(math.ceil((self.duration - SOON) / period))
         y = np.concatenate([move.start.q[passive], move.start.v[passive]])
         rows, goal = [], move.goal
-        for t, here, k in _integrated(flow, nodes, times, y):
-            rows.append((*state(t, here, k), accelerations(t, here, k)))
+        for t, swing, k in _integrated(flow, nodes, times, y):
+            rows.append((*state(t, swing, k), accelerations(t, swing, k)))
         still, end = np.zeros(layout.m), np.zeros(layout.n)
         if not at_rest(move.crane, goal):
             end = prescribed_acceleration(move.crane, goal, still)[0]
         rows.append((goal.q, goal.v, end))
-        q, v, a = (np.array(part) for part in zip(*rows, strict=True))
+        q, v, a = (np.array(column) for column in zip(*rows, strict=True))
         return Motion(period, q, v, a, layout.drives)
 
 
 def _from(curve: PPoly, first: np.ndarray) -> PPoly:
-    """A curve moved so that it begins at a value."""
+    """Return a curve shifted so that it begins at a value."""
     curve.c[-1] += first - curve(curve.x[0])
     return curve
 
 
 def _turns(acceleration: PPoly) -> np.ndarray:
-    """Times at which the acceleration of a drive, constant or straight over each interval, is
-    zero [s].
+    """Return the times at which the acceleration of a drive, linear over each interval, is zero
+    [s].
     """
     if len(acceleration.c) < 2:
         return np.zeros(0)
@@ -118,14 +116,14 @@ def _integrated(
     times: np.ndarray,
     y: np.ndarray,
 ) -> Iterator[tuple[float, np.ndarray, int]]:
-    """Passive joints and their rates from y on, at times before the last node, each with the number
-    of its interval; interval by interval, since the controls jump between.
+    """Yield times before the last node, passive joints with their rates, and interval; integrated
+    interval by interval, since the controls jump between.
     """
     for k, (first, last) in enumerate(itertools.pairwise(nodes)):
         if last <= first:
             continue
         inside = times[(times >= first) & (times < last)]
-        found = solve_ivp(
+        solution = solve_ivp(
             flow,
             (first, last),
             y,
@@ -135,6 +133,6 @@ def _integrated(
             atol=1e-12,
             args=(k,),
         ).y.T
-        for t, here in zip(inside, found[:-1], strict=True):
-            yield float(t), here, k
-        y = found[-1]
+        for t, row in zip(inside, solution[:-1], strict=True):
+            yield float(t), row, k
+        y = solution[-1]

@@ -1,4 +1,4 @@
-"""A page on paper: a browser that is there prints it into a PDF."""
+"""Print a report as PDF by a browser."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from cranedyn.data.files import atomic_write
 from cranedyn.errors import CraneError
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge")
-"""What prints without a window, by their names on the path."""
+"""Browsers that print without a window, by their names on the path."""
 
-_WORDS = (
+_OPTIONS = (
     "--headless=new",
     "--disable-gpu",
     "--no-first-run",
@@ -23,22 +23,23 @@ _WORDS = (
     "--disable-sync",
     "--no-pdf-header-footer",
 )
-_LONGEST = 120.0
+_TIMEOUT = 120.0
+"""Time that a browser may take [s]."""
 
 
 class NoBrowser(CraneError):
-    """There is no browser that prints, or it did not print: why."""
+    """No browser is installed, or it made no PDF."""
 
 
-def print_page(page: Path, pdf: Path) -> Path:
-    """Print a page of ours.
+def print_pdf(page: Path, pdf: Path) -> Path:
+    """Print an HTML page as PDF.
 
     Args:
-        page: An HTML file that needs nothing else.
-        pdf: Where the PDF goes.
+        page: An HTML file that needs no other file.
+        pdf: The file to write.
 
     Raises:
-        NoBrowser: If no browser is there, or it makes no PDF within two minutes.
+        NoBrowser: If no browser is installed, or it makes no PDF within two minutes.
         DataError: If the PDF cannot be written.
     """
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
@@ -47,20 +48,20 @@ def print_page(page: Path, pdf: Path) -> Path:
             f"There is no browser to print {page} with; install Chromium, or print the page from "
             "any browser."
         )
-    # A sandbox of its own is refused to whoever is root, as in most containers.
+    # Browsers refuse their sandbox to root, as in most containers.
     root = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
     with tempfile.TemporaryDirectory() as folder:
-        made = Path(folder) / "page.pdf"
-        words = [*_WORDS, *root, f"--user-data-dir={folder}/profile", f"--print-to-pdf={made}"]
+        printed = Path(folder) / "page.pdf"
+        options = [*_OPTIONS, *root, f"--user-data-dir={folder}/profile"]
         try:
             subprocess.run(
-                [browser, *words, page.absolute().as_uri()],
+                [browser, *options, f"--print-to-pdf={printed}", page.absolute().as_uri()],
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
-                timeout=_LONGEST,
+                timeout=_TIMEOUT,
                 check=True,
             )
-            content = made.read_bytes()
+            content = printed.read_bytes()
         except (OSError, subprocess.SubprocessError) as error:
             why = type(error).__name__
             raise NoBrowser(f"{browser} did not print {page} ({why}); print it by hand.") from None

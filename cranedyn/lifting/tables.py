@@ -1,16 +1,18 @@
-"""What was found of a lift, in tables: each number with its clause or the command that makes it."""
+"""Tables of a lift: each number with its clause or the command that makes it."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from cranedyn.lifting import factors, wind
-from cranedyn.lifting.factors import DriveClass, HoistingClass
+from cranedyn.lifting.analysis import LiftAnalysis
 from cranedyn.lifting.loads import hanging_mass
-from experiments.harness import Table
-from experiments.judgement.case import Case
+from cranedyn.lifting.wind_limit import WindLimit
+from cranedyn.planning.perturbed import Perturbed
 
 Row = list[float | str | None]
 
@@ -21,40 +23,70 @@ _SECOND = "second hand"
 _MODEL = "docs/lifting.md"
 
 
-def tables(made: Case, hoisting: HoistingClass, drive: DriveClass, again: str) -> list[Table]:
-    """All of them.
+class Table(NamedTuple):
+    """A table of the report.
+
+    Attributes:
+        title: Title.
+        columns: Header and format of each column; an empty format is for text.
+        rows: Values; None is shown as a dash.
+        note: What to know about it.
+    """
+
+    title: str
+    columns: Sequence[tuple[str, str]]
+    rows: Sequence[Row]
+    note: str = ""
+
+    def cells(self) -> list[list[str]]:
+        """Return the rows as text."""
+        forms = [form for _, form in self.columns]
+        return [
+            [
+                "-" if value is None else format(value, form)
+                for value, form in zip(row, forms, strict=True)
+            ]
+            for row in self.rows
+        ]
+
+
+def tables(analysis: LiftAnalysis, command: str = "") -> list[Table]:
+    """Return all tables of a lift.
 
     Args:
-        made: The lift.
-        hoisting: Class of the hoist.
-        drive: Class of its drive.
-        again: The command that makes the numbers again.
+        analysis: What was computed of the lift.
+        command: The command that makes the numbers again, for the notes.
     """
-    found = [_lift(made), _loads(made, again), _clearances(made, again)]
-    found.append(_factors(made, hoisting, drive))
-    if made.wind is not None:
-        found += [_wind(made, again), _limits(made)]
-    if made.perturbed is not None:
-        found.append(_robustness(made, again))
-    return found
+    again = f" Again: {command}." if command else ""
+    result = [
+        _lift(analysis),
+        _loads(analysis, again),
+        _clearances(analysis, again),
+        _factors(analysis),
+    ]
+    if analysis.wind is not None:
+        result += [_wind(analysis.wind, again), _limits(analysis.wind)]
+    if analysis.perturbed is not None:
+        result.append(_robustness(analysis, analysis.perturbed, again))
+    return result
 
 
-def _lift(made: Case) -> Table:
-    lift, run = made.certificate.lift, made.certificate.run
-    site, crane = made.site, made.crane
+def _lift(analysis: LiftAnalysis) -> Table:
+    lift, run = analysis.certificate.lift, analysis.certificate.run
+    site, crane = analysis.site, analysis.crane
     size = np.ptp(lift.clearance.bodies.load, axis=0)
     ends = site.to_site(lift.clearance.point(lift.ends))
-    radius = made.carried["radius_m"]
+    radius = analysis.loads["radius_m"]
     length = run["l_m"]
     rows: list[Row] = [
         ["site", site.name, "the site's file"],
-        ["from, to [m]", " to ".join(_point(one) for one in ends), "the site's file"],
-        ["gross load", _gross(made), "the site's file"],
-        ["its size [m]", " x ".join(f"{one:.1f}" for one in size), "the site's file"],
+        ["from, to [m]", " to ".join(_point(end) for end in ends), "the site's file"],
+        ["gross load", _gross(analysis), "the site's file"],
+        ["its size [m]", " x ".join(f"{side:.1f}" for side in size), "the site's file"],
         ["crane", crane.model.name, "its URDF"],
-        ["chart", made.chart.name, "the chart's file"],
-        ["its source", made.chart.source, "the chart's file"],
-        ["rigging", f"{made.falls} falls", "--falls"],
+        ["chart", analysis.chart.name, "the chart's file"],
+        ["its source", analysis.chart.source, "the chart's file"],
+        ["rigging", f"{analysis.falls} falls", "--falls"],
         ["radius [m]", f"{radius.min():.1f} to {radius.max():.1f}", "the plan"],
         ["cable [m]", f"{length.min():.1f} to {length.max():.1f}", "the plan"],
         ["time of the lift", f"{lift.timed.motion.arrival:.0f} s", "the plan"],
@@ -65,78 +97,82 @@ def _lift(made: Case) -> Table:
     return Table("The lift", [("", ""), ("value", ""), ("from", "")], rows)
 
 
-def _gross(made: Case) -> str:
+def _gross(analysis: LiftAnalysis) -> str:
     """Return the mass that hangs as the sum that it is."""
-    gross, rigging = hanging_mass(made.crane) / 1e3, made.site.rigging
-    own = gross - sum(rigging.values()) / 1e3
-    parts = [f"load {own:.2f} t", *(f"{name} {one / 1e3:.2f} t" for name, one in rigging.items())]
+    gross, rigging = hanging_mass(analysis.crane) / 1e3, analysis.site.rigging
+    load = gross - sum(rigging.values()) / 1e3
+    parts = [
+        f"load {load:.2f} t",
+        *(f"{name} {mass / 1e3:.2f} t" for name, mass in rigging.items()),
+    ]
     return f"{gross:.2f} t" + (f" = {' + '.join(parts)}" if rigging else " with hook and slings")
 
 
 def _point(point: np.ndarray) -> str:
-    return f"({', '.join(f'{one:.1f}' for one in point)})"
+    return f"({', '.join(f'{coordinate:.1f}' for coordinate in point)})"
 
 
-def _loads(made: Case, again: str) -> Table:
+def _loads(analysis: LiftAnalysis, again: str) -> Table:
     """Extremes of the loads, and when."""
-    carried, t = made.carried, made.carried.t
+    carried, t = analysis.loads, analysis.loads.t
     rows: list[Row] = []
 
     def add(name: str, values: np.ndarray, scale: float, unit: str, limit: str = "-") -> None:
-        at = int(np.abs(values).argmax())
-        rows.append([f"{name} [{unit}]", scale * float(values[at]), float(t[at]), limit])
+        k = int(np.abs(values).argmax())
+        rows.append([f"{name} [{unit}]", scale * float(values[k]), float(t[k]), limit])
 
-    if made.used is not None:
-        add("utilisation", made.used, 100.0, "%", "90, 100")
+    if analysis.utilisation is not None:
+        add("utilisation", analysis.utilisation, 100.0, "%", "90, 100")
     add("load moment", carried["load_moment_Nm"], 1e-3, "kN m", "the chart")
     add("rope", carried["rope_N"], 1e-3, "kN")
     lead = [np.degrees(carried[f"{side}_lead_rad"]) for side in ("off", "side")]
-    asked = f"{math.degrees(made.asked.swing):g}"
-    add("off-lead", lead[0], 1.0, "°", asked)
-    add("side-lead", lead[1], 1.0, "°", asked)
+    allowed = f"{math.degrees(analysis.requirements.swing):g}"
+    add("off-lead", lead[0], 1.0, "°", allowed)
+    add("side-lead", lead[1], 1.0, "°", allowed)
     add("side force", carried["side_force_percent"], 1.0, "% of the weight")
     add("slewing ring, tilting", carried["ring_tilting_Nm"], 1e-3, "kN m")
     add("slewing ring, torsion", carried["ring_torsion_Nm"], 1e-3, "kN m")
     add("foot, overturning", carried["overturning_Nm"], 1e-3, "kN m")
     add("foot, torsion", carried["torsion_Nm"], 1e-3, "kN m")
-    base, note = made.site.base, f"Formulas: {_MODEL}. Again: {again}."
+    base, note = analysis.site.base, f"Formulas: {_MODEL}.{again}"
     if base is not None:
         corners = np.stack([carried[f"corner_{i}_N"] for i in range(1, 5)], axis=1)
         permitted = "-" if base.permitted is None else f"{base.permitted / 1e3:g}"
         add("corner, most", corners.max(axis=1), 1e-3, "kN", permitted)
-        at = int(corners.min(axis=1).argmin())
-        rows.append(["corner, least [kN]", 1e-3 * float(corners.min()), float(t[at]), "> 0"])
+        k = int(corners.min(axis=1).argmin())
+        rows.append(["corner, least [kN]", 1e-3 * float(corners.min()), float(t[k]), "> 0"])
         note = (
             f"Formulas: {_MODEL}. Corners: base {base.spacing:g} m wide, {base.mass / 1e3:g} t "
-            f"with mast and ballast, as entered. Again: {again}."
+            f"with mast and ballast, as entered.{again}"
         )
     columns = [("largest", ""), ("value", ".2f"), ("at [s]", ".1f"), ("limit", "")]
     return Table("Loads of the run", columns, rows, note)
 
 
-def _clearances(made: Case, again: str) -> Table:
-    certificate = made.certificate
-    zones = {solid.name for solid in made.site.solids if solid.zone}
+def _clearances(analysis: LiftAnalysis, again: str) -> Table:
+    certificate = analysis.certificate
+    zones = {solid.name for solid in analysis.site.solids if solid.zone}
     rows: list[Row] = []
-    for name, distance in sorted(certificate.distances.items(), key=lambda one: one[1].min()):
+    for name, distance in sorted(certificate.distances.items(), key=lambda item: item[1].min()):
         k = int(distance.argmin())
-        kept = "kept out of" if name in zones else f"{made.site.distance:g}"
-        rows.append([name, float(distance[k]), float(certificate.t[k]), kept])
+        required = "kept out of" if name in zones else f"{analysis.site.distance:g}"
+        rows.append([name, float(distance[k]), float(certificate.t[k]), required])
     columns = [("obstacle", ""), ("least [m]", ".2f"), ("at [s]", ".1f"), ("required [m]", "")]
-    note = f"Of all that hangs; proven between the instants (docs/lift.md). Again: {again}."
+    note = f"Of all that hangs; proven between the instants (docs/lift.md).{again}"
     return Table("Clearances", columns, rows, note)
 
 
-def _factors(made: Case, hoisting: HoistingClass, drive: DriveClass) -> Table:
-    crane, carried = made.crane, made.carried
-    limits = made.certificate.lift.limits
+def _factors(analysis: LiftAnalysis) -> Table:
+    crane, carried = analysis.crane, analysis.loads
+    hoisting, drive = analysis.hoisting, analysis.drive
+    limits = analysis.certificate.lift.limits
     largest = limits.rates[crane.layout.drive("l")]
     speed = factors.pick_up_speed(drive, largest, CREEP * largest)
     phi_2 = factors.phi_2(hoisting, speed, drive)
     weight = hanging_mass(crane) * crane.gravity
     pull = float(carried["rope_N"].max()) / weight
     mass, radius = hanging_mass(crane), float(carried["radius_m"].max())
-    along, about = (limits.accelerations[crane.layout.drive(one)] for one in ("x", "gamma"))
+    along, about = (limits.accelerations[crane.layout.drive(name)] for name in ("x", "gamma"))
     out, aside = (
         float(np.abs(carried["pull_N"] * np.tan(carried[f"{side}_lead_rad"])).max())
         for side in ("off", "side")
@@ -161,18 +197,17 @@ def _factors(made: Case, hoisting: HoistingClass, drive: DriveClass) -> Table:
     return Table("Dynamic factors", columns, rows, note)
 
 
-def _wind(made: Case, again: str) -> Table:
-    assert made.wind is not None
-    worst = made.wind.worst
+def _wind(limit: WindLimit, again: str) -> Table:
+    worst = limit.worst
     rows: list[Row] = []
-    for i, speed in enumerate(made.wind.speeds.tolist()):
+    for i, speed in enumerate(limit.speeds.tolist()):
         failed = worst["utilisation"][i] > 1e3
         values: Row = [
             100.0 * float(worst["utilisation"][i]),
             math.degrees(worst["swing"][i]),
             float(worst["clearance"][i]),
         ]
-        broken = [name for name in made.wind.allowed if not made.wind.kept(name)[i]]
+        broken = [name for name in limit.allowed if not limit.kept(name)[i]]
         rows.append(
             [
                 speed,
@@ -190,17 +225,16 @@ def _wind(made: Case, again: str) -> Table:
         ("beyond its limit", ""),
     ]
     note = (
-        f"The worst of {made.wind.lifts} lifts in all, from all sides and at all times, most of "
+        f"The worst of {limit.lifts} lifts in all, from all sides and at all times, most of "
         "them in gusts about the worst; wind on the load alone. Clearance: at least. Pressure: "
-        f"0.625 v², AS 5222:2021, {_SECOND}. Again: {again}."
+        f"0.625 v², AS 5222:2021, {_SECOND}.{again}"
     )
     return Table("Wind", columns, rows, note)
 
 
-def _limits(made: Case) -> Table:
-    assert made.wind is not None
+def _limits(limit: WindLimit) -> Table:
     rows: list[Row] = [
-        [f"{name} of this lift", made.wind.limit(name), "this page"] for name in made.wind.allowed
+        [f"{name} of this lift", limit.limit(name), "this page"] for name in limit.allowed
     ]
     rows += [[f"in use: {name}", speed, _SECOND] for name, speed in wind.OPERATING.items()]
     rows += [
@@ -215,21 +249,23 @@ def _limits(made: Case) -> Table:
     return Table("Wind limits", columns, rows, note)
 
 
-def _robustness(made: Case, again: str) -> Table:
-    assert made.perturbed is not None
-    perturbed, count = made.perturbed, len(made.perturbed.least)
+def _robustness(analysis: LiftAnalysis, perturbed: Perturbed, again: str) -> Table:
+    count = len(perturbed.least)
     low, high = perturbed.interval()
-    known = perturbed.least[np.isfinite(perturbed.least)]
+    distances = perturbed.least[np.isfinite(perturbed.least)]
     rows: list[Row] = [
         ["lifts", f"{count}"],
-        ["nearer than required, or failed", f"{perturbed.nearer}"],
+        ["below required clearance, or failed", f"{perturbed.failures}"],
         ["probability of that, 95 % [%]", f"{100.0 * low:.3f} to {100.0 * high:.3f}"],
-        ["least distance [m]", f"{known.min():.2f}" if len(known) else "-"],
+        ["least distance [m]", f"{distances.min():.2f}" if len(distances) else "-"],
         ["swing after, at most [mrad]", f"{1e3 * float(perturbed.swing.max()):.1f}"],
-        ["lifts a minute on this machine", f"{60.0 * count / max(made.seconds, 1e-9):,.0f}"],
+        [
+            "lifts a minute on this machine",
+            f"{60.0 * count / max(analysis.perturbed_seconds, 1e-9):,.0f}",
+        ],
     ]
     note = (
         "Load ±30 %, cable ±0.5 m, mean wind to 4 m/s with gusts of 6 m/s more, sensors to 20 ms "
-        f"late; interval by Clopper and Pearson (docs/lift.md). Again: {again}."
+        f"late; interval by Clopper and Pearson (docs/lift.md).{again}"
     )
-    return Table("Not quite as planned", [("", ""), ("value", "")], rows, note)
+    return Table("Perturbed lifts", [("", ""), ("value", "")], rows, note)

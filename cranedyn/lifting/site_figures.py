@@ -1,5 +1,5 @@
-"""Figures and scenery of planned lifts: plan, elevation, clearance over time, and what the
-recording shows of the site.
+"""Figures and scenery of planned lifts: plan, elevations, clearance over time, and the site in a
+recording.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _SHOWN, _SPACED, _SCALE = 5, 1.5, 8.0
 _PALETTE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
 
 
-def views(certificate: Certificate) -> Figure:
-    """Plan and two elevations of a site with the path of the load, its envelope at the nearest
+def site_views(certificate: Certificate) -> Figure:
+    """Draw plan and two elevations of a site with the path of the load, its envelope at the nearest
     point, and the reach of the crane.
     """
     lift = certificate.lift
@@ -33,8 +33,8 @@ def views(certificate: Certificate) -> Figure:
     path = site.to_site(clearance.point(lift.timed.places))
     near = site.to_site(
         clearance.point(
-            certificate.run.q[np.searchsorted(certificate.run.t, certificate.at)][
-                clearance.place_of
+            certificate.run.q[np.searchsorted(certificate.run.t, certificate.nearest_t)][
+                clearance.drive_joints
             ]
         )
     )
@@ -78,8 +78,8 @@ def views(certificate: Certificate) -> Figure:
     return figure
 
 
-def over_time(certificate: Certificate) -> Figure:
-    """Clearance to the obstacles that come nearest, and the swing, over time."""
+def clearance_over_time(certificate: Certificate) -> Figure:
+    """Draw the clearance to the nearest obstacles, and the swing, over time."""
     site = certificate.lift.clearance.site
     figure, (clear, swing) = panels(2, height=2.6, sharex=True)
     zones = {solid.name for solid in site.solids if solid.zone}
@@ -106,37 +106,37 @@ def over_time(certificate: Certificate) -> Figure:
 
 
 def scenery(certificate: Certificate) -> Scenery:
-    """What the recording shows of a site: obstacles, marked while they are nearer than twice what
-    is required beyond the envelope.
+    """Return the obstacles of a site for a recording, marked while they are nearer than the
+    required distance and twice the envelope.
     """
     lift, clearance = certificate.lift, certificate.lift.clearance
     mark = clearance.site.distance + 2.0 * clearance.envelope(float(lift.ends[:, 2].mean()))
     obstacles = [
         Obstacle(
-            one.name,
-            one.vertices,
-            one.triangles,
-            one.zone,
-            () if one.zone else _spells(certificate, one.name, mark),
+            solid.name,
+            solid.vertices,
+            solid.triangles,
+            solid.zone,
+            () if solid.zone else _spells(certificate, solid.name, mark),
         )
-        for one in clearance.solids
+        for solid in clearance.solids
     ]
     return Scenery(obstacles, clearance.point(lift.timed.places[::5]), _swept(lift))
 
 
 def _spells(certificate: Certificate, name: str, mark: float) -> list[float]:
-    """When an obstacle comes near and when it is not any more [s], in turn."""
+    """Return the times at which an obstacle comes near and leaves, in turn [s]."""
     near = certificate.distances[name] < mark
     turns = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int)))
     return certificate.t[np.minimum(turns, len(certificate.t) - 1)].tolist()
 
 
 def _swept(lift: Lift) -> dict[str, np.ndarray]:
-    """Boxes around the load with its envelope, some metres apart."""
+    """Return boxes around the load with its envelope, some metres apart."""
     clearance, places = lift.clearance, lift.timed.places
     points = clearance.point(places)
-    gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    rows = np.unique(np.searchsorted(gone, np.arange(0.0, gone[-1], _SPACED)))
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    rows = np.unique(np.searchsorted(arc, np.arange(0.0, arc[-1], _SPACED)))
     load = clearance.bodies.load
     envelope = np.array([clearance.envelope(length) for length in places[rows, 2]])
     return {
@@ -147,11 +147,11 @@ def _swept(lift: Lift) -> dict[str, np.ndarray]:
 
 
 def _outlines(solid: Solid, i: int, j: int) -> PolyCollection:
-    """What a solid looks like along an axis."""
+    """Draw a solid along an axis."""
     parts = solid.parts or tuple(solid.vertices[triangle] for triangle in solid.triangles)
     shapes = []
-    for part in parts:
-        flat = np.unique(np.round(part[:, [i, j]], 6), axis=0)
+    for corners in parts:
+        flat = np.unique(np.round(corners[:, [i, j]], 6), axis=0)
         if len(flat) > 2 and np.linalg.matrix_rank(flat - flat[0], tol=1e-5) == 2:
             shapes.append(flat[ConvexHull(flat).vertices])
     colour = "#CC3311" if solid.zone else "#8C8475"

@@ -1,0 +1,149 @@
+"""Checks of a lift. A new check or load case is one more function in `CHECKS`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from cranedyn.lifting.analysis import LiftAnalysis
+from cranedyn.lifting.chart import CUT_OUT, WARNING
+from cranedyn.planning.certificate import Check
+from cranedyn.planning.perturbed import CONFIDENCE, Spread
+
+CheckFunction = Callable[[LiftAnalysis], Check]
+"""A check: from what was computed of a lift to a sentence with its numbers, and whether it holds;
+None where what decides it was not entered."""
+
+
+def run_checks(
+    analysis: LiftAnalysis, functions: Sequence[CheckFunction] | None = None
+) -> list[Check]:
+    """Return the checks of the certificate, then those of functions, by default `CHECKS`."""
+    functions = CHECKS if functions is None else functions
+    return [*analysis.certificate.checks, *(function(analysis) for function in functions)]
+
+
+def drives_entered(analysis: LiftAnalysis) -> Check:
+    """Check that the limits of the drives were entered, since a go rests on no default."""
+    limits = analysis.certificate.lift.limits
+    rates = (
+        f"{math.degrees(limits.rates[0]):.2g} °/s, {limits.rates[1]:.2f} and "
+        f"{limits.rates[2]:.2f} m/s at most"
+    )
+    if analysis.site.limits is not None:
+        return Check(f"The drives are as entered: {rates}.", True)
+    return Check(f"Nobody entered what the drives can do ([drives]); assumed: {rates}.", None)
+
+
+def counter_jib_entered(analysis: LiftAnalysis) -> Check:
+    """Check that the length of the counter-jib was entered."""
+    if length := analysis.site.crane.get("counter_jib"):
+        return Check(f"The counter-jib is as long as entered, {length:g} m.", True)
+    return Check(
+        "Nobody entered how long the counter-jib is ([counter_jib] length); it turns freely "
+        "as long as it is drawn.",
+        None,
+    )
+
+
+def utilisation_below_warning(analysis: LiftAnalysis) -> Check:
+    """Check that a load moment limiter gives no warning."""
+    if analysis.utilisation is None:
+        return Check(f"The chart does not reach: {analysis.chart_error}", False)
+    most = float(analysis.utilisation.max())
+    t = float(analysis.loads.t[int(analysis.utilisation.argmax())])
+    first = analysis.cut_outs[:1]
+    limiter = f"{first[0].kind} at {first[0].t:.1f} s" if first else "no warning"
+    return Check(
+        f"Utilisation is {100.0 * most:.1f} % of the chart at most, at t = {t:.1f} s; a limiter "
+        f"warns at {100.0 * WARNING:g} % and cuts out at {100.0 * CUT_OUT:g} %: {limiter}.",
+        most < WARNING,
+    )
+
+
+def heavier_load(analysis: LiftAnalysis) -> Check:
+    """Check that the chart bears a load heavier by the spread of the perturbed lifts."""
+    more = Spread().load
+    if analysis.utilisation is None:
+        return Check("What a heavier load would use of the chart is not known.", None)
+    most = (1.0 + more) * float(analysis.utilisation.max())
+    return Check(
+        f"A load {100.0 * more:.0f} % heavier than entered uses {100.0 * most:.1f} % of the chart; "
+        f"a limiter cuts out at {100.0 * CUT_OUT:g} %.",
+        most < CUT_OUT,
+    )
+
+
+def taut_rope(analysis: LiftAnalysis) -> Check:
+    """Check that the rope stays taut and the hoist strong enough."""
+    slack, snag = (float(analysis.loads[f"{name}_margin"].min()) for name in ("slack", "snag"))
+    return Check(
+        f"The rope stays taut: it carries {100.0 * slack:.0f} % of the weight at least; the hoist "
+        f"has {100.0 * snag:.0f} % of its force left.",
+        slack > 0.0 and snag > 0.0,
+    )
+
+
+def corners_pressed(analysis: LiftAnalysis) -> Check:
+    """Check that all corners of the base press on the ground, and no more than it may bear."""
+    site = analysis.site
+    if site.base is None or len(site.arms) < 2:
+        missing = ["[base]"] * (site.base is None) + ["[jib]", "[counter_jib]"] * (
+            len(site.arms) < 2
+        )
+        return Check(
+            "Whether all corners of the base press on the ground is not known: nobody entered "
+            f"masses and centres of {', '.join(missing)}.",
+            None,
+        )
+    forces = np.stack([analysis.loads[f"corner_{i}_N"] for i in range(1, 5)])
+    least, most, permitted = float(forces.min()), float(forces.max()), site.base.permitted
+    bears = "" if permitted is None else f"; the ground may bear {permitted / 1e3:.0f} kN"
+    return Check(
+        f"All corners of the base press on the ground, by {least / 1e3:.0f} kN at least and "
+        f"{most / 1e3:.0f} kN at most{bears}.",
+        least > 0.0 and (permitted is None or most <= permitted),
+    )
+
+
+def wind_borne(analysis: LiftAnalysis) -> Check:
+    """Check that the lift bears the required gust."""
+    required = analysis.requirements
+    if analysis.wind is None:
+        return Check("The wind limit was not looked for.", required.gusts == 0)
+    limit, broken = analysis.wind.interval()
+    beyond = f"not in one of {broken:g} m/s" if broken < math.inf else "none stronger was tried"
+    return Check(
+        f"Gusts up to {limit:g} m/s are borne, {beyond}; {required.wind:g} asked for; "
+        f"{analysis.wind.binding} is met first.",
+        limit >= required.wind,
+    )
+
+
+def perturbed_lifts(analysis: LiftAnalysis) -> Check:
+    """Check the probability that a perturbed lift comes closer than the required distance."""
+    required, perturbed = analysis.requirements, analysis.perturbed
+    if perturbed is None:
+        return Check("No perturbed lifts were simulated.", required.lifts == 0)
+    _, high = perturbed.interval()
+    return Check(
+        f"Of {len(perturbed.least)} perturbed lifts {perturbed.failures} come nearer than "
+        f"{analysis.site.distance:g} m: a probability of {100.0 * high:.2f} % at most, "
+        f"with {100.0 * CONFIDENCE:g} % confidence; {100.0 * required.risk:g} % allowed.",
+        high <= required.risk,
+    )
+
+
+CHECKS: tuple[CheckFunction, ...] = (
+    drives_entered,
+    counter_jib_entered,
+    utilisation_below_warning,
+    heavier_load,
+    taut_rope,
+    corners_pressed,
+    wind_borne,
+    perturbed_lifts,
+)
+"""The checks of a lift beside those of its certificate, in the order of the report."""

@@ -1,0 +1,129 @@
+"""The report of a lift as one HTML document: GO or NO GO and why, then every number."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Sequence
+from datetime import date
+from html import escape
+from importlib import metadata
+
+from cranedyn import __version__
+from cranedyn.lifting.figures import LiftFigure
+from cranedyn.lifting.tables import Table
+from cranedyn.model.load import load_crane
+from cranedyn.planning.certificate import Check
+from cranedyn.plotting.html import STYLE, mark_html, svg_address, table_html
+from cranedyn.recording.sketch import sketch
+
+STATEMENT = (
+    "This page is an appendix to a method statement. It is made by a program from a model of a "
+    "crane, and no substitute for a competent person, who answers for the lift, knows the ground, "
+    "the rigging, the weather and the people, and has read what is said here of its limits."
+)
+
+LIMITS = (
+    "The model's rope has no mass and its crane no play; structure, ropes, slings and lifting "
+    "points are not checked for strength.",
+    "The lift begins and ends with the load hanging free. Picking up and setting down are not in "
+    "it.",
+    "Wind acts on the load alone, as a box of drag coefficient 1.2; what it does to the crane's "
+    "structure is not in it.",
+    "Standards were read second hand; where a clause is named, read it there.",
+    "The chart of this project's own crane is chosen here, no maker stands behind it.",
+)
+"""Limits of the model that a reader must know."""
+
+_SHEET = """
+.verdict { font-size: 3.2rem; font-weight: 800; line-height: 1; margin: 1rem 0 0.4rem; }
+.statement { border-left: 4px solid var(--line); padding-left: 0.8rem; max-width: 46rem; }
+main { max-width: 64rem; }
+section { margin-top: 1.6rem; padding-top: 0.8rem; }
+@media (min-width: 70rem) { body { display: block; } main { margin: 0 auto; } }
+@media print { section { break-before: auto; margin-top: 6mm; } figure { max-width: 100%; }
+  .verdict { font-size: 26pt; } .first { flex-wrap: nowrap; gap: 6mm; }
+  .first > div { flex: 1 1 auto; } .first figure { flex: 0 0 48mm; }
+  section.pages { break-before: page; } }
+"""
+
+
+def html(
+    title: str,
+    checks: Sequence[Check],
+    tables: Sequence[Table],
+    figures: Sequence[LiftFigure],
+    command: str = "",
+) -> str:
+    """Return the report as one HTML document that needs no other file.
+
+    Args:
+        title: Heading.
+        checks: Checks of the lift.
+        tables: Tables of the lift; the first stands on the first screen.
+        figures: Figures of the lift.
+        command: The command that makes the numbers again; empty if unknown.
+    """
+    sections = "".join(f"<section>{_table(table)}</section>" for table in tables[1:])
+    pictures = "".join(
+        f'<figure><img alt="{escape(caption)}" src="{svg_address(figure)}"><figcaption>'
+        f"{escape(caption)}</figcaption></figure>"
+        for figure, caption in figures
+    )
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
+        'content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'
+        f"<title>{escape(title)}</title><style>{STYLE}{_SHEET}</style></head><body>\n<main>"
+        f"{_verdict(title, checks)}{_table(tables[0])}{sections}"
+        f'<section class="pages"><h2>Figures</h2>{pictures}</section>'
+        f"{_limits_and_command(command)}</main></body></html>\n"
+    )
+
+
+def _verdict(title: str, checks: Sequence[Check]) -> str:
+    """Return GO or NO GO and the checks, those first that do not hold."""
+    today, crane = date.today(), load_crane()
+    held = [check for check in checks if check.holds is True]
+    others = [check for check in checks if check.holds is not True]
+    unknown = sum(check.holds is None for check in checks)
+    failed = len(others) - unknown
+    reason = f"All {len(checks)} checks hold."
+    if others:
+        does = "does" if failed == 1 else "do"
+        reason = f"{failed} of {len(checks)} checks {does} not hold, {unknown} could not be judged:"
+    listed = "".join(
+        f"<li>{mark_html(check.holds)}{escape(check.sentence)}</li>" for check in [*others, *held]
+    )
+    style, verdict = ("fails", "NO GO") if others else ("held", "GO")
+    return (
+        f'<div class="first"><div><h1>{escape(title)}</h1><p class="lead">{today.day} '
+        f"{today:%B %Y} · cranedyn {escape(__version__)}</p>"
+        f'<p class="verdict {style}">{verdict}</p><p>{reason}</p></div>'
+        '<figure><img alt="The crane from the side" '
+        f'src="{svg_address(sketch(crane, crane.state(phi=0.06)))}">'
+        "<figcaption>The kind of crane, from the side.</figcaption></figure></div>"
+        f'<ul class="claims">{listed}</ul><p class="statement">{STATEMENT}</p>'
+    )
+
+
+def _table(table: Table) -> str:
+    columns = [(header, not form) for header, form in table.columns]
+    return table_html(table.title, columns, table.cells(), table.note)
+
+
+def _limits_and_command(command: str) -> str:
+    """Return the limits of the model, and how to make the numbers again."""
+    limits = "".join(f"<li>{escape(sentence)}</li>" for sentence in LIMITS)
+    packages = ("cranedyn", "pin", "numpy", "scipy")
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in packages)
+    again = (
+        f"Every number of this page: <code>{escape(command)}</code>; derivations"
+        if command
+        else "Derivations"
+    )
+    return (
+        f"<section><h2>What these numbers do not say</h2><ul>{limits}</ul></section>"
+        f"<section><h2>Again</h2><p>{again} of the factors: <code>python -m experiments.factors"
+        "</code>. The experiment keeps the run and its loads beside the page as CSV and Parquet."
+        f'</p><p class="note">python {platform.python_version()}, {versions}; '
+        f"{platform.system()} {platform.machine()}</p></section>"
+    )

@@ -1,1 +1,0 @@
-"""A lift judged: what is asked of it, in tables, figures, and a page for a method statement."""
