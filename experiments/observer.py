@@ -19,7 +19,7 @@ from cranedyn.errors import CraneError
 from cranedyn.plotting.figures import panels
 from cranedyn.plotting.runs import run_colour
 from experiments import harness
-from experiments.compare_observers import LEFT
+from experiments.compare.observers import LEFT
 from experiments.scenarios.moves import MOVES
 from experiments.scenarios.perturbations import AFTER_UNTOLD, Perturbation, make
 from experiments.scenarios.strategies import FLAT, STRATEGIES

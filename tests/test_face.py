@@ -61,7 +61,7 @@ def test_every_module_of_the_experiments_with_a_command_line_is_in_the_catalogue
         path.stem
         for path in (ROOT / "experiments").glob("*.py")
         if "\ndef main(" in path.read_text(encoding="utf-8")
-    }
+    } | {path.parent.name for path in (ROOT / "experiments").glob("*/__main__.py")}
     assert commands == {*catalogue.EXPERIMENTS, *catalogue.TOOLS}
 
 

@@ -41,7 +41,8 @@ from cranedyn.model.load import load_crane
 from cranedyn.simulation import simulate as simulation
 from cranedyn.simulation.log import Log
 from cranedyn.simulation.simulate import simulate
-from experiments import a1, a1_identify, a2, a3, energy, harness, mass_ratio, report
+from experiments import a1, a2, a3, energy, harness, mass_ratio, report
+from experiments.a1 import identify as a1_identify
 from experiments.harness import setup as world_room
 from tests.helpers import FAST, files, turned
 from tests.told import TOLD, missing

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,10 +24,10 @@ from experiments import gazebo, harness
 from experiments.harness.arguments import ROS
 from experiments.harness.progress import watching
 from experiments.harness.swept import columns_swept
-from experiments.identify_coverage import NAMES, PLANTS, SWING, coverage
-from experiments.identify_figures import beside, correlations
-from experiments.identify_tables import Found, doubts, found, of_trials, tables, values
-from experiments.identify_trial import TRUTH, Tried, trial_record, tried
+from experiments.identify.coverage import NAMES, PLANTS, SWING, coverage
+from experiments.identify.figures import beside, correlations
+from experiments.identify.tables import Found, doubts, found, of_trials, tables, values
+from experiments.identify.trial import TRUTH, Tried, trial_record, tried
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -462,7 +461,3 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="processes for that, by default one for each processor",
     )
     return harness.conduct(made, experiment, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -7,7 +7,6 @@ from __future__ import annotations
 import argparse
 import gc
 import math
-import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
@@ -27,8 +26,8 @@ from cranedyn.errors import CraneError, number
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.sweep.processes import deaf, end_with_parent
 from experiments import harness
-from experiments.compare_figures import robustness_figure, swing_figure
-from experiments.compare_observers import observer_claims, observer_table
+from experiments.compare.figures import robustness_figure, swing_figure
+from experiments.compare.observers import observer_claims, observer_table
 from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import (
     AFTER,
@@ -614,7 +613,3 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="processes, by default one for each processor",
     )
     return harness.conduct(made, experiment, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -21,7 +21,7 @@ from cranedyn.identification import (
 )
 from cranedyn.identification.parameters import MEANINGS
 from experiments import harness
-from experiments.identify_trial import Tried
+from experiments.identify.trial import Tried
 
 
 @dataclass(frozen=True, eq=False)

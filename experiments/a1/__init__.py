@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -202,7 +201,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     if options.files:
         return _from_files(options.files, options.columns, options.joints, setup.crane)
     if options.identify:
-        from experiments.a1_identify import identify
+        from experiments.a1.identify import identify
 
         return identify(setup)
     if len({f"{length:g}" for length in options.length}) < len(options.length):
@@ -234,8 +233,8 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
 def outcome(setup: harness.Setup, cases: Sequence[Case], soft: Case) -> harness.Outcome:
     """Tables, claims, figures and files of the cable lengths and the soft trolley."""
     from cranedyn.recording import Run
-    from experiments.a1_figures import budget_figure, period_figure, waveform_figure
-    from experiments.a1_tables import article_table, budget_table, damping_table, prediction_table
+    from experiments.a1.figures import budget_figure, period_figure, waveform_figure
+    from experiments.a1.tables import article_table, budget_table, damping_table, prediction_table
 
     return harness.Outcome(
         tables=[
@@ -333,7 +332,7 @@ def _within(misses: Sequence[float], allowed: Sequence[float]) -> tuple[bool, st
 def _from_files(
     files: Sequence[str], columns_there: Sequence[str], joints: Sequence[str], crane: Crane
 ) -> harness.Outcome:
-    from experiments.a1_tables import pendulums
+    from experiments.a1.tables import pendulums
 
     rows = []
     for file in files:
@@ -411,7 +410,3 @@ def main(argv: Sequence[str] | None = None) -> int:
     harness.add_files(made, COLUMNS, "values")
     harness.add_mode(made, "identify", "gravity", "dt", "control_period", "values", "engine")
     return harness.conduct(made, experiment, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -206,7 +206,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         options.length,
     )
     if getattr(options, "overwritten", False):
-        from experiments.energy_overwritten import experiment as overwritten
+        from experiments.energy.overwritten import experiment as overwritten
 
         return overwritten(setup, swing, length)
     cranes = {d: setup.variant(damp_swing=d) for d in DAMPINGS}
@@ -432,7 +432,3 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="what a plugin that overwrites the passive rates does to the swing",
     )
     return harness.conduct(made, experiment, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

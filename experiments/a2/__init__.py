@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -316,7 +315,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     if options.files:
         return _from_files(options.files, options.columns, options.joints)
     from cranedyn.recording import Run
-    from experiments.a2_figures import fits_figure, hoisting_figure
+    from experiments.a2.figures import fits_figure, hoisting_figure
 
     trajectory, stiff = run(setup), run(setup, stiffness=STIFF[0], damping=STIFF[1])
     ours, hard = _read_run(trajectory), _read_run(stiff)
@@ -383,7 +382,3 @@ def main(argv: Sequence[str] | None = None) -> int:
     harness.add_setup(made, "hoist_init")
     harness.add_files(made, COLUMNS)
     return harness.conduct(made, experiment, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -253,7 +252,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     if options.files:
         return _from_files(options.files, options.columns, options.joints)
     from cranedyn.recording import Run
-    from experiments.a3_figures import slewing_figure, stages_figure
+    from experiments.a3.figures import slewing_figure, stages_figure
 
     place = {"radius": options.radius, "length": options.length}
     soft, stiff = run(setup, **place), run(setup, STIFF_SLEW, **place)
@@ -355,7 +354,3 @@ def main(argv: Sequence[str] | None = None) -> int:
     made.add_argument("--length", type=float, default=LENGTH, metavar="L", help="cable length [m]")
     harness.add_files(made, COLUMNS)
     return harness.conduct(made, experiment, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

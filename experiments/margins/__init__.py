@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -24,7 +23,7 @@ from cranedyn.errors import CraneError, OutOfRange, whole, within
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references.motion import Motion
 from experiments import harness
-from experiments.margins_figures import map_figure, values
+from experiments.margins.figures import map_figure, values
 from experiments.scenarios.strategies import LQR, PAPER, PD, with_integral
 
 if TYPE_CHECKING:
@@ -358,7 +357,3 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--points", type=int, default=5, metavar="N", help="places along each side of the map"
     )
     return harness.conduct(made, experiment, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
