@@ -200,13 +200,13 @@ def _swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "b1",
         "The paper's control on single-axis and combined moves, beside PD, full-model LQR and flat "
         "feed-forward.",
     )
-    harness.add_setup(made)
-    return harness.conduct(made, experiment, argv)
+    harness.add_setup(parser)
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

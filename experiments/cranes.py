@@ -85,11 +85,11 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "cranes",
         "Cranes of other topology: closed forms, three engines, energy, and control on each.",
     )
-    return harness.conduct(made, experiment, argv)
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -71,7 +71,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     """
     from cranedyn.recording import Run
 
-    setup = replace(setup, reporter=harness.ProgressReporter(None))
+    setup = replace(setup, reporter=harness.ProgressReporter())
     if options.payload_mass is not None:
         if "payload_mass" in setup.values:
             raise CraneError(
@@ -491,7 +491,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="M",
         help="payload [kg], short for --set payload_mass:=M",
     )
-    return harness.conduct(made, experiment, argv)
+    return harness.run_experiment(made, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -181,13 +181,13 @@ def _needed(moves: Sequence[Need]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "factors",
         "Factors of the standards: formulas, the mechanics under them, and what control needs.",
         engines=("compiled", "pinocchio"),
     )
-    harness.add_setup(made)
-    return harness.conduct(made, experiment, argv)
+    harness.add_setup(parser)
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

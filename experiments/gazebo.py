@@ -213,12 +213,12 @@ def _figure(found: Mapping[str, Pair]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "gazebo",
         "Runs of the article's own simulator, Gazebo Classic 11.1, beside the same runs here.",
         recording=False,
     )
-    return harness.conduct(made, experiment, argv)
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

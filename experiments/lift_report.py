@@ -18,7 +18,7 @@ from cranedyn.errors import number, whole, within
 from cranedyn.lifting.chart import CHARTS, read_chart
 from cranedyn.lifting.factors import DriveClass, HoistingClass
 from experiments import harness
-from experiments.harness.arguments import called
+from experiments.harness.arguments import command_name
 from experiments.report import read_result
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         others = {name: one for name, one in site.crane.items() if name != "payload_mass"}
         site = replace(site, crane=others, rigging={})
     made = case(setup, site, chart, options.falls, asked, **_changed(options))
-    again = " ".join([called("lift_report"), *options.words])
+    again = " ".join([command_name("lift_report"), *options.argv])
     shown: dict[str, Any] = {
         "site": views(made.certificate),
         "clearance": over_time(made.certificate),
@@ -110,7 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         before = result.stat().st_mtime_ns if result.exists() else None
         return experiment(options, setup)
 
-    code = harness.conduct(made, judged, words)
+    code = harness.run_experiment(made, judged, words)
     if code in (0, FAILED) and result.exists() and result.stat().st_mtime_ns != before:
         claims = read_result(result.parent)["claims"]
         go = all(claim["holds"] is True for claim in claims)  # what is not judged is no go

@@ -153,11 +153,11 @@ def _span(shares: Sequence[float]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "linear_vs_full",
         "The paper's linear swing, Eqs. (8) and (10), beside the plant on four cranes.",
     )
-    return harness.conduct(made, experiment, argv)
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

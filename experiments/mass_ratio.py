@@ -253,11 +253,11 @@ def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "mass_ratio", "Light links between the swing joints, and loads of any mass."
     )
-    harness.add_setup(made, "dummy_mass", "dummy_inertia", "damp_swing", "hoist_init")
-    return harness.conduct(made, experiment, argv)
+    harness.add_setup(parser, "dummy_mass", "dummy_inertia", "damp_swing", "hoist_init")
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

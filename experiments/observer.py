@@ -50,7 +50,7 @@ def left(setup: harness.Setup, sensors: Sequence[str]) -> Cases:
         if cable or kind == KINDS[0]
     ]
     update = setup.reporter.count("observer", len(cases))
-    alone = replace(setup, reporter=harness.ProgressReporter(None))
+    alone = replace(setup, reporter=harness.ProgressReporter())
     found = {}
     for done, case in enumerate(cases, start=1):
         seen, kind, load, cable = case
@@ -134,12 +134,12 @@ def _figure(found: Cases) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser("observer", "loads and cables that nobody told, over a grid.")
-    harness.add_setup(made, "payload_mass")
-    made.add_argument(
+    parser = harness.parser("observer", "loads and cables that nobody told, over a grid.")
+    harness.add_setup(parser, "payload_mass")
+    parser.add_argument(
         "--sensors", nargs="+", choices=SENSORS, default=list(SENSORS), help="what is measured"
     )
-    return harness.conduct(made, experiment, argv)
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ from cranedyn.data.files import (
 from cranedyn.errors import DataError, UnknownName
 from experiments import harness
 from experiments.catalogue import EXPERIMENTS, Entry
-from experiments.harness.arguments import add_engine, called
+from experiments.harness.arguments import add_engine, command_name
 from experiments.harness.outcome import summary
 from experiments.harness.terminal import columns_of
 from experiments.report_style import STYLE
@@ -271,7 +271,9 @@ def figure_html(folder: Path, name: str) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run what is missing, write the page; 0, or the first code of an experiment that is not 0."""
-    parser = Parser(prog=called("report"), description="All experiments on one page, report.html.")
+    parser = Parser(
+        prog=command_name("report"), description="All experiments on one page, report.html."
+    )
     parser.add_argument(
         "--out",
         metavar="DIR",
@@ -318,15 +320,15 @@ def _main(options: argparse.Namespace) -> int:
             if code == INTERRUPTED:
                 return code
             codes.append(code)
-        made = [name for name in options.only if os.path.isfile(folder / name / "result.json")]
-        for name in set(options.only) - set(made):
+        parser = [name for name in options.only if os.path.isfile(folder / name / "result.json")]
+        for name in set(options.only) - set(parser):
             print(
-                f"{EXPERIMENTS[name].title} ({name}) could not be made and is not on the page.",
+                f"{EXPERIMENTS[name].title} ({name}) could not be parser and is not on the page.",
                 file=sys.stderr,
             )
-        if not made:
+        if not parser:
             return max(codes)
-        write_text(folder / "report.html", page([folder / name for name in made]))
+        write_text(folder / "report.html", page([folder / name for name in parser]))
     print(f"Written to {folder / 'report.html'}.")
     return max(codes)
 

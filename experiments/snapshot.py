@@ -19,7 +19,7 @@ from cranedyn.command import Parser, command
 from cranedyn.data.files import reserved, together
 from cranedyn.errors import number
 from cranedyn.recording.snapshot import animate, film, snapshot
-from experiments.harness.arguments import called
+from experiments.harness.arguments import command_name
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -27,7 +27,7 @@ def main(arguments: list[str] | None = None) -> int:
     to draw with.
     """
     parser = Parser(
-        prog=called("snapshot"), description="Pictures of a recording, without a display."
+        prog=command_name("snapshot"), description="Pictures of a recording, without a display."
     )
     parser.add_argument("recording", metavar="RECORDING", type=Path, help="the .rrd file")
     parser.add_argument(

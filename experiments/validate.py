@@ -154,19 +154,19 @@ def _order(found: Sequence[Check]) -> harness.Claim:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "validate",
         "The plant against the closed forms of mechanics, its error for a vanishing step, and its "
         "order.",
     )
-    made.add_argument(
+    parser.add_argument(
         "--halvings",
         type=int,
         default=4,
         metavar="N",
         help=f"how often the step of {1000 * STEP:g} ms is halved, 3 to 6",
     )
-    made.add_argument(
+    parser.add_argument(
         "--spoil",
         nargs="+",
         action="extend",
@@ -175,7 +175,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="change the cranes but not the closed forms, to see which rows notice; see python -m "
         "cranedyn.model.description --list",
     )
-    return harness.conduct(made, experiment, argv)
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -120,10 +120,10 @@ def test_export_without_bridges_says_so(
 def test_an_installed_experiment_says_how_it_is_reached_there(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    assert arguments.called("a1") == "python -m experiments.a1"
+    assert arguments.command_name("a1") == "python -m experiments.a1"
     inside = Path("/site/cranedyn/_bundled/experiments/harness/arguments.py")
     monkeypatch.setattr(arguments, "__file__", str(inside))
-    assert arguments.called("a1") == "python -m cranedyn run a1"
+    assert arguments.command_name("a1") == "python -m cranedyn run a1"
 
 
 def test_the_wheel_brings_one_top_level_package_and_a_command() -> None:

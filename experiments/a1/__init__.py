@@ -336,9 +336,9 @@ def _from_files(
 
     rows = []
     for file in files:
-        data = harness.recorded(file, COLUMNS, columns_there, joints)
+        data = harness.read_recorded(file, COLUMNS, columns_there, joints)
         late = data["t_s"] >= FIT_FROM
-        with harness.analysing(file):
+        with harness.name_file(file):
             fit, length = (
                 fit_swing(data["t_s"][late], data["phi_rad"][late]),
                 _length(file, data, late),
@@ -387,11 +387,11 @@ def _length(file: str, data: Mapping[str, np.ndarray], late: np.ndarray) -> floa
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "a1", "Free swing at four cable lengths: the period, its error budget, and its prediction."
     )
-    harness.add_setup(made, "hoist_init")
-    made.add_argument(
+    harness.add_setup(parser, "hoist_init")
+    parser.add_argument(
         "--length",
         type=float,
         nargs="+",
@@ -399,14 +399,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="L",
         help="cable lengths [m]",
     )
-    made.add_argument(
+    parser.add_argument(
         "--swing", type=float, default=SWING, metavar="PHI", help="swing to aim at [rad]"
     )
-    made.add_argument(
+    parser.add_argument(
         "--identify",
         action="store_true",
         help="find the unpublished gains of trolley and hoist from the published columns",
     )
-    harness.add_files(made, COLUMNS, "values")
-    harness.add_mode(made, "identify", "gravity", "dt", "control_period", "values", "engine")
-    return harness.conduct(made, experiment, argv)
+    harness.add_files(parser, COLUMNS, "values")
+    harness.add_mode(parser, "identify", "gravity", "dt", "control_period", "values", "engine")
+    return harness.run_experiment(parser, experiment, argv)

@@ -368,17 +368,17 @@ def _from_files(
 ) -> harness.Outcome:
     readings = {}
     for file in files:
-        data = harness.recorded(file, COLUMNS, columns_there, joints)
-        with harness.analysing(file):
+        data = harness.read_recorded(file, COLUMNS, columns_there, joints)
+        with harness.name_file(file):
             readings[file] = read(data["t_s"], data["phi_rad"], data["l_m"])
     return harness.Outcome([_summary(readings)], [])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "a2", "Hoisting while swinging: period and amplitude against cable length."
     )
-    harness.add_setup(made, "hoist_init")
-    harness.add_files(made, COLUMNS)
-    return harness.conduct(made, experiment, argv)
+    harness.add_setup(parser, "hoist_init")
+    harness.add_files(parser, COLUMNS)
+    return harness.run_experiment(parser, experiment, argv)

@@ -306,8 +306,8 @@ def _from_files(
 ) -> harness.Outcome:
     rows = []
     for file in files:
-        data = harness.recorded(file, COLUMNS, columns_there, joints)
-        with harness.analysing(file):
+        data = harness.read_recorded(file, COLUMNS, columns_there, joints)
+        with harness.name_file(file):
             rows.append(_row(file, "Eq. (10), γ̈ filtered", agreement(*by_paper(data)[1:3])))
     return harness.Outcome([_table([*rows, _row("article", "", PUBLISHED)])], [])
 
@@ -344,13 +344,15 @@ def _table(rows: Sequence[Sequence[str | float]]) -> harness.Table:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "a3", "Tangential swing after a slew pulse, against Eq. (10) and the full equations."
     )
-    harness.add_setup(made, "trolley_init", "hoist_init")
-    made.add_argument(
+    harness.add_setup(parser, "trolley_init", "hoist_init")
+    parser.add_argument(
         "--radius", type=float, default=RADIUS, metavar="X", help="trolley radius [m]"
     )
-    made.add_argument("--length", type=float, default=LENGTH, metavar="L", help="cable length [m]")
-    harness.add_files(made, COLUMNS)
-    return harness.conduct(made, experiment, argv)
+    parser.add_argument(
+        "--length", type=float, default=LENGTH, metavar="L", help="cable length [m]"
+    )
+    harness.add_files(parser, COLUMNS)
+    return harness.run_experiment(parser, experiment, argv)

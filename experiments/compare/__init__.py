@@ -105,7 +105,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
 
     strategies, drive = options.only or list(STRATEGIES), options.drive
     ideal = drive == IDEAL
-    alone = replace(setup, reporter=harness.ProgressReporter(None))
+    alone = replace(setup, reporter=harness.ProgressReporter())
     moves = [*MOVES, SWINGING]
     with _workers(options.jobs) as workers:
         tasks: dict[Future[dict[str, Result]], tuple[Move, str]] = {}
@@ -585,31 +585,31 @@ def _one_in_time(
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "compare",
         "every strategy for a move, on the same moves and limits, as planned and when things are "
         "not as planned.",
     )
-    harness.add_setup(made, "damp_swing")
-    made.add_argument(
+    harness.add_setup(parser, "damp_swing")
+    parser.add_argument(
         "--drive",
         choices=(IDEAL, "velocity"),
         default=IDEAL,
         help="ideal: drives take what each strategy answers, efforts or accelerations; velocity: "
         "all drives have typical frequency converters, which take rates",
     )
-    made.add_argument(
+    parser.add_argument(
         "--only",
         nargs="+",
         choices=STRATEGIES,
         metavar="STRATEGY",
         help=f"only these strategies, of: {', '.join(STRATEGIES)}",
     )
-    made.add_argument(
+    parser.add_argument(
         "--jobs",
         type=int,
         default=None,
         metavar="N",
         help="processes, by default one for each processor",
     )
-    return harness.conduct(made, experiment, argv)
+    return harness.run_experiment(parser, experiment, argv)

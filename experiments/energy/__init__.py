@@ -418,17 +418,19 @@ def _remainder_figure(steps: Mapping[float, Trajectory]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "energy", "The energy ledger of a free swing: drives, damping, and what is left open."
     )
-    harness.add_setup(made, "damp_swing", "hoist_init")
-    made.add_argument(
+    harness.add_setup(parser, "damp_swing", "hoist_init")
+    parser.add_argument(
         "--swing", type=float, default=SWING, metavar="PHI", help="radial swing at the start [rad]"
     )
-    made.add_argument("--length", type=float, default=LENGTH, metavar="L", help="cable length [m]")
-    made.add_argument(
+    parser.add_argument(
+        "--length", type=float, default=LENGTH, metavar="L", help="cable length [m]"
+    )
+    parser.add_argument(
         "--overwritten",
         action="store_true",
         help="what a plugin that overwrites the passive rates does to the swing",
     )
-    return harness.conduct(made, experiment, argv)
+    return harness.run_experiment(parser, experiment, argv)

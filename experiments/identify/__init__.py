@@ -22,7 +22,6 @@ from cranedyn.model.description import add_values, parse_values
 from cranedyn.sweep import grid, sweep
 from experiments import gazebo, harness
 from experiments.harness.arguments import ROS
-from experiments.harness.progress import watching
 from experiments.harness.swept import columns_swept
 from experiments.identify.coverage import NAMES, PLANTS, SWING, coverage
 from experiments.identify.figures import beside, correlations
@@ -325,7 +324,7 @@ def covered(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcom
         folder,
         chunk=10,
         workers=options.workers,
-        progress=watching(setup.reporter, "cranes"),
+        progress=setup.reporter.sweep("cranes"),
     )
     data = columns_swept(folder)
     rows, claims = [], []
@@ -374,12 +373,12 @@ def covered(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcom
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "identify",
         "A crane found from its records, with intervals, and a twin of it.",
         engines=("compiled",),
     )
-    made.add_argument(
+    parser.add_argument(
         "file",
         nargs="*",
         metavar="FILE",
@@ -387,7 +386,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="records of one crane: CSV, Parquet, .mcap or .bag with a swing and the drives; "
         "without any the examples are identified",
     )
-    made.add_argument(
+    parser.add_argument(
         "--estimate",
         nargs="+",
         metavar="NAME",
@@ -395,22 +394,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="what is to be found: delay, l_offset, x_lag, x_friction, phi_bias, x_stiffness, "
         "x_damping, gravity or an argument of the crane; by default all that the columns tell",
     )
-    made.add_argument(
+    parser.add_argument(
         "--drives",
         choices=("motion", "effort", "hold"),
         default=None,
-        help="how drives are made again: as they moved, by the efforts that acted, or held at "
+        help="how drives are parser again: as they moved, by the efforts that acted, or held at "
         "their setpoints by a brake",
     )
     for name, ends in (("since", "before"), ("until", "after")):
-        made.add_argument(
+        parser.add_argument(
             f"--{name}",
             type=float,
             default=-math.inf if name == "since" else math.inf,
             metavar="T",
             help=f"leave out what was recorded {ends} this time [s]",
         )
-    made.add_argument(
+    parser.add_argument(
         "--columns",
         dest="sources",
         nargs="+",
@@ -419,7 +418,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="OURS=NAME[UNIT]",
         help="what columns are called in CSV and Parquet, and their units, as phi_rad=Angle[deg]",
     )
-    made.add_argument(
+    parser.add_argument(
         "--joints",
         dest="named",
         nargs="+",
@@ -427,10 +426,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="l=NAME",
         help="names of joints in .mcap and .bag files",
     )
-    made.add_argument(
+    parser.add_argument(
         "--urdf", metavar="FILE", default=None, help="a .xacro or URDF of another crane"
     )
-    made.add_argument(
+    parser.add_argument(
         "--gravity",
         dest="believed",
         type=float,
@@ -438,8 +437,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="G",
         help="gravity that one believes in [m/s²]",
     )
-    add_values(made, "numbers of the crane that one believes in")
-    made.add_argument(
+    add_values(parser, "numbers of the crane that one believes in")
+    parser.add_argument(
         "--coverage",
         type=int,
         default=None,
@@ -447,17 +446,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="identify N synthetic cranes instead, and count how often the intervals hold the "
         "truth",
     )
-    made.add_argument(
+    parser.add_argument(
         "--plant",
         choices=tuple(PLANTS),
         default=None,
         help="what makes their records: simulate (default) or mujoco (extra mujoco)",
     )
-    made.add_argument(
+    parser.add_argument(
         "--workers",
         type=int,
         default=None,
         metavar="N",
         help="processes for that, by default one for each processor",
     )
-    return harness.conduct(made, experiment, argv)
+    return harness.run_experiment(parser, experiment, argv)

@@ -41,13 +41,7 @@ class Found:
 
 def found(model: Model, setup: harness.Setup, label: str) -> Found:
     """Identify, judge, and make the twin, with progress under a label."""
-    lines = setup.reporter.lines
-    estimate = identify(
-        model,
-        progress=None
-        if lines is None
-        else lambda n: lines.say(lambda: f"{label}: {n} predictions of the records"),
-    )
+    estimate = identify(model, progress=setup.reporter.message(label, "predictions of the records"))
     return Found(estimate, preflight(model, estimate), twin_of(estimate))
 
 

@@ -351,9 +351,9 @@ def _needed(setup: harness.Setup, here: Mapped, points: int) -> harness.Claim:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser("margins", "how far each strategy is from its end, over the workspace.")
-    harness.add_setup(made)
-    made.add_argument(
+    parser = harness.parser("margins", "how far each strategy is from its end, over the workspace.")
+    harness.add_setup(parser)
+    parser.add_argument(
         "--points", type=int, default=5, metavar="N", help="places along each side of the map"
     )
-    return harness.conduct(made, experiment, argv)
+    return harness.run_experiment(parser, experiment, argv)

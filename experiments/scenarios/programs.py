@@ -38,7 +38,8 @@ class _Asking(harness.Setup):
         *,
         start: Any,
         duration: float,
-        **others: Any,
+        label: str,
+        **options: Any,
     ) -> NoReturn:
         raise _Asked(
             Program(
@@ -49,7 +50,7 @@ class _Asking(harness.Setup):
                 duration,
                 self.dt,
                 self.control_period,
-                others.get("drive", "effort"),
+                options.get("drive", "effort"),
             )
         )
 

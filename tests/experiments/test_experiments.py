@@ -758,7 +758,7 @@ def _conducted(claims: Sequence[bool | np.bool_ | None], argv: Sequence[str]) ->
     def experiment(options: Any, setup: harness.Setup) -> harness.Outcome:
         return harness.Outcome([], [harness.Claim("One is one.", holds) for holds in claims])
 
-    return harness.conduct(harness.parser("trial", "A trial."), experiment, list(argv))
+    return harness.run_experiment(harness.parser("trial", "A trial."), experiment, list(argv))
 
 
 @pytest.mark.parametrize(
@@ -841,7 +841,7 @@ def test_tables_are_printed_with_title_and_note_and_kept_with_all_digits(tmp_pat
 
     with redirect_stdout(io.StringIO()) as out:
         assert (
-            harness.conduct(
+            harness.run_experiment(
                 harness.parser("trial", "A trial."), experiment, ["--out", str(tmp_path)]
             )
             == 0
@@ -860,25 +860,25 @@ def test_tables_are_printed_with_title_and_note_and_kept_with_all_digits(tmp_pat
 
 
 def test_progress_is_told_twice_a_second_and_only_to_a_terminal() -> None:
-    assert harness.ProgressReporter(None).run("x", 1.0) is None
+    assert harness.ProgressReporter().run("x", 1.0) is None
     progress = Progress(console=Console(file=io.StringIO()))
-    told = harness.ProgressReporter(progress).run("x", 2.0)
-    assert told is not None
+    update = harness.ProgressReporter(progress).run("x", 2.0)
+    assert update is not None
     moments = []
     progress.update = lambda task, completed, **_: moments.append(completed)  # type: ignore[method-assign]
     for k in range(401):
-        told(k * 5e-3)
+        update(k * 5e-3)
     assert moments == [0.0, 0.5, 1.0, 1.5, 2.0]
 
 
 def test_progress_that_is_told_once_in_a_while_is_shown_each_time() -> None:
     progress = Progress(console=Console(file=io.StringIO()))
-    told = harness.ProgressReporter(progress).run("x", 30.0)
+    update = harness.ProgressReporter(progress).run("x", 30.0)
     moments: list[float] = []
     progress.update = lambda task, completed, **_: moments.append(completed)  # type: ignore[method-assign]
-    assert told is not None
+    assert update is not None
     for t in (9.995, 19.995, 29.995, 30.0):
-        told(t)
+        update(t)
     assert moments == [9.995, 19.995, 29.995, 30.0]
 
 
@@ -1124,7 +1124,7 @@ def test_a_run_error_without_a_record_writes_nothing(
         raise RunError("It broke.", t=0.0)
 
     assert (
-        harness.conduct(
+        harness.run_experiment(
             harness.parser("trial", "A trial."), experiment, ["--out", str(tmp_path / "out")]
         )
         == 1

@@ -96,7 +96,7 @@ def test_a_run_that_breaks_off_over_a_full_disk_says_both(
 
     with redirect_stderr(io.StringIO()) as err:
         assert (
-            harness.conduct(
+            harness.run_experiment(
                 harness.parser("trial", "A trial."), experiment, ["--out", str(tmp_path / "out")]
             )
             == 1
@@ -149,7 +149,7 @@ def experiment(options, world):
 def trial(*words):
     made = harness.parser("trial", "A trial.")
     harness.add_setup(made)
-    return harness.conduct(made, experiment, words)
+    return harness.run_experiment(made, experiment, words)
 """
 WHOLE = ["figure.png", "figure.svg", "result.json", "run.csv", "run.parquet", "trial.rrd"]
 
@@ -212,7 +212,7 @@ for k in range(24):
     made = harness.parser("trial", "A trial.")
     harness.add_setup(made)
     try:
-        code = harness.conduct(made, experiment, ["--out", str(folder)])
+        code = harness.run_experiment(made, experiment, ["--out", str(folder)])
         signal.setitimer(signal.ITIMER_REAL, 0)
     except KeyboardInterrupt:
         code = None  # it came when the experiment was over
