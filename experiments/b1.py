@@ -18,6 +18,7 @@ from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.plotting.runs import STYLES
 from cranedyn.references.flat import flat
 from experiments import harness
+from experiments.harness import Claim, Outcome, Setup, Table
 from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import AFTER, CLOSE, MOVES, Move, Score, of_sampling
 from experiments.scenarios.perturbations import make
@@ -26,7 +27,7 @@ from experiments.scenarios.strategies import FLAT, LQR, PAPER, PD, STRATEGIES
 SHOWN = ("spline alone", PD, PAPER, LQR, FLAT)
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Every strategy on every move."""
     from cranedyn.recording import Run
 
@@ -48,7 +49,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         for move, of_move in made.items()
     }
     combined = MOVES[-1]
-    return harness.Outcome(
+    return Outcome(
         tables=[_table(move, of_move) for move, of_move in scores.items()],
         claims=_claims(setup, combined, scores[combined]),
         parameters=setup.parameters()
@@ -79,28 +80,25 @@ def _plain(strategy: str) -> str:
     return strategy.replace("'s", "").replace(" + ", "_").replace(" ", "_").lower()
 
 
-def _claims(setup: harness.Setup, move: Move, found: Mapping[str, Score]) -> list[harness.Claim]:
+def _claims(setup: Setup, move: Move, found: Mapping[str, Score]) -> list[Claim]:
     pd, ours, lqr, best = (found[strategy] for strategy in (PD, PAPER, LQR, FLAT))
     planned = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
     plan = float(np.linalg.norm(planned.q[:, setup.crane.swings], axis=1).max())
     sampling = of_sampling(setup.gravity, best.length, setup.control_period, plan)
     return [
-        harness.Claim(
+        Claim(
             f"Combined move: within {AFTER:g} s of the arrival the paper's control settles to "
-            f"{1000 * CLOSE:g} mm ({_settled(ours)}), "
-            f"the PD does not ({_settled(pd)}).",
+            f"{1000 * CLOSE:g} mm ({_settled(ours)}), the PD does not ({_settled(pd)}).",
             math.isfinite(ours.settled) and not math.isfinite(pd.settled),
         ),
-        harness.Claim(
-            f"The full-model LQR does, too ({_settled(lqr)}).", math.isfinite(lqr.settled)
-        ),
-        harness.Claim(
+        Claim(f"The full-model LQR does, too ({_settled(lqr)}).", math.isfinite(lqr.settled)),
+        Claim(
             f"Flat feed-forward with LQR leaves no swing at the arrival: {1000 * best.arrival:.4f} "
             "mrad, where efforts that are held for "
             f"{1000 * setup.control_period:g} ms may leave {1000 * sampling:.4f} mrad.",
             best.arrival < sampling,
         ),
-        harness.Claim(
+        Claim(
             f"Its peak swing ({1000 * best.peak:.3f} mrad) is the planned ({1000 * plan:.3f} mrad) "
             "within the same.",
             abs(best.peak - plan) < sampling,
@@ -112,7 +110,7 @@ def _settled(found: Score) -> str:
     return f"after {found.settled:.2f} s" if math.isfinite(found.settled) else "not in that time"
 
 
-def _table(move: Move, found: Mapping[str, Score]) -> harness.Table:
+def _table(move: Move, found: Mapping[str, Score]) -> Table:
     rows = [
         (
             strategy,
@@ -142,14 +140,11 @@ def _table(move: Move, found: Mapping[str, Score]) -> harness.Table:
     ]
     note = (
         "Swing amplitudes in mrad; settled: the payload stays within 10 mm of its goal, a dash "
-        "where it does "
-        "not in 20 s. Off: the drives' largest "
-        "distance from their reference. Efforts: the largest beyond holding the load. Spline, "
-        "planes "
-        "(7)-(10), LQR and PID are the paper's; "
-        "weights, gains and durations are ours, since the paper's are not public."
+        "where it does not in 20 s. Off: the drives' largest distance from their reference. "
+        "Efforts: the largest beyond holding the load. Spline, planes (7)-(10), LQR and PID are "
+        "the paper's; weights, gains and durations are ours, since the paper's are not public."
     )
-    return harness.Table(
+    return Table(
         f"Move {move.name}: {move.start} to {move.goal} in {move.duration:g} s", columns, rows, note
     )
 

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 
 from experiments import harness
+from experiments.harness import Outcome, Setup
 from experiments.relatives import claims, modes, pendulum, robots, rope, tables
 from experiments.relatives.agreement import DURATION, agreement
 from experiments.relatives.catalogue import RELATIVES, crane_of
@@ -20,7 +21,7 @@ SITES = ((0.0, 0.0), (40.0, 0.0), (80.0, 0.0), (0.0, -60.0), (40.0, -60.0), (75.
 """Where the cranes stand in the recording [m]."""
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """All cranes: frequencies, ropes, agreement, control, and the double pendulum."""
     from cranedyn.recording import Run
 
@@ -43,7 +44,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     stirred = pendulum.stirred(setup.engine)
     others = robots.robots()
     done(4 + 2 * len(RELATIVES))
-    return harness.Outcome(
+    return Outcome(
         tables=[
             tables.frequencies(found),
             tables.jumps(jumps),

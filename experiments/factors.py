@@ -14,18 +14,19 @@ from matplotlib.figure import Figure
 from cranedyn.lifting import factors
 from cranedyn.plotting.figures import COLOURS, panels
 from experiments import harness
+from experiments.harness import Claim, Outcome, Setup, Table
 from experiments.standards.derived import AGREES, RATIOS, Derived, derived
 from experiments.standards.formulas import DIGITS, FORMULAS
 from experiments.standards.needed import Need, across, upwards
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Formulas, derivations, needs."""
     from cranedyn.recording import Run
 
     moves, hoists = across(setup), upwards(setup)
     found = derived(setup.gravity)
-    return harness.Outcome(
+    return Outcome(
         tables=[_formulas(), _derived(found), _moves(moves), _hoists(hoists)],
         claims=[*_claims(found), *_gains(moves, hoists)],
         parameters=setup.parameters(),
@@ -37,10 +38,10 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     )
 
 
-def _formulas() -> harness.Table:
+def _formulas() -> Table:
     rows = [(one.name, one.source, one.value(), one.printed) for one in FORMULAS]
     columns = [("formula", ""), ("source", ""), ("ours", ".6g"), ("printed", ".6g")]
-    return harness.Table(
+    return Table(
         "Formulas of the standards",
         columns,
         rows,
@@ -48,7 +49,7 @@ def _formulas() -> harness.Table:
     )
 
 
-def _derived(found: Sequence[Derived]) -> harness.Table:
+def _derived(found: Sequence[Derived]) -> Table:
     rows = [(one.name, one.means, one.formula, one.found, one.off) for one in found]
     columns = [
         ("factor", ""),
@@ -63,10 +64,10 @@ def _derived(found: Sequence[Derived]) -> harness.Table:
         "durations, and of a slew; pushes: by a drive that keeps its acceleration; gust: comes at "
         "once and stays."
     )
-    return harness.Table("The same by mechanics alone", columns, rows, note)
+    return Table("The same by mechanics alone", columns, rows, note)
 
 
-def _moves(needs: Sequence[Need]) -> harness.Table:
+def _moves(needs: Sequence[Need]) -> Table:
     rows = [
         (one.move, one.strategy, one.arrives, one.allowed, one.needed, 100.0 * one.given_back)
         for one in needs
@@ -79,7 +80,7 @@ def _moves(needs: Sequence[Need]) -> harness.Table:
         ("needed", ".3f"),
         ("given back %", ".0f"),
     ]
-    return harness.Table(
+    return Table(
         "What a move needs of ψ_h",
         columns,
         rows,
@@ -89,10 +90,10 @@ def _moves(needs: Sequence[Need]) -> harness.Table:
     )
 
 
-def _hoists(needs: Sequence[Need]) -> harness.Table:
+def _hoists(needs: Sequence[Need]) -> Table:
     rows = [(one.strategy, one.allowed, one.needed, 100.0 * one.given_back) for one in needs]
     columns = [("taken up", ""), ("φ2 at 1 m/s", ".3f"), ("needed", ".3f"), ("given back %", ".0f")]
-    return harness.Table(
+    return Table(
         "What taking up a load needs of φ2",
         columns,
         rows,
@@ -101,16 +102,16 @@ def _hoists(needs: Sequence[Need]) -> harness.Table:
     )
 
 
-def _claims(found: Sequence[Derived]) -> list[harness.Claim]:
+def _claims(found: Sequence[Derived]) -> list[Claim]:
     held = sum(one.holds for one in FORMULAS)
     worst = max(found, key=lambda one: abs(one.off))
     return [
-        harness.Claim(
+        Claim(
             f"{held} of {len(FORMULAS)} numbers of the standards come out as printed, to "
             f"{DIGITS:g}.",
             held == len(FORMULAS),
         ),
-        harness.Claim(
+        Claim(
             f"{len(found)} of them follow from the crane's mechanics alone to {AGREES:g} (worst: "
             f"{worst.name}, {worst.off:+.1e}).",
             all(one.holds for one in found),
@@ -118,19 +119,19 @@ def _claims(found: Sequence[Derived]) -> list[harness.Claim]:
     ]
 
 
-def _gains(moves: Sequence[Need], hoists: Sequence[Need]) -> list[harness.Claim]:
+def _gains(moves: Sequence[Need], hoists: Sequence[Need]) -> list[Claim]:
     claims = []
     for name in dict.fromkeys(one.move for one in moves):
         by = {one.strategy: one.needed for one in moves if one.move == name}
         joystick, one_push = by.pop("operator"), moves[0].allowed
         claims += [
-            harness.Claim(
+            Claim(
                 f"{name}: a joystick that brakes while the load swings needs ψ_h = {joystick:.3f}, "
                 f"more than the {one_push:g} of one acceleration from rest, less than the "
                 f"{2.0 * one_push:g} of two.",
                 one_push < joystick < 2.0 * one_push,
             ),
-            harness.Claim(
+            Claim(
                 f"{name}: under control the standard's {one_push:g} is enough: "
                 f"{', '.join(f'{strategy} {needed:.3f}' for strategy, needed in by.items())}.",
                 max(by.values()) <= one_push,
@@ -138,7 +139,7 @@ def _gains(moves: Sequence[Need], hoists: Sequence[Need]) -> list[harness.Claim]
         ]
     rough, *others = (one.needed for one in hoists)
     claims.append(
-        harness.Claim(
+        Claim(
             f"hoist: taken up at full speed a load needs φ2 = {rough:.3f}, {hoists[0].allowed:.3f} "
             f"in closed form; creeping, from a taut rope, and shaped "
             f"{', '.join(f'{one:.3f}' for one in others)}, each less than the one before.",

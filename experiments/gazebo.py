@@ -20,6 +20,7 @@ from cranedyn.errors import DataError
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.plotting.figures import panels
 from experiments import a1, a2, a3, harness
+from experiments.harness import Claim, Outcome, Setup, Table
 
 GRAVITY = 9.8
 """Gravity of the article's world, Gazebo's default [m/s²]."""
@@ -74,7 +75,7 @@ class Pair:
         return max(float(np.abs(self.difference(name)).max()) for name in columns or SWINGS)
 
 
-def pairs(setup: harness.Setup) -> dict[str, Pair]:
+def pairs(setup: Setup) -> dict[str, Pair]:
     """Every recording with its run made here, by name."""
     length, stiffness, damping, _ = a1.SOFT
     runs = {f"a1_l{length:g}": a1.run(setup, length).trajectory for length in a1.PUBLISHED}
@@ -91,7 +92,7 @@ def pairs(setup: harness.Setup) -> dict[str, Pair]:
     }
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Compare every recording with its run."""
     world = replace(setup, gravity=GRAVITY)
     found = pairs(world)
@@ -103,10 +104,10 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         "A2, swing while the hoist runs": found["a2"].largest(),
         "A3, swing after the slew pulse": found["a3"].largest(),
     }
-    return harness.Outcome(
+    return Outcome(
         tables=[_swings(free), _hoisting(found["a2"]), _slewing(found["a3"])],
         claims=[
-            harness.Claim(
+            Claim(
                 f"{name}: never further than {ALLOWED:g} rad from Gazebo ({worst:.1e} rad at "
                 "most).",
                 worst < ALLOWED,
@@ -123,7 +124,7 @@ def _fit(columns: Mapping[str, np.ndarray] | Trajectory) -> SwingFit:
     return fit_swing(columns["t_s"][late], columns["phi_rad"][late])
 
 
-def _swings(free: Sequence[Pair]) -> harness.Table:
+def _swings(free: Sequence[Pair]) -> Table:
     rows: list[tuple[float | str | None, ...]] = []
     for pair in free:
         length = round(float(pair.there["l_m"][0]), 6)
@@ -136,15 +137,7 @@ def _swings(free: Sequence[Pair]) -> harness.Table:
         amplitudes = there.amplitude, here.amplitude, published.amplitude
         name = f"{length:g} m{', soft' if pair.name == 'a1_soft' else ''}"
         rows.append(
-            (
-                name,
-                *periods,
-                *errors,
-                published.point,
-                *ratios,
-                *amplitudes,
-                pair.largest(),
-            )
+            (name, *periods, *errors, published.point, *ratios, *amplitudes, pair.largest())
         )
     columns = [
         ("l", ""),
@@ -158,10 +151,10 @@ def _swings(free: Sequence[Pair]) -> harness.Table:
         "Apart: the largest difference in a swing angle at any time of the 70 s. Errors against "
         "the point pendulum in standard gravity."
     )
-    return harness.Table("Free swing (A1) in Gazebo and here", columns, rows, note)
+    return Table("Free swing (A1) in Gazebo and here", columns, rows, note)
 
 
-def _hoisting(pair: Pair) -> harness.Table:
+def _hoisting(pair: Pair) -> Table:
     p = a2.PUBLISHED
     rows: list[tuple[float | str | None, ...]] = []
     for name, data in (("Gazebo", dict(pair.there)), ("here", pair.here)):
@@ -181,10 +174,10 @@ def _hoisting(pair: Pair) -> harness.Table:
         f"No swing angle is ever further apart than {pair.largest():.1e} rad, the cable length "
         f"{pair.largest('l_m'):.1e} m."
     )
-    return harness.Table("Hoisting while swinging (A2) in Gazebo and here", columns, rows, note)
+    return Table("Hoisting while swinging (A2) in Gazebo and here", columns, rows, note)
 
 
-def _slewing(pair: Pair) -> harness.Table:
+def _slewing(pair: Pair) -> Table:
     p, rows = a3.PUBLISHED, []
     for name, data in (
         ("Gazebo", dict(pair.there)),
@@ -198,7 +191,7 @@ def _slewing(pair: Pair) -> harness.Table:
         "Against the paper's Eq. (10). θ is never further apart than "
         f"{pair.largest('theta_rad'):.1e} rad, φ than {pair.largest('phi_rad'):.1e} rad."
     )
-    return harness.Table("Slewing (A3) in Gazebo and here", columns, rows, note)
+    return Table("Slewing (A3) in Gazebo and here", columns, rows, note)
 
 
 def _figure(found: Mapping[str, Pair]) -> Figure:

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from experiments import harness
+from experiments.harness import Claim, Outcome, Setup
 from experiments.linear.runs import Case, cases, powers, reaches, scan
 from experiments.linear.sites import ANGLES, SHARES, SITES, short_slews, slow_slews
 from experiments.linear.tables import (
@@ -40,7 +41,7 @@ SHOWN = ("slew", "slew, trolley, fast hoist")
 """Moves of the 71 EC-B 5 to look at."""
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Every move of every crane, slower slews, slow hoisting."""
     from cranedyn.recording import Run
     from experiments.linear.figures import dropped_figure, slew_figure, swing_figure
@@ -59,7 +60,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     hoisted = {site.name: powers(setup, site, crane) for site, crane in cranes.items()}
     shown = [case for case in found if case.site is SITES[1] and case.job.name in SHOWN]
     of_site = {site: [case for case in found if case.site is site] for site in SITES}
-    return harness.Outcome(
+    return Outcome(
         tables=[
             *(errors_table(site, some) for site, some in of_site.items()),
             *(dropped_table(site, some) for site, some in of_site.items()),
@@ -94,7 +95,7 @@ def claims(
     rates: Mapping[str, float],
     angles: Mapping[str, float],
     hoisted: Mapping[str, Sequence[float]],
-) -> list[harness.Claim]:
+) -> list[Claim]:
     """What holds where, as far as these moves show it."""
     alone = [case.paper.rms for case in found if case.job.name in ALONE]
     slewing = [case for case in found if case.job.name.startswith("slew")]
@@ -109,39 +110,37 @@ def claims(
     shares = [rates[site.name] / site.slew for site in SITES]
     plant, eq8 = ([powers[k] for powers in hoisted.values()] for k in (0, 1))
     return [
-        harness.Claim(
+        Claim(
             f"Trolley alone at full speed: Eq. (8) is off by {_span(alone)} on every crane, less "
             f"than the step's own {100 * OF_STEP:g} %.",
             max(alone) < OF_STEP,
         ),
-        harness.Claim(
+        Claim(
             "Jib of 50 m at 0.8 rpm: the centrifugal and Coriolis terms dropped are "
             f"{_span(terms)} of the kept term, all above 15 %.",
             min(terms) > 0.15,
         ),
-        harness.Claim(
+        Claim(
             f"At the cranes' slew rates Eqs. (8) and (10) are off by {_span(off)}, above 30 % in "
             "every move.",
             min(off) > 0.3,
         ),
-        harness.Claim(
+        Claim(
             f"With the dropped terms put back every move is within 5 % ({_span(back)}), left by "
             "finite angles.",
             max(back) < 0.05,
         ),
-        harness.Claim(
+        Claim(
             f"Hoisted slowly a swing goes with the power {plant[0]:+.3f} of the cable, by Eq. (8) "
-            f"with {eq8[0]:+.3f}: -3/4 and +1/4 "
-            "within 0.005 on every crane, so that Eq. (8) is off by the ratio of the lengths, at "
-            "any speed.",
+            f"with {eq8[0]:+.3f}: -3/4 and +1/4 within 0.005 on every crane, so that Eq. (8) is "
+            "off by the ratio of the lengths, at any speed.",
             all(abs(p + 0.75) < 0.005 for p in plant) and all(abs(p - 0.25) < 0.005 for p in eq8),
         ),
-        harness.Claim(
+        Claim(
             f"Good to {100 * GOOD:g} % are the trolley alone, slews of {min(angles.values()):.1f}° "
-            "or less, and slews at "
-            f"{RPM * min(rates.values()):.2f} rpm or less, a tenth of the crane's rate at most; "
-            f"every move at full speed that slews or hoists is off by {100 * others:.0f} % or "
-            "more.",
+            f"or less, and slews at {RPM * min(rates.values()):.2f} rpm or less, a tenth of the "
+            "crane's rate at most; every move at full speed that slews or hoists is off by "
+            f"{100 * others:.0f} % or more.",
             max(alone) < GOOD < others and max(shares) < 0.1,
         ),
     ]

@@ -21,6 +21,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import spline
 from experiments import harness
+from experiments.harness import Claim, Outcome, Setup, Table
 from experiments.oracles.reading import locked
 
 LINKS = (50.0, 10.0, 1.0, 0.1, 1e-2, 1e-4, 1e-6, 0.0)
@@ -33,7 +34,7 @@ SWING, LENGTH, DURATION, TOUR = 0.10, 15.0, 40.0, 20.0
 """Swing at the start [rad], cable length [m], length of a free swing and of a tour [s]."""
 
 
-def swing(setup: harness.Setup, link: float) -> Trajectory:
+def swing(setup: Setup, link: float) -> Trajectory:
     """Free swing from rest with the drives locked and dummy links of a given mass [kg]."""
     crane = setup.variant(dummy_mass=link, dummy_inertia=link, damp_swing=0)
     start = crane.state(l=LENGTH, phi=SWING)
@@ -62,14 +63,14 @@ def period(trajectory: Trajectory) -> float:
     return 2.0 * float(crossings[-1] - crossings[0]) / (len(crossings) - 1)
 
 
-def of_step(setup: harness.Setup, period: float) -> float:
+def of_step(setup: Setup, period: float) -> float:
     """Share by which semi-implicit Euler shortens the period [s] of a small swing, (ω dt)²/24; a
     finite swing A changes A² of it.
     """
     return (2.0 * math.pi / period * setup.dt) ** 2 / 24.0
 
 
-def between_rows(setup: harness.Setup, period: float) -> float:
+def between_rows(setup: Setup, period: float) -> float:
     """What straight lines between rows h apart may add to the period [s], relative: twice (ω h)²
     h/(36 √3) over the run.
     """
@@ -82,12 +83,12 @@ def between_rows(setup: harness.Setup, period: float) -> float:
     )
 
 
-def rounding(setup: harness.Setup, duration: float) -> float:
+def rounding(setup: Setup, duration: float) -> float:
     """What rounding of each step adds up to over a run [s], as a random walk does."""
     return math.sqrt(duration / setup.dt) * sys.float_info.epsilon
 
 
-def tour(setup: harness.Setup, crane: Crane) -> Trajectory:
+def tour(setup: Setup, crane: Crane) -> Trajectory:
     """All three drives in prescribed motion at once, with a swing at the start."""
     start = crane.state(x=8.0, l=LENGTH, phi=0.05, theta=-0.03)
     reference = spline(crane, start, [(0.4, 14.0, LENGTH - 4.0)], [12.0], at=1.0)
@@ -105,7 +106,7 @@ def tour(setup: harness.Setup, crane: Crane) -> Trajectory:
     )
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Sweep the dummy links, then the load."""
     from cranedyn.recording import Run
 
@@ -138,23 +139,23 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     }
     rigid = {m: tour(setup, setup.variant(payload_mass=m, damp_swing=0)) for m in LOADS}
     spread, spread_rigid = _spread(points), _spread(rigid)
-    return harness.Outcome(
+    return Outcome(
         tables=[_links_table(crane, periods, theory_periods), _loads_table(points, rigid)],
         claims=[
-            harness.Claim(
+            Claim(
                 "Dummy links from 50 kg down to none run without trouble, and their periods are "
                 "those of the compound pendulum less "
                 f"(ω dt)²/24 of the step, {of_step(setup, theory_periods[0.0]):.1e}, within "
                 f"{allowed:.1e} (worst {off:.1e}).",
                 finite and off < allowed,
             ),
-            harness.Claim(
+            Claim(
                 f"Links of 1e-6 kg beside a load of {crane.payload_mass:g} kg change the period by "
                 f"{light:.1e}, as their inertia must, "
                 f"within rounding, {rounding(setup, DURATION):.0e}.",
                 abs(light - inertia) < rounding(setup, DURATION),
             ),
-            harness.Claim(
+            Claim(
                 "With exact drives a point load of 10 kg and one of 100 t swing alike within "
                 f"rounding, {rounding(setup, TOUR):.0e} rad "
                 f"({spread:.0e}); with inertia they do not ({spread_rigid:.1e}).",
@@ -174,9 +175,7 @@ def _spread(runs: dict[float, Trajectory]) -> float:
     return float(np.ptp(swings, axis=0).max())
 
 
-def _links_table(
-    crane: Crane, periods: dict[float, float], expected: dict[float, float]
-) -> harness.Table:
+def _links_table(crane: Crane, periods: dict[float, float], expected: dict[float, float]) -> Table:
     rows = [
         (
             m,
@@ -196,7 +195,7 @@ def _links_table(
         ("relative", "+.1e"),
         ("against no links", "+.1e"),
     ]
-    return harness.Table(
+    return Table(
         "Free swing with ever lighter links between the swing joints",
         columns,
         rows,
@@ -204,7 +203,7 @@ def _links_table(
     )
 
 
-def _loads_table(points: dict[float, Trajectory], rigid: dict[float, Trajectory]) -> harness.Table:
+def _loads_table(points: dict[float, Trajectory], rigid: dict[float, Trajectory]) -> Table:
     rows = [
         (
             m,
@@ -223,9 +222,7 @@ def _loads_table(points: dict[float, Trajectory], rigid: dict[float, Trajectory]
         ("400 kg m²: max φ [rad]", ".9f"),
         ("max θ [rad]", ".9f"),
     ]
-    return harness.Table(
-        "All drives in prescribed motion: swing of loads of different mass", columns, rows
-    )
+    return Table("All drives in prescribed motion: swing of loads of different mass", columns, rows)
 
 
 def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:

@@ -20,6 +20,7 @@ from cranedyn.plotting.figures import panels
 from cranedyn.plotting.runs import run_colour
 from experiments import harness
 from experiments.compare.observers import LEFT
+from experiments.harness import Claim, Outcome, ProgressReporter, Setup, Table
 from experiments.scenarios.moves import MOVES
 from experiments.scenarios.perturbations import AFTER_UNTOLD, Perturbation, make
 from experiments.scenarios.strategies import FLAT, STRATEGIES
@@ -41,7 +42,7 @@ Cases = Mapping[tuple[str, str, float, float], float]
 """Swing at the arrival [rad] by sensors, kind, load and cable; inf where the run breaks off."""
 
 
-def left(setup: harness.Setup, sensors: Sequence[str]) -> Cases:
+def left(setup: Setup, sensors: Sequence[str]) -> Cases:
     """Make every move."""
     plan = STRATEGIES[FLAT](setup, COMBINED)
     cases = [
@@ -50,7 +51,7 @@ def left(setup: harness.Setup, sensors: Sequence[str]) -> Cases:
         if cable or kind == KINDS[0]
     ]
     update = setup.reporter.count("observer", len(cases))
-    alone = replace(setup, reporter=harness.ProgressReporter())
+    alone = replace(setup, reporter=ProgressReporter())
     found = {}
     for done, case in enumerate(cases, start=1):
         seen, kind, load, cable = case
@@ -67,7 +68,7 @@ def left(setup: harness.Setup, sensors: Sequence[str]) -> Cases:
     return found
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Make the combined move over the grid and see what is left."""
     found = left(setup, options.sensors)
     claims = []
@@ -75,14 +76,14 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         worst = max((case for case in found if case[0] == seen), key=lambda case: found[case])
         _, kind, load, cable = worst
         claims.append(
-            harness.Claim(
+            Claim(
                 f"By the sensors “{seen}” {1e3 * LEFT:g} mrad are left at the arrival at most over "
                 f"the whole grid: {1e3 * found[worst]:.3f} mrad with {100 * load:g} % of the load "
                 f"and {100 * cable:+g} % of cable ({kind}).",
                 found[worst] <= LEFT,
             )
         )
-    return harness.Outcome(
+    return Outcome(
         tables=[_table(found)],
         claims=claims,
         parameters=setup.parameters() | {"loads": LOADS, "cables": CABLES},
@@ -90,7 +91,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     )
 
 
-def _table(found: Cases) -> harness.Table:
+def _table(found: Cases) -> Table:
     rows = [
         (
             f"{seen}, {kind}",
@@ -106,7 +107,7 @@ def _table(found: Cases) -> harness.Table:
         (f"{100 * load:g} %, {100 * cable:+g} %", ".3g")
         for load, cable in itertools.product(LOADS, CABLES)
     ]
-    return harness.Table(
+    return Table(
         "Swing at the arrival, flat + LQR, load and cable not told [mrad]",
         [("sensors, cable off by", ""), *columns],
         rows,

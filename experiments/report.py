@@ -30,6 +30,7 @@ from cranedyn.data.files import (
 from cranedyn.errors import DataError, UnknownName
 from experiments import harness
 from experiments.catalogue import EXPERIMENTS, Entry
+from experiments.harness import Claim, Table
 from experiments.harness.arguments import add_engine, command_name
 from experiments.harness.outcome import summary
 from experiments.harness.terminal import columns_of
@@ -75,9 +76,7 @@ def page(folders: Sequence[Path]) -> str:
 def _first(results: Sequence[dict[str, Any]]) -> str:
     """The first screen: when, the crane, how many claims hold, a line for each experiment."""
     today = date.today()
-    claims = [
-        harness.Claim(c["sentence"], c["holds"]) for result in results for c in result["claims"]
-    ]
+    claims = [Claim(c["sentence"], c["holds"]) for result in results for c in result["claims"]]
     held, failed = (sum(claim.holds is kind for claim in claims) for kind in (True, False))
     rows = "".join(
         f'<tr><td><a href="#{escape(r["experiment"])}">{escape(_entry(r).title)}</a></td>'
@@ -208,8 +207,7 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
     if strange := set(result["figures"]) - set(result["files"]):
         raise ValueError(f"its figures {sorted(strange)} are not among its files")
     figures = "".join(
-        f"<figure>{figure_html(folder, best_figure(name, result['files']))}"
-        f"<figcaption>{escape(entry.caption(Path(name).stem))}</figcaption></figure>"
+        f"<figure>{figure_html(folder, best_figure(name, result['files']))}<figcaption>{escape(entry.caption(Path(name).stem))}</figcaption></figure>"
         for name in result["figures"]
     )
     versions = ", ".join(
@@ -236,7 +234,7 @@ def mark_html(holds: bool | None) -> str:
 
 def table_html(table: dict[str, Any]) -> str:
     """A table of a ``result.json``, as HTML."""
-    made = harness.Table.of(table)
+    made = Table.of(table)
     kinds = ["" if form else ' class="text"' for _, form in made.columns]
     head = "".join(
         f"<th{kind}>{escape(header)}</th>"

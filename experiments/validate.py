@@ -14,6 +14,7 @@ from cranedyn.errors import number
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
 from experiments import harness
+from experiments.harness import Claim, Outcome, Setup, Table
 from experiments.oracles import conserved, hoisting, moves, slewing, swing
 from experiments.oracles.check import STEP, Check, G, check, point_crane
 from experiments.oracles.reading import Bench, locked
@@ -39,7 +40,7 @@ def checks(bench: Bench, halvings: int) -> dict[str, list[Check]]:
     }
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run the oracles, measure the order, record two telling runs."""
     from cranedyn.recording import Run
     from experiments.oracles.figures import convergence_figure, oval_figure, ripple_figure
@@ -77,7 +78,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     found = checks(bench, halvings)
     every = list(itertools.chain(*found.values()))
     tables = [table(title, rows) for title, rows in found.items()]
-    return harness.Outcome(
+    return Outcome(
         tables=tables,
         claims=[*map(_claim, every), _order(every)],
         parameters={
@@ -101,7 +102,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     )
 
 
-def table(title: str, found: Sequence[Check]) -> harness.Table:
+def table(title: str, found: Sequence[Check]) -> Table:
     """One part of mechanics."""
     rows = [
         (_named(c), c.oracle.closed, c.values[-1], c.error, c.of_step, c.allowed, c.order)
@@ -116,7 +117,7 @@ def table(title: str, found: Sequence[Check]) -> harness.Table:
         ("rest within", ".0e"),
         ("order", ".2f"),
     ]
-    return harness.Table(title, columns, rows)
+    return Table(title, columns, rows)
 
 
 def _named(found: Check) -> str:
@@ -124,17 +125,17 @@ def _named(found: Check) -> str:
     return f"{found.oracle.name} [{found.oracle.unit}]" if found.oracle.unit else found.oracle.name
 
 
-def _claim(found: Check) -> harness.Claim:
+def _claim(found: Check) -> Claim:
     oracle = found.oracle
     why = f", {oracle.why} among it" if oracle.why else ""
-    return harness.Claim(
+    return Claim(
         f"{oracle.name}: {oracle.closed:.10g} {oracle.unit}".rstrip()
         + f" for a vanishing step within {found.allowed:.0e}{why}.",
         found.holds,
     )
 
 
-def _order(found: Sequence[Check]) -> harness.Claim:
+def _order(found: Sequence[Check]) -> Claim:
     orders = [c.order for c in found if c.order is not None]
     first, second = ([order for order in orders if round(order) == power] for power in (1, 2))
     spans = [
@@ -142,10 +143,9 @@ def _order(found: Sequence[Check]) -> harness.Claim:
         for some in (first, second)
         if some
     ]
-    return harness.Claim(
+    return Claim(
         "The error goes with the first power of the step, or where the step is symmetric with the "
-        f"second: orders {', '.join(spans)}, "
-        f"within {ORDER:g} of whole numbers.",
+        f"second: orders {', '.join(spans)}, within {ORDER:g} of whole numbers.",
         len(first) >= len(orders) / 2
         and len(first) + len(second) == len(orders)
         and all(abs(o - round(o)) < ORDER for o in orders),

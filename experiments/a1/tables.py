@@ -4,177 +4,149 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from cranedyn import theory
+from cranedyn.analysis.swing import SwingFit
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
-from experiments import harness
-
-if TYPE_CHECKING:
-    from experiments.a1 import Case
+from experiments.a1.case import FIT_FROM, Case
+from experiments.harness import Table, tabulate
 
 
-def article_table(crane: Crane, cases: Sequence[Case]) -> harness.Table:
-    """The article's table beside ours."""
-    rows: list[tuple[float | None, ...]] = []
-    for case in cases:
-        p = case.published
-        point, rigid = pendulums(crane, case.length)
-        period, published, diff, of_rigid, zeta, amplitude = (
-            (p.period, p.point, 100 * case.error - p.point, p.rigid, p.zeta, p.amplitude)
-            if p
-            else (None,) * 6
-        )
-        rows.append(
-            (
-                case.length,
-                case.fit.period,
-                period,
-                point,
-                100 * case.error,
-                published,
-                diff,
-                100 * (case.fit.period / rigid - 1),
-                of_rigid,
-                case.fit.damping_ratio,
-                zeta,
-                case.fit.amplitude,
-                amplitude,
-            )
-        )
-    columns = [
-        ("l [m]", "g"),
-        ("T [s]", ".4f"),
-        ("art.", ".3f"),
-        ("T point", ".3f"),
-        ("error [%]", "+.3f"),
-        ("art.", "+.2f"),
-        ("diff", "+.3f"),
-        ("rigid [%]", "+.3f"),
-        ("art.", "+.2f"),
-        ("ζ", ".6f"),
-        ("art.", ".5f"),
-        ("A [rad]", ".5f"),
-        ("art.", ".4f"),
-    ]
-    note = (
+def article_table(crane: Crane, cases: Sequence[Case]) -> Table:
+    """Return the article's table beside ours."""
+    return tabulate(
+        "Free swing beside the article (art.)",
+        cases,
+        [
+            ("l [m]", "g", lambda c: c.length),
+            ("T [s]", ".4f", lambda c: c.fit.period),
+            ("art.", ".3f", lambda c: c.published.period),
+            ("T point", ".3f", lambda c: _point(c.length)),
+            ("error [%]", "+.3f", lambda c: 100 * c.error),
+            ("art.", "+.2f", lambda c: c.published.point),
+            ("diff", "+.3f", lambda c: _less(100 * c.error, c.published.point)),
+            ("rigid [%]", "+.3f", lambda c: 100 * (c.fit.period / _rigid(crane, c.length) - 1)),
+            ("art.", "+.2f", lambda c: c.published.rigid),
+            ("ζ", ".6f", lambda c: c.fit.damping_ratio),
+            ("art.", ".5f", lambda c: c.published.zeta),
+            ("A [rad]", ".5f", lambda c: c.fit.amplitude),
+            ("art.", ".4f", lambda c: c.published.amplitude),
+        ],
         "Errors against the point and the rigid pendulum (payload inertia alone) in standard "
-        "gravity, as "
-        "published. The article's world had 9.8 m/s²: --gravity 9.8."
-    )
-    return harness.Table("Free swing beside the article (art.)", columns, rows, note)
-
-
-def pendulums(crane: Crane, length: float) -> tuple[float, float]:
-    """Periods of point and rigid pendulum in standard gravity [s]."""
-    return float(theory.point_period(length, STANDARD_GRAVITY)), theory.rigid_period(
-        length, STANDARD_GRAVITY, crane.payload_mass, crane.payload_inertia[0, 0]
+        "gravity, as published. The article's world had 9.8 m/s²: --gravity 9.8.",
     )
 
 
-def budget_table(cases: Sequence[Case]) -> harness.Table:
-    """What each cause adds to the period, beside what was simulated."""
-    causes = list(cases[0].budget)
-    rows = []
-    for case in cases:
-        parts = [100 * case.budget[cause] for cause in causes]
-        published = case.published.point if case.published else None
-        rows.append(
-            (
-                case.length,
-                case.stiffness,
-                *parts,
-                sum(parts),
-                100 * case.error,
-                100 * case.error - sum(parts),
-                published,
-            )
-        )
-    columns = [
-        ("l [m]", "g"),
-        ("k_p", ".0e"),
-        *((cause, "+.3f") for cause in causes),
-        ("sum", "+.3f"),
-        ("simulated", "+.3f"),
-        ("residual", "+.3f"),
-        ("article", "+.2f"),
+def _point(length: float) -> float:
+    """Return the period of the point pendulum in standard gravity [s]."""
+    return float(theory.point_period(length, STANDARD_GRAVITY))
+
+
+def _rigid(crane: Crane, length: float) -> float:
+    """Return the period of the rigid pendulum in standard gravity [s]."""
+    inertia = crane.payload_inertia[0, 0]
+    return theory.rigid_period(length, STANDARD_GRAVITY, crane.payload_mass, inertia)
+
+
+def _less(value: float, published: float | None) -> float | None:
+    return None if published is None else value - published
+
+
+def budget_table(cases: Sequence[Case]) -> Table:
+    """Return what each cause adds to the period, beside the simulated error."""
+    causes = [
+        (cause, "+.3f", lambda c, cause=cause: 100 * c.budget[cause]) for cause in cases[0].budget
     ]
-    return harness.Table("Error budget [% of the point pendulum's period]", columns, rows)
+
+    def total(case: Case) -> float:
+        return sum(100 * part for part in case.budget.values())
+
+    return tabulate(
+        "Error budget [% of the point pendulum's period]",
+        cases,
+        [
+            ("l [m]", "g", lambda c: c.length),
+            ("k_p", ".0e", lambda c: c.stiffness),
+            *causes,
+            ("sum", "+.3f", total),
+            ("simulated", "+.3f", lambda c: 100 * c.error),
+            ("residual", "+.3f", lambda c: 100 * c.error - total(c)),
+            ("article", "+.2f", lambda c: c.published.point),
+        ],
+    )
 
 
-def damping_table(crane: Crane, cases: Sequence[Case]) -> harness.Table:
-    """What each cause adds to the damping ratio."""
-    g, m, rows = crane.gravity, crane.payload_mass, []
-    for case in cases:
-        length = case.length + (crane.payload_inertia[0, 0] + crane.dummy_inertia[0]) / (
-            m * case.length
-        )
-        pivot = theory.pivot_compliance(
-            length, g, m, STIFFNESS["trolley"], DAMPING["trolley"], crane.trolley_mass
-        )[1]
-        hoist = theory.hoist_compliance(
-            case.predicted.amplitude, length, g, m, STIFFNESS["hoist"], DAMPING["hoist"]
-        )[1]
+def damping_table(crane: Crane, cases: Sequence[Case]) -> Table:
+    """Return what each cause adds to the damping ratio."""
+    g, m = crane.gravity, crane.payload_mass
+
+    def parts(case: Case) -> tuple[float, float, float]:
+        inertia = crane.payload_inertia[0, 0] + crane.dummy_inertia[0]
+        length = case.length + inertia / (m * case.length)
+        trolley = STIFFNESS["trolley"], DAMPING["trolley"], crane.trolley_mass
+        hoist = STIFFNESS["hoist"], DAMPING["hoist"]
         joint = float(crane.damping[2]) / (2.0 * m * length**2 * math.sqrt(g / length))
-        zeta = case.fit.damping_ratio
-        published = case.published.zeta if case.published else None
-        rows.append(
-            (
-                case.length,
-                pivot,
-                hoist,
-                joint,
-                pivot + hoist + joint,
-                zeta,
-                published,
-                zeta - published if published else None,
-            )
+        return (
+            theory.pivot_compliance(length, g, m, *trolley)[1],
+            theory.hoist_compliance(case.predicted.amplitude, length, g, m, *hoist)[1],
+            joint,
         )
-    columns = [
-        ("l [m]", "g"),
-        ("trolley k_d", ".6f"),
-        ("hoist compliance", ".6f"),
-        ("damp_swing", ".6f"),
-        ("sum", ".6f"),
-        ("simulated", ".6f"),
-        ("article", ".5f"),
-        ("simulated less article", "+.6f"),
-    ]
-    return harness.Table(
+
+    return tabulate(
         "Where the damping ratio ζ comes from",
-        columns,
-        rows,
+        cases,
+        [
+            ("l [m]", "g", lambda c: c.length),
+            ("trolley k_d", ".6f", lambda c: parts(c)[0]),
+            ("hoist compliance", ".6f", lambda c: parts(c)[1]),
+            ("damp_swing", ".6f", lambda c: parts(c)[2]),
+            ("sum", ".6f", lambda c: sum(parts(c))),
+            ("simulated", ".6f", lambda c: c.fit.damping_ratio),
+            ("article", ".5f", lambda c: c.published.zeta),
+            (
+                "simulated less article",
+                "+.6f",
+                lambda c: _less(c.fit.damping_ratio, c.published.zeta),
+            ),
+        ],
         "By closed forms for the reduced length l + I/(m l). The compliance of the hoist is the "
         "part that no trolley k_d explains.",
     )
 
 
-def prediction_table(cases: Sequence[Case]) -> harness.Table:
-    """Period and damping ratio predicted and simulated."""
-    columns = [
-        ("l [m]", "g"),
-        ("k_p [N/m]", ".0e"),
-        ("T predicted [s]", ".5f"),
-        ("T simulated [s]", ".5f"),
-        ("diff [%]", "+.4f"),
-        ("ζ predicted", ".6f"),
-        ("ζ simulated", ".6f"),
-    ]
-    rows = [
-        (
-            c.length,
-            c.stiffness,
-            c.predicted.period,
-            c.fit.period,
-            100 * (c.fit.period / c.predicted.period - 1),
-            c.predicted.damping_ratio,
-            c.fit.damping_ratio,
-        )
-        for c in cases
-    ]
-    return harness.Table(
+def prediction_table(cases: Sequence[Case]) -> Table:
+    """Return period and damping ratio predicted and simulated."""
+    return tabulate(
         "Predicted: eigenvalue of the sampled linear loop, times the factors of finite amplitude",
-        columns,
-        rows,
+        cases,
+        [
+            ("l [m]", "g", lambda c: c.length),
+            ("k_p [N/m]", ".0e", lambda c: c.stiffness),
+            ("T predicted [s]", ".5f", lambda c: c.predicted.period),
+            ("T simulated [s]", ".5f", lambda c: c.fit.period),
+            ("diff [%]", "+.4f", lambda c: 100 * c.prediction_error),
+            ("ζ predicted", ".6f", lambda c: c.predicted.damping_ratio),
+            ("ζ simulated", ".6f", lambda c: c.fit.damping_ratio),
+        ],
+    )
+
+
+def files_table(crane: Crane, fits: Sequence[tuple[str, float, SwingFit]]) -> Table:
+    """Return the fits of recorded files, each with its name and cable length [m]."""
+    return tabulate(
+        "Free swing in files recorded elsewhere",
+        fits,
+        [
+            ("file", "", lambda f: f[0]),
+            ("l [m]", ".3f", lambda f: f[1]),
+            ("T [s]", ".4f", lambda f: f[2].period),
+            ("point [%]", "+.3f", lambda f: 100 * (f[2].period / _point(f[1]) - 1)),
+            ("rigid [%]", "+.3f", lambda f: 100 * (f[2].period / _rigid(crane, f[1]) - 1)),
+            ("ζ", ".6f", lambda f: f[2].damping_ratio),
+            ("A [rad]", ".5f", lambda f: f[2].amplitude),
+            ("fit rms [rad]", ".1e", lambda f: f[2].rms),
+        ],
+        f"Fitted from t = {FIT_FROM:g} s; rigid pendulum of {crane.payload_mass:g} kg and "
+        f"{crane.payload_inertia[0, 0]:g} kg m².",
     )

@@ -21,6 +21,7 @@ from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import hold, pulse, ramp
 from experiments import harness
+from experiments.harness import Claim, Outcome, Setup, Table
 
 LENGTH, TARGET, RATE, HOIST_AT, DURATION = 20.0, 8.0, 0.5, 30.0, 110.0
 """Cable length before and after [m], hoisting speed [m/s], when it starts, and how long the run
@@ -118,11 +119,7 @@ def read(
 
 
 def run(
-    setup: harness.Setup,
-    *,
-    stiffness: Gains = None,
-    damping: Gains = None,
-    pulse_at: float = PULSE_AT,
+    setup: Setup, *, stiffness: Gains = None, damping: Gains = None, pulse_at: float = PULSE_AT
 ) -> Trajectory:
     """Swing the load by a trolley pulse, then hoist."""
     crane = setup.crane
@@ -150,7 +147,7 @@ def _hoist(crane: Crane, base: Reference, at: float) -> Reference:
     return ramp(crane, base, "l", TARGET - LENGTH, rate=RATE, at=at)
 
 
-def exact(setup: harness.Setup, crane: Crane, start: State) -> PowerLaw:
+def exact(setup: Setup, crane: Crane, start: State) -> PowerLaw:
     """The law of the hoisting section from a state of swing at its start, with drives that follow
     the ramp exactly.
 
@@ -172,7 +169,7 @@ def exact(setup: harness.Setup, crane: Crane, start: State) -> PowerLaw:
     return read(trajectory.t, trajectory["phi_rad"], trajectory["l_m"], since=0.0).section
 
 
-def exponents(setup: harness.Setup, ours: Reading, stiff: Trajectory) -> dict[str, PowerLaw]:
+def exponents(setup: Setup, ours: Reading, stiff: Trajectory) -> dict[str, PowerLaw]:
     """The law of the hoisting section, one effect after the other."""
     row = int(np.searchsorted(stiff.t, HOIST_AT))
     swing, rate = float(stiff["phi_rad"][row]), float(stiff["phi_dot_rad_s"][row])
@@ -200,7 +197,7 @@ def exponents(setup: harness.Setup, ours: Reading, stiff: Trajectory) -> dict[st
     }
 
 
-def _exponents_table(stages: dict[str, PowerLaw]) -> harness.Table:
+def _exponents_table(stages: dict[str, PowerLaw]) -> Table:
     rows = [
         (name, law.exponent, law.exponent - PUBLISHED["hoisting"], law.r2, law.points)
         for name, law in stages.items()
@@ -213,10 +210,10 @@ def _exponents_table(stages: dict[str, PowerLaw]) -> harness.Table:
         ("R²", ".6f"),
         ("points", "d"),
     ]
-    return harness.Table("Where the exponent comes from", columns, rows)
+    return Table("Where the exponent comes from", columns, rows)
 
 
-def _summary(readings: dict[str, Reading]) -> harness.Table:
+def _summary(readings: dict[str, Reading]) -> Table:
     rows: list[tuple[str | float | None, ...]] = []
     for name, r in readings.items():
         mean = 100 * float(r.errors.mean())
@@ -269,13 +266,12 @@ def _summary(readings: dict[str, Reading]) -> harness.Table:
     ]
     note = (
         "Period of each half swing against 2π√(l/g) at its middle. Neither half nor whole swings "
-        "give the "
-        "article's 35 and 10 points: 98 s hold 29 half swings, 6 in the hoisting."
+        "give the article's 35 and 10 points: 98 s hold 29 half swings, 6 in the hoisting."
     )
-    return harness.Table("Hoisting while swinging, beside the article", columns, rows, note)
+    return Table("Hoisting while swinging, beside the article", columns, rows, note)
 
 
-def _phase_table(readings: dict[float, Reading]) -> harness.Table:
+def _phase_table(readings: dict[float, Reading]) -> Table:
     rows = [
         (
             at,
@@ -298,11 +294,10 @@ def _phase_table(readings: dict[float, Reading]) -> harness.Table:
     ]
     note = (
         "The article does not say when its pulse came. The phase in which the hoist stops decides "
-        "the "
-        "largest error and the exponent over all points; no phase tried meets all its numbers at "
-        "once, and none the mean error, whose miss is not explained."
+        "the largest error and the exponent over all points; no phase tried meets all its numbers "
+        "at once, and none the mean error, whose miss is not explained."
     )
-    return harness.Table(
+    return Table(
         "The phase of the swing when the hoist stops",
         columns,
         [*rows, (None, p["mean"], p["max"], p["all"], p["hoisting"], p["after"])],
@@ -310,7 +305,7 @@ def _phase_table(readings: dict[float, Reading]) -> harness.Table:
     )
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run the hoisting, or analyse files recorded elsewhere."""
     if options.files:
         return _from_files(options.files, options.columns, options.joints)
@@ -327,24 +322,24 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     )
     worst = 100 * max(reading.worst for reading in (ours, *phases.values()))
     claims = [
-        harness.Claim(
+        Claim(
             f"Whenever the pulse comes, every half swing lasts what the cable's length there says, "
             f"within the published largest error ({PUBLISHED['max']:g} %): {worst:.2f} % at most.",
             setup.judged(worst <= PUBLISHED["max"]),
         ),
-        harness.Claim(
+        Claim(
             f"The exponent over the hoisting section ({ours.section.exponent:.4f}) misses the "
             f"published by {missed:.4f}, less than the "
             f"hoist identified in A1 takes off ({without - missed:.4f} of {without:.4f}).",
             setup.judged(missed < without - missed),
         ),
-        harness.Claim(
+        Claim(
             f"With exact drives and a small swing it is the Bessel envelope's ({bessel:.4f}) "
             f"within 0.001 ({small:.4f}).",
             abs(small - bessel) < 0.001,
         ),
     ]
-    return harness.Outcome(
+    return Outcome(
         tables=[
             _summary({"hoist identified in A1": ours, "stiff hoist": hard}),
             _exponents_table(stages),
@@ -365,13 +360,13 @@ def _read_run(trajectory: Trajectory) -> Reading:
 
 def _from_files(
     files: Sequence[str], columns_there: Sequence[str], joints: Sequence[str]
-) -> harness.Outcome:
+) -> Outcome:
     readings = {}
     for file in files:
         data = harness.read_recorded(file, COLUMNS, columns_there, joints)
         with harness.name_file(file):
             readings[file] = read(data["t_s"], data["phi_rad"], data["l_m"])
-    return harness.Outcome([_summary(readings)], [])
+    return Outcome([_summary(readings)], [])
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -22,6 +22,7 @@ from cranedyn.errors import DataError
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import hold, pulse
 from experiments import harness
+from experiments.harness import Claim, Outcome, Setup, Table
 
 RADIUS, LENGTH, PULSE, PULSE_AT, DURATION, ANALYSED_FROM = 20.0, 15.0, 0.05, 5.0, 70.0, 4.0
 """Trolley radius and cable length [m], slew pulse [rad], when it starts (ours), length of the run,
@@ -160,7 +161,7 @@ def _integrate(derivative: Callable, t: np.ndarray, start: Sequence[float]) -> n
 
 
 def run(
-    setup: harness.Setup,
+    setup: Setup,
     slew: Sequence[float] = (STIFFNESS["slew"], DAMPING["slew"]),
     *,
     crane: Crane | None = None,
@@ -247,7 +248,7 @@ def stages(crane: Crane, trajectory: Trajectory) -> list[tuple[str, Agreement]]:
     return [(name, agreement(theta, model)) for name, model in models.items()]
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run the slew pulse with a soft and a stiff drive, or analyse files recorded elsewhere."""
     if options.files:
         return _from_files(options.files, options.columns, options.joints)
@@ -262,28 +263,25 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         _row(drive, name, result) for drive, results in found.items() for name, result in results
     ]
     last = [results[-1][1].relative for results in found.values()]
-    return harness.Outcome(
+    return Outcome(
         tables=[_table([*rows, _row("article", "Eq. (10), γ̈ filtered", PUBLISHED)])],
         claims=[
-            harness.Claim(
+            Claim(
                 f"θ has the sign of Eq. (10): correlation {ours.correlation:+.4f} with a soft slew "
-                "drive, "
-                f"{hard.correlation:+.4f} with a stiff one.",
+                f"drive, {hard.correlation:+.4f} with a stiff one.",
                 min(ours.correlation, hard.correlation) > 0.99,
             ),
-            harness.Claim(
+            Claim(
                 f"Amplitude, correlation and RMS are the published within {DIGITS.measured:g} rad, "
-                f"{DIGITS.correlation:g} and "
-                f"{DIGITS.rms:.0e} rad, one of their last digits ({ours.measured:.5f}, "
-                f"{ours.correlation:+.5f}, {ours.rms:.6f}).",
+                f"{DIGITS.correlation:g} and {DIGITS.rms:.0e} rad, one of their last digits "
+                f"({ours.measured:.5f}, {ours.correlation:+.5f}, {ours.rms:.6f}).",
                 setup.judged(_published(ours))
                 if place == {"radius": RADIUS, "length": LENGTH}
                 else None,
             ),
-            harness.Claim(
+            Claim(
                 "With every cause gone the rest is below 0.5 % of the amplitude "
-                f"({100 * last[0]:.2f} % soft, "
-                f"{100 * last[1]:.2f} % stiff).",
+                f"({100 * last[0]:.2f} % soft, {100 * last[1]:.2f} % stiff).",
                 max(last) < 0.005,
             ),
         ],
@@ -303,13 +301,13 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
 
 def _from_files(
     files: Sequence[str], columns_there: Sequence[str], joints: Sequence[str]
-) -> harness.Outcome:
+) -> Outcome:
     rows = []
     for file in files:
         data = harness.read_recorded(file, COLUMNS, columns_there, joints)
         with harness.name_file(file):
             rows.append(_row(file, "Eq. (10), γ̈ filtered", agreement(*by_paper(data)[1:3])))
-    return harness.Outcome([_table([*rows, _row("article", "", PUBLISHED)])], [])
+    return Outcome([_table([*rows, _row("article", "", PUBLISHED)])], [])
 
 
 def _published(ours: Agreement) -> bool:
@@ -324,7 +322,7 @@ def _row(run: str, model: str, a: Agreement) -> tuple[str | float, ...]:
     return (run, model, a.measured, a.modelled, a.correlation, a.rms, 100 * a.relative)
 
 
-def _table(rows: Sequence[Sequence[str | float]]) -> harness.Table:
+def _table(rows: Sequence[Sequence[str | float]]) -> Table:
     columns = [
         ("slew drive", ""),
         ("model", ""),
@@ -336,10 +334,9 @@ def _table(rows: Sequence[Sequence[str | float]]) -> harness.Table:
     ]
     note = (
         "Amplitudes are the largest |θ|. From one row to the next one cause of difference goes: "
-        "the filter, "
-        "the constant of gravity, the dropped rates, the inertia, the small angle."
+        "the filter, the constant of gravity, the dropped rates, the inertia, the small angle."
     )
-    return harness.Table("Tangential swing after a slew pulse", columns, rows, note)
+    return Table("Tangential swing after a slew pulse", columns, rows, note)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -28,6 +28,7 @@ from cranedyn.sweep.processes import deaf, end_with_parent
 from experiments import harness
 from experiments.compare.figures import robustness_figure, swing_figure
 from experiments.compare.observers import observer_claims, observer_table
+from experiments.harness import Claim, Outcome, ProgressReporter, Setup, Table
 from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import (
     AFTER,
@@ -99,13 +100,13 @@ Results = dict[str, dict[str, Result]]
 """By strategy, then by case."""
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Make every move by every strategy, the combined one under every case, and the tour."""
     from cranedyn.recording import Run
 
     strategies, drive = options.only or list(STRATEGIES), options.drive
     ideal = drive == IDEAL
-    alone = replace(setup, reporter=harness.ProgressReporter())
+    alone = replace(setup, reporter=ProgressReporter())
     moves = [*MOVES, SWINGING]
     with _workers(options.jobs) as workers:
         tasks: dict[Future[dict[str, Result]], tuple[Move, str]] = {}
@@ -128,7 +129,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     combined = of_move[COMBINED.name]
     runs = {strategy: found[NOMINAL.name].run for strategy, found in combined.items()}
     kept = {strategy: run for strategy, run in runs.items() if run is not None}
-    return harness.Outcome(
+    return Outcome(
         tables=[
             *(_table(move, of_move[move.name], drive) for move in moves),
             *(_drives_table(move, of_move[move.name], beyond=not ideal) for move in moves),
@@ -191,7 +192,7 @@ def _workers(jobs: int | None) -> Iterator[ProcessPoolExecutor]:
 
 
 def _made(
-    setup: harness.Setup, move: Move, strategy: str, all_cases: bool, drive: str = IDEAL
+    setup: Setup, move: Move, strategy: str, all_cases: bool, drive: str = IDEAL
 ) -> dict[str, Result]:
     """A move by one strategy, as planned and perhaps under every case; what breaks off or cannot be
     is told, not raised.
@@ -271,7 +272,7 @@ class Toured(NamedTuple):
     peak: float
 
 
-def _toured(setup: harness.Setup, control: str) -> Toured | str:
+def _toured(setup: Setup, control: str) -> Toured | str:
     """The seven legs under one control, or why not."""
     try:
         return _tour(setup, control)
@@ -281,7 +282,7 @@ def _toured(setup: harness.Setup, control: str) -> Toured | str:
         return str(error)
 
 
-def _tour(setup: harness.Setup, control: str) -> Toured:
+def _tour(setup: Setup, control: str) -> Toured:
     reference, controller = CONTROLS[control](setup, TOUR_LIMITS, DWELL)
     duration = setup.control_period * round(reference.duration / setup.control_period)
     run = setup.simulate(
@@ -312,7 +313,7 @@ def _plain(strategy: str) -> str:
     return strategy.replace("'s", "").replace(" + ", "_").replace(" ", "_").lower()
 
 
-def _numbers_of_converters(setup: harness.Setup) -> dict[str, object]:
+def _numbers_of_converters(setup: Setup) -> dict[str, object]:
     made = converters(setup.crane)
     rows = {name: part.tolist() for name, part in made.response._asdict().items()}
     return {"drive": "velocity", "converters": rows | {"delay_s": made.delay}}
@@ -331,7 +332,7 @@ def _reasons(results: Mapping[str, Result]) -> str:
     return "".join(f" {', '.join(names)}: {why}" for why, names in reasons.items())
 
 
-def _table(move: Move, found: Results, drive: str) -> harness.Table:
+def _table(move: Move, found: Results, drive: str) -> Table:
     rounded, hook = RESOLUTION[drive]
     columns = [
         ("strategy", ""),
@@ -363,14 +364,13 @@ def _table(move: Move, found: Results, drive: str) -> harness.Table:
     ]
     note = (
         "Amplitudes of the swing; hook: the same at the hook on arrival; settled: time after it "
-        "from which the payload stays within 10 mm "
-        "of its goal, a dash where it does not in 20 s; cycle: from the start until "
-        f"then.{_quantised(drive)}{_reasons(nominal)}"
+        "from which the payload stays within 10 mm of its goal, a dash where it does not in 20 s; "
+        f"cycle: from the start until then.{_quantised(drive)}{_reasons(nominal)}"
     )
-    return harness.Table(f"Move {move.name}: {move.start} to {move.goal}", columns, rows, note)
+    return Table(f"Move {move.name}: {move.start} to {move.goal}", columns, rows, note)
 
 
-def _drives_table(move: Move, found: Results, *, beyond: bool = False) -> harness.Table:
+def _drives_table(move: Move, found: Results, *, beyond: bool = False) -> Table:
     """What a move asks of the drives; where they are asked for more than they have, or `beyond`,
     for how long.
     """
@@ -398,9 +398,8 @@ def _drives_table(move: Move, found: Results, *, beyond: bool = False) -> harnes
     ]
     note = (
         "Efforts beyond holding the load at rest; work: what the drives put in, not counting what "
-        "they took back; rate, acc.: largest rate "
-        "and acceleration as a share of the limits that the plans keep. Feedback is limited by "
-        "effort only."
+        "they took back; rate, acc.: largest rate and acceleration as a share of the limits that "
+        "the plans keep. Feedback is limited by effort only."
     )
     columns = [
         ("strategy", ""),
@@ -415,10 +414,10 @@ def _drives_table(move: Move, found: Results, *, beyond: bool = False) -> harnes
             " Beyond: time in which drives that follow a motion or a rate were asked for more "
             "effort or rate than they have."
         )
-    return harness.Table(f"What move {move.name} asks of the drives", columns, rows, note)
+    return Table(f"What move {move.name} asks of the drives", columns, rows, note)
 
 
-def _tour_table(tours: Mapping[str, Toured | str]) -> harness.Table:
+def _tour_table(tours: Mapping[str, Toured | str]) -> Table:
     columns = [
         ("control", ""),
         ("cycle [s]", ".1f"),
@@ -437,10 +436,10 @@ def _tour_table(tours: Mapping[str, Toured | str]) -> harness.Table:
         f" {control}: {found}" for control, found in tours.items() if isinstance(found, str)
     )
     note = f"Half the way across, radial and tangential together.{reasons}"
-    return harness.Table("The article's seven legs as one tour", columns, rows, note)
+    return Table("The article's seven legs as one tour", columns, rows, note)
 
 
-def _case_tables(found: Results, drive: str) -> Iterator[harness.Table]:
+def _case_tables(found: Results, drive: str) -> Iterator[Table]:
     for title, value, rounded, note in (
         (
             "Swing 20 s after the arrival [mrad], combined move",
@@ -475,7 +474,7 @@ def _case_tables(found: Results, drive: str) -> Iterator[harness.Table]:
             }
         )
         dash = "A dash: it does not look at the swing, or does not settle in 20 s, or breaks off."
-        yield harness.Table(title, columns, rows, f"{dash}{note}{reasons}")
+        yield Table(title, columns, rows, f"{dash}{note}{reasons}")
 
 
 def _quantised(drive: str) -> str:
@@ -485,7 +484,7 @@ def _quantised(drive: str) -> str:
     return " Less than 0.1 mrad is decided by the rounding of the rates that converters take."
 
 
-def _claims(setup: harness.Setup, found: Results) -> list[harness.Claim]:
+def _claims(setup: Setup, found: Results) -> list[Claim]:
     def score(strategy: str, case: str = NOMINAL.name) -> Score | None:
         result = found.get(strategy, {}).get(case)
         return result.score if result else None
@@ -495,7 +494,7 @@ def _claims(setup: harness.Setup, found: Results) -> list[harness.Claim]:
     if flat:
         sampling = of_sampling(setup.gravity, flat.length, setup.control_period, flat.peak)
         claims.append(
-            harness.Claim(
+            Claim(
                 f"On arrival flat paths with LQR leave no swing: {1e3 * flat.arrival:.4f} mrad, "
                 "where efforts that are held for "
                 f"{1e3 * setup.control_period:g} ms may leave {1e3 * sampling:.4f} mrad.",
@@ -506,7 +505,7 @@ def _claims(setup: harness.Setup, found: Results) -> list[harness.Claim]:
     if loads:
         slowest = max(s.settled for s in loads)
         claims.append(
-            harness.Claim(
+            Claim(
                 "With half or one and a half of the load they settle within a second of the "
                 f"arrival ({slowest:.2f} s).",
                 slowest < 1.0,
@@ -518,17 +517,16 @@ def _claims(setup: harness.Setup, found: Results) -> list[harness.Claim]:
     if shortest and FASTEST in others:
         second = min(others, key=lambda strategy: others[strategy])
         claims.append(
-            harness.Claim(
+            Claim(
                 "Under the same limits the move of least time settles before any other "
-                f"({shortest.cycle:.2f} s; next is {second} after "
-                f"{others[second]:.2f} s).",
+                f"({shortest.cycle:.2f} s; next is {second} after {others[second]:.2f} s).",
                 shortest.cycle < others[second],
             )
         )
     return claims
 
 
-def _claims_of_converters(of_move: Mapping[str, Results]) -> list[harness.Claim]:
+def _claims_of_converters(of_move: Mapping[str, Results]) -> list[Claim]:
     """Whether an LQR about the planned path of the load arrives with it on converters, in every
     move and case.
     """
@@ -543,7 +541,7 @@ def _claims_of_converters(of_move: Mapping[str, Results]) -> list[harness.Claim]
         return []
     worst = max(math.inf if s is None else s.later * s.length for s in judged)
     return [
-        harness.Claim(
+        Claim(
             "On frequency converters an LQR about the planned path of the load leaves it within "
             f"{1e3 * CLOSE:g} mm of plumb 20 s after the arrival, in every move and case "
             f"({1e3 * worst:.0f} mm at most).",
@@ -552,15 +550,13 @@ def _claims_of_converters(of_move: Mapping[str, Results]) -> list[harness.Claim]
     ]
 
 
-def _in_time(setup: harness.Setup, moves: Iterable[Results]) -> list[harness.Claim]:
+def _in_time(setup: Setup, moves: Iterable[Results]) -> list[Claim]:
     """Whether each MPC is done within its period, in every period of every run."""
     made = list(moves)
     return [claim for strategy in PREDICTIVE for claim in _one_in_time(setup, made, strategy)]
 
 
-def _one_in_time(
-    setup: harness.Setup, moves: Iterable[Results], strategy: str
-) -> list[harness.Claim]:
+def _one_in_time(setup: Setup, moves: Iterable[Results], strategy: str) -> list[Claim]:
     runs = [
         result.calls
         for found in moves
@@ -573,7 +569,7 @@ def _one_in_time(
     calls, period = np.concatenate(runs), mpc_period(setup)
     solves = np.concatenate([run[:: round(period / setup.control_period)] for run in runs])
     return [
-        harness.Claim(
+        Claim(
             f"{name} is done within its period of {1e3 * period:g} ms: it takes "
             f"{1e3 * calls.max():.2g} ms of processor time at most, "
             f"{1e3 * np.median(solves):.2g} ms in the median, in {len(solves):,} periods on this "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from experiments import harness
+from experiments.harness import Claim, Table
 from experiments.scenarios.perturbations import UNTOLD
 from experiments.scenarios.strategies import FASTEST, FLAT, MPC
 
@@ -18,7 +18,7 @@ STILL = (FLAT, MPC, FASTEST)
 """Strategies that leave nothing where all is as planned and measured."""
 
 
-def observer_table(found: Found) -> harness.Table:
+def observer_table(found: Found) -> Table:
     """Swing at the arrival of every strategy under each case."""
     names = [case.name for case in UNTOLD]
     rows = []
@@ -26,7 +26,7 @@ def observer_table(found: Found) -> harness.Table:
         scores = [results[name].score if name in results else None for name in names]
         if any(scores):
             rows.append((strategy, *(1e3 * s.arrival if s else None for s in scores)))
-    return harness.Table(
+    return Table(
         "Swing at the arrival where the drives alone are seen [mrad], combined move",
         [("strategy", ""), *((name, ".3g") for name in names)],
         rows,
@@ -35,7 +35,7 @@ def observer_table(found: Found) -> harness.Table:
     )
 
 
-def observer_claims(found: Found) -> list[harness.Claim]:
+def observer_claims(found: Found) -> list[Claim]:
     """That those strategies leave nothing with a load and a cable that nobody told."""
     left = {
         strategy: [
@@ -55,7 +55,7 @@ def observer_claims(found: Found) -> list[harness.Claim]:
     }
     worst = max(swings, key=lambda strategy: swings[strategy])
     return [
-        harness.Claim(
+        Claim(
             "Where the drives alone are seen and half of the load, or a tenth of the cable, is "
             f"not known, {1e3 * LEFT:g} mrad are left at the arrival at most: "
             f"{1e3 * swings[worst]:.3f} mrad by {worst}.",

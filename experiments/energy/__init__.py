@@ -24,6 +24,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import spline
 from experiments import harness
+from experiments.harness import Claim, Outcome, Setup, Table
 from experiments.oracles.reading import locked
 
 SWING, LENGTH, AUDIT, LONG = 0.15, 15.0, 6.0, 60.0
@@ -42,9 +43,7 @@ PUBLISHED = (1651.8, 19.3, -30.7, -1601.8)
 of the drives, unexplained."""
 
 
-def run(
-    setup: harness.Setup, crane: Crane, swing: float, length: float, duration: float
-) -> Trajectory:
+def run(setup: Setup, crane: Crane, swing: float, length: float, duration: float) -> Trajectory:
     """Let the load swing from rest [rad] on a cable [m] with the drives held."""
     start = crane.state(l=length, phi=swing)
     return setup.simulate(
@@ -80,7 +79,7 @@ def half_step(crane: Crane, trajectory: Trajectory, dt: float) -> float:
     )
 
 
-def lowered(setup: harness.Setup, length: float) -> tuple[float, float]:
+def lowered(setup: Setup, length: float) -> tuple[float, float]:
     """Lower a plumb load by a tenth of the cable [m]: what the ledger leaves open at most, and what
     rounding may leave [J].
 
@@ -130,9 +129,7 @@ def damped_share(crane: Crane, damping: float, length: float, t: float) -> float
     return (swing**2 + rate**2 / omega2).real
 
 
-def locked_off(
-    setup: harness.Setup, crane: Crane, swing: float, length: float
-) -> tuple[float, float]:
+def locked_off(setup: Setup, crane: Crane, swing: float, length: float) -> tuple[float, float]:
     """How far a swing with the drives locked is from the damped pendulum, and how far the step lets
     it be.
 
@@ -197,7 +194,7 @@ def band(trajectory: Trajectory, period: float) -> tuple[float, float, float]:
     return float(left[t >= t[-1] - period].mean()), float(first.min()), float(first.max())
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Audit the swing, vary the damping, halve the step, look whether it runs away."""
     from cranedyn.recording import Run
 
@@ -236,46 +233,41 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     expected = {d: damped_share(c, d, length, AUDIT) for d, c in cranes.items()}
     first = float(swing_energy(crane, ours)[0])
     off, allowed = locked_off(setup, cranes[DAMPINGS[2]], swing, length)
-    return harness.Outcome(
+    return Outcome(
         tables=[
             _ledger(crane, ours),
             _dampings(audits, left, expected, first),
             _steps(ripple, bands),
         ],
         claims=[
-            harness.Claim(
+            Claim(
                 f"Nothing vanishes: of {first:.1f} J the ledger leaves {worst:.3f} J open at most "
-                f"at dt = {1000 * setup.dt:g} ms, what the "
-                "weight works in the half step by which positions are ahead of velocities "
-                f"({lead:.3f} J), within 1 %.",
+                f"at dt = {1000 * setup.dt:g} ms, what the weight works in the half step by which "
+                f"positions are ahead of velocities ({lead:.3f} J), within 1 %.",
                 worst < 1.01 * lead,
             ),
-            harness.Claim(
+            Claim(
                 f"What stays open halves with the step: ratios {halving[0]:.5f} and "
-                f"{halving[1]:.5f}, 2 within {second[0]:.5f} and "
-                f"{second[1]:.5f}, 4 ω dt.",
+                f"{halving[1]:.5f}, 2 within {second[0]:.5f} and {second[1]:.5f}, 4 ω dt.",
                 all(
                     abs(ratio - 2.0) < allowed
                     for ratio, allowed in zip(halving, second, strict=True)
                 ),
             ),
-            harness.Claim(
+            Claim(
                 "Where the step is exact, a plumb load being lowered, the work of the drives "
-                f"closes the ledger to {exact:.0e} J, "
-                f"rounding being {rounding:.0e} J.",
+                f"closes the ledger to {exact:.0e} J, rounding being {rounding:.0e} J.",
                 exact <= rounding,
             ),
-            harness.Claim(
+            Claim(
                 f"It does not run away: its mean over the last swing in {LONG:g} s, {mean:+.4f} J, "
-                "lies in what the first swing spans, "
-                f"{least:+.2f} to {most:+.2f} J.",
+                f"lies in what the first swing spans, {least:+.2f} to {most:+.2f} J.",
                 least <= mean <= most if 2.0 * period < LONG else None,
             ),
-            harness.Claim(
-                "Damping acts: with 2e5 N m s/rad and the drives locked, the energy is that of "
-                "the damped pendulum at every time up to "
-                f"{AUDIT:g} s, off by {off:.1e} of the start at most, within {allowed:.1e}, which "
-                "is ω dt/2.",
+            Claim(
+                "Damping acts: with 2e5 N m s/rad and the drives locked, the energy is that of the "
+                f"damped pendulum at every time up to {AUDIT:g} s, off by {off:.1e} of the start "
+                f"at most, within {allowed:.1e}, which is ω dt/2.",
                 off < allowed,
             ),
         ],
@@ -290,7 +282,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     )
 
 
-def _ledger(crane: Crane, trajectory: Trajectory) -> harness.Table:
+def _ledger(crane: Crane, trajectory: Trajectory) -> Table:
     kept = swing_energy(crane, trajectory)
     first, last, drives, lost = (
         float(kept[0]),
@@ -310,7 +302,7 @@ def _ledger(crane: Crane, trajectory: Trajectory) -> harness.Table:
         "The article's column is its ledger of a 0.15 rad swing on 15 m of cable, while a "
         "plugin overwrote the passive joints."
     )
-    return harness.Table(
+    return Table(
         f"Energy of a {trajectory['phi_rad'][0]:g} rad swing on {trajectory['l_m'][0]:g} m of "
         "cable",
         [("[J]", ""), ("ours", "+.2f"), ("article", "+.1f")],
@@ -324,7 +316,7 @@ def _dampings(
     left: Mapping[float, float],
     expected: Mapping[float, float],
     first: float,
-) -> harness.Table:
+) -> Table:
     rows = [
         (
             d,
@@ -344,7 +336,7 @@ def _dampings(
         ("drives [J]", "+.2f"),
         ("open, at most [J]", ".2f"),
     ]
-    return harness.Table(
+    return Table(
         f"Damping of the swing joints, after {AUDIT:g} s",
         columns,
         rows,
@@ -355,7 +347,7 @@ def _dampings(
 
 def _steps(
     ripple: Mapping[float, float], bands: Mapping[float, tuple[float, float, float]]
-) -> harness.Table:
+) -> Table:
     rows = [(1000 * dt, ripple[dt], *bands[dt]) for dt in ripple]
     columns = [
         ("dt [ms]", "g"),
@@ -364,7 +356,7 @@ def _steps(
         ("first swing from [J]", "+.3f"),
         ("to [J]", "+.3f"),
     ]
-    return harness.Table(f"What the ledger leaves open over {LONG:g} s", columns, rows)
+    return Table(f"What the ledger leaves open over {LONG:g} s", columns, rows)
 
 
 def _ledger_figure(crane: Crane, trajectory: Trajectory) -> Figure:

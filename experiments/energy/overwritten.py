@@ -17,9 +17,9 @@ from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import COLOURS, panels
-from experiments import harness
 from experiments.energy import AUDIT, DAMPINGS, PUBLISHED, run, swing_energy
 from experiments.gazebo import RECORDINGS
+from experiments.harness import Claim, Outcome, Setup, Table
 
 RATIO = 0.55
 """Damping ratio that the article saw, about."""
@@ -101,7 +101,7 @@ def left_there(crane: Crane, data: dict[str, np.ndarray]) -> float:
     return energy(crane, State(last, rates)) - energy(crane, State(rest, np.zeros(len(rest))))
 
 
-def experiment(setup: harness.Setup, swing: float, length: float) -> harness.Outcome:
+def experiment(setup: Setup, swing: float, length: float) -> Outcome:
     """The swing as it should be and under the plugin, here and in Gazebo."""
     cranes = {d: setup.variant(damp_swing=d) for d in DAMPINGS}
     crane = cranes[1.0]
@@ -130,27 +130,25 @@ def experiment(setup: harness.Setup, swing: float, length: float) -> harness.Out
     ]
     off = abs(fits[0].ratio / expected.ratio - 1.0)
     claims = [
-        harness.Claim(
+        Claim(
             f"The plugin is a damper of ΣI/dt = {crane.dummy_inertia[0] / setup.dt:.3g} N m s/rad: "
-            "ζ = (ΣI/dt)/(2 J ω) = "
-            f"{expected.ratio:.4f}, simulated {fits[0].ratio:.4f}, off by {off:.1e}, within A²/8 = "
-            f"{swing**2 / 8:.1e}, by which a swing A "
-            "weakens gravity's spring.",
+            f"ζ = (ΣI/dt)/(2 J ω) = {expected.ratio:.4f}, simulated {fits[0].ratio:.4f}, off by "
+            f"{off:.1e}, within A²/8 = {swing**2 / 8:.1e}, by which a swing A weakens gravity's "
+            "spring.",
             off < swing**2 / 8,
         ),
-        harness.Claim(
+        Claim(
             f"Gazebo with such a plugin swings as this crane with that damper within {APART:g} rad "
-            f"({apart:.1e} rad), and keeps "
-            f"{gazebo:.2f} J where this one keeps {left:.2f} J.",
+            f"({apart:.1e} rad), and keeps {gazebo:.2f} J where this one keeps {left:.2f} J.",
             apart < APART and abs(gazebo - left) < 0.01 if same else None,
         ),
-        harness.Claim(
+        Claim(
             f"That is the article's loss: ζ = {fits[0].ratio:.3f} where it saw about {RATIO:g}, "
             "half a unit of its last digit allowed.",
             abs(fits[0].ratio - RATIO) < 0.005 if same else None,
         ),
     ]
-    return harness.Outcome(
+    return Outcome(
         tables=tables,
         claims=claims,
         parameters=setup.parameters()
@@ -166,7 +164,7 @@ def _ratios(
     left: float,
     gazebo: float,
     lift: float,
-) -> harness.Table:
+) -> Table:
     rows = [
         ("closed form", expected.ratio, expected.frequency, None),
         ("here, damper ΣI/dt", fits[0].ratio, fits[0].frequency, left),
@@ -183,10 +181,10 @@ def _ratios(
         f"Of the energy left {lift:.2f} J are the load's height: the hoist's feed-forward "
         "believes in standard gravity and lifts it."
     )
-    return harness.Table(f"The article's loss, after {AUDIT:g} s", columns, rows, note)
+    return Table(f"The article's loss, after {AUDIT:g} s", columns, rows, note)
 
 
-def _dampings(left: dict[float, float], stopped: float) -> harness.Table:
+def _dampings(left: dict[float, float], stopped: float) -> Table:
     rows = [(damping, joules, stopped) for damping, joules in left.items()]
     columns = [
         ("damp_swing [N m s/rad]", "g"),
@@ -197,9 +195,7 @@ def _dampings(left: dict[float, float], stopped: float) -> harness.Table:
         "Under the plugin a joint's damper sees a rate of zero. In Gazebo the three runs are "
         "then the same to the byte, as in the article."
     )
-    return harness.Table(
-        "Damping of the swing joints does not reach the swing", columns, rows, note
-    )
+    return Table("Damping of the swing joints does not reach the swing", columns, rows, note)
 
 
 def _figure(free: Trajectory, stopped: Trajectory, there: dict[str, np.ndarray] | None) -> Figure:

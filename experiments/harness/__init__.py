@@ -7,7 +7,7 @@ what an experiment returns.
 from cranedyn.command import FAILED, INTERRUPTED, REFUSED
 from cranedyn.errors import CraneError
 from experiments.harness.arguments import add_mode, parser
-from experiments.harness.outcome import MARKS, Claim, Outcome, Table, tabulate
+from experiments.harness.outcome import MARKS, Claim, Column, Outcome, Table, tabulate
 from experiments.harness.progress import ProgressReporter
 from experiments.harness.recorded import add_files, name_file, read_recorded
 from experiments.harness.run import run_experiment
@@ -19,6 +19,7 @@ __all__ = [
     "MARKS",
     "REFUSED",
     "Claim",
+    "Column",
     "CraneError",
     "Outcome",
     "ProgressReporter",

@@ -21,6 +21,7 @@ from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import add_values, parse_values
 from cranedyn.sweep import grid, sweep
 from experiments import gazebo, harness
+from experiments.harness import Claim, Outcome, Setup, Table
 from experiments.harness.arguments import ROS
 from experiments.harness.swept import columns_swept
 from experiments.identify.coverage import NAMES, PLANTS, SWING, coverage
@@ -65,7 +66,7 @@ _SHOWN, _APART = 4, 60.0
 _TAIL = 5e-4
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Identify what the command line asks for."""
     check_effect(options)
     if options.coverage is not None:
@@ -109,7 +110,7 @@ def check_effect(options: argparse.Namespace) -> None:
             )
 
 
-def files(options: argparse.Namespace, setup: harness.Setup, known: Known) -> harness.Outcome:
+def files(options: argparse.Namespace, setup: Setup, known: Known) -> Outcome:
     """Identify a crane from files."""
     records = [
         load_record(
@@ -127,7 +128,7 @@ def files(options: argparse.Namespace, setup: harness.Setup, known: Known) -> ha
         raise DataError(f"Two records have one name: {', '.join(map(quoted, names))}.")
     model = Model.of(known, records, options.estimate, drives=options.drives)
     one = found(model, setup, "records")
-    return harness.Outcome(
+    return Outcome(
         tables=[*tables(one, "", {}), *of_trials(_trials(one.estimate))],
         claims=[_white("The records", one)],
         parameters=_parameters(one),
@@ -138,14 +139,13 @@ def files(options: argparse.Namespace, setup: harness.Setup, known: Known) -> ha
     )
 
 
-def _white(words: str, one: Found) -> harness.Claim:
+def _white(words: str, one: Found) -> Claim:
     """Judge what every interval presumes."""
     coloured, said = ", ".join(one.estimate.not_white), "all"
     if coloured:
         said = f"not {coloured}: the model lacks something, and intervals may not hold the truth"
-    return harness.Claim(
-        f"{words}: what the twin leaves of each column is white noise ({said}).",
-        not coloured,
+    return Claim(
+        f"{words}: what the twin leaves of each column is white noise ({said}).", not coloured
     )
 
 
@@ -157,7 +157,7 @@ def _joints(words: Sequence[str]) -> dict[str, str]:
     return {symbol: name for symbol, _, name in pairs}
 
 
-def examples(setup: harness.Setup) -> harness.Outcome:
+def examples(setup: Setup) -> Outcome:
     """Identify Gazebo's world from its recordings, and the crane of the trial from its record."""
     world = Known()
     free = found(_recordings(world, FREE, WORLD, "motion"), setup, "free swing in Gazebo")
@@ -172,7 +172,7 @@ def examples(setup: harness.Setup) -> harness.Outcome:
     )
     trials = _trials(whole_trial.estimate)
     worlds = {"free swing": free, "brake": held}
-    return harness.Outcome(
+    return Outcome(
         tables=[
             *(values(one, f"Gazebo Classic 11.1, {name}", MADE_WITH) for name, one in
               worlds.items()),
@@ -211,12 +211,12 @@ def _recordings(
     return Model.of(known, records, parameters, drives=drives)
 
 
-def _worlds_claims(name: str, one: Found) -> list[harness.Claim]:
+def _worlds_claims(name: str, one: Found) -> list[Claim]:
     claims = []
     for parameter, (value, _) in one.estimate.found.items():
         off, allowed = abs(value / MADE_WITH[parameter] - 1.0), CLOSE[parameter]
         claims.append(
-            harness.Claim(
+            Claim(
                 f"Gazebo, {name}: {parameter} is found within {allowed:.1g} of what the recordings "
                 f"were made with ({value:.8g}, {off:.1e} off), from files alone.",
                 off <= allowed,
@@ -225,7 +225,7 @@ def _worlds_claims(name: str, one: Found) -> list[harness.Claim]:
     return claims
 
 
-def _trials_claims(alone: Found, both: Found, trials: Sequence[Tried]) -> list[harness.Claim]:
+def _trials_claims(alone: Found, both: Found, trials: Sequence[Tried]) -> list[Claim]:
     claims = []
     for words, one in (("setpoints alone", alone), ("positions, too", both)):
         off = {
@@ -234,7 +234,7 @@ def _trials_claims(alone: Found, both: Found, trials: Sequence[Tried]) -> list[h
         }
         worst = max(off, key=lambda name: off[name])
         claims.append(
-            harness.Claim(
+            Claim(
                 f"The trial, {words}: everything is found within twice its interval (at most "
                 f"{off[worst]:.2f} times, {worst}).",
                 off[worst] <= 2.0,
@@ -244,7 +244,7 @@ def _trials_claims(alone: Found, both: Found, trials: Sequence[Tried]) -> list[h
     pairs = [p for p in alone.judged.alike if {p.one, p.other} == {"delay", "x_lag"}]
     rho = abs(pairs[0].correlation) if pairs else 0.0
     claims.append(
-        harness.Claim(
+        Claim(
             f"Setpoints alone do not tell delay and lag apart (correlation {rho:.3f}), and the "
             "preflight says so.",
             bool(pairs),
@@ -253,7 +253,7 @@ def _trials_claims(alone: Found, both: Found, trials: Sequence[Tried]) -> list[h
     best = alone.judged.advice[0]
     promised = best.margins["delay"] / alone.judged.margins["delay"]
     claims.append(
-        harness.Claim(
+        Claim(
             f"It knows a record that would: {best.move} ({promised:.2f} times the interval of the "
             "delay).",
             promised < 0.5,
@@ -263,7 +263,7 @@ def _trials_claims(alone: Found, both: Found, trials: Sequence[Tried]) -> list[h
         worst_of = {t.designed: float(t.swing.max()) for t in trials if t.strategy == strategy}
         if strategy != trials[0].strategy:
             claims.append(
-                harness.Claim(
+                Claim(
                     f"{strategy} designed for the twin leaves less swing on it than designed for "
                     f"the crane that was believed in ({1e3 * worst_of['twin']:.3g} and "
                     f"{1e3 * worst_of['believed']:.3g} mrad at worst).",
@@ -314,7 +314,7 @@ def _recording(one: Found) -> list[Run]:
     ]
 
 
-def covered(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Identify synthetic cranes, and count how often the intervals hold the truth."""
     count, plant = whole("coverage", options.coverage, 1), options.plant or "simulate"
     folder = options.folder / "cases"
@@ -334,7 +334,7 @@ def covered(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcom
         hits = int((np.abs(off) <= margin).sum())
         rows.append((name, hits, 100.0 * hits / count, float(margin.mean()), float(off.std())))
         claims.append(
-            harness.Claim(
+            Claim(
                 f"{name}: {hits} of {count} intervals hold the truth; 95 % of as many would be "
                 f"{low} to {high}.",
                 low <= hits <= high,
@@ -343,29 +343,22 @@ def covered(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcom
     channels, coloured = 4 * count, int(data["not_white"].sum())
     most = int(binom.ppf(1.0 - _TAIL, channels, WHITE))
     claims.append(
-        harness.Claim(
+        Claim(
             f"{coloured} of {channels} residuals are not white; of white ones {most} would be at "
             "most.",
             coloured <= most,
         )
     )
-    claims.append(harness.Claim("No crane failed.", end.errors == 0))
-    columns = [
-        ("what", ""),
-        ("held", "d"),
-        ("%", ".1f"),
-        ("±, mean", ".3g"),
-        ("off, std", ".3g"),
-    ]
+    claims.append(Claim("No crane failed.", end.errors == 0))
+    columns = [("what", ""), ("held", "d"), ("%", ".1f"), ("±, mean", ".3g"), ("off, std", ".3g")]
     note = (
         f"Between {low} and {high} lie {100 * (1 - 2 * _TAIL):g} % of all counts of a sure 95 %. "
         f"Records are made by {'MuJoCo' if plant == 'mujoco' else '`simulate`'}, with efforts as "
-        f"logged; swings begin at up to {math.degrees(SWING):.0f}° in each joint. "
-        "Each crane has numbers, moves and noise of its own, and is looked for from the same "
-        "wrong start."
+        f"logged; swings begin at up to {math.degrees(SWING):.0f}° in each joint. Each crane has "
+        "numbers, moves and noise of its own, and is looked for from the same wrong start."
     )
-    return harness.Outcome(
-        tables=[harness.Table(f"Intervals of {count:,} synthetic cranes", columns, rows, note)],
+    return Outcome(
+        tables=[Table(f"Intervals of {count:,} synthetic cranes", columns, rows, note)],
         claims=claims,
         parameters={"cranes": count, "plant": plant},
     )

@@ -10,17 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.identification import (
-    Estimate,
-    Model,
-    Preflight,
-    Twin,
-    identify,
-    preflight,
-    twin_of,
-)
+from cranedyn.identification import Estimate, Model, Preflight, Twin, identify, preflight, twin_of
 from cranedyn.identification.parameters import MEANINGS
-from experiments import harness
+from experiments.harness import Setup, Table
 from experiments.identify.trial import Tried
 
 
@@ -39,13 +31,13 @@ class Found:
     twin: Twin
 
 
-def found(model: Model, setup: harness.Setup, label: str) -> Found:
+def found(model: Model, setup: Setup, label: str) -> Found:
     """Identify, judge, and make the twin, with progress under a label."""
     estimate = identify(model, progress=setup.reporter.message(label, "predictions of the records"))
     return Found(estimate, preflight(model, estimate), twin_of(estimate))
 
 
-def tables(one: Found, of: str, truth: Mapping[str, float]) -> list[harness.Table]:
+def tables(one: Found, of: str, truth: Mapping[str, float]) -> list[Table]:
     """All that is said of records: numbers, what is left, and what they cannot tell."""
     return [values(one, of, truth), _left(one, of), *doubts(one, of)]
 
@@ -54,7 +46,7 @@ def _titled(title: str, of: str) -> str:
     return f"{of}: {title[0].lower()}{title[1:]}" if of else title
 
 
-def values(one: Found, of: str, truth: Mapping[str, float]) -> harness.Table:
+def values(one: Found, of: str, truth: Mapping[str, float]) -> Table:
     """Values with their intervals, beside what was believed and what is true."""
     own = one.estimate.model.own
     rows: list[tuple[float | str | None, ...]] = []
@@ -74,14 +66,14 @@ def values(one: Found, of: str, truth: Mapping[str, float]) -> harness.Table:
         note += f" At the end of what is allowed, where an interval says nothing: {_list(bound)}."
     note = " ".join([note, *(n for record in one.estimate.model.records for n in record.notes)])
     shown = [row[: len(columns)] for row in rows]
-    return harness.Table(_titled("What the records say", of), columns, shown, note.strip())
+    return Table(_titled("What the records say", of), columns, shown, note.strip())
 
 
 def _list(names: Sequence[str]) -> str:
     return ", ".join(names)
 
 
-def _left(one: Found, of: str) -> harness.Table:
+def _left(one: Found, of: str) -> Table:
     """What is left of each channel."""
     estimate, rows = one.estimate, []
     for index, record in enumerate(estimate.model.records):
@@ -106,10 +98,10 @@ def _left(one: Found, of: str) -> harness.Table:
         "lacks something, and intervals are widened to those of errors with a memory; what the "
         "model gets wrong always in the same way they do not know."
     )
-    return harness.Table(_titled("What the twin leaves", of), columns, rows, note)
+    return Table(_titled("What the twin leaves", of), columns, rows, note)
 
 
-def doubts(one: Found, of: str) -> list[harness.Table]:
+def doubts(one: Found, of: str) -> list[Table]:
     """What records cannot tell, and which moves would."""
     judged = one.judged
     pairs: list[tuple[str | float, ...]] = [
@@ -117,7 +109,7 @@ def doubts(one: Found, of: str) -> list[harness.Table]:
     ]
     pairs += [(f"{name}, next to nothing", math.nan) for name in judged.blind]
     shown = [(words, None if rho != rho else rho) for words, rho in pairs]
-    made = harness.Table(
+    made = Table(
         _titled("What these records cannot tell", of),
         [("what", ""), ("correlation", "+.3f")],
         shown or [("nothing: all parameters are told apart", None)],
@@ -137,14 +129,14 @@ def doubts(one: Found, of: str) -> list[harness.Table]:
         for move, margins, rho in rows
     ]
     note = "Half intervals that a further record would leave together with these, the best first."
-    return [made, harness.Table(_titled("Moves that would tell", of), columns, table, note)]
+    return [made, Table(_titled("Moves that would tell", of), columns, table, note)]
 
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def of_trials(trials: Sequence[Tried]) -> list[harness.Table]:
+def of_trials(trials: Sequence[Tried]) -> list[Table]:
     """What strategies leave on the twin; nothing where none was tried."""
     if not trials:
         return []
@@ -162,4 +154,4 @@ def of_trials(trials: Sequence[Tried]) -> list[harness.Table]:
         "that the estimate allows, with their cables and sensors as wrong as they were found; "
         "lag and delay are not among it."
     )
-    return [harness.Table("Controllers tried on the twin", columns, rows, note)]
+    return [Table("Controllers tried on the twin", columns, rows, note)]

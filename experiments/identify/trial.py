@@ -20,7 +20,7 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.references import JoystickPulse, operator
 from cranedyn.simulation.simulate import simulate
-from experiments import harness
+from experiments.harness import Setup
 from experiments.scenarios import strategies
 from experiments.scenarios.moves import LIMITS, MOVES
 
@@ -134,9 +134,9 @@ def tried(estimate: Estimate) -> list[Tried]:
         family.at(np.array([float(draws[name][i]) for name in family.names])) for i in range(DRAWS)
     ]
     beliefs = {
-        "believed": (harness.Setup(known.gravity, known.values), dict[str, float]()),
+        "believed": (Setup(known.gravity, known.values), dict[str, float]()),
         "twin": (
-            harness.Setup(
+            Setup(
                 estimate.found_arguments.get("gravity", known.gravity),
                 {
                     **known.values,
@@ -166,7 +166,7 @@ def _draws(estimate: Estimate) -> dict[str, np.ndarray]:
 
 
 def _left(
-    setup: harness.Setup,
+    setup: Setup,
     strategy: str,
     cranes: list[Crane],
     draws: Mapping[str, np.ndarray],

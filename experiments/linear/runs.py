@@ -16,7 +16,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.model.crane import Crane
 from cranedyn.references import spline
-from experiments import harness
+from experiments.harness import Setup
 from experiments.linear.model import Miss, Model, all_rates, dropped, integrate, miss, paper
 from experiments.linear.sites import SITES, Job, Site, jobs
 
@@ -54,7 +54,7 @@ class Case:
     dropped: Mapping[str, float]
 
 
-def move(setup: harness.Setup, crane: Crane, job: Job, label: str) -> Trajectory:
+def move(setup: Setup, crane: Crane, job: Job, label: str) -> Trajectory:
     """A move and one swing after it, the drives in prescribed motion."""
     period = float(
         theory.point_period(
@@ -74,7 +74,7 @@ def move(setup: harness.Setup, crane: Crane, job: Job, label: str) -> Trajectory
     )
 
 
-def cases(setup: harness.Setup, site: Site, crane: Crane) -> list[Case]:
+def cases(setup: Setup, site: Site, crane: Crane) -> list[Case]:
     """Every move of one crane with a point load; with inertia besides where it is known, on the
     article's crane.
     """
@@ -97,7 +97,7 @@ def cases(setup: harness.Setup, site: Site, crane: Crane) -> list[Case]:
     return made
 
 
-def scan(setup: harness.Setup, crane: Crane, some: Sequence[Job]) -> list[float]:
+def scan(setup: Setup, crane: Crane, some: Sequence[Job]) -> list[float]:
     """Error of the paper's equations in each of some moves, root mean square over the largest
     swing.
     """
@@ -121,7 +121,7 @@ def reaches(values: Sequence[float], errors: Sequence[float], good: float) -> fl
     )
 
 
-def powers(setup: harness.Setup, site: Site, crane: Crane) -> list[float]:
+def powers(setup: Setup, site: Site, crane: Crane) -> list[float]:
     """With which power of the cable a free swing changes when it is hoisted slowly: in the plant,
     and by Eq. (8).
     """

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.references import JoystickPulse, operator, shortest, spline
-from experiments import harness
+from experiments.harness import Setup
 
 POINT = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
 """A point load on a massless rope without friction."""
@@ -44,7 +44,7 @@ class Site:
     slew: float
     hoist: tuple[float, float]
 
-    def crane(self, setup: harness.Setup, **values: float) -> Crane:
+    def crane(self, setup: Setup, **values: float) -> Crane:
         """The crane, with a point load unless said otherwise; its mast is high enough for the
         drawing.
         """

@@ -46,8 +46,7 @@ def errors_table(site: Site, some: Sequence[Case]) -> Table:
     ]
     note = (
         f"Jib {site.jib:g} m, cable {site.height:g} m, trolley {site.trolley:.2f} m/s, slew "
-        f"{site.slew * RPM:.2f} rpm, hoist "
-        f"{site.hoist[0]:.2f} and {site.hoist[1]:.2f} m/s."
+        f"{site.slew * RPM:.2f} rpm, hoist {site.hoist[0]:.2f} and {site.hoist[1]:.2f} m/s."
     )
     return Table(
         f"{site.name}: error of Eqs. (8), (10) over the largest swing", columns, rows, note

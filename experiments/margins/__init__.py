@@ -23,6 +23,7 @@ from cranedyn.errors import CraneError, OutOfRange, whole, within
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references.motion import Motion
 from experiments import harness
+from experiments.harness import Claim, Outcome, Setup, Table
 from experiments.margins.figures import map_figure, values
 from experiments.scenarios.strategies import LQR, PAPER, PD, with_integral
 
@@ -50,40 +51,40 @@ Mapped = list[list["Margins"]]
 """Margins by cable length, then by radius."""
 
 
-def at_rest(setup: harness.Setup, rest: State) -> Motion:
+def at_rest(setup: Setup, rest: State) -> Motion:
     """A motion that is none."""
     still = np.zeros((1, setup.crane.layout.n))
     return Motion(setup.control_period, rest.q[None], still, still, setup.crane.layout.drives)
 
 
-def integrating(setup: harness.Setup, rest: State) -> HoistIntegral:
+def integrating(setup: Setup, rest: State) -> HoistIntegral:
     """The full-model LQR with an integrator on the hoist, made for a rest."""
     return with_integral(setup, at_rest(setup, rest))
 
 
-def _linear(setup: harness.Setup, controller: Controller, rest: State) -> Regulator:
+def _linear(setup: Setup, controller: Controller, rest: State) -> Regulator:
     from cranedyn.bridges.margins import regulator
 
     return regulator(setup.crane, controller, rest, t=0.0, period=setup.control_period)
 
 
-def _held(setup: harness.Setup, rest: State) -> Regulator:
+def _held(setup: Setup, rest: State) -> Regulator:
     return _linear(setup, hold_controller(setup.crane), rest)
 
 
-def _paper(setup: harness.Setup, rest: State) -> Regulator:
+def _paper(setup: Setup, rest: State) -> Regulator:
     return _linear(setup, paper_controller(setup.crane, at_rest(setup, rest)), rest)
 
 
-def _scheduled(setup: harness.Setup, rest: State) -> Regulator:
+def _scheduled(setup: Setup, rest: State) -> Regulator:
     return _linear(setup, integrating(setup, rest), rest)
 
 
-def _kept(setup: harness.Setup, rest: State) -> Regulator:
+def _kept(setup: Setup, rest: State) -> Regulator:
     return _scheduled(setup, setup.crane.state(x=MIDDLE[0], l=MIDDLE[1]))
 
 
-def _blind(setup: harness.Setup, rest: State) -> Regulator:
+def _blind(setup: Setup, rest: State) -> Regulator:
     """The same behind the filter that sees the drives alone, when its gain has settled."""
     from cranedyn.bridges.margins import behind_observer
 
@@ -98,7 +99,7 @@ def _blind(setup: harness.Setup, rest: State) -> Regulator:
     return behind_observer(_scheduled(setup, rest), plant, gain, made.measured)
 
 
-STRATEGIES: dict[str, Callable[[harness.Setup, State], Regulator]] = {
+STRATEGIES: dict[str, Callable[[Setup, State], Regulator]] = {
     PD: _held,
     PAPER: _paper,
     LQR: _scheduled,
@@ -109,7 +110,7 @@ STRATEGIES: dict[str, Callable[[harness.Setup, State], Regulator]] = {
 such as flat paths, the shortest time and the MPC within its limits, end in the full-model LQR."""
 
 
-def mapped(setup: harness.Setup, points: int) -> dict[str, Mapped]:
+def mapped(setup: Setup, points: int) -> dict[str, Mapped]:
     """Margins of each strategy over the map."""
     from cranedyn.bridges.margins import margins
 
@@ -124,7 +125,7 @@ def mapped(setup: harness.Setup, points: int) -> dict[str, Mapped]:
     return found
 
 
-def _plant(setup: harness.Setup, rest: State) -> Sampled:
+def _plant(setup: Setup, rest: State) -> Sampled:
     return sampled(setup.crane, rest, dt=setup.dt, control_period=setup.control_period)
 
 
@@ -159,7 +160,7 @@ class Disturbed:
 
 
 def grows(
-    setup: harness.Setup,
+    setup: Setup,
     rest: State,
     drive: int,
     *,
@@ -197,7 +198,7 @@ def grows(
     return float(away[-quarter:].max() / away[quarter : 2 * quarter].max())
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Map the margins, then meet them."""
     points = whole("points", options.points, 2)
     within("points", points, 2, MOST)
@@ -211,15 +212,15 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     ]
     notes.append(f" Unstable somewhere: {', '.join(unstable)}." if unstable else "")
     least = float(values(found[LQR], "late").min())
-    return harness.Outcome(
+    return Outcome(
         tables=[_table(rows, "".join(notes)), check],
         claims=[
-            harness.Claim(
+            Claim(
                 "Every strategy that is made for the place is stable over the whole map.",
                 not set(unstable) - {KEPT},
             ),
             _needed(setup, found[KEPT], points),
-            harness.Claim(
+            Claim(
                 "The full-model LQR, made for each place, bears a drive that is late by "
                 f"{1e3 * least:.1f} ms, {least / setup.control_period:.1f} control periods, "
                 "wherever the trolley stands.",
@@ -249,7 +250,7 @@ def _first(value: np.ndarray, extreme: float) -> tuple[int, int]:
     return divmod(place, value.shape[1])
 
 
-def _table(rows: Sequence[Sequence[float | str]], note: str) -> harness.Table:
+def _table(rows: Sequence[Sequence[float | str]], note: str) -> Table:
     columns = [("strategy", "")]
     for name, form in (
         ("damping [%]", ".3g"),
@@ -258,7 +259,7 @@ def _table(rows: Sequence[Sequence[float | str]], note: str) -> harness.Table:
         ("late [ms]", ".1f"),
     ):
         columns += [(name, form), ("at x [m]", "g"), ("l [m]", "g")]
-    return harness.Table(
+    return Table(
         "Least margins over trolley radius and cable length",
         columns,
         rows,
@@ -268,9 +269,7 @@ def _table(rows: Sequence[Sequence[float | str]], note: str) -> harness.Table:
     )
 
 
-def _met(
-    setup: harness.Setup, here: Mapped, points: int
-) -> tuple[harness.Table, list[harness.Claim]]:
+def _met(setup: Setup, here: Mapped, points: int) -> tuple[Table, list[Claim]]:
     """Where the full-model LQR bears the least delay, by simulation."""
     radii, cables = axes(points)
     borne = values(here, "late")
@@ -303,7 +302,7 @@ def _met(
         ("beyond it", ".4g"),
         ("growth there", ".3g"),
     ]
-    table = harness.Table(
+    table = Table(
         f"Met in simulation at x = {radii[j]:g} m, l = {cables[i]:g} m",
         columns,
         rows,
@@ -311,13 +310,13 @@ def _met(
         f"{WATCHED:g} s over that in the second; a dash where the run breaks off.",
     )
     claims = [
-        harness.Claim(
+        Claim(
             "Where the map shows the least delay for the full-model LQR, simulation is stable with "
             f"{name} {last} control periods late and unstable with {last + 1}: predicted are "
             f"{periods:.2f}.",
             delays[0][1] < 1.0 < delays[1][1],
         ),
-        harness.Claim(
+        Claim(
             f"There it is stable with {name} {factors[0][0]:.3g} times as strong and unstable with "
             f"{factors[1][0]:.3g} times: predicted are {margin.stronger:.3g}.",
             factors[0][1] < 1.0 < factors[1][1],
@@ -326,7 +325,7 @@ def _met(
     return table, claims
 
 
-def _needed(setup: harness.Setup, here: Mapped, points: int) -> harness.Claim:
+def _needed(setup: Setup, here: Mapped, points: int) -> Claim:
     """Whether the LQR made for the middle ends where the map says so, by simulation."""
     radii, cables = axes(points)
     damping = values(here, "damping")
@@ -342,7 +341,7 @@ def _needed(setup: harness.Setup, here: Mapped, points: int) -> harness.Claim:
             f"{'stable' if stable else 'unstable'} at x = {radii[j]:g} m, l = {cables[i]:g} m "
             f"({100.0 * damping[i, j]:.3g} % of critical damping)"
         )
-    return harness.Claim(
+    return Claim(
         f"The LQR made for x = {MIDDLE[0]:g} m, l = {MIDDLE[1]:g} m is {said[0]} and {said[1]} "
         "by the map, and so it is in simulation.",
         bool(agree),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
-from experiments import harness
+from experiments.harness import Claim
 from experiments.relatives import modes, pendulum, robots, rope
 from experiments.relatives.agreement import OPEN, ROUNDING, Agreement
 from experiments.relatives.control import Control
@@ -23,7 +23,7 @@ LEDGER = 1e-10
 are 800 rows."""
 
 
-def of_frequencies(found: Sequence[modes.Frequency]) -> list[harness.Claim]:
+def of_frequencies(found: Sequence[modes.Frequency]) -> list[Claim]:
     """Closed form, linearisation and small swings agree, a claim for each crane."""
     names = dict.fromkeys(f.crane for f in found)
     made = []
@@ -34,30 +34,28 @@ def of_frequencies(found: Sequence[modes.Frequency]) -> list[harness.Claim]:
             max(abs(f.simulated - f.stepped) for f in own),
         )
         made.append(
-            harness.Claim(
+            Claim(
                 f"{name}: {', '.join(f'{f.closed:.8f}' for f in own)} rad/s by closed form, off by "
-                f"{off:.0e} in the linearisation (allowed "
-                f"{max(f.allowed for f in own):.0e}), by {rest:.0e} in small swings beyond the "
-                f"step's own error ({modes.EXACT:.0e}).",
+                f"{off:.0e} in the linearisation (allowed {max(f.allowed for f in own):.0e}), by "
+                f"{rest:.0e} in small swings beyond the step's own error ({modes.EXACT:.0e}).",
                 all(f.holds for f in own),
             )
         )
     return made
 
 
-def of_jumps(found: Sequence[rope.Jump]) -> list[harness.Claim]:
+def of_jumps(found: Sequence[rope.Jump]) -> list[Claim]:
     """Tensions of the rope that stretches."""
     return [
-        harness.Claim(
+        Claim(
             "A load picked up at a speed v loads the rope by 1 + v ω/g, a part dropped by 1 ± its "
-            "share of the load left: "
-            f"{len(found)} cases, each within what is allowed.",
+            f"share of the load left: {len(found)} cases, each within what is allowed.",
             all(j.holds for j in found),
         )
     ]
 
 
-def of_agreement(found: Sequence[Agreement]) -> list[harness.Claim]:
+def of_agreement(found: Sequence[Agreement]) -> list[Claim]:
     """Three engines and the ledger."""
     engines, known = (
         max(a.engines for a in found),
@@ -66,17 +64,17 @@ def of_agreement(found: Sequence[Agreement]) -> list[harness.Claim]:
     share = max(a.left_open / a.energy for a in found)
     theirs = f"{max(known):.0e}" if known else "MuJoCo is not installed"
     return [
-        harness.Claim(
+        Claim(
             f"Pinocchio and compiled code agree on each crane to {engines:.0e} (allowed "
             f"{ROUNDING:.0e}).",
             engines < ROUNDING,
         ),
-        harness.Claim(
+        Claim(
             f"MuJoCo, on the exported URDF under the same efforts, makes the same move: {theirs} "
             f"(allowed {ROUNDING:.0e}).",
             max(known) < ROUNDING if known else None,
         ),
-        harness.Claim(
+        Claim(
             f"The ledger of each closes to {share:.0e} of what the energy changes by (allowed "
             f"{OPEN:.0e}).",
             share < OPEN,
@@ -84,7 +82,7 @@ def of_agreement(found: Sequence[Agreement]) -> list[harness.Claim]:
     ]
 
 
-def of_control(found: Sequence[Control]) -> list[harness.Claim]:
+def of_control(found: Sequence[Control]) -> list[Claim]:
     """What is made for any crane, on the worst of them."""
     damped = max(
         max(c.left_by_lqr, c.left_by_observer, c.left_by_mpc) / c.left_by_hold for c in found
@@ -93,40 +91,39 @@ def of_control(found: Sequence[Control]) -> list[harness.Claim]:
     alike = max(abs(c.left_by_mpc / c.left_by_lqr - 1.0) for c in found)
     gives, late = max(c.held / c.pull for c in found), max(c.rest / c.sampling for c in found)
     return [
-        harness.Claim(
+        Claim(
             f"Hold: the trolley gives way by {100 * gives:.0f} % at most of what a pull at once, 2 "
             "m g φ, allows.",
             all(c.held < c.pull for c in found),
         ),
-        harness.Claim(
+        Claim(
             "LQR, LQR with an observer that sees the drives alone, and MPC leave "
-            f"{100 * damped:.0f} % at most of what the hold leaves "
-            f"(allowed {100 * HALF:g} %).",
+            f"{100 * damped:.0f} % at most of what the hold leaves (allowed {100 * HALF:g} %).",
             damped < HALF,
         ),
-        harness.Claim(
+        Claim(
             f"LQR: {100 * predicted:.1f} % off the linear loop at most (allowed {100 * ALIKE:g} "
             "%).",
             predicted < ALIKE,
         ),
-        harness.Claim(
+        Claim(
             f"MPC is the LQR where no limit binds: {100 * alike:.1f} % apart (allowed "
             f"{100 * ALIKE:g} %), efforts up to "
             f"{100 * max(c.efforts for c in found):.0f} % of their limits.",
             alike < ALIKE and all(c.efforts <= 1.0 for c in found),
         ),
-        harness.Claim(
+        Claim(
             "Moves of least time keep all limits and end at rest in all modes: "
             f"{1e3 * max(c.rest for c in found):.3f} mrad, "
             f"{100 * late:.0f} % at most of what efforts held for 5 ms may leave.",
             late < 1.0 and all(c.limits < 1.0 + 1e-6 for c in found),
         ),
-        harness.Claim(
+        Claim(
             f"Wind: its work is in the ledger to {max(c.open for c in found):.0e} (allowed "
             f"{LEDGER:.0e}), and it moves every load.",
             all(c.open < LEDGER and c.blown > 0.01 for c in found),
         ),
-        harness.Claim(
+        Claim(
             f"Cranes of a batch move as alone: {max(c.lanes for c in found):.0e} (allowed "
             f"{ROUNDING:.0e}).",
             all(c.lanes < ROUNDING for c in found),
@@ -139,7 +136,7 @@ def of_pendulum(
     moved: Sequence[pendulum.Left],
     growth: tuple[float, float],
     stirred: float,
-) -> list[harness.Claim]:
+) -> list[Claim]:
     """What is left of the double pendulum's two modes."""
     size = max(shaped[0].slow, shaped[0].fast)
     off = max(
@@ -151,27 +148,26 @@ def of_pendulum(
     least, unaware = moved[1], moved[3]
     sampling = pendulum.sampling(least.run)
     return [
-        harness.Claim(
+        Claim(
             "Shapers on the double pendulum leave their closed form, Π |cos(π ω/(2 ω_i))|, to "
-            f"{off:.0e} rad (allowed {size**3:.0e}, "
-            "the cube of the swing); that for both modes leaves "
-            f"{1e3 * max(shaped[-1].slow, shaped[-1].fast):.0e} mrad.",
+            f"{off:.0e} rad (allowed {size**3:.0e}, the cube of the swing); that for both modes "
+            f"leaves {1e3 * max(shaped[-1].slow, shaped[-1].fast):.0e} mrad.",
             off < size**3,
         ),
-        harness.Claim(
+        Claim(
             "A move of least time on the whole model ends at rest in both modes: "
             f"{1e3 * least.slow:.4f} and {1e3 * least.fast:.4f} mrad, "
             f"where efforts held for 5 ms may leave {1e3 * sampling:.4f}.",
             max(least.slow, least.fast) < sampling,
         ),
-        harness.Claim(
+        Claim(
             f"The LQR of the whole model damps every motion ({growth[0]:+.3f} 1/s); planned and "
             "tracked with five joints, the move of "
             f"least time leaves {unaware.slow / least.slow:.0f} and "
             f"{unaware.fast / least.fast:.0f} times as much in the two modes.",
             growth[0] < 0.0 and unaware.slow > least.slow and unaware.fast > least.fast,
         ),
-        harness.Claim(
+        Claim(
             "On the crane with the hook the LQR of five joints stirs up the fast mode across the "
             f"jib: {stirred:+.4f} 1/s in a run, "
             f"{growth[1]:+.4f} 1/s by the linear loop (allowed {100 * ALIKE:g} %).",
@@ -180,7 +176,7 @@ def of_pendulum(
     ]
 
 
-def of_robots(found: Sequence[robots.Robot]) -> list[harness.Claim]:
+def of_robots(found: Sequence[robots.Robot]) -> list[Claim]:
     """Integrators and compiled engine are general."""
     engines = max(max(r.engines.values()) for r in found)
     orders = {rule.name: [r.order(rule) for r in found] for rule in (semi_implicit_euler, rk4)}
@@ -191,11 +187,10 @@ def of_robots(found: Sequence[robots.Robot]) -> list[harness.Claim]:
         for order in some
     )
     return [
-        harness.Claim(
+        Claim(
             f"{len(found)} robots move as well: both engines agree to {engines:.0e} (allowed "
-            f"{robots.ROUNDING:.0e}), and what the ledger "
-            f"leaves open falls with the order of the rule: {shown} (within {robots.ORDER:g} of 1 "
-            "and 4).",
+            f"{robots.ROUNDING:.0e}), and what the ledger leaves open falls with the order of the "
+            f"rule: {shown} (within {robots.ORDER:g} of 1 and 4).",
             engines < robots.ROUNDING and off < robots.ORDER,
         )
     ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
-from experiments import harness
+from experiments.harness import Table
 from experiments.relatives import modes, pendulum, rope
 from experiments.relatives.agreement import DURATION, Agreement
 from experiments.relatives.catalogue import HOOK, crane_of, rest_at
@@ -13,7 +13,7 @@ from experiments.relatives.control import AREA, GUST, SWING, WAY, Control
 from experiments.relatives.robots import STEP, Robot
 
 
-def frequencies(found: Sequence[modes.Frequency]) -> harness.Table:
+def frequencies(found: Sequence[modes.Frequency]) -> Table:
     """Frequencies by closed form, linearisation and small swings."""
     columns = [
         ("crane", ""),
@@ -40,16 +40,14 @@ def frequencies(found: Sequence[modes.Frequency]) -> harness.Table:
     ]
     note = (
         "Drives locked but where they roll. The tower that twists is that of a hand-derived 2 × 2 "
-        "model without the trolley, "
-        "0.79786094 and 4.53213150 rad/s: the multibody agrees when the trolley's m x² is counted "
-        "within the 1e6 kg m², and is "
-        "slower by what the trolley adds when it is not. A structure that leans at rest is held to "
-        "the square of that angle."
+        "model without the trolley, 0.79786094 and 4.53213150 rad/s: the multibody agrees when the "
+        "trolley's m x² is counted within the 1e6 kg m², and is slower by what the trolley adds "
+        "when it is not. A structure that leans at rest is held to the square of that angle."
     )
-    return harness.Table("Frequencies", columns, rows, note)
+    return Table("Frequencies", columns, rows, note)
 
 
-def jumps(found: Sequence[rope.Jump]) -> harness.Table:
+def jumps(found: Sequence[rope.Jump]) -> Table:
     """A rope that stretches."""
     columns = [
         ("what happens", ""),
@@ -60,10 +58,10 @@ def jumps(found: Sequence[rope.Jump]) -> harness.Table:
         ("because of", ""),
     ]
     rows = [(j.what, j.closed, j.found, j.found - j.closed, j.allowed, j.why) for j in found]
-    return harness.Table("Rope that stretches: tension over the weight that hangs", columns, rows)
+    return Table("Rope that stretches: tension over the weight that hangs", columns, rows)
 
 
-def agreement(found: Sequence[Agreement]) -> harness.Table:
+def agreement(found: Sequence[Agreement]) -> Table:
     """Three engines and the ledger."""
     columns = [
         ("crane", ""),
@@ -81,7 +79,7 @@ def agreement(found: Sequence[Agreement]) -> harness.Table:
         "Largest difference of any coordinate or rate [rad, m, per second]. "
         "Ledger by RK4: what the energy changes by, and what is left open."
     )
-    return harness.Table(
+    return Table(
         f"Three engines, {DURATION:g} s with all drives moving and the load swinging",
         columns,
         rows,
@@ -89,7 +87,7 @@ def agreement(found: Sequence[Agreement]) -> harness.Table:
     )
 
 
-def control(found: Sequence[Control]) -> harness.Table:
+def control(found: Sequence[Control]) -> Table:
     """What is made for any crane, on each."""
     columns = [
         ("crane", ""),
@@ -122,17 +120,15 @@ def control(found: Sequence[Control]) -> harness.Table:
     ]
     note = (
         f"From {1e3 * SWING:g} mrad in each swing joint: how far the trolley gives way under the "
-        "hold controller, and the swing left "
-        f"after 10 s by each controller. Then the trolley's move of {WAY:g} m in least time: how "
-        "long, swing left, largest share of a "
-        f"limit. Wind of {GUST:g} m/s on {AREA:g} m² for 4 s: where the load goes. Batch: eight "
-        "cranes at once beside runs one by one "
-        "[rad, m, per second]."
+        "hold controller, and the swing left after 10 s by each controller. Then the trolley's "
+        f"move of {WAY:g} m in least time: how long, swing left, largest share of a limit. Wind of "
+        f"{GUST:g} m/s on {AREA:g} m² for 4 s: where the load goes. Batch: eight cranes at once "
+        "beside runs one by one [rad, m, per second]."
     )
-    return harness.Table("Control", columns, rows, note)
+    return Table("Control", columns, rows, note)
 
 
-def left(title: str, found: Sequence[pendulum.Left], note: str) -> harness.Table:
+def left(title: str, found: Sequence[pendulum.Left], note: str) -> Table:
     """What moves of the double pendulum leave in each mode."""
     columns = [
         ("strategy", ""),
@@ -162,7 +158,7 @@ def left(title: str, found: Sequence[pendulum.Left], note: str) -> harness.Table
                 1e3 * later[1],
             )
         )
-    return harness.Table(title, columns, rows, note)
+    return Table(title, columns, rows, note)
 
 
 def _later(found: pendulum.Left) -> tuple[float, float]:
@@ -178,10 +174,9 @@ def unaware(growth: tuple[float, float]) -> str:
     """
     return (
         f"At the arrival, and {pendulum.LASTS + 1:g} s later. The five-joint designs take hook and "
-        "load for one load of 2300 kg at the "
-        "hoist's end, and see slew, trolley, cable and its two swings. At rest every motion under "
-        "the LQR of the whole model goes with "
-        f"{growth[0]:+.4f} 1/s or faster; under that of five joints one has {growth[1]:+.4f} 1/s"
+        "load for one load of 2300 kg at the hoist's end, and see slew, trolley, cable and its two "
+        f"swings. At rest every motion under the LQR of the whole model goes with {growth[0]:+.4f} "
+        f"1/s or faster; under that of five joints one has {growth[1]:+.4f} 1/s"
         + (
             ": through the slew it stirs up the fast mode across the jib, which it does not see."
             if growth[1] > 0.0
@@ -190,7 +185,7 @@ def unaware(growth: tuple[float, float]) -> str:
     )
 
 
-def robots(found: Sequence[Robot]) -> harness.Table:
+def robots(found: Sequence[Robot]) -> Table:
     """Robots that are no cranes."""
     columns = [
         ("robot", ""),
@@ -215,7 +210,6 @@ def robots(found: Sequence[Robot]) -> harness.Table:
     ]
     note = (
         f"Half a second under hold in steps of {1e3 * STEP:g} ms; what the ledger leaves open, and "
-        "the power of the step with which "
-        "that falls."
+        "the power of the step with which that falls."
     )
-    return harness.Table("Robots of example-robot-data, loaded as cranes", columns, rows, note)
+    return Table("Robots of example-robot-data, loaded as cranes", columns, rows, note)

@@ -16,7 +16,7 @@ from cranedyn.disturbances.wind import cosine_gust, steady, wind
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Disturbance, State
 from cranedyn.model.crane import Crane
-from experiments import harness
+from experiments.harness import Setup
 from experiments.scenarios.misread import Misread
 from experiments.scenarios.moves import AFTER, DRAG, Move, Score, score
 from experiments.scenarios.strategies import Plan, instant
@@ -104,7 +104,7 @@ AFTER_UNTOLD = 0.1
 
 
 def make(
-    setup: harness.Setup,
+    setup: Setup,
     move: Move,
     plan: Plan,
     perturbation: Perturbation = NOMINAL,

@@ -7,7 +7,8 @@ from typing import Any, NoReturn
 
 from cranedyn.bridges.programs import Program
 from cranedyn.errors import DataError, UnknownName
-from experiments import a1, a2, a3, energy, harness
+from experiments import a1, a2, a3, energy
+from experiments.harness import Setup
 from experiments.scenarios.moves import AFTER, MOVES
 from experiments.scenarios.strategies import FLAT, STRATEGIES
 
@@ -27,7 +28,7 @@ class _Asked(Exception):
 
 
 @dataclass(frozen=True)
-class _Asking(harness.Setup):
+class _Asking(Setup):
     """A setup in which an experiment gets no further than to say what it wants to run."""
 
     def simulate(
@@ -56,7 +57,7 @@ class _Asking(harness.Setup):
 
 
 def program(
-    name: str, setup: harness.Setup, *, length: float | None = None, strategy: str | None = None
+    name: str, setup: Setup, *, length: float | None = None, strategy: str | None = None
 ) -> Program:
     """A run of the experiments by its name.
 
@@ -96,7 +97,7 @@ def program(
     raise AssertionError(name)  # every experiment runs something
 
 
-def _move(setup: harness.Setup, strategy: str) -> Program:
+def _move(setup: Setup, strategy: str) -> Program:
     if strategy not in STRATEGIES:
         raise UnknownName("strategy", strategy, STRATEGIES)
     move = MOVES[-1]

@@ -28,7 +28,7 @@ from cranedyn.references.operator import JoystickPulse, operator
 from cranedyn.references.shaped import Shaper, ei, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.spline import Spline, spline
 from cranedyn.theory import point_period
-from experiments import harness
+from experiments.harness import Setup
 from experiments.scenarios.moves import LIMITS, Move
 
 
@@ -57,7 +57,7 @@ class Plan(NamedTuple):
     rates: Callable[[], Controller] | None = None
 
 
-def on_converters(setup: harness.Setup, plan: Plan) -> Plan:
+def on_converters(setup: Setup, plan: Plan) -> Plan:
     """A plan for drives with typical frequency converters: what its controller answers becomes
     rates, see `cranedyn.controllers.rated`.
     """
@@ -80,7 +80,7 @@ def on_converters(setup: harness.Setup, plan: Plan) -> Plan:
     return plan._replace(controller=lambda: first, drive="velocity")
 
 
-def followed(setup: harness.Setup, reference: Reference, arrives: float) -> Plan:
+def followed(setup: Setup, reference: Reference, arrives: float) -> Plan:
     """A reference that drives follow exactly and that nobody corrects."""
     return Plan(
         lambda: follow(setup.crane, reference, setup.control_period),
@@ -91,15 +91,15 @@ def followed(setup: harness.Setup, reference: Reference, arrives: float) -> Plan
     )
 
 
-def _spline(setup: harness.Setup, move: Move) -> Spline:
+def _spline(setup: Setup, move: Move) -> Spline:
     return spline(setup.crane, move.ends(setup.crane)[0], [move.goal], [move.duration])
 
 
-def _alone(setup: harness.Setup, move: Move) -> Plan:
+def _alone(setup: Setup, move: Move) -> Plan:
     return followed(setup, _spline(setup, move), move.duration)
 
 
-def _spline_pd(setup: harness.Setup, move: Move) -> Plan:
+def _spline_pd(setup: Setup, move: Move) -> Plan:
     return Plan(
         lambda: hold_controller(setup.crane),
         _spline(setup, move),
@@ -109,34 +109,34 @@ def _spline_pd(setup: harness.Setup, move: Move) -> Plan:
     )
 
 
-def _paper(setup: harness.Setup, move: Move) -> Plan:
+def _paper(setup: Setup, move: Move) -> Plan:
     reference = _spline(setup, move)
     motion = plumb(setup.crane, reference, move.duration, setup.control_period)
     made = paper_controller(setup.crane, motion)
     return Plan(lambda: replace(made, integral=0.0), reference, "effort", move.duration, motion)
 
 
-def _lqr(setup: harness.Setup, move: Move) -> Plan:
+def _lqr(setup: Setup, move: Move) -> Plan:
     return _tracked(
         setup, plumb(setup.crane, _spline(setup, move), move.duration, setup.control_period)
     )
 
 
-def _flat(setup: harness.Setup, move: Move) -> Plan:
+def _flat(setup: Setup, move: Move) -> Plan:
     return _tracked(
         setup,
         flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period),
     )
 
 
-def _fastest_flat(setup: harness.Setup, move: Move) -> Plan:
+def _fastest_flat(setup: Setup, move: Move) -> Plan:
     def lasting(duration: float) -> Motion:
         return flat(setup.crane, *move.ends(setup.crane), duration, period=setup.control_period)
 
     return _tracked(setup, lasting(fastest(setup.crane, lasting, LIMITS)))
 
 
-def _tracked(setup: harness.Setup, motion: Motion) -> Plan:
+def _tracked(setup: Setup, motion: Motion) -> Plan:
     made = with_integral(setup, motion)
     return Plan(
         lambda: replace(made, integral=0.0),
@@ -156,7 +156,7 @@ def soft_weight(crane: Crane) -> np.ndarray:
 
 
 def with_integral(
-    setup: harness.Setup, motion: Motion, effort_weight: np.ndarray | None = None
+    setup: Setup, motion: Motion, effort_weight: np.ndarray | None = None
 ) -> HoistIntegral:
     """The full-model LQR about a motion with an integrator on the hoist."""
     return HoistIntegral(
@@ -167,7 +167,7 @@ def with_integral(
     )
 
 
-def joystick(setup: harness.Setup, move: Move) -> tuple[Reference, float]:
+def joystick(setup: Setup, move: Move) -> tuple[Reference, float]:
     """What an operator who knows the way does: full rate at once in every drive, and back to rest
     in time; with its end [s].
     """
@@ -187,13 +187,13 @@ def joystick(setup: harness.Setup, move: Move) -> tuple[Reference, float]:
     ), end
 
 
-def _operator(setup: harness.Setup, move: Move) -> Plan:
+def _operator(setup: Setup, move: Move) -> Plan:
     reference, end = joystick(setup, move)
     return followed(setup, reference, instant(setup, end))
 
 
-def _shaped(shaper: Shaper) -> Callable[[harness.Setup, Move], Plan]:
-    def plan(setup: harness.Setup, move: Move) -> Plan:
+def _shaped(shaper: Shaper) -> Callable[[Setup, Move], Plan]:
+    def plan(setup: Setup, move: Move) -> Plan:
         base, end = joystick(setup, move)
         period = mean_period(setup, move)
         reference = shaped(base, shaper, period)
@@ -203,14 +203,14 @@ def _shaped(shaper: Shaper) -> Callable[[harness.Setup, Move], Plan]:
     return plan
 
 
-def _shaped_hoisting(setup: harness.Setup, move: Move) -> Plan:
+def _shaped_hoisting(setup: Setup, move: Move) -> Plan:
     base, end = joystick(setup, move)
     reference = shaped_hoisting(setup.crane, base, zv(), end, step=setup.control_period)
     arrives = instant(setup, end + float(point_period(move.goal[2], setup.crane.gravity)) / 2.0)
     return followed(setup, reference, arrives)
 
 
-def _damped(setup: harness.Setup, move: Move) -> Plan:
+def _damped(setup: Setup, move: Move) -> Plan:
     reference, end = joystick(setup, move)
     controller = damped(
         setup.crane, reference, limits=LIMITS, recovery=0.3, control_period=setup.control_period
@@ -218,17 +218,17 @@ def _damped(setup: harness.Setup, move: Move) -> Plan:
     return Plan(lambda: controller, reference, "motion", instant(setup, end))
 
 
-def mean_period(setup: harness.Setup, move: Move) -> float:
+def mean_period(setup: Setup, move: Move) -> float:
     """Swing period at the mean of the cable lengths at start and goal [s]."""
     return float(point_period((move.start[2] + move.goal[2]) / 2.0, setup.crane.gravity))
 
 
-def instant(setup: harness.Setup, t: float) -> float:
+def instant(setup: Setup, t: float) -> float:
     """The first control instant at or after a time [s]."""
     return setup.control_period * float(np.ceil(t / setup.control_period - 1e-9))
 
 
-def _mpc(setup: harness.Setup, move: Move) -> Plan:
+def _mpc(setup: Setup, move: Move) -> Plan:
     motion = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
 
     def made(effort_weight: np.ndarray | None = None) -> Predictive:
@@ -253,7 +253,7 @@ def _mpc(setup: harness.Setup, move: Move) -> Plan:
 
 
 def _receding(
-    setup: harness.Setup, motion: Motion | None, swing: float, drive: Drive = "effort"
+    setup: Setup, motion: Motion | None, swing: float, drive: Drive = "effort"
 ) -> Controller:
     from cranedyn.compiled.horizon.receding import receding, usual_input_weight
 
@@ -270,7 +270,7 @@ def _receding(
     )
 
 
-def _compiled_mpc(setup: harness.Setup, move: Move) -> Plan:
+def _compiled_mpc(setup: Setup, move: Move) -> Plan:
     motion = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
     swing = math.pi / 4.0
     return Plan(
@@ -283,7 +283,7 @@ def _compiled_mpc(setup: harness.Setup, move: Move) -> Plan:
     )
 
 
-def _to_goal(setup: harness.Setup, move: Move) -> Plan:
+def _to_goal(setup: Setup, move: Move) -> Plan:
     goal = hold(setup.crane, move.ends(setup.crane)[1])
     return Plan(
         lambda: _receding(setup, None, 0.1),
@@ -294,7 +294,7 @@ def _to_goal(setup: harness.Setup, move: Move) -> Plan:
     )
 
 
-def _least_time(setup: harness.Setup, move: Move) -> Plan:
+def _least_time(setup: Setup, move: Move) -> Plan:
     from cranedyn.planning.optimal import optimal
 
     return _tracked(
@@ -302,7 +302,7 @@ def _least_time(setup: harness.Setup, move: Move) -> Plan:
     )
 
 
-def _least_swing(setup: harness.Setup, move: Move) -> Plan:
+def _least_swing(setup: Setup, move: Move) -> Plan:
     from cranedyn.planning.optimal import optimal
 
     return _tracked(
@@ -338,7 +338,7 @@ HOIST_INTEGRAL = 4.0e3
 s."""
 
 
-def mpc_period(setup: harness.Setup) -> float:
+def mpc_period(setup: Setup) -> float:
     """Time between optimisations of the MPC [s], 50 ms or the multiple of the control period that
     is nearest.
     """
@@ -349,7 +349,7 @@ COMPILED_MPC, TO_GOAL = "flat + compiled MPC", "MPC to the goal"
 YIELD = "operator + yielding drives"
 TIME, SWING, FASTEST = "least time + LQR", "least swing + LQR", "fastest flat + LQR"
 
-STRATEGIES: dict[str, Callable[[harness.Setup, Move], Plan]] = {
+STRATEGIES: dict[str, Callable[[Setup, Move], Plan]] = {
     "spline alone": _alone,
     PD: _spline_pd,
     PAPER: _paper,

@@ -26,14 +26,14 @@ from cranedyn.references.itinerary import Timetable
 from cranedyn.references.limits import Limits, fastest, use
 from cranedyn.references.motion import Motion
 from cranedyn.references.tour import Tour, tour
-from experiments import harness
+from experiments.harness import Setup
 from experiments.scenarios.strategies import with_integral
 
 Way = tuple[Timetable, Controller]
 """A tour, which is the reference, and what drives it."""
 
 
-def _none(setup: harness.Setup, limits: Limits, dwell: float) -> Way:
+def _none(setup: Setup, limits: Limits, dwell: float) -> Way:
     made = itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=limits.rates, dwell=dwell)
     for stage in made.stages:
         # Refuses a target out of range.
@@ -41,7 +41,7 @@ def _none(setup: harness.Setup, limits: Limits, dwell: float) -> Way:
     return made, hold_controller(setup.crane)
 
 
-def _shaped(setup: harness.Setup, limits: Limits, dwell: float) -> Way:
+def _shaped(setup: Setup, limits: Limits, dwell: float) -> Way:
     bare, brake = _none(setup, limits, dwell)
     reference = shaped_hoisting(setup.crane, bare, zv(), bare.duration, step=setup.control_period)
     hoist = setup.crane.layout.along("l")
@@ -61,7 +61,7 @@ def _shaped(setup: harness.Setup, limits: Limits, dwell: float) -> Way:
     return Tour(stages, plan), brake
 
 
-def _spline(setup: harness.Setup, limits: Limits, dwell: float) -> Tour:
+def _spline(setup: Setup, limits: Limits, dwell: float) -> Tour:
     def plan(start: State, goal: State) -> Motion:
         aim = [goal.q[setup.crane.layout.drives]]
         (duration,) = shortest(
@@ -75,7 +75,7 @@ def _spline(setup: harness.Setup, limits: Limits, dwell: float) -> Tour:
     return tour(setup.crane, ARTICLE_TOUR, plan, dwell=dwell)
 
 
-def _flat(setup: harness.Setup, limits: Limits, dwell: float) -> Tour:
+def _flat(setup: Setup, limits: Limits, dwell: float) -> Tour:
     gaining = 2.5 * np.divide(limits.rates, limits.accelerations)
 
     def plan(start: State, goal: State) -> Motion:
@@ -133,7 +133,7 @@ def _tracked(made: Tour, controller: HoistIntegral) -> Way:
     return made, Repeated(controller, made.duration)
 
 
-CONTROLS: dict[str, Callable[[harness.Setup, Limits, float], Way]] = {
+CONTROLS: dict[str, Callable[[Setup, Limits, float], Way]] = {
     "none": _none,
     "shaped": _shaped,
     "paper": lambda setup, limits, dwell: _tracked(

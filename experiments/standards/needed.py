@@ -17,7 +17,7 @@ from cranedyn.lifting.loads import hanging_mass, loads
 from cranedyn.model.crane import Crane
 from cranedyn.references.operator import JoystickPulse, operator
 from cranedyn.references.shaped import shaped, zv
-from experiments import harness
+from experiments.harness import Setup
 from experiments.oracles.reading import locked
 from experiments.relatives.catalogue import POINT, ROPE
 from experiments.relatives.modes import crane_ea
@@ -83,7 +83,7 @@ HOISTINGS = (
 """How a load is taken up, from rough to gentle."""
 
 
-def across(setup: harness.Setup) -> list[Need]:
+def across(setup: Setup) -> list[Need]:
     """ψ_h of trolley and slew: what the rope pulls along the way of its drive, over the mass that
     hangs times the acceleration of which the drive is capable.
     """
@@ -95,7 +95,7 @@ def across(setup: harness.Setup) -> list[Need]:
     ]
 
 
-def _moved(setup: harness.Setup, move: Move, strategy: str) -> Need:
+def _moved(setup: Setup, move: Move, strategy: str) -> Need:
     plan, crane = STRATEGIES[strategy](setup, move), setup.crane
     run = setup.simulate(
         crane,
@@ -116,7 +116,7 @@ def _moved(setup: harness.Setup, move: Move, strategy: str) -> Need:
     return Need(move.name, strategy, plan.arrives, factors.psi_h_regulated(1.0), needed, run)
 
 
-def upwards(setup: harness.Setup) -> list[Need]:
+def upwards(setup: Setup) -> list[Need]:
     """φ2 of a load on a rope that stretches, beside the factor of the class that this rope is of:
     1 + v ω/g at full speed.
     """
@@ -127,9 +127,7 @@ def upwards(setup: harness.Setup) -> list[Need]:
     return [_taken_up(setup, crane, one, omega, allowed) for one in HOISTINGS]
 
 
-def _taken_up(
-    setup: harness.Setup, crane: Crane, hoisting: Hoisting, omega: float, allowed: float
-) -> Need:
+def _taken_up(setup: Setup, crane: Crane, hoisting: Hoisting, omega: float, allowed: float) -> Need:
     start = State(crane.start.q, crane.start.v.copy())
     controller: Controller
     reference: Reference | None = None
