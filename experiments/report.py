@@ -30,7 +30,6 @@ from cranedyn.data.files import (
 from cranedyn.errors import DataError, UnknownName
 from experiments import harness
 from experiments.catalogue import EXPERIMENTS, Entry
-from experiments.harness import Claim, Table
 from experiments.harness.arguments import add_engine, command_name
 from experiments.harness.outcome import summary
 from experiments.harness.terminal import columns_of
@@ -76,7 +75,9 @@ def page(folders: Sequence[Path]) -> str:
 def _first(results: Sequence[dict[str, Any]]) -> str:
     """The first screen: when, the crane, how many claims hold, a line for each experiment."""
     today = date.today()
-    claims = [Claim(c["sentence"], c["holds"]) for result in results for c in result["claims"]]
+    claims = [
+        harness.Claim(c["sentence"], c["holds"]) for result in results for c in result["claims"]
+    ]
     held, failed = (sum(claim.holds is kind for claim in claims) for kind in (True, False))
     rows = "".join(
         f'<tr><td><a href="#{escape(r["experiment"])}">{escape(_entry(r).title)}</a></td>'
@@ -207,7 +208,8 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
     if strange := set(result["figures"]) - set(result["files"]):
         raise ValueError(f"its figures {sorted(strange)} are not among its files")
     figures = "".join(
-        f"<figure>{figure_html(folder, best_figure(name, result['files']))}<figcaption>{escape(entry.caption(Path(name).stem))}</figcaption></figure>"
+        f"<figure>{figure_html(folder, best_figure(name, result['files']))}"
+        f"<figcaption>{escape(entry.caption(Path(name).stem))}</figcaption></figure>"
         for name in result["figures"]
     )
     versions = ", ".join(
@@ -234,7 +236,7 @@ def mark_html(holds: bool | None) -> str:
 
 def table_html(table: dict[str, Any]) -> str:
     """A table of a ``result.json``, as HTML."""
-    made = Table.of(table)
+    made = harness.Table.of(table)
     kinds = ["" if form else ' class="text"' for _, form in made.columns]
     head = "".join(
         f"<th{kind}>{escape(header)}</th>"
@@ -318,15 +320,15 @@ def _main(options: argparse.Namespace) -> int:
             if code == INTERRUPTED:
                 return code
             codes.append(code)
-        parser = [name for name in options.only if os.path.isfile(folder / name / "result.json")]
-        for name in set(options.only) - set(parser):
+        made = [name for name in options.only if os.path.isfile(folder / name / "result.json")]
+        for name in set(options.only) - set(made):
             print(
-                f"{EXPERIMENTS[name].title} ({name}) could not be parser and is not on the page.",
+                f"{EXPERIMENTS[name].title} ({name}) could not be made and is not on the page.",
                 file=sys.stderr,
             )
-        if not parser:
+        if not made:
             return max(codes)
-        write_text(folder / "report.html", page([folder / name for name in parser]))
+        write_text(folder / "report.html", page([folder / name for name in made]))
     print(f"Written to {folder / 'report.html'}.")
     return max(codes)
 

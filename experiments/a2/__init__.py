@@ -7,28 +7,26 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from cranedyn import theory
-from cranedyn.analysis.swing import PowerLaw, fit_power_law, peaks, zero_crossings
+from cranedyn.analysis.swing import PowerLaw, fit_power_law
 from cranedyn.controllers import follow, hold_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS, Gains
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.errors import DataError
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import hold, pulse, ramp
 from experiments import harness
-from experiments.harness import Claim, Outcome, Setup, Table
+from experiments.a2.reading import RATE, Reading, read
+from experiments.harness import Claim, Outcome, Setup, Table, tabulate
 
-LENGTH, TARGET, RATE, HOIST_AT, DURATION = 20.0, 8.0, 0.5, 30.0, 110.0
-"""Cable length before and after [m], hoisting speed [m/s], when it starts, and how long the run
-lasts [s]."""
+LENGTH, TARGET, HOIST_AT, DURATION = 20.0, 8.0, 30.0, 110.0
+"""Cable length before and after [m], start of the hoisting, and duration of the run [s]."""
 
-PULSE, PULSE_AT, ANALYSED_FROM = 1.0, 2.0, 12.0
-"""Trolley pulse [m], when it starts (not published), and from when the record is analysed [s]."""
+PULSE, PULSE_AT = 1.0, 2.0
+"""Trolley pulse [m], and its start (not published) [s]."""
 
 PUBLISHED = {
     "mean": 0.79,
@@ -50,72 +48,12 @@ BESSEL, SMALL = (
 """Two of the stages in which the exponent is explained: the closed form, and the simulation that
 must meet it."""
 
-STIFF = (
-    (STIFFNESS["slew"], STIFFNESS["trolley"], 1.0e6),
-    (DAMPING["slew"], DAMPING["trolley"], 6.0e4),
-)
+STIFF_HOIST = (1.0e6, 6.0e4)
+"""k_p [N/m] and k_d [N s/m] of a stiff hoist."""
 
 
 COLUMNS = ("t_s", "phi_rad", "l_m")
-"""What a file recorded elsewhere must have."""
-
-
-@dataclass(frozen=True)
-class Reading:
-    """What a record of t, φ, l says.
-
-    Attributes:
-        times, errors: Middle of each half swing [s], and its period against 2π√(l/g) there,
-            relative.
-        lengths, amplitudes: Cable length [m] at each peak of |φ|, and the peak [rad].
-        hoisting: Which peaks lie where the cable runs at more than half its speed.
-        everywhere, section: Power laws through all peaks and through those.
-    """
-
-    times: np.ndarray
-    errors: np.ndarray
-    lengths: np.ndarray
-    amplitudes: np.ndarray
-    hoisting: np.ndarray
-    everywhere: PowerLaw
-    section: PowerLaw
-
-    @property
-    def worst(self) -> float:
-        """Largest relative period error."""
-        return float(np.abs(self.errors).max())
-
-
-def read(
-    t: np.ndarray, phi: np.ndarray, length: np.ndarray, *, since: float = ANALYSED_FROM
-) -> Reading:
-    """Read period and amplitude off a swing on a moving cable, shapes (n,), from a time on."""
-    late = t >= since
-    crossings = zero_crossings(t[late], phi[late])
-    middle = (crossings[1:] + crossings[:-1]) / 2.0
-    errors = (
-        2.0
-        * np.diff(crossings)
-        / theory.point_period(np.interp(middle, t, length), STANDARD_GRAVITY)
-        - 1.0
-    )
-    when, amplitudes = peaks(t[late], phi[late])
-    lengths = np.interp(when, t, length)
-    hoisting = np.abs(np.interp(when, t, np.gradient(length, t))) > RATE / 2.0
-    if hoisting.sum() < 3:
-        raise DataError(
-            f"From {since:g} s on the swing has {hoisting.sum()} peaks while the cable runs at "
-            f"{RATE / 2:g} m/s or more; three are needed."
-        )
-    return Reading(
-        middle,
-        errors,
-        lengths,
-        amplitudes,
-        hoisting,
-        fit_power_law(lengths, amplitudes),
-        fit_power_law(lengths[hoisting], amplitudes[hoisting]),
-    )
+"""Columns that a recorded file must have."""
 
 
 def run(
@@ -124,23 +62,11 @@ def run(
     """Swing the load by a trolley pulse, then hoist."""
     crane = setup.crane
     start = crane.state(l=LENGTH)
-    swung = pulse(
-        crane,
-        hold(crane, start),
-        "x",
-        PULSE,
-        at=pulse_at,
-        width=math.pi * math.sqrt(LENGTH / STANDARD_GRAVITY),
-    )
-    brake = hold_controller(crane, stiffness=stiffness, damping=damping)
-    return setup.simulate(
-        crane,
-        brake,
-        _hoist(crane, swung, HOIST_AT),
-        start=start,
-        duration=DURATION,
-        label=f"pulse at {pulse_at:g} s",
-    )
+    half_period = math.pi * math.sqrt(LENGTH / STANDARD_GRAVITY)
+    swing = pulse(crane, hold(crane, start), "x", PULSE, at=pulse_at, width=half_period)
+    controller = hold_controller(crane, stiffness=stiffness, damping=damping)
+    reference, label = _hoist(crane, swing, HOIST_AT), f"pulse at {pulse_at:g} s"
+    return setup.simulate(crane, controller, reference, start=start, duration=DURATION, label=label)
 
 
 def _hoist(crane: Crane, base: Reference, at: float) -> Reference:
@@ -148,20 +74,19 @@ def _hoist(crane: Crane, base: Reference, at: float) -> Reference:
 
 
 def exact(setup: Setup, crane: Crane, start: State) -> PowerLaw:
-    """The law of the hoisting section from a state of swing at its start, with drives that follow
-    the ramp exactly.
+    """Return the law of the hoisting section from a swing at its start, with drives that follow the
+    ramp exactly.
 
     A ramp stops at once, in which a real rope would go slack for an instant.
     """
     reference = _hoist(crane, hold(crane, start), 0.0)
     drives = follow(crane, reference, setup.control_period)
-    duration = (LENGTH - TARGET) / RATE + 4.0
     trajectory = setup.simulate(
         crane,
         drives,
         reference,
         start=start,
-        duration=duration,
+        duration=(LENGTH - TARGET) / RATE + 4.0,
         label="exact drives",
         drive="motion",
         validity="mark",
@@ -170,151 +95,108 @@ def exact(setup: Setup, crane: Crane, start: State) -> PowerLaw:
 
 
 def exponents(setup: Setup, ours: Reading, stiff: Trajectory) -> dict[str, PowerLaw]:
-    """The law of the hoisting section, one effect after the other."""
+    """Return the law of the hoisting section, one effect after the other."""
     row = int(np.searchsorted(stiff.t, HOIST_AT))
-    swing, rate = float(stiff["phi_rad"][row]), float(stiff["phi_dot_rad_s"][row])
+    phi, rate = float(stiff["phi_rad"][row]), float(stiff["phi_dot_rad_s"][row])
     lengths, g = ours.lengths[ours.hoisting], setup.gravity
-    bessel = theory.constant_hoisting_envelope(
-        (LENGTH - lengths) / RATE, LENGTH, -RATE, g, swing, rate
-    )
-    slow = theory.adiabatic_amplitude(
-        lengths, LENGTH, float(np.hypot(swing, rate * math.sqrt(LENGTH / g)))
-    )
+    times = (LENGTH - lengths) / RATE
+    bessel = theory.constant_hoisting_envelope(times, LENGTH, -RATE, g, phi, rate)
+    amplitude = float(np.hypot(phi, rate * math.sqrt(LENGTH / g)))
+    slow = theory.adiabatic_amplitude(lengths, LENGTH, amplitude)
     point = setup.variant(payload_inertia=0, dummy_inertia=0, dummy_mass=0, damp_swing=0)
+
+    def law(crane: Crane, part: float = 1.0) -> PowerLaw:
+        start = crane.state(l=LENGTH, phi=phi / part, phi_dot=rate / part)
+        return exact(setup, crane, start)
+
     return {
         "slow hoisting, small swing: l^(-3/4)": fit_power_law(lengths, lengths**-0.75),
         "slow hoisting, swing of this size: the action": fit_power_law(lengths, slow),
         BESSEL: fit_power_law(lengths, bessel),
-        SMALL: exact(setup, point, point.state(l=LENGTH, phi=swing / 100, phi_dot=rate / 100)),
-        "exact drives, point load, this swing": exact(
-            setup, point, point.state(l=LENGTH, phi=swing, phi_dot=rate)
-        ),
-        "exact drives, this load": exact(
-            setup, setup.crane, setup.crane.state(l=LENGTH, phi=swing, phi_dot=rate)
-        ),
-        "hold with a stiff hoist": _read_run(stiff).section,
+        SMALL: law(point, 100.0),
+        "exact drives, point load, this swing": law(point),
+        "exact drives, this load": law(setup.crane),
+        "hold with a stiff hoist": read_run(stiff).section,
         "hold with the hoist identified in A1": ours.section,
     }
 
 
 def _exponents_table(stages: dict[str, PowerLaw]) -> Table:
-    rows = [
-        (name, law.exponent, law.exponent - PUBLISHED["hoisting"], law.r2, law.points)
-        for name, law in stages.items()
-    ]
-    rows.append(("article", PUBLISHED["hoisting"], 0.0, 1.0, int(PUBLISHED["hoisting points"])))
-    columns = [
-        ("hoisting section, effect by effect", ""),
-        ("exponent", "+.4f"),
-        ("less article", "+.4f"),
-        ("R²", ".6f"),
-        ("points", "d"),
-    ]
-    return Table("Where the exponent comes from", columns, rows)
+    published = PUBLISHED["hoisting"]
+    return tabulate(
+        "Where the exponent comes from",
+        stages.items(),
+        [
+            ("hoisting section, effect by effect", "", lambda s: s[0]),
+            ("exponent", "+.4f", lambda s: s[1].exponent),
+            ("less article", "+.4f", lambda s: s[1].exponent - published),
+            ("R²", ".6f", lambda s: s[1].r2),
+            ("points", "d", lambda s: s[1].points),
+        ],
+        last_row=("article", published, 0.0, 1.0, int(PUBLISHED["hoisting points"])),
+    )
 
 
 def _summary(readings: dict[str, Reading]) -> Table:
-    rows: list[tuple[str | float | None, ...]] = []
-    for name, r in readings.items():
-        mean = 100 * float(r.errors.mean())
-        rows.append(
-            (
-                name,
-                mean,
-                100 * r.worst,
-                float(r.times[np.abs(r.errors).argmax()]),
-                r.everywhere.exponent,
-                r.everywhere.points,
-                r.everywhere.r2,
-                r.section.exponent,
-                r.section.points,
-                r.section.r2,
-                float(r.amplitudes[0]),
-                float(r.amplitudes[-1]),
-            )
-        )
     p = PUBLISHED
-    rows.append(
-        (
-            "article",
-            p["mean"],
-            p["max"],
-            None,
-            p["all"],
-            int(p["points"]),
-            None,
-            p["hoisting"],
-            int(p["hoisting points"]),
-            1.0,
-            p["before"],
-            p["after"],
-        )
-    )
-    columns = [
-        ("hold", ""),
-        ("mean [%]", "+.2f"),
-        ("max [%]", ".2f"),
-        ("at [s]", ".1f"),
-        ("exp. all", "+.3f"),
-        ("points", "d"),
-        ("R²", ".4f"),
-        ("exp. hoisting", "+.4f"),
-        ("points", "d"),
-        ("R²", ".4f"),
-        ("A before", ".4f"),
-        ("A after", ".4f"),
-    ]
-    note = (
+    points = int(p["points"]), int(p["hoisting points"])
+    return tabulate(
+        "Hoisting while swinging, beside the article",
+        readings.items(),
+        [
+            ("hold", "", lambda r: r[0]),
+            ("mean [%]", "+.2f", lambda r: 100 * float(r[1].errors.mean())),
+            ("max [%]", ".2f", lambda r: 100 * r[1].worst),
+            ("at [s]", ".1f", lambda r: float(r[1].times[np.abs(r[1].errors).argmax()])),
+            ("exp. all", "+.3f", lambda r: r[1].everywhere.exponent),
+            ("points", "d", lambda r: r[1].everywhere.points),
+            ("R²", ".4f", lambda r: r[1].everywhere.r2),
+            ("exp. hoisting", "+.4f", lambda r: r[1].section.exponent),
+            ("points", "d", lambda r: r[1].section.points),
+            ("R²", ".4f", lambda r: r[1].section.r2),
+            ("A before", ".4f", lambda r: float(r[1].amplitudes[0])),
+            ("A after", ".4f", lambda r: float(r[1].amplitudes[-1])),
+        ],
         "Period of each half swing against 2π√(l/g) at its middle. Neither half nor whole swings "
-        "give the article's 35 and 10 points: 98 s hold 29 half swings, 6 in the hoisting."
-    )
-    return Table("Hoisting while swinging, beside the article", columns, rows, note)
+        "give the article's 35 and 10 points: 98 s hold 29 half swings, 6 in the hoisting.",
+        last_row=("article", p["mean"], p["max"], None, p["all"], points[0], None,
+                  p["hoisting"], points[1], 1.0, p["before"], p["after"]),
+    )  # fmt: skip
 
 
 def _phase_table(readings: dict[float, Reading]) -> Table:
-    rows = [
-        (
-            at,
-            100 * float(r.errors.mean()),
-            100 * r.worst,
-            r.everywhere.exponent,
-            r.section.exponent,
-            float(r.amplitudes[-1]),
-        )
-        for at, r in readings.items()
-    ]
     p = PUBLISHED
-    columns = [
-        ("pulse at [s]", ".2f"),
-        ("mean [%]", "+.2f"),
-        ("max [%]", ".2f"),
-        ("exp. all", "+.3f"),
-        ("exp. hoisting", "+.4f"),
-        ("A after", ".4f"),
-    ]
-    note = (
+    return tabulate(
+        "The phase of the swing when the hoist stops",
+        readings.items(),
+        [
+            ("pulse at [s]", ".2f", lambda r: r[0]),
+            ("mean [%]", "+.2f", lambda r: 100 * float(r[1].errors.mean())),
+            ("max [%]", ".2f", lambda r: 100 * r[1].worst),
+            ("exp. all", "+.3f", lambda r: r[1].everywhere.exponent),
+            ("exp. hoisting", "+.4f", lambda r: r[1].section.exponent),
+            ("A after", ".4f", lambda r: float(r[1].amplitudes[-1])),
+        ],
         "The article does not say when its pulse came. The phase in which the hoist stops decides "
         "the largest error and the exponent over all points; no phase tried meets all its numbers "
-        "at once, and none the mean error, whose miss is not explained."
-    )
-    return Table(
-        "The phase of the swing when the hoist stops",
-        columns,
-        [*rows, (None, p["mean"], p["max"], p["all"], p["hoisting"], p["after"])],
-        note,
+        "at once, and none the mean error, whose miss is not explained.",
+        last_row=(None, p["mean"], p["max"], p["all"], p["hoisting"], p["after"]),
     )
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
-    """Run the hoisting, or analyse files recorded elsewhere."""
+    """Run the hoisting, or analyse recorded files."""
     if options.files:
         return _from_files(options.files, options.columns, options.joints)
     from cranedyn.recording import Run
     from experiments.a2.figures import fits_figure, hoisting_figure
 
-    trajectory, stiff = run(setup), run(setup, stiffness=STIFF[0], damping=STIFF[1])
-    ours, hard = _read_run(trajectory), _read_run(stiff)
-    phases = {at: _read_run(run(setup, pulse_at=at)) for at in (1.0, 3.0, 4.0, 4.5, 5.0, 5.25)}
+    trajectory, stiff = (
+        run(setup),
+        run(setup, stiffness={"l": STIFF_HOIST[0]}, damping={"l": STIFF_HOIST[1]}),
+    )
+    ours, hard = read_run(trajectory), read_run(stiff)
+    phases = {at: read_run(run(setup, pulse_at=at)) for at in (1.0, 3.0, 4.0, 4.5, 5.0, 5.25)}
     stages = exponents(setup, ours, stiff)
     small, bessel = stages[SMALL].exponent, stages[BESSEL].exponent
     missed, without = (
@@ -354,16 +236,15 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     )
 
 
-def _read_run(trajectory: Trajectory) -> Reading:
+def read_run(trajectory: Trajectory) -> Reading:
+    """Read a run."""
     return read(trajectory.t, trajectory["phi_rad"], trajectory["l_m"])
 
 
-def _from_files(
-    files: Sequence[str], columns_there: Sequence[str], joints: Sequence[str]
-) -> Outcome:
+def _from_files(files: Sequence[str], sources: Sequence[str], joints: Sequence[str]) -> Outcome:
     readings = {}
     for file in files:
-        data = harness.read_recorded(file, COLUMNS, columns_there, joints)
+        data = harness.read_recorded(file, COLUMNS, sources, joints)
         with harness.name_file(file):
             readings[file] = read(data["t_s"], data["phi_rad"], data["l_m"])
     return Outcome([_summary(readings)], [])
