@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from cranedyn.lifting import factors
 from cranedyn.plotting.figures import COLOURS, panels
 from experiments import harness
-from experiments.harness import Claim, Outcome, Setup, Table
+from experiments.harness import Claim, Outcome, Setup, Table, tabulate
 from experiments.standards.derived import AGREES, RATIOS, Derived, derived
 from experiments.standards.formulas import DIGITS, FORMULAS
 from experiments.standards.needed import Need, across, upwards
@@ -39,51 +39,49 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 
 def _formulas() -> Table:
-    rows = [(one.name, one.source, one.value(), one.printed) for one in FORMULAS]
-    columns = [("formula", ""), ("source", ""), ("ours", ".6g"), ("printed", ".6g")]
-    return Table(
+    return tabulate(
         "Formulas of the standards",
-        columns,
-        rows,
+        FORMULAS,
+        [
+            ("formula", "", lambda f: f.name),
+            ("source", "", lambda f: f.source),
+            ("ours", ".6g", lambda f: f.value()),
+            ("printed", ".6g", lambda f: f.printed),
+        ],
         "Sources were read second hand: none of the standards was before us.",
     )
 
 
-def _derived(found: Sequence[Derived]) -> Table:
-    rows = [(one.name, one.means, one.formula, one.found, one.off) for one in found]
-    columns = [
-        ("factor", ""),
-        ("simulated", ""),
-        ("formula", ".6f"),
-        ("found", ".6f"),
-        ("relative", "+.1e"),
-    ]
-    note = (
+def _derived(factors: Sequence[Derived]) -> Table:
+    return tabulate(
+        "The same by mechanics alone",
+        factors,
+        [
+            ("factor", "", lambda d: d.name),
+            ("simulated", "", lambda d: d.means),
+            ("formula", ".6f", lambda d: d.formula),
+            ("found", ".6f", lambda d: d.simulated),
+            ("relative", "+.1e", lambda d: d.difference),
+        ],
         "Pick-up: by an elastic hoist at 0.5 m/s; release: of a part of the load, slowly over "
         "0.6034 of its periods; braking: of a carriage by a constant force, the worst of all "
         "durations, and of a slew; pushes: by a drive that keeps its acceleration; gust: comes at "
-        "once and stays."
+        "once and stays.",
     )
-    return Table("The same by mechanics alone", columns, rows, note)
 
 
 def _moves(needs: Sequence[Need]) -> Table:
-    rows = [
-        (one.move, one.strategy, one.arrives, one.allowed, one.needed, 100.0 * one.given_back)
-        for one in needs
-    ]
-    columns = [
-        ("move", ""),
-        ("strategy", ""),
-        ("arrives [s]", ".1f"),
-        ("ψ_h allowed", ".2f"),
-        ("needed", ".3f"),
-        ("given back %", ".0f"),
-    ]
-    return Table(
+    return tabulate(
         "What a move needs of ψ_h",
-        columns,
-        rows,
+        needs,
+        [
+            ("move", "", lambda n: n.move),
+            ("strategy", "", lambda n: n.strategy),
+            ("arrives [s]", ".1f", lambda n: n.arrives),
+            ("ψ_h allowed", ".2f", lambda n: n.allowed),
+            ("needed", ".3f", lambda n: n.needed),
+            ("unused [%]", ".0f", lambda n: 100.0 * n.unused),
+        ],
         "Largest pull of the rope along the way of the drive, over the mass that hangs times the "
         "drive's limit of acceleration. Allowed: 2, of one acceleration from rest for longer than "
         "half a swing. A joystick that brakes while the load swings adds a second one to it.",
@@ -91,12 +89,15 @@ def _moves(needs: Sequence[Need]) -> Table:
 
 
 def _hoists(needs: Sequence[Need]) -> Table:
-    rows = [(one.strategy, one.allowed, one.needed, 100.0 * one.given_back) for one in needs]
-    columns = [("taken up", ""), ("φ2 at 1 m/s", ".3f"), ("needed", ".3f"), ("given back %", ".0f")]
-    return Table(
+    return tabulate(
         "What taking up a load needs of φ2",
-        columns,
-        rows,
+        needs,
+        [
+            ("taken up", "", lambda n: n.strategy),
+            ("φ2 at 1 m/s", ".3f", lambda n: n.allowed),
+            ("needed", ".3f", lambda n: n.needed),
+            ("unused [%]", ".0f", lambda n: 100.0 * n.unused),
+        ],
         "On the rope that stretches of experiment cranes. At full speed: 1 + v ω/g, the φ2 of a "
         "class with the slope ω/g of this rope, without the part φ2,min - 1 that needs no speed.",
     )
@@ -104,7 +105,7 @@ def _hoists(needs: Sequence[Need]) -> Table:
 
 def _claims(found: Sequence[Derived]) -> list[Claim]:
     held = sum(one.holds for one in FORMULAS)
-    worst = max(found, key=lambda one: abs(one.off))
+    worst = max(found, key=lambda one: abs(one.difference))
     return [
         Claim(
             f"{held} of {len(FORMULAS)} numbers of the standards come out as printed, to "
@@ -113,7 +114,7 @@ def _claims(found: Sequence[Derived]) -> list[Claim]:
         ),
         Claim(
             f"{len(found)} of them follow from the crane's mechanics alone to {AGREES:g} (worst: "
-            f"{worst.name}, {worst.off:+.1e}).",
+            f"{worst.name}, {worst.difference:+.1e}).",
             all(one.holds for one in found),
         ),
     ]
@@ -142,7 +143,7 @@ def _gains(moves: Sequence[Need], hoists: Sequence[Need]) -> list[Claim]:
         Claim(
             f"hoist: taken up at full speed a load needs φ2 = {rough:.3f}, {hoists[0].allowed:.3f} "
             f"in closed form; creeping, from a taut rope, and shaped "
-            f"{', '.join(f'{one:.3f}' for one in others)}, each less than the one before.",
+            f"{', '.join(f'{need:.3f}' for need in others)}, each less than the one before.",
             all(one > other for one, other in itertools.pairwise([rough, *others])),
         )
     )
@@ -154,13 +155,15 @@ def _figure(found: Sequence[Derived]) -> Figure:
     figure, (ratio, slope) = panels(1, 2, height=3.4, width=10.0)
     mus = [0.2 + 0.1 * i for i in range(110)]
     ratio.plot(mus, [factors.psi_h(mu) for mu in mus], color=COLOURS["setpoint"], label="formula")
-    derived_at = [one.found for one in found if one.name.startswith("ψ_h at μ")]
+    derived_at = [one.simulated for one in found if one.name.startswith("ψ_h at μ")]
     ratio.plot(RATIOS, derived_at, "o", color=COLOURS["phi"], label="worst braking, simulated")
     ratio.set(xlabel="load over carriage", ylabel="ψ_h")
     slopes = [one for one in found if one.name.startswith("β2")]
     places = range(len(slopes))
     slope.bar(places, [one.formula for one in slopes], color=COLOURS["setpoint"], label="EN 1991-3")
-    slope.plot(places, [one.found for one in slopes], "o", color=COLOURS["phi"], label="pick-up")
+    slope.plot(
+        places, [one.simulated for one in slopes], "o", color=COLOURS["phi"], label="pick-up"
+    )
     slope.set(xlabel="hoisting class", ylabel="β2 [s/m]", xticks=places)
     slope.set_xticklabels(list(factors.HOISTING))
     for ax in (ratio, slope):

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from experiments import harness
 from experiments.harness import Claim, Outcome, Setup
-from experiments.linear.runs import Case, cases, powers, reaches, scan
+from experiments.linear.runs import Case, powers, reaches, run_cases, scan
 from experiments.linear.sites import ANGLES, SHARES, SITES, short_slews, slow_slews
 from experiments.linear.tables import (
     RPM,
@@ -48,7 +48,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
     setup = replace(setup, dt=DT, control_period=CONTROL_PERIOD)
     cranes = {site: site.crane(setup) for site in SITES}
-    found = [case for site, crane in cranes.items() for case in cases(setup, site, crane)]
+    found = [case for site, crane in cranes.items() for case in run_cases(setup, site, crane)]
     slow = {
         site.name: scan(setup, crane, slow_slews(site, crane)) for site, crane in cranes.items()
     }

@@ -21,7 +21,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import spline
 from experiments import harness
-from experiments.harness import Claim, Outcome, Setup, Table
+from experiments.harness import Claim, Outcome, Setup, Table, tabulate
 from experiments.oracles.reading import locked
 
 LINKS = (50.0, 10.0, 1.0, 0.1, 1e-2, 1e-4, 1e-6, 0.0)
@@ -74,12 +74,9 @@ def between_rows(setup: Setup, period: float) -> float:
     """What straight lines between rows h apart may add to the period [s], relative: twice (ω h)²
     h/(36 √3) over the run.
     """
+    h = setup.control_period
     return (
-        2.0
-        * (2.0 * math.pi / period * setup.control_period) ** 2
-        * setup.control_period
-        / (36.0 * math.sqrt(3.0))
-        / (DURATION - period)
+        2.0 * (2.0 * math.pi / period * h) ** 2 * h / (36.0 * math.sqrt(3.0)) / (DURATION - period)
     )
 
 
@@ -176,53 +173,36 @@ def _spread(runs: dict[float, Trajectory]) -> float:
 
 
 def _links_table(crane: Crane, periods: dict[float, float], expected: dict[float, float]) -> Table:
-    rows = [
-        (
-            m,
-            crane.payload_mass / m if m else None,
-            T,
-            expected[m],
-            T / expected[m] - 1,
-            T / periods[0.0] - 1,
-        )
-        for m, T in periods.items()
-    ]
-    columns = [
-        ("link [kg]", "g"),
-        ("load/link", ".0e"),
-        ("T [s]", ".8f"),
-        ("compound pendulum [s]", ".8f"),
-        ("relative", "+.1e"),
-        ("against no links", "+.1e"),
-    ]
-    return Table(
+    return tabulate(
         "Free swing with ever lighter links between the swing joints",
-        columns,
-        rows,
+        periods,
+        [
+            ("link [kg]", "g", lambda m: m),
+            ("load/link", ".0e", lambda m: crane.payload_mass / m if m else None),
+            ("T [s]", ".8f", lambda m: periods[m]),
+            ("compound pendulum [s]", ".8f", lambda m: expected[m]),
+            ("relative", "+.1e", lambda m: periods[m] / expected[m] - 1),
+            ("against no links", "+.1e", lambda m: periods[m] / periods[0.0] - 1),
+        ],
         "The article's engine diverged at 1 kg.",
     )
 
 
 def _loads_table(points: dict[float, Trajectory], rigid: dict[float, Trajectory]) -> Table:
-    rows = [
-        (
-            m,
-            *(
-                float(np.abs(r[m][name]).max())
-                for r in (points, rigid)
-                for name in ("phi_rad", "theta_rad")
-            ),
-        )
-        for m in points
-    ]
-    columns = [
-        ("load [kg]", "g"),
-        ("point: max φ [rad]", ".9f"),
-        ("max θ [rad]", ".9f"),
-        ("400 kg m²: max φ [rad]", ".9f"),
-        ("max θ [rad]", ".9f"),
-    ]
-    return Table("All drives in prescribed motion: swing of loads of different mass", columns, rows)
+    def largest(run: Trajectory, name: str) -> float:
+        return float(np.abs(run[name]).max())
+
+    return tabulate(
+        "All drives in prescribed motion: swing of loads of different mass",
+        points,
+        [
+            ("load [kg]", "g", lambda m: m),
+            ("point: max φ [rad]", ".9f", lambda m: largest(points[m], "phi_rad")),
+            ("max θ [rad]", ".9f", lambda m: largest(points[m], "theta_rad")),
+            ("400 kg m²: max φ [rad]", ".9f", lambda m: largest(rigid[m], "phi_rad")),
+            ("max θ [rad]", ".9f", lambda m: largest(rigid[m], "theta_rad")),
+        ],
+    )
 
 
 def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
@@ -230,19 +210,11 @@ def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
     masses = np.array([m for m in periods if m > 0])
     gain = np.array([periods[m] / periods[0.0] - 1 for m in masses])
     ax.loglog(masses, gain, "o", color=COLOURS["phi"], label="simulated")
-    ax.loglog(
-        masses,
-        masses / (crane.payload_mass * LENGTH**2 + crane.payload_inertia[0, 0]),
-        color=COLOURS["setpoint"],
-        label="I/(2 m l²), two links",
-    )
+    theory_gain = masses / (crane.payload_mass * LENGTH**2 + crane.payload_inertia[0, 0])
+    ax.loglog(masses, theory_gain, color=COLOURS["setpoint"], label="I/(2 m l²), two links")
     ax.axvline(1.0, linestyle=":", color=COLOURS["unexplained"])
-    ax.annotate(
-        "the article's engine\ndiverged here",
-        (1.0, gain.min()),
-        xytext=(6, 0),
-        textcoords="offset points",
-    )
+    text, offset = "the article's engine\ndiverged here", "offset points"
+    ax.annotate(text, (1.0, gain.min()), xytext=(6, 0), textcoords=offset)
     ax.set(xlabel="mass of each link [kg]", ylabel="gain in period over no links")
     ax.legend()
     return figure

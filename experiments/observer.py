@@ -10,6 +10,7 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -20,7 +21,7 @@ from cranedyn.plotting.figures import panels
 from cranedyn.plotting.runs import run_colour
 from experiments import harness
 from experiments.compare.observers import LEFT
-from experiments.harness import Claim, Outcome, ProgressReporter, Setup, Table
+from experiments.harness import Claim, Column, Outcome, ProgressReporter, Setup, Table, tabulate
 from experiments.scenarios.moves import MOVES
 from experiments.scenarios.perturbations import AFTER_UNTOLD, Perturbation, make
 from experiments.scenarios.strategies import FLAT, STRATEGIES
@@ -91,42 +92,32 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     )
 
 
-def _table(found: Cases) -> Table:
-    rows = [
-        (
-            f"{seen}, {kind}",
-            *(
-                1e3 * value if math.isfinite(value) else None
-                for load, cable in itertools.product(LOADS, CABLES)
-                for value in [found.get((seen, kind, load, cable), math.inf)]
-            ),
-        )
-        for seen, kind in dict.fromkeys((case[0], case[1]) for case in found)
+def _table(swings: Cases) -> Table:
+    grid = list(itertools.product(LOADS, CABLES))
+
+    def swing(sensors_kind: tuple[str, str], load: float, cable: float) -> float | None:
+        value = swings.get((*sensors_kind, load, cable), math.inf)
+        return 1e3 * value if math.isfinite(value) else None
+
+    columns: list[Column] = [
+        (f"{100 * load:g} %, {100 * cable:+g} %", ".3g", partial(swing, load=load, cable=cable))
+        for load, cable in grid
     ]
-    columns = [
-        (f"{100 * load:g} %, {100 * cable:+g} %", ".3g")
-        for load, cable in itertools.product(LOADS, CABLES)
-    ]
-    return Table(
+    return tabulate(
         "Swing at the arrival, flat + LQR, load and cable not told [mrad]",
-        [("sensors, cable off by", ""), *columns],
-        rows,
+        dict.fromkeys((sensors, kind) for sensors, kind, *_ in swings),
+        [("sensors, cable off by", "", ", ".join), *columns],
         "Columns: load over that planned for, and how much longer the cable is. A dash: the run "
         "breaks off, or the cable is as read and stands one row above.",
     )
 
 
-def _figure(found: Cases) -> Figure:
+def _figure(swings: Cases) -> Figure:
     figure, (ax,) = panels(height=3.4)
-    for k, seen in enumerate(dict.fromkeys(case[0] for case in found)):
-        values = np.array([value for case, value in found.items() if case[0] == seen])
-        ax.plot(
-            1e3 * np.sort(values),
-            np.arange(1, len(values) + 1) / len(values),
-            drawstyle="steps-post",
-            color=run_colour(k),
-            label=seen,
-        )
+    for k, seen in enumerate(dict.fromkeys(case[0] for case in swings)):
+        values = np.array([value for case, value in swings.items() if case[0] == seen])
+        share, style = np.arange(1, len(values) + 1) / len(values), "steps-post"
+        ax.plot(1e3 * np.sort(values), share, drawstyle=style, color=run_colour(k), label=seen)
     ax.axvline(1e3 * LEFT, linestyle=":", color="#999999")
     ax.set(xscale="log", xlabel="swing at the arrival [mrad]", ylabel="share of the grid")
     ax.legend()

@@ -14,7 +14,7 @@ from cranedyn.errors import number
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
 from experiments import harness
-from experiments.harness import Claim, Outcome, Setup, Table
+from experiments.harness import Claim, Outcome, Setup, Table, tabulate
 from experiments.oracles import conserved, hoisting, moves, slewing, swing
 from experiments.oracles.check import STEP, Check, G, check, point_crane
 from experiments.oracles.reading import Bench, locked
@@ -102,22 +102,21 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     )
 
 
-def table(title: str, found: Sequence[Check]) -> Table:
-    """One part of mechanics."""
-    rows = [
-        (_named(c), c.oracle.closed, c.values[-1], c.error, c.of_step, c.allowed, c.order)
-        for c in found
-    ]
-    columns = [
-        ("oracle", ""),
-        ("closed form", ".10g"),
-        (f"dt = {1000 * found[0].steps[-1]:g} ms", ".7g>1e-11"),
-        ("error", "+.1e>1e-11"),
-        ("of the step", "+.1e>1e-11"),
-        ("rest within", ".0e"),
-        ("order", ".2f"),
-    ]
-    return Table(title, columns, rows)
+def table(title: str, checks: Sequence[Check]) -> Table:
+    """Return the table of one part of mechanics."""
+    return tabulate(
+        title,
+        checks,
+        [
+            ("oracle", "", _named),
+            ("closed form", ".10g", lambda c: c.oracle.closed),
+            (f"dt = {1000 * checks[0].steps[-1]:g} ms", ".7g>1e-11", lambda c: c.values[-1]),
+            ("error", "+.1e>1e-11", lambda c: c.error),
+            ("of the step", "+.1e>1e-11", lambda c: c.of_step),
+            ("rest within", ".0e", lambda c: c.allowed),
+            ("order", ".2f", lambda c: c.order),
+        ],
+    )
 
 
 def _named(found: Check) -> str:

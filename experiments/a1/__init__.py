@@ -17,8 +17,19 @@ from cranedyn.data.trajectory import read_columns
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.model.crane import Crane
 from experiments import harness
-from experiments.a1.case import FIT_FROM, PUBLISHED, PULSE_AT, SOFT, SWING, Case, run
+from experiments.a1.case import (
+    FIT_FROM,
+    PUBLISHED,
+    PULSE_AT,
+    SOFT,
+    SWING,
+    Case,
+    Published,
+    run,
+)
 from experiments.harness import Claim, Outcome, Setup
+
+__all__ = ["PUBLISHED", "SOFT", "Case", "Published", "experiment", "main", "run"]
 
 COLUMNS = ("t_s", "phi_rad", "l_m")
 """Columns that a recorded file must have."""

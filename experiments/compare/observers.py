@@ -1,58 +1,56 @@
-"""What observers that see the drives alone make of loads and cables that nobody told them."""
+"""Observers that see the drives alone, with loads and cables that are not known."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import math
+from functools import partial
 
-from experiments.harness import Claim, Table
+from experiments.compare.result import Results, score_of
+from experiments.harness import Claim, Column, Table, tabulate
 from experiments.scenarios.perturbations import UNTOLD
 from experiments.scenarios.strategies import FASTEST, FLAT, MPC
 
-Found = Mapping[str, Mapping[str, Any]]
-
 LEFT = 0.5e-3
-"""What may be left at the arrival [rad]."""
+"""Largest swing allowed at the arrival [rad]."""
 
 STILL = (FLAT, MPC, FASTEST)
 """Strategies that leave nothing where all is as planned and measured."""
 
 
-def observer_table(found: Found) -> Table:
-    """Swing at the arrival of every strategy under each case."""
+def observer_table(results: Results) -> Table:
+    """Return the swing at the arrival of every strategy under each case."""
+
+    def arrival(strategy: str, case: str) -> float | None:
+        score = score_of(results, strategy, case)
+        return 1e3 * score.arrival if score else None
+
     names = [case.name for case in UNTOLD]
-    rows = []
-    for strategy, results in found.items():
-        scores = [results[name].score if name in results else None for name in names]
-        if any(scores):
-            rows.append((strategy, *(1e3 * s.arrival if s else None for s in scores)))
-    return Table(
+    strategies = [s for s in results if any(score_of(results, s, name) for name in names)]
+    columns: list[Column] = [(name, ".3g", partial(arrival, case=name)) for name in names]
+    return tabulate(
         "Swing at the arrival where the drives alone are seen [mrad], combined move",
-        [("strategy", ""), *((name, ".3g") for name in names)],
-        rows,
+        strategies,
+        [("strategy", "", str), *columns],
         "State alone: an observer that believes load and cable as planned. Load too: one that "
         "estimates both beside the state. A dash: it breaks off.",
     )
 
 
-def observer_claims(found: Found) -> list[Claim]:
-    """That those strategies leave nothing with a load and a cable that nobody told."""
-    left = {
-        strategy: [
-            found[strategy][case.name].score
-            for case in UNTOLD
-            if case.observer != "state" and case.name in found[strategy]
-        ]
+def observer_claims(results: Results) -> list[Claim]:
+    """Claim that those strategies leave nothing with a load and a cable that are not known."""
+    cases = [case.name for case in UNTOLD if case.observer != "state"]
+    scores = {
+        strategy: [score_of(results, strategy, name) for name in cases if name in results[strategy]]
         for strategy in STILL
-        if strategy in found
+        if strategy in results
     }
-    if not any(left.values()):
-        return []
     swings = {
-        strategy: max(s.arrival if s else float("inf") for s in scores)
-        for strategy, scores in left.items()
-        if scores
+        strategy: max(s.arrival if s else math.inf for s in of_cases)
+        for strategy, of_cases in scores.items()
+        if of_cases
     }
+    if not swings:
+        return []
     worst = max(swings, key=lambda strategy: swings[strategy])
     return [
         Claim(

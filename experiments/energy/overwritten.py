@@ -17,9 +17,9 @@ from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import COLOURS, panels
-from experiments.energy import AUDIT, DAMPINGS, PUBLISHED, run, swing_energy
+from experiments.energy.swing import AUDIT, DAMPINGS, PUBLISHED, inertia_of, run, swing_energy
 from experiments.gazebo import RECORDINGS
-from experiments.harness import Claim, Outcome, Setup, Table
+from experiments.harness import Claim, Outcome, Setup, Table, tabulate
 
 RATIO = 0.55
 """Damping ratio that the article saw, about."""
@@ -64,7 +64,7 @@ def closed_form(crane: Crane, length: float, dt: float) -> Oscillation:
         length: Of the cable [m].
         dt: Physics step [s].
     """
-    inertia = crane.payload_mass * length**2 + crane.payload_inertia[0, 0] + crane.dummy_inertia[0]
+    inertia = inertia_of(crane, length)
     frequency = math.sqrt(crane.payload_mass * crane.gravity * length / inertia)
     return Oscillation(frequency, crane.dummy_inertia[0] / dt / (2.0 * inertia * frequency))
 
@@ -171,31 +171,28 @@ def _ratios(
         ("Gazebo 11.1, rates overwritten", fits[1].ratio, fits[1].frequency, gazebo),
         ("article", RATIO, None, PUBLISHED[1]),
     ]
-    columns = [
-        ("swing with its passive rates overwritten", ""),
-        ("ζ", ".4f"),
-        ("ω [rad/s]", ".4f"),
-        ("energy left [J]", ".2f"),
-    ]
-    note = (
+    name = "swing with its passive rates overwritten"
+    return Table(
+        f"The article's loss, after {AUDIT:g} s",
+        [(name, ""), ("ζ", ".4f"), ("ω [rad/s]", ".4f"), ("energy left [J]", ".2f")],
+        rows,
         f"Of the energy left {lift:.2f} J are the load's height: the hoist's feed-forward "
-        "believes in standard gravity and lifts it."
+        "believes in standard gravity and lifts it.",
     )
-    return Table(f"The article's loss, after {AUDIT:g} s", columns, rows, note)
 
 
-def _dampings(left: dict[float, float], stopped: float) -> Table:
-    rows = [(damping, joules, stopped) for damping, joules in left.items()]
-    columns = [
-        ("damp_swing [N m s/rad]", "g"),
-        ("left as it should be [J]", ".2f"),
-        ("left under the plugin [J]", ".2f"),
-    ]
-    note = (
+def _dampings(left: dict[float, float], overwritten: float) -> Table:
+    return tabulate(
+        "Damping of the swing joints does not reach the swing",
+        left,
+        [
+            ("damp_swing [N m s/rad]", "g", lambda damping: damping),
+            ("left as it should be [J]", ".2f", lambda damping: left[damping]),
+            ("left under the plugin [J]", ".2f", lambda damping: overwritten),
+        ],
         "Under the plugin a joint's damper sees a rate of zero. In Gazebo the three runs are "
-        "then the same to the byte, as in the article."
+        "then the same to the byte, as in the article.",
     )
-    return Table("Damping of the swing joints does not reach the swing", columns, rows, note)
 
 
 def _figure(free: Trajectory, stopped: Trajectory, there: dict[str, np.ndarray] | None) -> Figure:

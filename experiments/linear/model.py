@@ -66,36 +66,26 @@ def integrate(run: Trajectory, model: Model, gravity: float) -> np.ndarray:
     prescribed motion.
     """
     names = "gamma", "x", "l"
-    h, q, v, a = (
-        float(run.t[1] - run.t[0]),
-        run.coordinates(*names),
-        run.rates(*names),
-        accelerations(run),
-    )
+    h, q, v = float(run.t[1] - run.t[0]), run.coordinates(*names), run.rates(*names)
+    a = accelerations(run)
 
     def rates(y: np.ndarray, k: int, s: float) -> np.ndarray:
         slew_rate, x_rate, length_rate = (v[k] + a[k] * s).tolist()
         slew_acceleration, x_acceleration, _ = a[k]
         _, x, length = q[k] + (2.0 * v[k] + a[k] * s) / 2.0 * s
         drives = Drives(
-            x=x,
-            x_rate=x_rate,
-            x_acceleration=x_acceleration,
-            slew_rate=slew_rate,
-            slew_acceleration=slew_acceleration,
-            length=length,
-            length_rate=length_rate,
+            x, x_rate, x_acceleration, slew_rate, slew_acceleration, length, length_rate
         )
         return np.concatenate([y[2:], model(y[:2], y[2:], drives, gravity)])
 
-    found = [np.hstack([run.coordinates("phi", "theta"), run.rates("phi", "theta")])[0]]
+    swing = [np.hstack([run.coordinates("phi", "theta"), run.rates("phi", "theta")])[0]]
     for k in range(len(a)):
-        y = found[-1]
+        y = swing[-1]
         k1 = rates(y, k, 0.0)
         k2 = rates(y + h / 2.0 * k1, k, h / 2.0)
         k3 = rates(y + h / 2.0 * k2, k, h / 2.0)
-        found.append(y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + rates(y + h * k3, k, h)))
-    return np.array(found)
+        swing.append(y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + rates(y + h * k3, k, h)))
+    return np.array(swing)
 
 
 def accelerations(run: Trajectory) -> np.ndarray:

@@ -56,11 +56,8 @@ class Case:
 
 def move(setup: Setup, crane: Crane, job: Job, label: str) -> Trajectory:
     """A move and one swing after it, the drives in prescribed motion."""
-    period = float(
-        theory.point_period(
-            job.reference(job.arrival).position[crane.layout.drive("l")], setup.gravity
-        )
-    )
+    length = job.reference(job.arrival).position[crane.layout.drive("l")]
+    period = float(theory.point_period(length, setup.gravity))
     duration = math.ceil((job.arrival + period) / setup.control_period) * setup.control_period
     drives = follow(crane, job.reference, setup.control_period)
     return setup.simulate(
@@ -74,7 +71,7 @@ def move(setup: Setup, crane: Crane, job: Job, label: str) -> Trajectory:
     )
 
 
-def cases(setup: Setup, site: Site, crane: Crane) -> list[Case]:
+def run_cases(setup: Setup, site: Site, crane: Crane) -> list[Case]:
     """Every move of one crane with a point load; with inertia besides where it is known, on the
     article's crane.
     """
@@ -83,18 +80,14 @@ def cases(setup: Setup, site: Site, crane: Crane) -> list[Case]:
     def missed(run: Trajectory, model: Model) -> Miss:
         return miss(run, integrate(run, model, setup.gravity))
 
-    made = []
+    cases = []
     for job in jobs(site, crane):
-        run = move(setup, crane, job, f"{site.name}: {job.name}")
-        inertia = (
-            missed(move(setup, rigid, job, f"{site.name}: {job.name}, inertia"), paper)
-            if rigid
-            else None
-        )
-        made.append(
-            Case(site, job, run, missed(run, paper), missed(run, all_rates), inertia, *dropped(run))
-        )
-    return made
+        label = f"{site.name}: {job.name}"
+        run = move(setup, crane, job, label)
+        inertia = missed(move(setup, rigid, job, f"{label}, inertia"), paper) if rigid else None
+        misses = missed(run, paper), missed(run, all_rates), inertia
+        cases.append(Case(site, job, run, *misses, *dropped(run)))
+    return cases
 
 
 def scan(setup: Setup, crane: Crane, some: Sequence[Job]) -> list[float]:
@@ -129,17 +122,9 @@ def powers(setup: Setup, site: Site, crane: Crane) -> list[float]:
     first, last = DEEP * site.height, HIGH * site.height
     start = crane.state(l=first, phi=SWING)
     duration = 15.0 / 8.0 * (first - last) / site.hoist[0]
-    run = move(
-        setup,
-        crane,
-        Job(
-            "",
-            start,
-            spline(crane, start, [(0.0, start.q[crane.layout.index("x")], last)], [duration]),
-            duration,
-        ),
-        f"{site.name}: slow hoisting",
-    )
+    goal = (0.0, start.q[crane.layout.index("x")], last)
+    job = Job("", start, spline(crane, start, [goal], [duration]), duration)
+    run = move(setup, crane, job, f"{site.name}: slow hoisting")
     ends = (
         np.concatenate([run.coordinates(*swings)[-1], run.rates(*swings)[-1]]),
         integrate(run, paper, setup.gravity)[-1],

@@ -25,23 +25,23 @@ class Jump(NamedTuple):
     """Largest tension over the weight that hangs.
 
     Attributes:
-        what: What happens.
+        name: What happens.
         closed: By the closed form.
-        found: In a run.
+        simulated: In a run.
         allowed: Between them.
         why: Where that comes from.
     """
 
-    what: str
+    name: str
     closed: float
-    found: float
+    simulated: float
     allowed: float
     why: str
 
     @property
     def holds(self) -> bool:
         """Whether they agree."""
-        return abs(self.found - self.closed) < self.allowed
+        return abs(self.simulated - self.closed) < self.allowed
 
 
 def jumps(engine: EngineName = "pinocchio") -> list[Jump]:

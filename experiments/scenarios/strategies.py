@@ -371,3 +371,8 @@ STRATEGIES: dict[str, Callable[[Setup, Move], Plan]] = {
 """Plans by name. The spline alone and the operator have drives that follow exactly, as stiff
 velocity-controlled drives do. The setpoint of the MPC to the goal is the goal from the start: it
 arrives at once, and settles when the load is there."""
+
+
+def file_name(strategy: str) -> str:
+    """Return the name of a strategy as part of a file name."""
+    return strategy.replace("'s", "").replace(" + ", "_").replace(" ", "_").lower()

@@ -43,23 +43,23 @@ class Derived(NamedTuple):
         name: Which.
         means: How it was simulated.
         formula: By the function of `cranedyn.lifting`.
-        found: In simulation.
+        simulated: In simulation.
     """
 
     name: str
     means: str
     formula: float
-    found: float
+    simulated: float
 
     @property
-    def off(self) -> float:
+    def difference(self) -> float:
         """By how much they differ, relative."""
-        return self.found / self.formula - 1.0
+        return self.simulated / self.formula - 1.0
 
     @property
     def holds(self) -> bool:
         """Whether they agree."""
-        return abs(self.off) < AGREES
+        return abs(self.difference) < AGREES
 
 
 def derived(gravity: float) -> list[Derived]:

@@ -54,7 +54,7 @@ class Need(NamedTuple):
     run: Trajectory
 
     @property
-    def given_back(self) -> float:
+    def unused(self) -> float:
         """Share of what the standard allows for that is not needed; negative for too much."""
         return (self.allowed - self.needed) / self.allowed
 

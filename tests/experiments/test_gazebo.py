@@ -38,7 +38,7 @@ def test_a_whole_run_stays_within_1e_4_rad_of_the_articles_own_simulator(
     name: str, found: dict[str, gazebo.Pair]
 ) -> None:
     pair = found[name]
-    assert pair.there["t_s"][-1] == pair.here.t[-1]
+    assert pair.recorded["t_s"][-1] == pair.run.t[-1]
     assert pair.largest("phi_rad") < gazebo.ALLOWED
     assert pair.largest("theta_rad") < gazebo.ALLOWED
     # The step, h l ω²/2 along the cable, moves the pivot through its spring.
