@@ -118,7 +118,7 @@ def _table(move: Move, scores: Mapping[str, Score]) -> Table:
 
 
 def _tracking_figure(run: Trajectory) -> Figure:
-    """Drives and their references, in the manner of the paper's Fig. 5."""
+    """Draw the drives and their references, in the manner of the paper's Fig. 5."""
     figure, axes = panels(3, height=1.8, sharex=True)
     for ax, name, label in zip(axes, ("gamma", "x", "l"), ("γ [°]", "x [m]", "l [m]"), strict=True):
         scale, unit = (np.degrees(1.0), "rad") if name == "gamma" else (1.0, "m")
@@ -133,7 +133,7 @@ def _tracking_figure(run: Trajectory) -> Figure:
 
 
 def _swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
-    """Radial and tangential swing of each strategy, in the manner of the paper's Fig. 6."""
+    """Draw radial and tangential swing of each strategy, in the manner of the paper's Fig. 6."""
     figure, axes = panels(2, height=2.6, sharex=True)
     for ax, column, name in zip(axes, ("phi_rad", "theta_rad"), ("φ", "θ"), strict=True):
         for strategy in (PD, PAPER, LQR, FLAT):

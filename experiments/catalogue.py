@@ -28,7 +28,7 @@ class Entry(NamedTuple):
     figures: Mapping[str, str] = MappingProxyType({})
 
     def caption(self, figure: str) -> str:
-        """What a figure shows; its name where nothing is said."""
+        """Return the caption of a figure, by default its name."""
         if figure == "validity":
             return "Where the model does not hold: a bar for each run."
         for name, caption in self.figures.items():

@@ -22,7 +22,7 @@ SITES = ((0.0, 0.0), (40.0, 0.0), (80.0, 0.0), (0.0, -60.0), (40.0, -60.0), (75.
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
-    """All cranes: frequencies, ropes, agreement, control, and the double pendulum."""
+    """Run all cranes: frequencies, ropes, agreement, control, and the double pendulum."""
     from cranedyn.recording import Run
 
     done = setup.reporter.count("cranes", 4 + 2 * len(RELATIVES))

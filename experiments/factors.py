@@ -21,7 +21,7 @@ from experiments.standards.needed import Need, across, upwards
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
-    """Formulas, derivations, needs."""
+    """Compare formulas, derive them by simulation, and measure what moves need of them."""
     from cranedyn.recording import Run
 
     moves, hoists = across(setup), upwards(setup)
@@ -151,7 +151,7 @@ def _gains(moves: Sequence[Need], hoists: Sequence[Need]) -> list[Claim]:
 
 
 def _figure(found: Sequence[Derived]) -> Figure:
-    """ψ_h over the mass ratio, and β2 over the class."""
+    """Draw ψ_h over the mass ratio, and β2 over the class."""
     figure, (ratio, slope) = panels(1, 2, height=3.4, width=10.0)
     mus = [0.2 + 0.1 * i for i in range(110)]
     ratio.plot(mus, [factors.psi_h(mu) for mu in mus], color=COLOURS["setpoint"], label="formula")
@@ -172,7 +172,7 @@ def _figure(found: Sequence[Derived]) -> Figure:
 
 
 def _needed(moves: Sequence[Need]) -> Figure:
-    """ψ_h that each strategy needs."""
+    """Draw the ψ_h that each strategy needs."""
     figure, axes = panels(1, 2, height=3.0, width=10.0)
     for ax, name in zip(axes, dict.fromkeys(one.move for one in moves), strict=True):
         own = [one for one in moves if one.move == name]

@@ -57,7 +57,7 @@ class Pair:
     run: Trajectory
 
     def difference(self, column: str) -> np.ndarray:
-        """What was recorded less what is found here at the same times, shape (n,).
+        """Return the recorded column less that of the run at the same times, shape (n,).
 
         Raises:
             DataError: If the run has no row at a time of the recording.
@@ -76,7 +76,7 @@ class Pair:
 
 
 def pairs(setup: Setup) -> dict[str, Pair]:
-    """Every recording with its run made here, by name."""
+    """Return every recording with its run made here, by name."""
     length, stiffness, damping, _ = a1.SOFT
     runs = {f"a1_l{length:g}": a1.run(setup, length).trajectory for length in a1.PUBLISHED}
     runs |= {

@@ -42,7 +42,7 @@ SHOWN = ("slew", "slew, trolley, fast hoist")
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
-    """Every move of every crane, slower slews, slow hoisting."""
+    """Make every move of every crane, slower slews, and slow hoisting."""
     from cranedyn.recording import Run
     from experiments.linear.figures import dropped_figure, slew_figure, swing_figure
 
@@ -96,7 +96,7 @@ def claims(
     angles: Mapping[str, float],
     hoisted: Mapping[str, Sequence[float]],
 ) -> list[Claim]:
-    """What holds where, as far as these moves show it."""
+    """Claim where the linear equations hold, as far as these moves show it."""
     alone = [case.paper.rms for case in found if case.job.name in ALONE]
     slewing = [case for case in found if case.job.name.startswith("slew")]
     terms = [

@@ -35,7 +35,7 @@ SWING, LENGTH, DURATION, TOUR = 0.10, 15.0, 40.0, 20.0
 
 
 def swing(setup: Setup, link: float) -> Trajectory:
-    """Free swing from rest with the drives locked and dummy links of a given mass [kg]."""
+    """Swing the load from rest with the drives locked and dummy links of a given mass [kg]."""
     crane = setup.variant(dummy_mass=link, dummy_inertia=link, damp_swing=0)
     start = crane.state(l=LENGTH, phi=SWING)
     return setup.simulate(
@@ -50,7 +50,7 @@ def swing(setup: Setup, link: float) -> Trajectory:
 
 
 def period(trajectory: Trajectory) -> float:
-    """Mean period from zero crossings [s].
+    """Return the mean period from zero crossings [s].
 
     Raises:
         DataError: If the load does not swing through twice.
@@ -64,15 +64,15 @@ def period(trajectory: Trajectory) -> float:
 
 
 def of_step(setup: Setup, period: float) -> float:
-    """Share by which semi-implicit Euler shortens the period [s] of a small swing, (ω dt)²/24; a
-    finite swing A changes A² of it.
+    """Return the share by which semi-implicit Euler shortens the period [s] of a small swing, (ω
+    dt)²/24; a finite swing A changes A² of it.
     """
     return (2.0 * math.pi / period * setup.dt) ** 2 / 24.0
 
 
 def between_rows(setup: Setup, period: float) -> float:
-    """What straight lines between rows h apart may add to the period [s], relative: twice (ω h)²
-    h/(36 √3) over the run.
+    """Return the relative error of a period [s] by straight lines between rows h apart: twice (ω
+    h)² h/(36 √3) over the run.
     """
     h = setup.control_period
     return (
@@ -81,12 +81,12 @@ def between_rows(setup: Setup, period: float) -> float:
 
 
 def rounding(setup: Setup, duration: float) -> float:
-    """What rounding of each step adds up to over a run [s], as a random walk does."""
+    """Return the sum of rounding errors of all steps of a run [s], as of a random walk."""
     return math.sqrt(duration / setup.dt) * sys.float_info.epsilon
 
 
 def tour(setup: Setup, crane: Crane) -> Trajectory:
-    """All three drives in prescribed motion at once, with a swing at the start."""
+    """Move all three drives in prescribed motion at once, with a swing at the start."""
     start = crane.state(x=8.0, l=LENGTH, phi=0.05, theta=-0.03)
     reference = spline(crane, start, [(0.4, 14.0, LENGTH - 4.0)], [12.0], at=1.0)
     drives = follow(crane, reference, setup.control_period)
@@ -167,7 +167,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 
 def _spread(runs: dict[float, Trajectory]) -> float:
-    """Largest difference in swing between any two runs [rad]."""
+    """Return the largest difference in swing between any two runs [rad]."""
     swings = np.stack([r.coordinates("phi", "theta") for r in runs.values()])
     return float(np.ptp(swings, axis=0).max())
 

@@ -46,7 +46,7 @@ _KINDS = {".svg": "image/svg+xml", ".png": "image/png"}
 
 
 def page(folders: Sequence[Path]) -> str:
-    """The report as one HTML document that needs nothing else.
+    """Return the report as one HTML document that needs nothing else.
 
     Args:
         folders: Folders of results, each with a ``result.json`` and figures.
@@ -73,7 +73,7 @@ def page(folders: Sequence[Path]) -> str:
 
 
 def _first(results: Sequence[dict[str, Any]]) -> str:
-    """The first screen: when, the crane, how many claims hold, a line for each experiment."""
+    """Return the first screen: date, crane, number of claims that hold, a line for each experiment."""
     today = date.today()
     claims = [
         harness.Claim(c["sentence"], c["holds"]) for result in results for c in result["claims"]
@@ -108,7 +108,7 @@ def _of_total(claims: Sequence[Mapping[str, Any]]) -> str:
 
 
 def crane_address() -> str:
-    """The crane as a picture in an address."""
+    """Return a picture of the crane as an address."""
     import io
 
     import matplotlib as mpl
@@ -128,13 +128,13 @@ def _address(content: bytes, ending: str) -> str:
 
 
 def _entry(result: Mapping[str, Any]) -> Entry:
-    """What the catalogue says of an experiment, or what it says of itself."""
+    """Return the catalogue's entry of an experiment, or one made of its result."""
     name = str(result["experiment"])
     return EXPERIMENTS.get(name) or Entry(name, str(result["about"]))
 
 
 def read_result(folder: Path) -> dict[str, Any]:
-    """The result in a folder.
+    """Read the result in a folder.
 
     Raises:
         DataError: If there is none.
@@ -176,8 +176,8 @@ def _none(file: Path, error: Exception) -> DataError:
 
 
 def _made(folder: Path) -> bool:
-    """Whether a result is there, and every file that it lists; what is wrong with it otherwise is
-    said when it is read.
+    """Return whether a result and every file that it lists exist; other errors are raised when it
+    is read.
     """
     file = folder / "result.json"
     try:
@@ -229,13 +229,13 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
 
 
 def mark_html(holds: bool | None) -> str:
-    """The sign of a claim, as HTML."""
+    """Return the sign of a claim, as HTML."""
     kind, sign = _MARKS[holds]
     return f'<span class="mark {kind}" title="{harness.MARKS[holds]}">{sign}</span>'
 
 
 def table_html(table: dict[str, Any]) -> str:
-    """A table of a ``result.json``, as HTML."""
+    """Return a table of a ``result.json``, as HTML."""
     made = harness.Table.of(table)
     kinds = ["" if form else ' class="text"' for _, form in made.columns]
     head = "".join(
@@ -256,13 +256,13 @@ def table_html(table: dict[str, Any]) -> str:
 
 
 def best_figure(name: str, files: Mapping[str, str]) -> str:
-    """The figure as drawing where there is one."""
+    """Return the vector file of a figure if there is one."""
     drawing = f"{Path(name).stem}.svg"
     return drawing if drawing in files else name
 
 
 def figure_html(folder: Path, name: str) -> str:
-    """A figure of a folder of results, as HTML that holds it."""
+    """Return a figure of a folder of results, as HTML that holds it."""
     if Path(name).name != name or Path(name).suffix not in _KINDS:
         raise ValueError(f"{name!r} is no figure in its folder")
     content = read_bytes(folder / name, _LARGEST_FIGURE)
@@ -334,7 +334,7 @@ def _main(options: argparse.Namespace) -> int:
 
 
 def _words(name: str, options: argparse.Namespace, folder: Path) -> list[str]:
-    """The arguments of an experiment."""
+    """Return the arguments of an experiment."""
     entry = EXPERIMENTS[name]
     engine = [] if options.engine == "pinocchio" else ["--engine", options.engine]
     return [*(entry.quick if options.quick else entry.words), *engine, f"--out={folder / name}"]

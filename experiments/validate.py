@@ -33,7 +33,7 @@ ORDER = 0.02
 
 
 def checks(bench: Bench, halvings: int) -> dict[str, list[Check]]:
-    """Every oracle of every part, run."""
+    """Run every oracle of every part."""
     return {
         title: [check(oracle, halvings) for oracle in oracles(bench)]
         for title, oracles in PARTS.items()
@@ -120,7 +120,7 @@ def table(title: str, checks: Sequence[Check]) -> Table:
 
 
 def _named(found: Check) -> str:
-    """What an oracle is, with its unit."""
+    """Return the name of an oracle with its unit."""
     return f"{found.oracle.name} [{found.oracle.unit}]" if found.oracle.unit else found.oracle.name
 
 

@@ -50,7 +50,7 @@ COLUMNS = ("t_s", "gamma_dot_rad_s", "x_m", "theta_rad", "theta_dot_rad_s", "l_m
 
 
 def filtered(t: np.ndarray, slew_rate: np.ndarray) -> np.ndarray:
-    """Slew acceleration as from a measurement: the derivative of a Savitzky-Golay fit.
+    """Return the slew acceleration as from a measurement: the derivative of a Savitzky-Golay fit.
 
     Raises:
         DataError: If the samples are too few or not evenly spaced within 1 %.
@@ -63,8 +63,8 @@ def filtered(t: np.ndarray, slew_rate: np.ndarray) -> np.ndarray:
 
 
 def exact(t: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Acceleration as the simulation knows it: the change of rate over each control period is
-    exact; here at the instants between them.
+    """Return the acceleration as the simulation has it: the change of rate over each control period
+    is exact; here at the instants between them.
     """
     change = np.diff(rate) / np.diff(t)
     return np.concatenate([[change[0]], (change[1:] + change[:-1]) / 2.0, [change[-1]]])
@@ -78,9 +78,7 @@ def paper_model(
     length: float,
     gravity: float,
 ) -> np.ndarray:
-    """Eq. (10) integrated from the first measured state, driven by measured x(t) γ̈(t); shapes
-    (n,).
-    """
+    """Integrate Eq. (10) from the first measured state, driven by measured x(t) γ̈(t); shapes (n,)."""
 
     def rates(s: float, y: np.ndarray) -> tuple[float, float]:
         push = float(np.interp(s, t, excitation))
@@ -91,8 +89,8 @@ def paper_model(
 
 
 def full_model(trajectory: Trajectory, gravity: float, extra_length: float = 0.0) -> np.ndarray:
-    """θ by the equations with all rates (`theory.small_swing`), driven by the motion of the drives
-    as simulated; shape (n,).
+    """Return θ by the equations with all rates (`theory.small_swing`), driven by the motion of the
+    drives as simulated; shape (n,).
 
     Args:
         trajectory: The run, already cut to the comparison.
@@ -171,8 +169,8 @@ def by_paper(
     acceleration: Callable[[np.ndarray, np.ndarray], np.ndarray] = filtered,
     gravity: float = STANDARD_GRAVITY,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Times, measured θ, θ by Eq. (10) and its push x γ̈, from the start of the comparison; from a
-    run or from recorded columns.
+    """Return times, measured θ, θ by Eq. (10) and its push x γ̈ from the start of the comparison,
+    of a run or of recorded columns.
 
     Raises:
         DataError: If the record is too short or too coarse, or x γ̈ is beyond `STRONGEST`.

@@ -53,7 +53,7 @@ class Oscillation(NamedTuple):
 
 
 def closed_form(crane: Crane, length: float, dt: float) -> Oscillation:
-    """The swing under the plugin.
+    """Return the swing under the plugin.
 
     At every step the two dummy links lose their rates, I φ̇, which the joints to the load give back
     to them from its swing: the torque (ΣI/dt) φ̇. The joints' own dampers see a rate of zero and
@@ -70,7 +70,7 @@ def closed_form(crane: Crane, length: float, dt: float) -> Oscillation:
 
 
 def fitted(t: np.ndarray, phi: np.ndarray) -> Oscillation:
-    """The oscillation that fits a swing from rest best."""
+    """Fit an oscillation to a swing from rest."""
 
     def misfit(parameters: np.ndarray) -> np.ndarray:
         return Oscillation(*parameters)(t) - phi / phi[0]
@@ -80,7 +80,7 @@ def fitted(t: np.ndarray, phi: np.ndarray) -> Oscillation:
 
 
 def recorded(name: str) -> dict[str, np.ndarray]:
-    """A recording of the swing in Gazebo, with coordinates and rates."""
+    """Read a recording of the swing in Gazebo, with coordinates and rates."""
     columns = [
         "t_s",
         *(f"{symbol}_{unit}" for symbol, unit in JOINTS),
@@ -102,7 +102,7 @@ def left_there(crane: Crane, data: dict[str, np.ndarray]) -> float:
 
 
 def experiment(setup: Setup, swing: float, length: float) -> Outcome:
-    """The swing as it should be and under the plugin, here and in Gazebo."""
+    """Run the swing as it should be and under the plugin, and compare it to Gazebo."""
     cranes = {d: setup.variant(damp_swing=d) for d in DAMPINGS}
     crane = cranes[1.0]
     expected = closed_form(crane, length, setup.dt)

@@ -274,8 +274,8 @@ def _trials_claims(alone: Found, both: Found, trials: Sequence[Tried]) -> list[C
 
 
 def _trials(estimate: Estimate) -> list[Tried]:
-    """Strategies tried on the twin; none of a crane that is not this project's own, and none where
-    a move of the comparison cannot be made.
+    """Try strategies on the twin; none for a crane that is not this project's own, and none if a
+    move of the comparison cannot be made.
     """
     known = estimate.model.known
     return tried(estimate) if known.urdf is None else []

@@ -53,7 +53,7 @@ _MOVES = {"x": (2, 2.0, 2.0, 6.0), "gamma": (1, 0.3, 3.0, 8.0), "l": (1, 3.0, 6.
 
 @cache
 def believed() -> Known:
-    """What one believes of all of them: the crane as its description says."""
+    """Return the prior of all of them: the crane of its description."""
     return Known()
 
 

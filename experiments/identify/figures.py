@@ -17,7 +17,7 @@ _LINES = {"recorded": "#777777", "left": "#000000"}
 
 
 def beside(estimate: Estimate, index: int) -> Figure:
-    """Each swing of a record as recorded and as predicted, what is left, and both spectra."""
+    """Draw each swing of a record as recorded and as predicted, the residual, and both spectra."""
     model = estimate.model
     channels = [(c, one) for c, one in enumerate(model.channels[index]) if one.kind == "swing"]
     record, rows = model.records[index], model.rows(index)
@@ -43,7 +43,7 @@ def beside(estimate: Estimate, index: int) -> Figure:
 def spectra(
     interval: float, t: np.ndarray, measured: np.ndarray, off: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Frequencies [Hz], and densities of what was recorded and of what is left [rad²/Hz], at equal
+    """Return frequencies [Hz], and densities of the record and of its residual [rad²/Hz], at equal
     times an interval [s] apart.
     """
     even = np.arange(t[0], t[-1], interval)
@@ -66,7 +66,7 @@ def _spectra(
 
 
 def correlations(names: list[str], correlation: np.ndarray) -> Figure:
-    """How far each two parameters of the crane hang together."""
+    """Draw the correlation of each two parameters of the crane."""
     figure, (ax,) = panels(1, height=0.45 * len(names) + 2.0, width=0.55 * len(names) + 3.5)
     image = ax.imshow(correlation, vmin=-1.0, vmax=1.0, cmap="RdBu_r")
     ax.set_xticks(range(len(names)), names, rotation=60, ha="right")

@@ -38,7 +38,7 @@ def found(model: Model, setup: Setup, label: str) -> Found:
 
 
 def tables(one: Found, of: str, truth: Mapping[str, float]) -> list[Table]:
-    """All that is said of records: numbers, what is left, and what they cannot tell."""
+    """Return the tables of records: numbers, residuals, and what they cannot tell."""
     return [values(one, of, truth), _left(one, of), *doubts(one, of)]
 
 
@@ -47,7 +47,7 @@ def _titled(title: str, of: str) -> str:
 
 
 def values(one: Found, of: str, truth: Mapping[str, float]) -> Table:
-    """Values with their intervals, beside what was believed and what is true."""
+    """Return the values with their intervals, beside the prior and the truth."""
     own = one.estimate.model.own
     rows: list[tuple[float | str | None, ...]] = []
     for parameter in own:
@@ -74,7 +74,7 @@ def _list(names: Sequence[str]) -> str:
 
 
 def _left(one: Found, of: str) -> Table:
-    """What is left of each channel."""
+    """Return the residual of each channel."""
     estimate, rows = one.estimate, []
     for index, record in enumerate(estimate.model.records):
         for c, channel in enumerate(estimate.model.channels[index]):
@@ -102,7 +102,7 @@ def _left(one: Found, of: str) -> Table:
 
 
 def doubts(one: Found, of: str) -> list[Table]:
-    """What records cannot tell, and which moves would."""
+    """Return what records cannot tell, and which moves would."""
     judged = one.judged
     pairs: list[tuple[str | float, ...]] = [
         (f"{pair.one} from {pair.other}", pair.correlation) for pair in judged.alike
@@ -137,7 +137,7 @@ def _finite(value: float) -> float | None:
 
 
 def of_trials(trials: Sequence[Tried]) -> list[Table]:
-    """What strategies leave on the twin; nothing where none was tried."""
+    """Return the swing that strategies leave on the twin; no table if none was tried."""
     if not trials:
         return []
     rows = [

@@ -79,7 +79,7 @@ class Tried:
 
 @cache
 def trial_run() -> Trajectory:
-    """What the crane of the trial does, on drives that lag behind their setpoints."""
+    """Run the crane of the trial on drives that lag behind their setpoints."""
     crane = Known().load(damp_swing=TRUTH["damp_swing"])
     start = crane.state(x=8.0, l=12.0 + TRUTH["l_offset"])
     aims = operator(crane, start, PULSES, accelerations=LIMITS.accelerations)
@@ -102,8 +102,8 @@ def trial_run() -> Trajectory:
 
 
 def trial_record(known: Known, *, positions: bool) -> Record:
-    """The record of the trial: swing and setpoints of the drives, and if asked their positions, as
-    sensors show them.
+    """Return the record of the trial: swing, setpoints of the drives, and perhaps their positions,
+    as sensors show them.
     """
     run, rng = trial_run(), np.random.default_rng(18)
     rows = np.arange(0, len(run), round(INTERVAL / _STEP))
@@ -154,7 +154,7 @@ def tried(estimate: Estimate) -> list[Tried]:
 
 
 def _draws(estimate: Estimate) -> dict[str, np.ndarray]:
-    """Values of the parameters of the crane as sure as they are, by name, shape (draws,) each."""
+    """Draw values of the parameters from the estimate's distribution, by name, shape (draws,) each."""
     own = estimate.model.own
     count = len(own)
     rng = np.random.default_rng(0)

@@ -17,7 +17,7 @@ _CRANES = ("theta", "x", "gamma", "l")
 
 
 def swing_figure(case: Case, gravity: float) -> Figure:
-    """Both angles of the plant, of the paper's equations, and with all rates kept."""
+    """Draw both angles of the plant, of the paper's equations, and with all rates kept."""
     figure, axes = panels(2, height=2.6, sharex=True)
     swings = {
         "Eqs. (8), (10)": integrate(case.run, paper, gravity),
@@ -46,7 +46,7 @@ def swing_figure(case: Case, gravity: float) -> Figure:
 def slew_figure(
     slow: Mapping[str, Sequence[float]], short: Mapping[str, Sequence[float]], good: float
 ) -> Figure:
-    """Error over slew rate and over slew angle, for each crane."""
+    """Draw the error over slew rate and over slew angle, for each crane."""
     figure, (left, right) = panels(1, 2, height=3.8, sharey=True)
     for site, colour in zip(SITES, _CRANES, strict=True):
         left.loglog(
@@ -72,7 +72,7 @@ def slew_figure(
 
 
 def dropped_figure(found: Sequence[Case], moves: Sequence[str]) -> Figure:
-    """The dropped terms of some moves, for each crane."""
+    """Draw the dropped terms of some moves, for each crane."""
     figure, axes = panels(1, len(moves), height=3.6, sharey=True)
     for ax, name in zip(axes, moves, strict=True):
         some = [case for case in found if case.job.name == name]

@@ -42,7 +42,7 @@ Model = Callable[[np.ndarray, np.ndarray, Drives, float], np.ndarray]
 
 
 def paper(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: float) -> np.ndarray:
-    """Eqs. (8) and (10) of Muddassir et al."""
+    """Return Eqs. (8) and (10) of Muddassir et al."""
     phi = _radial(swing[0], length=drives.length, gravity=gravity, excitation=drives.x_acceleration)
     theta = _tangential(
         swing[1],
@@ -54,13 +54,13 @@ def paper(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: float) 
 
 
 def all_rates(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: float) -> np.ndarray:
-    """The same with everything that is linear in the swing."""
+    """Return the same with everything that is linear in the swing."""
     return _small_swing(swing, rates, gravity=gravity, **vars(drives))
 
 
 def integrate(run: Trajectory, model: Model, gravity: float) -> np.ndarray:
-    """φ, θ and their rates of a model along a run, from its start and under the motion of its
-    drives, shape (n, 4).
+    """Integrate φ, θ and their rates of a model along a run, from its start and under the motion of
+    its drives, shape (n, 4).
 
     Runge-Kutta of order 4, one step for each row; between rows the drives accelerate evenly, as in
     prescribed motion.
@@ -89,7 +89,9 @@ def integrate(run: Trajectory, model: Model, gravity: float) -> np.ndarray:
 
 
 def accelerations(run: Trajectory) -> np.ndarray:
-    """Of the drives between each row and the next [rad/s², m/s², m/s²], shape (n - 1, 3)."""
+    """Return the accelerations of the drives between each row and the next [rad/s², m/s², m/s²],
+    shape (n - 1, 3).
+    """
     return np.diff(run.rates("gamma", "x", "l"), axis=0) / np.diff(run.t)[:, None]
 
 
@@ -125,8 +127,8 @@ def miss(run: Trajectory, modelled: np.ndarray) -> Miss:
 
 
 def dropped(run: Trajectory) -> tuple[float, dict[str, float]]:
-    """What the paper's equations keep of the drives, and what they drop, at their largest along a
-    run.
+    """Return what the paper's equations keep of the drives, and what they drop, at their largest
+    along a run.
 
     Returns:
         The larger of ẍ and x γ̈ [m/s²]; each dropped term by its formula, as a share of that.

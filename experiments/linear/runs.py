@@ -55,7 +55,7 @@ class Case:
 
 
 def move(setup: Setup, crane: Crane, job: Job, label: str) -> Trajectory:
-    """A move and one swing after it, the drives in prescribed motion."""
+    """Make a move and one swing after it, the drives in prescribed motion."""
     length = job.reference(job.arrival).position[crane.layout.drive("l")]
     period = float(theory.point_period(length, setup.gravity))
     duration = math.ceil((job.arrival + period) / setup.control_period) * setup.control_period
@@ -72,8 +72,8 @@ def move(setup: Setup, crane: Crane, job: Job, label: str) -> Trajectory:
 
 
 def run_cases(setup: Setup, site: Site, crane: Crane) -> list[Case]:
-    """Every move of one crane with a point load; with inertia besides where it is known, on the
-    article's crane.
+    """Make every move of one crane with a point load; with inertia besides where it is known, on
+    the article's crane.
     """
     rigid = site.crane(setup, **INERTIA) if site is SITES[0] else None
 
@@ -91,16 +91,16 @@ def run_cases(setup: Setup, site: Site, crane: Crane) -> list[Case]:
 
 
 def scan(setup: Setup, crane: Crane, some: Sequence[Job]) -> list[float]:
-    """Error of the paper's equations in each of some moves, root mean square over the largest
-    swing.
+    """Return the error of the paper's equations in each of some moves, root mean square over the
+    largest swing.
     """
     trajectories = [move(setup, crane, job, job.name) for job in some]
     return [miss(run, integrate(run, paper, setup.gravity)).rms for run in trajectories]
 
 
 def reaches(values: Sequence[float], errors: Sequence[float], good: float) -> float:
-    """The value at which an error that grows with it is as large as is good, between two neighbours
-    by their logarithms.
+    """Return the value at which an error that grows with it reaches `good`, interpolated between
+    two neighbours by their logarithms.
 
     Raises:
         DataError: If it is not that large, or not that small, at any.
@@ -115,8 +115,8 @@ def reaches(values: Sequence[float], errors: Sequence[float], good: float) -> fl
 
 
 def powers(setup: Setup, site: Site, crane: Crane) -> list[float]:
-    """With which power of the cable a free swing changes when it is hoisted slowly: in the plant,
-    and by Eq. (8).
+    """Return the power of the cable length with which a free swing changes when it is hoisted
+    slowly: in the plant, and by Eq. (8).
     """
     swings = ("phi", "theta")
     first, last = DEEP * site.height, HIGH * site.height

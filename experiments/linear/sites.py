@@ -45,9 +45,7 @@ class Site:
     hoist: tuple[float, float]
 
     def crane(self, setup: Setup, **values: float) -> Crane:
-        """The crane, with a point load unless said otherwise; its mast is high enough for the
-        drawing.
-        """
+        """Return the crane, by default with a point load; its mast is high enough for the drawing."""
         mast = {
             "mast_height": self.height + 2.0,
             "pivot_height": self.height + 4.0,
@@ -100,7 +98,9 @@ class Job:
 
 
 def jobs(site: Site, crane: Crane) -> list[Job]:
-    """Single drives, in splines and at constant speed between ramps, then pairs, then all."""
+    """Return the moves: single drives, in splines and at constant speed between ramps, then pairs,
+    then all.
+    """
     middle, tip, high, deep = (
         0.5 * site.jib,
         0.9 * site.jib,
@@ -138,7 +138,7 @@ ANGLES = (1.0, 2.0, 5.0, 10.0, 20.0)
 
 
 def slow_slews(site: Site, crane: Crane) -> list[Job]:
-    """Slews at shares of the crane's rate, reached in the usual time."""
+    """Return slews at shares of the crane's rate, reached in the usual time."""
     slew, *others = site.accelerations
     return [
         _moved(
@@ -153,7 +153,7 @@ def slow_slews(site: Site, crane: Crane) -> list[Job]:
 
 
 def short_slews(site: Site, crane: Crane) -> list[Job]:
-    """Slews by small angles at the usual acceleration, most of which never reach the rate."""
+    """Return slews by small angles at the usual acceleration, most of which never reach the rate."""
     holds = [
         max(math.sqrt(a / site.accelerations[0]), a / site.slew) for a in map(math.radians, ANGLES)
     ]

@@ -52,13 +52,13 @@ Mapped = list[list["Margins"]]
 
 
 def at_rest(setup: Setup, rest: State) -> Motion:
-    """A motion that is none."""
+    """Return a motion that stands still."""
     still = np.zeros((1, setup.crane.layout.n))
     return Motion(setup.control_period, rest.q[None], still, still, setup.crane.layout.drives)
 
 
 def integrating(setup: Setup, rest: State) -> HoistIntegral:
-    """The full-model LQR with an integrator on the hoist, made for a rest."""
+    """Return the full-model LQR with an integrator on the hoist, made for a rest."""
     return with_integral(setup, at_rest(setup, rest))
 
 
@@ -85,7 +85,7 @@ def _kept(setup: Setup, rest: State) -> Regulator:
 
 
 def _blind(setup: Setup, rest: State) -> Regulator:
-    """The same behind the filter that sees the drives alone, when its gain has settled."""
+    """Return the same behind the filter that sees the drives alone, when its gain has settled."""
     from cranedyn.bridges.margins import behind_observer
 
     crane = setup.crane
@@ -111,7 +111,7 @@ such as flat paths, the shortest time and the MPC within its limits, end in the 
 
 
 def mapped(setup: Setup, points: int) -> dict[str, Mapped]:
-    """Margins of each strategy over the map."""
+    """Return the margins of each strategy over the map."""
     from cranedyn.bridges.margins import margins
 
     radii, cables = axes(points)
@@ -130,7 +130,7 @@ def _plant(setup: Setup, rest: State) -> Sampled:
 
 
 def axes(points: int) -> tuple[np.ndarray, np.ndarray]:
-    """Radii and cable lengths of the map [m]."""
+    """Return the radii and cable lengths of the map [m]."""
     return np.linspace(*RADII, points), np.linspace(*CABLES, points)
 
 
@@ -152,7 +152,7 @@ class Disturbed:
         self._waiting = deque([0.0] * periods)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Efforts, shape (m,)."""
+        """Return the efforts, shape (m,)."""
         command = np.array(self.controller(t, state, setpoint))
         self._waiting.append(self.factor * (command[self.drive] - self.rest[self.drive]))
         command[self.drive] = self.rest[self.drive] + self._waiting.popleft()
@@ -168,8 +168,8 @@ def grows(
     periods: int = 0,
     made_for: State | None = None,
 ) -> float:
-    """How much larger the deviation of a drive is in the last quarter of a run than in the second,
-    under the full-model LQR made for this place or another one; inf where the run breaks off.
+    """Return the ratio of a drive's deviation in the last quarter of a run to that in the second,
+    under the full-model LQR made for this place or another one; inf if the run breaks off.
     """
     crane, layout = setup.crane, setup.crane.layout
     q = rest.q.copy()
@@ -234,7 +234,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 
 def _worst(here: Mapped, points: int) -> tuple[float, ...]:
-    """The least of each margin over a map, and where."""
+    """Return the least of each margin over a map, and its place."""
     radii, cables = axes(points)
     found: list[float] = []
     for name, scale in (("damping", 100.0), ("stronger", 1.0), ("weaker", 1.0), ("late", 1e3)):
@@ -245,7 +245,7 @@ def _worst(here: Mapped, points: int) -> tuple[float, ...]:
 
 
 def _first(value: np.ndarray, extreme: float) -> tuple[int, int]:
-    """The first place with an extreme value, whatever rounding makes of places that are alike."""
+    """Return the first place with an extreme value, up to rounding between places that are alike."""
     place = int(np.flatnonzero(np.isclose(value, extreme, rtol=1e-6, atol=0.0))[0])
     return divmod(place, value.shape[1])
 
@@ -270,7 +270,7 @@ def _table(rows: Sequence[Sequence[float | str]], note: str) -> Table:
 
 
 def _met(setup: Setup, here: Mapped, points: int) -> tuple[Table, list[Claim]]:
-    """Where the full-model LQR bears the least delay, by simulation."""
+    """Simulate the place where the full-model LQR bears the least delay."""
     radii, cables = axes(points)
     borne = values(here, "late")
     i, j = _first(borne, borne.min())
@@ -326,7 +326,7 @@ def _met(setup: Setup, here: Mapped, points: int) -> tuple[Table, list[Claim]]:
 
 
 def _needed(setup: Setup, here: Mapped, points: int) -> Claim:
-    """Whether the LQR made for the middle ends where the map says so, by simulation."""
+    """Claim that the LQR made for the middle is unstable where the map says so, by simulation."""
     radii, cables = axes(points)
     damping = values(here, "damping")
     places = [_first(damping, end) for end in (damping.min(), damping.max())]

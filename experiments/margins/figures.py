@@ -13,7 +13,7 @@ from cranedyn.plotting.figures import panels
 
 
 def values(here: Sequence[Sequence[Any]], name: str) -> np.ndarray:
-    """One of the margins over a map: damping, or what the worst drive bears."""
+    """Return one of the margins over a map: damping, or the margin of the worst drive."""
     return np.array(
         [[m.damping if name == "damping" else getattr(m.least, name) for m in row] for row in here],
         dtype=float,
@@ -23,7 +23,9 @@ def values(here: Sequence[Sequence[Any]], name: str) -> np.ndarray:
 def map_figure(
     radii: np.ndarray, cables: np.ndarray, found: Mapping[str, Sequence[Sequence[Any]]]
 ) -> Figure:
-    """Damping, and the delay that the worst drive bears, of each strategy over radius and cable."""
+    """Draw damping, and the delay that the worst drive bears, of each strategy over radius and
+    cable.
+    """
     figure, axes = panels(2, len(found), height=2.8, width=12.5, sharex=True, sharey=True)
     for row, (title, name, scale, form) in enumerate(
         (

@@ -49,7 +49,7 @@ turn it."""
 
 @cache
 def point_crane(**values: object) -> Crane:
-    """A large crane with a point load, in the gravity of the oracles; loaded once."""
+    """Return a large crane with a point load, in the gravity of the oracles; loaded once."""
     return load_crane(gravity=G, **{**POINT, **LARGE, **values})  # type: ignore[arg-type]
 
 
@@ -148,8 +148,8 @@ class Check:
 
 
 def _richardson(values: Sequence[float]) -> list[float]:
-    """Extrapolations of values at steps h, h/2, h/4, ... to none, each with one power of the step
-    less.
+    """Return extrapolations of values at steps h, h/2, h/4, ... to none, each with one power of the
+    step less.
     """
     row, best = list(values), [values[-1]]
     for power in range(1, len(values)):

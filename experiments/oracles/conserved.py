@@ -24,7 +24,7 @@ DURATION, FREE = 20.0, 9.0
 
 
 def oracles(bench: Bench) -> list[Oracle]:
-    """Energy, momenta, the ledger."""
+    """Return the oracles of energy, momenta and the ledger."""
     crane = bench.build()
     return [
         *_locked(bench, crane),
@@ -36,8 +36,8 @@ def oracles(bench: Bench) -> list[Oracle]:
 
 
 def free(crane: Crane, drive: int) -> Controller:
-    """Prescribed motion in which one drive (0 slew, 1 trolley) exerts nothing and the others keep
-    their speed.
+    """Return a controller in prescribed motion under which one drive (0 slew, 1 trolley) exerts
+    nothing and the others keep their speed.
     """
 
     def accelerations(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
@@ -72,8 +72,8 @@ def _locked(bench: Bench, crane: Crane) -> list[Oracle]:
 
 
 def _ripple(bench: Bench, crane: Crane) -> Oracle:
-    """Semi-implicit Euler keeps E - dt/2 m g l φ φ̇ of a small swing, so E has gained ω dt/2 of
-    itself three eighths of a period later.
+    """Return the ripple of the energy: semi-implicit Euler keeps E - dt/2 m g l φ φ̇ of a small
+    swing, so E has gained ω dt/2 of itself three eighths of a period later.
     """
     small, omega = 3e-3, math.sqrt(G / LENGTH)
     when, whole = 0.75 * math.pi / omega, MASS * G * LENGTH * small**2 / 2.0
@@ -97,7 +97,7 @@ def _slewing(bench: Bench, crane: Crane) -> Oracle:
     start = crane.state(x=20.0, phi=0.4, theta=0.5, gamma_dot=0.05)
 
     def total(found: Trajectory) -> np.ndarray:
-        """About the slew axis [kg m²/s]: structure and trolley, and the load."""
+        """Return the angular momentum about the slew axis of structure, trolley and load [kg m²/s]."""
         place, rate = payload(found.q), speed(payload, found)
         structure = STRUCTURE + TROLLEY * found["x_m"] ** 2
         return structure * found["gamma_dot_rad_s"] + MASS * (
@@ -112,11 +112,13 @@ def _slewing(bench: Bench, crane: Crane) -> Oracle:
 
 
 def _rolling(bench: Bench, crane: Crane) -> list[Oracle]:
-    """A trolley that nothing drives, under a load that is thrown, and one that swings a little."""
+    """Return the oracles of a free trolley, under a load that is thrown, and one that swings a
+    little.
+    """
     start = crane.state(l=LENGTH, phi=0.5, x_dot=0.2)
 
     def along_the_jib(dt: float) -> float:
-        """Of trolley and load; at zero slew the jib points along -Y."""
+        """Return the momentum of trolley and load; at zero slew the jib points along -Y."""
         found = bench.run(crane, start, FREE, dt, free(crane, 1), every=1)
         return float(TROLLEY * found["x_dot_m_s"][-1] - MASS * speed(payload, found)[-1, 1])
 
@@ -135,8 +137,8 @@ def _rolling(bench: Bench, crane: Crane) -> list[Oracle]:
 
 
 def _ledgers(bench: Bench) -> list[Oracle]:
-    """Energy gained less work of the drives plus dissipation, over the energy that was moved; all
-    joints damped.
+    """Return the oracles of the ledger: energy gained less work of the drives plus dissipation,
+    over the energy that was moved; all joints damped.
     """
     crane = bench.build(damp_slew=3e4, damp_trolley=200.0, damp_swing=5e3, damp_hoist=700.0)
     start = crane.state(x=15.0, l=LENGTH, phi=0.2, theta=-0.1, gamma_dot=0.03)

@@ -20,8 +20,8 @@ SWING = 0.5
 
 
 def convergence_figure(found: Sequence[Check]) -> Figure:
-    """Error of every row in which the step shows, over the step, each over its error at the
-    coarsest.
+    """Draw the error of every row in which the step shows, over the step, each over its error at
+    the coarsest.
     """
     figure, (ax,) = panels(1, height=4.5)
     shown = [check for check in found if check.order is not None]
@@ -47,7 +47,7 @@ def convergence_figure(found: Sequence[Check]) -> Figure:
 
 
 def ripple_figure(bench: Bench, crane: Crane) -> Figure:
-    """Energy of a large swing in its plane, at steps of which each is half of the one before."""
+    """Draw the energy of a large swing in its plane, at three steps, each half of the one before."""
     figure, (ax,) = panels(1, height=3.2)
     for dt, colour in zip((0.02, 0.01, 0.005), ("x", "energy", "l"), strict=True):
         swing = bench.run(crane, crane.state(l=LENGTH, phi=SWING), 30.0, dt)
@@ -64,7 +64,7 @@ def ripple_figure(bench: Bench, crane: Crane) -> Figure:
 
 
 def oval_figure(trajectory: Trajectory) -> Figure:
-    """The load from above, and where its far ends must come to lie by the apsidal integral."""
+    """Draw the load from above, and the far ends of its oval by the apsidal integral."""
     figure, (ax,) = panels(1, height=6.0, width=6.5)
     offset = payload(trajectory.q) - payload(trajectory.q * [1, 1, 0, 0, 0])
     far, near = OVALS[1]

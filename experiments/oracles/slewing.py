@@ -28,15 +28,15 @@ jib."""
 
 
 def oracles(bench: Bench) -> list[Oracle]:
-    """Angles and tensions of steady slewing, and the two frequencies."""
+    """Return the oracles of angles and tensions of steady slewing, and of the two frequencies."""
     crane = bench.build()
     steady = [oracle for case in STEADY for oracle in _steady(bench, *case)]
     return [*steady, _stay(bench, crane, *STEADY[0]), *_modes(bench, crane)]
 
 
 def turning(build: Build, radius: float, length: float, rpm: float) -> tuple[Crane, State]:
-    """A load that hangs plumb under a jib that turns, with swing joints damped so that it settles;
-    at rest they exert nothing.
+    """Return a crane whose load hangs plumb under a jib that turns, with swing joints damped so
+    that it settles; at rest they exert nothing.
     """
     damping = 1.2 * MASS * length**2 * math.sqrt(G / length)
     crane = build(damp_swing=damping)
@@ -74,14 +74,14 @@ def _stay(bench: Bench, crane: Crane, radius: float, length: float, rpm: float) 
 
 
 def _modes(bench: Bench, crane: Crane) -> list[Oracle]:
-    """From the slew axis, where no centrifugal force bends the cable; two frequencies fitted to φ +
-    iθ (Prony).
+    """Return the oracles of a swing from the slew axis, where no centrifugal force bends the cable;
+    two frequencies fitted to φ + iθ (Prony).
     """
     start = crane.state(x=0.0, l=LENGTH, gamma_dot=RATE, phi=1e-6, theta_dot=2e-7)
 
     @cache
     def rates(dt: float) -> list[float]:
-        """Of the part that turns forward in the plane of φ and θ, and of that which turns back,
+        """Return the rates of the parts that turn forward and backward in the plane of φ and θ
         [rad/s].
         """
         found = bench.run(crane, start, MINUTE, dt)

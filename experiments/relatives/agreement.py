@@ -66,12 +66,12 @@ def agreement(relative: Relative) -> Agreement:
 
 
 def _start(crane: Crane) -> State:
-    """The load swings both ways, whatever it hangs on."""
+    """Return a state in which the load swings both ways."""
     return moved(crane, **{crane.layout.symbols[i]: SWING for i in crane.swings})
 
 
 def _moved(crane: Crane, start: State, **how: object) -> Trajectory:
-    """Trolley and hoist move, with whatever turns or carries the jib."""
+    """Move trolley and hoist, with whatever turns or carries the jib."""
     reference = hold(crane, start)
     ways = {"gamma": 0.2, "bridge": 1.0, "x": 1.0, "l": -0.5}
     for symbol in (joint.symbol for joint in crane.layout.driven):

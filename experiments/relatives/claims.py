@@ -24,7 +24,7 @@ are 800 rows."""
 
 
 def of_frequencies(found: Sequence[modes.Frequency]) -> list[Claim]:
-    """Closed form, linearisation and small swings agree, a claim for each crane."""
+    """Claim that closed form, linearisation and small swings agree, for each crane."""
     names = dict.fromkeys(f.crane for f in found)
     made = []
     for name in names:
@@ -45,7 +45,7 @@ def of_frequencies(found: Sequence[modes.Frequency]) -> list[Claim]:
 
 
 def of_jumps(found: Sequence[rope.Jump]) -> list[Claim]:
-    """Tensions of the rope that stretches."""
+    """Claim the tensions of the rope that stretches."""
     return [
         Claim(
             "A load picked up at a speed v loads the rope by 1 + v ω/g, a part dropped by 1 ± its "
@@ -56,7 +56,7 @@ def of_jumps(found: Sequence[rope.Jump]) -> list[Claim]:
 
 
 def of_agreement(found: Sequence[Agreement]) -> list[Claim]:
-    """Three engines and the ledger."""
+    """Claim that three engines and the ledger agree."""
     engines, known = (
         max(a.engines for a in found),
         [a.mujoco for a in found if a.mujoco is not None],
@@ -83,7 +83,7 @@ def of_agreement(found: Sequence[Agreement]) -> list[Claim]:
 
 
 def of_control(found: Sequence[Control]) -> list[Claim]:
-    """What is made for any crane, on the worst of them."""
+    """Claim how controllers do on the worst of the cranes."""
     damped = max(
         max(c.left_by_lqr, c.left_by_observer, c.left_by_mpc) / c.left_by_hold for c in found
     )
@@ -137,7 +137,7 @@ def of_pendulum(
     growth: tuple[float, float],
     stirred: float,
 ) -> list[Claim]:
-    """What is left of the double pendulum's two modes."""
+    """Claim the residual swing in the double pendulum's two modes."""
     size = max(shaped[0].slow, shaped[0].fast)
     off = max(
         abs(found - closed)
@@ -177,7 +177,7 @@ def of_pendulum(
 
 
 def of_robots(found: Sequence[robots.Robot]) -> list[Claim]:
-    """Integrators and compiled engine are general."""
+    """Claim that integrators and compiled engine are general."""
     engines = max(max(r.engines.values()) for r in found)
     orders = {rule.name: [r.order(rule) for r in found] for rule in (semi_implicit_euler, rk4)}
     shown = ", ".join(f"{name} {min(some):.3f} to {max(some):.3f}" for name, some in orders.items())

@@ -83,7 +83,7 @@ class Control(NamedTuple):
 
 
 def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
-    """All of it, on one crane, by an engine."""
+    """Control one crane by each controller, with an engine."""
     crane = crane_of(relative)
     start = moved(crane, **{crane.layout.symbols[i]: SWING for i in crane.swings})
     rest = plumb(crane, hold(crane, crane.start), 2 * _PERIOD, _PERIOD)
@@ -136,8 +136,8 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
 
 
 def swing_left(crane: Crane, goal: State, run: Trajectory, since: float | None = None) -> float:
-    """Largest swing that the modes about a rest can still make together in any swing joint [rad],
-    at a time or at the end.
+    """Return the largest swing that the modes about a rest can still make together in any swing
+    joint [rad], at a time or at the end.
     """
     modes = free_modes(crane, goal)
     row = len(run) - 1 if since is None else int(np.searchsorted(run.t, since - 1e-9))
@@ -161,7 +161,9 @@ def _least_time(relative: Relative, crane: Crane, engine: EngineName) -> tuple[M
 
 
 def _sampling(crane: Crane, goal: State, motion: Motion) -> float:
-    """By the fastest mode that swings, as if all the swing were its own."""
+    """Return the bound of `of_sampling` by the fastest mode that swings, as if all the swing were
+    its own.
+    """
     modes = free_modes(crane, goal)
     swinging = np.abs(modes.shapes[np.isin(modes.passive, crane.swings)]).max(
         axis=0
@@ -185,8 +187,8 @@ def _predicted(crane: Crane, regulator: Tracking, start: State) -> float:
 
 
 def _blown(crane: Crane, engine: EngineName) -> tuple[float, float]:
-    """A steady wind across: how far the load goes, and the share of the wind's work that is missing
-    from the ledger.
+    """Return how far a steady wind across moves the load [m], and the share of the wind's work that
+    is missing from the ledger.
     """
     breeze = wind(crane, steady(GUST), direction=0.0, payload_area=AREA)
     run = simulate(
@@ -206,7 +208,7 @@ def _blown(crane: Crane, engine: EngineName) -> tuple[float, float]:
 
 
 def _lanes(crane: Crane, regulator: Controller, motion: Motion, start: State) -> float:
-    """Cranes of a batch that start with swings of their own, beside two of them run alone."""
+    """Compare a batch of cranes that start with swings of their own to two of them run alone."""
     shares = np.linspace(0.2, 1.0, _COPIES)
     starts = [State(crane.start.q + share * (start.q - crane.start.q), start.v) for share in shares]
     times = {"duration": 2.0, "dt": _DT, "control_period": _PERIOD}

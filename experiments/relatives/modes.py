@@ -69,7 +69,7 @@ Measured = Callable[..., Frequency]
 
 
 def frequencies(engine: EngineName = "pinocchio") -> list[Frequency]:
-    """All frequencies, the runs by an engine."""
+    """Return all frequencies, with the runs by an engine."""
     return [
         made(engine=engine)
         for part in (_hooks, _ropes, _twists, _bends, _bridges)
@@ -111,14 +111,14 @@ def _ropes() -> Iterator[Measured]:
 
 
 def crane_ea(crane: Crane) -> float:
-    """EA of the rope of a crane that has one [N]."""
+    """Return EA of the rope of a crane that has one [N]."""
     assert crane.springs.rope is not None
     return float(crane.springs.rope.stiffness)
 
 
 def _twists() -> Iterator[Measured]:
-    """By the 2 × 2 model: with a trolley whose mass counts in the 1e6 kg m², and with one that
-    comes on top of them.
+    """Yield the frequencies of the 2 × 2 model: with a trolley whose mass counts in the 1e6 kg m²,
+    and with one that comes on top of them.
     """
     at: dict[str, float] = {
         "trolley_init": 20.0,
@@ -174,7 +174,7 @@ def _bridges() -> Iterator[Measured]:
 def _locked(
     name: str, mode: str, crane: Crane, closed: float, allowed: float = EXACT, *, engine: EngineName
 ) -> Frequency:
-    """A mode with the drives locked, that whose frequency is nearest to the closed form."""
+    """Return a mode with the drives locked: the one whose frequency is nearest to the closed form."""
     modes = free_modes(crane, crane.start)
     k = int(np.argmin(np.abs(modes.frequencies - closed)))
     q = crane.start.q.copy()
@@ -194,7 +194,7 @@ def _locked(
 def _rolling(
     crane: Crane, symbol: str, what: str, closed: float, *, engine: EngineName
 ) -> Frequency:
-    """A swing while no drive is held but the hoist's load."""
+    """Return a swing while no drive is held but the hoist's load."""
     holding = holding_effort(crane, crane.start.q)
     by_q = linearise(crane, crane.start, holding)[0][:, : crane.layout.n]
     squares = -np.linalg.eigvals(by_q).real
@@ -230,7 +230,9 @@ def _signal(
 
 
 def _frequency(y: np.ndarray) -> float:
-    """Of one undamped oscillation in rows [rad/s]: y[k+1] + y[k-1] = 2 cos(ω T) y[k]."""
+    """Return the frequency of one undamped oscillation in rows [rad/s]: y[k+1] + y[k-1] = 2 cos(ω
+    T) y[k].
+    """
     ahead, here = y[2:] + y[:-2], y[1:-1]
     # 1 - cos, not cos, so that slow swings keep their digits
     square = float((2.0 * here - ahead) @ here) / float(here @ here)

@@ -52,7 +52,7 @@ class Unaware:
     known: list[int]
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """What it commands, shape (m,)."""
+        """Return the command, shape (m,)."""
         return self.controller(t, State(state.q[self.known], state.v[self.known]), setpoint)
 
 
@@ -78,7 +78,7 @@ class Left(NamedTuple):
 
 
 def left(crane: Crane, goal: State, run: Trajectory, at: float) -> tuple[float, float]:
-    """Amplitude of the slow and of the fast mode at a time [rad], radial and tangential
+    """Return the amplitude of the slow and of the fast mode at a time [rad], radial and tangential
     together.
     """
     modes = free_modes(crane, goal)
@@ -100,7 +100,7 @@ def sampling(run: Trajectory) -> float:
 
 
 def shaping(engine: EngineName = "pinocchio") -> list[Left]:
-    """An operator's slow move of the trolley as it is, and shaped for no, one or both modes."""
+    """Make an operator's slow move of the trolley as it is, and shaped for no, one or both modes."""
     crane = crane_of(HOOK)
     slow, fast = theory.double_pendulum(_at(crane, "l"), 5.0, 300.0, 2000.0, crane.gravity)
     base = operator(
@@ -138,7 +138,7 @@ def shaping(engine: EngineName = "pinocchio") -> list[Left]:
 
 
 def moves(engine: EngineName = "pinocchio") -> Iterator[Left]:
-    """Four metres of the trolley, with the whole model, and with that of a load on one cable."""
+    """Move the trolley by four metres, with the whole model, and with that of a load on one cable."""
     crane, simple = crane_of(HOOK), one_pendulum()
     known = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
     for name, of, motion in (
@@ -157,15 +157,15 @@ def moves(engine: EngineName = "pinocchio") -> Iterator[Left]:
 
 
 def one_pendulum() -> Crane:
-    """The tower crane as a designer sees it who knows nothing of the hook: all the mass at the
+    """Return the tower crane of a designer who does not know of the hook: all the mass at the
     hoist's end.
     """
     return load_crane(payload_mass=2300.0, **POINT)
 
 
 def growth() -> tuple[float, float]:
-    """Largest growth rate of the closed loops at rest [1/s]: LQR of the whole model, and of five
-    joints on the crane with the hook.
+    """Return the largest growth rate of the closed loops at rest [1/s]: LQR of the whole model, and
+    of five joints on the crane with the hook.
     """
     crane, simple = crane_of(HOOK), one_pendulum()
     loop, known = (
@@ -184,8 +184,8 @@ def growth() -> tuple[float, float]:
 
 
 def stirred(engine: EngineName = "pinocchio") -> float:
-    """Growth rate of the fast mode in a run under the LQR of five joints [1/s], from a small swing
-    of the sling across the jib.
+    """Return the growth rate of the fast mode in a run under the LQR of five joints [1/s], from a
+    small swing of the sling across the jib.
     """
     crane, simple = crane_of(HOOK), one_pendulum()
     known = [crane.layout.index(symbol) for symbol in simple.layout.symbols]

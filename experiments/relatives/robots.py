@@ -61,18 +61,18 @@ class Robot(NamedTuple):
     open: dict[str, tuple[float, float]]
 
     def order(self, rule: Integrator) -> float:
-        """Power of the step with which the open energy falls."""
+        """Return the power of the step with which the open energy falls."""
         coarse, fine = self.open[rule.name]
         return float(np.log2(coarse / fine))
 
 
 def robots() -> list[Robot]:
-    """All of them."""
+    """Run all robots."""
     return [_robot(name, payload, driven) for name, (payload, driven) in ROBOTS.items()]
 
 
 def robot(name: str) -> Path:
-    """Where the URDF of a robot is."""
+    """Return the file of a robot's URDF."""
     return Path(
         str(
             next(
@@ -105,7 +105,7 @@ def _open(run: Trajectory) -> float:
 
 
 def _moved(crane: Crane, rule: Integrator, engine: EngineName, dt: float) -> Trajectory:
-    """Half a second under hold, pushed away from where it stands."""
+    """Hold a robot for half a second, pushed away from where it stands."""
     rng = np.random.default_rng(5)
     start = State(crane.start.q, rng.normal(size=crane.layout.n))
     brake, reference = hold_controller(crane), hold(crane, crane.start)

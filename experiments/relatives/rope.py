@@ -45,13 +45,13 @@ class Jump(NamedTuple):
 
 
 def jumps(engine: EngineName = "pinocchio") -> list[Jump]:
-    """All of them, by an engine."""
+    """Return all jumps of the tension, with the runs by an engine."""
     return [*_pickups(engine), *_drops(engine)]
 
 
 def _pickups(engine: EngineName) -> Iterator[Jump]:
-    """The load still stands, the rope just carries it, the drum already turns: the load rises by
-    what the rope is too short.
+    """Pick up a load that still stands, on a rope that just carries it, by a drum that already
+    turns: the load rises by what the rope is too short.
     """
     crane = ROPE.crane(**POINT)
     length, omega = _length(crane), _bounce(crane)

@@ -19,13 +19,13 @@ _LEAST = 1e-12
 
 
 def missing() -> bool:
-    """Whether MuJoCo is not installed."""
+    """Return whether MuJoCo is not installed."""
     return find_spec("mujoco") is None
 
 
 def model(crane: Crane, dt: float) -> Any:
-    """The MjModel of a crane that steps as `simulate` does: semi-implicit Euler, no joint ranges,
-    springs and damping before the step.
+    """Return the MjModel of a crane that steps as `simulate` does: semi-implicit Euler, no joint
+    ranges, springs and damping before the step.
     """
     import mujoco
 
@@ -48,8 +48,8 @@ def model(crane: Crane, dt: float) -> Any:
 
 
 def deviation(crane: Crane, run: Trajectory) -> float:
-    """How far MuJoCo goes from a run whose efforts it repeats, at most in any coordinate or rate
-    [rad, m, per second].
+    """Return how far MuJoCo goes from a run whose efforts it repeats, at most in any coordinate or
+    rate [rad, m, per second].
     """
     import mujoco
 

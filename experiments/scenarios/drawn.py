@@ -43,7 +43,7 @@ DRAWN = [name for name in strategies.STRATEGIES if name not in UNBATCHED]
 
 
 def drawn(setup: Setup, names: Sequence[str], drive: str, count: int, seed: int) -> Design:
-    """The same cases for each strategy; fewer of one seed are the first of more.
+    """Draw the same cases for each strategy; fewer of one seed are the first of more.
 
     Args:
         setup: Where it takes place.

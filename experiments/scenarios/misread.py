@@ -29,21 +29,21 @@ class Misread:
     offset: float
 
     def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Timed`."""
+        """Begin a run, see `cranedyn.clocks.Timed`."""
         if isinstance(self.controller, Timed):
             self.controller.run_begins(t, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """What the controller commands, shape (m,)."""
+        """Return the command, shape (m,)."""
         hoist, q, v = self.crane.layout.index("l"), state.q.copy(), state.v.copy()
         q[hoist] = (q[hoist] - self.offset) / (1.0 + self.share)
         v[hoist] /= 1.0 + self.share
         return self.controller(t, State(q, v), setpoint)
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
-        """The common form, see `cranedyn.controllers.affine`: what z - setpoint is to the reading,
-        (z - added) / scale - setpoint, is that of the cable from scale setpoint + added, over
-        scale.
+        """Return the affine form, see `cranedyn.controllers.affine`: what z - setpoint is to the
+        reading, (z - added) / scale - setpoint, is that of the cable from scale setpoint + added,
+        over scale.
         """
         layout = self.crane.layout
         found = form(self.controller, times, positions, 2 * layout.n)
@@ -63,7 +63,7 @@ class Misread:
         )
 
     def resume(self, t: float, integral: np.ndarray) -> None:
-        """See `cranedyn.controllers.affine.Remembering`."""
+        """Resume a run, see `cranedyn.controllers.affine.Remembering`."""
         if isinstance(self.controller, Remembering):
             scale = 1.0 + self.share * self.crane.layout.along("l")
             self.controller.resume(t, integral / scale)

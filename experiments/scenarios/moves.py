@@ -138,8 +138,8 @@ def of_sampling(gravity: float, length: float, control_period: float, peak: floa
 
 
 def residual(trajectory: Trajectory) -> float:
-    """Amplitude of the swing over a stretch without drive motion [rad]: half the longest way
-    across, radial and tangential together.
+    """Return the amplitude of the swing over a stretch without drive motion [rad]: half the longest
+    way across, radial and tangential together.
 
     Raises:
         OutOfRange: If the stretch has less than two rows.

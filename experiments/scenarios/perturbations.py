@@ -57,8 +57,8 @@ class Perturbation:
 
 
 def _gust(crane: Crane, arrives: float) -> Disturbance:
-    """A gust of 12 m/s square to the jib at zero slew, in the last ten seconds before the arrival,
-    on 5 m² of load.
+    """Return a gust of 12 m/s square to the jib at zero slew, in the last ten seconds before the
+    arrival, on 5 m² of load.
     """
     return wind(
         crane,
@@ -166,7 +166,7 @@ def make(
 
 
 def _stretched(crane: Crane, state: State, share: float, offset: float) -> State:
-    """The state with a cable longer by a share, and by an offset [m]."""
+    """Return the state with a cable longer by a share, and by an offset [m]."""
     hoist = crane.layout.at("l")
     q = state.q.copy()
     q[hoist] = (1.0 + share) * q[hoist] + offset

@@ -59,7 +59,7 @@ class _Asking(Setup):
 def program(
     name: str, setup: Setup, *, length: float | None = None, strategy: str | None = None
 ) -> Program:
-    """A run of the experiments by its name.
+    """Return a run of the experiments by its name.
 
     Args:
         name: One of `RUNS`.

@@ -58,7 +58,7 @@ class Plan(NamedTuple):
 
 
 def on_converters(setup: Setup, plan: Plan) -> Plan:
-    """A plan for drives with typical frequency converters: what its controller answers becomes
+    """Return a plan for drives with typical frequency converters: commands of its controller become
     rates, see `cranedyn.controllers.rated`.
     """
     if plan.rates:
@@ -81,7 +81,7 @@ def on_converters(setup: Setup, plan: Plan) -> Plan:
 
 
 def followed(setup: Setup, reference: Reference, arrives: float) -> Plan:
-    """A reference that drives follow exactly and that nobody corrects."""
+    """Return the plan of a reference that drives follow exactly and that nothing corrects."""
     return Plan(
         lambda: follow(setup.crane, reference, setup.control_period),
         reference,
@@ -149,8 +149,8 @@ def _tracked(setup: Setup, motion: Motion) -> Plan:
 
 
 def soft_weight(crane: Crane) -> np.ndarray:
-    """R of an LQR for drives with converters, whose jerk is limited: efforts that move the load
-    sideways weigh `SOFTER` times as much as for drives that take efforts, shape (m, m).
+    """Return R of an LQR for drives with converters, whose jerk is limited: efforts that move the
+    load sideways weigh `SOFTER` times as much as for drives that take efforts, shape (m, m).
     """
     return effort_weight_of(crane) * np.diag(np.where(crane.layout.along("l") > 0.0, 1.0, SOFTER))
 
@@ -158,7 +158,7 @@ def soft_weight(crane: Crane) -> np.ndarray:
 def with_integral(
     setup: Setup, motion: Motion, effort_weight: np.ndarray | None = None
 ) -> HoistIntegral:
-    """The full-model LQR about a motion with an integrator on the hoist."""
+    """Return the full-model LQR about a motion with an integrator on the hoist."""
     return HoistIntegral(
         setup.crane,
         lqr(setup.crane, motion, dt=setup.dt, effort_weight=effort_weight),
@@ -168,8 +168,8 @@ def with_integral(
 
 
 def joystick(setup: Setup, move: Move) -> tuple[Reference, float]:
-    """What an operator who knows the way does: full rate at once in every drive, and back to rest
-    in time; with its end [s].
+    """Return the motion of an operator who knows the way: full rate at once in every drive, and
+    back to rest in time; with its end [s].
     """
     pulses, end, limits = [], 0.0, LIMITS.for_crane(setup.crane)
     for drive, first, last, rate, acceleration in zip(
@@ -224,7 +224,7 @@ def mean_period(setup: Setup, move: Move) -> float:
 
 
 def instant(setup: Setup, t: float) -> float:
-    """The first control instant at or after a time [s]."""
+    """Return the first control instant at or after a time [s]."""
     return setup.control_period * float(np.ceil(t / setup.control_period - 1e-9))
 
 
@@ -339,8 +339,8 @@ s."""
 
 
 def mpc_period(setup: Setup) -> float:
-    """Time between optimisations of the MPC [s], 50 ms or the multiple of the control period that
-    is nearest.
+    """Return the time between optimisations of the MPC [s], 50 ms or the nearest multiple of the
+    control period.
     """
     return whole_periods(0.05, setup.control_period)
 

@@ -113,19 +113,19 @@ class Repeated:
     cycle: float
 
     def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Timed`."""
+        """Begin a run, see `cranedyn.clocks.Timed`."""
         self.controller.run_begins(t % self.cycle, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Efforts [N m or N], shape (m,)."""
+        """Return the efforts [N m or N], shape (m,)."""
         return self.controller(t % self.cycle, state, setpoint)
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
-        """The common form, see `cranedyn.controllers.affine`."""
+        """Return the affine form, see `cranedyn.controllers.affine`."""
         return self.controller.affine(times % self.cycle, positions)
 
     def resume(self, t: float, integral: np.ndarray) -> None:
-        """See `cranedyn.controllers.affine.Remembering`."""
+        """Resume a run, see `cranedyn.controllers.affine.Remembering`."""
         self.controller.resume(t % self.cycle, integral)
 
 

@@ -63,7 +63,7 @@ class Derived(NamedTuple):
 
 
 def derived(gravity: float) -> list[Derived]:
-    """All of them, in a gravity [m/s²]."""
+    """Derive all factors by simulation, in a gravity [m/s²]."""
     return [
         *_pick_ups(),
         *_releases(),
@@ -75,14 +75,16 @@ def derived(gravity: float) -> list[Derived]:
 
 
 def _simulated(crane: Crane, controller: Hold, **how: Any) -> Batch:
-    """See `cranedyn.compiled.batch.simulate_batch`, which is there with the extra `compiled`."""
+    """Run `cranedyn.compiled.batch.simulate_batch`, which needs the extra `compiled`."""
     from cranedyn.compiled.batch import simulate_batch
 
     return simulate_batch(crane, controller, **how)
 
 
 def _hoist(slope: float, mass: float = _LOAD) -> Crane:
-    """A point load on a rope as stiff as a hoist of this slope β2 [s/m] is with a load of 1 t."""
+    """Return a point load on a rope as stiff as a hoist of this slope β2 [s/m] is with a load of 1
+    t.
+    """
     stiffness = _LOAD * (slope * _HEAVY) ** 2
     return load_crane(
         gravity=_HEAVY,
@@ -96,7 +98,7 @@ def _hoist(slope: float, mass: float = _LOAD) -> Crane:
 
 
 def _drawn(crane: Crane, start: State, duration: float, force: np.ndarray | None = None) -> Batch:
-    """A run with drives that keep the speed they have."""
+    """Run a crane with drives that keep their speed."""
     return _simulated(
         crane,
         locked(crane),
@@ -111,13 +113,13 @@ def _drawn(crane: Crane, start: State, duration: float, force: np.ndarray | None
 
 
 def _pulls(crane: Crane, batch: Batch) -> np.ndarray:
-    """What the load pulls by, over its weight."""
+    """Return the pull of the load over its weight."""
     pull = loads_of_rows(crane, batch.q[0], batch.v[0], batch.effort[0])["rope_N"]
     return pull / (hanging_mass(crane) * crane.gravity)
 
 
 def _pick_ups() -> Iterator[Derived]:
-    """The rope carries the load, which stands yet, while the drum already turns."""
+    """Pick up a load: the rope carries it, it still stands, and the drum already turns."""
     for name, one in factors.HOISTING.items():
         crane = _hoist(one.slope)
         v = np.zeros(crane.layout.n)
@@ -128,7 +130,7 @@ def _pick_ups() -> Iterator[Derived]:
 
 
 def _releases() -> Iterator[Derived]:
-    """A load that hangs is let go in part: at once, or evenly over a time."""
+    """Let go a part of a load that hangs: at once, or evenly over a time."""
     slope = factors.HOISTING["HC4"].slope
     period = 2.0 * math.pi / (slope * _HEAVY)
     for share in (0.2, 0.4):
@@ -144,7 +146,7 @@ def _releases() -> Iterator[Derived]:
 
 
 def _least_pull(slope: float, share: float, lasts: float) -> float:
-    """Least pull over the weight before, when a share is let go within a time [s]."""
+    """Return the least pull over the weight before, when a share is let go within a time [s]."""
     whole, left = _hoist(slope), _hoist(slope, (1.0 - share) * _LOAD)
     stretch = whole.layout.index("rope_stretch")
     q = left.start.q.copy()
@@ -161,7 +163,7 @@ def _least_pull(slope: float, share: float, lasts: float) -> float:
 
 
 def _braked(gravity: float) -> Iterator[Derived]:
-    """A carriage under a constant force: whenever it stands, the load swings on.
+    """Brake a carriage by a constant force: whenever it stands, the load swings on.
 
     A crane does not know how fast it goes as a whole. So one run under the force tells of brakings
     of all durations: from each of its rows on the trolley stands still.
@@ -199,7 +201,7 @@ def _braked(gravity: float) -> Iterator[Derived]:
 
 
 def _regulated(gravity: float) -> Iterator[Derived]:
-    """A trolley that accelerates by so much, whatever the load does, for some part of a period."""
+    """Accelerate a trolley evenly, whatever the load does, for some part of a period."""
     crane = load_crane(gravity=gravity, trolley_init=5.0, hoist_init=_LENGTH, **POINT)
     zero = np.zeros(crane.layout.m)
     period = 2.0 * math.pi * math.sqrt(_LENGTH / gravity)
@@ -223,7 +225,9 @@ def _regulated(gravity: float) -> Iterator[Derived]:
 
 
 def _swings_on(crane: Crane, run: Batch) -> np.ndarray:
-    """Largest swing from each row on when the drives stand from there [rad], shape (rows,)."""
+    """Return the largest swing from each row on if the drives stand from there [rad], shape
+    (rows,).
+    """
     q, v = run.q[0], run.v[0].copy()
     v[:, crane.layout.drives] = 0.0
     period = 2.0 * math.pi * math.sqrt(_LENGTH / crane.gravity)
@@ -239,7 +243,7 @@ def _swings_on(crane: Crane, run: Batch) -> np.ndarray:
 
 
 def _blown(gravity: float) -> Iterator[Derived]:
-    """A load that hangs plumb when a wind comes at once and stays."""
+    """Blow at a load that hangs plumb by a wind that comes at once and stays."""
     crane = load_crane(gravity=gravity, payload_mass=_LOAD, hoist_init=_LENGTH, **POINT)
     for speed, area in ((20.0, 4.0), (28.5, 10.0)):
         force = wind.wind_force(wind.wind_pressure(speed), area)
@@ -252,7 +256,7 @@ def _blown(gravity: float) -> Iterator[Derived]:
 
 
 def _stopped(gravity: float) -> Iterator[Derived]:
-    """A jib that is braked."""
+    """Brake a jib."""
     crane = load_crane(gravity=gravity, trolley_init=20.0, hoist_init=_LENGTH, **POINT)
     zero, rate, braking = np.zeros(crane.layout.m), 0.8 * math.pi / 30.0, 0.02
     way, lasts = factors.stopping(rate, braking)

@@ -84,8 +84,8 @@ HOISTINGS = (
 
 
 def across(setup: Setup) -> list[Need]:
-    """ψ_h of trolley and slew: what the rope pulls along the way of its drive, over the mass that
-    hangs times the acceleration of which the drive is capable.
+    """Return the need of ψ_h of trolley and slew: the pull of the rope along the way of its drive,
+    over the mass that hangs times the acceleration of which the drive is capable.
     """
     return [
         _moved(setup, move, strategy)
@@ -117,8 +117,8 @@ def _moved(setup: Setup, move: Move, strategy: str) -> Need:
 
 
 def upwards(setup: Setup) -> list[Need]:
-    """φ2 of a load on a rope that stretches, beside the factor of the class that this rope is of:
-    1 + v ω/g at full speed.
+    """Return the need of φ2 of a load on a rope that stretches, beside the factor of the class of
+    this rope: 1 + v ω/g at full speed.
     """
     crane = ROPE.crane(gravity=setup.gravity, **POINT)
     length = float(crane.start.q[crane.layout.index("l")])
@@ -153,7 +153,7 @@ def _taken_up(setup: Setup, crane: Crane, hoisting: Hoisting, omega: float, allo
 
 
 def _lifted(crane: Crane, of_bounce: bool, omega: float) -> Reference:
-    """Up at full speed and back to rest, at the limit of the acceleration."""
+    """Return a move up at full speed and back to rest, at the limit of the acceleration."""
     accelerations = [_UP] * crane.layout.m
     base = operator(
         crane, crane.start, [JoystickPulse("l", -_FULL, 0.0, 3.0)], accelerations=accelerations
