@@ -26,7 +26,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     from cranedyn.recording import Run
 
     done = setup.reporter.count("cranes", 4 + 2 * len(RELATIVES))
-    found, jumps = modes.frequencies(setup.engine), rope.jumps(setup.engine)
+    frequencies, jumps = modes.frequencies(setup.engine), rope.jumps(setup.engine)
     done(2)
     agreed = []
     for i, relative in enumerate(RELATIVES):
@@ -42,11 +42,11 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         pendulum.growth(),
     )
     stirred = pendulum.stirred(setup.engine)
-    others = robots.robots()
+    machines = robots.robots()
     done(4 + 2 * len(RELATIVES))
     return Outcome(
         tables=[
-            tables.frequencies(found),
+            tables.frequencies(frequencies),
             tables.jumps(jumps),
             tables.agreement(agreed),
             tables.control(controlled),
@@ -54,15 +54,15 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             tables.left(
                 f"Double pendulum: {pendulum.WAY:g} m of the trolley", moved, tables.unaware(growth)
             ),
-            tables.robots(others),
+            tables.robots(machines),
         ],
         claims=[
-            *claims.of_frequencies(found),
+            *claims.of_frequencies(frequencies),
             *claims.of_jumps(jumps),
             *claims.of_agreement(agreed),
             *claims.of_control(controlled),
             *claims.of_pendulum(shaped, moved, growth, stirred),
-            *claims.of_robots(others),
+            *claims.of_robots(machines),
         ],
         parameters={
             "swing_rad": SWING,
@@ -73,13 +73,13 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             "engine": setup.engine,
         },
         trajectories={
-            relative.name.replace(" ", "_"): each.run
-            for relative, each in zip(RELATIVES, agreed, strict=True)
+            relative.name.replace(" ", "_"): result.run
+            for relative, result in zip(RELATIVES, agreed, strict=True)
         }
         | {"double_pendulum_unaware": moved[-1].run},
         recording=[
-            Run(each.relative.name, crane_of(each.relative), each.run, (*site, 0.0))
-            for site, each in zip(SITES, agreed, strict=True)
+            Run(result.relative.name, crane_of(result.relative), result.run, (*site, 0.0))
+            for site, result in zip(SITES, agreed, strict=True)
         ],
     )
 

@@ -25,15 +25,15 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     from cranedyn.recording import Run
 
     moves, hoists = across(setup), upwards(setup)
-    found = derived(setup.gravity)
+    factors_derived = derived(setup.gravity)
     return Outcome(
-        tables=[_formulas(), _derived(found), _moves(moves), _hoists(hoists)],
-        claims=[*_claims(found), *_gains(moves, hoists)],
+        tables=[_formulas(), _derived(factors_derived), _moves(moves), _hoists(hoists)],
+        claims=[*_claims(factors_derived), *_gains(moves, hoists)],
         parameters=setup.parameters(),
-        trajectories={f"{one.move}_{i}": one.run for i, one in enumerate(moves)},
-        figures={"factors": _figure(found), "needed": _needed(moves)},
+        trajectories={f"{need.move}_{i}": need.run for i, need in enumerate(moves)},
+        figures={"factors": _figure(factors_derived), "needed": _needed(moves)},
         recording=[
-            Run(one.strategy, setup.crane, one.run) for one in moves if one.move == "trolley"
+            Run(need.strategy, setup.crane, need.run) for need in moves if need.move == "trolley"
         ],
     )
 
@@ -103,28 +103,28 @@ def _hoists(needs: Sequence[Need]) -> Table:
     )
 
 
-def _claims(found: Sequence[Derived]) -> list[Claim]:
-    held = sum(one.holds for one in FORMULAS)
-    worst = max(found, key=lambda one: abs(one.difference))
+def _claims(factors_derived: Sequence[Derived]) -> list[Claim]:
+    holding = sum(factor.holds for factor in FORMULAS)
+    worst = max(factors_derived, key=lambda factor: abs(factor.difference))
     return [
         Claim(
-            f"{held} of {len(FORMULAS)} numbers of the standards come out as printed, to "
+            f"{holding} of {len(FORMULAS)} numbers of the standards come out as printed, to "
             f"{DIGITS:g}.",
-            held == len(FORMULAS),
+            holding == len(FORMULAS),
         ),
         Claim(
-            f"{len(found)} of them follow from the crane's mechanics alone to {AGREES:g} (worst: "
-            f"{worst.name}, {worst.difference:+.1e}).",
-            all(one.holds for one in found),
+            f"{len(factors_derived)} of them follow from the crane's mechanics alone to {AGREES:g} "
+            f"(worst: {worst.name}, {worst.difference:+.1e}).",
+            all(factor.holds for factor in factors_derived),
         ),
     ]
 
 
 def _gains(moves: Sequence[Need], hoists: Sequence[Need]) -> list[Claim]:
     claims = []
-    for name in dict.fromkeys(one.move for one in moves):
-        by = {one.strategy: one.needed for one in moves if one.move == name}
-        joystick, one_push = by.pop("operator"), moves[0].allowed
+    for name in dict.fromkeys(need.move for need in moves):
+        needs = {need.strategy: need.needed for need in moves if need.move == name}
+        joystick, one_push = needs.pop("operator"), moves[0].allowed
         claims += [
             Claim(
                 f"{name}: a joystick that brakes while the load swings needs ψ_h = {joystick:.3f}, "
@@ -134,35 +134,41 @@ def _gains(moves: Sequence[Need], hoists: Sequence[Need]) -> list[Claim]:
             ),
             Claim(
                 f"{name}: under control the standard's {one_push:g} is enough: "
-                f"{', '.join(f'{strategy} {needed:.3f}' for strategy, needed in by.items())}.",
-                max(by.values()) <= one_push,
+                f"{', '.join(f'{strategy} {needed:.3f}' for strategy, needed in needs.items())}.",
+                max(needs.values()) <= one_push,
             ),
         ]
-    rough, *others = (one.needed for one in hoists)
+    rough, *gentler = (need.needed for need in hoists)
     claims.append(
         Claim(
             f"hoist: taken up at full speed a load needs φ2 = {rough:.3f}, {hoists[0].allowed:.3f} "
             f"in closed form; creeping, from a taut rope, and shaped "
-            f"{', '.join(f'{need:.3f}' for need in others)}, each less than the one before.",
-            all(one > other for one, other in itertools.pairwise([rough, *others])),
+            f"{', '.join(f'{need:.3f}' for need in gentler)}, each less than the one before.",
+            all(
+                need > gentler_need for need, gentler_need in itertools.pairwise([rough, *gentler])
+            ),
         )
     )
     return claims
 
 
-def _figure(found: Sequence[Derived]) -> Figure:
+def _figure(factors_derived: Sequence[Derived]) -> Figure:
     """Draw ψ_h over the mass ratio, and β2 over the class."""
     figure, (ratio, slope) = panels(1, 2, height=3.4, width=10.0)
     mus = [0.2 + 0.1 * i for i in range(110)]
     ratio.plot(mus, [factors.psi_h(mu) for mu in mus], color=COLOURS["setpoint"], label="formula")
-    derived_at = [one.simulated for one in found if one.name.startswith("ψ_h at μ")]
+    derived_at = [
+        factor.simulated for factor in factors_derived if factor.name.startswith("ψ_h at μ")
+    ]
     ratio.plot(RATIOS, derived_at, "o", color=COLOURS["phi"], label="worst braking, simulated")
     ratio.set(xlabel="load over carriage", ylabel="ψ_h")
-    slopes = [one for one in found if one.name.startswith("β2")]
+    slopes = [factor for factor in factors_derived if factor.name.startswith("β2")]
     places = range(len(slopes))
-    slope.bar(places, [one.formula for one in slopes], color=COLOURS["setpoint"], label="EN 1991-3")
+    slope.bar(
+        places, [factor.formula for factor in slopes], color=COLOURS["setpoint"], label="EN 1991-3"
+    )
     slope.plot(
-        places, [one.simulated for one in slopes], "o", color=COLOURS["phi"], label="pick-up"
+        places, [factor.simulated for factor in slopes], "o", color=COLOURS["phi"], label="pick-up"
     )
     slope.set(xlabel="hoisting class", ylabel="β2 [s/m]", xticks=places)
     slope.set_xticklabels(list(factors.HOISTING))
@@ -174,10 +180,14 @@ def _figure(found: Sequence[Derived]) -> Figure:
 def _needed(moves: Sequence[Need]) -> Figure:
     """Draw the ψ_h that each strategy needs."""
     figure, axes = panels(1, 2, height=3.0, width=10.0)
-    for ax, name in zip(axes, dict.fromkeys(one.move for one in moves), strict=True):
-        own = [one for one in moves if one.move == name]
-        ax.barh([one.strategy for one in own], [one.needed for one in own], color=COLOURS["phi"])
-        ax.axvline(own[0].allowed, color=COLOURS["limit"], linestyle="--")
+    for ax, name in zip(axes, dict.fromkeys(need.move for need in moves), strict=True):
+        of_move = [need for need in moves if need.move == name]
+        ax.barh(
+            [need.strategy for need in of_move],
+            [need.needed for need in of_move],
+            color=COLOURS["phi"],
+        )
+        ax.axvline(of_move[0].allowed, color=COLOURS["limit"], linestyle="--")
         ax.set(title=name, xlabel="ψ_h needed; the line is what a standard allows for")
         ax.invert_yaxis()
     return figure

@@ -95,27 +95,27 @@ def pairs(setup: Setup) -> dict[str, Pair]:
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Compare every recording with its run."""
     world = replace(setup, gravity=GRAVITY)
-    found = pairs(world)
-    free = [pair for name, pair in found.items() if name.startswith("a1")]
-    apart = {
+    recordings = pairs(world)
+    free = [pair for name, pair in recordings.items() if name.startswith("a1")]
+    deviations = {
         "A1, swing at four cable lengths and with a soft trolley": max(
             pair.largest() for pair in free
         ),
-        "A2, swing while the hoist runs": found["a2"].largest(),
-        "A3, swing after the slew pulse": found["a3"].largest(),
+        "A2, swing while the hoist runs": recordings["a2"].largest(),
+        "A3, swing after the slew pulse": recordings["a3"].largest(),
     }
     return Outcome(
-        tables=[_swings(free), _hoisting(found["a2"]), _slewing(found["a3"])],
+        tables=[_swings(free), _hoisting(recordings["a2"]), _slewing(recordings["a3"])],
         claims=[
             Claim(
                 f"{name}: never further than {ALLOWED:g} rad from Gazebo ({worst:.1e} rad at "
                 "most).",
                 worst < ALLOWED,
             )
-            for name, worst in apart.items()
+            for name, worst in deviations.items()
         ],
         parameters=world.parameters(),
-        figures={"difference": _figure(found)},
+        figures={"difference": _figure(recordings)},
     )
 
 
@@ -182,10 +182,10 @@ def _hoisting(pair: Pair) -> Table:
 
 
 def _slewing(pair: Pair) -> Table:
-    here = {column: pair.run[column] for column in a3.COLUMNS}
+    columns = {column: pair.run[column] for column in a3.COLUMNS}
     rows = [
         (name, agreement(*a3.by_paper(data)[1:3]))
-        for name, data in (("Gazebo", dict(pair.recorded)), ("here", here))
+        for name, data in (("Gazebo", dict(pair.recorded)), ("here", columns))
     ]
     return tabulate(
         "Slewing (A3) in Gazebo and here",
@@ -201,9 +201,9 @@ def _slewing(pair: Pair) -> Table:
     )
 
 
-def _figure(found: Mapping[str, Pair]) -> Figure:
+def _figure(recordings: Mapping[str, Pair]) -> Figure:
     figure, (ax,) = panels(1, height=3.0)
-    for name, pair in found.items():
+    for name, pair in recordings.items():
         angle = "theta_rad" if name == "a3" else "phi_rad"
         ax.plot(pair.recorded["t_s"], 1e6 * pair.difference(angle), linewidth=1.0, label=name)
     ax.set(xlabel="time [s]", ylabel="Gazebo less here [µrad]")

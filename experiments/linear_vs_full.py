@@ -48,7 +48,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
     setup = replace(setup, dt=DT, control_period=CONTROL_PERIOD)
     cranes = {site: site.crane(setup) for site in SITES}
-    found = [case for site, crane in cranes.items() for case in run_cases(setup, site, crane)]
+    cases = [case for site, crane in cranes.items() for case in run_cases(setup, site, crane)]
     slow = {
         site.name: scan(setup, crane, slow_slews(site, crane)) for site, crane in cranes.items()
     }
@@ -58,8 +58,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     rates = {site.name: site.slew * reaches(SHARES, slow[site.name], GOOD) for site in SITES}
     angles = {site.name: reaches(ANGLES, short[site.name], GOOD) for site in SITES}
     hoisted = {site.name: powers(setup, site, crane) for site, crane in cranes.items()}
-    shown = [case for case in found if case.site is SITES[1] and case.job.name in SHOWN]
-    of_site = {site: [case for case in found if case.site is site] for site in SITES}
+    drawn = [case for case in cases if case.site is SITES[1] and case.job.name in SHOWN]
+    of_site = {site: [case for case in cases if case.site is site] for site in SITES}
     return Outcome(
         tables=[
             *(errors_table(site, some) for site, some in of_site.items()),
@@ -68,7 +68,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             angles_table(short, angles, GOOD),
             powers_table(hoisted),
         ],
-        claims=claims(found, rates, angles, hoisted),
+        claims=claims(cases, rates, angles, hoisted),
         parameters={
             "gravity_m_s2": setup.gravity,
             "dt_s": setup.dt,
@@ -76,37 +76,37 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             "engine": setup.engine,
         },
         trajectories={
-            case.job.name.replace(", ", "_").replace(" ", "_"): case.run for case in shown
+            case.job.name.replace(", ", "_").replace(" ", "_"): case.run for case in drawn
         },
         figures={
             name: swing_figure(case, setup.gravity)
-            for name, case in zip(("swing_slew", "swing_all"), shown, strict=True)
+            for name, case in zip(("swing_slew", "swing_all"), drawn, strict=True)
         }
-        | {"slews": slew_figure(slow, short, GOOD), "dropped": dropped_figure(found, SHOWN)},
+        | {"slews": slew_figure(slow, short, GOOD), "dropped": dropped_figure(cases, SHOWN)},
         recording=[
             Run(case.job.name, cranes[case.site], case.run, (120.0 * i, 0.0, 0.0))
-            for i, case in enumerate(shown)
+            for i, case in enumerate(drawn)
         ],
     )
 
 
 def claims(
-    found: Sequence[Case],
+    cases: Sequence[Case],
     rates: Mapping[str, float],
     angles: Mapping[str, float],
     hoisted: Mapping[str, Sequence[float]],
 ) -> list[Claim]:
     """Claim where the linear equations hold, as far as these moves show it."""
-    alone = [case.paper.rms for case in found if case.job.name in ALONE]
-    slewing = [case for case in found if case.job.name.startswith("slew")]
+    alone = [case.paper.rms for case in cases if case.job.name in ALONE]
+    slewing = [case for case in cases if case.job.name.startswith("slew")]
     terms = [
         case.dropped[name]
         for case in slewing
         for name in OF_SLEWING
         if case.site is SITES[1] and "spline" not in case.job.name
     ]
-    off, back = [case.paper.rms for case in slewing], [case.rates.rms for case in found]
-    others = min(case.paper.rms for case in found if case.job.name not in ALONE)
+    off, back = [case.paper.rms for case in slewing], [case.rates.rms for case in cases]
+    full_speed = min(case.paper.rms for case in cases if case.job.name not in ALONE)
     shares = [rates[site.name] / site.slew for site in SITES]
     plant, eq8 = ([powers[k] for powers in hoisted.values()] for k in (0, 1))
     return [
@@ -140,8 +140,8 @@ def claims(
             f"Good to {100 * GOOD:g} % are the trolley alone, slews of {min(angles.values()):.1f}° "
             f"or less, and slews at {RPM * min(rates.values()):.2f} rpm or less, a tenth of the "
             "crane's rate at most; every move at full speed that slews or hoists is off by "
-            f"{100 * others:.0f} % or more.",
-            max(alone) < GOOD < others and max(shares) < 0.1,
+            f"{100 * full_speed:.0f} % or more.",
+            max(alone) < GOOD < full_speed and max(shares) < 0.1,
         ),
     ]
 

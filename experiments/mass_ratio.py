@@ -124,7 +124,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     allowed = SWING**2 * of_step(setup, theory_periods[0.0]) + between_rows(
         setup, theory_periods[0.0]
     )
-    light, inertia = (found[1e-6] / found[0.0] - 1.0 for found in (periods, theory_periods))
+    light, inertia = (table[1e-6] / table[0.0] - 1.0 for table in (periods, theory_periods))
     points = {
         m: tour(
             setup,

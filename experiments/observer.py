@@ -47,48 +47,48 @@ def left(setup: Setup, sensors: Sequence[str]) -> Cases:
     """Make every move."""
     plan = STRATEGIES[FLAT](setup, COMBINED)
     cases = [
-        (seen, kind, load, cable)
-        for seen, kind, load, cable in itertools.product(sensors, KINDS, LOADS, CABLES)
+        (sensors_used, kind, load, cable)
+        for sensors_used, kind, load, cable in itertools.product(sensors, KINDS, LOADS, CABLES)
         if cable or kind == KINDS[0]
     ]
     update = setup.reporter.count("observer", len(cases))
     alone = replace(setup, reporter=ProgressReporter())
-    found = {}
+    swings = {}
     for done, case in enumerate(cases, start=1):
-        seen, kind, load, cable = case
+        sensors_used, kind, load, cable = case
         cables = {"cable": cable} if kind == "share" else {"offset": cable * COMBINED.start[2]}
-        untold = Perturbation(str(case), load=load, observer=seen, **cables)  # type: ignore[arg-type]
+        untold = Perturbation(str(case), load=load, observer=sensors_used, **cables)  # type: ignore[arg-type]
         try:
             _, scored = make(alone, COMBINED, plan, untold, after=AFTER_UNTOLD)
-            found[case] = scored.arrival
+            swings[case] = scored.arrival
         except CraneError as error:
             if interrupted(error):
                 raise
-            found[case] = math.inf
+            swings[case] = math.inf
         update(done)
-    return found
+    return swings
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Make the combined move over the grid and see what is left."""
-    found = left(setup, options.sensors)
+    swings = left(setup, options.sensors)
     claims = []
-    for seen in options.sensors:
-        worst = max((case for case in found if case[0] == seen), key=lambda case: found[case])
+    for sensors in options.sensors:
+        worst = max((case for case in swings if case[0] == sensors), key=lambda case: swings[case])
         _, kind, load, cable = worst
         claims.append(
             Claim(
-                f"By the sensors “{seen}” {1e3 * LEFT:g} mrad are left at the arrival at most over "
-                f"the whole grid: {1e3 * found[worst]:.3f} mrad with {100 * load:g} % of the load "
-                f"and {100 * cable:+g} % of cable ({kind}).",
-                found[worst] <= LEFT,
+                f"By the sensors “{sensors}” {1e3 * LEFT:g} mrad are left at the arrival at most "
+                f"over the whole grid: {1e3 * swings[worst]:.3f} mrad with {100 * load:g} % of the "
+                f"load and {100 * cable:+g} % of cable ({kind}).",
+                swings[worst] <= LEFT,
             )
         )
     return Outcome(
-        tables=[_table(found)],
+        tables=[_table(swings)],
         claims=claims,
         parameters=setup.parameters() | {"loads": LOADS, "cables": CABLES},
-        figures={"left": _figure(found)},
+        figures={"left": _figure(swings)},
     )
 
 
@@ -114,10 +114,10 @@ def _table(swings: Cases) -> Table:
 
 def _figure(swings: Cases) -> Figure:
     figure, (ax,) = panels(height=3.4)
-    for k, seen in enumerate(dict.fromkeys(case[0] for case in swings)):
-        values = np.array([value for case, value in swings.items() if case[0] == seen])
+    for k, sensors in enumerate(dict.fromkeys(case[0] for case in swings)):
+        values = np.array([value for case, value in swings.items() if case[0] == sensors])
         share, style = np.arange(1, len(values) + 1) / len(values), "steps-post"
-        ax.plot(1e3 * np.sort(values), share, drawstyle=style, color=run_colour(k), label=seen)
+        ax.plot(1e3 * np.sort(values), share, drawstyle=style, color=run_colour(k), label=sensors)
     ax.axvline(1e3 * LEFT, linestyle=":", color="#999999")
     ax.set(xscale="log", xlabel="swing at the arrival [mrad]", ylabel="share of the grid")
     ax.legend()

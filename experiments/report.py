@@ -73,23 +73,25 @@ def page(folders: Sequence[Path]) -> str:
 
 
 def _first(results: Sequence[dict[str, Any]]) -> str:
-    """Return the first screen: date, crane, number of claims that hold, a line for each experiment."""
+    """Return the first screen: date, crane, number of claims that hold, a line for each
+    experiment.
+    """
     today = date.today()
     claims = [
         harness.Claim(c["sentence"], c["holds"]) for result in results for c in result["claims"]
     ]
-    held, failed = (sum(claim.holds is kind for claim in claims) for kind in (True, False))
+    holding, failed = (sum(claim.holds is kind for claim in claims) for kind in (True, False))
     rows = "".join(
         f'<tr><td><a href="#{escape(r["experiment"])}">{escape(_entry(r).title)}</a></td>'
         f"<td>{escape(_entry(r).line)}</td><td>{_of_total(r['claims'])}</td></tr>"
         for r in results
     )
-    words = summary(claims).partition(f"of {len(claims)} ")[2]
-    verdict = "held" if held == len(claims) else "fails" if failed else "open"
+    unjudged = summary(claims).partition(f"of {len(claims)} ")[2]
+    verdict = "held" if holding == len(claims) else "fails" if failed else "open"
     return (
         '<div class="first"><div><h1>cranedyn: what it claims, and what was found</h1>'
         f'<p class="lead">{today.day} {today:%B %Y} · cranedyn {escape(__version__)}</p>'
-        f'<p class="count {verdict}">{held} of {len(claims)}</p><p>{escape(words)}</p></div>'
+        f'<p class="count {verdict}">{holding} of {len(claims)}</p><p>{escape(unjudged)}</p></div>'
         f'<figure><img alt="The crane from the side" src="{crane_address()}">'
         "<figcaption>The crane of the experiments, from the side.</figcaption></figure></div>"
         '<div class="table"><table class="summary"><thead><tr><th>experiment</th><th>what it '
@@ -99,10 +101,10 @@ def _first(results: Sequence[dict[str, Any]]) -> str:
 
 
 def _of_total(claims: Sequence[Mapping[str, Any]]) -> str:
-    held, failed = (sum(c["holds"] is kind for c in claims) for kind in (True, False))
-    kind = "fails" if failed else "held" if held == len(claims) else "open"
-    unknown = len(claims) - held - failed
-    return f'<span class="{kind}">{held} of {len(claims)}</span>' + (
+    holding, failed = (sum(c["holds"] is kind for c in claims) for kind in (True, False))
+    kind = "fails" if failed else "held" if holding == len(claims) else "open"
+    unknown = len(claims) - holding - failed
+    return f'<span class="{kind}">{holding} of {len(claims)}</span>' + (
         f", {unknown} not judged" if unknown else ""
     )
 
@@ -236,22 +238,22 @@ def mark_html(holds: bool | None) -> str:
 
 def table_html(table: dict[str, Any]) -> str:
     """Return a table of a ``result.json``, as HTML."""
-    made = harness.Table.of(table)
-    kinds = ["" if form else ' class="text"' for _, form in made.columns]
+    parsed = harness.Table.of(table)
+    kinds = ["" if form else ' class="text"' for _, form in parsed.columns]
     head = "".join(
         f"<th{kind}>{escape(header)}</th>"
-        for (header, _), kind in zip(made.columns, kinds, strict=True)
+        for (header, _), kind in zip(parsed.columns, kinds, strict=True)
     )
     body = "".join(
         f"<tr>{''.join(map('<td{}>{}</td>'.format, kinds, map(escape, row)))}</tr>"
-        for row in made.shown()
+        for row in parsed.shown()
     )
-    note = f'<p class="note">{escape(made.note)}</p>' if made.note else ""
+    note = f'<p class="note">{escape(parsed.note)}</p>' if parsed.note else ""
     rows = f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody>"
-    letters = sum(column.least + 2 for column in columns_of(made))
+    letters = sum(column.least + 2 for column in columns_of(parsed))
     return (
         '<div class="table"><table style="--letters: '
-        f'{letters}"><caption>{escape(made.title)}</caption>{rows}</table></div>{note}'
+        f'{letters}"><caption>{escape(parsed.title)}</caption>{rows}</table></div>{note}'
     )
 
 
@@ -320,15 +322,15 @@ def _main(options: argparse.Namespace) -> int:
             if code == INTERRUPTED:
                 return code
             codes.append(code)
-        made = [name for name in options.only if os.path.isfile(folder / name / "result.json")]
-        for name in set(options.only) - set(made):
+        finished = [name for name in options.only if os.path.isfile(folder / name / "result.json")]
+        for name in set(options.only) - set(finished):
             print(
                 f"{EXPERIMENTS[name].title} ({name}) could not be made and is not on the page.",
                 file=sys.stderr,
             )
-        if not made:
+        if not finished:
             return max(codes)
-        write_text(folder / "report.html", page([folder / name for name in made]))
+        write_text(folder / "report.html", page([folder / name for name in finished]))
     print(f"Written to {folder / 'report.html'}.")
     return max(codes)
 

@@ -75,9 +75,9 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         )
         for name, (crane, start, duration) in telling.items()
     }
-    found = checks(bench, halvings)
-    every = list(itertools.chain(*found.values()))
-    tables = [table(title, rows) for title, rows in found.items()]
+    results = checks(bench, halvings)
+    every = list(itertools.chain(*results.values()))
+    tables = [table(title, rows) for title, rows in results.items()]
     return Outcome(
         tables=tables,
         claims=[*map(_claim, every), _order(every)],
@@ -119,23 +119,27 @@ def table(title: str, checks: Sequence[Check]) -> Table:
     )
 
 
-def _named(found: Check) -> str:
+def _named(check_run: Check) -> str:
     """Return the name of an oracle with its unit."""
-    return f"{found.oracle.name} [{found.oracle.unit}]" if found.oracle.unit else found.oracle.name
-
-
-def _claim(found: Check) -> Claim:
-    oracle = found.oracle
-    why = f", {oracle.why} among it" if oracle.why else ""
-    return Claim(
-        f"{oracle.name}: {oracle.closed:.10g} {oracle.unit}".rstrip()
-        + f" for a vanishing step within {found.allowed:.0e}{why}.",
-        found.holds,
+    return (
+        f"{check_run.oracle.name} [{check_run.oracle.unit}]"
+        if check_run.oracle.unit
+        else check_run.oracle.name
     )
 
 
-def _order(found: Sequence[Check]) -> Claim:
-    orders = [c.order for c in found if c.order is not None]
+def _claim(check_run: Check) -> Claim:
+    oracle = check_run.oracle
+    why = f", {oracle.why} among it" if oracle.why else ""
+    return Claim(
+        f"{oracle.name}: {oracle.closed:.10g} {oracle.unit}".rstrip()
+        + f" for a vanishing step within {check_run.allowed:.0e}{why}.",
+        check_run.holds,
+    )
+
+
+def _order(checks_run: Sequence[Check]) -> Claim:
+    orders = [c.order for c in checks_run if c.order is not None]
     first, second = ([order for order in orders if round(order) == power] for power in (1, 2))
     spans = [
         f"{min(some):.3f} to {max(some):.3f} in {len(some)} rows"

@@ -196,7 +196,9 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         run(setup, stiffness={"l": STIFF_HOIST[0]}, damping={"l": STIFF_HOIST[1]}),
     )
     ours, hard = read_run(trajectory), read_run(stiff)
-    phases = {at: read_run(run(setup, pulse_at=at)) for at in (1.0, 3.0, 4.0, 4.5, 5.0, 5.25)}
+    phases = {
+        start: read_run(run(setup, pulse_at=start)) for start in (1.0, 3.0, 4.0, 4.5, 5.0, 5.25)
+    }
     stages = exponents(setup, ours, stiff)
     small, bessel = stages[SMALL].exponent, stages[BESSEL].exponent
     missed, without = (

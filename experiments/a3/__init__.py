@@ -78,7 +78,9 @@ def paper_model(
     length: float,
     gravity: float,
 ) -> np.ndarray:
-    """Integrate Eq. (10) from the first measured state, driven by measured x(t) γ̈(t); shapes (n,)."""
+    """Integrate Eq. (10) from the first measured state, driven by measured x(t) γ̈(t); shapes
+    (n,).
+    """
 
     def rates(s: float, y: np.ndarray) -> tuple[float, float]:
         push = float(np.interp(s, t, excitation))

@@ -52,14 +52,14 @@ def ideal_claims(setup: Setup, results: Results) -> list[Claim]:
             )
         )
     scores = {name: score_of(results, name, NOMINAL.name) for name in results if name != TIME}
-    others = {name: score.cycle for name, score in scores.items() if score}
-    if shortest and FASTEST in others:
-        second = min(others, key=lambda strategy: others[strategy])
+    cycles = {name: score.cycle for name, score in scores.items() if score}
+    if shortest and FASTEST in cycles:
+        second = min(cycles, key=lambda strategy: cycles[strategy])
         claims.append(
             Claim(
                 "Under the same limits the move of least time settles before any other "
-                f"({shortest.cycle:.2f} s; next is {second} after {others[second]:.2f} s).",
-                shortest.cycle < others[second],
+                f"({shortest.cycle:.2f} s; next is {second} after {cycles[second]:.2f} s).",
+                shortest.cycle < cycles[second],
             )
         )
     return claims

@@ -87,8 +87,8 @@ def strategy_results(
         try:
             with collector_waits(timed):
                 run, score = make(setup, move, case_plan, case, after=after)
-            kept = run if case == NOMINAL and all_cases else None
-            results[case.name] = Result(score, "", kept, np.array(calls))
+            nominal_run = run if case == NOMINAL and all_cases else None
+            results[case.name] = Result(score, "", nominal_run, np.array(calls))
         except CraneError as error:
             if interrupted(error):
                 raise KeyboardInterrupt from None
@@ -144,7 +144,7 @@ def _tour(setup: Setup, control: str) -> Tour:
         crane, controller, reference, start=crane.start, duration=duration, label=""
     )
     dwells = [run.between(stage.arrival, stage.end) for stage in reference.stages]
-    left = [1000.0 * residual(dwell) for dwell in dwells]
-    hook = max(swing * float(dwell["l_m"][-1]) for swing, dwell in zip(left, dwells, strict=True))
+    swings = [1000.0 * residual(dwell) for dwell in dwells]
+    hook = max(swing * float(dwell["l_m"][-1]) for swing, dwell in zip(swings, dwells, strict=True))
     peak = 1000.0 * float(np.linalg.norm(run.coordinates("phi", "theta"), axis=1).max())
-    return Tour(duration, max(left), float(np.mean(left)), hook, peak)
+    return Tour(duration, max(swings), float(np.mean(swings)), hook, peak)

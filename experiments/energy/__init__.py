@@ -49,9 +49,9 @@ def band(trajectory: Trajectory, period: float) -> tuple[float, float, float]:
     or loss carries the mean out of the band of the first swing; a ripple that decays with the swing
     does not.
     """
-    t, left = trajectory.t, trajectory.unexplained
-    first = left[t <= t[0] + period]
-    return float(left[t >= t[-1] - period].mean()), float(first.min()), float(first.max())
+    t, error = trajectory.t, trajectory.unexplained
+    first = error[t <= t[0] + period]
+    return float(error[t >= t[-1] - period].mean()), float(first.min()), float(first.max())
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
@@ -83,13 +83,13 @@ def _audit(setup: Setup, swing: float, length: float) -> Outcome:
         theory.amplitude_factor(swing)
     )
     bands = {dt: band(r, period) for dt, r in steps.items()}
-    left = {d: float(swing_energy(cranes[d], r)[-1]) for d, r in audits.items()}
+    remaining = {d: float(swing_energy(cranes[d], r)[-1]) for d, r in audits.items()}
     first = float(swing_energy(crane, audits[1.0])[0])
     expected = {d: first * damped_share(c, d, length, AUDIT) for d, c in cranes.items()}
     return Outcome(
         tables=[
             _ledger(crane, audits[1.0]),
-            _dampings(audits, left, expected),
+            _dampings(audits, remaining, expected),
             _steps(ripple, bands),
         ],
         claims=[
@@ -186,14 +186,16 @@ def _ledger(crane: Crane, trajectory: Trajectory) -> Table:
 
 
 def _dampings(
-    audits: Mapping[float, Trajectory], left: Mapping[float, float], expected: Mapping[float, float]
+    audits: Mapping[float, Trajectory],
+    remaining: Mapping[float, float],
+    expected: Mapping[float, float],
 ) -> Table:
     return tabulate(
         f"Damping of the swing joints, after {AUDIT:g} s",
         audits.items(),
         [
             ("damp_swing [N m s/rad]", "g", lambda a: a[0]),
-            ("energy left [J]", ".2f", lambda a: left[a[0]]),
+            ("energy left [J]", ".2f", lambda a: remaining[a[0]]),
             ("closed form, fixed pivot [J]", ".2f", lambda a: expected[a[0]]),
             ("dissipated [J]", ".3f", lambda a: float(a[1].dissipated[-1])),
             ("drives [J]", "+.2f", lambda a: float(a[1].work[-1].sum())),

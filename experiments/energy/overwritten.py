@@ -75,8 +75,8 @@ def fitted(t: np.ndarray, phi: np.ndarray) -> Oscillation:
     def misfit(parameters: np.ndarray) -> np.ndarray:
         return Oscillation(*parameters)(t) - phi / phi[0]
 
-    found = least_squares(misfit, (0.8, 0.5), bounds=((0.01, 0.0), (100.0, 0.999)))
-    return Oscillation(*found.x.tolist())
+    fit = least_squares(misfit, (0.8, 0.5), bounds=((0.01, 0.0), (100.0, 0.999)))
+    return Oscillation(*fit.x.tolist())
 
 
 def recorded(name: str) -> dict[str, np.ndarray]:
@@ -113,20 +113,22 @@ def experiment(setup: Setup, swing: float, length: float) -> Outcome:
             "below 1: a longer dt, lighter links, a longer cable",
         )
     broken = setup.variant(damp_swing=crane.dummy_inertia[0] / setup.dt)
-    runs = {d: run(setup, one, swing, length, AUDIT) for d, one in cranes.items()}
+    runs = {d: run(setup, variant, swing, length, AUDIT) for d, variant in cranes.items()}
     stopped = run(setup, broken, swing, length, AUDIT)
-    there = recorded("swing_overwritten")
-    fits = fitted(stopped.t, stopped["phi_rad"]), fitted(there["t_s"], there["phi_rad"])
-    left = float(swing_energy(broken, stopped)[-1])
-    gazebo = left_there(broken, there)
+    gazebo_run = recorded("swing_overwritten")
+    fits = fitted(stopped.t, stopped["phi_rad"]), fitted(gazebo_run["t_s"], gazebo_run["phi_rad"])
+    kept_energy = float(swing_energy(broken, stopped)[-1])
+    gazebo = left_there(broken, gazebo_run)
     same = bool(setup.judged(True)) and np.allclose(
-        (swing, length), (there["phi_rad"][0], there["l_m"][0]), rtol=1e-12
+        (swing, length), (gazebo_run["phi_rad"][0], gazebo_run["l_m"][0]), rtol=1e-12
     )
-    apart = float(np.abs(stopped["phi_rad"] - there["phi_rad"]).max()) if same else math.inf
+    deviation = (
+        float(np.abs(stopped["phi_rad"] - gazebo_run["phi_rad"]).max()) if same else math.inf
+    )
     lift = crane.payload_mass * crane.gravity * float(stopped["l_m"][0] - stopped["l_m"][-1])
     tables = [
-        _ratios(expected, fits, left, gazebo, lift),
-        _dampings({d: float(swing_energy(cranes[d], r)[-1]) for d, r in runs.items()}, left),
+        _ratios(expected, fits, kept_energy, gazebo, lift),
+        _dampings({d: float(swing_energy(cranes[d], r)[-1]) for d, r in runs.items()}, kept_energy),
     ]
     off = abs(fits[0].ratio / expected.ratio - 1.0)
     claims = [
@@ -139,8 +141,9 @@ def experiment(setup: Setup, swing: float, length: float) -> Outcome:
         ),
         Claim(
             f"Gazebo with such a plugin swings as this crane with that damper within {APART:g} rad "
-            f"({apart:.1e} rad), and keeps {gazebo:.2f} J where this one keeps {left:.2f} J.",
-            apart < APART and abs(gazebo - left) < 0.01 if same else None,
+            f"({deviation:.1e} rad), and keeps {gazebo:.2f} J where this one keeps "
+            f"{kept_energy:.2f} J.",
+            deviation < APART and abs(gazebo - kept_energy) < 0.01 if same else None,
         ),
         Claim(
             f"That is the article's loss: ζ = {fits[0].ratio:.3f} where it saw about {RATIO:g}, "
@@ -154,20 +157,20 @@ def experiment(setup: Setup, swing: float, length: float) -> Outcome:
         parameters=setup.parameters()
         | {"swing_rad": swing, "length_m": length, "overwritten": True},
         trajectories={"energy_overwritten": stopped},
-        figures={"overwritten": _figure(runs[1.0], stopped, there if same else None)},
+        figures={"overwritten": _figure(runs[1.0], stopped, gazebo_run if same else None)},
     )
 
 
 def _ratios(
     expected: Oscillation,
     fits: tuple[Oscillation, Oscillation],
-    left: float,
+    kept_energy: float,
     gazebo: float,
     lift: float,
 ) -> Table:
     rows = [
         ("closed form", expected.ratio, expected.frequency, None),
-        ("here, damper ΣI/dt", fits[0].ratio, fits[0].frequency, left),
+        ("here, damper ΣI/dt", fits[0].ratio, fits[0].frequency, kept_energy),
         ("Gazebo 11.1, rates overwritten", fits[1].ratio, fits[1].frequency, gazebo),
         ("article", RATIO, None, PUBLISHED[1]),
     ]
@@ -181,13 +184,13 @@ def _ratios(
     )
 
 
-def _dampings(left: dict[float, float], overwritten: float) -> Table:
+def _dampings(kept_energy: dict[float, float], overwritten: float) -> Table:
     return tabulate(
         "Damping of the swing joints does not reach the swing",
-        left,
+        kept_energy,
         [
             ("damp_swing [N m s/rad]", "g", lambda damping: damping),
-            ("left as it should be [J]", ".2f", lambda damping: left[damping]),
+            ("left as it should be [J]", ".2f", lambda damping: kept_energy[damping]),
             ("left under the plugin [J]", ".2f", lambda damping: overwritten),
         ],
         "Under the plugin a joint's damper sees a rate of zero. In Gazebo the three runs are "
@@ -195,14 +198,16 @@ def _dampings(left: dict[float, float], overwritten: float) -> Table:
     )
 
 
-def _figure(free: Trajectory, stopped: Trajectory, there: dict[str, np.ndarray] | None) -> Figure:
+def _figure(
+    free: Trajectory, stopped: Trajectory, gazebo_run: dict[str, np.ndarray] | None
+) -> Figure:
     figure, (ax,) = panels(1, height=3.0)
     ax.plot(free.t, free["phi_rad"], color=COLOURS["energy"], label="as it should be")
     ax.plot(stopped.t, stopped["phi_rad"], color=COLOURS["unexplained"], label="damper ΣI/dt, here")
-    if there is not None:
+    if gazebo_run is not None:
         ax.plot(
-            there["t_s"][::40],
-            there["phi_rad"][::40],
+            gazebo_run["t_s"][::40],
+            gazebo_run["phi_rad"][::40],
             "x",
             color=COLOURS["x"],
             label="rates overwritten, Gazebo",

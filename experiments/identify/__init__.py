@@ -71,12 +71,12 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     check_effect(options)
     if options.coverage is not None:
         return covered(options, setup)
-    known = Known(
+    prior = Known(
         options.urdf,
         parse_values(options.values),
         number("gravity", options.believed, "m/s²", "> 0"),
     )
-    return files(options, setup, known) if options.file else examples(setup)
+    return files(options, setup, prior) if options.file else examples(setup)
 
 
 def check_effect(options: argparse.Namespace) -> None:
@@ -93,7 +93,7 @@ def check_effect(options: argparse.Namespace) -> None:
     }
     usual |= {"sources": [], "named": [], "urdf": None, "believed": STANDARD_GRAVITY, "values": []}
     flags = {"sources": "columns", "named": "joints", "believed": "gravity", "values": "set"}
-    given = [name for name, value in usual.items() if getattr(options, name) != value]
+    changed = [name for name, value in usual.items() if getattr(options, name) != value]
     synthetic = options.coverage is not None
     if synthetic and options.file:
         raise DataError("A FILE has no effect beside --coverage; leave it out.")
@@ -101,7 +101,7 @@ def check_effect(options: argparse.Namespace) -> None:
         if getattr(options, name) is not None and not synthetic:
             raise DataError(f"--{name} has no effect without --coverage; leave it out.")
     kinds = {Path(file).suffix in ROS for file in options.file}
-    for name in given:
+    for name in changed:
         needed = {"sources": "a .csv or .parquet FILE", "named": "an .mcap or .bag FILE"}
         if not ({"sources": {False}, "named": {True}}.get(name, {False, True}) & kinds):
             raise DataError(
@@ -110,12 +110,12 @@ def check_effect(options: argparse.Namespace) -> None:
             )
 
 
-def files(options: argparse.Namespace, setup: Setup, known: Known) -> Outcome:
+def files(options: argparse.Namespace, setup: Setup, prior: Known) -> Outcome:
     """Identify a crane from files."""
     records = [
         load_record(
             file,
-            known.crane,
+            prior.crane,
             sources=parse_sources(options.sources),
             joints=_joints(options.named),
             since=options.since,
@@ -126,26 +126,26 @@ def files(options: argparse.Namespace, setup: Setup, known: Known) -> Outcome:
     names = [record.name for record in records]
     if len(set(names)) < len(names):
         raise DataError(f"Two records have one name: {', '.join(map(quoted, names))}.")
-    model = Model.of(known, records, options.estimate, drives=options.drives)
-    one = found(model, setup, "records")
+    model = Model.of(prior, records, options.estimate, drives=options.drives)
+    result = found(model, setup, "records")
     return Outcome(
-        tables=[*tables(one, "", {}), *of_trials(_trials(one.estimate))],
-        claims=[_white("The records", one)],
-        parameters=_parameters(one),
-        trajectories=_runs(one),
-        figures=_figures(one),
-        recording=_recording(one),
-        texts={"twin.json": one.twin.text},
+        tables=[*tables(result, "", {}), *of_trials(_trials(result.estimate))],
+        claims=[_white("The records", result)],
+        parameters=_parameters(result),
+        trajectories=_runs(result),
+        figures=_figures(result),
+        recording=_recording(result),
+        texts={"twin.json": result.twin.text},
     )
 
 
-def _white(words: str, one: Found) -> Claim:
+def _white(subject: str, result: Found) -> Claim:
     """Judge what every interval presumes."""
-    coloured, said = ", ".join(one.estimate.not_white), "all"
+    coloured, said = ", ".join(result.estimate.not_white), "all"
     if coloured:
         said = f"not {coloured}: the model lacks something, and intervals may not hold the truth"
     return Claim(
-        f"{words}: what the twin leaves of each column is white noise ({said}).", not coloured
+        f"{subject}: what the twin leaves of each column is white noise ({said}).", not coloured
     )
 
 
@@ -161,7 +161,7 @@ def examples(setup: Setup) -> Outcome:
     """Identify Gazebo's world from its recordings, and the crane of the trial from its record."""
     world = Known()
     free = found(_recordings(world, FREE, WORLD, "motion"), setup, "free swing in Gazebo")
-    held = found(
+    brake = found(
         _recordings(world, HELD, (*WORLD, *GAINS), "hold", UNTIL), setup, "brake in Gazebo"
     )
     alone = found(
@@ -171,10 +171,10 @@ def examples(setup: Setup) -> Outcome:
         Model.of(world, [trial_record(world, positions=True)]), setup, "trial, positions"
     )
     trials = _trials(whole_trial.estimate)
-    worlds = {"free swing": free, "brake": held}
+    worlds = {"free swing": free, "brake": brake}
     return Outcome(
         tables=[
-            *(values(one, f"Gazebo Classic 11.1, {name}", MADE_WITH) for name, one in
+            *(values(result, f"Gazebo Classic 11.1, {name}", MADE_WITH) for name, result in
               worlds.items()),
             values(alone, "The trial, setpoints of the drives alone", TRUTH),
             *doubts(alone, "The trial, setpoints of the drives alone"),
@@ -182,7 +182,7 @@ def examples(setup: Setup) -> Outcome:
             *of_trials(trials),
         ],
         claims=[
-            *(claim for name, one in worlds.items() for claim in _worlds_claims(name, one)),
+            *(claim for name, result in worlds.items() for claim in _worlds_claims(name, result)),
             *_trials_claims(alone, whole_trial, trials),
         ],
         parameters={"noise_rad": 2e-3, **_parameters(whole_trial)},
@@ -198,22 +198,22 @@ def examples(setup: Setup) -> Outcome:
 
 
 def _recordings(
-    known: Known,
+    prior: Known,
     names: Sequence[str],
     parameters: Sequence[str],
     drives: Drives,
     until: float = math.inf,
 ) -> Model:
     records = [
-        load_record(gazebo.RECORDINGS / f"{name}.parquet", known.crane, since=12.0, until=until)
+        load_record(gazebo.RECORDINGS / f"{name}.parquet", prior.crane, since=12.0, until=until)
         for name in names
     ]
-    return Model.of(known, records, parameters, drives=drives)
+    return Model.of(prior, records, parameters, drives=drives)
 
 
-def _worlds_claims(name: str, one: Found) -> list[Claim]:
+def _worlds_claims(name: str, result: Found) -> list[Claim]:
     claims = []
-    for parameter, (value, _) in one.estimate.found.items():
+    for parameter, (value, _) in result.estimate.found.items():
         off, allowed = abs(value / MADE_WITH[parameter] - 1.0), CLOSE[parameter]
         claims.append(
             Claim(
@@ -227,20 +227,20 @@ def _worlds_claims(name: str, one: Found) -> list[Claim]:
 
 def _trials_claims(alone: Found, both: Found, trials: Sequence[Tried]) -> list[Claim]:
     claims = []
-    for words, one in (("setpoints alone", alone), ("positions, too", both)):
+    for columns, result in (("setpoints alone", alone), ("positions, too", both)):
         off = {
             name: abs(value - TRUTH[name]) / margin
-            for name, (value, margin) in one.estimate.found.items()
+            for name, (value, margin) in result.estimate.found.items()
         }
         worst = max(off, key=lambda name: off[name])
         claims.append(
             Claim(
-                f"The trial, {words}: everything is found within twice its interval (at most "
+                f"The trial, {columns}: everything is found within twice its interval (at most "
                 f"{off[worst]:.2f} times, {worst}).",
                 off[worst] <= 2.0,
             )
         )
-        claims.append(_white(f"The trial, {words}", one))
+        claims.append(_white(f"The trial, {columns}", result))
     pairs = [p for p in alone.judged.alike if {p.one, p.other} == {"delay", "x_lag"}]
     rho = abs(pairs[0].correlation) if pairs else 0.0
     claims.append(
@@ -259,7 +259,7 @@ def _trials_claims(alone: Found, both: Found, trials: Sequence[Tried]) -> list[C
             promised < 0.5,
         )
     )
-    for strategy in dict.fromkeys(one.strategy for one in trials):
+    for strategy in dict.fromkeys(result.strategy for result in trials):
         worst_of = {t.designed: float(t.swing.max()) for t in trials if t.strategy == strategy}
         if strategy != trials[0].strategy:
             claims.append(
@@ -277,40 +277,40 @@ def _trials(estimate: Estimate) -> list[Tried]:
     """Try strategies on the twin; none for a crane that is not this project's own, and none if a
     move of the comparison cannot be made.
     """
-    known = estimate.model.known
-    return tried(estimate) if known.urdf is None else []
+    prior = estimate.model.known
+    return tried(estimate) if prior.urdf is None else []
 
 
-def _parameters(one: Found) -> dict[str, object]:
-    model = one.estimate.model
+def _parameters(result: Found) -> dict[str, object]:
+    model = result.estimate.model
     return {
         "drives": model.drives,
         "records": [record.name for record in model.records],
-        "evaluations": one.estimate.evaluations,
-        "twin": one.twin.words,
+        "evaluations": result.estimate.evaluations,
+        "twin": result.twin.words,
     }
 
 
-def _runs(one: Found) -> dict[str, Trajectory]:
-    model = one.estimate.model
+def _runs(result: Found) -> dict[str, Trajectory]:
+    model = result.estimate.model
     return {
-        f"twin_{index + 1}": model.run(index, one.estimate.values, one.twin.crane)
+        f"twin_{index + 1}": model.run(index, result.estimate.values, result.twin.crane)
         for index in range(len(model.records))
     }
 
 
-def _figures(one: Found) -> dict[str, Figure]:
-    count = min(len(one.estimate.model.records), _SHOWN)
-    return {f"twin_{index + 1}": beside(one.estimate, index) for index in range(count)}
+def _figures(result: Found) -> dict[str, Figure]:
+    count = min(len(result.estimate.model.records), _SHOWN)
+    return {f"twin_{index + 1}": beside(result.estimate, index) for index in range(count)}
 
 
-def _recording(one: Found) -> list[Run]:
+def _recording(result: Found) -> list[Run]:
     from cranedyn.recording import Run
 
-    names = [record.name for record in one.estimate.model.records]
+    names = [record.name for record in result.estimate.model.records]
     return [
-        Run(name, one.twin.crane, run, (_APART * i, 0.0, 0.0))
-        for i, (name, run) in enumerate(zip(names, _runs(one).values(), strict=True))
+        Run(name, result.twin.crane, run, (_APART * i, 0.0, 0.0))
+        for i, (name, run) in enumerate(zip(names, _runs(result).values(), strict=True))
     ]
 
 
@@ -341,12 +341,12 @@ def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
             )
         )
     channels, coloured = 4 * count, int(data["not_white"].sum())
-    most = int(binom.ppf(1.0 - _TAIL, channels, WHITE))
+    bound = int(binom.ppf(1.0 - _TAIL, channels, WHITE))
     claims.append(
         Claim(
-            f"{coloured} of {channels} residuals are not white; of white ones {most} would be at "
+            f"{coloured} of {channels} residuals are not white; of white ones {bound} would be at "
             "most.",
-            coloured <= most,
+            coloured <= bound,
         )
     )
     claims.append(Claim("No crane failed.", end.errors == 0))

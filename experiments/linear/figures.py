@@ -57,7 +57,7 @@ def slew_figure(
             label=site.name,
         )
         right.loglog(ANGLES, 100.0 * np.array(short[site.name]), ".-", color=COLOURS[colour])
-    for ax, ticks, words in (
+    for ax, ticks, label in (
         (left, (0.02, 0.05, 0.1, 0.2, 0.5), "slew rate [rpm]"),
         (right, ANGLES, "angle of a short slew [°]"),
     ):
@@ -65,17 +65,17 @@ def slew_figure(
         ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         ax.set_yticks((0.5, 1, 2, 5, 10, 20, 50), ("0.5", "1", "2", "5", "10", "20", "50"))
         ax.minorticks_off()
-        ax.set_xlabel(words)
+        ax.set_xlabel(label)
     left.set_ylabel("rms error of Eqs. (8), (10) [%]")
     left.legend()
     return figure
 
 
-def dropped_figure(found: Sequence[Case], moves: Sequence[str]) -> Figure:
+def dropped_figure(cases: Sequence[Case], moves: Sequence[str]) -> Figure:
     """Draw the dropped terms of some moves, for each crane."""
     figure, axes = panels(1, len(moves), height=3.6, sharey=True)
     for ax, name in zip(axes, moves, strict=True):
-        some = [case for case in found if case.job.name == name]
+        some = [case for case in cases if case.job.name == name]
         places = np.arange(len(some[0].dropped))
         for k, (case, colour) in enumerate(zip(some, _CRANES, strict=True)):
             shares = [100.0 * share for share in case.dropped.values()]

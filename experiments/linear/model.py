@@ -148,6 +148,6 @@ def dropped(run: Trajectory) -> tuple[float, dict[str, float]]:
     }
     kept = float(max(np.abs(trolley).max(), np.abs(x * slew).max()))
     return kept, {
-        name: float(max(np.abs(part).max() for part in parts)) / kept
+        name: float(max(np.abs(term).max() for term in parts)) / kept
         for name, parts in terms.items()
     }

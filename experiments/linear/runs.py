@@ -106,9 +106,9 @@ def reaches(values: Sequence[float], errors: Sequence[float], good: float) -> fl
         DataError: If it is not that large, or not that small, at any.
     """
     by_size = sorted(zip(errors, values, strict=True))
-    for (low, one), (high, other) in itertools.pairwise(by_size):
+    for (low, value), (high, next_value) in itertools.pairwise(by_size):
         if low <= good < high:
-            return one * (other / one) ** (math.log(good / low) / math.log(high / low))
+            return value * (next_value / value) ** (math.log(good / low) / math.log(high / low))
     raise DataError(
         f"The errors run from {by_size[0][0]:g} to {by_size[-1][0]:g}; {good:g} is not among them."
     )

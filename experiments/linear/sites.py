@@ -45,7 +45,9 @@ class Site:
     hoist: tuple[float, float]
 
     def crane(self, setup: Setup, **values: float) -> Crane:
-        """Return the crane, by default with a point load; its mast is high enough for the drawing."""
+        """Return the crane, by default with a point load; its mast is high enough for the
+        drawing.
+        """
         mast = {
             "mast_height": self.height + 2.0,
             "pivot_height": self.height + 4.0,
@@ -112,8 +114,8 @@ def jobs(site: Site, crane: Crane) -> list[Job]:
         JoystickPulse("gamma", site.slew, 0.0, QUARTER / site.slew),
     )
     slow, fast = (
-        JoystickPulse("l", -speed, 0.0, way * site.height / speed)
-        for speed, way in zip(site.hoist, (0.3, 0.6), strict=True)
+        JoystickPulse("l", -speed, 0.0, share_of_height * site.height / speed)
+        for speed, share_of_height in zip(site.hoist, (0.3, 0.6), strict=True)
     )
     inside, outside, below = (
         crane.state(x=x, l=cable) for x, cable in ((middle, high), (tip, high), (middle, deep))
@@ -139,13 +141,13 @@ ANGLES = (1.0, 2.0, 5.0, 10.0, 20.0)
 
 def slow_slews(site: Site, crane: Crane) -> list[Job]:
     """Return slews at shares of the crane's rate, reached in the usual time."""
-    slew, *others = site.accelerations
+    slew, *accelerations = site.accelerations
     return [
         _moved(
             f"slew at {share:g} of the rate",
             crane,
             _outside(site, crane),
-            (share * slew, *others),
+            (share * slew, *accelerations),
             JoystickPulse("gamma", share * site.slew, 0.0, HOLD),
         )
         for share in SHARES
@@ -153,7 +155,9 @@ def slow_slews(site: Site, crane: Crane) -> list[Job]:
 
 
 def short_slews(site: Site, crane: Crane) -> list[Job]:
-    """Return slews by small angles at the usual acceleration, most of which never reach the rate."""
+    """Return slews by small angles at the usual acceleration, most of which never reach the
+    rate.
+    """
     holds = [
         max(math.sqrt(a / site.accelerations[0]), a / site.slew) for a in map(math.radians, ANGLES)
     ]

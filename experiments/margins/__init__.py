@@ -90,13 +90,13 @@ def _blind(setup: Setup, rest: State) -> Regulator:
 
     crane = setup.crane
     plant = _plant(setup, rest)
-    made = observed(
+    observer = observed(
         lqr(crane, at_rest(setup, rest), dt=setup.dt), crane, at_rest(setup, rest), dt=setup.dt
     )
-    seen = np.eye(len(plant.a))[made.measured]
-    p = scipy.linalg.solve_discrete_are(plant.a.T, seen.T, made.disturbance, made.noise)
-    gain = np.linalg.solve(seen @ p @ seen.T + made.noise, seen @ p).T
-    return behind_observer(_scheduled(setup, rest), plant, gain, made.measured)
+    output = np.eye(len(plant.a))[observer.measured]
+    p = scipy.linalg.solve_discrete_are(plant.a.T, output.T, observer.disturbance, observer.noise)
+    gain = np.linalg.solve(output @ p @ output.T + observer.noise, output @ p).T
+    return behind_observer(_scheduled(setup, rest), plant, gain, observer.measured)
 
 
 STRATEGIES: dict[str, Callable[[Setup, State], Regulator]] = {
@@ -116,13 +116,13 @@ def mapped(setup: Setup, points: int) -> dict[str, Mapped]:
 
     radii, cables = axes(points)
     update = setup.reporter.count("margins", len(STRATEGIES) * points)
-    found: dict[str, Mapped] = {strategy: [] for strategy in STRATEGIES}
+    maps: dict[str, Mapped] = {strategy: [] for strategy in STRATEGIES}
     for strategy, law in STRATEGIES.items():
         for length in cables.tolist():
             rests = [setup.crane.state(x=radius, l=length) for radius in radii.tolist()]
-            found[strategy].append([margins(_plant(setup, r), law(setup, r)) for r in rests])
-            update(sum(map(len, found.values())))
-    return found
+            maps[strategy].append([margins(_plant(setup, r), law(setup, r)) for r in rests])
+            update(sum(map(len, maps.values())))
+    return maps
 
 
 def _plant(setup: Setup, rest: State) -> Sampled:
@@ -176,14 +176,14 @@ def grows(
     q[crane.swings] += AFFECTED
     designed = integrating(setup, rest if made_for is None else made_for)
     table = designed.tracking
-    here = np.concatenate([rest.q, rest.v])[None]
+    row = np.concatenate([rest.q, rest.v])[None]
     holding = holding_effort(crane, rest.q)
-    moved = replace(designed, tracking=replace(table, setpoint=here, feed_forward=holding[None]))
-    made = Disturbed(moved, holding, drive, factor, periods)
+    moved = replace(designed, tracking=replace(table, setpoint=row, feed_forward=holding[None]))
+    disturbed = Disturbed(moved, holding, drive, factor, periods)
     try:
         run = setup.simulate(
             crane,
-            made,
+            disturbed,
             at_rest(setup, rest),
             start=State(q, rest.v),
             duration=WATCHED,
@@ -202,16 +202,18 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Map the margins, then meet them."""
     points = whole("points", options.points, 2)
     within("points", points, 2, MOST)
-    found = mapped(setup, points)
+    maps = mapped(setup, points)
     rows, notes = list[Sequence[float | str]](), list[str]()
-    for strategy, here in found.items():
-        rows.append((strategy, *_worst(here, points)))
-    check, claims = _met(setup, found[LQR], points)
+    for strategy, margins_of in maps.items():
+        rows.append((strategy, *_worst(margins_of, points)))
+    check, claims = _met(setup, maps[LQR], points)
     unstable = [
-        strategy for strategy, here in found.items() if values(here, "damping").min() <= 0.0
+        strategy
+        for strategy, margins_of in maps.items()
+        if values(margins_of, "damping").min() <= 0.0
     ]
     notes.append(f" Unstable somewhere: {', '.join(unstable)}." if unstable else "")
-    least = float(values(found[LQR], "late").min())
+    least_delay = float(values(maps[LQR], "late").min())
     return Outcome(
         tables=[_table(rows, "".join(notes)), check],
         claims=[
@@ -219,35 +221,37 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
                 "Every strategy that is made for the place is stable over the whole map.",
                 not set(unstable) - {KEPT},
             ),
-            _needed(setup, found[KEPT], points),
+            _needed(setup, maps[KEPT], points),
             Claim(
                 "The full-model LQR, made for each place, bears a drive that is late by "
-                f"{1e3 * least:.1f} ms, {least / setup.control_period:.1f} control periods, "
-                "wherever the trolley stands.",
-                least > setup.control_period,
+                f"{1e3 * least_delay:.1f} ms, {least_delay / setup.control_period:.1f} control "
+                "periods, wherever the trolley stands.",
+                least_delay > setup.control_period,
             ),
             *claims,
         ],
         parameters=setup.parameters() | {"points": points, "radii_m": RADII, "cables_m": CABLES},
-        figures={"margins_map": map_figure(*axes(points), found)},
+        figures={"margins_map": map_figure(*axes(points), maps)},
     )
 
 
-def _worst(here: Mapped, points: int) -> tuple[float, ...]:
+def _worst(margins_of: Mapped, points: int) -> tuple[float, ...]:
     """Return the least of each margin over a map, and its place."""
     radii, cables = axes(points)
-    found: list[float] = []
+    row: list[float] = []
     for name, scale in (("damping", 100.0), ("stronger", 1.0), ("weaker", 1.0), ("late", 1e3)):
-        value = scale * values(here, name)
+        value = scale * values(margins_of, name)
         i, j = _first(value, value.max() if name == "weaker" else value.min())
-        found += [float(value[i, j]), float(radii[j]), float(cables[i])]
-    return tuple(found)
+        row += [float(value[i, j]), float(radii[j]), float(cables[i])]
+    return tuple(row)
 
 
 def _first(value: np.ndarray, extreme: float) -> tuple[int, int]:
-    """Return the first place with an extreme value, up to rounding between places that are alike."""
-    place = int(np.flatnonzero(np.isclose(value, extreme, rtol=1e-6, atol=0.0))[0])
-    return divmod(place, value.shape[1])
+    """Return the first place with an extreme value, up to rounding between places that are
+    alike.
+    """
+    index = int(np.flatnonzero(np.isclose(value, extreme, rtol=1e-6, atol=0.0))[0])
+    return divmod(index, value.shape[1])
 
 
 def _table(rows: Sequence[Sequence[float | str]], note: str) -> Table:
@@ -269,16 +273,16 @@ def _table(rows: Sequence[Sequence[float | str]], note: str) -> Table:
     )
 
 
-def _met(setup: Setup, here: Mapped, points: int) -> tuple[Table, list[Claim]]:
+def _met(setup: Setup, margins_of: Mapped, points: int) -> tuple[Table, list[Claim]]:
     """Simulate the place where the full-model LQR bears the least delay."""
     radii, cables = axes(points)
-    borne = values(here, "late")
+    borne = values(margins_of, "late")
     i, j = _first(borne, borne.min())
-    found = here[i][j]
-    if not found.drives:
+    margins_there = margins_of[i][j]
+    if not margins_there.drives:
         raise OutOfRange("the full-model LQR", "unstable", "stable, for margins to be met")
-    drive = int(np.argmin([d.late for d in found.drives]))
-    margin, rest = found.drives[drive], setup.crane.state(x=radii[j], l=cables[i])
+    drive = int(np.argmin([d.late for d in margins_there.drives]))
+    margin, rest = margins_there.drives[drive], setup.crane.state(x=radii[j], l=cables[i])
     name = setup.crane.layout.driven[drive].effort_name
     last = math.ceil(margin.late / setup.control_period) - 1
     delays = [(float(late), grows(setup, rest, drive, periods=late)) for late in (last, last + 1)]
@@ -288,8 +292,11 @@ def _met(setup: Setup, here: Mapped, points: int) -> tuple[Table, list[Claim]]:
     ]
     periods = margin.late / setup.control_period
     rows = [
-        (what, *(number if math.isfinite(number) else None for number in (limit, *sum(pairs, ()))))
-        for what, limit, pairs in (
+        (
+            name_of_limit,
+            *(number if math.isfinite(number) else None for number in (limit, *sum(pairs, ()))),
+        )
+        for name_of_limit, limit, pairs in (
             (f"{name} late [periods]", periods, delays),
             (f"{name} stronger [times]", margin.stronger, factors),
         )
@@ -325,10 +332,10 @@ def _met(setup: Setup, here: Mapped, points: int) -> tuple[Table, list[Claim]]:
     return table, claims
 
 
-def _needed(setup: Setup, here: Mapped, points: int) -> Claim:
+def _needed(setup: Setup, margins_of: Mapped, points: int) -> Claim:
     """Claim that the LQR made for the middle is unstable where the map says so, by simulation."""
     radii, cables = axes(points)
-    damping = values(here, "damping")
+    damping = values(margins_of, "damping")
     places = [_first(damping, end) for end in (damping.min(), damping.max())]
     middle = setup.crane.state(x=MIDDLE[0], l=MIDDLE[1])
     agree, said = True, []

@@ -138,7 +138,9 @@ class Check:
         errors = [abs(value - self.oracle.closed) for value in self.values[-3:]]
         if errors[-1] < 100.0 * self.allowed:
             return None
-        coarse, fine = (math.log2(one / half) for one, half in itertools.pairwise(errors))
+        coarse, fine = (
+            math.log2(coarse_error / half) for coarse_error, half in itertools.pairwise(errors)
+        )
         return 2.0 * fine - coarse
 
     @property

@@ -40,8 +40,8 @@ def oracles(bench: Bench) -> list[Oracle]:
 
 def _constant(bench: Bench, crane: Crane, length: float, rate: float) -> Oracle:
     def read(dt: float) -> float:
-        found = bench.run(crane, crane.state(l=length, l_dot=rate, phi=SMALL * SWING), AFTER, dt)
-        return float(found["phi_rad"][-1]) / SMALL
+        run = bench.run(crane, crane.state(l=length, l_dot=rate, phi=SMALL * SWING), AFTER, dt)
+        return float(run["phi_rad"][-1]) / SMALL
 
     times = np.array([0.0, AFTER])
     closed = float(theory.constant_hoisting(times, length, rate, G, SWING, 0.0)[-1])

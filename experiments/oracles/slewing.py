@@ -46,17 +46,17 @@ def turning(build: Build, radius: float, length: float, rpm: float) -> tuple[Cra
 def _steady(bench: Bench, radius: float, length: float, rpm: float) -> list[Oracle]:
     rate, (crane, plumb) = rpm * math.pi / 30.0, turning(bench.build, radius, length, rpm)
     settled = cache(lambda dt: bench.run(crane, plumb, SETTLING, dt, every=SELDOM))
-    place = f"x = {radius:g} m, l = {length:g} m, {rpm:g} rpm"
+    location = f"x = {radius:g} m, l = {length:g} m, {rpm:g} rpm"
     out = -math.degrees(theory.slewing_swing(radius, length, rate, G))
     pull = theory.slewing_tension(radius, length, rate, G, MASS)
     return [
         Oracle(
-            f"load settles outward, {place}",
+            f"load settles outward, {location}",
             "°",
             out,
             lambda dt: -math.degrees(settled(dt)["phi_rad"][-1]),
         ),
-        Oracle(f"tension then, {place}", "N", pull, lambda dt: -float(settled(dt)["F_l_N"][-1])),
+        Oracle(f"tension then, {location}", "N", pull, lambda dt: -float(settled(dt)["F_l_N"][-1])),
     ]
 
 
@@ -84,15 +84,15 @@ def _modes(bench: Bench, crane: Crane) -> list[Oracle]:
         """Return the rates of the parts that turn forward and backward in the plane of φ and θ
         [rad/s].
         """
-        found = bench.run(crane, start, MINUTE, dt)
-        every = round(SAMPLE / (found.t[1] - found.t[0]))
-        z = (found["phi_rad"] + 1j * found["theta_rad"])[::every]
+        run = bench.run(crane, start, MINUTE, dt)
+        every = round(SAMPLE / (run.t[1] - run.t[0]))
+        z = (run["phi_rad"] + 1j * run["theta_rad"])[::every]
         a, b = np.linalg.lstsq(np.stack([z[1:-1], z[:-2]], axis=1), z[2:], rcond=None)[0]
         back, forth = np.sort(np.log(np.roots([1.0, -a, -b])).imag / SAMPLE).tolist()
         return [forth, -back]
 
-    omega, seen = math.sqrt(G / LENGTH), f"seen from a jib at {RATE:g} rad/s"
+    omega, observed = math.sqrt(G / LENGTH), f"seen from a jib at {RATE:g} rad/s"
     return [
-        Oracle(f"{seen}: slow swing, ω - Ω", "rad/s", omega - RATE, lambda dt: rates(dt)[0]),
-        Oracle(f"{seen}: fast swing, ω + Ω", "rad/s", omega + RATE, lambda dt: rates(dt)[1]),
+        Oracle(f"{observed}: slow swing, ω - Ω", "rad/s", omega - RATE, lambda dt: rates(dt)[0]),
+        Oracle(f"{observed}: fast swing, ω + Ω", "rad/s", omega + RATE, lambda dt: rates(dt)[1]),
     ]

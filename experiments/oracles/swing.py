@@ -52,8 +52,8 @@ def _period(
     )
 
     def read(dt: float) -> float:
-        found = bench.run(crane, crane.state(l=length, **{f"{joint}_dot": rate}), 12.0, dt)
-        return crossing(found.t, found[f"{joint}_rad"], 2)
+        run = bench.run(crane, crane.state(l=length, **{f"{joint}_dot": rate}), 12.0, dt)
+        return crossing(run.t, run[f"{joint}_rad"], 2)
 
     name = f"period of {degrees:g}°, l = {length:g} m" + (
         f", {'φ' if joint == 'phi' else 'θ'} with {inertia:g} kg m²" if inertia else ""
@@ -78,9 +78,9 @@ def _tensions(bench: Bench, crane: Crane) -> list[Oracle]:
         return float(curve(t, tension, int(np.searchsorted(t, bottom)))(bottom))
 
     def everywhere(dt: float) -> float:
-        found = swing(dt)
-        newton = MASS * (G * np.cos(found["phi_rad"]) + LENGTH * found["phi_dot_rad_s"] ** 2)
-        return float(np.abs(-found["F_l_N"] / newton - 1.0).max())
+        run = swing(dt)
+        newton = MASS * (G * np.cos(run["phi_rad"]) + LENGTH * run["phi_dot_rad_s"] ** 2)
+        return float(np.abs(-run["F_l_N"] / newton - 1.0).max())
 
     return [
         Oracle(
@@ -118,7 +118,7 @@ def apse(trajectory: Trajectory) -> tuple[float, float]:
 
 
 def _precessions(bench: Bench, crane: Crane) -> list[Oracle]:
-    made = []
+    oracles = []
     for far, near in OVALS:
         turned = cache(
             lambda dt, far=far, near=near: apse(bench.run(crane, oval(crane, far, near), 10.0, dt))[
@@ -126,14 +126,14 @@ def _precessions(bench: Bench, crane: Crane) -> list[Oracle]:
             ]
         )
         name = f"precession of an oval of {far:g} m by {near:g} m"
-        made.append(
+        oracles.append(
             Oracle(
                 f"{name}, a revolution", "rad", theory.apsidal_precession(LENGTH, far, near), turned
             )
         )
         if (far, near) == OVALS[0]:
             airy, square = theory.airy_precession(LENGTH, far, near), (far**2 + near**2) / LENGTH**2
-            made.append(
+            oracles.append(
                 Oracle(f"{name}, by Airy", "rad", airy, turned, airy * square, "(a² + b²)/l²")
             )
-    return made
+    return oracles

@@ -54,11 +54,11 @@ def agreement(relative: Relative) -> Agreement:
     run = _moved(crane, _start(crane))
     code = _moved(crane, _start(crane), engine="compiled")
     exact = _moved(crane, _start(crane), integrator=rk4, engine="compiled")
-    apart = max(float(np.abs(code.q - run.q).max()), float(np.abs(code.v - run.v).max()))
+    difference = max(float(np.abs(code.q - run.q).max()), float(np.abs(code.v - run.v).max()))
     return Agreement(
         relative,
         run,
-        apart,
+        difference,
         None if twin.missing() else twin.deviation(crane, run),
         float(np.abs(exact.unexplained).max()),
         float(np.ptp(exact.energy)),

@@ -85,6 +85,6 @@ def moved(crane: Crane, **away: float) -> State:
 def rest_at(crane: Crane, **at: float) -> State:
     """Return the crane hanging at rest with drives at other positions, by their symbols."""
     q = crane.start.q.copy()
-    for symbol, place in at.items():
-        q[crane.layout.index(symbol)] = place
+    for symbol, position in at.items():
+        q[crane.layout.index(symbol)] = position
     return State(crane.hanging(q), 0.0 * q)

@@ -102,7 +102,11 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
         )
 
     brake = hold_controller(crane)
-    held, damped, seen = run(brake), run(regulator), run(observed(regulator, crane, rest, dt=_DT))
+    held, damped, with_observer = (
+        run(brake),
+        run(regulator),
+        run(observed(regulator, crane, rest, dt=_DT)),
+    )
     ahead = run(mpc(crane, rest, dt=_DT, period=10 * _PERIOD, horizon=20))
     motion, move = _least_time(relative, crane, engine)
     goal = State(motion.q[-1], motion.v[-1])
@@ -120,7 +124,7 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
         float(np.abs(held["x_m"] - held["x_m"][0]).max()),
         swing_left(crane, crane.start, held),
         swing_left(crane, crane.start, damped),
-        swing_left(crane, crane.start, seen),
+        swing_left(crane, crane.start, with_observer),
         swing_left(crane, crane.start, ahead),
         _predicted(crane, regulator, start),
         float((np.abs(ahead.effort) / crane.effort_limit).max()),

@@ -100,7 +100,9 @@ def sampling(run: Trajectory) -> float:
 
 
 def shaping(engine: EngineName = "pinocchio") -> list[Left]:
-    """Make an operator's slow move of the trolley as it is, and shaped for no, one or both modes."""
+    """Make an operator's slow move of the trolley as it is, and shaped for no, one or both
+    modes.
+    """
     crane = crane_of(HOOK)
     slow, fast = theory.double_pendulum(_at(crane, "l"), 5.0, 300.0, 2000.0, crane.gravity)
     base = operator(
@@ -113,7 +115,7 @@ def shaping(engine: EngineName = "pinocchio") -> list[Left]:
         "ZV for the slow mode": (slow,),
         "ZV for both modes": (slow, fast),
     }
-    found: list[Left] = []
+    results: list[Left] = []
     for name, modes in plans.items():
         reference = shaped(base, zv(), [2.0 * np.pi / mode for mode in modes]) if modes else base
         end = _whole(3.0 + NUDGE / 0.5 + sum(np.pi / mode for mode in modes))
@@ -128,27 +130,29 @@ def shaping(engine: EngineName = "pinocchio") -> list[Left]:
         goal = rest_at(crane, x=float(run["x_m"][-1]))
         amounts = left(crane, goal, run, end)
         closed: list[float | None] = [None, None]
-        if found:
+        if results:
             closed = [
                 theory.convolved_zv(mode, modes) * alone
-                for mode, alone in zip((slow, fast), found[0][2:4], strict=True)
+                for mode, alone in zip((slow, fast), results[0][2:4], strict=True)
             ]
-        found.append(Left(name, end, amounts[0], amounts[1], closed[0], closed[1], run))
-    return found
+        results.append(Left(name, end, amounts[0], amounts[1], closed[0], closed[1], run))
+    return results
 
 
 def moves(engine: EngineName = "pinocchio") -> Iterator[Left]:
-    """Move the trolley by four metres, with the whole model, and with that of a load on one cable."""
+    """Move the trolley by four metres, with the whole model, and with that of a load on one
+    cable.
+    """
     crane, simple = crane_of(HOOK), one_pendulum()
-    known = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
-    for name, of, motion in (
+    indices = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
+    for name, designed, motion in (
         ("spline, LQR of the whole model", crane, _spline(crane)),
         ("least time, LQR of the whole model", crane, _fastest(crane)),
         ("spline, five-joint LQR", simple, _spline(simple)),
         ("least time, five-joint LQR", simple, _fastest(simple)),
     ):
-        tracking = lqr(of, motion, dt=_DT)
-        controller = tracking if of is crane else Unaware(tracking, known)
+        tracking = lqr(designed, motion, dt=_DT)
+        controller = tracking if designed is crane else Unaware(tracking, indices)
         # Of the drives, which both cranes have; the motion itself is of one crane.
         setpoints = motion.__call__
         run = _run(crane, controller, setpoints, _whole(motion.arrival + _AFTER), engine=engine)
@@ -168,16 +172,16 @@ def growth() -> tuple[float, float]:
     of five joints on the crane with the hook.
     """
     crane, simple = crane_of(HOOK), one_pendulum()
-    loop, known = (
+    loop, indices = (
         sampled(crane, crane.start, dt=_DT, control_period=_PERIOD),
         [crane.layout.index(s) for s in simple.layout.symbols],
     )
     n = crane.layout.n
     gain = np.zeros((crane.layout.m, 2 * n))
-    gain[:, [*known, *(n + i for i in known)]] = _regulator(simple).gain[-1]
+    gain[:, [*indices, *(n + i for i in indices)]] = _regulator(simple).gain[-1]
     radii = (
-        np.abs(np.linalg.eigvals(loop.closed(each))).max()
-        for each in (_regulator(crane).gain[-1], gain)
+        np.abs(np.linalg.eigvals(loop.closed(gain_matrix))).max()
+        for gain_matrix in (_regulator(crane).gain[-1], gain)
     )
     aware, unaware = (float(np.log(radius) / _PERIOD) for radius in radii)
     return aware, unaware
@@ -188,11 +192,11 @@ def stirred(engine: EngineName = "pinocchio") -> float:
     small swing of the sling across the jib.
     """
     crane, simple = crane_of(HOOK), one_pendulum()
-    known = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
+    indices = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
     start = moved(crane, sling_tangential=1e-3)
     run = simulate(
         crane,
-        Unaware(_regulator(simple), known),
+        Unaware(_regulator(simple), indices),
         start=start,
         duration=30.0,
         dt=_DT,

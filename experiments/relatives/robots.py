@@ -85,15 +85,15 @@ def robot(name: str) -> Path:
 def _robot(name: str, payload: str, driven: int) -> Robot:
     joints = _joints(robot(name))
     crane = load_crane(robot(name), payload=payload, driven=joints[:driven])
-    engines, left = dict[str, float](), dict[str, tuple[float, float]]()
+    engines, open_energy = dict[str, float](), dict[str, tuple[float, float]]()
     for rule in (semi_implicit_euler, rk4):
         runs = [_moved(crane, rule, engine, STEP) for engine in ("pinocchio", "compiled")]
         engines[rule.name] = max(
             float(np.abs(a - b).max())
             for a, b in zip(*((run.q, run.v) for run in runs), strict=True)
         )
-        left[rule.name] = _open(runs[1]), _open(_moved(crane, rule, "compiled", STEP / 2.0))
-    return Robot(name.removesuffix(".urdf"), crane.layout.n, driven, engines, left)
+        open_energy[rule.name] = _open(runs[1]), _open(_moved(crane, rule, "compiled", STEP / 2.0))
+    return Robot(name.removesuffix(".urdf"), crane.layout.n, driven, engines, open_energy)
 
 
 def _joints(path: Path) -> list[str]:

@@ -72,7 +72,7 @@ def _pickups(engine: EngineName) -> Iterator[Jump]:
             engine=engine,
         )
         assert float(np.ptp(run["l_dot_m_s"])) < 1e-6, "the drum turns evenly"
-        found = float(_tension(crane, run["rope_stretch_m"], run["l_m"]).max()) / (
+        peak = float(_tension(crane, run["rope_stretch_m"], run["l_m"]).max()) / (
             crane.payload_mass * crane.gravity
         )
         strain, shorter = (
@@ -83,15 +83,17 @@ def _pickups(engine: EngineName) -> Iterator[Jump]:
         yield Jump(
             f"picked up at {speed:g} m/s",
             closed,
-            found,
+            peak,
             allowed,
             "strain at rest; shorter cable at the peak; (ω dt)²",
         )
 
 
 def _drops(engine: EngineName) -> Iterator[Jump]:
-    for whole, left in ((1000.0, 800.0), (1000.0, 500.0)):
-        before, after = (ROPE.crane(payload_mass=mass, **POINT) for mass in (whole, left))
+    for mass_before, mass_after in ((1000.0, 800.0), (1000.0, 500.0)):
+        before, after = (
+            ROPE.crane(payload_mass=mass, **POINT) for mass in (mass_before, mass_after)
+        )
         start = moved(
             after,
             rope_stretch=float(
@@ -110,11 +112,14 @@ def _drops(engine: EngineName) -> Iterator[Jump]:
             validity="mark",
             engine=engine,
         )
-        tension = _tension(after, run["rope_stretch_m"], run["l_m"]) / (left * after.gravity)
-        closed, allowed = theory.drop_factor(whole - left, left), (_bounce(after) * _DT) ** 2
-        part = f"{whole - left:g} of {whole:g} kg dropped"
-        yield Jump(f"{part}, at most", 1.0 + closed, float(tension.max()), allowed, "(ω dt)²")
-        yield Jump(f"{part}, at least", 1.0 - closed, float(tension.min()), allowed, "(ω dt)²")
+        tension = _tension(after, run["rope_stretch_m"], run["l_m"]) / (mass_after * after.gravity)
+        closed, allowed = (
+            theory.drop_factor(mass_before - mass_after, mass_after),
+            (_bounce(after) * _DT) ** 2,
+        )
+        name = f"{mass_before - mass_after:g} of {mass_before:g} kg dropped"
+        yield Jump(f"{name}, at most", 1.0 + closed, float(tension.max()), allowed, "(ω dt)²")
+        yield Jump(f"{name}, at least", 1.0 - closed, float(tension.min()), allowed, "(ω dt)²")
 
 
 def _tension(crane: Crane, stretch: np.ndarray, length: np.ndarray) -> np.ndarray:

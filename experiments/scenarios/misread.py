@@ -46,20 +46,20 @@ class Misread:
         over scale.
         """
         layout = self.crane.layout
-        found = form(self.controller, times, positions, 2 * layout.n)
-        if found is None:
+        form_of_controller = form(self.controller, times, positions, 2 * layout.n)
+        if form_of_controller is None:
             return None
         scale, added = np.ones(2 * layout.n), np.zeros(2 * layout.n)
         scale[layout.index("l") :: layout.n] += self.share  # position and rate
         added[layout.index("l")] = self.offset
         of_drives = scale[layout.drives]
         return replace(
-            found,
-            gain=found.gain / scale,
-            setpoint=scale * found.setpoint + added,
-            target=of_drives * found.target + added[layout.drives],
-            integral_gain=found.integral_gain / of_drives,
-            integral=of_drives * found.integral,
+            form_of_controller,
+            gain=form_of_controller.gain / scale,
+            setpoint=scale * form_of_controller.setpoint + added,
+            target=of_drives * form_of_controller.target + added[layout.drives],
+            integral_gain=form_of_controller.integral_gain / of_drives,
+            integral=of_drives * form_of_controller.integral,
         )
 
     def resume(self, t: float, integral: np.ndarray) -> None:

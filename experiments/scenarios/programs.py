@@ -73,12 +73,12 @@ def program(
     """
     if name not in RUNS:
         raise UnknownName("run", name, RUNS)
-    for what, value, users in (
+    for flag, value, users in (
         ("--length", length, ("a1", "swing")),
         ("--strategy", strategy, ("move",)),
     ):
         if value is not None and name not in users:
-            raise DataError(f"{what} has no effect on the run {name}; leave it out.")
+            raise DataError(f"{flag} has no effect on the run {name}; leave it out.")
     if name == "move":
         return _move(setup, FLAT if strategy is None else strategy)
     asking = _Asking(**{field.name: getattr(setup, field.name) for field in fields(setup)})

@@ -112,8 +112,10 @@ def _spline_pd(setup: Setup, move: Move) -> Plan:
 def _paper(setup: Setup, move: Move) -> Plan:
     reference = _spline(setup, move)
     motion = plumb(setup.crane, reference, move.duration, setup.control_period)
-    made = paper_controller(setup.crane, motion)
-    return Plan(lambda: replace(made, integral=0.0), reference, "effort", move.duration, motion)
+    controller = paper_controller(setup.crane, motion)
+    return Plan(
+        lambda: replace(controller, integral=0.0), reference, "effort", move.duration, motion
+    )
 
 
 def _lqr(setup: Setup, move: Move) -> Plan:
@@ -137,9 +139,9 @@ def _fastest_flat(setup: Setup, move: Move) -> Plan:
 
 
 def _tracked(setup: Setup, motion: Motion) -> Plan:
-    made = with_integral(setup, motion)
+    controller = with_integral(setup, motion)
     return Plan(
-        lambda: replace(made, integral=0.0),
+        lambda: replace(controller, integral=0.0),
         motion,
         "effort",
         motion.arrival,

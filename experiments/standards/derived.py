@@ -120,13 +120,15 @@ def _pulls(crane: Crane, batch: Batch) -> np.ndarray:
 
 def _pick_ups() -> Iterator[Derived]:
     """Pick up a load: the rope carries it, it still stands, and the drum already turns."""
-    for name, one in factors.HOISTING.items():
-        crane = _hoist(one.slope)
+    for name, hoisting_class in factors.HOISTING.items():
+        crane = _hoist(hoisting_class.slope)
         v = np.zeros(crane.layout.n)
         v[crane.layout.at("l", "rope_stretch")] = -_SPEED, _SPEED
-        batch = _drawn(crane, State(crane.start.q, v), 0.6 * 2.0 * math.pi / (one.slope * _HEAVY))
-        found = (float(_pulls(crane, batch).max()) - 1.0) / _SPEED
-        yield Derived(f"β2 of {name} [s/m]", "pick-up", one.slope, found)
+        batch = _drawn(
+            crane, State(crane.start.q, v), 0.6 * 2.0 * math.pi / (hoisting_class.slope * _HEAVY)
+        )
+        slope = (float(_pulls(crane, batch).max()) - 1.0) / _SPEED
+        yield Derived(f"β2 of {name} [s/m]", "pick-up", hoisting_class.slope, slope)
 
 
 def _releases() -> Iterator[Derived]:
@@ -134,32 +136,32 @@ def _releases() -> Iterator[Derived]:
     slope = factors.HOISTING["HC4"].slope
     period = 2.0 * math.pi / (slope * _HEAVY)
     for share in (0.2, 0.4):
-        least = _least_pull(slope, share, 0.0)
+        least_pull = _least_pull(slope, share, 0.0)
         name = f"φ3, {share:g} let go at once"
-        yield Derived(name, "release", factors.phi_3(share), least)
+        yield Derived(name, "release", factors.phi_3(share), least_pull)
     share, periods = 0.4, 0.6034
     # The part that is left bounces faster.
     lasts = periods * period * math.sqrt(1.0 - share)
-    least = _least_pull(slope, share, lasts)
+    least_pull = _least_pull(slope, share, lasts)
     name, formula = "φ3, 0.4 let go slowly", factors.phi_3(share, factors.SLOW_RELEASE)
-    yield Derived(name, "release", formula, least)
+    yield Derived(name, "release", formula, least_pull)
 
 
 def _least_pull(slope: float, share: float, lasts: float) -> float:
     """Return the least pull over the weight before, when a share is let go within a time [s]."""
-    whole, left = _hoist(slope), _hoist(slope, (1.0 - share) * _LOAD)
-    stretch = whole.layout.index("rope_stretch")
-    q = left.start.q.copy()
-    q[stretch] = whole.start.q[stretch]
+    loaded, relieved = _hoist(slope), _hoist(slope, (1.0 - share) * _LOAD)
+    stretch = loaded.layout.index("rope_stretch")
+    q = relieved.start.q.copy()
+    q[stretch] = loaded.start.q[stretch]
     duration = lasts + 2.0 * math.pi / (slope * _HEAVY)
     t = _PERIOD * np.arange(math.ceil(duration / _PERIOD) + 1)
     # What is still to go hangs on as a force without mass, held over each period at its mean.
     still = np.clip(1.0 - (t + _PERIOD / 2.0) / lasts, 0.0, 1.0) if lasts else np.zeros(len(t))
-    force = np.zeros((len(t), 3 * len(left.points)))
+    force = np.zeros((len(t), 3 * len(relieved.points)))
     force[:, 2] = -share * _LOAD * _HEAVY * still
-    batch = _drawn(left, State(q, np.zeros(left.layout.n)), duration, force)
+    batch = _drawn(relieved, State(q, np.zeros(relieved.layout.n)), duration, force)
     after = batch.t >= lasts
-    return float(_pulls(left, batch)[after].min()) * (1.0 - share)
+    return float(_pulls(relieved, batch)[after].min()) * (1.0 - share)
 
 
 def _braked(gravity: float) -> Iterator[Derived]:
@@ -180,7 +182,7 @@ def _braked(gravity: float) -> Iterator[Derived]:
             **POINT,
         )
         force = _LEAN * gravity * (_LOAD + carriage)
-        held = Hold(
+        controller = Hold(
             crane,
             np.array([5e5, 0.0, 3e5]),
             np.array([1e6, 0.0, 2e4]),
@@ -189,15 +191,15 @@ def _braked(gravity: float) -> Iterator[Derived]:
         period = 2.0 * math.pi / math.sqrt(gravity / _LENGTH * (1.0 + ratio))
         run = _simulated(
             crane,
-            held,
+            controller,
             start=[crane.start],
             duration=_PERIOD * math.ceil(period / _PERIOD),
             dt=_DT,
             control_period=_PERIOD,
             record=1,
         )
-        found = float(_swings_on(crane, run).max()) / _LEAN
-        yield Derived(f"ψ_h at μ = {ratio:g}", "braking", factors.psi_h(ratio), found)
+        psi = float(_swings_on(crane, run).max()) / _LEAN
+        yield Derived(f"ψ_h at μ = {ratio:g}", "braking", factors.psi_h(ratio), psi)
 
 
 def _regulated(gravity: float) -> Iterator[Derived]:
@@ -219,9 +221,9 @@ def _regulated(gravity: float) -> Iterator[Derived]:
     )
     swings = _swings_on(crane, run)
     for beta in DURATIONS:
-        found = float(swings[round(1200.0 * beta)]) / _LEAN
+        psi = float(swings[round(1200.0 * beta)]) / _LEAN
         formula = factors.psi_h_regulated(beta)
-        yield Derived(f"ψ_h at β = {beta:.3g}", "pushes", formula, found)
+        yield Derived(f"ψ_h at β = {beta:.3g}", "pushes", formula, psi)
 
 
 def _swings_on(crane: Crane, run: Batch) -> np.ndarray:
@@ -259,7 +261,7 @@ def _stopped(gravity: float) -> Iterator[Derived]:
     """Brake a jib."""
     crane = load_crane(gravity=gravity, trolley_init=20.0, hoist_init=_LENGTH, **POINT)
     zero, rate, braking = np.zeros(crane.layout.m), 0.8 * math.pi / 30.0, 0.02
-    way, lasts = factors.stopping(rate, braking)
+    angle, lasts = factors.stopping(rate, braking)
     control = lasts / 800.0
     v = np.zeros(crane.layout.n)
     v[crane.layout.index("gamma")] = rate
@@ -273,4 +275,4 @@ def _stopped(gravity: float) -> Iterator[Derived]:
         drive="motion",
     )
     turned = float(batch.end.q[0, crane.layout.index("gamma")])
-    yield Derived("slew stops within [rad]", "braking", way, turned)
+    yield Derived("slew stops within [rad]", "braking", angle, turned)

@@ -106,9 +106,9 @@ def _moved(setup: Setup, move: Move, strategy: str) -> Need:
         label=f"{move.name}, {strategy}",
         drive=plan.drive,
     )
-    found = loads(crane, run)
-    lead = found["off_lead_rad" if move.name == "trolley" else "side_lead_rad"]
-    pull = float(np.abs(found["pull_N"] * np.tan(lead)).max())
+    columns = loads(crane, run)
+    lead = columns["off_lead_rad" if move.name == "trolley" else "side_lead_rad"]
+    pull = float(np.abs(columns["pull_N"] * np.tan(lead)).max())
     radius = 1.0 if move.name == "trolley" else move.start[1]
     drive = crane.layout.drive("x" if move.name == "trolley" else "gamma")
     capable = LIMITS.accelerations[drive] * radius
@@ -124,7 +124,7 @@ def upwards(setup: Setup) -> list[Need]:
     length = float(crane.start.q[crane.layout.index("l")])
     omega = theory.rope_bounce(crane_ea(crane), length, crane.payload_mass)
     allowed = theory.pickup_factor(_FULL, omega, crane.gravity)
-    return [_taken_up(setup, crane, one, omega, allowed) for one in HOISTINGS]
+    return [_taken_up(setup, crane, hoisting, omega, allowed) for hoisting in HOISTINGS]
 
 
 def _taken_up(setup: Setup, crane: Crane, hoisting: Hoisting, omega: float, allowed: float) -> Need:
