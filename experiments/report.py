@@ -276,27 +276,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(
         prog=command_name("report"), description="All experiments on one page, report.html."
     )
-    parser.add_argument(
-        "--out",
-        metavar="DIR",
-        default="out",
-        help="folder of all results, one folder inside for each experiment (default out)",
-    )
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        metavar="NAME",
-        default=list(EXPERIMENTS),
-        help="which experiments (default all)",
-    )
+    text = "folder of all results, one folder inside for each experiment (default out)"
+    parser.add_argument("--out", metavar="DIR", default="out", help=text)
+    text = "which experiments (default all)"
+    parser.add_argument("--only", nargs="+", metavar="NAME", default=list(EXPERIMENTS), help=text)
     parser.add_argument(
         "--again", action="store_true", help="run experiments whose results are there already, too"
     )
-    parser.add_argument(
-        "--quick",
-        action="store_true",
-        help="run the least of what is missing, to see the page; claims need not hold",
-    )
+    text = "run the least of what is missing, to see the page; claims need not hold"
+    parser.add_argument("--quick", action="store_true", help=text)
     add_engine(parser)
     return command(lambda: _main(parser.parse_args(argv)))
 

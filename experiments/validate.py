@@ -162,21 +162,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         "The plant against the closed forms of mechanics, its error for a vanishing step, and its "
         "order.",
     )
-    parser.add_argument(
-        "--halvings",
-        type=int,
-        default=4,
-        metavar="N",
-        help=f"how often the step of {1000 * STEP:g} ms is halved, 3 to 6",
+    text = f"how often the step of {1000 * STEP:g} ms is halved, 3 to 6"
+    parser.add_argument("--halvings", type=int, default=4, metavar="N", help=text)
+    text = (
+        "change the cranes but not the closed forms, to see which rows notice; see python -m "
+        "cranedyn.model.description --list"
     )
     parser.add_argument(
-        "--spoil",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="name:=value",
-        help="change the cranes but not the closed forms, to see which rows notice; see python -m "
-        "cranedyn.model.description --list",
+        "--spoil", nargs="+", action="extend", default=[], metavar="name:=value", help=text
     )
     return harness.run_experiment(parser, experiment, argv)
 

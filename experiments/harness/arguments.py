@@ -66,13 +66,11 @@ def add_engine(
     parser: argparse.ArgumentParser, engines: Sequence[str] = get_args(EngineName)
 ) -> None:
     """Add the choice of the engine, the default first."""
-    parser.add_argument(
-        "--engine",
-        choices=engines,
-        default=engines[0],
-        help="what computes a step: Pinocchio's algorithms, or code compiled for the crane, which "
-        "agrees to round-off and is faster",
+    text = (
+        "what computes a step: Pinocchio's algorithms, or code compiled for the crane, which "
+        "agrees to round-off and is faster"
     )
+    parser.add_argument("--engine", choices=engines, default=engines[0], help=text)
 
 
 def add_mode(parser: argparse.ArgumentParser, name: str, *uses: str) -> None:

@@ -31,14 +31,12 @@ def add_files(parser: argparse.ArgumentParser, columns: Sequence[str], *uses: st
         "or .mcap and .bag with joint states"
     )
     parser.add_argument("--from", dest="files", nargs="+", metavar="FILE", help=text)
+    text = (
+        "what columns of CSV and Parquet files are called, and their units where they are "
+        "others than ours, as phi_rad=Angle[deg] t_s=time[ms]"
+    )
     parser.add_argument(
-        "--columns",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="OURS=NAME[UNIT]",
-        help="what columns of CSV and Parquet files are called, and their units where they are "
-        "others than ours, as phi_rad=Angle[deg] t_s=time[ms]",
+        "--columns", nargs="+", action="extend", default=[], metavar="OURS=NAME[UNIT]", help=text
     )
     text = "names of joints in .mcap and .bag files, where they are not those of this crane"
     parser.add_argument("--joints", nargs="+", default=[], metavar="l=NAME", help=text)

@@ -28,36 +28,22 @@ def add_setup(parser: argparse.ArgumentParser, *fixed: str) -> None:
     that the experiment sets itself.
     """
     parser.set_defaults(fixed=fixed)
-    parser.add_argument(
-        "--gravity",
-        type=float,
-        default=STANDARD_GRAVITY,
-        metavar="G",
-        help="gravity of the world [m/s²]; the article's was 9.8",
-    )
+    text = "gravity of the world [m/s²]; the article's was 9.8"
+    parser.add_argument("--gravity", type=float, default=STANDARD_GRAVITY, metavar="G", help=text)
     parser.add_argument("--dt", type=float, default=5e-4, help="physics step [s]")
-    parser.add_argument(
-        "--control-period",
-        type=float,
-        default=5e-3,
-        metavar="T",
-        help="time between control instants [s], a multiple of dt",
+    text = "time between control instants [s], a multiple of dt"
+    parser.add_argument("--control-period", type=float, default=5e-3, metavar="T", help=text)
+    text = (
+        "stepping rule: semi-implicit Euler, for which the claims are made, or rk4, under "
+        "which they are not judged"
     )
-    parser.add_argument(
-        "--integrator",
-        choices=INTEGRATORS,
-        default="euler",
-        help="stepping rule: semi-implicit Euler, for which the claims are made, or rk4, under "
-        "which they are not judged",
-    )
-    parser.add_argument(
-        "--validity",
-        choices=get_args(Validity),
-        default="stop",
-        help="where a joint leaves its range, the rope would have to push, the load swings to 90 "
+    parser.add_argument("--integrator", choices=INTEGRATORS, default="euler", help=text)
+    text = (
+        "where a joint leaves its range, the rope would have to push, the load swings to 90 "
         "degrees or touches the ground: stop, "
-        "let buffers end the ranges of the drives, or mark it and go on",
+        "let buffers end the ranges of the drives, or mark it and go on"
     )
+    parser.add_argument("--validity", choices=get_args(Validity), default="stop", help=text)
     add_values(parser, "numbers of the crane, see python -m cranedyn.model.description --list")
 
 

@@ -23,6 +23,7 @@ from cranedyn.sweep import grid, sweep
 from experiments import gazebo, harness
 from experiments.harness import Claim, Outcome, Setup, Table
 from experiments.harness.arguments import ROS
+from experiments.harness.recorded import parse_joints
 from experiments.harness.swept import columns_swept
 from experiments.identify.coverage import NAMES, PLANTS, SWING, coverage
 from experiments.identify.figures import beside, correlations
@@ -80,34 +81,31 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 
 def check_effect(options: argparse.Namespace) -> None:
-    """Return if every argument has an effect.
+    """Check that every argument has an effect.
 
     Raises:
         DataError: If one has none.
     """
-    usual: dict[str, object] = {
-        "estimate": None,
-        "drives": None,
-        "since": -math.inf,
-        "until": math.inf,
-    }
-    usual |= {"sources": [], "named": [], "urdf": None, "believed": STANDARD_GRAVITY, "values": []}
-    flags = {"sources": "columns", "named": "joints", "believed": "gravity", "values": "set"}
-    changed = [name for name, value in usual.items() if getattr(options, name) != value]
     synthetic = options.coverage is not None
     if synthetic and options.file:
         raise DataError("A FILE has no effect beside --coverage; leave it out.")
     for name in ("workers", "plant"):
         if getattr(options, name) is not None and not synthetic:
             raise DataError(f"--{name} has no effect without --coverage; leave it out.")
-    kinds = {Path(file).suffix in ROS for file in options.file}
-    for name in changed:
-        needed = {"sources": "a .csv or .parquet FILE", "named": "an .mcap or .bag FILE"}
-        if not ({"sources": {False}, "named": {True}}.get(name, {False, True}) & kinds):
-            raise DataError(
-                f"--{flags.get(name, name)} has no effect without {needed.get(name, 'a FILE')}; "
-                "leave it out."
-            )
+    ros = {Path(file).suffix in ROS for file in options.file}
+    for flag, changed, file, has_effect in (
+        ("estimate", options.estimate, "a FILE", bool(ros)),
+        ("drives", options.drives, "a FILE", bool(ros)),
+        ("since", options.since != -math.inf, "a FILE", bool(ros)),
+        ("until", options.until != math.inf, "a FILE", bool(ros)),
+        ("columns", options.sources, "a .csv or .parquet FILE", False in ros),
+        ("joints", options.named, "an .mcap or .bag FILE", True in ros),
+        ("urdf", options.urdf is not None, "a FILE", bool(ros)),
+        ("gravity", options.believed != STANDARD_GRAVITY, "a FILE", bool(ros)),
+        ("set", options.values, "a FILE", bool(ros)),
+    ):
+        if changed and not has_effect:
+            raise DataError(f"--{flag} has no effect without {file}; leave it out.")
 
 
 def files(options: argparse.Namespace, setup: Setup, prior: Known) -> Outcome:
@@ -117,7 +115,7 @@ def files(options: argparse.Namespace, setup: Setup, prior: Known) -> Outcome:
             file,
             prior.crane,
             sources=parse_sources(options.sources),
-            joints=_joints(options.named),
+            joints=parse_joints(options.named),
             since=options.since,
             until=options.until,
         )
@@ -147,14 +145,6 @@ def _white(subject: str, result: Found) -> Claim:
     return Claim(
         f"{subject}: what the twin leaves of each column is white noise ({said}).", not coloured
     )
-
-
-def _joints(words: Sequence[str]) -> dict[str, str]:
-    pairs = [word.partition("=") for word in words]
-    for word, (_, mark, name) in zip(words, pairs, strict=True):
-        if not mark or not name:
-            raise DataError(f"{quoted(word)} among --joints is not of the form l=NAME.")
-    return {symbol: name for symbol, _, name in pairs}
 
 
 def examples(setup: Setup) -> Outcome:
@@ -371,29 +361,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         "A crane found from its records, with intervals, and a twin of it.",
         engines=("compiled",),
     )
-    parser.add_argument(
-        "file",
-        nargs="*",
-        metavar="FILE",
-        default=[],
-        help="records of one crane: CSV, Parquet, .mcap or .bag with a swing and the drives; "
-        "without any the examples are identified",
+    text = (
+        "records of one crane: CSV, Parquet, .mcap or .bag with a swing and the drives; "
+        "without any the examples are identified"
     )
-    parser.add_argument(
-        "--estimate",
-        nargs="+",
-        metavar="NAME",
-        default=None,
-        help="what is to be found: delay, l_offset, x_lag, x_friction, phi_bias, x_stiffness, "
-        "x_damping, gravity or an argument of the crane; by default all that the columns tell",
+    parser.add_argument("file", nargs="*", metavar="FILE", default=[], help=text)
+    text = (
+        "what is to be found: delay, l_offset, x_lag, x_friction, phi_bias, x_stiffness, "
+        "x_damping, gravity or an argument of the crane; by default all that the columns tell"
     )
-    parser.add_argument(
-        "--drives",
-        choices=("motion", "effort", "hold"),
-        default=None,
-        help="how drives are parser again: as they moved, by the efforts that acted, or held at "
-        "their setpoints by a brake",
+    parser.add_argument("--estimate", nargs="+", metavar="NAME", default=None, help=text)
+    text = (
+        "how drives are parser again: as they moved, by the efforts that acted, or held at "
+        "their setpoints by a brake"
     )
+    parser.add_argument("--drives", choices=("motion", "effort", "hold"), default=None, help=text)
     for name, ends in (("since", "before"), ("until", "after")):
         parser.add_argument(
             f"--{name}",
@@ -411,45 +393,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="OURS=NAME[UNIT]",
         help="what columns are called in CSV and Parquet, and their units, as phi_rad=Angle[deg]",
     )
+    text = "names of joints in .mcap and .bag files"
     parser.add_argument(
-        "--joints",
-        dest="named",
-        nargs="+",
-        default=[],
-        metavar="l=NAME",
-        help="names of joints in .mcap and .bag files",
+        "--joints", dest="named", nargs="+", default=[], metavar="l=NAME", help=text
     )
     parser.add_argument(
         "--urdf", metavar="FILE", default=None, help="a .xacro or URDF of another crane"
     )
+    text = "gravity that one believes in [m/s²]"
     parser.add_argument(
-        "--gravity",
-        dest="believed",
-        type=float,
-        default=STANDARD_GRAVITY,
-        metavar="G",
-        help="gravity that one believes in [m/s²]",
+        "--gravity", dest="believed", type=float, default=STANDARD_GRAVITY, metavar="G", help=text
     )
     add_values(parser, "numbers of the crane that one believes in")
-    parser.add_argument(
-        "--coverage",
-        type=int,
-        default=None,
-        metavar="N",
-        help="identify N synthetic cranes instead, and count how often the intervals hold the "
-        "truth",
-    )
-    parser.add_argument(
-        "--plant",
-        choices=tuple(PLANTS),
-        default=None,
-        help="what makes their records: simulate (default) or mujoco (extra mujoco)",
-    )
-    parser.add_argument(
-        "--workers",
-        type=int,
-        default=None,
-        metavar="N",
-        help="processes for that, by default one for each processor",
-    )
+    text = "identify N synthetic cranes instead, and count how often the intervals hold the truth"
+    parser.add_argument("--coverage", type=int, default=None, metavar="N", help=text)
+    text = "what makes their records: simulate (default) or mujoco (extra mujoco)"
+    parser.add_argument("--plant", choices=tuple(PLANTS), default=None, help=text)
+    text = "processes for that, by default one for each processor"
+    parser.add_argument("--workers", type=int, default=None, metavar="N", help=text)
     return harness.run_experiment(parser, experiment, argv)
