@@ -6,7 +6,7 @@ import gc
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +36,7 @@ from experiments.scenarios.strategies import (
     TIME,
     joystick,
 )
+from tests.experiments.conftest import Ran
 from tests.helpers import FAST, ROOT
 from tests.told import missing
 
@@ -186,12 +187,12 @@ def test_a_predictive_controller_is_made_once_and_a_copy_remembers_nothing_of_an
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("compare") / "out"
+def done(ran: Callable[..., Ran]) -> Path:
     ways = ["--only", "spline alone", PD, PAPER, FLAT]
     # code that one worker makes serves all moves
-    assert compare.main([*ways, "--engine", FAST, "--jobs", "1", "--out", str(folder)]) == 0
-    return folder
+    made = ran("compare", *ways, "--engine", FAST, "--jobs", "1")
+    assert made.code == 0
+    return made.folder
 
 
 def test_the_command_compares_the_ways_asked_for(done: Path) -> None:
