@@ -38,14 +38,9 @@ def swing(setup: Setup, link: float) -> Trajectory:
     """Swing the load from rest with the drives locked and dummy links of a given mass [kg]."""
     crane = setup.variant(dummy_mass=link, dummy_inertia=link, damp_swing=0)
     start = crane.state(l=LENGTH, phi=SWING)
+    label, drives = f"links of {link:g} kg", locked(crane)
     return setup.simulate(
-        crane,
-        locked(crane),
-        None,
-        start=start,
-        duration=DURATION,
-        label=f"links of {link:g} kg",
-        drive="motion",
+        crane, drives, None, start=start, duration=DURATION, label=label, drive="motion"
     )
 
 

@@ -59,21 +59,15 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         "steady slewing": (*slewing.turning(build, *slewing.STEADY[0]), 75.0),
     }
     setup = replace(setup, dt=1e-3)
+    mode = {"drive": "motion", "validity": "mark"}
     runs = {
         name: (
             crane,
             setup.simulate(
-                crane,
-                locked(crane),
-                None,
-                start=start,
-                duration=duration,
-                label=name,
-                drive="motion",
-                validity="mark",
+                crane, locked(crane), None, start=start, duration=end, label=name, **mode
             ),
         )
-        for name, (crane, start, duration) in telling.items()
+        for name, (crane, start, end) in telling.items()
     }
     results = checks(bench, halvings)
     every = list(itertools.chain(*results.values()))

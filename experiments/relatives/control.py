@@ -90,16 +90,8 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
     regulator = lqr(crane, rest, dt=_DT)
 
     def run(controller: Controller) -> Trajectory:
-        return simulate(
-            crane,
-            controller,
-            rest,
-            start=start,
-            duration=DURATION,
-            dt=_DT,
-            control_period=_PERIOD,
-            engine=engine,
-        )
+        clocks = {"duration": DURATION, "dt": _DT, "control_period": _PERIOD}
+        return simulate(crane, controller, rest, start=start, engine=engine, **clocks)  # type: ignore[arg-type]
 
     brake = hold_controller(crane)
     held, damped, with_observer = (
@@ -111,12 +103,8 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
     motion, move = _least_time(relative, crane, engine)
     goal = State(motion.q[-1], motion.v[-1])
     drive = crane.layout.drive("x")
-    weight = (
-        sum(
-            float(body.mass) for body in list(crane.model.inertias)[crane.layout.index("phi") + 1 :]
-        )
-        * crane.gravity
-    )
+    hanging = list(crane.model.inertias)[crane.layout.index("phi") + 1 :]
+    weight = sum(float(body.mass) for body in hanging) * crane.gravity
     blown, missing = _blown(crane, engine)
     return Control(
         relative,

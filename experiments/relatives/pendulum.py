@@ -119,14 +119,8 @@ def shaping(engine: EngineName = "pinocchio") -> list[Left]:
     for name, modes in plans.items():
         reference = shaped(base, zv(), [2.0 * np.pi / mode for mode in modes]) if modes else base
         end = _whole(3.0 + NUDGE / 0.5 + sum(np.pi / mode for mode in modes))
-        run = _run(
-            crane,
-            follow(crane, reference, _PERIOD),
-            reference,
-            end + 0.5,
-            drive="motion",
-            engine=engine,
-        )
+        drives: Any = {"drive": "motion", "engine": engine}
+        run = _run(crane, follow(crane, reference, _PERIOD), reference, end + 0.5, **drives)
         goal = rest_at(crane, x=float(run["x_m"][-1]))
         amounts = left(crane, goal, run, end)
         closed: list[float | None] = [None, None]
@@ -172,10 +166,8 @@ def growth() -> tuple[float, float]:
     of five joints on the crane with the hook.
     """
     crane, simple = crane_of(HOOK), one_pendulum()
-    loop, indices = (
-        sampled(crane, crane.start, dt=_DT, control_period=_PERIOD),
-        [crane.layout.index(s) for s in simple.layout.symbols],
-    )
+    loop = sampled(crane, crane.start, dt=_DT, control_period=_PERIOD)
+    indices = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
     n = crane.layout.n
     gain = np.zeros((crane.layout.m, 2 * n))
     gain[:, [*indices, *(n + i for i in indices)]] = _regulator(simple).gain[-1]
@@ -194,15 +186,8 @@ def stirred(engine: EngineName = "pinocchio") -> float:
     crane, simple = crane_of(HOOK), one_pendulum()
     indices = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
     start = moved(crane, sling_tangential=1e-3)
-    run = simulate(
-        crane,
-        Unaware(_regulator(simple), indices),
-        start=start,
-        duration=30.0,
-        dt=_DT,
-        control_period=_PERIOD,
-        engine=engine,
-    )
+    controller = Unaware(_regulator(simple), indices)
+    run = _run(crane, controller, None, 30.0, start=start, engine=engine)
     later = run.since(15.0)
     fast = np.hypot(*free_modes(crane, crane.start).amplitudes(later.q, later.v)[:, 2:].T)
     return float(np.polyfit(later.t, np.log(fast), 1)[0])
@@ -225,10 +210,14 @@ def _fastest(crane: Crane) -> Motion:
 
 
 def _run(
-    crane: Crane, controller: Controller, reference: Reference, duration: float, **how: Any
+    crane: Crane,
+    controller: Controller,
+    reference: Reference | None,
+    duration: float,
+    **options: Any,
 ) -> Trajectory:
     return simulate(
-        crane, controller, reference, duration=duration, dt=_DT, control_period=_PERIOD, **how
+        crane, controller, reference, duration=duration, dt=_DT, control_period=_PERIOD, **options
     )
 
 

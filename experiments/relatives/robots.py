@@ -73,13 +73,8 @@ def robots() -> list[Robot]:
 
 def robot(name: str) -> Path:
     """Return the file of a robot's URDF."""
-    return Path(
-        str(
-            next(
-                file for file in metadata.files("example-robot-data") or [] if file.name == name
-            ).locate()
-        )
-    )
+    files = metadata.files("example-robot-data") or []
+    return Path(str(next(file for file in files if file.name == name).locate()))
 
 
 def _robot(name: str, payload: str, driven: int) -> Robot:

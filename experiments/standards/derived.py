@@ -74,11 +74,15 @@ def derived(gravity: float) -> list[Derived]:
     ]
 
 
-def _simulated(crane: Crane, controller: Hold, **how: Any) -> Batch:
+def _simulated(crane: Crane, controller: Hold, **options: Any) -> Batch:
     """Run `cranedyn.compiled.batch.simulate_batch`, which needs the extra `compiled`."""
     from cranedyn.compiled.batch import simulate_batch
 
-    return simulate_batch(crane, controller, **how)
+    return simulate_batch(crane, controller, **{"dt": _DT, "control_period": _PERIOD, **options})
+
+
+def _whole_periods(duration: float) -> float:
+    return _PERIOD * math.ceil(duration / _PERIOD)
 
 
 def _hoist(slope: float, mass: float = _LOAD) -> Crane:
@@ -97,15 +101,13 @@ def _hoist(slope: float, mass: float = _LOAD) -> Crane:
     )
 
 
-def _drawn(crane: Crane, start: State, duration: float, force: np.ndarray | None = None) -> Batch:
+def _coast(crane: Crane, start: State, duration: float, force: np.ndarray | None = None) -> Batch:
     """Run a crane with drives that keep their speed."""
     return _simulated(
         crane,
         locked(crane),
         start=[start],
-        duration=_PERIOD * math.ceil(duration / _PERIOD),
-        dt=_DT,
-        control_period=_PERIOD,
+        duration=_whole_periods(duration),
         drive="motion",
         force=force,
         record=1,
@@ -124,7 +126,7 @@ def _pick_ups() -> Iterator[Derived]:
         crane = _hoist(hoisting_class.slope)
         v = np.zeros(crane.layout.n)
         v[crane.layout.at("l", "rope_stretch")] = -_SPEED, _SPEED
-        batch = _drawn(
+        batch = _coast(
             crane, State(crane.start.q, v), 0.6 * 2.0 * math.pi / (hoisting_class.slope * _HEAVY)
         )
         slope = (float(_pulls(crane, batch).max()) - 1.0) / _SPEED
@@ -159,7 +161,7 @@ def _least_pull(slope: float, share: float, lasts: float) -> float:
     still = np.clip(1.0 - (t + _PERIOD / 2.0) / lasts, 0.0, 1.0) if lasts else np.zeros(len(t))
     force = np.zeros((len(t), 3 * len(relieved.points)))
     force[:, 2] = -share * _LOAD * _HEAVY * still
-    batch = _drawn(relieved, State(q, np.zeros(relieved.layout.n)), duration, force)
+    batch = _coast(relieved, State(q, np.zeros(relieved.layout.n)), duration, force)
     after = batch.t >= lasts
     return float(_pulls(relieved, batch)[after].min()) * (1.0 - share)
 
@@ -190,13 +192,7 @@ def _braked(gravity: float) -> Iterator[Derived]:
         )
         period = 2.0 * math.pi / math.sqrt(gravity / _LENGTH * (1.0 + ratio))
         run = _simulated(
-            crane,
-            controller,
-            start=[crane.start],
-            duration=_PERIOD * math.ceil(period / _PERIOD),
-            dt=_DT,
-            control_period=_PERIOD,
-            record=1,
+            crane, controller, start=[crane.start], duration=_whole_periods(period), record=1
         )
         psi = float(_swings_on(crane, run).max()) / _LEAN
         yield Derived(f"ψ_h at μ = {ratio:g}", "braking", factors.psi_h(ratio), psi)
@@ -233,15 +229,9 @@ def _swings_on(crane: Crane, run: Batch) -> np.ndarray:
     q, v = run.q[0], run.v[0].copy()
     v[:, crane.layout.drives] = 0.0
     period = 2.0 * math.pi * math.sqrt(_LENGTH / crane.gravity)
-    return _simulated(
-        crane,
-        locked(crane),
-        start=State(q, v),
-        duration=_PERIOD * math.ceil(1.1 * period / _PERIOD),
-        dt=_DT,
-        control_period=_PERIOD,
-        drive="motion",
-    ).peak_swing
+    start, duration = State(q, v), _whole_periods(1.1 * period)
+    batch = _simulated(crane, locked(crane), start=start, duration=duration, drive="motion")
+    return batch.peak_swing
 
 
 def _blown(gravity: float) -> Iterator[Derived]:
@@ -251,7 +241,7 @@ def _blown(gravity: float) -> Iterator[Derived]:
         force = wind.wind_force(wind.wind_pressure(speed), area)
         rows = np.zeros((1, 3 * len(crane.points)))
         rows[0, 1] = force
-        batch = _drawn(crane, crane.start, 8.0, rows)
+        batch = _coast(crane, crane.start, 8.0, rows)
         formula = wind.gust_lean(force, _LOAD, gravity)
         name = f"lean in {speed:g} m/s on {area:g} m² [rad]"
         yield Derived(name, "gust", formula, float(batch.peak_swing[0]))

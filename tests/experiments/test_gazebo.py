@@ -17,7 +17,8 @@ import pytest
 
 from cranedyn import theory
 from cranedyn.errors import CraneError
-from experiments import a1, a2, a3, energy_overwritten, gazebo, harness
+from experiments import a1, a2, a3, gazebo, harness
+from experiments.energy import overwritten as energy_overwritten
 from experiments.harness.document import read_document
 from experiments.harness.outcome import Table
 from tests.experiments.conftest import Ran, run_command
