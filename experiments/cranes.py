@@ -46,15 +46,17 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     done(4 + 2 * len(RELATIVES))
     return Outcome(
         tables=[
-            tables.frequencies(frequencies),
-            tables.jumps(jumps),
-            tables.agreement(agreed),
-            tables.control(controlled),
-            tables.left("Double pendulum: shaped moves of an operator", shaped, _SHAPED),
-            tables.left(
-                f"Double pendulum: {pendulum.WAY:g} m of the trolley", moved, tables.unaware(growth)
+            tables.frequency_table(frequencies),
+            tables.jump_table(jumps),
+            tables.agreement_table(agreed),
+            tables.control_table(controlled),
+            tables.residual_table("Double pendulum: shaped moves of an operator", shaped, _SHAPED),
+            tables.residual_table(
+                f"Double pendulum: {pendulum.WAY:g} m of the trolley",
+                moved,
+                tables.unaware_note(growth),
             ),
-            tables.robots(machines),
+            tables.robot_table(machines),
         ],
         claims=[
             *claims.of_frequencies(frequencies),

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from experiments import harness
 from experiments.harness import Claim, Outcome, Setup
-from experiments.linear.runs import Case, powers, reaches, run_cases, scan
+from experiments.linear.runs import LinearCase, powers, reaches, run_cases, scan
 from experiments.linear.sites import ANGLES, SHARES, SITES, short_slews, slow_slews
 from experiments.linear.tables import (
     RPM,
@@ -44,7 +44,7 @@ SHOWN = ("slew", "slew, trolley, fast hoist")
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Make every move of every crane, slower slews, and slow hoisting."""
     from cranedyn.recording import Run
-    from experiments.linear.figures import dropped_figure, slew_figure, swing_figure
+    from experiments.linear.figures import angles_figure, dropped_figure, slew_figure
 
     setup = replace(setup, dt=DT, control_period=CONTROL_PERIOD)
     cranes = {site: site.crane(setup) for site in SITES}
@@ -79,7 +79,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             case.job.name.replace(", ", "_").replace(" ", "_"): case.run for case in drawn
         },
         figures={
-            name: swing_figure(case, setup.gravity)
+            name: angles_figure(case, setup.gravity)
             for name, case in zip(("swing_slew", "swing_all"), drawn, strict=True)
         }
         | {"slews": slew_figure(slow, short, GOOD), "dropped": dropped_figure(cases, SHOWN)},
@@ -91,7 +91,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 
 def claims(
-    cases: Sequence[Case],
+    cases: Sequence[LinearCase],
     rates: Mapping[str, float],
     angles: Mapping[str, float],
     hoisted: Mapping[str, Sequence[float]],

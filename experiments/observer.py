@@ -43,7 +43,7 @@ Cases = Mapping[tuple[str, str, float, float], float]
 """Swing at the arrival [rad] by sensors, kind, load and cable; inf where the run breaks off."""
 
 
-def left(setup: Setup, sensors: Sequence[str]) -> Cases:
+def residual_swings(setup: Setup, sensors: Sequence[str]) -> Cases:
     """Make every move."""
     plan = STRATEGIES[FLAT](setup, COMBINED)
     cases = [
@@ -71,7 +71,7 @@ def left(setup: Setup, sensors: Sequence[str]) -> Cases:
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Make the combined move over the grid and see what is left."""
-    swings = left(setup, options.sensors)
+    swings = residual_swings(setup, options.sensors)
     claims = []
     for sensors in options.sensors:
         worst = max((case for case in swings if case[0] == sensors), key=lambda case: swings[case])

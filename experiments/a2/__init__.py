@@ -73,7 +73,7 @@ def _hoist(crane: Crane, base: Reference, at: float) -> Reference:
     return ramp(crane, base, "l", TARGET - LENGTH, rate=RATE, at=at)
 
 
-def exact(setup: Setup, crane: Crane, start: State) -> PowerLaw:
+def exact_drives_law(setup: Setup, crane: Crane, start: State) -> PowerLaw:
     """Return the law of the hoisting section from a swing at its start, with drives that follow the
     ramp exactly.
 
@@ -107,7 +107,7 @@ def exponents(setup: Setup, ours: Reading, stiff: Trajectory) -> dict[str, Power
 
     def law(crane: Crane, part: float = 1.0) -> PowerLaw:
         start = crane.state(l=LENGTH, phi=phi / part, phi_dot=rate / part)
-        return exact(setup, crane, start)
+        return exact_drives_law(setup, crane, start)
 
     return {
         "slow hoisting, small swing: l^(-3/4)": fit_power_law(lengths, lengths**-0.75),

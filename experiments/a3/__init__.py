@@ -62,7 +62,7 @@ def filtered(t: np.ndarray, slew_rate: np.ndarray) -> np.ndarray:
     return savgol_filter(slew_rate, SMOOTHING, 3, deriv=1, delta=float(t[1] - t[0]))
 
 
-def exact(t: np.ndarray, rate: np.ndarray) -> np.ndarray:
+def exact_acceleration(t: np.ndarray, rate: np.ndarray) -> np.ndarray:
     """Return the acceleration as the simulation has it: the change of rate over each control period
     is exact; here at the instants between them.
     """
@@ -106,9 +106,9 @@ def full_model(trajectory: Trajectory, gravity: float, extra_length: float = 0.0
         "length_rate": length_rate,
         "x": trajectory["x_m"],
         "x_rate": x_rate,
-        "x_acceleration": exact(t, x_rate),
+        "x_acceleration": exact_acceleration(t, x_rate),
         "slew_rate": gamma_rate,
-        "slew_acceleration": exact(t, gamma_rate),
+        "slew_acceleration": exact_acceleration(t, gamma_rate),
     }
     drives = make_interp_spline(t, np.stack(list(columns.values()), axis=1), k=1)
 
@@ -207,8 +207,8 @@ def stages(crane: Crane, trajectory: Trajectory) -> list[tuple[str, Agreement]]:
     finite = inertia + (slower - 1.0) * (length + inertia)
     models = {
         "Eq. (10), γ̈ filtered as measured": by_paper(trajectory)[2],
-        "Eq. (10), γ̈ exact": by_paper(trajectory, exact)[2],
-        "and the gravity of the world": by_paper(trajectory, exact, g)[2],
+        "Eq. (10), γ̈ exact": by_paper(trajectory, exact_acceleration)[2],
+        "and the gravity of the world": by_paper(trajectory, exact_acceleration, g)[2],
         "and all rates kept": full_model(late, g),
         "and rotational inertia": full_model(late, g, inertia),
         "and the period of a finite swing": full_model(late, g, finite),

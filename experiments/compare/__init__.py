@@ -86,7 +86,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             "robustness": robustness_figure(_perturbed(combined)),
         },
         recording=[
-            Run(s, setup.crane, runs[s], colour=strategy_colour(s)) for s in drawn(list(runs))
+            Run(s, setup.crane, runs[s], colour=strategy_colour(s))
+            for s in recorded_strategies(list(runs))
         ],
     )
 
@@ -117,7 +118,7 @@ def _compute(
     return of_move, {control: tour.result() for tour, control in tours.items()}
 
 
-def drawn(strategies: Sequence[str]) -> Sequence[str]:
+def recorded_strategies(strategies: Sequence[str]) -> Sequence[str]:
     """Return the strategies that are drawn into each other in the recording: those of `RECORDED`,
     or as many of the others if none of these is there.
     """

@@ -27,8 +27,8 @@ from experiments.harness.recorded import parse_joints
 from experiments.harness.swept import columns_swept
 from experiments.identify.coverage import NAMES, PLANTS, SWING, coverage
 from experiments.identify.figures import beside, correlations
-from experiments.identify.tables import Found, doubts, found, of_trials, tables, values
-from experiments.identify.trial import TRUTH, Tried, trial_record, tried
+from experiments.identify.tables import Found, doubts, found, of_trials, record_tables, values_table
+from experiments.identify.trial import TRUTH, Trial, trial_record, try_strategies
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -127,7 +127,7 @@ def files(options: argparse.Namespace, setup: Setup, prior: Known) -> Outcome:
     model = Model.of(prior, records, options.estimate, drives=options.drives)
     result = found(model, setup, "records")
     return Outcome(
-        tables=[*tables(result, "", {}), *of_trials(_trials(result.estimate))],
+        tables=[*record_tables(result, "", {}), *of_trials(_trials(result.estimate))],
         claims=[_white("The records", result)],
         parameters=_parameters(result),
         trajectories=_runs(result),
@@ -164,11 +164,11 @@ def examples(setup: Setup) -> Outcome:
     worlds = {"free swing": free, "brake": brake}
     return Outcome(
         tables=[
-            *(values(result, f"Gazebo Classic 11.1, {name}", MADE_WITH) for name, result in
+            *(values_table(result, f"Gazebo Classic 11.1, {name}", MADE_WITH) for name, result in
               worlds.items()),
-            values(alone, "The trial, setpoints of the drives alone", TRUTH),
+            values_table(alone, "The trial, setpoints of the drives alone", TRUTH),
             *doubts(alone, "The trial, setpoints of the drives alone"),
-            *tables(whole_trial, "The trial, positions of the drives recorded, too", TRUTH),
+            *record_tables(whole_trial, "The trial, positions of the drives recorded, too", TRUTH),
             *of_trials(trials),
         ],
         claims=[
@@ -215,7 +215,7 @@ def _worlds_claims(name: str, result: Found) -> list[Claim]:
     return claims
 
 
-def _trials_claims(alone: Found, both: Found, trials: Sequence[Tried]) -> list[Claim]:
+def _trials_claims(alone: Found, both: Found, trials: Sequence[Trial]) -> list[Claim]:
     claims = []
     for columns, result in (("setpoints alone", alone), ("positions, too", both)):
         off = {
@@ -263,12 +263,12 @@ def _trials_claims(alone: Found, both: Found, trials: Sequence[Tried]) -> list[C
     return claims
 
 
-def _trials(estimate: Estimate) -> list[Tried]:
+def _trials(estimate: Estimate) -> list[Trial]:
     """Try strategies on the twin; none for a crane that is not this project's own, and none if a
     move of the comparison cannot be made.
     """
     prior = estimate.model.known
-    return tried(estimate) if prior.urdf is None else []
+    return try_strategies(estimate) if prior.urdf is None else []
 
 
 def _parameters(result: Found) -> dict[str, object]:

@@ -13,7 +13,7 @@ import numpy as np
 from cranedyn.identification import Estimate, Model, Preflight, Twin, identify, preflight, twin_of
 from cranedyn.identification.parameters import MEANINGS
 from experiments.harness import Setup, Table
-from experiments.identify.trial import Tried
+from experiments.identify.trial import Trial
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,16 +37,16 @@ def found(model: Model, setup: Setup, label: str) -> Found:
     return Found(estimate, preflight(model, estimate), twin_of(estimate))
 
 
-def tables(result: Found, subject: str, truth: Mapping[str, float]) -> list[Table]:
+def record_tables(result: Found, subject: str, truth: Mapping[str, float]) -> list[Table]:
     """Return the tables of records: numbers, residuals, and what they cannot tell."""
-    return [values(result, subject, truth), _left(result, subject), *doubts(result, subject)]
+    return [values_table(result, subject, truth), _left(result, subject), *doubts(result, subject)]
 
 
 def _titled(title: str, subject: str) -> str:
     return f"{subject}: {title[0].lower()}{title[1:]}" if subject else title
 
 
-def values(result: Found, subject: str, truth: Mapping[str, float]) -> Table:
+def values_table(result: Found, subject: str, truth: Mapping[str, float]) -> Table:
     """Return the values with their intervals, beside the prior and the truth."""
     parameters = result.estimate.model.own
     rows: list[tuple[float | str | None, ...]] = []
@@ -136,7 +136,7 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def of_trials(trials: Sequence[Tried]) -> list[Table]:
+def of_trials(trials: Sequence[Trial]) -> list[Table]:
     """Return the swing that strategies leave on the twin; no table if none was tried."""
     if not trials:
         return []

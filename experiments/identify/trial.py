@@ -62,7 +62,7 @@ _STEP = 5e-3
 
 
 @dataclass(frozen=True)
-class Tried:
+class Trial:
     """What a strategy leaves on the twin.
 
     Attributes:
@@ -122,7 +122,7 @@ def trial_record(prior: Known, *, positions: bool) -> Record:
     return Record.of(prior.crane, columns, name="trial")
 
 
-def tried(estimate: Estimate) -> list[Tried]:
+def try_strategies(estimate: Estimate) -> list[Trial]:
     """Try strategies on cranes that the estimate allows, designed for the crane that was believed
     in and for the twin; the combined move of the comparison.
     """
@@ -147,7 +147,7 @@ def tried(estimate: Estimate) -> list[Tried]:
         ),
     }
     return [
-        Tried(strategy, belief, _left(setup, strategy, cranes, draws, corrected))
+        Trial(strategy, belief, _left(setup, strategy, cranes, draws, corrected))
         for strategy in TRIED
         for belief, (setup, corrected) in beliefs.items()
     ]

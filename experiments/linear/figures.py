@@ -9,14 +9,14 @@ from matplotlib.figure import Figure
 
 from cranedyn.plotting.figures import COLOURS, panels
 from experiments.linear.model import all_rates, integrate, paper
-from experiments.linear.runs import Case
+from experiments.linear.runs import LinearCase
 from experiments.linear.sites import ANGLES, SHARES, SITES
 from experiments.linear.tables import RPM
 
 _CRANES = ("theta", "x", "gamma", "l")
 
 
-def swing_figure(case: Case, gravity: float) -> Figure:
+def angles_figure(case: LinearCase, gravity: float) -> Figure:
     """Draw both angles of the plant, of the paper's equations, and with all rates kept."""
     figure, axes = panels(2, height=2.6, sharex=True)
     swings = {
@@ -71,7 +71,7 @@ def slew_figure(
     return figure
 
 
-def dropped_figure(cases: Sequence[Case], moves: Sequence[str]) -> Figure:
+def dropped_figure(cases: Sequence[LinearCase], moves: Sequence[str]) -> Figure:
     """Draw the dropped terms of some moves, for each crane."""
     figure, axes = panels(1, len(moves), height=3.6, sharey=True)
     for ax, name in zip(axes, moves, strict=True):

@@ -29,7 +29,7 @@ longest."""
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class LinearCase:
     """One move of one crane: the run of the plant with a point load, and how far each model is from
     it.
 
@@ -71,7 +71,7 @@ def move(setup: Setup, crane: Crane, job: Job, label: str) -> Trajectory:
     )
 
 
-def run_cases(setup: Setup, site: Site, crane: Crane) -> list[Case]:
+def run_cases(setup: Setup, site: Site, crane: Crane) -> list[LinearCase]:
     """Make every move of one crane with a point load; with inertia besides where it is known, on
     the article's crane.
     """
@@ -86,7 +86,7 @@ def run_cases(setup: Setup, site: Site, crane: Crane) -> list[Case]:
         run = move(setup, crane, job, label)
         inertia = missed(move(setup, rigid, job, f"{label}, inertia"), paper) if rigid else None
         misses = missed(run, paper), missed(run, all_rates), inertia
-        cases.append(Case(site, job, run, *misses, *dropped(run)))
+        cases.append(LinearCase(site, job, run, *misses, *dropped(run)))
     return cases
 
 

@@ -7,14 +7,14 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 from experiments.harness import Column, Table, tabulate
-from experiments.linear.runs import DEEP, HIGH, Case
+from experiments.linear.runs import DEEP, HIGH, LinearCase
 from experiments.linear.sites import ANGLES, HOLD, RAMPS, SHARES, Site
 
 RPM = 30.0 / math.pi
 """Turns a minute of one radian a second."""
 
 
-def errors_table(site: Site, cases: Sequence[Case]) -> Table:
+def errors_table(site: Site, cases: Sequence[LinearCase]) -> Table:
     """Return how far the paper's equations are from the plant in each move of a crane."""
     return tabulate(
         f"{site.name}: error of Eqs. (8), (10) over the largest swing",
@@ -35,10 +35,10 @@ def errors_table(site: Site, cases: Sequence[Case]) -> Table:
     )
 
 
-def dropped_table(site: Site, cases: Sequence[Case]) -> Table:
+def dropped_table(site: Site, cases: Sequence[LinearCase]) -> Table:
     """Return how large the dropped terms are in each move of a crane."""
 
-    def share(case: Case, name: str) -> float:
+    def share(case: LinearCase, name: str) -> float:
         return 100.0 * case.dropped[name]
 
     terms = [(f"{name} [%]", ".1f", partial(share, name=name)) for name in cases[0].dropped]

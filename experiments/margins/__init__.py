@@ -7,8 +7,9 @@ from __future__ import annotations
 import argparse
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,8 +24,8 @@ from cranedyn.errors import CraneError, OutOfRange, whole, within
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references.motion import Motion
 from experiments import harness
-from experiments.harness import Claim, Outcome, Setup, Table
-from experiments.margins.figures import map_figure, values
+from experiments.harness import Claim, Column, Outcome, Setup, Table, tabulate
+from experiments.margins.figures import margin_values, margins_figure
 from experiments.scenarios.strategies import LQR, PAPER, PD, with_integral
 
 if TYPE_CHECKING:
@@ -203,19 +204,14 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     points = whole("points", options.points, 2)
     within("points", points, 2, MOST)
     maps = mapped(setup, points)
-    rows, notes = list[Sequence[float | str]](), list[str]()
-    for strategy, margins_of in maps.items():
-        rows.append((strategy, *_worst(margins_of, points)))
     check, claims = _met(setup, maps[LQR], points)
     unstable = [
-        strategy
-        for strategy, margins_of in maps.items()
-        if values(margins_of, "damping").min() <= 0.0
+        name for name, margins in maps.items() if margin_values(margins, "damping").min() <= 0.0
     ]
-    notes.append(f" Unstable somewhere: {', '.join(unstable)}." if unstable else "")
-    least_delay = float(values(maps[LQR], "late").min())
+    note = f" Unstable somewhere: {', '.join(unstable)}." if unstable else ""
+    least_delay = float(margin_values(maps[LQR], "late").min())
     return Outcome(
-        tables=[_table(rows, "".join(notes)), check],
+        tables=[_table(maps, points, note), check],
         claims=[
             Claim(
                 "Every strategy that is made for the place is stable over the whole map.",
@@ -231,19 +227,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             *claims,
         ],
         parameters=setup.parameters() | {"points": points, "radii_m": RADII, "cables_m": CABLES},
-        figures={"margins_map": map_figure(*axes(points), maps)},
+        figures={"margins_map": margins_figure(*axes(points), maps)},
     )
-
-
-def _worst(margins_of: Mapped, points: int) -> tuple[float, ...]:
-    """Return the least of each margin over a map, and its place."""
-    radii, cables = axes(points)
-    row: list[float] = []
-    for name, scale in (("damping", 100.0), ("stronger", 1.0), ("weaker", 1.0), ("late", 1e3)):
-        value = scale * values(margins_of, name)
-        i, j = _first(value, value.max() if name == "weaker" else value.min())
-        row += [float(value[i, j]), float(radii[j]), float(cables[i])]
-    return tuple(row)
 
 
 def _first(value: np.ndarray, extreme: float) -> tuple[int, int]:
@@ -254,29 +239,43 @@ def _first(value: np.ndarray, extreme: float) -> tuple[int, int]:
     return divmod(index, value.shape[1])
 
 
-def _table(rows: Sequence[Sequence[float | str]], note: str) -> Table:
-    columns = [("strategy", "")]
-    for name, form in (
-        ("damping [%]", ".3g"),
-        ("stronger", ".3g"),
-        ("weaker", ".3f"),
-        ("late [ms]", ".1f"),
-    ):
-        columns += [(name, form), ("at x [m]", "g"), ("l [m]", "g")]
-    return Table(
+def _table(maps: Mapping[str, Mapped], points: int, note: str) -> Table:
+    radii, cables = axes(points)
+
+    def least(strategy: str, name: str, scale: float, part: int) -> float:
+        """Return the least margin over the map, or the radius or the cable length of its place."""
+        margin = scale * margin_values(maps[strategy], name)
+        i, j = _first(margin, margin.max() if name == "weaker" else margin.min())
+        return float((margin[i, j], radii[j], cables[i])[part])
+
+    columns: list[Column] = [
+        (*head, partial(least, name=name, scale=scale, part=part))
+        for header, form, name, scale in (
+            ("damping [%]", ".3g", "damping", 100.0),
+            ("stronger", ".3g", "stronger", 1.0),
+            ("weaker", ".3f", "weaker", 1.0),
+            ("late [ms]", ".1f", "late", 1e3),
+        )
+        for part, head in enumerate(((header, form), ("at x [m]", "g"), ("l [m]", "g")))
+    ]
+    return tabulate(
         "Least margins over trolley radius and cable length",
-        columns,
-        rows,
+        maps,
+        [("strategy", "", str), *columns],
         "Damping: of the least damped mode, of critical. Stronger, weaker: factor on the effort of "
         "one drive at which the loop is unstable; late: delay of its commands. Each with its "
         f"place, the worst drive of it.{note}",
     )
 
 
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
 def _met(setup: Setup, margins_of: Mapped, points: int) -> tuple[Table, list[Claim]]:
     """Simulate the place where the full-model LQR bears the least delay."""
     radii, cables = axes(points)
-    borne = values(margins_of, "late")
+    borne = margin_values(margins_of, "late")
     i, j = _first(borne, borne.min())
     margins_there = margins_of[i][j]
     if not margins_there.drives:
@@ -291,28 +290,21 @@ def _met(setup: Setup, margins_of: Mapped, points: int) -> tuple[Table, list[Cla
         for share in (0.98, 1.02)
     ]
     periods = margin.late / setup.control_period
-    rows = [
-        (
-            name_of_limit,
-            *(number if math.isfinite(number) else None for number in (limit, *sum(pairs, ()))),
-        )
-        for name_of_limit, limit, pairs in (
-            (f"{name} late [periods]", periods, delays),
-            (f"{name} stronger [times]", margin.stronger, factors),
-        )
-    ]
-    columns = [
-        ("full-model LQR", ""),
-        ("predicted", ".4g"),
-        ("below it", ".4g"),
-        ("growth", ".3g"),
-        ("beyond it", ".4g"),
-        ("growth there", ".3g"),
-    ]
-    table = Table(
+    limits = (
+        (f"{name} late [periods]", periods, delays),
+        (f"{name} stronger [times]", margin.stronger, factors),
+    )
+    table = tabulate(
         f"Met in simulation at x = {radii[j]:g} m, l = {cables[i]:g} m",
-        columns,
-        rows,
+        limits,
+        [
+            ("full-model LQR", "", lambda limit: limit[0]),
+            ("predicted", ".4g", lambda limit: _finite(limit[1])),
+            ("below it", ".4g", lambda limit: _finite(limit[2][0][0])),
+            ("growth", ".3g", lambda limit: _finite(limit[2][0][1])),
+            ("beyond it", ".4g", lambda limit: _finite(limit[2][1][0])),
+            ("growth there", ".3g", lambda limit: _finite(limit[2][1][1])),
+        ],
         "Growth: largest deviation of that drive in the last quarter of "
         f"{WATCHED:g} s over that in the second; a dash where the run breaks off.",
     )
@@ -335,7 +327,7 @@ def _met(setup: Setup, margins_of: Mapped, points: int) -> tuple[Table, list[Cla
 def _needed(setup: Setup, margins_of: Mapped, points: int) -> Claim:
     """Claim that the LQR made for the middle is unstable where the map says so, by simulation."""
     radii, cables = axes(points)
-    damping = values(margins_of, "damping")
+    damping = margin_values(margins_of, "damping")
     places = [_first(damping, end) for end in (damping.min(), damping.max())]
     middle = setup.crane.state(x=MIDDLE[0], l=MIDDLE[1])
     agree, said = True, []

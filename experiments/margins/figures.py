@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from cranedyn.plotting.figures import panels
 
 
-def values(margins: Sequence[Sequence[Any]], name: str) -> np.ndarray:
+def margin_values(margins: Sequence[Sequence[Any]], name: str) -> np.ndarray:
     """Return one of the margins over a map: damping, or the margin of the worst drive."""
     return np.array(
         [
@@ -23,7 +23,7 @@ def values(margins: Sequence[Sequence[Any]], name: str) -> np.ndarray:
     )
 
 
-def map_figure(
+def margins_figure(
     radii: np.ndarray, cables: np.ndarray, maps_of: Mapping[str, Sequence[Sequence[Any]]]
 ) -> Figure:
     """Draw damping, and the delay that the worst drive bears, of each strategy over radius and
@@ -37,7 +37,7 @@ def map_figure(
         )
     ):
         maps = {
-            strategy: scale * values(panels_of_row, name)
+            strategy: scale * margin_values(panels_of_row, name)
             for strategy, panels_of_row in maps_of.items()
         }
         norm = LogNorm(

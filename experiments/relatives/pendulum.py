@@ -77,7 +77,7 @@ class Left(NamedTuple):
     run: Trajectory
 
 
-def left(crane: Crane, goal: State, run: Trajectory, at: float) -> tuple[float, float]:
+def mode_amplitudes(crane: Crane, goal: State, run: Trajectory, at: float) -> tuple[float, float]:
     """Return the amplitude of the slow and of the fast mode at a time [rad], radial and tangential
     together.
     """
@@ -122,7 +122,7 @@ def shaping(engine: EngineName = "pinocchio") -> list[Left]:
         drives: Any = {"drive": "motion", "engine": engine}
         run = _run(crane, follow(crane, reference, _PERIOD), reference, end + 0.5, **drives)
         goal = rest_at(crane, x=float(run["x_m"][-1]))
-        amounts = left(crane, goal, run, end)
+        amounts = mode_amplitudes(crane, goal, run, end)
         closed: list[float | None] = [None, None]
         if results:
             closed = [
@@ -150,7 +150,9 @@ def moves(engine: EngineName = "pinocchio") -> Iterator[Left]:
         # Of the drives, which both cranes have; the motion itself is of one crane.
         setpoints = motion.__call__
         run = _run(crane, controller, setpoints, _whole(motion.arrival + _AFTER), engine=engine)
-        slow, fast = left(crane, rest_at(crane, x=_at(crane, "x") + WAY), run, motion.arrival)
+        slow, fast = mode_amplitudes(
+            crane, rest_at(crane, x=_at(crane, "x") + WAY), run, motion.arrival
+        )
         yield Left(name, motion.arrival, slow, fast, None, None, run)
 
 

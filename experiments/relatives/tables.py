@@ -13,7 +13,7 @@ from experiments.relatives.control import AREA, GUST, SWING, WAY, Control
 from experiments.relatives.robots import STEP, Robot
 
 
-def frequencies(results: Sequence[modes.Frequency]) -> Table:
+def frequency_table(results: Sequence[modes.Frequency]) -> Table:
     """Return frequencies by closed form, linearisation and small swings."""
     return tabulate(
         "Frequencies",
@@ -35,7 +35,7 @@ def frequencies(results: Sequence[modes.Frequency]) -> Table:
     )
 
 
-def jumps(results: Sequence[rope.Jump]) -> Table:
+def jump_table(results: Sequence[rope.Jump]) -> Table:
     """Return the tensions of a rope that stretches."""
     return tabulate(
         "Rope that stretches: tension over the weight that hangs",
@@ -51,7 +51,7 @@ def jumps(results: Sequence[rope.Jump]) -> Table:
     )
 
 
-def agreement(results: Sequence[Agreement]) -> Table:
+def agreement_table(results: Sequence[Agreement]) -> Table:
     """Return the agreement of three engines and the ledger."""
     return tabulate(
         f"Three engines, {DURATION:g} s with all drives moving and the load swinging",
@@ -69,7 +69,7 @@ def agreement(results: Sequence[Agreement]) -> Table:
     )
 
 
-def control(results: Sequence[Control]) -> Table:
+def control_table(results: Sequence[Control]) -> Table:
     """Return the control of each crane."""
     return tabulate(
         "Control",
@@ -95,7 +95,7 @@ def control(results: Sequence[Control]) -> Table:
     )
 
 
-def left(title: str, results: Sequence[pendulum.Left], note: str) -> Table:
+def residual_table(title: str, results: Sequence[pendulum.Left], note: str) -> Table:
     """Return the swing that moves of the double pendulum leave in each mode."""
 
     def mrad(value: float | None) -> float | None:
@@ -122,10 +122,10 @@ def _later(result: pendulum.Left) -> tuple[float, float]:
     """Return the amplitudes at the end of the run [rad]."""
     crane = crane_of(HOOK)
     goal = rest_at(crane, x=float(result.run["x_setpoint_m"][-1]))
-    return pendulum.left(crane, goal, result.run, float(result.run.t[-1]))
+    return pendulum.mode_amplitudes(crane, goal, result.run, float(result.run.t[-1]))
 
 
-def unaware(growth: tuple[float, float]) -> str:
+def unaware_note(growth: tuple[float, float]) -> str:
     """Return a note on designs that do not know of the hook, with the growth rates of the closed
     loops [1/s].
     """
@@ -142,7 +142,7 @@ def unaware(growth: tuple[float, float]) -> str:
     )
 
 
-def robots(results: Sequence[Robot]) -> Table:
+def robot_table(results: Sequence[Robot]) -> Table:
     """Return integrators and engines on robots that are no cranes."""
     euler, runge = semi_implicit_euler, rk4
     return tabulate(

@@ -247,8 +247,8 @@ def test_garbage_is_not_collected_while_a_controller_is_timed(timed: bool) -> No
 
 
 def test_strategies_that_are_usually_not_recorded_are_where_there_are_no_others() -> None:
-    assert compare.drawn([FLAT, "operator", PD]) == [PD, FLAT]
-    assert compare.drawn(["operator", "spline alone"]) == ["operator", "spline alone"]
+    assert compare.recorded_strategies([FLAT, "operator", PD]) == [PD, FLAT]
+    assert compare.recorded_strategies(["operator", "spline alone"]) == ["operator", "spline alone"]
 
 
 def test_the_report_shows_the_result(done: Path) -> None:

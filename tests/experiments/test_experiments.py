@@ -520,7 +520,7 @@ def test_a3_filters_and_differences_as_it_says() -> None:
     # Exact up to cubics; rounding over 5 ms.
     assert_allclose(a3.filtered(t, 0.3 * t**2 - 0.1 * t), 0.6 * t - 0.1, atol=1e-9)
     rate = np.cumsum(np.where(t < 1.0, 0.01, -0.02))
-    inner = a3.exact(t, rate)[1:-1]
+    inner = a3.exact_acceleration(t, rate)[1:-1]
     assert_allclose(inner[t[1:-1] < 0.99], 0.01 / 0.005, rtol=1e-9)
     assert_allclose(inner[t[1:-1] > 1.0], -0.02 / 0.005, rtol=1e-9)
 

@@ -19,7 +19,7 @@ from cranedyn.errors import DataError
 from cranedyn.interfaces import Setpoint, State
 from experiments import linear_vs_full
 from experiments.linear.model import Drives, Miss, all_rates, dropped, integrate, miss, paper
-from experiments.linear.runs import Case, reaches
+from experiments.linear.runs import LinearCase, reaches
 from experiments.linear.sites import SITES, Job, jobs, short_slews, slow_slews
 from experiments.linear_vs_full import ALONE, OF_SLEWING
 from experiments.report import page
@@ -271,7 +271,7 @@ def test_where_an_error_reaches_a_bound_is_found_by_its_power_law() -> None:
 # --- claims ---------------------------------------------------------------------------------------
 
 
-def _cases() -> list[Case]:
+def _cases() -> list[LinearCase]:
     """What a comparison might find, by round numbers."""
     run = moved(big_crane(), big_crane().start, 0.02, 0.02)
     small, large = Miss(0.1, 0.001, 0.001, 0.01), Miss(0.1, 0.3, 0.4, 1.0)
@@ -282,7 +282,7 @@ def _cases() -> list[Case]:
         "trolley, slow hoist": large,
     }
     return [
-        Case(
+        LinearCase(
             site,
             Job(name, big_crane().start, lambda t: None, 1.0),
             run,
