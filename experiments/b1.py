@@ -16,13 +16,20 @@ from cranedyn.controllers import paper
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.plotting.runs import STYLES
-from cranedyn.references.flat import flat
 from experiments import harness
 from experiments.harness import Claim, Outcome, Setup, Table, tabulate
 from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import AFTER, CLOSE, MOVES, Move, Score, of_sampling
 from experiments.scenarios.perturbations import make
-from experiments.scenarios.strategies import FLAT, LQR, PAPER, PD, STRATEGIES, file_name
+from experiments.scenarios.strategies import (
+    FLAT,
+    LQR,
+    PAPER,
+    PD,
+    STRATEGIES,
+    file_name,
+    flat_motion,
+)
 
 SHOWN = ("spline alone", PD, PAPER, LQR, FLAT)
 
@@ -64,7 +71,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 def _claims(setup: Setup, move: Move, scores: Mapping[str, Score]) -> list[Claim]:
     pd, ours, lqr, best = (scores[strategy] for strategy in (PD, PAPER, LQR, FLAT))
-    planned = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
+    planned = flat_motion(setup, move, move.duration)
     plan = float(np.linalg.norm(planned.q[:, setup.crane.swings], axis=1).max())
     sampling = of_sampling(setup.gravity, best.length, setup.control_period, plan)
     return [

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
-from typing import NamedTuple
+from functools import cache, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -64,7 +64,7 @@ def on_converters(setup: Setup, plan: Plan) -> Plan:
     if plan.rates:
         return plan._replace(controller=plan.rates, drive="velocity")
 
-    def made() -> Controller:
+    def controller() -> Controller:
         return rated(
             setup.crane,
             (plan.softer or plan.controller)(),
@@ -72,9 +72,9 @@ def on_converters(setup: Setup, plan: Plan) -> Plan:
             control_period=setup.control_period,
         )
 
-    first = made()
+    first = controller()
     if isinstance(first, GivenRates):  # what is inside may remember
-        return plan._replace(controller=made, drive="velocity")
+        return plan._replace(controller=controller, drive="velocity")
     if isinstance(first, HoistIntegral):
         return plan._replace(controller=lambda: replace(first, integral=0.0), drive="velocity")
     return plan._replace(controller=lambda: first, drive="velocity")
@@ -124,17 +124,17 @@ def _lqr(setup: Setup, move: Move) -> Plan:
     )
 
 
+def flat_motion(setup: Setup, move: Move, duration: float) -> Motion:
+    """Return the motion along a flat path of the load in a time [s]."""
+    return flat(setup.crane, *move.ends(setup.crane), duration, period=setup.control_period)
+
+
 def _flat(setup: Setup, move: Move) -> Plan:
-    return _tracked(
-        setup,
-        flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period),
-    )
+    return _tracked(setup, flat_motion(setup, move, move.duration))
 
 
 def _fastest_flat(setup: Setup, move: Move) -> Plan:
-    def lasting(duration: float) -> Motion:
-        return flat(setup.crane, *move.ends(setup.crane), duration, period=setup.control_period)
-
+    lasting = partial(flat_motion, setup, move)
     return _tracked(setup, lasting(fastest(setup.crane, lasting, LIMITS)))
 
 
@@ -231,9 +231,9 @@ def instant(setup: Setup, t: float) -> float:
 
 
 def _mpc(setup: Setup, move: Move) -> Plan:
-    motion = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
+    motion = flat_motion(setup, move, move.duration)
 
-    def made(effort_weight: np.ndarray | None = None) -> Predictive:
+    def controller(effort_weight: np.ndarray | None = None) -> Predictive:
         return mpc(
             setup.crane,
             motion,
@@ -243,14 +243,14 @@ def _mpc(setup: Setup, move: Move) -> Plan:
             effort_weight=effort_weight,
         )
 
-    first = cache(made)  # it never runs, so that its copies remember nothing
+    first = cache(controller)  # it never runs, so that its copies remember nothing
     return Plan(
         lambda: replace(first()),
         motion,
         "effort",
         motion.arrival,
         motion,
-        softer=lambda: made(soft_weight(setup.crane)),
+        softer=lambda: controller(soft_weight(setup.crane)),
     )
 
 
@@ -273,7 +273,7 @@ def _receding(
 
 
 def _compiled_mpc(setup: Setup, move: Move) -> Plan:
-    motion = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
+    motion = flat_motion(setup, move, move.duration)
     swing = math.pi / 4.0
     return Plan(
         lambda: _receding(setup, motion, swing),
@@ -297,35 +297,22 @@ def _to_goal(setup: Setup, move: Move) -> Plan:
 
 
 def _least_time(setup: Setup, move: Move) -> Plan:
-    from cranedyn.planning.optimal import optimal
-
-    return _tracked(
-        setup, optimal(setup.crane, *move.ends(setup.crane), LIMITS, period=setup.control_period)
-    )
+    return _optimal(setup, move)
 
 
 def _least_swing(setup: Setup, move: Move) -> Plan:
+    return _optimal(setup, move, duration=move.duration)
+
+
+def _optimal(setup: Setup, move: Move, duration: float | None = None) -> Plan:
     from cranedyn.planning.optimal import optimal
 
-    return _tracked(
-        setup,
-        optimal(
-            setup.crane,
-            *move.ends(setup.crane),
-            LIMITS,
-            duration=move.duration,
-            period=setup.control_period,
-        ),
-    )
+    clocks: dict[str, Any] = {"period": setup.control_period, "duration": duration}
+    return _tracked(setup, optimal(setup.crane, *move.ends(setup.crane), LIMITS, **clocks))
 
 
-PAPER, PD, LQR, FLAT, MPC = (
-    "paper's LQR + PID",
-    "spline + PD",
-    "full-model LQR",
-    "flat + LQR",
-    "flat + MPC",
-)
+PAPER, PD, LQR = "paper's LQR + PID", "spline + PD", "full-model LQR"
+FLAT, MPC = "flat + LQR", "flat + MPC"
 SOFTER = 30.0
 """By how much more efforts of slew and trolley weigh in an LQR for drives with converters, ours.
 With the usual weights a swing of 0.1 rad asks for 40 times the accelerations that converters are

@@ -34,11 +34,12 @@ Way = tuple[Timetable, Controller]
 
 
 def _none(setup: Setup, limits: Limits, dwell: float) -> Way:
-    made = itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=limits.rates, dwell=dwell)
-    for stage in made.stages:
+    crane = setup.crane
+    timetable = itinerary(crane, crane.start, ARTICLE_TOUR, rates=limits.rates, dwell=dwell)
+    for stage in timetable.stages:
         # Refuses a target out of range.
-        setup.crane.state(**dict(zip(("gamma", "x", "l"), stage.target, strict=True)))
-    return made, hold_controller(setup.crane)
+        crane.state(**dict(zip(("gamma", "x", "l"), stage.target, strict=True)))
+    return timetable, hold_controller(crane)
 
 
 def _shaped(setup: Setup, limits: Limits, dwell: float) -> Way:
@@ -83,14 +84,8 @@ def _flat(setup: Setup, limits: Limits, dwell: float) -> Tour:
         ramp = float(gaining[moving].max(initial=0.0))
 
         def lasting(duration: float, period: float = 10.0 * setup.control_period) -> Motion:
-            return flat(
-                setup.crane,
-                start,
-                goal,
-                duration,
-                ramp=max(period, min(ramp, duration / 2.0)),
-                period=period,
-            )
+            soft = max(period, min(ramp, duration / 2.0))
+            return flat(setup.crane, start, goal, duration, ramp=soft, period=period)
 
         duration = fastest(setup.crane, lasting, limits)
         # Between the samples of the search.
@@ -102,11 +97,11 @@ def _flat(setup: Setup, limits: Limits, dwell: float) -> Tour:
 
 @dataclass(frozen=True, eq=False)
 class Repeated:
-    """A controller that goes by the time in its cycle.
+    """A controller that repeats a cycle.
 
     Attributes:
-        controller: What it does in a cycle.
-        cycle: How long that is [s].
+        controller: The controller of one cycle.
+        cycle: Duration of the cycle [s].
     """
 
     controller: HoistIntegral
@@ -129,22 +124,25 @@ class Repeated:
         self.controller.resume(t % self.cycle, integral)
 
 
-def _tracked(made: Tour, controller: HoistIntegral) -> Way:
-    return made, Repeated(controller, made.duration)
+def _tracked(
+    plan: Callable[[Setup, Limits, float], Tour],
+    design: Callable[[Setup, Motion], HoistIntegral],
+) -> Callable[[Setup, Limits, float], Way]:
+    """Return the control that tracks a planned tour."""
+
+    def control(setup: Setup, limits: Limits, dwell: float) -> Way:
+        planned = plan(setup, limits, dwell)
+        return planned, Repeated(design(setup, planned.motion), planned.duration)
+
+    return control
 
 
 CONTROLS: dict[str, Callable[[Setup, Limits, float], Way]] = {
     "none": _none,
     "shaped": _shaped,
-    "paper": lambda setup, limits, dwell: _tracked(
-        made := _spline(setup, limits, dwell), paper_controller(setup.crane, made.motion)
-    ),
-    "lqr": lambda setup, limits, dwell: _tracked(
-        made := _spline(setup, limits, dwell), with_integral(setup, made.motion)
-    ),
-    "flat": lambda setup, limits, dwell: _tracked(
-        made := _flat(setup, limits, dwell), with_integral(setup, made.motion)
-    ),
+    "paper": _tracked(_spline, lambda setup, motion: paper_controller(setup.crane, motion)),
+    "lqr": _tracked(_spline, with_integral),
+    "flat": _tracked(_flat, with_integral),
 }
 """By name: PD without swing control; the same with shaped commands; splines with the paper's
 control or the full-model LQR; flat paths."""
