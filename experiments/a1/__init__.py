@@ -21,6 +21,7 @@ from experiments.a1.case import (
     FIT_FROM,
     PUBLISHED,
     PULSE_AT,
+    ROUNDING,
     SOFT,
     SWING,
     Case,
@@ -29,13 +30,10 @@ from experiments.a1.case import (
 )
 from experiments.harness import Claim, Outcome, Setup
 
-__all__ = ["PUBLISHED", "SOFT", "Case", "Published", "experiment", "main", "run"]
+__all__ = ["PUBLISHED", "ROUNDING", "SOFT", "Case", "Published", "experiment", "main", "run"]
 
 COLUMNS = ("t_s", "phi_rad", "l_m")
 """Columns that a recorded file must have."""
-
-ROUNDING = {"error": 0.005, "damping ratio": 0.000005, "amplitude": 0.00005}
-"""Half a unit in the last published digit of error [percentage points], ζ, and amplitude [rad]."""
 
 GAIN_RESIDUAL = {"error": 0.017, "damping ratio": 0.000011, "amplitude": 0.00025}
 """Largest residual of these columns with the gains identified from them (docs/findings.md,

@@ -40,6 +40,9 @@ PUBLISHED = {
 }
 """The article's table by cable length [m]."""
 
+ROUNDING = {"error": 0.005, "damping ratio": 0.000005, "amplitude": 0.00005}
+"""Half a unit in the last published digit of error [percentage points], ζ, and amplitude [rad]."""
+
 SOFT = (15.0, 3.0e4, 1.2e4, Published(point=1.18))
 """The article's run with a soft trolley: cable length [m], k_p [N/m], k_d [N s/m], what is
 published.

@@ -11,11 +11,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
-from experiments import a1
+from experiments.a1 import case
 from experiments.a1.case import PUBLISHED, run
 from experiments.harness import Claim, Column, Outcome, Setup, Table, tabulate
 
-ROUNDING = np.array(list(a1.ROUNDING.values()))
+ROUNDING = np.array(list(case.ROUNDING.values()))
 """Half a unit in the last published digit of error [percentage points], ζ, and amplitude [rad],
 shape (3,)."""
 

@@ -7,11 +7,12 @@ what an experiment returns.
 from cranedyn.command import FAILED, INTERRUPTED, REFUSED
 from cranedyn.errors import CraneError
 from experiments.harness.arguments import add_mode, parser
-from experiments.harness.outcome import MARKS, Claim, Column, Outcome, Table, tabulate
+from experiments.harness.outcome import MARKS, Claim, Outcome
 from experiments.harness.progress import ProgressReporter
 from experiments.harness.recorded import add_files, name_file, read_recorded
 from experiments.harness.run import run_experiment
 from experiments.harness.setup import Setup, add_setup
+from experiments.harness.table import Column, Table, tabulate
 
 __all__ = [
     "FAILED",

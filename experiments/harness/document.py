@@ -19,7 +19,7 @@ from typing import Any
 from cranedyn.command import FAILED, Parser, command
 from cranedyn.data.files import check_writable, parse_json, read_bytes, read_text, write_text
 from cranedyn.errors import DataError, quoted
-from experiments.harness.outcome import Table, resolution
+from experiments.harness.table import Table, resolution
 
 _BLOCK = re.compile(
     r"(<!-- (?P<experiment>\w+): ?(?P<title>[^\n]*?) ?-->\n)(?P<content>.*?)(<!-- end -->\n)",

@@ -10,7 +10,8 @@ import numpy as np
 
 from cranedyn.dynamics.validity import events
 from cranedyn.plotting.figures import panels
-from experiments.harness.outcome import Outcome, Table
+from experiments.harness.outcome import Outcome
+from experiments.harness.table import Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

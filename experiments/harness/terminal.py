@@ -5,14 +5,13 @@ blocks; a number is never cut.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from rich.cells import cell_len
 from rich.table import Table as RichTable
 from rich.text import Text
 
-if TYPE_CHECKING:
-    from experiments.harness.outcome import Table
+from experiments.harness.table import Table
 
 _FRAME = 3
 """Width of the frame of a column: two spaces and a line."""
