@@ -16,57 +16,51 @@ from cranedyn.controllers import paper
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.plotting.style import LINE_STYLES
-from cranedyn.references.flat import flat
 from experiments import harness
+from experiments.harness import Claim, Outcome, Setup, Table, tabulate
 from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import AFTER, CLOSE, MOVES, Move, Score, of_sampling
 from experiments.scenarios.perturbations import make
-from experiments.scenarios.strategies import FLAT, LQR, PAPER, PD, STRATEGIES
+from experiments.scenarios.strategies import (
+    FLAT,
+    LQR,
+    PAPER,
+    PD,
+    STRATEGIES,
+    file_name,
+    flat_motion,
+)
 
 SHOWN = ("spline alone", PD, PAPER, LQR, FLAT)
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
-    """Every strategy on every move."""
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
+    """Make every move by every strategy."""
     from cranedyn.recording import Run
 
-    made = {
-        move: {
-            strategy: make(
-                setup, move, STRATEGIES[strategy](setup, move), label=f"{move.name}, {strategy}"
-            )
-            for strategy in SHOWN
-        }
-        for move in MOVES
-    }
-    runs = {
-        move: {strategy: run for strategy, (run, _) in of_move.items()}
-        for move, of_move in made.items()
-    }
-    scores = {
-        move: {strategy: found for strategy, (_, found) in of_move.items()}
-        for move, of_move in made.items()
-    }
+    runs: dict[Move, dict[str, Trajectory]] = {move: {} for move in MOVES}
+    scores: dict[Move, dict[str, Score]] = {move: {} for move in MOVES}
+    for move in MOVES:
+        for strategy in SHOWN:
+            plan, label = STRATEGIES[strategy](setup, move), f"{move.name}, {strategy}"
+            runs[move][strategy], scores[move][strategy] = make(setup, move, plan, label=label)
     combined = MOVES[-1]
-    return harness.Outcome(
+    return Outcome(
         tables=[_table(move, of_move) for move, of_move in scores.items()],
         claims=_claims(setup, combined, scores[combined]),
-        parameters=setup.parameters()
-        | {
+        parameters={
+            **setup.parameters(),
             "moves": {move.name: [move.start, move.goal, move.duration] for move in MOVES},
             "paper_trolley_weights": [np.diag(w).tolist() for w in paper.TROLLEY_WEIGHTS],
             "paper_slew_weights": [np.diag(w).tolist() for w in paper.SLEW_WEIGHTS],
             "paper_hoist_pid": paper.HOIST,
         },
         trajectories={
-            f"b1_{move.name}_{_plain(strategy)}": runs[move][strategy]
+            f"b1_{move.name}_{file_name(strategy)}": runs[move][strategy]
             for move in MOVES
             for strategy in (PD, PAPER, LQR, FLAT)
         },
-        figures={
-            f"tracking_{move.name}": _tracking_figure(of_move[PAPER])
-            for move, of_move in runs.items()
-        }
+        figures={f"tracking_{move.name}": _tracking_figure(runs[move][PAPER]) for move in MOVES}
         | {f"swing_{move.name}": _swing_figure(move, of_move) for move, of_move in runs.items()},
         recording=[
             Run(strategy, setup.crane, runs[combined][strategy], colour=strategy_colour(strategy))
@@ -75,32 +69,25 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     )
 
 
-def _plain(strategy: str) -> str:
-    return strategy.replace("'s", "").replace(" + ", "_").replace(" ", "_").lower()
-
-
-def _claims(setup: harness.Setup, move: Move, found: Mapping[str, Score]) -> list[harness.Claim]:
-    pd, ours, lqr, best = (found[strategy] for strategy in (PD, PAPER, LQR, FLAT))
-    planned = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
+def _claims(setup: Setup, move: Move, scores: Mapping[str, Score]) -> list[Claim]:
+    pd, ours, lqr, best = (scores[strategy] for strategy in (PD, PAPER, LQR, FLAT))
+    planned = flat_motion(setup, move, move.duration)
     plan = float(np.linalg.norm(planned.q[:, setup.crane.swings], axis=1).max())
     sampling = of_sampling(setup.gravity, best.length, setup.control_period, plan)
     return [
-        harness.Claim(
+        Claim(
             f"Combined move: within {AFTER:g} s of the arrival the paper's control settles to "
-            f"{1000 * CLOSE:g} mm ({_settled(ours)}), "
-            f"the PD does not ({_settled(pd)}).",
+            f"{1000 * CLOSE:g} mm ({_settled(ours)}), the PD does not ({_settled(pd)}).",
             math.isfinite(ours.settled) and not math.isfinite(pd.settled),
         ),
-        harness.Claim(
-            f"The full-model LQR does, too ({_settled(lqr)}).", math.isfinite(lqr.settled)
-        ),
-        harness.Claim(
+        Claim(f"The full-model LQR does, too ({_settled(lqr)}).", math.isfinite(lqr.settled)),
+        Claim(
             f"Flat feed-forward with LQR leaves no swing at the arrival: {1000 * best.arrival:.4f} "
             "mrad, where efforts that are held for "
             f"{1000 * setup.control_period:g} ms may leave {1000 * sampling:.4f} mrad.",
             best.arrival < sampling,
         ),
-        harness.Claim(
+        Claim(
             f"Its peak swing ({1000 * best.peak:.3f} mrad) is the planned ({1000 * plan:.3f} mrad) "
             "within the same.",
             abs(best.peak - plan) < sampling,
@@ -108,89 +95,58 @@ def _claims(setup: harness.Setup, move: Move, found: Mapping[str, Score]) -> lis
     ]
 
 
-def _settled(found: Score) -> str:
-    return f"after {found.settled:.2f} s" if math.isfinite(found.settled) else "not in that time"
+def _settled(score: Score) -> str:
+    return f"after {score.settled:.2f} s" if math.isfinite(score.settled) else "not in that time"
 
 
-def _table(move: Move, found: Mapping[str, Score]) -> harness.Table:
-    rows = [
-        (
-            strategy,
-            1000 * s.peak,
-            1000 * s.arrival,
-            1000 * s.later,
-            1000 * s.later * s.length,
-            s.settled if math.isfinite(s.settled) else None,
-            *s.tracking.tolist(),
-            *s.effort.tolist(),
-        )
-        for strategy, s in found.items()
-    ]
-    columns = [
-        ("strategy", ""),
-        ("peak [mrad]", ".2f"),
-        ("at arrival", ".4f"),
-        ("20 s later", ".4f"),
-        ("hook [mm]", ".3f"),
-        ("settled [s]", ".2f"),
-        ("γ off [mrad]", ".2f"),
-        ("x off [mm]", ".1f"),
-        ("l off [mm]", ".2f"),
-        ("T_γ [N m]", ".0f"),
-        ("F_x [N]", ".0f"),
-        ("F_l [N]", ".0f"),
-    ]
-    note = (
+def _table(move: Move, scores: Mapping[str, Score]) -> Table:
+    return tabulate(
+        f"Move {move.name}: {move.start} to {move.goal} in {move.duration:g} s",
+        scores.items(),
+        [
+            ("strategy", "", lambda s: s[0]),
+            ("peak [mrad]", ".2f", lambda s: 1000 * s[1].peak),
+            ("at arrival", ".4f", lambda s: 1000 * s[1].arrival),
+            ("20 s later", ".4f", lambda s: 1000 * s[1].later),
+            ("hook [mm]", ".3f", lambda s: 1000 * s[1].later * s[1].length),
+            ("settled [s]", ".2f", lambda s: s[1].settled if math.isfinite(s[1].settled) else None),
+            ("γ off [mrad]", ".2f", lambda s: float(s[1].tracking[0])),
+            ("x off [mm]", ".1f", lambda s: float(s[1].tracking[1])),
+            ("l off [mm]", ".2f", lambda s: float(s[1].tracking[2])),
+            ("T_γ [N m]", ".0f", lambda s: float(s[1].effort[0])),
+            ("F_x [N]", ".0f", lambda s: float(s[1].effort[1])),
+            ("F_l [N]", ".0f", lambda s: float(s[1].effort[2])),
+        ],
         "Swing amplitudes in mrad; settled: the payload stays within 10 mm of its goal, a dash "
-        "where it does "
-        "not in 20 s. Off: the drives' largest "
-        "distance from their reference. Efforts: the largest beyond holding the load. Spline, "
-        "planes "
-        "(7)-(10), LQR and PID are the paper's; "
-        "weights, gains and durations are ours, since the paper's are not public."
-    )
-    return harness.Table(
-        f"Move {move.name}: {move.start} to {move.goal} in {move.duration:g} s", columns, rows, note
+        "where it does not in 20 s. Off: the drives' largest distance from their reference. "
+        "Efforts: the largest beyond holding the load. Spline, planes (7)-(10), LQR and PID are "
+        "the paper's; weights, gains and durations are ours, since the paper's are not public.",
     )
 
 
 def _tracking_figure(run: Trajectory) -> Figure:
-    """Drives and their references, in the manner of the paper's Fig. 5."""
+    """Draw the drives and their references, in the manner of the paper's Fig. 5."""
     figure, axes = panels(3, height=1.8, sharex=True)
-    scale = np.degrees(1.0)
-    for ax, column, factor in zip(
-        axes, ("gamma_{}rad", "x_{}m", "l_{}m"), (scale, 1.0, 1.0), strict=True
-    ):
-        name = column.partition("_")[0]
-        ax.plot(
-            run.t,
-            factor * run[column.format("setpoint_")],
-            "--",
-            color=COLOURS["setpoint"],
-            label="setpoint",
-        )
-        ax.plot(
-            run.t, factor * run[column.format("")], color=COLOURS[name], label="paper's control"
-        )
-        ax.set_ylabel({"gamma": "γ [°]", "x": "x [m]", "l": "l [m]"}[name])
+    for ax, name, label in zip(axes, ("gamma", "x", "l"), ("γ [°]", "x [m]", "l [m]"), strict=True):
+        scale, unit = (np.degrees(1.0), "rad") if name == "gamma" else (1.0, "m")
+        setpoint = scale * run[f"{name}_setpoint_{unit}"]
+        ax.plot(run.t, setpoint, "--", color=COLOURS["setpoint"], label="setpoint")
+        ours = scale * run[f"{name}_{unit}"]
+        ax.plot(run.t, ours, color=COLOURS[name], label="paper's control")
+        ax.set_ylabel(label)
     axes[0].legend(loc="lower right")
     axes[-1].set_xlabel("time [s]")
     return figure
 
 
 def _swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
-    """Radial and tangential swing of each strategy, in the manner of the paper's Fig. 6."""
+    """Draw radial and tangential swing of each strategy, in the manner of the paper's Fig. 6."""
     figure, axes = panels(2, height=2.6, sharex=True)
     for ax, column, name in zip(axes, ("phi_rad", "theta_rad"), ("φ", "θ"), strict=True):
         for strategy in (PD, PAPER, LQR, FLAT):
             style, colour = LINE_STYLES[column.removesuffix("_rad")], strategy_colour(strategy)
-            ax.plot(
-                runs[strategy].t,
-                np.degrees(runs[strategy][column]),
-                style,
-                color=colour,
-                label=strategy,
-            )
+            run = runs[strategy]
+            ax.plot(run.t, np.degrees(run[column]), style, color=colour, label=strategy)
         ax.axvline(move.duration, linestyle=":", color=COLOURS["unexplained"], linewidth=1.0)
         ax.set_ylabel(f"{name} [°]")
     axes[0].legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))
@@ -200,13 +156,13 @@ def _swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "b1",
         "The paper's control on single-axis and combined moves, beside PD, full-model LQR and flat "
         "feed-forward.",
     )
-    harness.add_setup(made)
-    return harness.conduct(made, experiment, argv)
+    harness.add_setup(parser)
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ class Entry(NamedTuple):
     figures: Mapping[str, str] = MappingProxyType({})
 
     def caption(self, figure: str) -> str:
-        """What a figure shows; its name where nothing is said."""
+        """Return the caption of a figure, by default its name."""
         if figure == "validity":
             return "Where the model does not hold: a bar for each run."
         for name, caption in self.figures.items():
@@ -123,10 +123,7 @@ EXPERIMENTS = {
             "swing_*": "Radial (solid) and tangential (dashed) swing under each strategy.",
         },
     ),
-    "cranes": Entry(
-        "Other cranes",
-        "Cranes of other topology: closed forms, engines, control.",
-    ),
+    "cranes": Entry("Other cranes", "Cranes of other topology: closed forms, engines, control."),
     "compare": Entry(
         "Comparison",
         "Fifteen strategies, then on cranes that are not as planned.",
@@ -149,7 +146,7 @@ EXPERIMENTS = {
         quick=("--points", "2"),
         figures={
             "margins_map": "Least damping, and the delay that the worst drive bears, over trolley "
-            "radius and cable length.",
+            "radius and cable length."
         },
     ),
     "sweep": Entry(

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 
 from experiments import harness
+from experiments.harness import Outcome, Setup
 from experiments.relatives import claims, modes, pendulum, robots, rope, tables
 from experiments.relatives.agreement import DURATION, agreement
 from experiments.relatives.catalogue import RELATIVES, crane_of
@@ -20,12 +21,12 @@ SITES = ((0.0, 0.0), (40.0, 0.0), (80.0, 0.0), (0.0, -60.0), (40.0, -60.0), (75.
 """Where the cranes stand in the recording [m]."""
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
-    """All cranes: frequencies, ropes, agreement, control, and the double pendulum."""
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
+    """Run all cranes: frequencies, ropes, agreement, control, and the double pendulum."""
     from cranedyn.recording import Run
 
     done = setup.reporter.count("cranes", 4 + 2 * len(RELATIVES))
-    found, jumps = modes.frequencies(setup.engine), rope.jumps(setup.engine)
+    frequencies, jumps = modes.frequencies(setup.engine), rope.jumps(setup.engine)
     done(2)
     agreed = []
     for i, relative in enumerate(RELATIVES):
@@ -41,27 +42,29 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         pendulum.growth(),
     )
     stirred = pendulum.stirred(setup.engine)
-    others = robots.robots()
+    machines = robots.robots()
     done(4 + 2 * len(RELATIVES))
-    return harness.Outcome(
+    return Outcome(
         tables=[
-            tables.frequencies(found),
-            tables.jumps(jumps),
-            tables.agreement(agreed),
-            tables.control(controlled),
-            tables.left("Double pendulum: shaped moves of an operator", shaped, _SHAPED),
-            tables.left(
-                f"Double pendulum: {pendulum.WAY:g} m of the trolley", moved, tables.unaware(growth)
+            tables.frequency_table(frequencies),
+            tables.jump_table(jumps),
+            tables.agreement_table(agreed),
+            tables.control_table(controlled),
+            tables.residual_table("Double pendulum: shaped moves of an operator", shaped, _SHAPED),
+            tables.residual_table(
+                f"Double pendulum: {pendulum.WAY:g} m of the trolley",
+                moved,
+                tables.unaware_note(growth),
             ),
-            tables.robots(others),
+            tables.robot_table(machines),
         ],
         claims=[
-            *claims.of_frequencies(found),
+            *claims.of_frequencies(frequencies),
             *claims.of_jumps(jumps),
             *claims.of_agreement(agreed),
             *claims.of_control(controlled),
             *claims.of_pendulum(shaped, moved, growth, stirred),
-            *claims.of_robots(others),
+            *claims.of_robots(machines),
         ],
         parameters={
             "swing_rad": SWING,
@@ -72,24 +75,24 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             "engine": setup.engine,
         },
         trajectories={
-            relative.name.replace(" ", "_"): each.run
-            for relative, each in zip(RELATIVES, agreed, strict=True)
+            relative.name.replace(" ", "_"): result.run
+            for relative, result in zip(RELATIVES, agreed, strict=True)
         }
         | {"double_pendulum_unaware": moved[-1].run},
         recording=[
-            Run(each.relative.name, crane_of(each.relative), each.run, (*site, 0.0))
-            for site, each in zip(SITES, agreed, strict=True)
+            Run(result.relative.name, crane_of(result.relative), result.run, (*site, 0.0))
+            for site, result in zip(SITES, agreed, strict=True)
         ],
     )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "cranes",
         "Cranes of other topology: closed forms, three engines, energy, and control on each.",
     )
-    return harness.conduct(made, experiment, argv)
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -421,7 +421,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         ("--payload-mass", None, "M", "payload [kg], short for --set payload_mass:=M"),
     ):
         parser.add_argument(name, type=float, default=default, metavar=metavar, help=text)
-    return harness.conduct(parser, experiment, argv)
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

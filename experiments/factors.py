@@ -14,152 +14,162 @@ from matplotlib.figure import Figure
 from cranedyn.lifting import factors
 from cranedyn.plotting.figures import COLOURS, panels
 from experiments import harness
+from experiments.harness import Claim, Outcome, Setup, Table, tabulate
 from experiments.standards.derived import AGREES, RATIOS, Derived, derived
 from experiments.standards.formulas import DIGITS, FORMULAS
 from experiments.standards.needed import Need, across, upwards
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
-    """Formulas, derivations, needs."""
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
+    """Compare formulas, derive them by simulation, and measure what moves need of them."""
     from cranedyn.recording import Run
 
     moves, hoists = across(setup), upwards(setup)
-    found = derived(setup.gravity)
-    return harness.Outcome(
-        tables=[_formulas(), _derived(found), _moves(moves), _hoists(hoists)],
-        claims=[*_claims(found), *_gains(moves, hoists)],
+    factors_derived = derived(setup.gravity)
+    return Outcome(
+        tables=[_formulas(), _derived(factors_derived), _moves(moves), _hoists(hoists)],
+        claims=[*_claims(factors_derived), *_gains(moves, hoists)],
         parameters=setup.parameters(),
-        trajectories={f"{one.move}_{i}": one.run for i, one in enumerate(moves)},
-        figures={"factors": _figure(found), "needed": _needed(moves)},
+        trajectories={f"{need.move}_{i}": need.run for i, need in enumerate(moves)},
+        figures={"factors": _figure(factors_derived), "needed": _needed(moves)},
         recording=[
-            Run(one.strategy, setup.crane, one.run) for one in moves if one.move == "trolley"
+            Run(need.strategy, setup.crane, need.run) for need in moves if need.move == "trolley"
         ],
     )
 
 
-def _formulas() -> harness.Table:
-    rows = [(one.name, one.source, one.value(), one.printed) for one in FORMULAS]
-    columns = [("formula", ""), ("source", ""), ("ours", ".6g"), ("printed", ".6g")]
-    return harness.Table(
+def _formulas() -> Table:
+    return tabulate(
         "Formulas of the standards",
-        columns,
-        rows,
+        FORMULAS,
+        [
+            ("formula", "", lambda f: f.name),
+            ("source", "", lambda f: f.source),
+            ("ours", ".6g", lambda f: f.value()),
+            ("printed", ".6g", lambda f: f.printed),
+        ],
         "Sources were read second hand: none of the standards was before us.",
     )
 
 
-def _derived(found: Sequence[Derived]) -> harness.Table:
-    rows = [(one.name, one.means, one.formula, one.found, one.off) for one in found]
-    columns = [
-        ("factor", ""),
-        ("simulated", ""),
-        ("formula", ".6f"),
-        ("found", ".6f"),
-        ("relative", "+.1e"),
-    ]
-    note = (
+def _derived(factors: Sequence[Derived]) -> Table:
+    return tabulate(
+        "The same by mechanics alone",
+        factors,
+        [
+            ("factor", "", lambda d: d.name),
+            ("simulated", "", lambda d: d.means),
+            ("formula", ".6f", lambda d: d.formula),
+            ("found", ".6f", lambda d: d.simulated),
+            ("relative", "+.1e", lambda d: d.difference),
+        ],
         "Pick-up: by an elastic hoist at 0.5 m/s; release: of a part of the load, slowly over "
         "0.6034 of its periods; braking: of a carriage by a constant force, the worst of all "
         "durations, and of a slew; pushes: by a drive that keeps its acceleration; gust: comes at "
-        "once and stays."
+        "once and stays.",
     )
-    return harness.Table("The same by mechanics alone", columns, rows, note)
 
 
-def _moves(needs: Sequence[Need]) -> harness.Table:
-    rows = [
-        (one.move, one.strategy, one.arrives, one.allowed, one.needed, 100.0 * one.given_back)
-        for one in needs
-    ]
-    columns = [
-        ("move", ""),
-        ("strategy", ""),
-        ("arrives [s]", ".1f"),
-        ("ψ_h allowed", ".2f"),
-        ("needed", ".3f"),
-        ("given back %", ".0f"),
-    ]
-    return harness.Table(
+def _moves(needs: Sequence[Need]) -> Table:
+    return tabulate(
         "What a move needs of ψ_h",
-        columns,
-        rows,
+        needs,
+        [
+            ("move", "", lambda n: n.move),
+            ("strategy", "", lambda n: n.strategy),
+            ("arrives [s]", ".1f", lambda n: n.arrives),
+            ("ψ_h allowed", ".2f", lambda n: n.allowed),
+            ("needed", ".3f", lambda n: n.needed),
+            ("unused [%]", ".0f", lambda n: 100.0 * n.unused),
+        ],
         "Largest pull of the rope along the way of the drive, over the mass that hangs times the "
         "drive's limit of acceleration. Allowed: 2, of one acceleration from rest for longer than "
         "half a swing. A joystick that brakes while the load swings adds a second one to it.",
     )
 
 
-def _hoists(needs: Sequence[Need]) -> harness.Table:
-    rows = [(one.strategy, one.allowed, one.needed, 100.0 * one.given_back) for one in needs]
-    columns = [("taken up", ""), ("φ2 at 1 m/s", ".3f"), ("needed", ".3f"), ("given back %", ".0f")]
-    return harness.Table(
+def _hoists(needs: Sequence[Need]) -> Table:
+    return tabulate(
         "What taking up a load needs of φ2",
-        columns,
-        rows,
+        needs,
+        [
+            ("taken up", "", lambda n: n.strategy),
+            ("φ2 at 1 m/s", ".3f", lambda n: n.allowed),
+            ("needed", ".3f", lambda n: n.needed),
+            ("unused [%]", ".0f", lambda n: 100.0 * n.unused),
+        ],
         "On the rope that stretches of experiment cranes. At full speed: 1 + v ω/g, the φ2 of a "
         "class with the slope ω/g of this rope, without the part φ2,min - 1 that needs no speed.",
     )
 
 
-def _claims(found: Sequence[Derived]) -> list[harness.Claim]:
-    held = sum(one.holds for one in FORMULAS)
-    worst = max(found, key=lambda one: abs(one.off))
+def _claims(factors_derived: Sequence[Derived]) -> list[Claim]:
+    holding = sum(factor.holds for factor in FORMULAS)
+    worst = max(factors_derived, key=lambda factor: abs(factor.difference))
     return [
-        harness.Claim(
-            f"{held} of {len(FORMULAS)} numbers of the standards come out as printed, to "
+        Claim(
+            f"{holding} of {len(FORMULAS)} numbers of the standards come out as printed, to "
             f"{DIGITS:g}.",
-            held == len(FORMULAS),
+            holding == len(FORMULAS),
         ),
-        harness.Claim(
-            f"{len(found)} of them follow from the crane's mechanics alone to {AGREES:g} (worst: "
-            f"{worst.name}, {worst.off:+.1e}).",
-            all(one.holds for one in found),
+        Claim(
+            f"{len(factors_derived)} of them follow from the crane's mechanics alone to {AGREES:g} "
+            f"(worst: {worst.name}, {worst.difference:+.1e}).",
+            all(factor.holds for factor in factors_derived),
         ),
     ]
 
 
-def _gains(moves: Sequence[Need], hoists: Sequence[Need]) -> list[harness.Claim]:
+def _gains(moves: Sequence[Need], hoists: Sequence[Need]) -> list[Claim]:
     claims = []
-    for name in dict.fromkeys(one.move for one in moves):
-        by = {one.strategy: one.needed for one in moves if one.move == name}
-        joystick, one_push = by.pop("operator"), moves[0].allowed
+    for name in dict.fromkeys(need.move for need in moves):
+        needs = {need.strategy: need.needed for need in moves if need.move == name}
+        joystick, one_push = needs.pop("operator"), moves[0].allowed
         claims += [
-            harness.Claim(
+            Claim(
                 f"{name}: a joystick that brakes while the load swings needs ψ_h = {joystick:.3f}, "
                 f"more than the {one_push:g} of one acceleration from rest, less than the "
                 f"{2.0 * one_push:g} of two.",
                 one_push < joystick < 2.0 * one_push,
             ),
-            harness.Claim(
+            Claim(
                 f"{name}: under control the standard's {one_push:g} is enough: "
-                f"{', '.join(f'{strategy} {needed:.3f}' for strategy, needed in by.items())}.",
-                max(by.values()) <= one_push,
+                f"{', '.join(f'{strategy} {needed:.3f}' for strategy, needed in needs.items())}.",
+                max(needs.values()) <= one_push,
             ),
         ]
-    rough, *others = (one.needed for one in hoists)
+    rough, *gentler = (need.needed for need in hoists)
     claims.append(
-        harness.Claim(
+        Claim(
             f"hoist: taken up at full speed a load needs φ2 = {rough:.3f}, {hoists[0].allowed:.3f} "
             f"in closed form; creeping, from a taut rope, and shaped "
-            f"{', '.join(f'{one:.3f}' for one in others)}, each less than the one before.",
-            all(one > other for one, other in itertools.pairwise([rough, *others])),
+            f"{', '.join(f'{need:.3f}' for need in gentler)}, each less than the one before.",
+            all(
+                need > gentler_need for need, gentler_need in itertools.pairwise([rough, *gentler])
+            ),
         )
     )
     return claims
 
 
-def _figure(found: Sequence[Derived]) -> Figure:
-    """ψ_h over the mass ratio, and β2 over the class."""
+def _figure(factors_derived: Sequence[Derived]) -> Figure:
+    """Draw ψ_h over the mass ratio, and β2 over the class."""
     figure, (ratio, slope) = panels(1, 2, height=3.4, width=10.0)
     mus = [0.2 + 0.1 * i for i in range(110)]
     ratio.plot(mus, [factors.psi_h(mu) for mu in mus], color=COLOURS["setpoint"], label="formula")
-    derived_at = [one.found for one in found if one.name.startswith("ψ_h at μ")]
+    derived_at = [
+        factor.simulated for factor in factors_derived if factor.name.startswith("ψ_h at μ")
+    ]
     ratio.plot(RATIOS, derived_at, "o", color=COLOURS["phi"], label="worst braking, simulated")
     ratio.set(xlabel="load over carriage", ylabel="ψ_h")
-    slopes = [one for one in found if one.name.startswith("β2")]
+    slopes = [factor for factor in factors_derived if factor.name.startswith("β2")]
     places = range(len(slopes))
-    slope.bar(places, [one.formula for one in slopes], color=COLOURS["setpoint"], label="EN 1991-3")
-    slope.plot(places, [one.found for one in slopes], "o", color=COLOURS["phi"], label="pick-up")
+    slope.bar(
+        places, [factor.formula for factor in slopes], color=COLOURS["setpoint"], label="EN 1991-3"
+    )
+    slope.plot(
+        places, [factor.simulated for factor in slopes], "o", color=COLOURS["phi"], label="pick-up"
+    )
     slope.set(xlabel="hoisting class", ylabel="β2 [s/m]", xticks=places)
     slope.set_xticklabels(list(factors.HOISTING))
     for ax in (ratio, slope):
@@ -168,12 +178,16 @@ def _figure(found: Sequence[Derived]) -> Figure:
 
 
 def _needed(moves: Sequence[Need]) -> Figure:
-    """ψ_h that each strategy needs."""
+    """Draw the ψ_h that each strategy needs."""
     figure, axes = panels(1, 2, height=3.0, width=10.0)
-    for ax, name in zip(axes, dict.fromkeys(one.move for one in moves), strict=True):
-        own = [one for one in moves if one.move == name]
-        ax.barh([one.strategy for one in own], [one.needed for one in own], color=COLOURS["phi"])
-        ax.axvline(own[0].allowed, color=COLOURS["limit"], linestyle="--")
+    for ax, name in zip(axes, dict.fromkeys(need.move for need in moves), strict=True):
+        of_move = [need for need in moves if need.move == name]
+        ax.barh(
+            [need.strategy for need in of_move],
+            [need.needed for need in of_move],
+            color=COLOURS["phi"],
+        )
+        ax.axvline(of_move[0].allowed, color=COLOURS["limit"], linestyle="--")
         ax.set(title=name, xlabel="ψ_h needed; the line is what a standard allows for")
         ax.invert_yaxis()
     return figure
@@ -181,13 +195,13 @@ def _needed(moves: Sequence[Need]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "factors",
         "Factors of the standards: formulas, the mechanics under them, and what control needs.",
         engines=("compiled", "pinocchio"),
     )
-    harness.add_setup(made)
-    return harness.conduct(made, experiment, argv)
+    harness.add_setup(parser)
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from cranedyn.errors import DataError
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.plotting.figures import panels
 from experiments import a1, a2, a3, harness
+from experiments.harness import Claim, Outcome, Setup, Table, tabulate
 
 GRAVITY = 9.8
 """Gravity of the article's world, Gazebo's default [m/s²]."""
@@ -47,25 +48,25 @@ class Pair:
 
     Attributes:
         name: Of the recording.
-        there: Columns of the recording by name, shape (n,) each.
-        here: The run.
+        recorded: Columns of the recording by name, shape (n,) each.
+        run: The run.
     """
 
     name: str
-    there: Mapping[str, np.ndarray]
-    here: Trajectory
+    recorded: Mapping[str, np.ndarray]
+    run: Trajectory
 
     def difference(self, column: str) -> np.ndarray:
-        """What was recorded less what is found here at the same times, shape (n,).
+        """Return the recorded column less that of the run at the same times, shape (n,).
 
         Raises:
             DataError: If the run has no row at a time of the recording.
         """
-        t = self.there["t_s"]
-        rows = np.searchsorted(self.here.t, t - 1e-6)
-        if rows[-1] >= len(self.here) or np.abs(self.here.t[rows] - t).max() > 1e-6:
+        t = self.recorded["t_s"]
+        rows = np.searchsorted(self.run.t, t - 1e-6)
+        if rows[-1] >= len(self.run) or np.abs(self.run.t[rows] - t).max() > 1e-6:
             raise DataError(f"The recording {self.name} has rows at other times than the run.")
-        return self.there[column] - self.here[column][rows]
+        return self.recorded[column] - self.run[column][rows]
 
     def largest(self, *columns: str) -> float:
         """Return the largest size of that difference in any of the columns, the swing angles if
@@ -74,8 +75,8 @@ class Pair:
         return max(float(np.abs(self.difference(name)).max()) for name in columns or SWINGS)
 
 
-def pairs(setup: harness.Setup) -> dict[str, Pair]:
-    """Every recording with its run made here, by name."""
+def pairs(setup: Setup) -> dict[str, Pair]:
+    """Return every recording with its run made here, by name."""
     length, stiffness, damping, _ = a1.SOFT
     runs = {f"a1_l{length:g}": a1.run(setup, length).trajectory for length in a1.PUBLISHED}
     runs |= {
@@ -91,30 +92,30 @@ def pairs(setup: harness.Setup) -> dict[str, Pair]:
     }
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Compare every recording with its run."""
     world = replace(setup, gravity=GRAVITY)
-    found = pairs(world)
-    free = [pair for name, pair in found.items() if name.startswith("a1")]
-    apart = {
+    recordings = pairs(world)
+    free = [pair for name, pair in recordings.items() if name.startswith("a1")]
+    deviations = {
         "A1, swing at four cable lengths and with a soft trolley": max(
             pair.largest() for pair in free
         ),
-        "A2, swing while the hoist runs": found["a2"].largest(),
-        "A3, swing after the slew pulse": found["a3"].largest(),
+        "A2, swing while the hoist runs": recordings["a2"].largest(),
+        "A3, swing after the slew pulse": recordings["a3"].largest(),
     }
-    return harness.Outcome(
-        tables=[_swings(free), _hoisting(found["a2"]), _slewing(found["a3"])],
+    return Outcome(
+        tables=[_swings(free), _hoisting(recordings["a2"]), _slewing(recordings["a3"])],
         claims=[
-            harness.Claim(
+            Claim(
                 f"{name}: never further than {ALLOWED:g} rad from Gazebo ({worst:.1e} rad at "
                 "most).",
                 worst < ALLOWED,
             )
-            for name, worst in apart.items()
+            for name, worst in deviations.items()
         ],
         parameters=world.parameters(),
-        figures={"difference": _figure(found)},
+        figures={"difference": _figure(recordings)},
     )
 
 
@@ -123,89 +124,88 @@ def _fit(columns: Mapping[str, np.ndarray] | Trajectory) -> SwingFit:
     return fit_swing(columns["t_s"][late], columns["phi_rad"][late])
 
 
-def _swings(free: Sequence[Pair]) -> harness.Table:
-    rows: list[tuple[float | str | None, ...]] = []
-    for pair in free:
-        length = round(float(pair.there["l_m"][0]), 6)
-        published = a1.SOFT[3] if pair.name == "a1_soft" else a1.PUBLISHED[length]
-        point = float(theory.point_period(length, STANDARD_GRAVITY))
-        there, here = _fit(pair.there), _fit(pair.here)
-        periods = there.period, here.period
-        errors = (100.0 * (period / point - 1.0) for period in periods)
-        ratios = there.damping_ratio, here.damping_ratio, published.zeta
-        amplitudes = there.amplitude, here.amplitude, published.amplitude
-        name = f"{length:g} m{', soft' if pair.name == 'a1_soft' else ''}"
-        rows.append(
-            (
-                name,
-                *periods,
-                *errors,
-                published.point,
-                *ratios,
-                *amplitudes,
-                pair.largest(),
-            )
-        )
-    columns = [
-        ("l", ""),
-        *(("T Gazebo [s]", ".6f"), ("here", ".6f")),
-        *(("error Gazebo [%]", "+.3f"), ("here", "+.3f"), ("article", "+.2f")),
-        *(("ζ Gazebo", ".6f"), ("here", ".6f"), ("article", ".5f")),
-        *(("A Gazebo [rad]", ".5f"), ("here", ".5f"), ("article", ".4f")),
-        ("apart [rad]", ".1e"),
-    ]
-    note = (
+def _swings(free: Sequence[Pair]) -> Table:
+    def length(pair: Pair) -> float:
+        return round(float(pair.recorded["l_m"][0]), 6)
+
+    def published(pair: Pair) -> a1.Published:
+        return a1.SOFT[3] if pair.name == "a1_soft" else a1.PUBLISHED[length(pair)]
+
+    def error(pair: Pair, columns: Mapping[str, np.ndarray] | Trajectory) -> float:
+        point = float(theory.point_period(length(pair), STANDARD_GRAVITY))
+        return 100.0 * (_fit(columns).period / point - 1.0)
+
+    return tabulate(
+        "Free swing (A1) in Gazebo and here",
+        free,
+        [
+            ("l", "", lambda p: f"{length(p):g} m{', soft' if p.name == 'a1_soft' else ''}"),
+            ("T Gazebo [s]", ".6f", lambda p: _fit(p.recorded).period),
+            ("here", ".6f", lambda p: _fit(p.run).period),
+            ("error Gazebo [%]", "+.3f", lambda p: error(p, p.recorded)),
+            ("here", "+.3f", lambda p: error(p, p.run)),
+            ("article", "+.2f", lambda p: published(p).point),
+            ("ζ Gazebo", ".6f", lambda p: _fit(p.recorded).damping_ratio),
+            ("here", ".6f", lambda p: _fit(p.run).damping_ratio),
+            ("article", ".5f", lambda p: published(p).zeta),
+            ("A Gazebo [rad]", ".5f", lambda p: _fit(p.recorded).amplitude),
+            ("here", ".5f", lambda p: _fit(p.run).amplitude),
+            ("article", ".4f", lambda p: published(p).amplitude),
+            ("apart [rad]", ".1e", lambda p: p.largest()),
+        ],
         "Apart: the largest difference in a swing angle at any time of the 70 s. Errors against "
-        "the point pendulum in standard gravity."
+        "the point pendulum in standard gravity.",
     )
-    return harness.Table("Free swing (A1) in Gazebo and here", columns, rows, note)
 
 
-def _hoisting(pair: Pair) -> harness.Table:
+def _hoisting(pair: Pair) -> Table:
     p = a2.PUBLISHED
-    rows: list[tuple[float | str | None, ...]] = []
-    for name, data in (("Gazebo", dict(pair.there)), ("here", pair.here)):
-        r = a2.read(data["t_s"], data["phi_rad"], data["l_m"])
-        mean, worst, last = 100.0 * float(r.errors.mean()), 100.0 * r.worst, float(r.amplitudes[-1])
-        rows.append((name, mean, worst, r.everywhere.exponent, r.section.exponent, last))
-    rows.append(("article", p["mean"], p["max"], p["all"], p["hoisting"], p["after"]))
-    columns = [
-        ("run", ""),
-        ("mean [%]", "+.2f"),
-        ("max [%]", ".2f"),
-        ("exp. all", "+.4f"),
-        ("exp. hoisting", "+.4f"),
-        ("A after [rad]", ".4f"),
-    ]
-    note = (
+    readings = {
+        name: a2.read(data["t_s"], data["phi_rad"], data["l_m"])
+        for name, data in (("Gazebo", dict(pair.recorded)), ("here", pair.run))
+    }
+    return tabulate(
+        "Hoisting while swinging (A2) in Gazebo and here",
+        readings.items(),
+        [
+            ("run", "", lambda r: r[0]),
+            ("mean [%]", "+.2f", lambda r: 100.0 * float(r[1].errors.mean())),
+            ("max [%]", ".2f", lambda r: 100.0 * r[1].worst),
+            ("exp. all", "+.4f", lambda r: r[1].everywhere.exponent),
+            ("exp. hoisting", "+.4f", lambda r: r[1].section.exponent),
+            ("A after [rad]", ".4f", lambda r: float(r[1].amplitudes[-1])),
+        ],
         f"No swing angle is ever further apart than {pair.largest():.1e} rad, the cable length "
-        f"{pair.largest('l_m'):.1e} m."
+        f"{pair.largest('l_m'):.1e} m.",
+        last_row=("article", p["mean"], p["max"], p["all"], p["hoisting"], p["after"]),
     )
-    return harness.Table("Hoisting while swinging (A2) in Gazebo and here", columns, rows, note)
 
 
-def _slewing(pair: Pair) -> harness.Table:
-    p, rows = a3.PUBLISHED, []
-    for name, data in (
-        ("Gazebo", dict(pair.there)),
-        ("here", {c: pair.here[c] for c in a3.COLUMNS}),
-    ):
-        found = agreement(*a3.by_paper(data)[1:3])
-        rows.append((name, found.measured, found.correlation, found.rms))
-    rows.append(("article", p.measured, p.correlation, p.rms))
-    columns = [("run", ""), ("θ [rad]", ".4f"), ("correlation", "+.5f"), ("RMS [rad]", ".6f")]
-    note = (
+def _slewing(pair: Pair) -> Table:
+    columns = {column: pair.run[column] for column in a3.COLUMNS}
+    rows = [
+        (name, agreement(*a3.by_paper(data)[1:3]))
+        for name, data in (("Gazebo", dict(pair.recorded)), ("here", columns))
+    ]
+    return tabulate(
+        "Slewing (A3) in Gazebo and here",
+        [*rows, ("article", a3.PUBLISHED)],
+        [
+            ("run", "", lambda row: row[0]),
+            ("θ [rad]", ".4f", lambda row: row[1].measured),
+            ("correlation", "+.5f", lambda row: row[1].correlation),
+            ("RMS [rad]", ".6f", lambda row: row[1].rms),
+        ],
         "Against the paper's Eq. (10). θ is never further apart than "
-        f"{pair.largest('theta_rad'):.1e} rad, φ than {pair.largest('phi_rad'):.1e} rad."
+        f"{pair.largest('theta_rad'):.1e} rad, φ than {pair.largest('phi_rad'):.1e} rad.",
     )
-    return harness.Table("Slewing (A3) in Gazebo and here", columns, rows, note)
 
 
-def _figure(found: Mapping[str, Pair]) -> Figure:
+def _figure(recordings: Mapping[str, Pair]) -> Figure:
     figure, (ax,) = panels(1, height=3.0)
-    for name, pair in found.items():
+    for name, pair in recordings.items():
         angle = "theta_rad" if name == "a3" else "phi_rad"
-        ax.plot(pair.there["t_s"], 1e6 * pair.difference(angle), linewidth=1.0, label=name)
+        ax.plot(pair.recorded["t_s"], 1e6 * pair.difference(angle), linewidth=1.0, label=name)
     ax.set(xlabel="time [s]", ylabel="Gazebo less here [µrad]")
     ax.legend(ncols=4, loc="upper left")
     return figure
@@ -213,12 +213,12 @@ def _figure(found: Mapping[str, Pair]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "gazebo",
         "Runs of the article's own simulator, Gazebo Classic 11.1, beside the same runs here.",
         recording=False,
     )
-    return harness.conduct(made, experiment, argv)
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -341,7 +341,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         action="store_true",
         help="also make each lift as short as it can be, some ten seconds a site (extra `optimal`)",
     )
-    return harness.conduct(made, experiment, argv)
+    return harness.run_experiment(made, experiment, argv)
 
 
 if __name__ == "__main__":

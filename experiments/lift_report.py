@@ -17,7 +17,7 @@ from cranedyn.command import FAILED, command
 from cranedyn.lifting.chart import CHARTS, read_chart
 from cranedyn.lifting.factors import DriveClass, HoistingClass
 from experiments import harness
-from experiments.harness.arguments import called
+from experiments.harness.arguments import command_name
 from experiments.scenarios.moves import LIMITS
 
 if TYPE_CHECKING:
@@ -97,11 +97,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
         nonlocal judgement, folder, again
-        folder, again = options.folder, " ".join([called("lift_report"), *options.words])
+        folder, again = options.folder, " ".join([command_name("lift_report"), *options.argv])
         judgement = _judge(options, setup)
         return _outcome(judgement, setup, again)
 
-    code = harness.conduct(_parser(), experiment, argv)
+    code = harness.run_experiment(_parser(), experiment, argv)
     if judgement is None or code not in (0, FAILED):
         return code
     judged = judgement

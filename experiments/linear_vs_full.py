@@ -10,7 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from experiments import harness
-from experiments.linear.runs import Case, cases, powers, reaches, scan
+from experiments.harness import Claim, Outcome, Setup
+from experiments.linear.runs import LinearCase, powers, reaches, run_cases, scan
 from experiments.linear.sites import ANGLES, SHARES, SITES, short_slews, slow_slews
 from experiments.linear.tables import (
     RPM,
@@ -40,14 +41,14 @@ SHOWN = ("slew", "slew, trolley, fast hoist")
 """Moves of the 71 EC-B 5 to look at."""
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
-    """Every move of every crane, slower slews, slow hoisting."""
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
+    """Make every move of every crane, slower slews, and slow hoisting."""
     from cranedyn.recording import Run
-    from experiments.linear.figures import dropped_figure, slew_figure, swing_figure
+    from experiments.linear.figures import angles_figure, dropped_figure, slew_figure
 
     setup = replace(setup, dt=DT, control_period=CONTROL_PERIOD)
     cranes = {site: site.crane(setup) for site in SITES}
-    found = [case for site, crane in cranes.items() for case in cases(setup, site, crane)]
+    cases = [case for site, crane in cranes.items() for case in run_cases(setup, site, crane)]
     slow = {
         site.name: scan(setup, crane, slow_slews(site, crane)) for site, crane in cranes.items()
     }
@@ -57,9 +58,9 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     rates = {site.name: site.slew * reaches(SHARES, slow[site.name], GOOD) for site in SITES}
     angles = {site.name: reaches(ANGLES, short[site.name], GOOD) for site in SITES}
     hoisted = {site.name: powers(setup, site, crane) for site, crane in cranes.items()}
-    shown = [case for case in found if case.site is SITES[1] and case.job.name in SHOWN]
-    of_site = {site: [case for case in found if case.site is site] for site in SITES}
-    return harness.Outcome(
+    drawn = [case for case in cases if case.site is SITES[1] and case.job.name in SHOWN]
+    of_site = {site: [case for case in cases if case.site is site] for site in SITES}
+    return Outcome(
         tables=[
             *(errors_table(site, some) for site, some in of_site.items()),
             *(dropped_table(site, some) for site, some in of_site.items()),
@@ -67,7 +68,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             angles_table(short, angles, GOOD),
             powers_table(hoisted),
         ],
-        claims=claims(found, rates, angles, hoisted),
+        claims=claims(cases, rates, angles, hoisted),
         parameters={
             "gravity_m_s2": setup.gravity,
             "dt_s": setup.dt,
@@ -75,74 +76,72 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             "engine": setup.engine,
         },
         trajectories={
-            case.job.name.replace(", ", "_").replace(" ", "_"): case.run for case in shown
+            case.job.name.replace(", ", "_").replace(" ", "_"): case.run for case in drawn
         },
         figures={
-            name: swing_figure(case, setup.gravity)
-            for name, case in zip(("swing_slew", "swing_all"), shown, strict=True)
+            name: angles_figure(case, setup.gravity)
+            for name, case in zip(("swing_slew", "swing_all"), drawn, strict=True)
         }
-        | {"slews": slew_figure(slow, short, GOOD), "dropped": dropped_figure(found, SHOWN)},
+        | {"slews": slew_figure(slow, short, GOOD), "dropped": dropped_figure(cases, SHOWN)},
         recording=[
             Run(case.job.name, cranes[case.site], case.run, (120.0 * i, 0.0, 0.0))
-            for i, case in enumerate(shown)
+            for i, case in enumerate(drawn)
         ],
     )
 
 
 def claims(
-    found: Sequence[Case],
+    cases: Sequence[LinearCase],
     rates: Mapping[str, float],
     angles: Mapping[str, float],
     hoisted: Mapping[str, Sequence[float]],
-) -> list[harness.Claim]:
-    """What holds where, as far as these moves show it."""
-    alone = [case.paper.rms for case in found if case.job.name in ALONE]
-    slewing = [case for case in found if case.job.name.startswith("slew")]
+) -> list[Claim]:
+    """Claim where the linear equations hold, as far as these moves show it."""
+    alone = [case.paper.rms for case in cases if case.job.name in ALONE]
+    slewing = [case for case in cases if case.job.name.startswith("slew")]
     terms = [
         case.dropped[name]
         for case in slewing
         for name in OF_SLEWING
         if case.site is SITES[1] and "spline" not in case.job.name
     ]
-    off, back = [case.paper.rms for case in slewing], [case.rates.rms for case in found]
-    others = min(case.paper.rms for case in found if case.job.name not in ALONE)
+    off, back = [case.paper.rms for case in slewing], [case.rates.rms for case in cases]
+    full_speed = min(case.paper.rms for case in cases if case.job.name not in ALONE)
     shares = [rates[site.name] / site.slew for site in SITES]
     plant, eq8 = ([powers[k] for powers in hoisted.values()] for k in (0, 1))
     return [
-        harness.Claim(
+        Claim(
             f"Trolley alone at full speed: Eq. (8) is off by {_span(alone)} on every crane, less "
             f"than the step's own {100 * OF_STEP:g} %.",
             max(alone) < OF_STEP,
         ),
-        harness.Claim(
+        Claim(
             "Jib of 50 m at 0.8 rpm: the centrifugal and Coriolis terms dropped are "
             f"{_span(terms)} of the kept term, all above 15 %.",
             min(terms) > 0.15,
         ),
-        harness.Claim(
+        Claim(
             f"At the cranes' slew rates Eqs. (8) and (10) are off by {_span(off)}, above 30 % in "
             "every move.",
             min(off) > 0.3,
         ),
-        harness.Claim(
+        Claim(
             f"With the dropped terms put back every move is within 5 % ({_span(back)}), left by "
             "finite angles.",
             max(back) < 0.05,
         ),
-        harness.Claim(
+        Claim(
             f"Hoisted slowly a swing goes with the power {plant[0]:+.3f} of the cable, by Eq. (8) "
-            f"with {eq8[0]:+.3f}: -3/4 and +1/4 "
-            "within 0.005 on every crane, so that Eq. (8) is off by the ratio of the lengths, at "
-            "any speed.",
+            f"with {eq8[0]:+.3f}: -3/4 and +1/4 within 0.005 on every crane, so that Eq. (8) is "
+            "off by the ratio of the lengths, at any speed.",
             all(abs(p + 0.75) < 0.005 for p in plant) and all(abs(p - 0.25) < 0.005 for p in eq8),
         ),
-        harness.Claim(
+        Claim(
             f"Good to {100 * GOOD:g} % are the trolley alone, slews of {min(angles.values()):.1f}° "
-            "or less, and slews at "
-            f"{RPM * min(rates.values()):.2f} rpm or less, a tenth of the crane's rate at most; "
-            f"every move at full speed that slews or hoists is off by {100 * others:.0f} % or "
-            "more.",
-            max(alone) < GOOD < others and max(shares) < 0.1,
+            f"or less, and slews at {RPM * min(rates.values()):.2f} rpm or less, a tenth of the "
+            "crane's rate at most; every move at full speed that slews or hoists is off by "
+            f"{100 * full_speed:.0f} % or more.",
+            max(alone) < GOOD < full_speed and max(shares) < 0.1,
         ),
     ]
 
@@ -153,11 +152,11 @@ def _span(shares: Sequence[float]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "linear_vs_full",
         "The paper's linear swing, Eqs. (8) and (10), beside the plant on four cranes.",
     )
-    return harness.conduct(made, experiment, argv)
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import spline
 from experiments import harness
+from experiments.harness import Claim, Outcome, Setup, Table, tabulate
 from experiments.oracles.reading import locked
 
 LINKS = (50.0, 10.0, 1.0, 0.1, 1e-2, 1e-4, 1e-6, 0.0)
@@ -33,23 +34,18 @@ SWING, LENGTH, DURATION, TOUR = 0.10, 15.0, 40.0, 20.0
 """Swing at the start [rad], cable length [m], length of a free swing and of a tour [s]."""
 
 
-def swing(setup: harness.Setup, link: float) -> Trajectory:
-    """Free swing from rest with the drives locked and dummy links of a given mass [kg]."""
+def swing(setup: Setup, link: float) -> Trajectory:
+    """Swing the load from rest with the drives locked and dummy links of a given mass [kg]."""
     crane = setup.variant(dummy_mass=link, dummy_inertia=link, damp_swing=0)
     start = crane.state(l=LENGTH, phi=SWING)
+    label, drives = f"links of {link:g} kg", locked(crane)
     return setup.simulate(
-        crane,
-        locked(crane),
-        None,
-        start=start,
-        duration=DURATION,
-        label=f"links of {link:g} kg",
-        drive="motion",
+        crane, drives, None, start=start, duration=DURATION, label=label, drive="motion"
     )
 
 
 def period(trajectory: Trajectory) -> float:
-    """Mean period from zero crossings [s].
+    """Return the mean period from zero crossings [s].
 
     Raises:
         DataError: If the load does not swing through twice.
@@ -62,33 +58,30 @@ def period(trajectory: Trajectory) -> float:
     return 2.0 * float(crossings[-1] - crossings[0]) / (len(crossings) - 1)
 
 
-def of_step(setup: harness.Setup, period: float) -> float:
-    """Share by which semi-implicit Euler shortens the period [s] of a small swing, (ω dt)²/24; a
-    finite swing A changes A² of it.
+def of_step(setup: Setup, period: float) -> float:
+    """Return the share by which semi-implicit Euler shortens the period [s] of a small swing, (ω
+    dt)²/24; a finite swing A changes A² of it.
     """
     return (2.0 * math.pi / period * setup.dt) ** 2 / 24.0
 
 
-def between_rows(setup: harness.Setup, period: float) -> float:
-    """What straight lines between rows h apart may add to the period [s], relative: twice (ω h)²
-    h/(36 √3) over the run.
+def between_rows(setup: Setup, period: float) -> float:
+    """Return the relative error of a period [s] by straight lines between rows h apart: twice (ω
+    h)² h/(36 √3) over the run.
     """
+    h = setup.control_period
     return (
-        2.0
-        * (2.0 * math.pi / period * setup.control_period) ** 2
-        * setup.control_period
-        / (36.0 * math.sqrt(3.0))
-        / (DURATION - period)
+        2.0 * (2.0 * math.pi / period * h) ** 2 * h / (36.0 * math.sqrt(3.0)) / (DURATION - period)
     )
 
 
-def rounding(setup: harness.Setup, duration: float) -> float:
-    """What rounding of each step adds up to over a run [s], as a random walk does."""
+def rounding(setup: Setup, duration: float) -> float:
+    """Return the sum of rounding errors of all steps of a run [s], as of a random walk."""
     return math.sqrt(duration / setup.dt) * sys.float_info.epsilon
 
 
-def tour(setup: harness.Setup, crane: Crane) -> Trajectory:
-    """All three drives in prescribed motion at once, with a swing at the start."""
+def tour(setup: Setup, crane: Crane) -> Trajectory:
+    """Move all three drives in prescribed motion at once, with a swing at the start."""
     start = crane.state(x=8.0, l=LENGTH, phi=0.05, theta=-0.03)
     reference = spline(crane, start, [(0.4, 14.0, LENGTH - 4.0)], [12.0], at=1.0)
     drives = follow(crane, reference, setup.control_period)
@@ -105,7 +98,7 @@ def tour(setup: harness.Setup, crane: Crane) -> Trajectory:
     )
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Sweep the dummy links, then the load."""
     from cranedyn.recording import Run
 
@@ -126,7 +119,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     allowed = SWING**2 * of_step(setup, theory_periods[0.0]) + between_rows(
         setup, theory_periods[0.0]
     )
-    light, inertia = (found[1e-6] / found[0.0] - 1.0 for found in (periods, theory_periods))
+    light, inertia = (table[1e-6] / table[0.0] - 1.0 for table in (periods, theory_periods))
     points = {
         m: tour(
             setup,
@@ -138,23 +131,23 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     }
     rigid = {m: tour(setup, setup.variant(payload_mass=m, damp_swing=0)) for m in LOADS}
     spread, spread_rigid = _spread(points), _spread(rigid)
-    return harness.Outcome(
+    return Outcome(
         tables=[_links_table(crane, periods, theory_periods), _loads_table(points, rigid)],
         claims=[
-            harness.Claim(
+            Claim(
                 "Dummy links from 50 kg down to none run without trouble, and their periods are "
                 "those of the compound pendulum less "
                 f"(ω dt)²/24 of the step, {of_step(setup, theory_periods[0.0]):.1e}, within "
                 f"{allowed:.1e} (worst {off:.1e}).",
                 finite and off < allowed,
             ),
-            harness.Claim(
+            Claim(
                 f"Links of 1e-6 kg beside a load of {crane.payload_mass:g} kg change the period by "
                 f"{light:.1e}, as their inertia must, "
                 f"within rounding, {rounding(setup, DURATION):.0e}.",
                 abs(light - inertia) < rounding(setup, DURATION),
             ),
-            harness.Claim(
+            Claim(
                 "With exact drives a point load of 10 kg and one of 100 t swing alike within "
                 f"rounding, {rounding(setup, TOUR):.0e} rad "
                 f"({spread:.0e}); with inertia they do not ({spread_rigid:.1e}).",
@@ -169,62 +162,41 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
 
 
 def _spread(runs: dict[float, Trajectory]) -> float:
-    """Largest difference in swing between any two runs [rad]."""
+    """Return the largest difference in swing between any two runs [rad]."""
     swings = np.stack([r.coordinates("phi", "theta") for r in runs.values()])
     return float(np.ptp(swings, axis=0).max())
 
 
-def _links_table(
-    crane: Crane, periods: dict[float, float], expected: dict[float, float]
-) -> harness.Table:
-    rows = [
-        (
-            m,
-            crane.payload_mass / m if m else None,
-            T,
-            expected[m],
-            T / expected[m] - 1,
-            T / periods[0.0] - 1,
-        )
-        for m, T in periods.items()
-    ]
-    columns = [
-        ("link [kg]", "g"),
-        ("load/link", ".0e"),
-        ("T [s]", ".8f"),
-        ("compound pendulum [s]", ".8f"),
-        ("relative", "+.1e"),
-        ("against no links", "+.1e"),
-    ]
-    return harness.Table(
+def _links_table(crane: Crane, periods: dict[float, float], expected: dict[float, float]) -> Table:
+    return tabulate(
         "Free swing with ever lighter links between the swing joints",
-        columns,
-        rows,
+        periods,
+        [
+            ("link [kg]", "g", lambda m: m),
+            ("load/link", ".0e", lambda m: crane.payload_mass / m if m else None),
+            ("T [s]", ".8f", lambda m: periods[m]),
+            ("compound pendulum [s]", ".8f", lambda m: expected[m]),
+            ("relative", "+.1e", lambda m: periods[m] / expected[m] - 1),
+            ("against no links", "+.1e", lambda m: periods[m] / periods[0.0] - 1),
+        ],
         "The article's engine diverged at 1 kg.",
     )
 
 
-def _loads_table(points: dict[float, Trajectory], rigid: dict[float, Trajectory]) -> harness.Table:
-    rows = [
-        (
-            m,
-            *(
-                float(np.abs(r[m][name]).max())
-                for r in (points, rigid)
-                for name in ("phi_rad", "theta_rad")
-            ),
-        )
-        for m in points
-    ]
-    columns = [
-        ("load [kg]", "g"),
-        ("point: max φ [rad]", ".9f"),
-        ("max θ [rad]", ".9f"),
-        ("400 kg m²: max φ [rad]", ".9f"),
-        ("max θ [rad]", ".9f"),
-    ]
-    return harness.Table(
-        "All drives in prescribed motion: swing of loads of different mass", columns, rows
+def _loads_table(points: dict[float, Trajectory], rigid: dict[float, Trajectory]) -> Table:
+    def largest(run: Trajectory, name: str) -> float:
+        return float(np.abs(run[name]).max())
+
+    return tabulate(
+        "All drives in prescribed motion: swing of loads of different mass",
+        points,
+        [
+            ("load [kg]", "g", lambda m: m),
+            ("point: max φ [rad]", ".9f", lambda m: largest(points[m], "phi_rad")),
+            ("max θ [rad]", ".9f", lambda m: largest(points[m], "theta_rad")),
+            ("400 kg m²: max φ [rad]", ".9f", lambda m: largest(rigid[m], "phi_rad")),
+            ("max θ [rad]", ".9f", lambda m: largest(rigid[m], "theta_rad")),
+        ],
     )
 
 
@@ -233,19 +205,11 @@ def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
     masses = np.array([m for m in periods if m > 0])
     gain = np.array([periods[m] / periods[0.0] - 1 for m in masses])
     ax.loglog(masses, gain, "o", color=COLOURS["phi"], label="simulated")
-    ax.loglog(
-        masses,
-        masses / (crane.payload_mass * LENGTH**2 + crane.payload_inertia[0, 0]),
-        color=COLOURS["setpoint"],
-        label="I/(2 m l²), two links",
-    )
+    theory_gain = masses / (crane.payload_mass * LENGTH**2 + crane.payload_inertia[0, 0])
+    ax.loglog(masses, theory_gain, color=COLOURS["setpoint"], label="I/(2 m l²), two links")
     ax.axvline(1.0, linestyle=":", color=COLOURS["unexplained"])
-    ax.annotate(
-        "the article's engine\ndiverged here",
-        (1.0, gain.min()),
-        xytext=(6, 0),
-        textcoords="offset points",
-    )
+    text, offset = "the article's engine\ndiverged here", "offset points"
+    ax.annotate(text, (1.0, gain.min()), xytext=(6, 0), textcoords=offset)
     ax.set(xlabel="mass of each link [kg]", ylabel="gain in period over no links")
     ax.legend()
     return figure
@@ -253,11 +217,11 @@ def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "mass_ratio", "Light links between the swing joints, and loads of any mass."
     )
-    harness.add_setup(made, "dummy_mass", "dummy_inertia", "damp_swing", "hoist_init")
-    return harness.conduct(made, experiment, argv)
+    harness.add_setup(parser, "dummy_mass", "dummy_inertia", "damp_swing", "hoist_init")
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

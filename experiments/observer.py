@@ -10,6 +10,7 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -19,7 +20,8 @@ from cranedyn.errors import CraneError
 from cranedyn.plotting.figures import panels
 from cranedyn.plotting.style import run_colour
 from experiments import harness
-from experiments.compare_observers import LEFT
+from experiments.compare.observers import LEFT
+from experiments.harness import Claim, Column, Outcome, ProgressReporter, Setup, Table, tabulate
 from experiments.scenarios.moves import MOVES
 from experiments.scenarios.perturbations import AFTER_UNTOLD, Perturbation, make
 from experiments.scenarios.strategies import FLAT, STRATEGIES
@@ -41,91 +43,81 @@ Cases = Mapping[tuple[str, str, float, float], float]
 """Swing at the arrival [rad] by sensors, kind, load and cable; inf where the run breaks off."""
 
 
-def left(setup: harness.Setup, sensors: Sequence[str]) -> Cases:
+def residual_swings(setup: Setup, sensors: Sequence[str]) -> Cases:
     """Make every move."""
     plan = STRATEGIES[FLAT](setup, COMBINED)
     cases = [
-        (seen, kind, load, cable)
-        for seen, kind, load, cable in itertools.product(sensors, KINDS, LOADS, CABLES)
+        (sensors_used, kind, load, cable)
+        for sensors_used, kind, load, cable in itertools.product(sensors, KINDS, LOADS, CABLES)
         if cable or kind == KINDS[0]
     ]
     update = setup.reporter.count("observer", len(cases))
-    alone = replace(setup, reporter=harness.ProgressReporter(None))
-    found = {}
+    alone = replace(setup, reporter=ProgressReporter())
+    swings = {}
     for done, case in enumerate(cases, start=1):
-        seen, kind, load, cable = case
+        sensors_used, kind, load, cable = case
         cables = {"cable": cable} if kind == "share" else {"offset": cable * COMBINED.start[2]}
-        untold = Perturbation(str(case), load=load, observer=seen, **cables)  # type: ignore[arg-type]
+        untold = Perturbation(str(case), load=load, observer=sensors_used, **cables)  # type: ignore[arg-type]
         try:
             _, scored = make(alone, COMBINED, plan, untold, after=AFTER_UNTOLD)
-            found[case] = scored.arrival
+            swings[case] = scored.arrival
         except CraneError as error:
             if interrupted(error):
                 raise
-            found[case] = math.inf
+            swings[case] = math.inf
         update(done)
-    return found
+    return swings
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Make the combined move over the grid and see what is left."""
-    found = left(setup, options.sensors)
+    swings = residual_swings(setup, options.sensors)
     claims = []
-    for seen in options.sensors:
-        worst = max((case for case in found if case[0] == seen), key=lambda case: found[case])
+    for sensors in options.sensors:
+        worst = max((case for case in swings if case[0] == sensors), key=lambda case: swings[case])
         _, kind, load, cable = worst
         claims.append(
-            harness.Claim(
-                f"By the sensors “{seen}” {1e3 * LEFT:g} mrad are left at the arrival at most over "
-                f"the whole grid: {1e3 * found[worst]:.3f} mrad with {100 * load:g} % of the load "
-                f"and {100 * cable:+g} % of cable ({kind}).",
-                found[worst] <= LEFT,
+            Claim(
+                f"By the sensors “{sensors}” {1e3 * LEFT:g} mrad are left at the arrival at most "
+                f"over the whole grid: {1e3 * swings[worst]:.3f} mrad with {100 * load:g} % of the "
+                f"load and {100 * cable:+g} % of cable ({kind}).",
+                swings[worst] <= LEFT,
             )
         )
-    return harness.Outcome(
-        tables=[_table(found)],
+    return Outcome(
+        tables=[_table(swings)],
         claims=claims,
         parameters=setup.parameters() | {"loads": LOADS, "cables": CABLES},
-        figures={"left": _figure(found)},
+        figures={"left": _figure(swings)},
     )
 
 
-def _table(found: Cases) -> harness.Table:
-    rows = [
-        (
-            f"{seen}, {kind}",
-            *(
-                1e3 * value if math.isfinite(value) else None
-                for load, cable in itertools.product(LOADS, CABLES)
-                for value in [found.get((seen, kind, load, cable), math.inf)]
-            ),
-        )
-        for seen, kind in dict.fromkeys((case[0], case[1]) for case in found)
+def _table(swings: Cases) -> Table:
+    grid = list(itertools.product(LOADS, CABLES))
+
+    def swing(sensors_kind: tuple[str, str], load: float, cable: float) -> float | None:
+        value = swings.get((*sensors_kind, load, cable), math.inf)
+        return 1e3 * value if math.isfinite(value) else None
+
+    columns: list[Column] = [
+        (f"{100 * load:g} %, {100 * cable:+g} %", ".3g", partial(swing, load=load, cable=cable))
+        for load, cable in grid
     ]
-    columns = [
-        (f"{100 * load:g} %, {100 * cable:+g} %", ".3g")
-        for load, cable in itertools.product(LOADS, CABLES)
-    ]
-    return harness.Table(
+    return tabulate(
         "Swing at the arrival, flat + LQR, load and cable not told [mrad]",
-        [("sensors, cable off by", ""), *columns],
-        rows,
+        dict.fromkeys((sensors, kind) for sensors, kind, *_ in swings),
+        [("sensors, cable off by", "", ", ".join), *columns],
         "Columns: load over that planned for, and how much longer the cable is. A dash: the run "
         "breaks off, or the cable is as read and stands one row above.",
     )
 
 
-def _figure(found: Cases) -> Figure:
+def _figure(swings: Cases) -> Figure:
     figure, (ax,) = panels(height=3.4)
-    for k, seen in enumerate(dict.fromkeys(case[0] for case in found)):
-        values = np.array([value for case, value in found.items() if case[0] == seen])
-        ax.plot(
-            1e3 * np.sort(values),
-            np.arange(1, len(values) + 1) / len(values),
-            drawstyle="steps-post",
-            color=run_colour(k),
-            label=seen,
-        )
+    for k, sensors in enumerate(dict.fromkeys(case[0] for case in swings)):
+        values = np.array([value for case, value in swings.items() if case[0] == sensors])
+        share, style = np.arange(1, len(values) + 1) / len(values), "steps-post"
+        ax.plot(1e3 * np.sort(values), share, drawstyle=style, color=run_colour(k), label=sensors)
     ax.axvline(1e3 * LEFT, linestyle=":", color="#999999")
     ax.set(xscale="log", xlabel="swing at the arrival [mrad]", ylabel="share of the grid")
     ax.legend()
@@ -134,12 +126,12 @@ def _figure(found: Cases) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser("observer", "loads and cables that nobody told, over a grid.")
-    harness.add_setup(made, "payload_mass")
-    made.add_argument(
+    parser = harness.parser("observer", "loads and cables that nobody told, over a grid.")
+    harness.add_setup(parser, "payload_mass")
+    parser.add_argument(
         "--sensors", nargs="+", choices=SENSORS, default=list(SENSORS), help="what is measured"
     )
-    return harness.conduct(made, experiment, argv)
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ from cranedyn.plotting.html import (
 from cranedyn.recording.sketch import sketch
 from experiments import harness
 from experiments.catalogue import EXPERIMENTS, Entry
-from experiments.harness.arguments import add_engine, called
+from experiments.harness.arguments import add_engine, command_name
 from experiments.harness.outcome import summary
 
 _LARGEST_FIGURE = 50_000_000
@@ -47,7 +47,7 @@ _LARGEST_FIGURE = 50_000_000
 
 
 def page(folders: Sequence[Path]) -> str:
-    """The report as one HTML document that needs nothing else.
+    """Return the report as one HTML document that needs nothing else.
 
     Args:
         folders: Folders of results, each with a ``result.json`` and figures.
@@ -74,25 +74,27 @@ def page(folders: Sequence[Path]) -> str:
 
 
 def _first(results: Sequence[dict[str, Any]]) -> str:
-    """The first screen: when, the crane, how many claims hold, a line for each experiment."""
+    """Return the first screen: date, crane, number of claims that hold, a line for each
+    experiment.
+    """
     today = date.today()
     claims = [
         harness.Claim(c["sentence"], c["holds"]) for result in results for c in result["claims"]
     ]
-    held, failed = (sum(claim.holds is kind for claim in claims) for kind in (True, False))
+    holding, failed = (sum(claim.holds is kind for claim in claims) for kind in (True, False))
     rows = "".join(
         f'<tr><td><a href="#{escape(r["experiment"])}">{escape(_entry(r).title)}</a></td>'
         f"<td>{escape(_entry(r).line)}</td><td>{_of_total(r['claims'])}</td></tr>"
         for r in results
     )
     words = summary(claims).partition(f"of {len(claims)} ")[2]
-    verdict = "held" if held == len(claims) else "fails" if failed else "open"
+    verdict = "held" if holding == len(claims) else "fails" if failed else "open"
     crane = load_crane()
     picture = sketch(crane, crane.state(phi=0.06))
     return (
         '<div class="first"><div><h1>cranedyn: what it claims, and what was found</h1>'
         f'<p class="lead">{today.day} {today:%B %Y} · cranedyn {escape(__version__)}</p>'
-        f'<p class="count {verdict}">{held} of {len(claims)}</p><p>{escape(words)}</p></div>'
+        f'<p class="count {verdict}">{holding} of {len(claims)}</p><p>{escape(words)}</p></div>'
         f'<figure><img alt="The crane from the side" src="{svg_address(picture)}">'
         "<figcaption>The crane of the experiments, from the side.</figcaption></figure></div>"
         '<div class="table"><table class="summary"><thead><tr><th>experiment</th><th>what it '
@@ -102,22 +104,22 @@ def _first(results: Sequence[dict[str, Any]]) -> str:
 
 
 def _of_total(claims: Sequence[Mapping[str, Any]]) -> str:
-    held, failed = (sum(c["holds"] is kind for c in claims) for kind in (True, False))
-    kind = "fails" if failed else "held" if held == len(claims) else "open"
-    unknown = len(claims) - held - failed
-    return f'<span class="{kind}">{held} of {len(claims)}</span>' + (
+    holding, failed = (sum(c["holds"] is kind for c in claims) for kind in (True, False))
+    kind = "fails" if failed else "held" if holding == len(claims) else "open"
+    unknown = len(claims) - holding - failed
+    return f'<span class="{kind}">{holding} of {len(claims)}</span>' + (
         f", {unknown} not judged" if unknown else ""
     )
 
 
 def _entry(result: Mapping[str, Any]) -> Entry:
-    """What the catalogue says of an experiment, or what it says of itself."""
+    """Return the catalogue's entry of an experiment, or one made of its result."""
     name = str(result["experiment"])
     return EXPERIMENTS.get(name) or Entry(name, str(result["about"]))
 
 
 def read_result(folder: Path) -> dict[str, Any]:
-    """The result in a folder.
+    """Read the result in a folder.
 
     Raises:
         DataError: If there is none.
@@ -159,8 +161,8 @@ def _none(file: Path, error: Exception) -> DataError:
 
 
 def _made(folder: Path) -> bool:
-    """Whether a result is there, and every file that it lists; what is wrong with it otherwise is
-    said when it is read.
+    """Return whether a result and every file that it lists exist; other errors are raised when it
+    is read.
     """
     file = folder / "result.json"
     try:
@@ -219,7 +221,7 @@ def _table(kept: dict[str, Any]) -> str:
 
 
 def best_figure(name: str, files: Mapping[str, str]) -> str:
-    """The figure as drawing where there is one."""
+    """Return the vector file of a figure if there is one."""
     drawing = f"{Path(name).stem}.svg"
     return drawing if drawing in files else name
 
@@ -236,28 +238,18 @@ def figure_html(folder: Path, name: str) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run what is missing, write the page; 0, or the first code of an experiment that is not 0."""
-    parser = Parser(prog=called("report"), description="All experiments on one page, report.html.")
-    parser.add_argument(
-        "--out",
-        metavar="DIR",
-        default="out",
-        help="folder of all results, one folder inside for each experiment (default out)",
+    parser = Parser(
+        prog=command_name("report"), description="All experiments on one page, report.html."
     )
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        metavar="NAME",
-        default=list(EXPERIMENTS),
-        help="which experiments (default all)",
-    )
+    text = "folder of all results, one folder inside for each experiment (default out)"
+    parser.add_argument("--out", metavar="DIR", default="out", help=text)
+    text = "which experiments (default all)"
+    parser.add_argument("--only", nargs="+", metavar="NAME", default=list(EXPERIMENTS), help=text)
     parser.add_argument(
         "--again", action="store_true", help="run experiments whose results are there already, too"
     )
-    parser.add_argument(
-        "--quick",
-        action="store_true",
-        help="run the least of what is missing, to see the page; claims need not hold",
-    )
+    text = "run the least of what is missing, to see the page; claims need not hold"
+    parser.add_argument("--quick", action="store_true", help=text)
     add_engine(parser)
     return command(lambda: _main(parser.parse_args(argv)))
 
@@ -283,21 +275,21 @@ def _main(options: argparse.Namespace) -> int:
             if code == INTERRUPTED:
                 return code
             codes.append(code)
-        made = [name for name in options.only if os.path.isfile(folder / name / "result.json")]
-        for name in set(options.only) - set(made):
+        finished = [name for name in options.only if os.path.isfile(folder / name / "result.json")]
+        for name in set(options.only) - set(finished):
             print(
                 f"{EXPERIMENTS[name].title} ({name}) could not be made and is not on the page.",
                 file=sys.stderr,
             )
-        if not made:
+        if not finished:
             return max(codes)
-        write_text(folder / "report.html", page([folder / name for name in made]))
+        write_text(folder / "report.html", page([folder / name for name in finished]))
     print(f"Written to {folder / 'report.html'}.")
     return max(codes)
 
 
 def _words(name: str, options: argparse.Namespace, folder: Path) -> list[str]:
-    """The arguments of an experiment."""
+    """Return the arguments of an experiment."""
     entry = EXPERIMENTS[name]
     engine = [] if options.engine == "pinocchio" else ["--engine", options.engine]
     return [*(entry.quick if options.quick else entry.words), *engine, f"--out={folder / name}"]

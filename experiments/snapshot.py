@@ -20,7 +20,7 @@ from cranedyn.checks import number
 from cranedyn.command import Parser, command
 from cranedyn.data.files import atomic_write_set, lock_folder
 from cranedyn.recording.snapshot import animate, snapshot
-from experiments.harness.arguments import called
+from experiments.harness.arguments import command_name
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -28,7 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
     to draw with.
     """
     parser = Parser(
-        prog=called("snapshot"), description="Pictures of a recording, without a display."
+        prog=command_name("snapshot"), description="Pictures of a recording, without a display."
     )
     parser.add_argument("recording", metavar="RECORDING", type=Path, help="the .rrd file")
     parser.add_argument(

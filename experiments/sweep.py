@@ -16,7 +16,6 @@ from cranedyn.sweep import Design, cross, grid, sweep
 from cranedyn.sweep.cluster import tls
 from cranedyn.sweep.limits import check_memory
 from experiments import harness
-from experiments.harness.progress import watching
 from experiments.harness.swept import columns_swept
 from experiments.scenarios.drawn import DRAWN, drawn
 from experiments.scenarios.robustness import AFTER, COMBINED, IDEAL, SWEPT, robustness
@@ -81,7 +80,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         scheduler=options.scheduler,
         security=tls(*tls_files) if all(tls_files) else None,
         limit=options.limit,
-        progress=watching(setup.reporter, "cases"),
+        progress=setup.reporter.sweep("cases"),
     )
     found = columns_swept(folder)
     parameters = replace(setup, validity="mark").parameters() | {
@@ -279,7 +278,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     made.add_argument("--tls-key", metavar="FILE", help="its private key")
     means = "workers", "limit", "scheduler", "tls_ca_file", "tls_cert", "tls_key"
     harness.add_mode(made, "cases", "only", "without", "seed", "drive", "engine", *means)
-    return harness.conduct(made, experiment, argv)
+    return harness.run_experiment(made, experiment, argv)
 
 
 def _count(text: str) -> int:

@@ -14,6 +14,7 @@ from cranedyn.checks import number
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
 from experiments import harness
+from experiments.harness import Claim, Outcome, Setup, Table, tabulate
 from experiments.oracles import conserved, hoisting, moves, slewing, swing
 from experiments.oracles.check import STEP, Check, G, check, point_crane
 from experiments.oracles.reading import Bench, locked
@@ -32,14 +33,14 @@ ORDER = 0.02
 
 
 def checks(bench: Bench, halvings: int) -> dict[str, list[Check]]:
-    """Every oracle of every part, run."""
+    """Run every oracle of every part."""
     return {
         title: [check(oracle, halvings) for oracle in oracles(bench)]
         for title, oracles in PARTS.items()
     }
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run the oracles, measure the order, record two telling runs."""
     from cranedyn.recording import Run
     from experiments.oracles.figures import convergence_figure, oval_figure, ripple_figure
@@ -58,26 +59,20 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         "steady slewing": (*slewing.turning(build, *slewing.STEADY[0]), 75.0),
     }
     setup = replace(setup, dt=1e-3)
+    mode = {"drive": "motion", "validity": "mark"}
     runs = {
         name: (
             crane,
             setup.simulate(
-                crane,
-                locked(crane),
-                None,
-                start=start,
-                duration=duration,
-                label=name,
-                drive="motion",
-                validity="mark",
+                crane, locked(crane), None, start=start, duration=end, label=name, **mode
             ),
         )
-        for name, (crane, start, duration) in telling.items()
+        for name, (crane, start, end) in telling.items()
     }
-    found = checks(bench, halvings)
-    every = list(itertools.chain(*found.values()))
-    tables = [table(title, rows) for title, rows in found.items()]
-    return harness.Outcome(
+    results = checks(bench, halvings)
+    every = list(itertools.chain(*results.values()))
+    tables = [table(title, rows) for title, rows in results.items()]
+    return Outcome(
         tables=tables,
         claims=[*map(_claim, every), _order(every)],
         parameters={
@@ -101,51 +96,53 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     )
 
 
-def table(title: str, found: Sequence[Check]) -> harness.Table:
-    """One part of mechanics."""
-    rows = [
-        (_named(c), c.oracle.closed, c.values[-1], c.error, c.of_step, c.allowed, c.order)
-        for c in found
-    ]
-    columns = [
-        ("oracle", ""),
-        ("closed form", ".10g"),
-        (f"dt = {1000 * found[0].steps[-1]:g} ms", ".7g>1e-11"),
-        ("error", "+.1e>1e-11"),
-        ("of the step", "+.1e>1e-11"),
-        ("rest within", ".0e"),
-        ("order", ".2f"),
-    ]
-    return harness.Table(title, columns, rows)
-
-
-def _named(found: Check) -> str:
-    """What an oracle is, with its unit."""
-    return f"{found.oracle.name} [{found.oracle.unit}]" if found.oracle.unit else found.oracle.name
-
-
-def _claim(found: Check) -> harness.Claim:
-    oracle = found.oracle
-    why = f", {oracle.why} among it" if oracle.why else ""
-    return harness.Claim(
-        f"{oracle.name}: {oracle.closed:.10g} {oracle.unit}".rstrip()
-        + f" for a vanishing step within {found.allowed:.0e}{why}.",
-        found.holds,
+def table(title: str, checks: Sequence[Check]) -> Table:
+    """Return the table of one part of mechanics."""
+    return tabulate(
+        title,
+        checks,
+        [
+            ("oracle", "", _named),
+            ("closed form", ".10g", lambda c: c.oracle.closed),
+            (f"dt = {1000 * checks[0].steps[-1]:g} ms", ".7g>1e-11", lambda c: c.values[-1]),
+            ("error", "+.1e>1e-11", lambda c: c.error),
+            ("of the step", "+.1e>1e-11", lambda c: c.of_step),
+            ("rest within", ".0e", lambda c: c.allowed),
+            ("order", ".2f", lambda c: c.order),
+        ],
     )
 
 
-def _order(found: Sequence[Check]) -> harness.Claim:
-    orders = [c.order for c in found if c.order is not None]
+def _named(check_run: Check) -> str:
+    """Return the name of an oracle with its unit."""
+    return (
+        f"{check_run.oracle.name} [{check_run.oracle.unit}]"
+        if check_run.oracle.unit
+        else check_run.oracle.name
+    )
+
+
+def _claim(check_run: Check) -> Claim:
+    oracle = check_run.oracle
+    why = f", {oracle.why} among it" if oracle.why else ""
+    return Claim(
+        f"{oracle.name}: {oracle.closed:.10g} {oracle.unit}".rstrip()
+        + f" for a vanishing step within {check_run.allowed:.0e}{why}.",
+        check_run.holds,
+    )
+
+
+def _order(checks_run: Sequence[Check]) -> Claim:
+    orders = [c.order for c in checks_run if c.order is not None]
     first, second = ([order for order in orders if round(order) == power] for power in (1, 2))
     spans = [
         f"{min(some):.3f} to {max(some):.3f} in {len(some)} rows"
         for some in (first, second)
         if some
     ]
-    return harness.Claim(
+    return Claim(
         "The error goes with the first power of the step, or where the step is symmetric with the "
-        f"second: orders {', '.join(spans)}, "
-        f"within {ORDER:g} of whole numbers.",
+        f"second: orders {', '.join(spans)}, within {ORDER:g} of whole numbers.",
         len(first) >= len(orders) / 2
         and len(first) + len(second) == len(orders)
         and all(abs(o - round(o)) < ORDER for o in orders),
@@ -154,28 +151,21 @@ def _order(found: Sequence[Check]) -> harness.Claim:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "validate",
         "The plant against the closed forms of mechanics, its error for a vanishing step, and its "
         "order.",
     )
-    made.add_argument(
-        "--halvings",
-        type=int,
-        default=4,
-        metavar="N",
-        help=f"how often the step of {1000 * STEP:g} ms is halved, 3 to 6",
+    text = f"how often the step of {1000 * STEP:g} ms is halved, 3 to 6"
+    parser.add_argument("--halvings", type=int, default=4, metavar="N", help=text)
+    text = (
+        "change the cranes but not the closed forms, to see which rows notice; see python -m "
+        "cranedyn.model.description --list"
     )
-    made.add_argument(
-        "--spoil",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="name:=value",
-        help="change the cranes but not the closed forms, to see which rows notice; see python -m "
-        "cranedyn.model.description --list",
+    parser.add_argument(
+        "--spoil", nargs="+", action="extend", default=[], metavar="name:=value", help=text
     )
-    return harness.conduct(made, experiment, argv)
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

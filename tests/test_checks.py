@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cranedyn.references.tour import tour
 
 from cranedyn import theory
 from cranedyn.analysis import swing as analysis
@@ -28,7 +27,8 @@ from cranedyn.errors import CraneError, OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
 from cranedyn.planning.optimal import optimal
-from cranedyn.references import Leg, Motion, flat, hold, plumb, spline
+from cranedyn.planning.tour import tour
+from cranedyn.references import Leg, Motion, flat, hanging_reference, hold, spline
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.shaped import Shaper
 from cranedyn.references.spline import Spline
@@ -39,7 +39,7 @@ from tests.helpers import crane
 
 C, REST = crane(), crane().start
 BRAKE, STILL = hold_controller(C), hold(C, REST)
-MOTION = plumb(C, STILL, 0.1)
+MOTION = hanging_reference(C, STILL, 0.1)
 RUN = simulate(C, BRAKE, duration=0.01)
 LIMITS = Limits((0.1, 1.0, 1.0), (0.05, 0.5, 0.5))
 T = np.linspace(0.0, 30.0, 600)
@@ -85,7 +85,10 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
         lambda: flat(C, REST, C.state(x=12), 1e15),
         "duration is 1000000000000000.0 s; allowed is 20000 or less: 4000000 rows",
     ),
-    (lambda: plumb(C, STILL, 1e15), "duration is 1000000000000000.0 s; allowed is 20000"),
+    (lambda: hanging_reference(C, STILL, 1e15), "duration is 1000000000000000.0 s; allowed is 20"),
+        lambda: hanging_reference(C, STILL, 1e15),
+        "duration is 1000000000000000.0 s; allowed is 20000",
+    ),
     (
         lambda: optimal(C, REST, C.state(x=12), LIMITS, duration=1e9),
         "duration is 1000000000.0 s; allowed is 20000 or less",
@@ -333,9 +336,9 @@ def test_every_row_of_a_table_of_setpoints_must_be_there_and_finite() -> None:
         def at(self, times: np.ndarray) -> Setpoint:
             return self.answer
 
-    assert len(plumb(C, Table(21, 3), 0.1).q) == 21
+    assert len(hanging_reference(C, Table(21, 3), 0.1).q) == 21
     for table in (Table(20, 3), Table(22, 3), Table(21, 2), Table(21, 3, math.nan)):
         with pytest.raises(
             OutOfRange, match=r"position of the setpoint is (an array of shape|nan)"
         ):
-            plumb(C, table, 0.1)
+            hanging_reference(C, table, 0.1)

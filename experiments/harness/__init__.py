@@ -1,18 +1,18 @@
-"""How every experiment runs: arguments, setup, progress, outcome, files."""
+"""The harness of all experiments: command line, setup, progress, tables, claims and files.
+
+Begin with `run_experiment`, which runs an experiment from the command line, and with `Outcome`,
+what an experiment returns.
+"""
 
 from cranedyn.command import FAILED, INTERRUPTED, REFUSED
 from cranedyn.errors import CraneError
 from experiments.harness.arguments import add_mode, parser
-from experiments.harness.conduct import conduct
-from experiments.harness.outcome import MARKS, Claim, Outcome, Table
-from experiments.harness.setup import (
-    ProgressReporter,
-    Setup,
-    add_files,
-    add_setup,
-    analysing,
-    recorded,
-)
+from experiments.harness.outcome import MARKS, Claim, Outcome
+from experiments.harness.progress import ProgressReporter
+from experiments.harness.recorded import add_files, name_file, read_recorded
+from experiments.harness.run import run_experiment
+from experiments.harness.setup import Setup, add_setup
+from experiments.harness.table import Column, Table, tabulate
 
 __all__ = [
     "FAILED",
@@ -20,6 +20,7 @@ __all__ = [
     "MARKS",
     "REFUSED",
     "Claim",
+    "Column",
     "CraneError",
     "Outcome",
     "ProgressReporter",
@@ -28,8 +29,9 @@ __all__ = [
     "add_files",
     "add_mode",
     "add_setup",
-    "analysing",
-    "conduct",
+    "name_file",
     "parser",
-    "recorded",
+    "read_recorded",
+    "run_experiment",
+    "tabulate",
 ]

@@ -1,4 +1,4 @@
-"""The command line of an experiment, and all that can be refused before it runs."""
+"""The command line of an experiment, and the checks before it runs."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ ROS = (".mcap", ".bag")
 """Endings of recordings of ROS."""
 
 
-def called(name: str) -> str:
-    """How the command line of an experiment begins: from a checkout, or from inside an installed
+def command_name(name: str) -> str:
+    """Return how the command line of an experiment begins: in a checkout, or in an installed
     package.
     """
     bundled = Path(__file__).parents[2].name == "_bundled"
@@ -31,121 +31,89 @@ def parser(
     recording: bool = True,
     engines: Sequence[str] = get_args(EngineName),
 ) -> argparse.ArgumentParser:
-    """A parser with the arguments that every experiment has.
+    """Return a parser with the arguments that every experiment has.
 
     Args:
-        name: Of the experiment.
+        name: Name of the experiment.
         description: What it shows.
-        recording: Whether it leaves a recording, which can be saved elsewhere and looked at.
-        engines: What may compute its steps, the default first.
+        recording: Whether it writes a recording, which can be saved elsewhere and viewed.
+        engines: Engines that may compute its steps, the default first.
     """
-    made = Parser(
-        prog=called(name),
+    result = Parser(
+        prog=command_name(name),
         description=description,
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
-    made.add_argument(
-        "--out",
-        metavar="DIR",
-        help=f"folder for results, default out/{name}",
-        default=argparse.SUPPRESS,
-    )
-    made.add_argument(
-        "--document",
-        metavar="FILE.md",
-        help="put the tables between their marks in this document, too",
-        default=argparse.SUPPRESS,
-    )
-    made.set_defaults(experiment=name, live=False, modes={}, view=False, serve=False)
+    text = f"folder for results, default out/{name}"
+    result.add_argument("--out", metavar="DIR", help=text, default=argparse.SUPPRESS)
+    text = "put the tables between their marks in this document, too"
+    result.add_argument("--document", metavar="FILE.md", help=text, default=argparse.SUPPRESS)
+    result.set_defaults(experiment=name, live=False, modes={}, view=False, serve=False)
     if recording:
-        _add_recording(made)
-    add_engine(made, engines)
-    return made
-
-
-def _add_recording(made: argparse.ArgumentParser) -> None:
-    made.add_argument(
-        "--save",
-        metavar="FILE.rrd",
-        help="write the recording here instead of into the folder",
-        default=argparse.SUPPRESS,
-    )
-    made.add_argument("--view", action="store_true", help="open the recording in the Rerun viewer")
-    made.add_argument(
-        "--serve",
-        action="store_true",
-        help="serve the recording to a browser on this machine until Ctrl-C",
-    )
-    made.add_argument(
-        "--port",
-        type=int,
-        default=9090,
-        metavar="P",
-        help="where --serve has its page; the data is at the next port",
-    )
+        text = "write the recording here instead of into the folder"
+        result.add_argument("--save", metavar="FILE.rrd", help=text, default=argparse.SUPPRESS)
+        text = "open the recording in the Rerun viewer"
+        result.add_argument("--view", action="store_true", help=text)
+        text = "serve the recording to a browser on this machine until Ctrl-C"
+        result.add_argument("--serve", action="store_true", help=text)
+        text = "where --serve has its page; the data is at the next port"
+        result.add_argument("--port", type=int, default=9090, metavar="P", help=text)
+    add_engine(result, engines)
+    return result
 
 
 def add_engine(
-    made: argparse.ArgumentParser, engines: Sequence[str] = get_args(EngineName)
+    parser: argparse.ArgumentParser, engines: Sequence[str] = get_args(EngineName)
 ) -> None:
-    """Add the choice of what computes a step, the default first."""
-    made.add_argument(
-        "--engine",
-        choices=engines,
-        default=engines[0],
-        help="what computes a step: Pinocchio's algorithms, or code compiled for the crane, which "
-        "agrees to round-off and is faster",
+    """Add the choice of the engine, the default first."""
+    text = (
+        "what computes a step: Pinocchio's algorithms, or code compiled for the crane, which "
+        "agrees to round-off and is faster"
     )
+    parser.add_argument("--engine", choices=engines, default=engines[0], help=text)
 
 
-def add_mode(made: argparse.ArgumentParser, name: str, *uses: str) -> None:
-    """Say that with one argument of an experiment only these have an effect, beside where things
-    are written; others are refused.
+def add_mode(parser: argparse.ArgumentParser, name: str, *uses: str) -> None:
+    """Refuse all arguments beside the one with this name, except those that it uses and those that
+    say where to write.
     """
-    made.set_defaults(modes={**made.get_default("modes"), name: uses})
+    parser.set_defaults(modes={**parser.get_default("modes"), name: uses})
 
 
-def parsed(made: argparse.ArgumentParser, argv: Sequence[str] | None) -> argparse.Namespace:
-    """The arguments, checked as far as they can be before a run, with the folder of the results and
-    the file of the recording.
+def parse(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argparse.Namespace:
+    """Return the arguments, with the folder of the results and the file of the recording, checked
+    as far as possible before a run.
 
     Raises:
-        DataError: If an argument would be ignored, or a file has a name that it cannot have.
-        CraneError: If a recording could not be made, or not shown as asked for.
+        DataError: If an argument has no effect, or a file cannot have its name.
+        CraneError: If a recording could not be made or viewed.
     """
-    options = made.parse_args(argv)
-    _check_effect(made, options)
+    options = parser.parse_args(argv)
+    _check_effect(parser, options)
     _check_recording(options)
     options.folder, options.recording = _targets(options)
     return options
 
 
-def _check_effect(made: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    given = [name for name, value in vars(options).items() if value != made.get_default(name)]
-    flags = {
+def _check_effect(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    changed = {
         name: f"--{ {'files': 'from', 'values': 'set'}.get(name, name.replace('_', '-')) }"
-        for name in given
+        for name, value in vars(options).items()
+        if value != parser.get_default(name)
     }
     for mode, uses in options.modes.items():
-        if mode in given:
-            for name in given:
-                if name not in (mode, "out", "document", *uses):
-                    raise DataError(
-                        f"{flags[name]} has no effect beside {flags[mode]}; leave it out."
-                    )
-    kinds = (
-        {Path(file).suffix in ROS for file in options.files or ()} if "files" in options else set()
-    )
-    if "joints" in given and True not in kinds:
-        raise DataError(
-            "--joints has no effect without --from and an .mcap or .bag file; leave it out."
-        )
-    if "columns" in given and False not in kinds:
-        raise DataError(
-            "--columns has no effect without --from and a .csv or .parquet file; leave it out."
-        )
-    if "port" in given and not options.serve:
-        raise DataError("--port has no effect without --serve; leave it out.")
+        for name in changed if mode in changed else ():
+            if name not in (mode, "out", "document", *uses):
+                flags = f"{changed[name]} has no effect beside {changed[mode]}"
+                raise DataError(f"{flags}; leave it out.")
+    ros = {Path(file).suffix in ROS for file in getattr(options, "files", None) or ()}
+    for name, condition, holds in (
+        ("joints", "--from and an .mcap or .bag file", True in ros),
+        ("columns", "--from and a .csv or .parquet file", False in ros),
+        ("port", "--serve", options.serve),
+    ):
+        if name in changed and not holds:
+            raise DataError(f"--{name} has no effect without {condition}; leave it out.")
 
 
 def _check_recording(options: argparse.Namespace) -> None:
@@ -160,15 +128,13 @@ def _check_recording(options: argparse.Namespace) -> None:
 
 
 def _targets(options: argparse.Namespace) -> tuple[Path, Path]:
-    given = getattr(options, "out", None)
-    folder = Path(given if given is not None else Path("out") / options.experiment)
+    """Return the folder of the results and the file of the recording."""
+    folder = Path(getattr(options, "out", Path("out") / options.experiment))
     if os.path.exists(folder) and not os.path.isdir(folder):
         raise DataError(f"Cannot write to {folder}: it is not a folder.")
-    if given is not None and not os.path.isdir(folder.absolute().parent):
-        raise DataError(
-            f"Cannot make the folder {folder}: its parent {folder.absolute().parent} does not "
-            "exist."
-        )
+    parent = folder.absolute().parent
+    if hasattr(options, "out") and not os.path.isdir(parent):
+        raise DataError(f"Cannot make the folder {folder}: its parent {parent} does not exist.")
     recording = Path(getattr(options, "save", folder / f"{options.experiment}.rrd"))
     if recording.suffix != ".rrd":
         raise DataError(f"Cannot save the recording as {recording}: the ending must be .rrd.")

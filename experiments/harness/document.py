@@ -1,8 +1,7 @@
-"""Documents that show tables of experiments as printed, between marks that say which, and whether
-they still do.
+"""Tables of experiments in documents, between marks that name them, and which of them are stale.
 
-``python -m experiments.harness.document README.md docs/control.md`` says which cells are no longer
-those of the results in ``out``; with ``--write`` it puts these in.
+``python -m experiments.harness.document README.md docs/control.md`` prints which cells differ from
+the results in ``out``; with ``--write`` it puts the results in.
 """
 
 from __future__ import annotations
@@ -15,19 +14,17 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 from cranedyn.command import FAILED, Parser, command
 from cranedyn.data.files import check_writable, parse_json, read_bytes, read_text, write_text
 from cranedyn.errors import DataError, quoted
-from experiments.harness.outcome import Table, resolution
+from experiments.harness.table import Table, resolution
 
 _BLOCK = re.compile(
     r"(<!-- (?P<experiment>\w+): ?(?P<title>[^\n]*?) ?-->\n)(?P<content>.*?)(<!-- end -->\n)",
     re.DOTALL,
 )
-
-_Item = TypeVar("_Item")
 
 
 @dataclass(frozen=True)
@@ -35,13 +32,12 @@ class Document:
     """A Markdown document with blocks for the tables of an experiment.
 
     A block begins with a line ``<!-- NAME: title -->`` and ends with ``<!-- end -->``; it holds the
-    tables of the experiment NAME whose titles begin with that title, all of them where none is
-    given.
+    tables of the experiment NAME whose titles begin with that title, all of them if it is empty.
 
     Attributes:
-        path: Where it is.
-        experiment: Whose tables are put in.
-        text: What it holds.
+        path: Its file.
+        experiment: The experiment whose tables are put in.
+        text: Its text.
     """
 
     path: Path
@@ -49,66 +45,62 @@ class Document:
     text: str
 
     def write(self, tables: Sequence[Table]) -> None:
-        """Put tables where those of the same titles were.
+        """Write the document with these tables in place of those of the same titles.
 
         Raises:
-            DataError: If the file cannot be written, or a block asks for a table that is not there.
+            DataError: If the file cannot be written, or a block asks for a table that is missing.
         """
         write_text(self.path, self.filled(tables))
 
     def filled(self, tables: Sequence[Table]) -> str:
-        """The text with tables where those of the same titles were.
+        """Return the text with these tables in place of those of the same titles.
 
         Raises:
-            DataError: If a block asks for a table that is not there.
+            DataError: If a block asks for a table that is missing.
         """
 
-        def filled(block: re.Match[str]) -> str:
+        def fill(block: re.Match[str]) -> str:
             if block["experiment"] != self.experiment:
                 return block[0]
-            return "\n".join(
-                [
-                    block[1],
-                    *(f"{table.markdown()}\n" for table in self._asked(block, tables)),
-                    block[5],
-                ]
-            )
+            content = [f"{table.markdown()}\n" for table in self._tables(block, tables)]
+            return "\n".join([block[1], *content, block[5]])
 
-        return _BLOCK.sub(filled, self.text)
+        return _BLOCK.sub(fill, self.text)
 
     def stale(self, tables: Sequence[Table], *, part: bool = False) -> list[str]:
-        """Where it shows something else than tables made anew, a sentence each.
+        """Return a sentence for each cell or row that differs from newly computed tables.
 
         A number may be off by one of its last digit: half of it is rounding, and the other half is
         what other processors and libraries may add to a digit that is printed.
 
         Args:
-            tables: Those of the experiment.
-            part: Whether rows that were not made are left alone.
+            tables: The tables of the experiment.
+            part: Whether rows may be missing in them.
 
         Raises:
-            DataError: If a block asks for a table that is not there.
+            DataError: If a block asks for a table that is missing.
         """
         return [
             f"{self.path}, {table.title}: {sentence}."
             for block in _BLOCK.finditer(self.text)
             if block["experiment"] == self.experiment
-            for table in self._asked(block, tables)
-            for sentence in _differences(table, _shown(block["content"], table.title), part)
+            for table in self._tables(block, tables)
+            for sentence in _differences(table, _rows(block["content"], table.title), part)
         ]
 
-    def _asked(self, block: re.Match[str], tables: Sequence[Table]) -> list[Table]:
-        shown = [table for table in tables if table.title.startswith(block["title"])]
-        if not shown:
+    def _tables(self, block: re.Match[str], tables: Sequence[Table]) -> list[Table]:
+        """Return the tables that a block asks for."""
+        result = [table for table in tables if table.title.startswith(block["title"])]
+        if not result:
             raise DataError(
                 f"{self.path} asks for a table {block['title']!r}, which is not among those of "
                 f"{self.experiment}."
             )
-        return shown
+        return result
 
 
 def read_document(path: str | Path, experiment: str) -> Document:
-    """A document as it is.
+    """Read a document that shows tables of an experiment.
 
     Raises:
         DataError: If the file cannot be read or written, has no block for the experiment, or one
@@ -134,118 +126,105 @@ def read_document(path: str | Path, experiment: str) -> Document:
     return Document(Path(path), experiment, text)
 
 
-def _shown(content: str, title: str) -> list[list[str]]:
-    """Rows of the table with a title in a block, its head first; none if it is not there."""
-    _, _, rest = content.partition(f"**{title}**\n\n")
-    lines = [line for line in rest.partition("\n\n")[0].splitlines() if line.startswith("|")]
+def _rows(content: str, title: str) -> list[list[str]]:
+    """Return the rows of the table with a title in a block, the header first; none without it."""
+    text = content.partition(f"**{title}**\n\n")[2].partition("\n\n")[0]
+    lines = [line for line in text.splitlines() if line.startswith("|")]
     rows = [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in lines]
     return [*rows[:1], *rows[2:]]
 
 
-def _differences(table: Table, shown: Sequence[Sequence[str]], part: bool) -> Iterator[str]:
-    """What is shown of a table and is not in it any more, or is in it and not shown."""
+def _differences(table: Table, rows: Sequence[Sequence[str]], part: bool) -> Iterator[str]:
+    """Yield how rows of a document differ from a table."""
     headers = [header.strip() for header, _ in table.columns]
-    if not shown or list(shown[0]) != headers:
+    if not rows or list(rows[0]) != headers:
         yield "it is not there, or has other columns"
         return
-    before = _by_name([row[0] for row in shown[1:]], shown[1:])
-    cells = table.shown()
-    made = _by_name([row[0] for row in cells], list(zip(cells, table.rows, strict=True)))
+    old_rows = _by_name(rows[1:])
+    new_rows = _by_name([(*cells, table.rows[i]) for i, cells in enumerate(table.shown())])
     if not part:
-        yield from (f"its row {name!r} was not made" for name in before if name not in made)
-    yield from (f"a row {name!r} is not there" for name in made if name not in before)
-    for name, (row, values) in made.items():
-        forms = [form for _, form in table.columns]
-        for header, form, old, new, value in zip(
-            headers, forms, before.get(name, row), row, values, strict=True
+        yield from (f"its row {name!r} was not made" for name in old_rows if name not in new_rows)
+    yield from (f"a row {name!r} is not there" for name in new_rows if name not in old_rows)
+    for name, (*cells, values) in new_rows.items():
+        for (header, form), old, new, value in zip(
+            table.columns, old_rows.get(name, cells), cells, values, strict=True
         ):
             if not (old == new or _rounds(old, value, form)):
-                yield f"{header} of {name!r} is {old}, now {new}"
+                yield f"{header.strip()} of {name!r} is {old}, now {new}"
 
 
-def _by_name(names: Sequence[str], items: Sequence[_Item]) -> dict[str, _Item]:
-    """Items by name, a name that comes again with its number."""
-    found: dict[str, _Item] = {}
-    for name, item in zip(names, items, strict=True):
-        again = sum(other == name or other.startswith(f"{name} #") for other in found)
-        found[f"{name} #{again + 1}" if again else name] = item
-    return found
+def _by_name(rows: Sequence[Sequence[Any]]) -> dict[str, Sequence[Any]]:
+    """Return rows by their first cell, with a number where it comes again."""
+    result: dict[str, Sequence[Any]] = {}
+    for row in rows:
+        count = sum(name == row[0] or name.startswith(f"{row[0]} #") for name in result)
+        result[f"{row[0]} #{count + 1}" if count else row[0]] = row
+    return result
 
 
-def _rounds(shown: str, value: float | str | None, form: str) -> bool:
-    """Whether a cell is what a value is rounded to."""
-    if value is None or isinstance(value, str) or shown == "-":
+def _rounds(cell: str, value: float | str | None, form: str) -> bool:
+    """Return whether a cell is a rounded value."""
+    if value is None or isinstance(value, str) or cell == "-":
         return False
-    before = resolution(form) / 2.0 if shown[0] == "<" else float(shown.replace(",", ""))
+    number = resolution(form) / 2.0 if cell[0] == "<" else float(cell.replace(",", ""))
     # 1e-9 of it for decimal fractions that are no binary ones
-    return abs(before - value) <= (1.0 + 1e-9) * last_digit(value, form)
+    return abs(number - value) <= (1.0 + 1e-9) * last_digit(value, form)
 
 
 def last_digit(value: float, form: str) -> float:
     """Return one of the last digit with which a format shows a value."""
-    found = re.fullmatch(r"[+-]?,?(?:\.(\d+))?([a-z%]?)", form.partition(">")[0])
-    if found is None or found[2] not in "efg" or not math.isfinite(value):
+    match = re.fullmatch(r"[+-]?,?(?:\.(\d+))?([a-z%]?)", form.partition(">")[0])
+    if match is None or match[2] not in "efg" or not math.isfinite(value):
         return 0.0
-    digits = 6 if found[1] is None else int(found[1])
-    if found[2] == "f":
+    digits = 6 if match[1] is None else int(match[1])
+    if match[2] == "f":
         return max(10.0**-digits, resolution(form))
     exponent = math.floor(math.log10(abs(value))) if value else 0
-    return max(10.0 ** (exponent - digits + (found[2] == "g")), resolution(form))
+    return max(10.0 ** (exponent - digits + (match[2] == "g")), resolution(form))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Exit code 0 if all that documents show is what the results hold, 1 if not, 2 for bad
+    """Compare documents with stored results; exit code 0 if they agree, 1 if not, 2 for bad
     arguments.
     """
-    made = Parser(
+    parser = Parser(
         prog="python -m experiments.harness.document",
         description="Say which cells of documents are stale.",
     )
-    made.add_argument(
-        "documents", nargs="+", metavar="FILE.md", help="documents with tables between marks"
-    )
-    made.add_argument(
-        "--results",
-        metavar="DIR",
-        type=Path,
-        default=Path("out"),
-        help="folder of the results (default: %(default)s)",
-    )
-    made.add_argument("--write", action="store_true", help="put the tables of the results in")
-    return command(lambda: _main(made.parse_args(argv)))
+    text = "documents with tables between marks"
+    parser.add_argument("documents", nargs="+", metavar="FILE.md", help=text)
+    text = "folder of the results (default: %(default)s)"
+    parser.add_argument("--results", metavar="DIR", type=Path, default=Path("out"), help=text)
+    parser.add_argument("--write", action="store_true", help="put the tables of the results in")
+    return command(lambda: _main(parser.parse_args(argv)))
 
 
 def _main(options: argparse.Namespace) -> int:
     stale = []
     for path in options.documents:
-        for name in _experiments(path):
-            folder = options.results / name
-            if not os.path.isfile(folder / "result.json"):
+        blocks = _BLOCK.finditer(read_text(path))
+        for name in dict.fromkeys(block["experiment"] for block in blocks):
+            file = options.results / name / "result.json"
+            if not os.path.isfile(file):
                 print(
                     f"{path}: there is no result of {name} in {options.results}; its tables are "
                     "not looked at."
                 )
                 continue
-            document, tables = read_document(path, name), _kept(folder / "result.json")
+            document, tables = read_document(path, name), _stored(file)
             stale += document.stale(tables)
             if options.write:
                 document.write(tables)
-    print(
-        *stale, f"{len(stale)} cells or rows {'were' if options.write else 'are'} stale.", sep="\n"
-    )
+    verb = "were" if options.write else "are"
+    print(*stale, f"{len(stale)} cells or rows {verb} stale.", sep="\n")
     return FAILED if stale and not options.write else 0
 
 
-def _experiments(path: str) -> list[str]:
-    """Names of those whose tables a document shows, each once."""
-    return list(dict.fromkeys(block["experiment"] for block in _BLOCK.finditer(read_text(path))))
-
-
-def _kept(file: Path) -> list[Table]:
-    """The tables of a result."""
+def _stored(file: Path) -> list[Table]:
+    """Return the tables of a result."""
     text = read_text(file)
     try:
-        return [Table.of(kept) for kept in parse_json(text)["tables"]]
+        return [Table.of(table) for table in parse_json(text)["tables"]]
     except (LookupError, TypeError, ValueError, RecursionError) as error:
         raise DataError(
             f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: "

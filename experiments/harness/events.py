@@ -1,6 +1,4 @@
-"""Where the runs of an experiment left what the model holds for: a table, a figure and words for
-the recording.
-"""
+"""Events at which a run leaves the validity of the model, as a table and a figure."""
 
 from __future__ import annotations
 
@@ -12,7 +10,8 @@ import numpy as np
 
 from cranedyn.dynamics.validity import events
 from cranedyn.plotting.figures import panels
-from experiments.harness.outcome import Outcome, Table
+from experiments.harness.outcome import Outcome
+from experiments.harness.table import Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,33 +20,29 @@ if TYPE_CHECKING:
 
 
 def with_events(outcome: Outcome) -> Outcome:
-    """The outcome, with a table and a figure more if a recorded run goes beyond what the model
-    holds for.
+    """Return the outcome with one more table and figure if a recorded run leaves the validity of
+    the model.
     """
-    beyond = [run for run in outcome.recording if not run.trajectory.valid.all()]
-    if not beyond:
+    invalid = [run for run in outcome.recording if not run.trajectory.valid.all()]
+    if not invalid:
         return outcome
     rows = [
         (run.name, float(run.trajectory.t[event.row]), event.words)
-        for run in beyond
+        for run in invalid
         for event in events(run.crane, run.trajectory)
     ]
-    table = Table(
-        "Where the model does not hold", [("run", ""), ("from [s]", ".3f"), ("because", "")], rows
-    )
-    return replace(
-        outcome,
-        tables=[*outcome.tables, table],
-        figures={**outcome.figures, "validity": _figure(beyond)},
-    )
+    columns = [("run", ""), ("from [s]", ".3f"), ("because", "")]
+    table = Table("Where the model does not hold", columns, rows)
+    figures = {**outcome.figures, "validity": _figure(invalid)}
+    return replace(outcome, tables=[*outcome.tables, table], figures=figures)
 
 
 def _figure(runs: Sequence[Run]) -> Figure:
-    """A bar for each run while the model does not hold."""
+    """Draw a bar for each run while the model does not hold."""
     figure, (ax,) = panels(height=0.8 + 0.4 * len(runs))
     for i, run in enumerate(runs):
-        t, off = run.trajectory.t, run.trajectory.valid == 0.0
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], off, [False]]).astype(int)))
+        t, invalid = run.trajectory.t, run.trajectory.valid == 0.0
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], invalid, [False]]).astype(int)))
         period = float(t[1] - t[0]) if len(t) > 1 else 0.0
         spans = [
             (float(t[a]), float(t[b - 1]) - float(t[a]) + period)
@@ -60,8 +55,6 @@ def _figure(runs: Sequence[Run]) -> Figure:
         yticklabels=[run.name for run in runs],
         xlabel="time [s]; bars: the model does not hold",
     )
-    ax.set_xlim(
-        min(float(run.trajectory.t[0]) for run in runs),
-        max(float(run.trajectory.t[-1]) for run in runs),
-    )
+    times = [run.trajectory.t for run in runs]
+    ax.set_xlim(min(float(t[0]) for t in times), max(float(t[-1]) for t in times))
     return figure

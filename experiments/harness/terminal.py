@@ -1,41 +1,40 @@
-"""A table on a terminal of any width: as it is, with folded heads, turned on its side, or in
+"""A table on a terminal of any width: upright with folded headers, turned on its side, or in
 blocks; a number is never cut.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from rich.cells import cell_len
 from rich.table import Table as RichTable
 from rich.text import Text
 
-if TYPE_CHECKING:
-    from experiments.harness.outcome import Table
+from experiments.harness.table import Table
 
 _FRAME = 3
-"""What a column takes beside its words: two spaces and a line."""
+"""Width of the frame of a column: two spaces and a line."""
 
 _LINES = 4
-"""Most lines of a head that is folded."""
+"""Most lines of a folded header."""
 
-_NAME = 26
-"""Width that a column of text keeps where a table becomes blocks."""
+_TEXT_WIDTH = 26
+"""Width of a column of text where a table becomes blocks."""
 
 
-class Column(NamedTuple):
+class TextColumn(NamedTuple):
     """A column as text.
 
     Attributes:
         head: Its header.
         cells: Its cells.
-        words: Whether the cells are text, which may be folded; a number may not.
+        is_text: Whether its cells may be folded; numbers may not.
     """
 
     head: str
     cells: tuple[str, ...]
-    words: bool
+    is_text: bool
 
     @property
     def natural(self) -> int:
@@ -44,120 +43,104 @@ class Column(NamedTuple):
 
     @property
     def least(self) -> int:
-        """The smallest width in which every word and every number stands whole."""
-        cells = [word for cell in self.cells for word in cell.split()] if self.words else self.cells
+        """The smallest width in which every word and every number is whole."""
+        cells = [w for cell in self.cells for w in cell.split()] if self.is_text else self.cells
         return max((cell_len(word) for word in (*self.head.split(), *cells)), default=1)
 
 
 def blocks(table: Table, width: int) -> Iterator[RichTable]:
-    """The table as one or several that fit a width, the title over the first and the note under the
-    last.
-
-    Args:
-        table: What to show.
-        width: Of the terminal [columns].
+    """Yield the table in one or several blocks that fit a terminal of a width [columns], the title
+    over the first and the note under the last.
     """
-    columns = columns_of(table)
-    parts = _parts(columns, width)
-    for i, part in enumerate(parts):
-        yield _drawn(
-            part, width, table.title if i == 0 else "", table.note if i == len(parts) - 1 else ""
-        )
+    parts = _split(columns_of(table), width)
+    for i, columns in enumerate(parts):
+        last = i == len(parts) - 1
+        yield _block(columns, width, "" if i else table.title, table.note if last else "")
 
 
-def columns_of(table: Table) -> list[Column]:
-    """The columns of a table as text."""
+def columns_of(table: Table) -> list[TextColumn]:
+    """Return the columns of a table as text."""
     rows = table.shown()
     return [
-        Column(head, tuple(row[i] for row in rows), not form)
+        TextColumn(head, tuple(row[i] for row in rows), not form)
         for i, (head, form) in enumerate(table.columns)
     ]
 
 
-def _parts(columns: Sequence[Column], width: int) -> list[list[Column]]:
-    """The columns side by side if they fit, else turned if that fits, else with the first ones
-    again in every block.
+def _split(columns: list[TextColumn], width: int) -> list[list[TextColumn]]:
+    """Return all columns side by side if they fit, else turned if that fits, else in blocks that
+    repeat the first ones.
     """
-    heads = max(_lines(column.head, column.least) for column in columns)
-    if _taken(column.natural for column in columns) <= width:
-        return [[*columns]]
-    if _taken(column.least for column in columns) <= width and heads <= _LINES:
-        return [[*columns]]
-    keys = _keys(columns)
+    if _total(column.natural for column in columns) <= width or (
+        _total(column.least for column in columns) <= width
+        and max(_lines(column.head, column.least) for column in columns) <= _LINES
+    ):
+        return [columns]
+    # One column tells rows apart, or two do.
+    names = columns[0].cells
+    keys = 1 if len(set(names)) == len(names) or len(columns) < 3 else 2
     turned = _turned(columns)
     if (
         keys == 1
-        and len(columns[0].cells) < len(columns)
-        and _taken(column.least for column in turned) <= width
+        and len(names) < len(columns)
+        and _total(column.least for column in turned) <= width
     ):
         return [turned]
-    names = sum(max(column.least, min(column.natural, _NAME)) + _FRAME for column in columns[:keys])
-    found: list[list[Column]] = []
+    fixed = sum(max(c.least, min(c.natural, _TEXT_WIDTH)) + _FRAME for c in columns[:keys])
+    result: list[list[TextColumn]] = []
     for column in columns[keys:]:
-        if not found or names + _taken(one.least for one in (*found[-1][keys:], column)) > width:
-            found.append([*columns[:keys]])
-        found[-1].append(column)
-    return found or [[*columns]]
+        if not result or fixed + _total(c.least for c in (*result[-1][keys:], column)) > width:
+            result.append([*columns[:keys]])
+        result[-1].append(column)
+    return result or [columns]
 
 
-def _taken(widths: Iterable[int]) -> int:
+def _total(widths: Iterable[int]) -> int:
     return sum(width + _FRAME for width in widths) + 1
 
 
-def _keys(columns: Sequence[Column]) -> int:
-    """How many columns, of two at most, tell one row from another."""
-    return 1 if len(set(columns[0].cells)) == len(columns[0].cells) or len(columns) < 3 else 2
-
-
-def _turned(columns: Sequence[Column]) -> list[Column]:
-    """Rows as columns, with the heads in front."""
-    first, rest = columns[0], columns[1:]
-    heads = Column(first.head, tuple(column.head for column in rest), True)
-    return [
-        heads,
-        *(
-            Column(head, tuple(column.cells[i] for column in rest), False)
-            for i, head in enumerate(first.cells)
-        ),
-    ]
+def _turned(columns: Sequence[TextColumn]) -> list[TextColumn]:
+    """Return the rows as columns, with the headers in front."""
+    heads, *rows = zip(*((column.head, *column.cells) for column in columns), strict=True)
+    return [TextColumn(row[0], row[1:], row is heads) for row in (heads, *rows)]
 
 
 def _lines(head: str, width: int) -> int:
-    """In how many lines a head folds."""
-    lines, room = 1, 0
+    """Return the number of lines of a header folded to a width."""
+    lines, used = 1, 0
     for word in head.split():
-        room = room + 1 + cell_len(word) if room else cell_len(word)
-        if room > width:
-            lines, room = lines + 1, cell_len(word)
+        used = used + 1 + cell_len(word) if used else cell_len(word)
+        if used > width:
+            lines, used = lines + 1, cell_len(word)
     return lines
 
 
-def _widths(columns: Sequence[Column], width: int) -> list[int]:
-    """What is left beyond the least goes where it is missed, to the columns of text first."""
-    found = [column.least for column in columns]
-    left = width - _taken(found)
-    for words in (True, False):
+def _widths(columns: Sequence[TextColumn], width: int) -> list[int]:
+    """Return the widths of columns: the least ones, and what is left goes to text first."""
+    widths = [column.least for column in columns]
+    left = width - _total(widths)
+    for is_text in (True, False):
         for i, column in enumerate(columns):
-            if column.words is words:
-                more = max(0, min(left, column.natural - found[i]))
-                found[i], left = found[i] + more, left - more
-    return found
+            if column.is_text is is_text:
+                more = max(0, min(left, column.natural - widths[i]))
+                widths[i], left = widths[i] + more, left - more
+    return widths
 
 
-def _drawn(columns: Sequence[Column], width: int, title: str, note: str) -> RichTable:
-    drawn = RichTable(
+def _block(columns: Sequence[TextColumn], width: int, title: str, note: str) -> RichTable:
+    block = RichTable(
         title=Text(title) if title else None,
         title_justify="left",
         caption=Text(note) if note else None,
         caption_justify="left",
     )
-    for column, wide in zip(columns, _widths(columns, width), strict=True):
-        drawn.add_column(
+    for column, column_width in zip(columns, _widths(columns, width), strict=True):
+        block.add_column(
             Text(column.head),
-            justify="left" if column.words else "right",
-            width=wide,
+            justify="left" if column.is_text else "right",
+            width=column_width,
             overflow="fold",
         )
     for row in zip(*(column.cells for column in columns), strict=True):
-        drawn.add_row(*map(Text, row))
-    return drawn
+        block.add_row(*map(Text, row))
+    return block

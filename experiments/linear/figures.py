@@ -9,15 +9,15 @@ from matplotlib.figure import Figure
 
 from cranedyn.plotting.figures import COLOURS, panels
 from experiments.linear.model import all_rates, integrate, paper
-from experiments.linear.runs import Case
+from experiments.linear.runs import LinearCase
 from experiments.linear.sites import ANGLES, SHARES, SITES
 from experiments.linear.tables import RPM
 
 _CRANES = ("theta", "x", "gamma", "l")
 
 
-def swing_figure(case: Case, gravity: float) -> Figure:
-    """Both angles of the plant, of the paper's equations, and with all rates kept."""
+def angles_figure(case: LinearCase, gravity: float) -> Figure:
+    """Draw both angles of the plant, of the paper's equations, and with all rates kept."""
     figure, axes = panels(2, height=2.6, sharex=True)
     swings = {
         "Eqs. (8), (10)": integrate(case.run, paper, gravity),
@@ -46,7 +46,7 @@ def swing_figure(case: Case, gravity: float) -> Figure:
 def slew_figure(
     slow: Mapping[str, Sequence[float]], short: Mapping[str, Sequence[float]], good: float
 ) -> Figure:
-    """Error over slew rate and over slew angle, for each crane."""
+    """Draw the error over slew rate and over slew angle, for each crane."""
     figure, (left, right) = panels(1, 2, height=3.8, sharey=True)
     for site, colour in zip(SITES, _CRANES, strict=True):
         left.loglog(
@@ -57,7 +57,7 @@ def slew_figure(
             label=site.name,
         )
         right.loglog(ANGLES, 100.0 * np.array(short[site.name]), ".-", color=COLOURS[colour])
-    for ax, ticks, words in (
+    for ax, ticks, label in (
         (left, (0.02, 0.05, 0.1, 0.2, 0.5), "slew rate [rpm]"),
         (right, ANGLES, "angle of a short slew [°]"),
     ):
@@ -65,17 +65,17 @@ def slew_figure(
         ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         ax.set_yticks((0.5, 1, 2, 5, 10, 20, 50), ("0.5", "1", "2", "5", "10", "20", "50"))
         ax.minorticks_off()
-        ax.set_xlabel(words)
+        ax.set_xlabel(label)
     left.set_ylabel("rms error of Eqs. (8), (10) [%]")
     left.legend()
     return figure
 
 
-def dropped_figure(found: Sequence[Case], moves: Sequence[str]) -> Figure:
-    """The dropped terms of some moves, for each crane."""
+def dropped_figure(cases: Sequence[LinearCase], moves: Sequence[str]) -> Figure:
+    """Draw the dropped terms of some moves, for each crane."""
     figure, axes = panels(1, len(moves), height=3.6, sharey=True)
     for ax, name in zip(axes, moves, strict=True):
-        some = [case for case in found if case.job.name == name]
+        some = [case for case in cases if case.job.name == name]
         places = np.arange(len(some[0].dropped))
         for k, (case, colour) in enumerate(zip(some, _CRANES, strict=True)):
             shares = [100.0 * share for share in case.dropped.values()]

@@ -42,7 +42,7 @@ Model = Callable[[np.ndarray, np.ndarray, Drives, float], np.ndarray]
 
 
 def paper(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: float) -> np.ndarray:
-    """Eqs. (8) and (10) of Muddassir et al."""
+    """Return Eqs. (8) and (10) of Muddassir et al."""
     phi = _radial(swing[0], length=drives.length, gravity=gravity, excitation=drives.x_acceleration)
     theta = _tangential(
         swing[1],
@@ -54,52 +54,44 @@ def paper(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: float) 
 
 
 def all_rates(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: float) -> np.ndarray:
-    """The same with everything that is linear in the swing."""
+    """Return the same with everything that is linear in the swing."""
     return _small_swing(swing, rates, gravity=gravity, **vars(drives))
 
 
 def integrate(run: Trajectory, model: Model, gravity: float) -> np.ndarray:
-    """φ, θ and their rates of a model along a run, from its start and under the motion of its
-    drives, shape (n, 4).
+    """Integrate φ, θ and their rates of a model along a run, from its start and under the motion of
+    its drives, shape (n, 4).
 
     Runge-Kutta of order 4, one step for each row; between rows the drives accelerate evenly, as in
     prescribed motion.
     """
     names = "gamma", "x", "l"
-    h, q, v, a = (
-        float(run.t[1] - run.t[0]),
-        run.coordinates(*names),
-        run.rates(*names),
-        accelerations(run),
-    )
+    h, q, v = float(run.t[1] - run.t[0]), run.coordinates(*names), run.rates(*names)
+    a = accelerations(run)
 
     def rates(y: np.ndarray, k: int, s: float) -> np.ndarray:
         slew_rate, x_rate, length_rate = (v[k] + a[k] * s).tolist()
         slew_acceleration, x_acceleration, _ = a[k]
         _, x, length = q[k] + (2.0 * v[k] + a[k] * s) / 2.0 * s
         drives = Drives(
-            x=x,
-            x_rate=x_rate,
-            x_acceleration=x_acceleration,
-            slew_rate=slew_rate,
-            slew_acceleration=slew_acceleration,
-            length=length,
-            length_rate=length_rate,
+            x, x_rate, x_acceleration, slew_rate, slew_acceleration, length, length_rate
         )
         return np.concatenate([y[2:], model(y[:2], y[2:], drives, gravity)])
 
-    found = [np.hstack([run.coordinates("phi", "theta"), run.rates("phi", "theta")])[0]]
+    swing = [np.hstack([run.coordinates("phi", "theta"), run.rates("phi", "theta")])[0]]
     for k in range(len(a)):
-        y = found[-1]
+        y = swing[-1]
         k1 = rates(y, k, 0.0)
         k2 = rates(y + h / 2.0 * k1, k, h / 2.0)
         k3 = rates(y + h / 2.0 * k2, k, h / 2.0)
-        found.append(y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + rates(y + h * k3, k, h)))
-    return np.array(found)
+        swing.append(y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + rates(y + h * k3, k, h)))
+    return np.array(swing)
 
 
 def accelerations(run: Trajectory) -> np.ndarray:
-    """Of the drives between each row and the next [rad/s², m/s², m/s²], shape (n - 1, 3)."""
+    """Return the accelerations of the drives between each row and the next [rad/s², m/s², m/s²],
+    shape (n - 1, 3).
+    """
     return np.diff(run.rates("gamma", "x", "l"), axis=0) / np.diff(run.t)[:, None]
 
 
@@ -135,8 +127,8 @@ def miss(run: Trajectory, modelled: np.ndarray) -> Miss:
 
 
 def dropped(run: Trajectory) -> tuple[float, dict[str, float]]:
-    """What the paper's equations keep of the drives, and what they drop, at their largest along a
-    run.
+    """Return what the paper's equations keep of the drives, and what they drop, at their largest
+    along a run.
 
     Returns:
         The larger of ẍ and x γ̈ [m/s²]; each dropped term by its formula, as a share of that.
@@ -156,6 +148,6 @@ def dropped(run: Trajectory) -> tuple[float, dict[str, float]]:
     }
     kept = float(max(np.abs(trolley).max(), np.abs(x * slew).max()))
     return kept, {
-        name: float(max(np.abs(part).max() for part in parts)) / kept
+        name: float(max(np.abs(term).max() for term in parts)) / kept
         for name, parts in terms.items()
     }

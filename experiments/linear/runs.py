@@ -16,7 +16,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.model.crane import Crane
 from cranedyn.references import spline
-from experiments import harness
+from experiments.harness import Setup
 from experiments.linear.model import Miss, Model, all_rates, dropped, integrate, miss, paper
 from experiments.linear.sites import SITES, Job, Site, jobs
 
@@ -29,7 +29,7 @@ longest."""
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class LinearCase:
     """One move of one crane: the run of the plant with a point load, and how far each model is from
     it.
 
@@ -54,13 +54,10 @@ class Case:
     dropped: Mapping[str, float]
 
 
-def move(setup: harness.Setup, crane: Crane, job: Job, label: str) -> Trajectory:
-    """A move and one swing after it, the drives in prescribed motion."""
-    period = float(
-        theory.point_period(
-            job.reference(job.arrival).position[crane.layout.drive("l")], setup.gravity
-        )
-    )
+def move(setup: Setup, crane: Crane, job: Job, label: str) -> Trajectory:
+    """Make a move and one swing after it, the drives in prescribed motion."""
+    length = job.reference(job.arrival).position[crane.layout.drive("l")]
+    period = float(theory.point_period(length, setup.gravity))
     duration = math.ceil((job.arrival + period) / setup.control_period) * setup.control_period
     drives = follow(crane, job.reference, setup.control_period)
     return setup.simulate(
@@ -74,72 +71,60 @@ def move(setup: harness.Setup, crane: Crane, job: Job, label: str) -> Trajectory
     )
 
 
-def cases(setup: harness.Setup, site: Site, crane: Crane) -> list[Case]:
-    """Every move of one crane with a point load; with inertia besides where it is known, on the
-    article's crane.
+def run_cases(setup: Setup, site: Site, crane: Crane) -> list[LinearCase]:
+    """Make every move of one crane with a point load; with inertia besides where it is known, on
+    the article's crane.
     """
     rigid = site.crane(setup, **INERTIA) if site is SITES[0] else None
 
     def missed(run: Trajectory, model: Model) -> Miss:
         return miss(run, integrate(run, model, setup.gravity))
 
-    made = []
+    cases = []
     for job in jobs(site, crane):
-        run = move(setup, crane, job, f"{site.name}: {job.name}")
-        inertia = (
-            missed(move(setup, rigid, job, f"{site.name}: {job.name}, inertia"), paper)
-            if rigid
-            else None
-        )
-        made.append(
-            Case(site, job, run, missed(run, paper), missed(run, all_rates), inertia, *dropped(run))
-        )
-    return made
+        label = f"{site.name}: {job.name}"
+        run = move(setup, crane, job, label)
+        inertia = missed(move(setup, rigid, job, f"{label}, inertia"), paper) if rigid else None
+        misses = missed(run, paper), missed(run, all_rates), inertia
+        cases.append(LinearCase(site, job, run, *misses, *dropped(run)))
+    return cases
 
 
-def scan(setup: harness.Setup, crane: Crane, some: Sequence[Job]) -> list[float]:
-    """Error of the paper's equations in each of some moves, root mean square over the largest
-    swing.
+def scan(setup: Setup, crane: Crane, some: Sequence[Job]) -> list[float]:
+    """Return the error of the paper's equations in each of some moves, root mean square over the
+    largest swing.
     """
     trajectories = [move(setup, crane, job, job.name) for job in some]
     return [miss(run, integrate(run, paper, setup.gravity)).rms for run in trajectories]
 
 
 def reaches(values: Sequence[float], errors: Sequence[float], good: float) -> float:
-    """The value at which an error that grows with it is as large as is good, between two neighbours
-    by their logarithms.
+    """Return the value at which an error that grows with it reaches `good`, interpolated between
+    two neighbours by their logarithms.
 
     Raises:
         DataError: If it is not that large, or not that small, at any.
     """
     by_size = sorted(zip(errors, values, strict=True))
-    for (low, one), (high, other) in itertools.pairwise(by_size):
+    for (low, value), (high, next_value) in itertools.pairwise(by_size):
         if low <= good < high:
-            return one * (other / one) ** (math.log(good / low) / math.log(high / low))
+            return value * (next_value / value) ** (math.log(good / low) / math.log(high / low))
     raise DataError(
         f"The errors run from {by_size[0][0]:g} to {by_size[-1][0]:g}; {good:g} is not among them."
     )
 
 
-def powers(setup: harness.Setup, site: Site, crane: Crane) -> list[float]:
-    """With which power of the cable a free swing changes when it is hoisted slowly: in the plant,
-    and by Eq. (8).
+def powers(setup: Setup, site: Site, crane: Crane) -> list[float]:
+    """Return the power of the cable length with which a free swing changes when it is hoisted
+    slowly: in the plant, and by Eq. (8).
     """
     swings = ("phi", "theta")
     first, last = DEEP * site.height, HIGH * site.height
     start = crane.state(l=first, phi=SWING)
     duration = 15.0 / 8.0 * (first - last) / site.hoist[0]
-    run = move(
-        setup,
-        crane,
-        Job(
-            "",
-            start,
-            spline(crane, start, [(0.0, start.q[crane.layout.index("x")], last)], [duration]),
-            duration,
-        ),
-        f"{site.name}: slow hoisting",
-    )
+    goal = (0.0, start.q[crane.layout.index("x")], last)
+    job = Job("", start, spline(crane, start, [goal], [duration]), duration)
+    run = move(setup, crane, job, f"{site.name}: slow hoisting")
     ends = (
         np.concatenate([run.coordinates(*swings)[-1], run.rates(*swings)[-1]]),
         integrate(run, paper, setup.gravity)[-1],

@@ -10,7 +10,7 @@ from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.references import shortest, spline
-from experiments import harness
+from experiments.harness import Setup
 
 POINT = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
 """A point load on a massless rope without friction."""
@@ -45,8 +45,8 @@ class Site:
     slew: float
     hoist: tuple[float, float]
 
-    def crane(self, setup: harness.Setup, **values: float) -> Crane:
-        """The crane, with a point load unless said otherwise; its mast is high enough for the
+    def crane(self, setup: Setup, **values: float) -> Crane:
+        """Return the crane, by default with a point load; its mast is high enough for the
         drawing.
         """
         mast = {
@@ -101,7 +101,9 @@ class Job:
 
 
 def jobs(site: Site, crane: Crane) -> list[Job]:
-    """Single drives, in splines and at constant speed between ramps, then pairs, then all."""
+    """Return the moves: single drives, in splines and at constant speed between ramps, then pairs,
+    then all.
+    """
     middle, tip, high, deep = (
         0.5 * site.jib,
         0.9 * site.jib,
@@ -113,8 +115,8 @@ def jobs(site: Site, crane: Crane) -> list[Job]:
         JoystickPulse("gamma", site.slew, 0.0, QUARTER / site.slew),
     )
     slow, fast = (
-        JoystickPulse("l", -speed, 0.0, way * site.height / speed)
-        for speed, way in zip(site.hoist, (0.3, 0.6), strict=True)
+        JoystickPulse("l", -speed, 0.0, share_of_height * site.height / speed)
+        for speed, share_of_height in zip(site.hoist, (0.3, 0.6), strict=True)
     )
     inside, outside, below = (
         crane.state(x=x, l=cable) for x, cable in ((middle, high), (tip, high), (middle, deep))
@@ -139,14 +141,14 @@ ANGLES = (1.0, 2.0, 5.0, 10.0, 20.0)
 
 
 def slow_slews(site: Site, crane: Crane) -> list[Job]:
-    """Slews at shares of the crane's rate, reached in the usual time."""
-    slew, *others = site.accelerations
+    """Return slews at shares of the crane's rate, reached in the usual time."""
+    slew, *accelerations = site.accelerations
     return [
         _moved(
             f"slew at {share:g} of the rate",
             crane,
             _outside(site, crane),
-            (share * slew, *others),
+            (share * slew, *accelerations),
             JoystickPulse("gamma", share * site.slew, 0.0, HOLD),
         )
         for share in SHARES
@@ -154,7 +156,9 @@ def slow_slews(site: Site, crane: Crane) -> list[Job]:
 
 
 def short_slews(site: Site, crane: Crane) -> list[Job]:
-    """Slews by small angles at the usual acceleration, most of which never reach the rate."""
+    """Return slews by small angles at the usual acceleration, most of which never reach the
+    rate.
+    """
     holds = [
         max(math.sqrt(a / site.accelerations[0]), a / site.slew) for a in map(math.radians, ANGLES)
     ]

@@ -49,7 +49,7 @@ turn it."""
 
 @cache
 def point_crane(**values: object) -> Crane:
-    """A large crane with a point load, in the gravity of the oracles; loaded once."""
+    """Return a large crane with a point load, in the gravity of the oracles; loaded once."""
     return load_crane(gravity=G, **{**POINT, **LARGE, **values})  # type: ignore[arg-type]
 
 
@@ -138,7 +138,9 @@ class Check:
         errors = [abs(value - self.oracle.closed) for value in self.values[-3:]]
         if errors[-1] < 100.0 * self.allowed:
             return None
-        coarse, fine = (math.log2(one / half) for one, half in itertools.pairwise(errors))
+        coarse, fine = (
+            math.log2(coarse_error / half) for coarse_error, half in itertools.pairwise(errors)
+        )
         return 2.0 * fine - coarse
 
     @property
@@ -148,8 +150,8 @@ class Check:
 
 
 def _richardson(values: Sequence[float]) -> list[float]:
-    """Extrapolations of values at steps h, h/2, h/4, ... to none, each with one power of the step
-    less.
+    """Return extrapolations of values at steps h, h/2, h/4, ... to none, each with one power of the
+    step less.
     """
     row, best = list(values), [values[-1]]
     for power in range(1, len(values)):

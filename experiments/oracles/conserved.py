@@ -24,7 +24,7 @@ DURATION, FREE = 20.0, 9.0
 
 
 def oracles(bench: Bench) -> list[Oracle]:
-    """Energy, momenta, the ledger."""
+    """Return the oracles of energy, momenta and the ledger."""
     crane = bench.build()
     return [
         *_locked(bench, crane),
@@ -36,14 +36,14 @@ def oracles(bench: Bench) -> list[Oracle]:
 
 
 def free(crane: Crane, drive: int) -> Controller:
-    """Prescribed motion in which one drive (0 slew, 1 trolley) exerts nothing and the others keep
-    their speed.
+    """Return a controller in prescribed motion under which one drive (0 slew, 1 trolley) exerts
+    nothing and the others keep their speed.
     """
 
     def accelerations(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        none, one = np.zeros(crane.layout.m), np.eye(crane.layout.m)[drive]
-        needed, more = (prescribed_acceleration(crane, state, a)[1][drive] for a in (none, one))
-        return -needed / (more - needed) * one
+        none, unit = np.zeros(crane.layout.m), np.eye(crane.layout.m)[drive]
+        needed, more = (prescribed_acceleration(crane, state, a)[1][drive] for a in (none, unit))
+        return -needed / (more - needed) * unit
 
     return accelerations
 
@@ -57,10 +57,10 @@ def _locked(bench: Bench, crane: Crane) -> list[Oracle]:
         return float(above[-1]) / (MASS * G * LENGTH * (1.0 - math.cos(0.6) * math.cos(0.2)))
 
     def momentum(dt: float) -> float:
-        found = swing(dt)
+        run = swing(dt)
         arm, rate = (
-            payload(found.q)[[0, -1]] - payload(found.q * [1, 1, 0, 0, 0])[[0, -1]],
-            speed(payload, found)[[0, -1]],
+            payload(run.q)[[0, -1]] - payload(run.q * [1, 1, 0, 0, 0])[[0, -1]],
+            speed(payload, run)[[0, -1]],
         )
         first, last = (arm[:, 0] * rate[:, 1] - arm[:, 1] * rate[:, 0]).tolist()
         return last / first
@@ -72,16 +72,16 @@ def _locked(bench: Bench, crane: Crane) -> list[Oracle]:
 
 
 def _ripple(bench: Bench, crane: Crane) -> Oracle:
-    """Semi-implicit Euler keeps E - dt/2 m g l φ φ̇ of a small swing, so E has gained ω dt/2 of
-    itself three eighths of a period later.
+    """Return the ripple of the energy: semi-implicit Euler keeps E - dt/2 m g l φ φ̇ of a small
+    swing, so E has gained ω dt/2 of itself three eighths of a period later.
     """
     small, omega = 3e-3, math.sqrt(G / LENGTH)
-    when, whole = 0.75 * math.pi / omega, MASS * G * LENGTH * small**2 / 2.0
+    when, full = 0.75 * math.pi / omega, MASS * G * LENGTH * small**2 / 2.0
 
     def read(dt: float) -> float:
-        found = bench.run(crane, crane.state(l=LENGTH, phi=small), 5.0, dt)
-        gained = curve(found.t, found.energy - found.energy[0], int(np.searchsorted(found.t, when)))
-        return float(gained(when)) / whole / (omega * dt / 2.0)
+        run = bench.run(crane, crane.state(l=LENGTH, phi=small), 5.0, dt)
+        gained = curve(run.t, run.energy - run.energy[0], int(np.searchsorted(run.t, when)))
+        return float(gained(when)) / full / (omega * dt / 2.0)
 
     return Oracle(
         "ripple of the energy over that of the step, ω dt/2",
@@ -96,12 +96,14 @@ def _ripple(bench: Bench, crane: Crane) -> Oracle:
 def _slewing(bench: Bench, crane: Crane) -> Oracle:
     start = crane.state(x=20.0, phi=0.4, theta=0.5, gamma_dot=0.05)
 
-    def total(found: Trajectory) -> np.ndarray:
-        """About the slew axis [kg m²/s]: structure and trolley, and the load."""
-        place, rate = payload(found.q), speed(payload, found)
-        structure = STRUCTURE + TROLLEY * found["x_m"] ** 2
-        return structure * found["gamma_dot_rad_s"] + MASS * (
-            place[:, 0] * rate[:, 1] - place[:, 1] * rate[:, 0]
+    def total(run: Trajectory) -> np.ndarray:
+        """Return the angular momentum about the slew axis of structure, trolley and load [kg
+        m²/s].
+        """
+        position, rate = payload(run.q), speed(payload, run)
+        structure = STRUCTURE + TROLLEY * run["x_m"] ** 2
+        return structure * run["gamma_dot_rad_s"] + MASS * (
+            position[:, 0] * rate[:, 1] - position[:, 1] * rate[:, 0]
         )
 
     def read(dt: float) -> float:
@@ -112,19 +114,19 @@ def _slewing(bench: Bench, crane: Crane) -> Oracle:
 
 
 def _rolling(bench: Bench, crane: Crane) -> list[Oracle]:
-    """A trolley that nothing drives, under a load that is thrown, and one that swings a little."""
+    """Return the oracles of a free trolley, under a load that is thrown, and one that swings a
+    little.
+    """
     start = crane.state(l=LENGTH, phi=0.5, x_dot=0.2)
 
     def along_the_jib(dt: float) -> float:
-        """Of trolley and load; at zero slew the jib points along -Y."""
-        found = bench.run(crane, start, FREE, dt, free(crane, 1), every=1)
-        return float(TROLLEY * found["x_dot_m_s"][-1] - MASS * speed(payload, found)[-1, 1])
+        """Return the momentum of trolley and load; at zero slew the jib points along -Y."""
+        run = bench.run(crane, start, FREE, dt, free(crane, 1), every=1)
+        return float(TROLLEY * run["x_dot_m_s"][-1] - MASS * speed(payload, run)[-1, 1])
 
     def period(dt: float) -> float:
-        found = bench.run(crane, crane.state(l=LENGTH, phi=1e-6), FREE, dt, free(crane, 1), every=1)
-        return 2.0 * (
-            crossing(found.t, found["phi_rad"], 3) - crossing(found.t, found["phi_rad"], 2)
-        )
+        run = bench.run(crane, crane.state(l=LENGTH, phi=1e-6), FREE, dt, free(crane, 1), every=1)
+        return 2.0 * (crossing(run.t, run["phi_rad"], 3) - crossing(run.t, run["phi_rad"], 2))
 
     first = 0.2 * (TROLLEY + MASS)
     closed = theory.rolling_period(LENGTH, G, MASS, TROLLEY)
@@ -135,8 +137,8 @@ def _rolling(bench: Bench, crane: Crane) -> list[Oracle]:
 
 
 def _ledgers(bench: Bench) -> list[Oracle]:
-    """Energy gained less work of the drives plus dissipation, over the energy that was moved; all
-    joints damped.
+    """Return the oracles of the ledger: energy gained less work of the drives plus dissipation,
+    over the energy that was moved; all joints damped.
     """
     crane = bench.build(damp_slew=3e4, damp_trolley=200.0, damp_swing=5e3, damp_hoist=700.0)
     start = crane.state(x=15.0, l=LENGTH, phi=0.2, theta=-0.1, gamma_dot=0.03)
@@ -153,8 +155,8 @@ def _ledgers(bench: Bench) -> list[Oracle]:
         )
 
     def open_(controller: Controller, drive: Drive, dt: float) -> float:
-        found = bench.run(crane, start, DURATION, dt, controller, drive=drive)
-        return float(found.unexplained[-1] / np.abs(found.work[-1]).sum())
+        run = bench.run(crane, start, DURATION, dt, controller, drive=drive)
+        return float(run.unexplained[-1] / np.abs(run.work[-1]).sum())
 
     return [
         Oracle(

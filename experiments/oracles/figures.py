@@ -19,13 +19,13 @@ SWING = 0.5
 """Swing whose energy is shown to ripple [rad]."""
 
 
-def convergence_figure(found: Sequence[Check]) -> Figure:
-    """Error of every row in which the step shows, over the step, each over its error at the
-    coarsest.
+def convergence_figure(checks: Sequence[Check]) -> Figure:
+    """Draw the error of every row in which the step shows, over the step, each over its error at
+    the coarsest.
     """
     figure, (ax,) = panels(1, height=4.5)
-    shown = [check for check in found if check.order is not None]
-    for check in shown:
+    ordered = [check for check in checks if check.order is not None]
+    for check in ordered:
         errors = np.abs(np.array(check.values) - check.oracle.closed)
         colour = COLOURS["gamma" if round(check.order or 0.0) == 1 else "x"]
         ax.loglog(
@@ -38,7 +38,7 @@ def convergence_figure(found: Sequence[Check]) -> Figure:
         )
         ax.plot([], [], ".-", color=COLOURS[colour], label=f"rows of order {power}")
     ax.plot([], [], ":", color=COLOURS["unexplained"], label="first and second power")
-    ticks = [1000.0 * step for step in found[0].steps]
+    ticks = [1000.0 * step for step in checks[0].steps]
     ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.minorticks_off()
     ax.set(xlabel="dt [ms]", ylabel=f"error over that at {1000 * STEP:g} ms")
@@ -47,7 +47,9 @@ def convergence_figure(found: Sequence[Check]) -> Figure:
 
 
 def ripple_figure(bench: Bench, crane: Crane) -> Figure:
-    """Energy of a large swing in its plane, at steps of which each is half of the one before."""
+    """Draw the energy of a large swing in its plane, at three steps, each half of the one
+    before.
+    """
     figure, (ax,) = panels(1, height=3.2)
     for dt, colour in zip((0.02, 0.01, 0.005), ("x", "energy", "l"), strict=True):
         swing = bench.run(crane, crane.state(l=LENGTH, phi=SWING), 30.0, dt)
@@ -57,14 +59,14 @@ def ripple_figure(bench: Bench, crane: Crane) -> Figure:
             color=COLOURS[colour],
             label=f"dt = {1000 * dt:g} ms",
         )
-    whole = crane.payload_mass * crane.gravity * LENGTH * (1.0 - np.cos(SWING))
-    ax.set(xlabel="time [s]", ylabel=f"gain of energy [J] of {whole:.0f} J")
+    full = crane.payload_mass * crane.gravity * LENGTH * (1.0 - np.cos(SWING))
+    ax.set(xlabel="time [s]", ylabel=f"gain of energy [J] of {full:.0f} J")
     ax.legend(ncols=3, loc="upper right")
     return figure
 
 
 def oval_figure(trajectory: Trajectory) -> Figure:
-    """The load from above, and where its far ends must come to lie by the apsidal integral."""
+    """Draw the load from above, and the far ends of its oval by the apsidal integral."""
     figure, (ax,) = panels(1, height=6.0, width=6.5)
     offset = payload(trajectory.q) - payload(trajectory.q * [1, 1, 0, 0, 0])
     far, near = OVALS[1]

@@ -29,7 +29,7 @@ small [°]."""
 
 
 def oracles(bench: Bench) -> list[Oracle]:
-    """Bessel's functions, the three quarter power, and the action."""
+    """Return the oracles of Bessel's functions, the three quarter power, and the action."""
     crane = bench.build()
     return [
         *(_constant(bench, crane, *case) for case in CONSTANT),
@@ -40,8 +40,8 @@ def oracles(bench: Bench) -> list[Oracle]:
 
 def _constant(bench: Bench, crane: Crane, length: float, rate: float) -> Oracle:
     def read(dt: float) -> float:
-        found = bench.run(crane, crane.state(l=length, l_dot=rate, phi=SMALL * SWING), AFTER, dt)
-        return float(found["phi_rad"][-1]) / SMALL
+        run = bench.run(crane, crane.state(l=length, l_dot=rate, phi=SMALL * SWING), AFTER, dt)
+        return float(run["phi_rad"][-1]) / SMALL
 
     times = np.array([0.0, AFTER])
     closed = float(theory.constant_hoisting(times, length, rate, G, SWING, 0.0)[-1])
@@ -59,14 +59,14 @@ def _constant(bench: Bench, crane: Crane, length: float, rate: float) -> Oracle:
 
 
 def _hoisted(bench: Bench, crane: Crane, start: State, dt: float) -> tuple[float, float]:
-    """φ and its rate at the end."""
+    """Return φ and its rate at the end of slow hoisting."""
     slow = spline(crane, start, [(0.0, start.q[crane.layout.index("x")], TO)], [SLOWLY])
     run = bench.moved(crane, start, slow, SLOWLY, dt, every=10)
     return float(run["phi_rad"][-1]), float(run["phi_dot_rad_s"][-1])
 
 
 def _fast() -> float:
-    """Square of the largest l̇/(ω l): what slow hoisting leaves out."""
+    """Return the square of the largest l̇/(ω l), which slow hoisting neglects."""
     s = np.linspace(0.0, 1.0, 1001)
     length = FROM + (TO - FROM) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
     return float(np.abs(np.gradient(length, SLOWLY * s) / np.sqrt(G * length)).max() ** 2)
@@ -84,7 +84,7 @@ def _power(bench: Bench, crane: Crane) -> Oracle:
 
 
 def _action(bench: Bench, crane: Crane) -> Oracle:
-    """From a swing for which the three quarter power does not hold."""
+    """Return the oracle of a swing for which the three quarter power does not hold."""
     large = math.radians(LARGE)
 
     def read(dt: float) -> float:

@@ -33,7 +33,7 @@ for which cables are chosen so [s]."""
 
 
 def oracles(bench: Bench) -> list[Oracle]:
-    """Residual swings."""
+    """Return the oracles of residual swings."""
     crane = bench.build()
     splines = [_spline(bench, crane, LENGTH, duration) for duration in DURATIONS]
     return [
@@ -45,13 +45,13 @@ def oracles(bench: Bench) -> list[Oracle]:
 
 
 def _left(run: Trajectory) -> float:
-    """Amplitude of the radial swing that is left [rad], scaled up again."""
+    """Return the amplitude of the residual radial swing [rad], scaled up again."""
     phi, rate, length = (float(run[column][-1]) for column in ("phi_rad", "phi_dot_rad_s", "l_m"))
     return math.hypot(phi, rate * math.sqrt(length / G)) / SMALL
 
 
 def _finite(swing: float) -> float:
-    """What a finite swing on the way [rad] may change: its square, scaled down, of itself."""
+    """Return the change by a finite swing on the way [rad]: its square, scaled down, of itself."""
     return swing * (SMALL * swing) ** 2
 
 

@@ -22,8 +22,8 @@ EVERY, SELDOM = 5, 50
 
 
 def locked(crane: Crane) -> Hold:
-    """Drives of prescribed motion that keep the speed they have; drives of efforts that exert
-    none.
+    """Return a controller of no command: drives of prescribed motion keep their speed, drives of
+    efforts exert none.
     """
     return Hold(crane, *np.zeros((3, crane.layout.m)))
 
@@ -51,8 +51,8 @@ class Bench:
         every: int = EVERY,
         drive: Drive = "motion",
     ) -> Trajectory:
-        """A run with drives in prescribed motion unless said otherwise; mechanics goes on where a
-        rope or a range would end.
+        """Run a crane, by default with drives in prescribed motion; the run goes on where a rope or
+        a range would end.
         """
         return simulate(
             crane,
@@ -76,22 +76,22 @@ class Bench:
         *,
         every: int = EVERY,
     ) -> Trajectory:
-        """A run whose drives follow a reference."""
+        """Run a crane whose drives follow a reference."""
         return self.run(
             crane, start, duration, dt, follow(crane, reference, every * dt), every=every
         )
 
 
 def curve(t: np.ndarray, y: np.ndarray, row: int) -> BSpline:
-    """The polynomial of degree 7 through the eight rows about one; its error is below rounding for
-    swings sampled at 0.1 s.
+    """Return the polynomial of degree 7 through the eight rows about one; its error is below
+    rounding for swings sampled at 0.1 s.
     """
     first = min(max(row - 3, 0), len(t) - 8)
     return make_interp_spline(t[first : first + 8], y[first : first + 8], k=7)
 
 
 def crossing(t: np.ndarray, y: np.ndarray, count: int) -> float:
-    """When a signal changes its sign for the n-th time.
+    """Return the time at which a signal changes its sign for the n-th time.
 
     Raises:
         DataError: If it does so less often.
@@ -107,7 +107,7 @@ def crossing(t: np.ndarray, y: np.ndarray, count: int) -> float:
 
 
 def root(function: BSpline, low: float, high: float) -> float:
-    """Where a function is zero between two times.
+    """Return the time between two times at which a function is zero.
 
     Raises:
         DataError: If it has the same sign at both.
@@ -121,8 +121,8 @@ def root(function: BSpline, low: float, high: float) -> float:
 
 
 def payload(q: np.ndarray) -> np.ndarray:
-    """Where the payload is [m], shape (n, 3), from the coordinates, shape (n, 5); heights count
-    from the pivot. By hand (docs/model.md).
+    """Return the position of the payload [m], shape (n, 3), from the coordinates, shape (n, 5);
+    heights count from the pivot. Derived by hand (docs/model.md).
     """
     gamma, x, phi, theta, length = q.T
     outward = np.stack([np.sin(gamma), -np.cos(gamma), 0.0 * gamma])
@@ -133,5 +133,7 @@ def payload(q: np.ndarray) -> np.ndarray:
 
 
 def speed(position: Callable[[np.ndarray], np.ndarray], trajectory: Trajectory) -> np.ndarray:
-    """Rate of a function of the coordinates along a run, by a complex step, exact to rounding."""
+    """Return the rate of a function of the coordinates along a run, by a complex step, exact to
+    rounding.
+    """
     return position(trajectory.q + 1e-30j * trajectory.v).imag / 1e-30

@@ -28,15 +28,15 @@ jib."""
 
 
 def oracles(bench: Bench) -> list[Oracle]:
-    """Angles and tensions of steady slewing, and the two frequencies."""
+    """Return the oracles of angles and tensions of steady slewing, and of the two frequencies."""
     crane = bench.build()
     steady = [oracle for case in STEADY for oracle in _steady(bench, *case)]
     return [*steady, _stay(bench, crane, *STEADY[0]), *_modes(bench, crane)]
 
 
 def turning(build: Build, radius: float, length: float, rpm: float) -> tuple[Crane, State]:
-    """A load that hangs plumb under a jib that turns, with swing joints damped so that it settles;
-    at rest they exert nothing.
+    """Return a crane whose load hangs plumb under a jib that turns, with swing joints damped so
+    that it settles; at rest they exert nothing.
     """
     damping = 1.2 * MASS * length**2 * math.sqrt(G / length)
     crane = build(damp_swing=damping)
@@ -46,17 +46,17 @@ def turning(build: Build, radius: float, length: float, rpm: float) -> tuple[Cra
 def _steady(bench: Bench, radius: float, length: float, rpm: float) -> list[Oracle]:
     rate, (crane, plumb) = rpm * math.pi / 30.0, turning(bench.build, radius, length, rpm)
     settled = cache(lambda dt: bench.run(crane, plumb, SETTLING, dt, every=SELDOM))
-    place = f"x = {radius:g} m, l = {length:g} m, {rpm:g} rpm"
+    location = f"x = {radius:g} m, l = {length:g} m, {rpm:g} rpm"
     out = -math.degrees(theory.slewing_swing(radius, length, rate, G))
     pull = theory.slewing_tension(radius, length, rate, G, MASS)
     return [
         Oracle(
-            f"load settles outward, {place}",
+            f"load settles outward, {location}",
             "°",
             out,
             lambda dt: -math.degrees(settled(dt)["phi_rad"][-1]),
         ),
-        Oracle(f"tension then, {place}", "N", pull, lambda dt: -float(settled(dt)["F_l_N"][-1])),
+        Oracle(f"tension then, {location}", "N", pull, lambda dt: -float(settled(dt)["F_l_N"][-1])),
     ]
 
 
@@ -74,25 +74,25 @@ def _stay(bench: Bench, crane: Crane, radius: float, length: float, rpm: float) 
 
 
 def _modes(bench: Bench, crane: Crane) -> list[Oracle]:
-    """From the slew axis, where no centrifugal force bends the cable; two frequencies fitted to φ +
-    iθ (Prony).
+    """Return the oracles of a swing from the slew axis, where no centrifugal force bends the cable;
+    two frequencies fitted to φ + iθ (Prony).
     """
     start = crane.state(x=0.0, l=LENGTH, gamma_dot=RATE, phi=1e-6, theta_dot=2e-7)
 
     @cache
     def rates(dt: float) -> list[float]:
-        """Of the part that turns forward in the plane of φ and θ, and of that which turns back,
+        """Return the rates of the parts that turn forward and backward in the plane of φ and θ
         [rad/s].
         """
-        found = bench.run(crane, start, MINUTE, dt)
-        every = round(SAMPLE / (found.t[1] - found.t[0]))
-        z = (found["phi_rad"] + 1j * found["theta_rad"])[::every]
+        run = bench.run(crane, start, MINUTE, dt)
+        every = round(SAMPLE / (run.t[1] - run.t[0]))
+        z = (run["phi_rad"] + 1j * run["theta_rad"])[::every]
         a, b = np.linalg.lstsq(np.stack([z[1:-1], z[:-2]], axis=1), z[2:], rcond=None)[0]
         back, forth = np.sort(np.log(np.roots([1.0, -a, -b])).imag / SAMPLE).tolist()
         return [forth, -back]
 
-    omega, seen = math.sqrt(G / LENGTH), f"seen from a jib at {RATE:g} rad/s"
+    omega, observed = math.sqrt(G / LENGTH), f"seen from a jib at {RATE:g} rad/s"
     return [
-        Oracle(f"{seen}: slow swing, ω - Ω", "rad/s", omega - RATE, lambda dt: rates(dt)[0]),
-        Oracle(f"{seen}: fast swing, ω + Ω", "rad/s", omega + RATE, lambda dt: rates(dt)[1]),
+        Oracle(f"{observed}: slow swing, ω - Ω", "rad/s", omega - RATE, lambda dt: rates(dt)[0]),
+        Oracle(f"{observed}: fast swing, ω + Ω", "rad/s", omega + RATE, lambda dt: rates(dt)[1]),
     ]

@@ -22,7 +22,7 @@ OVALS = ((2.0, 1.0), (8.0, 4.0))
 
 
 def oracles(bench: Bench) -> list[Oracle]:
-    """Periods, tensions and precessions."""
+    """Return the oracles of periods, tensions and precessions."""
     point, rigid = (
         bench.build(),
         bench.build(payload_inertia=400.0, dummy_mass=50.0, dummy_inertia=50.0),
@@ -39,8 +39,8 @@ def oracles(bench: Bench) -> list[Oracle]:
 def _period(
     bench: Bench, crane: Crane, joint: str, length: float, inertia: float, degrees: float
 ) -> Oracle:
-    """Twice the time between passages of the vertical; started there, with the speed that carries
-    the load to its amplitude.
+    """Return the oracle of the period: twice the time between passages of the vertical, where the
+    run starts with the speed that carries the load to its amplitude.
     """
     amplitude = math.radians(degrees)
     rate = (
@@ -52,8 +52,8 @@ def _period(
     )
 
     def read(dt: float) -> float:
-        found = bench.run(crane, crane.state(l=length, **{f"{joint}_dot": rate}), 12.0, dt)
-        return crossing(found.t, found[f"{joint}_rad"], 2)
+        run = bench.run(crane, crane.state(l=length, **{f"{joint}_dot": rate}), 12.0, dt)
+        return crossing(run.t, run[f"{joint}_rad"], 2)
 
     name = f"period of {degrees:g}°, l = {length:g} m" + (
         f", {'φ' if joint == 'phi' else 'θ'} with {inertia:g} kg m²" if inertia else ""
@@ -65,8 +65,8 @@ def _period(
 
 
 def _tensions(bench: Bench, crane: Crane) -> list[Oracle]:
-    """At the lowest point by conservation of energy, and at every row by Newton's law along the
-    rope.
+    """Return the oracles of the tension: at the lowest point by conservation of energy, and at
+    every row by Newton's law along the rope.
     """
     swing = cache(
         lambda dt: bench.run(crane, crane.state(l=LENGTH, phi=math.radians(60.0)), 10.0, dt)
@@ -78,9 +78,9 @@ def _tensions(bench: Bench, crane: Crane) -> list[Oracle]:
         return float(curve(t, tension, int(np.searchsorted(t, bottom)))(bottom))
 
     def everywhere(dt: float) -> float:
-        found = swing(dt)
-        newton = MASS * (G * np.cos(found["phi_rad"]) + LENGTH * found["phi_dot_rad_s"] ** 2)
-        return float(np.abs(-found["F_l_N"] / newton - 1.0).max())
+        run = swing(dt)
+        newton = MASS * (G * np.cos(run["phi_rad"]) + LENGTH * run["phi_dot_rad_s"] ** 2)
+        return float(np.abs(-run["F_l_N"] / newton - 1.0).max())
 
     return [
         Oracle(
@@ -94,8 +94,8 @@ def _tensions(bench: Bench, crane: Crane) -> list[Oracle]:
 
 
 def oval(crane: Crane, far: float, near: float) -> State:
-    """A load let go at a distance from the vertical [m], with a speed to the left seen from above
-    that makes the other half axis [m].
+    """Return a load let go at a distance from the vertical [m], with a speed to the left seen from
+    above that makes the other half axis [m].
     """
     return crane.state(
         l=LENGTH, phi=math.asin(far / LENGTH), theta_dot=near / LENGTH * math.sqrt(G / LENGTH)
@@ -103,8 +103,8 @@ def oval(crane: Crane, far: float, near: float) -> State:
 
 
 def apse(trajectory: Trajectory) -> tuple[float, float]:
-    """When an oval has come back to its far end for the first time [s], and by how much that has
-    turned since the start [rad].
+    """Return the time at which an oval first comes back to its far end [s], and its turn since the
+    start [rad].
     """
     t, offset = (
         trajectory.t,
@@ -118,7 +118,7 @@ def apse(trajectory: Trajectory) -> tuple[float, float]:
 
 
 def _precessions(bench: Bench, crane: Crane) -> list[Oracle]:
-    made = []
+    oracles = []
     for far, near in OVALS:
         turned = cache(
             lambda dt, far=far, near=near: apse(bench.run(crane, oval(crane, far, near), 10.0, dt))[
@@ -126,14 +126,14 @@ def _precessions(bench: Bench, crane: Crane) -> list[Oracle]:
             ]
         )
         name = f"precession of an oval of {far:g} m by {near:g} m"
-        made.append(
+        oracles.append(
             Oracle(
                 f"{name}, a revolution", "rad", theory.apsidal_precession(LENGTH, far, near), turned
             )
         )
         if (far, near) == OVALS[0]:
             airy, square = theory.airy_precession(LENGTH, far, near), (far**2 + near**2) / LENGTH**2
-            made.append(
+            oracles.append(
                 Oracle(f"{name}, by Airy", "rad", airy, turned, airy * square, "(a² + b²)/l²")
             )
-    return made
+    return oracles

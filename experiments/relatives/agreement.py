@@ -54,11 +54,11 @@ def agreement(relative: Relative) -> Agreement:
     run = _moved(crane, _start(crane))
     code = _moved(crane, _start(crane), engine="compiled")
     exact = _moved(crane, _start(crane), integrator=rk4, engine="compiled")
-    apart = max(float(np.abs(code.q - run.q).max()), float(np.abs(code.v - run.v).max()))
+    difference = max(float(np.abs(code.q - run.q).max()), float(np.abs(code.v - run.v).max()))
     return Agreement(
         relative,
         run,
-        apart,
+        difference,
         None if twin.missing() else twin.deviation(crane, run),
         float(np.abs(exact.unexplained).max()),
         float(np.ptp(exact.energy)),
@@ -66,12 +66,12 @@ def agreement(relative: Relative) -> Agreement:
 
 
 def _start(crane: Crane) -> State:
-    """The load swings both ways, whatever it hangs on."""
+    """Return a state in which the load swings both ways."""
     return moved(crane, **{crane.layout.symbols[i]: SWING for i in crane.swings})
 
 
 def _moved(crane: Crane, start: State, **how: object) -> Trajectory:
-    """Trolley and hoist move, with whatever turns or carries the jib."""
+    """Move trolley and hoist, with whatever turns or carries the jib."""
     reference = hold(crane, start)
     ways = {"gamma": 0.2, "bridge": 1.0, "x": 1.0, "l": -0.5}
     for symbol in (joint.symbol for joint in crane.layout.driven):

@@ -43,7 +43,7 @@ class Relative:
     accelerations: tuple[float, ...] = (0.05, 0.5, 0.3)
 
     def crane(self, **values: Any) -> Crane:
-        """The crane, with some more numbers changed."""
+        """Return the crane with some more numbers changed."""
         return load_crane(OVERHEAD if self.overhead else None, **{**self.values, **values})
 
     @property
@@ -67,13 +67,13 @@ RELATIVES = (HOOK, ROPE, TWIST, BEND, JIB, BRIDGE)
 
 @cache
 def crane_of(relative: Relative) -> Crane:
-    """The crane as it stands in the catalogue, loaded once."""
+    """Return the crane of the catalogue, loaded once."""
     return relative.crane()
 
 
 def moved(crane: Crane, **away: float) -> State:
-    """The crane hanging at rest where it starts, then some joints moved by so much, by their
-    symbols, or rates set ("_dot").
+    """Return the crane hanging at rest at its start, with some joints moved by a distance, by their
+    symbols, or with rates ("_dot").
     """
     q, v = crane.start.q.copy(), crane.start.v.copy()
     for name, by in away.items():
@@ -83,8 +83,8 @@ def moved(crane: Crane, **away: float) -> State:
 
 
 def rest_at(crane: Crane, **at: float) -> State:
-    """The crane hanging at rest with drives at other places, by their symbols."""
+    """Return the crane hanging at rest with drives at other positions, by their symbols."""
     q = crane.start.q.copy()
-    for symbol, place in at.items():
-        q[crane.layout.index(symbol)] = place
+    for symbol, position in at.items():
+        q[crane.layout.index(symbol)] = position
     return State(crane.hanging(q), 0.0 * q)

@@ -83,26 +83,18 @@ class Control(NamedTuple):
 
 
 def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
-    """All of it, on one crane, by an engine."""
+    """Control one crane by each controller, with an engine."""
     crane = crane_of(relative)
     start = moved(crane, **{crane.layout.symbols[i]: SWING for i in crane.swings})
     rest = hanging_reference(crane, hold(crane, crane.start), 2 * _PERIOD, _PERIOD)
     regulator = lqr(crane, rest, dt=_DT)
 
     def run(controller: Controller) -> Trajectory:
-        return simulate(
-            crane,
-            controller,
-            rest,
-            start=start,
-            duration=DURATION,
-            dt=_DT,
-            control_period=_PERIOD,
-            engine=engine,
-        )
+        clocks = {"duration": DURATION, "dt": _DT, "control_period": _PERIOD}
+        return simulate(crane, controller, rest, start=start, engine=engine, **clocks)  # type: ignore[arg-type]
 
     brake = hold_controller(crane)
-    held, damped, seen = (
+    held, damped, observed = (
         run(brake),
         run(regulator),
         run(with_observer(regulator, crane, rest, dt=_DT)),
@@ -111,12 +103,8 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
     motion, move = _least_time(relative, crane, engine)
     goal = State(motion.q[-1], motion.v[-1])
     drive = crane.layout.drive("x")
-    weight = (
-        sum(
-            float(body.mass) for body in list(crane.model.inertias)[crane.layout.index("phi") + 1 :]
-        )
-        * crane.gravity
-    )
+    hanging = list(crane.model.inertias)[crane.layout.index("phi") + 1 :]
+    weight = sum(float(body.mass) for body in hanging) * crane.gravity
     blown, missing = _blown(crane, engine)
     return Control(
         relative,
@@ -124,7 +112,7 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
         float(np.abs(held["x_m"] - held["x_m"][0]).max()),
         swing_left(crane, crane.start, held),
         swing_left(crane, crane.start, damped),
-        swing_left(crane, crane.start, seen),
+        swing_left(crane, crane.start, observed),
         swing_left(crane, crane.start, ahead),
         _predicted(crane, regulator, start),
         float((np.abs(ahead.effort) / crane.effort_limit).max()),
@@ -140,8 +128,8 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
 
 
 def swing_left(crane: Crane, goal: State, run: Trajectory, since: float | None = None) -> float:
-    """Largest swing that the modes about a rest can still make together in any swing joint [rad],
-    at a time or at the end.
+    """Return the largest swing that the modes about a rest can still make together in any swing
+    joint [rad], at a time or at the end.
     """
     modes = free_modes(crane, goal)
     row = len(run) - 1 if since is None else int(np.searchsorted(run.t, since - 1e-9))
@@ -165,7 +153,9 @@ def _least_time(relative: Relative, crane: Crane, engine: EngineName) -> tuple[M
 
 
 def _sampling(crane: Crane, goal: State, motion: Motion) -> float:
-    """By the fastest mode that swings, as if all the swing were its own."""
+    """Return the bound of `of_sampling` by the fastest mode that swings, as if all the swing were
+    its own.
+    """
     modes = free_modes(crane, goal)
     swinging = np.abs(modes.shapes[np.isin(modes.passive, crane.swings)]).max(
         axis=0
@@ -189,8 +179,8 @@ def _predicted(crane: Crane, regulator: Tracking, start: State) -> float:
 
 
 def _blown(crane: Crane, engine: EngineName) -> tuple[float, float]:
-    """A steady wind across: how far the load goes, and the share of the wind's work that is missing
-    from the ledger.
+    """Return how far a steady wind across moves the load [m], and the share of the wind's work that
+    is missing from the ledger.
     """
     breeze = wind(crane, steady(GUST), direction=0.0, payload_area=AREA)
     run = simulate(
@@ -210,7 +200,7 @@ def _blown(crane: Crane, engine: EngineName) -> tuple[float, float]:
 
 
 def _lanes(crane: Crane, regulator: Controller, motion: Motion, start: State) -> float:
-    """Cranes of a batch that start with swings of their own, beside two of them run alone."""
+    """Compare a batch of cranes that start with swings of their own to two of them run alone."""
     shares = np.linspace(0.2, 1.0, _COPIES)
     starts = [State(crane.start.q + share * (start.q - crane.start.q), start.v) for share in shares]
     times = {"duration": 2.0, "dt": _DT, "control_period": _PERIOD}

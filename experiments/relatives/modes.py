@@ -69,11 +69,11 @@ Measured = Callable[..., Frequency]
 
 
 def frequencies(engine: EngineName = "pinocchio") -> list[Frequency]:
-    """All frequencies, the runs by an engine."""
+    """Return all frequencies, with the runs by an engine."""
     return [
-        made(engine=engine)
-        for part in (_hooks, _ropes, _twists, _bends, _bridges)
-        for made in part()
+        measure(engine=engine)
+        for generator in (_hooks, _ropes, _twists, _bends, _bridges)
+        for measure in generator()
     ]
 
 
@@ -111,16 +111,16 @@ def _ropes() -> Iterator[Measured]:
 
 
 def crane_ea(crane: Crane) -> float:
-    """EA of the rope of a crane that has one [N]."""
+    """Return EA of the rope of a crane that has one [N]."""
     assert crane.springs.rope is not None
     return float(crane.springs.rope.stiffness)
 
 
 def _twists() -> Iterator[Measured]:
-    """By the 2 × 2 model: with a trolley whose mass counts in the 1e6 kg m², and with one that
-    comes on top of them.
+    """Yield the frequencies of the 2 × 2 model: with a trolley whose mass counts in the 1e6 kg m²,
+    and with one that comes on top of them.
     """
-    at: dict[str, float] = {
+    numbers: dict[str, float] = {
         "trolley_init": 20.0,
         "hoist_init": 15.0,
         "payload_mass": 2000.0,
@@ -128,12 +128,14 @@ def _twists() -> Iterator[Measured]:
         **POINT,
     }
     inertia, trolley, radius = 1e6, 500.0, 20.0
-    for name, own in (
+    for name, inertia_of_structure in (
         ("trolley within J", inertia - trolley * radius**2),
         ("and a trolley of 500 kg", inertia),
     ):
-        crane = TWIST.crane(slewing_inertia=own, trolley_mass=trolley, **at)
-        forms = theory.twisting_tower(own, 2e7, radius, 15.0, 2000.0, crane.gravity, trolley)
+        crane = TWIST.crane(slewing_inertia=inertia_of_structure, trolley_mass=trolley, **numbers)
+        forms = theory.twisting_tower(
+            inertia_of_structure, 2e7, radius, 15.0, 2000.0, crane.gravity, trolley
+        )
         for mode, closed in zip(("slow", "fast"), forms, strict=True):
             yield partial(_locked, f"twist: J = 1e6 kg m², {name}", mode, crane, closed)
 
@@ -159,7 +161,7 @@ def _bridges() -> Iterator[Measured]:
     crane = BRIDGE.crane(**POINT)
     length = float(crane.start.q[crane.layout.index("l")])
     yield partial(_locked, BRIDGE.name, "drives locked", crane, math.sqrt(crane.gravity / length))
-    for symbol, what, carried in (
+    for symbol, mode, carried in (
         ("phi", "trolley rolls freely", 1500.0),
         ("theta", "bridge rolls freely", 13500.0),
     ):
@@ -168,13 +170,15 @@ def _bridges() -> Iterator[Measured]:
             * math.pi
             / theory.rolling_period(length, crane.gravity, crane.payload_mass, carried)
         )
-        yield partial(_rolling, crane, symbol, what, closed)
+        yield partial(_rolling, crane, symbol, mode, closed)
 
 
 def _locked(
     name: str, mode: str, crane: Crane, closed: float, allowed: float = EXACT, *, engine: EngineName
 ) -> Frequency:
-    """A mode with the drives locked, that whose frequency is nearest to the closed form."""
+    """Return a mode with the drives locked: the one whose frequency is nearest to the closed
+    form.
+    """
     modes = free_modes(crane, crane.start)
     k = int(np.argmin(np.abs(modes.frequencies - closed)))
     q = crane.start.q.copy()
@@ -192,9 +196,9 @@ def _locked(
 
 
 def _rolling(
-    crane: Crane, symbol: str, what: str, closed: float, *, engine: EngineName
+    crane: Crane, symbol: str, mode: str, closed: float, *, engine: EngineName
 ) -> Frequency:
-    """A swing while no drive is held but the hoist's load."""
+    """Return a swing while no drive is held but the hoist's load."""
     holding = holding_effort(crane, crane.start.q)
     by_q = linearise(crane, crane.start, holding)[0][:, : crane.layout.n]
     squares = -np.linalg.eigvals(by_q).real
@@ -204,7 +208,7 @@ def _rolling(
     signal = _signal(
         crane, free, moved(crane, **{symbol: _SMALL}), "effort", lambda rows: rows[:, i], engine
     )
-    return Frequency(BRIDGE.name, what, closed, linear, _frequency(signal), _stepped(linear))
+    return Frequency(BRIDGE.name, mode, closed, linear, _frequency(signal), _stepped(linear))
 
 
 def _signal(
@@ -230,10 +234,12 @@ def _signal(
 
 
 def _frequency(y: np.ndarray) -> float:
-    """Of one undamped oscillation in rows [rad/s]: y[k+1] + y[k-1] = 2 cos(ω T) y[k]."""
-    ahead, here = y[2:] + y[:-2], y[1:-1]
+    """Return the frequency of one undamped oscillation in rows [rad/s]: y[k+1] + y[k-1] = 2 cos(ω
+    T) y[k].
+    """
+    ahead, middle = y[2:] + y[:-2], y[1:-1]
     # 1 - cos, not cos, so that slow swings keep their digits
-    square = float((2.0 * here - ahead) @ here) / float(here @ here)
+    square = float((2.0 * middle - ahead) @ middle) / float(middle @ middle)
     return 2.0 / _PERIOD * math.asin(math.sqrt(square) / 2.0)
 
 

@@ -52,7 +52,7 @@ class Unaware:
     known: list[int]
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """What it commands, shape (m,)."""
+        """Return the command, shape (m,)."""
         return self.controller(t, State(state.q[self.known], state.v[self.known]), setpoint)
 
 
@@ -77,8 +77,8 @@ class Left(NamedTuple):
     run: Trajectory
 
 
-def left(crane: Crane, goal: State, run: Trajectory, at: float) -> tuple[float, float]:
-    """Amplitude of the slow and of the fast mode at a time [rad], radial and tangential
+def mode_amplitudes(crane: Crane, goal: State, run: Trajectory, at: float) -> tuple[float, float]:
+    """Return the amplitude of the slow and of the fast mode at a time [rad], radial and tangential
     together.
     """
     modes = free_modes(crane, goal)
@@ -100,7 +100,9 @@ def sampling(run: Trajectory) -> float:
 
 
 def shaping(engine: EngineName = "pinocchio") -> list[Left]:
-    """An operator's slow move of the trolley as it is, and shaped for no, one or both modes."""
+    """Make an operator's slow move of the trolley as it is, and shaped for no, one or both
+    modes.
+    """
     crane = crane_of(HOOK)
     slow, fast = theory.double_pendulum(_at(crane, "l"), 5.0, 300.0, 2000.0, crane.gravity)
     base = joystick(
@@ -113,92 +115,81 @@ def shaping(engine: EngineName = "pinocchio") -> list[Left]:
         "ZV for the slow mode": (slow,),
         "ZV for both modes": (slow, fast),
     }
-    found: list[Left] = []
+    results: list[Left] = []
     for name, modes in plans.items():
         reference = shaped(base, zv(), [2.0 * np.pi / mode for mode in modes]) if modes else base
         end = _whole(3.0 + NUDGE / 0.5 + sum(np.pi / mode for mode in modes))
-        run = _run(
-            crane,
-            follow(crane, reference, _PERIOD),
-            reference,
-            end + 0.5,
-            drive="motion",
-            engine=engine,
-        )
+        drives: Any = {"drive": "motion", "engine": engine}
+        run = _run(crane, follow(crane, reference, _PERIOD), reference, end + 0.5, **drives)
         goal = rest_at(crane, x=float(run["x_m"][-1]))
-        amounts = left(crane, goal, run, end)
+        amounts = mode_amplitudes(crane, goal, run, end)
         closed: list[float | None] = [None, None]
-        if found:
+        if results:
             closed = [
                 theory.convolved_zv(mode, modes) * alone
-                for mode, alone in zip((slow, fast), found[0][2:4], strict=True)
+                for mode, alone in zip((slow, fast), results[0][2:4], strict=True)
             ]
-        found.append(Left(name, end, amounts[0], amounts[1], closed[0], closed[1], run))
-    return found
+        results.append(Left(name, end, amounts[0], amounts[1], closed[0], closed[1], run))
+    return results
 
 
 def moves(engine: EngineName = "pinocchio") -> Iterator[Left]:
-    """Four metres of the trolley, with the whole model, and with that of a load on one cable."""
+    """Move the trolley by four metres, with the whole model, and with that of a load on one
+    cable.
+    """
     crane, simple = crane_of(HOOK), one_pendulum()
-    known = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
-    for name, of, motion in (
+    indices = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
+    for name, designed, motion in (
         ("spline, LQR of the whole model", crane, _spline(crane)),
         ("least time, LQR of the whole model", crane, _fastest(crane)),
         ("spline, five-joint LQR", simple, _spline(simple)),
         ("least time, five-joint LQR", simple, _fastest(simple)),
     ):
-        tracking = lqr(of, motion, dt=_DT)
-        controller = tracking if of is crane else Unaware(tracking, known)
+        tracking = lqr(designed, motion, dt=_DT)
+        controller = tracking if designed is crane else Unaware(tracking, indices)
         # Of the drives, which both cranes have; the motion itself is of one crane.
         setpoints = motion.__call__
         run = _run(crane, controller, setpoints, _whole(motion.arrival + _AFTER), engine=engine)
-        slow, fast = left(crane, rest_at(crane, x=_at(crane, "x") + WAY), run, motion.arrival)
+        slow, fast = mode_amplitudes(
+            crane, rest_at(crane, x=_at(crane, "x") + WAY), run, motion.arrival
+        )
         yield Left(name, motion.arrival, slow, fast, None, None, run)
 
 
 def one_pendulum() -> Crane:
-    """The tower crane as a designer sees it who knows nothing of the hook: all the mass at the
+    """Return the tower crane of a designer who does not know of the hook: all the mass at the
     hoist's end.
     """
     return load_crane(payload_mass=2300.0, **POINT)
 
 
 def growth() -> tuple[float, float]:
-    """Largest growth rate of the closed loops at rest [1/s]: LQR of the whole model, and of five
-    joints on the crane with the hook.
+    """Return the largest growth rate of the closed loops at rest [1/s]: LQR of the whole model, and
+    of five joints on the crane with the hook.
     """
     crane, simple = crane_of(HOOK), one_pendulum()
-    loop, known = (
-        sampled(crane, crane.start, dt=_DT, control_period=_PERIOD),
-        [crane.layout.index(s) for s in simple.layout.symbols],
-    )
+    loop = sampled(crane, crane.start, dt=_DT, control_period=_PERIOD)
+    indices = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
     n = crane.layout.n
     gain = np.zeros((crane.layout.m, 2 * n))
-    gain[:, [*known, *(n + i for i in known)]] = _regulator(simple).gain[-1]
+    gain[:, [*indices, *(n + i for i in indices)]] = _regulator(simple).gain[-1]
     radii = (
-        np.abs(np.linalg.eigvals(loop.closed(each))).max()
-        for each in (_regulator(crane).gain[-1], gain)
+        np.abs(np.linalg.eigvals(loop.closed(gain_matrix))).max()
+        for gain_matrix in (_regulator(crane).gain[-1], gain)
     )
     aware, unaware = (float(np.log(radius) / _PERIOD) for radius in radii)
     return aware, unaware
 
 
 def stirred(engine: EngineName = "pinocchio") -> float:
-    """Growth rate of the fast mode in a run under the LQR of five joints [1/s], from a small swing
-    of the sling across the jib.
+    """Return the growth rate of the fast mode in a run under the LQR of five joints [1/s], from a
+    small swing of the sling across the jib.
     """
     crane, simple = crane_of(HOOK), one_pendulum()
-    known = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
+    indices = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
     start = moved(crane, sling_tangential=1e-3)
-    run = simulate(
-        crane,
-        Unaware(_regulator(simple), known),
-        start=start,
-        duration=30.0,
-        dt=_DT,
-        control_period=_PERIOD,
-        engine=engine,
-    )
+    controller = Unaware(_regulator(simple), indices)
+    run = _run(crane, controller, None, 30.0, start=start, engine=engine)
     later = run.since(15.0)
     fast = np.hypot(*free_modes(crane, crane.start).amplitudes(later.q, later.v)[:, 2:].T)
     return float(np.polyfit(later.t, np.log(fast), 1)[0])
@@ -223,10 +214,14 @@ def _fastest(crane: Crane) -> Motion:
 
 
 def _run(
-    crane: Crane, controller: Controller, reference: Reference, duration: float, **how: Any
+    crane: Crane,
+    controller: Controller,
+    reference: Reference | None,
+    duration: float,
+    **options: Any,
 ) -> Trajectory:
     return simulate(
-        crane, controller, reference, duration=duration, dt=_DT, control_period=_PERIOD, **how
+        crane, controller, reference, duration=duration, dt=_DT, control_period=_PERIOD, **options
     )
 
 

@@ -61,39 +61,34 @@ class Robot(NamedTuple):
     open: dict[str, tuple[float, float]]
 
     def order(self, rule: Integrator) -> float:
-        """Power of the step with which the open energy falls."""
+        """Return the power of the step with which the open energy falls."""
         coarse, fine = self.open[rule.name]
         return float(np.log2(coarse / fine))
 
 
 def robots() -> list[Robot]:
-    """All of them."""
+    """Run all robots."""
     return [_robot(name, payload, driven) for name, (payload, driven) in ROBOTS.items()]
 
 
 def robot(name: str) -> Path:
-    """Where the URDF of a robot is."""
-    return Path(
-        str(
-            next(
-                file for file in metadata.files("example-robot-data") or [] if file.name == name
-            ).locate()
-        )
-    )
+    """Return the file of a robot's URDF."""
+    files = metadata.files("example-robot-data") or []
+    return Path(str(next(file for file in files if file.name == name).locate()))
 
 
 def _robot(name: str, payload: str, driven: int) -> Robot:
     joints = _joints(robot(name))
     crane = load_crane(robot(name), payload=payload, driven=joints[:driven])
-    engines, left = dict[str, float](), dict[str, tuple[float, float]]()
+    engines, open_energy = dict[str, float](), dict[str, tuple[float, float]]()
     for rule in (semi_implicit_euler, rk4):
         runs = [_moved(crane, rule, engine, STEP) for engine in ("pinocchio", "compiled")]
         engines[rule.name] = max(
             float(np.abs(a - b).max())
             for a, b in zip(*((run.q, run.v) for run in runs), strict=True)
         )
-        left[rule.name] = _open(runs[1]), _open(_moved(crane, rule, "compiled", STEP / 2.0))
-    return Robot(name.removesuffix(".urdf"), crane.layout.n, driven, engines, left)
+        open_energy[rule.name] = _open(runs[1]), _open(_moved(crane, rule, "compiled", STEP / 2.0))
+    return Robot(name.removesuffix(".urdf"), crane.layout.n, driven, engines, open_energy)
 
 
 def _joints(path: Path) -> list[str]:
@@ -105,7 +100,7 @@ def _open(run: Trajectory) -> float:
 
 
 def _moved(crane: Crane, rule: Integrator, engine: EngineName, dt: float) -> Trajectory:
-    """Half a second under hold, pushed away from where it stands."""
+    """Hold a robot for half a second, pushed away from where it stands."""
     rng = np.random.default_rng(5)
     start = State(crane.start.q, rng.normal(size=crane.layout.n))
     brake, reference = hold_controller(crane), hold(crane, crane.start)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cranedyn import theory
 from cranedyn.controllers import follow
-from cranedyn.interfaces import EngineName
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.interfaces import Controller, EngineName, Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
@@ -25,33 +26,33 @@ class Jump(NamedTuple):
     """Largest tension over the weight that hangs.
 
     Attributes:
-        what: What happens.
+        name: What happens.
         closed: By the closed form.
-        found: In a run.
+        simulated: In a run.
         allowed: Between them.
         why: Where that comes from.
     """
 
-    what: str
+    name: str
     closed: float
-    found: float
+    simulated: float
     allowed: float
     why: str
 
     @property
     def holds(self) -> bool:
         """Whether they agree."""
-        return abs(self.found - self.closed) < self.allowed
+        return abs(self.simulated - self.closed) < self.allowed
 
 
 def jumps(engine: EngineName = "pinocchio") -> list[Jump]:
-    """All of them, by an engine."""
+    """Return all jumps of the tension, with the runs by an engine."""
     return [*_pickups(engine), *_drops(engine)]
 
 
 def _pickups(engine: EngineName) -> Iterator[Jump]:
-    """The load still stands, the rope just carries it, the drum already turns: the load rises by
-    what the rope is too short.
+    """Pick up a load that still stands, on a rope that just carries it, by a drum that already
+    turns: the load rises by what the rope is too short.
     """
     crane = ROPE.crane(**POINT)
     length, omega = _length(crane), _bounce(crane)
@@ -59,66 +60,47 @@ def _pickups(engine: EngineName) -> Iterator[Jump]:
         start = moved(crane, l_dot=-speed, rope_stretch_dot=speed)
         closed = theory.pickup_factor(speed, omega, crane.gravity)
         hoisted = ramp(crane, hold(crane, start), "l", -speed, rate=speed, at=-0.5)
-        run = simulate(
-            crane,
-            follow(crane, hoisted, _DT),
-            hoisted,
-            start=start,
-            duration=0.4,
-            dt=_DT,
-            control_period=_DT,
-            drive="motion",
-            validity="mark",
-            engine=engine,
-        )
+        run = _run(crane, follow(crane, hoisted, _DT), hoisted, start, 0.4, engine)
         assert float(np.ptp(run["l_dot_m_s"])) < 1e-6, "the drum turns evenly"
-        found = float(_tension(crane, run["rope_stretch_m"], run["l_m"]).max()) / (
-            crane.payload_mass * crane.gravity
-        )
-        strain, shorter = (
-            crane.payload_mass * crane.gravity / crane_ea(crane),
-            math.pi / 2.0 * speed / (omega * length),
-        )
+        weight = crane.payload_mass * crane.gravity
+        peak = float(_tension(crane, run).max()) / weight
+        strain, shorter = weight / crane_ea(crane), math.pi / 2.0 * speed / (omega * length)
         allowed = (closed - 1.0) * (strain + shorter) + (omega * _DT) ** 2
-        yield Jump(
-            f"picked up at {speed:g} m/s",
-            closed,
-            found,
-            allowed,
-            "strain at rest; shorter cable at the peak; (ω dt)²",
-        )
+        why = "strain at rest; shorter cable at the peak; (ω dt)²"
+        yield Jump(f"picked up at {speed:g} m/s", closed, peak, allowed, why)
 
 
 def _drops(engine: EngineName) -> Iterator[Jump]:
-    for whole, left in ((1000.0, 800.0), (1000.0, 500.0)):
-        before, after = (ROPE.crane(payload_mass=mass, **POINT) for mass in (whole, left))
-        start = moved(
-            after,
-            rope_stretch=float(
-                before.start.q[before.layout.index("rope_stretch")]
-                - after.start.q[after.layout.index("rope_stretch")]
-            ),
+    for mass_before, mass_after in ((1000.0, 800.0), (1000.0, 500.0)):
+        before, after = (
+            ROPE.crane(payload_mass=mass, **POINT) for mass in (mass_before, mass_after)
         )
-        run = simulate(
-            after,
-            locked(after),
-            start=start,
-            duration=1.0,
-            dt=_DT,
-            control_period=_DT,
-            drive="motion",
-            validity="mark",
-            engine=engine,
-        )
-        tension = _tension(after, run["rope_stretch_m"], run["l_m"]) / (left * after.gravity)
-        closed, allowed = theory.drop_factor(whole - left, left), (_bounce(after) * _DT) ** 2
-        part = f"{whole - left:g} of {whole:g} kg dropped"
-        yield Jump(f"{part}, at most", 1.0 + closed, float(tension.max()), allowed, "(ω dt)²")
-        yield Jump(f"{part}, at least", 1.0 - closed, float(tension.min()), allowed, "(ω dt)²")
+        stretches = [crane.start.q[crane.layout.index("rope_stretch")] for crane in (before, after)]
+        start = moved(after, rope_stretch=float(stretches[0] - stretches[1]))
+        run = _run(after, locked(after), None, start, 1.0, engine)
+        tension = _tension(after, run) / (mass_after * after.gravity)
+        closed = theory.drop_factor(mass_before - mass_after, mass_after)
+        allowed = (_bounce(after) * _DT) ** 2
+        name = f"{mass_before - mass_after:g} of {mass_before:g} kg dropped"
+        yield Jump(f"{name}, at most", 1.0 + closed, float(tension.max()), allowed, "(ω dt)²")
+        yield Jump(f"{name}, at least", 1.0 - closed, float(tension.min()), allowed, "(ω dt)²")
 
 
-def _tension(crane: Crane, stretch: np.ndarray, length: np.ndarray) -> np.ndarray:
-    return crane_ea(crane) * stretch / length
+def _run(
+    crane: Crane,
+    controller: Controller,
+    reference: Reference | None,
+    start: State,
+    duration: float,
+    engine: EngineName,
+) -> Trajectory:
+    clocks: Any = {"dt": _DT, "control_period": _DT, "duration": duration}
+    mode: Any = {"drive": "motion", "validity": "mark", "engine": engine}
+    return simulate(crane, controller, reference, start=start, **clocks, **mode)
+
+
+def _tension(crane: Crane, run: Trajectory) -> np.ndarray:
+    return crane_ea(crane) * run["rope_stretch_m"] / run["l_m"]
 
 
 def _length(crane: Crane) -> float:

@@ -1,11 +1,11 @@
-"""What the experiment cranes prints: its tables."""
+"""The tables of the experiment cranes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
-from experiments import harness
+from experiments.harness import Table, tabulate
 from experiments.relatives import modes, pendulum, rope
 from experiments.relatives.agreement import DURATION, Agreement
 from experiments.relatives.catalogue import HOOK, crane_of, rest_at
@@ -13,175 +13,127 @@ from experiments.relatives.control import AREA, GUST, SWING, WAY, Control
 from experiments.relatives.robots import STEP, Robot
 
 
-def frequencies(found: Sequence[modes.Frequency]) -> harness.Table:
-    """Frequencies by closed form, linearisation and small swings."""
-    columns = [
-        ("crane", ""),
-        ("mode", ""),
-        ("closed form [rad/s]", ".8f"),
-        ("linearised", ".8f"),
-        ("off", "+.0e>1e-11"),
-        ("small swing", ".8f"),
-        ("of the step", "+.0e"),
-        ("rest", "+.0e>1e-11"),
-    ]
-    rows = [
-        (
-            f.crane,
-            f.mode,
-            f.closed,
-            f.linear,
-            f.linear - f.closed,
-            f.simulated,
-            f.stepped - f.linear,
-            f.simulated - f.stepped,
-        )
-        for f in found
-    ]
-    note = (
+def frequency_table(results: Sequence[modes.Frequency]) -> Table:
+    """Return frequencies by closed form, linearisation and small swings."""
+    return tabulate(
+        "Frequencies",
+        results,
+        [
+            ("crane", "", lambda f: f.crane),
+            ("mode", "", lambda f: f.mode),
+            ("closed form [rad/s]", ".8f", lambda f: f.closed),
+            ("linearised", ".8f", lambda f: f.linear),
+            ("off", "+.0e>1e-11", lambda f: f.linear - f.closed),
+            ("small swing", ".8f", lambda f: f.simulated),
+            ("of the step", "+.0e", lambda f: f.stepped - f.linear),
+            ("rest", "+.0e>1e-11", lambda f: f.simulated - f.stepped),
+        ],
         "Drives locked but where they roll. The tower that twists is that of a hand-derived 2 × 2 "
-        "model without the trolley, "
-        "0.79786094 and 4.53213150 rad/s: the multibody agrees when the trolley's m x² is counted "
-        "within the 1e6 kg m², and is "
-        "slower by what the trolley adds when it is not. A structure that leans at rest is held to "
-        "the square of that angle."
+        "model without the trolley, 0.79786094 and 4.53213150 rad/s: the multibody agrees when the "
+        "trolley's m x² is counted within the 1e6 kg m², and is slower by what the trolley adds "
+        "when it is not. A structure that leans at rest is held to the square of that angle.",
     )
-    return harness.Table("Frequencies", columns, rows, note)
 
 
-def jumps(found: Sequence[rope.Jump]) -> harness.Table:
-    """A rope that stretches."""
-    columns = [
-        ("what happens", ""),
-        ("closed form", ".4f"),
-        ("run", ".4f"),
-        ("off", "+.1e"),
-        ("allowed", ".1e"),
-        ("because of", ""),
-    ]
-    rows = [(j.what, j.closed, j.found, j.found - j.closed, j.allowed, j.why) for j in found]
-    return harness.Table("Rope that stretches: tension over the weight that hangs", columns, rows)
-
-
-def agreement(found: Sequence[Agreement]) -> harness.Table:
-    """Three engines and the ledger."""
-    columns = [
-        ("crane", ""),
-        ("joints", "d"),
-        ("Pinocchio - code", ".0e>1e-12"),
-        ("Pinocchio - MuJoCo", ".0e>1e-12"),
-        ("energy [J]", ".0f"),
-        ("open [J]", ".0e"),
-    ]
-    rows = [
-        (a.relative.name, crane_of(a.relative).layout.n, a.engines, a.mujoco, a.energy, a.left_open)
-        for a in found
-    ]
-    note = (
-        "Largest difference of any coordinate or rate [rad, m, per second]. "
-        "Ledger by RK4: what the energy changes by, and what is left open."
+def jump_table(results: Sequence[rope.Jump]) -> Table:
+    """Return the tensions of a rope that stretches."""
+    return tabulate(
+        "Rope that stretches: tension over the weight that hangs",
+        results,
+        [
+            ("what happens", "", lambda j: j.name),
+            ("closed form", ".4f", lambda j: j.closed),
+            ("run", ".4f", lambda j: j.simulated),
+            ("off", "+.1e", lambda j: j.simulated - j.closed),
+            ("allowed", ".1e", lambda j: j.allowed),
+            ("because of", "", lambda j: j.why),
+        ],
     )
-    return harness.Table(
+
+
+def agreement_table(results: Sequence[Agreement]) -> Table:
+    """Return the agreement of three engines and the ledger."""
+    return tabulate(
         f"Three engines, {DURATION:g} s with all drives moving and the load swinging",
-        columns,
-        rows,
+        results,
+        [
+            ("crane", "", lambda a: a.relative.name),
+            ("joints", "d", lambda a: crane_of(a.relative).layout.n),
+            ("Pinocchio - code", ".0e>1e-12", lambda a: a.engines),
+            ("Pinocchio - MuJoCo", ".0e>1e-12", lambda a: a.mujoco),
+            ("energy [J]", ".0f", lambda a: a.energy),
+            ("open [J]", ".0e", lambda a: a.left_open),
+        ],
+        "Largest difference of any coordinate or rate [rad, m, per second]. "
+        "Ledger by RK4: what the energy changes by, and what is left open.",
+    )
+
+
+def control_table(results: Sequence[Control]) -> Table:
+    """Return the control of each crane."""
+    return tabulate(
+        "Control",
+        results,
+        [
+            ("crane", "", lambda c: c.relative.name),
+            ("gives way [mm]", ".2f", lambda c: 1e3 * c.held),
+            ("hold [mrad]", ".2f", lambda c: 1e3 * c.left_by_hold),
+            ("LQR", ".2f", lambda c: 1e3 * c.left_by_lqr),
+            ("observer", ".2f", lambda c: 1e3 * c.left_by_observer),
+            ("MPC", ".2f", lambda c: 1e3 * c.left_by_mpc),
+            ("least time [s]", ".2f", lambda c: c.arrival),
+            ("left [mrad]", ".3f", lambda c: 1e3 * c.rest),
+            ("limits [%]", ".1f", lambda c: 100.0 * c.limits),
+            ("wind [m]", ".2f", lambda c: c.blown),
+            ("batch", ".0e>1e-12", lambda c: c.lanes),
+        ],
+        f"From {1e3 * SWING:g} mrad in each swing joint: how far the trolley gives way under the "
+        "hold controller, and the swing left after 10 s by each controller. Then the trolley's "
+        f"move of {WAY:g} m in least time: how long, swing left, largest share of a limit. Wind of "
+        f"{GUST:g} m/s on {AREA:g} m² for 4 s: where the load goes. Batch: eight cranes at once "
+        "beside runs one by one [rad, m, per second].",
+    )
+
+
+def residual_table(title: str, results: Sequence[pendulum.Left], note: str) -> Table:
+    """Return the swing that moves of the double pendulum leave in each mode."""
+
+    def mrad(value: float | None) -> float | None:
+        return None if value is None else 1e3 * value
+
+    return tabulate(
+        title,
+        results,
+        [
+            ("strategy", "", lambda r: r.strategy),
+            ("arrives [s]", ".2f", lambda r: r.arrival),
+            ("slow [mrad]", ".4f", lambda r: 1e3 * r.slow),
+            ("closed", ".4f", lambda r: mrad(r.closed_slow)),
+            ("fast [mrad]", ".4f", lambda r: 1e3 * r.fast),
+            ("closed ", ".4f", lambda r: mrad(r.closed_fast)),
+            ("later: slow", ".4f", lambda r: 1e3 * _later(r)[0]),
+            ("fast", ".4f", lambda r: 1e3 * _later(r)[1]),
+        ],
         note,
     )
 
 
-def control(found: Sequence[Control]) -> harness.Table:
-    """What is made for any crane, on each."""
-    columns = [
-        ("crane", ""),
-        ("gives way [mm]", ".2f"),
-        ("hold [mrad]", ".2f"),
-        ("LQR", ".2f"),
-        ("observer", ".2f"),
-        ("MPC", ".2f"),
-        ("least time [s]", ".2f"),
-        ("left [mrad]", ".3f"),
-        ("limits [%]", ".1f"),
-        ("wind [m]", ".2f"),
-        ("batch", ".0e>1e-12"),
-    ]
-    rows: list[tuple[float | str | None, ...]] = [
-        (
-            c.relative.name,
-            1e3 * c.held,
-            *(
-                1e3 * swing
-                for swing in (c.left_by_hold, c.left_by_lqr, c.left_by_observer, c.left_by_mpc)
-            ),
-            c.arrival,
-            1e3 * c.rest,
-            100.0 * c.limits,
-            c.blown,
-            c.lanes,
-        )
-        for c in found
-    ]
-    note = (
-        f"From {1e3 * SWING:g} mrad in each swing joint: how far the trolley gives way under the "
-        "hold controller, and the swing left "
-        f"after 10 s by each controller. Then the trolley's move of {WAY:g} m in least time: how "
-        "long, swing left, largest share of a "
-        f"limit. Wind of {GUST:g} m/s on {AREA:g} m² for 4 s: where the load goes. Batch: eight "
-        "cranes at once beside runs one by one "
-        "[rad, m, per second]."
-    )
-    return harness.Table("Control", columns, rows, note)
-
-
-def left(title: str, found: Sequence[pendulum.Left], note: str) -> harness.Table:
-    """What moves of the double pendulum leave in each mode."""
-    columns = [
-        ("strategy", ""),
-        ("arrives [s]", ".2f"),
-        ("slow [mrad]", ".4f"),
-        ("closed", ".4f"),
-        ("fast [mrad]", ".4f"),
-        ("closed ", ".4f"),
-        ("later: slow", ".4f"),
-        ("fast", ".4f"),
-    ]
-    rows: list[tuple[float | str | None, ...]] = []
-    for each in found:
-        later = _later(each)
-        closed = [
-            None if form is None else 1e3 * form for form in (each.closed_slow, each.closed_fast)
-        ]
-        rows.append(
-            (
-                each.strategy,
-                each.arrival,
-                1e3 * each.slow,
-                closed[0],
-                1e3 * each.fast,
-                closed[1],
-                1e3 * later[0],
-                1e3 * later[1],
-            )
-        )
-    return harness.Table(title, columns, rows, note)
-
-
-def _later(found: pendulum.Left) -> tuple[float, float]:
-    """Amplitudes at the end of the run [rad]."""
+def _later(result: pendulum.Left) -> tuple[float, float]:
+    """Return the amplitudes at the end of the run [rad]."""
     crane = crane_of(HOOK)
-    goal = rest_at(crane, x=float(found.run["x_setpoint_m"][-1]))
-    return pendulum.left(crane, goal, found.run, float(found.run.t[-1]))
+    goal = rest_at(crane, x=float(result.run["x_setpoint_m"][-1]))
+    return pendulum.mode_amplitudes(crane, goal, result.run, float(result.run.t[-1]))
 
 
-def unaware(growth: tuple[float, float]) -> str:
-    """What to know of designs that do not know of the hook, with the growth rates of the closed
+def unaware_note(growth: tuple[float, float]) -> str:
+    """Return a note on designs that do not know of the hook, with the growth rates of the closed
     loops [1/s].
     """
     return (
         f"At the arrival, and {pendulum.LASTS + 1:g} s later. The five-joint designs take hook and "
-        "load for one load of 2300 kg at the "
-        "hoist's end, and see slew, trolley, cable and its two swings. At rest every motion under "
-        "the LQR of the whole model goes with "
-        f"{growth[0]:+.4f} 1/s or faster; under that of five joints one has {growth[1]:+.4f} 1/s"
+        "load for one load of 2300 kg at the hoist's end, and see slew, trolley, cable and its two "
+        f"swings. At rest every motion under the LQR of the whole model goes with {growth[0]:+.4f} "
+        f"1/s or faster; under that of five joints one has {growth[1]:+.4f} 1/s"
         + (
             ": through the slew it stirs up the fast mode across the jib, which it does not see."
             if growth[1] > 0.0
@@ -190,32 +142,22 @@ def unaware(growth: tuple[float, float]) -> str:
     )
 
 
-def robots(found: Sequence[Robot]) -> harness.Table:
-    """Robots that are no cranes."""
-    columns = [
-        ("robot", ""),
-        ("joints", "d"),
-        ("driven", "d"),
-        ("Pinocchio - code", ".0e>1e-12"),
-        ("open, Euler [J]", ".1e"),
-        ("order", ".3f"),
-        ("open, RK4 [J]", ".1e"),
-        ("order ", ".3f"),
-    ]
-    rules = (semi_implicit_euler, rk4)
-    rows: list[tuple[float | str | None, ...]] = [
-        (
-            r.name,
-            r.joints,
-            r.driven,
-            max(r.engines.values()),
-            *(part for rule in rules for part in (r.open[rule.name][0], r.order(rule))),
-        )
-        for r in found
-    ]
-    note = (
+def robot_table(results: Sequence[Robot]) -> Table:
+    """Return integrators and engines on robots that are no cranes."""
+    euler, runge = semi_implicit_euler, rk4
+    return tabulate(
+        "Robots of example-robot-data, loaded as cranes",
+        results,
+        [
+            ("robot", "", lambda r: r.name),
+            ("joints", "d", lambda r: r.joints),
+            ("driven", "d", lambda r: r.driven),
+            ("Pinocchio - code", ".0e>1e-12", lambda r: max(r.engines.values())),
+            ("open, Euler [J]", ".1e", lambda r: r.open[euler.name][0]),
+            ("order", ".3f", lambda r: r.order(euler)),
+            ("open, RK4 [J]", ".1e", lambda r: r.open[runge.name][0]),
+            ("order ", ".3f", lambda r: r.order(runge)),
+        ],
         f"Half a second under hold in steps of {1e3 * STEP:g} ms; what the ledger leaves open, and "
-        "the power of the step with which "
-        "that falls."
+        "the power of the step with which that falls.",
     )
-    return harness.Table("Robots of example-robot-data, loaded as cranes", columns, rows, note)

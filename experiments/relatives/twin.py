@@ -19,13 +19,13 @@ _LEAST = 1e-12
 
 
 def missing() -> bool:
-    """Whether MuJoCo is not installed."""
+    """Return whether MuJoCo is not installed."""
     return find_spec("mujoco") is None
 
 
 def model(crane: Crane, dt: float) -> Any:
-    """The MjModel of a crane that steps as `simulate` does: semi-implicit Euler, no joint ranges,
-    springs and damping before the step.
+    """Return the MjModel of a crane that steps as `simulate` does: semi-implicit Euler, no joint
+    ranges, springs and damping before the step.
     """
     import mujoco
 
@@ -34,28 +34,28 @@ def model(crane: Crane, dt: float) -> Any:
     # It looks at a cable of no length, where a point load has no inertia against swing.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        made = spec.compile()
-    off, option = mujoco.mjtDisableBit, made.opt
+        model = spec.compile()
+    off, option = mujoco.mjtDisableBit, model.opt
     option.integrator, option.timestep, option.gravity[:] = (
         mujoco.mjtIntegrator.mjINT_EULER,
         dt,
         [0.0, 0.0, -crane.gravity],
     )
     option.disableflags |= off.mjDSBL_CONSTRAINT | off.mjDSBL_EULERDAMP
-    made.dof_armature[:] = crane.model.armature
-    made.jnt_stiffness[:], made.qpos_spring[:] = crane.springs.stiffness, crane.springs.rest
-    return made
+    model.dof_armature[:] = crane.model.armature
+    model.jnt_stiffness[:], model.qpos_spring[:] = crane.springs.stiffness, crane.springs.rest
+    return model
 
 
 def deviation(crane: Crane, run: Trajectory) -> float:
-    """How far MuJoCo goes from a run whose efforts it repeats, at most in any coordinate or rate
-    [rad, m, per second].
+    """Return how far MuJoCo goes from a run whose efforts it repeats, at most in any coordinate or
+    rate [rad, m, per second].
     """
     import mujoco
 
     dt = float(run.parameters["dt_s"])
-    made = model(crane, dt)
-    data, rope = mujoco.MjData(made), crane.springs.rope
+    mj_model = model(crane, dt)
+    data, rope = mujoco.MjData(mj_model), crane.springs.rope
     data.qpos[:], data.qvel[:] = run.state(0)
     steps, worst = round(float(run.parameters["control_period_s"]) / dt), 0.0
     for k in range(len(run)):
@@ -67,12 +67,12 @@ def deviation(crane: Crane, run: Trajectory) -> float:
         acting = full(crane, run.effort[k])
         if rope is None:
             data.qfrc_applied[:] = acting
-            mujoco.mj_step(made, data, steps)
+            mujoco.mj_step(mj_model, data, steps)
             continue
         for _ in range(steps):
             strain = data.qpos[rope.stretch] / data.qpos[rope.length]
             data.qfrc_applied[:] = acting
             data.qfrc_applied[rope.stretch] -= rope.stiffness * strain
             data.qfrc_applied[rope.length] += rope.stiffness * strain**2 / 2.0
-            mujoco.mj_step(made, data)
+            mujoco.mj_step(mj_model, data)
     return worst

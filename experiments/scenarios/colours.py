@@ -15,7 +15,7 @@ _ORDER = (*_FIRST, *(strategy for strategy in STRATEGIES if strategy not in _FIR
 
 
 def strategy_colour(strategy: str) -> str:
-    """The hex colour of a strategy by its name; one that is not known has the last of the first
+    """Return the hex colour of a strategy by its name; an unknown one has the last of the first
     eight.
     """
     name = _SHAPED.get(strategy, strategy)

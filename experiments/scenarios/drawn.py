@@ -43,7 +43,7 @@ DRAWN = [name for name in strategies.STRATEGIES if name not in UNBATCHED]
 
 
 def drawn(setup: Setup, names: Sequence[str], drive: str, count: int, seed: int) -> Design:
-    """The same cases for each strategy; fewer of one seed are the first of more.
+    """Draw the same cases for each strategy; fewer of one seed are the first of more.
 
     Args:
         setup: Where it takes place.
@@ -67,9 +67,9 @@ def drawn(setup: Setup, names: Sequence[str], drive: str, count: int, seed: int)
     low, high = np.array(list(RANGES.values())).T
     shares = np.random.default_rng(seed).random((count, len(RANGES)))
     columns = dict(zip(RANGES, (low + (high - low) * shares).T, strict=True))
-    least, most = RANGES["load"]
-    columns["load"] = np.linspace(least, most, LEVELS)[
-        np.rint((columns["load"] - least) / (most - least) * (LEVELS - 1)).astype(int)
+    lightest, heaviest = RANGES["load"]
+    columns["load"] = np.linspace(lightest, heaviest, LEVELS)[
+        np.rint((columns["load"] - lightest) / (heaviest - lightest) * (LEVELS - 1)).astype(int)
     ]
     columns["delay"] = np.floor(columns["delay"])
     return cross(plans, Design(columns | {"number": np.arange(count, dtype=float)}))

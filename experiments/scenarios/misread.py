@@ -29,41 +29,41 @@ class Misread:
     offset: float
 
     def begin_run(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Clocked`."""
+        """Begin a run, see `cranedyn.clocks.Clocked`."""
         if isinstance(self.controller, Clocked):
             self.controller.begin_run(t, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """What the controller commands, shape (m,)."""
+        """Return the command, shape (m,)."""
         hoist, q, v = self.crane.layout.index("l"), state.q.copy(), state.v.copy()
         q[hoist] = (q[hoist] - self.offset) / (1.0 + self.share)
         v[hoist] /= 1.0 + self.share
         return self.controller(t, State(q, v), setpoint)
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
-        """The common form, see `cranedyn.controllers.affine`: what z - setpoint is to the reading,
-        (z - added) / scale - setpoint, is that of the cable from scale setpoint + added, over
-        scale.
+        """Return the affine form, see `cranedyn.controllers.affine`: what z - setpoint is to the
+        reading, (z - added) / scale - setpoint, is that of the cable from scale setpoint + added,
+        over scale.
         """
         layout = self.crane.layout
-        found = affine_form(self.controller, times, positions, 2 * layout.n)
-        if found is None:
+        form = affine_form(self.controller, times, positions, 2 * layout.n)
+        if form is None:
             return None
         scale, added = np.ones(2 * layout.n), np.zeros(2 * layout.n)
         scale[layout.index("l") :: layout.n] += self.share  # position and rate
         added[layout.index("l")] = self.offset
         of_drives = scale[layout.drives]
         return replace(
-            found,
-            gain=found.gain / scale,
-            setpoint=scale * found.setpoint + added,
-            target=of_drives * found.target + added[layout.drives],
-            integral_gain=found.integral_gain / of_drives,
-            integral=of_drives * found.integral,
+            form,
+            gain=form.gain / scale,
+            setpoint=scale * form.setpoint + added,
+            target=of_drives * form.target + added[layout.drives],
+            integral_gain=form.integral_gain / of_drives,
+            integral=of_drives * form.integral,
         )
 
     def resume(self, t: float, integral: np.ndarray) -> None:
-        """See `cranedyn.controllers.affine.Stateful`."""
+        """Resume a run, see `cranedyn.controllers.affine.Stateful`."""
         if isinstance(self.controller, Stateful):
             scale = 1.0 + self.share * self.crane.layout.along("l")
             self.controller.resume(t, integral / scale)

@@ -138,8 +138,8 @@ def of_sampling(gravity: float, length: float, control_period: float, peak: floa
 
 
 def residual(trajectory: Trajectory) -> float:
-    """Amplitude of the swing over a stretch without drive motion [rad]: half the longest way
-    across, radial and tangential together.
+    """Return the amplitude of the swing over a stretch without drive motion [rad]: half the longest
+    way across, radial and tangential together.
 
     Raises:
         OutOfRange: If the stretch has less than two rows.
@@ -157,9 +157,9 @@ def score(crane: Crane, goal: State, run: Trajectory, arrives: float) -> Score:
     """Score a run that should arrive at a goal at a time [s] and goes on for 20 s."""
     swing = run.coordinates("phi", "theta")
     amplitude = swing_amplitude(swing, run.rates("phi", "theta"), run["l_m"], crane.gravity)
-    there = payload_position(crane, goal.q)
+    goal_position = payload_position(crane, goal.q)
     after = run.since(arrives - 1e-9)
-    distance = np.linalg.norm([payload_position(crane, q) - there for q in after.q], axis=1)
+    distance = np.linalg.norm([payload_position(crane, q) - goal_position for q in after.q], axis=1)
     beyond = run.effort + crane.payload_mass * crane.gravity * crane.layout.along("l")
     limits = LIMITS.for_crane(crane)
     return Score(

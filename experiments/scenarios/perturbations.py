@@ -16,7 +16,7 @@ from cranedyn.estimation.observer import with_observer
 from cranedyn.estimation.sensor_model import noise_of, with_sensor_model
 from cranedyn.interfaces import Disturbance, State
 from cranedyn.model.crane import Crane
-from experiments import harness
+from experiments.harness import Setup
 from experiments.scenarios.misread import Misread
 from experiments.scenarios.moves import AFTER, DRAG, Move, Score, score
 from experiments.scenarios.strategies import Plan, instant
@@ -57,8 +57,8 @@ class Perturbation:
 
 
 def _gust(crane: Crane, arrives: float) -> Disturbance:
-    """A gust of 12 m/s square to the jib at zero slew, in the last ten seconds before the arrival,
-    on 5 m² of load.
+    """Return a gust of 12 m/s square to the jib at zero slew, in the last ten seconds before the
+    arrival, on 5 m² of load.
     """
     return wind(
         crane,
@@ -104,7 +104,7 @@ AFTER_UNTOLD = 0.1
 
 
 def make(
-    setup: harness.Setup,
+    setup: Setup,
     move: Move,
     plan: Plan,
     perturbation: Perturbation = NOMINAL,
@@ -168,7 +168,7 @@ def make(
 
 
 def _stretched(crane: Crane, state: State, share: float, offset: float) -> State:
-    """The state with a cable longer by a share, and by an offset [m]."""
+    """Return the state with a cable longer by a share, and by an offset [m]."""
     hoist = crane.layout.at("l")
     q = state.q.copy()
     q[hoist] = (1.0 + share) * q[hoist] + offset

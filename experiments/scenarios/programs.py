@@ -7,7 +7,8 @@ from typing import Any, NoReturn
 
 from cranedyn.bridges.programs import Program
 from cranedyn.errors import DataError, UnknownName
-from experiments import a1, a2, a3, energy, harness
+from experiments import a1, a2, a3, energy
+from experiments.harness import Setup
 from experiments.scenarios.moves import AFTER, MOVES
 from experiments.scenarios.strategies import FLAT, STRATEGIES
 
@@ -27,7 +28,7 @@ class _Asked(Exception):
 
 
 @dataclass(frozen=True)
-class _Asking(harness.Setup):
+class _Asking(Setup):
     """A setup in which an experiment gets no further than to say what it wants to run."""
 
     def simulate(
@@ -38,7 +39,8 @@ class _Asking(harness.Setup):
         *,
         start: Any,
         duration: float,
-        **others: Any,
+        label: str,
+        **options: Any,
     ) -> NoReturn:
         raise _Asked(
             Program(
@@ -49,15 +51,15 @@ class _Asking(harness.Setup):
                 duration,
                 self.dt,
                 self.control_period,
-                others.get("drive", "effort"),
+                options.get("drive", "effort"),
             )
         )
 
 
 def program(
-    name: str, setup: harness.Setup, *, length: float | None = None, strategy: str | None = None
+    name: str, setup: Setup, *, length: float | None = None, strategy: str | None = None
 ) -> Program:
-    """A run of the experiments by its name.
+    """Return a run of the experiments by its name.
 
     Args:
         name: One of `RUNS`.
@@ -71,12 +73,12 @@ def program(
     """
     if name not in RUNS:
         raise UnknownName("run", name, RUNS)
-    for what, value, users in (
+    for flag, value, users in (
         ("--length", length, ("a1", "swing")),
         ("--strategy", strategy, ("move",)),
     ):
         if value is not None and name not in users:
-            raise DataError(f"{what} has no effect on the run {name}; leave it out.")
+            raise DataError(f"{flag} has no effect on the run {name}; leave it out.")
     if name == "move":
         return _move(setup, FLAT if strategy is None else strategy)
     asking = _Asking(**{field.name: getattr(setup, field.name) for field in fields(setup)})
@@ -95,7 +97,7 @@ def program(
     raise AssertionError(name)  # every experiment runs something
 
 
-def _move(setup: harness.Setup, strategy: str) -> Program:
+def _move(setup: Setup, strategy: str) -> Program:
     if strategy not in STRATEGIES:
         raise UnknownName("strategy", strategy, STRATEGIES)
     move = MOVES[-1]

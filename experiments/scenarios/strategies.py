@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
-from typing import NamedTuple
+from functools import cache, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.references.shaped import Shaper, ei, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.spline import Spline, spline
 from cranedyn.theory import point_period
-from experiments import harness
+from experiments.harness import Setup
 from experiments.scenarios.moves import LIMITS, Move
 
 
@@ -57,14 +57,14 @@ class Plan(NamedTuple):
     rates: Callable[[], Controller] | None = None
 
 
-def on_converters(setup: harness.Setup, plan: Plan) -> Plan:
-    """A plan for drives with typical frequency converters: what its controller answers becomes
+def on_converters(setup: Setup, plan: Plan) -> Plan:
+    """Return a plan for drives with typical frequency converters: commands of its controller become
     rates, see `cranedyn.controllers.velocity_command`.
     """
     if plan.rates:
         return plan._replace(controller=plan.rates, drive="velocity")
 
-    def made() -> Controller:
+    def controller() -> Controller:
         return as_velocity_command(
             setup.crane,
             (plan.softer or plan.controller)(),
@@ -72,16 +72,16 @@ def on_converters(setup: harness.Setup, plan: Plan) -> Plan:
             control_period=setup.control_period,
         )
 
-    first = made()
+    first = controller()
     if isinstance(first, VelocityCommand):  # what is inside may remember
-        return plan._replace(controller=made, drive="velocity")
+        return plan._replace(controller=controller, drive="velocity")
     if isinstance(first, HoistIntegral):
         return plan._replace(controller=lambda: replace(first, integral=0.0), drive="velocity")
     return plan._replace(controller=lambda: first, drive="velocity")
 
 
-def followed(setup: harness.Setup, reference: Reference, arrives: float) -> Plan:
-    """A reference that drives follow exactly and that nobody corrects."""
+def followed(setup: Setup, reference: Reference, arrives: float) -> Plan:
+    """Return the plan of a reference that drives follow exactly and that nothing corrects."""
     return Plan(
         lambda: follow(setup.crane, reference, setup.control_period),
         reference,
@@ -91,15 +91,15 @@ def followed(setup: harness.Setup, reference: Reference, arrives: float) -> Plan
     )
 
 
-def _spline(setup: harness.Setup, move: Move) -> Spline:
+def _spline(setup: Setup, move: Move) -> Spline:
     return spline(setup.crane, move.ends(setup.crane)[0], [move.goal], [move.duration])
 
 
-def _alone(setup: harness.Setup, move: Move) -> Plan:
+def _alone(setup: Setup, move: Move) -> Plan:
     return followed(setup, _spline(setup, move), move.duration)
 
 
-def _spline_pd(setup: harness.Setup, move: Move) -> Plan:
+def _spline_pd(setup: Setup, move: Move) -> Plan:
     return Plan(
         lambda: hold_controller(setup.crane),
         _spline(setup, move),
@@ -109,38 +109,40 @@ def _spline_pd(setup: harness.Setup, move: Move) -> Plan:
     )
 
 
-def _paper(setup: harness.Setup, move: Move) -> Plan:
+def _paper(setup: Setup, move: Move) -> Plan:
     reference = _spline(setup, move)
     motion = hanging_reference(setup.crane, reference, move.duration, setup.control_period)
-    made = paper_controller(setup.crane, motion)
-    return Plan(lambda: replace(made, integral=0.0), reference, "effort", move.duration, motion)
+    controller = paper_controller(setup.crane, motion)
+    return Plan(
+        lambda: replace(controller, integral=0.0), reference, "effort", move.duration, motion
+    )
 
 
-def _lqr(setup: harness.Setup, move: Move) -> Plan:
+def _lqr(setup: Setup, move: Move) -> Plan:
     return _tracked(
         setup,
         hanging_reference(setup.crane, _spline(setup, move), move.duration, setup.control_period),
     )
 
 
-def _flat(setup: harness.Setup, move: Move) -> Plan:
-    return _tracked(
-        setup,
-        flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period),
-    )
+def flat_motion(setup: Setup, move: Move, duration: float) -> Motion:
+    """Return the motion along a flat path of the load in a time [s]."""
+    return flat(setup.crane, *move.ends(setup.crane), duration, period=setup.control_period)
 
 
-def _fastest_flat(setup: harness.Setup, move: Move) -> Plan:
-    def lasting(duration: float) -> Motion:
-        return flat(setup.crane, *move.ends(setup.crane), duration, period=setup.control_period)
+def _flat(setup: Setup, move: Move) -> Plan:
+    return _tracked(setup, flat_motion(setup, move, move.duration))
 
+
+def _fastest_flat(setup: Setup, move: Move) -> Plan:
+    lasting = partial(flat_motion, setup, move)
     return _tracked(setup, lasting(fastest(setup.crane, lasting, LIMITS)))
 
 
-def _tracked(setup: harness.Setup, motion: Motion) -> Plan:
-    made = with_integral(setup, motion)
+def _tracked(setup: Setup, motion: Motion) -> Plan:
+    controller = with_integral(setup, motion)
     return Plan(
-        lambda: replace(made, integral=0.0),
+        lambda: replace(controller, integral=0.0),
         motion,
         "effort",
         motion.arrival,
@@ -150,16 +152,16 @@ def _tracked(setup: harness.Setup, motion: Motion) -> Plan:
 
 
 def soft_weight(crane: Crane) -> np.ndarray:
-    """R of an LQR for drives with converters, whose jerk is limited: efforts that move the load
-    sideways weigh `SOFTER` times as much as for drives that take efforts, shape (m, m).
+    """Return R of an LQR for drives with converters, whose jerk is limited: efforts that move the
+    load sideways weigh `SOFTER` times as much as for drives that take efforts, shape (m, m).
     """
     return effort_weight_of(crane) * np.diag(np.where(crane.layout.along("l") > 0.0, 1.0, SOFTER))
 
 
 def with_integral(
-    setup: harness.Setup, motion: Motion, effort_weight: np.ndarray | None = None
+    setup: Setup, motion: Motion, effort_weight: np.ndarray | None = None
 ) -> HoistIntegral:
-    """The full-model LQR about a motion with an integrator on the hoist."""
+    """Return the full-model LQR about a motion with an integrator on the hoist."""
     return HoistIntegral(
         setup.crane,
         lqr(setup.crane, motion, dt=setup.dt, effort_weight=effort_weight),
@@ -168,9 +170,9 @@ def with_integral(
     )
 
 
-def joystick_move(setup: harness.Setup, move: Move) -> tuple[Reference, float]:
-    """What an operator who knows the way does: full rate at once in every drive, and back to rest
-    in time; with its end [s].
+def joystick_move(setup: Setup, move: Move) -> tuple[Reference, float]:
+    """Return the motion of an operator who knows the way: full rate at once in every drive, and
+    back to rest in time; with its end [s].
     """
     pulses, end, limits = [], 0.0, LIMITS.for_crane(setup.crane)
     for drive, first, last, rate, acceleration in zip(
@@ -188,13 +190,13 @@ def joystick_move(setup: harness.Setup, move: Move) -> tuple[Reference, float]:
     ), end
 
 
-def _operator(setup: harness.Setup, move: Move) -> Plan:
+def _operator(setup: Setup, move: Move) -> Plan:
     reference, end = joystick_move(setup, move)
     return followed(setup, reference, instant(setup, end))
 
 
-def _shaped(shaper: Shaper) -> Callable[[harness.Setup, Move], Plan]:
-    def plan(setup: harness.Setup, move: Move) -> Plan:
+def _shaped(shaper: Shaper) -> Callable[[Setup, Move], Plan]:
+    def plan(setup: Setup, move: Move) -> Plan:
         base, end = joystick_move(setup, move)
         period = mean_period(setup, move)
         reference = shaped(base, shaper, period)
@@ -204,14 +206,14 @@ def _shaped(shaper: Shaper) -> Callable[[harness.Setup, Move], Plan]:
     return plan
 
 
-def _shaped_hoisting(setup: harness.Setup, move: Move) -> Plan:
+def _shaped_hoisting(setup: Setup, move: Move) -> Plan:
     base, end = joystick_move(setup, move)
     reference = shaped_hoisting(setup.crane, base, zv(), end, step=setup.control_period)
     arrives = instant(setup, end + float(point_period(move.goal[2], setup.crane.gravity)) / 2.0)
     return followed(setup, reference, arrives)
 
 
-def _damped(setup: harness.Setup, move: Move) -> Plan:
+def _damped(setup: Setup, move: Move) -> Plan:
     reference, end = joystick_move(setup, move)
     controller = with_damping(
         setup.crane, reference, limits=LIMITS, recovery=0.3, control_period=setup.control_period
@@ -219,20 +221,20 @@ def _damped(setup: harness.Setup, move: Move) -> Plan:
     return Plan(lambda: controller, reference, "motion", instant(setup, end))
 
 
-def mean_period(setup: harness.Setup, move: Move) -> float:
+def mean_period(setup: Setup, move: Move) -> float:
     """Swing period at the mean of the cable lengths at start and goal [s]."""
     return float(point_period((move.start[2] + move.goal[2]) / 2.0, setup.crane.gravity))
 
 
-def instant(setup: harness.Setup, t: float) -> float:
-    """The first control instant at or after a time [s]."""
+def instant(setup: Setup, t: float) -> float:
+    """Return the first control instant at or after a time [s]."""
     return setup.control_period * float(np.ceil(t / setup.control_period - 1e-9))
 
 
-def _mpc(setup: harness.Setup, move: Move) -> Plan:
-    motion = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
+def _mpc(setup: Setup, move: Move) -> Plan:
+    motion = flat_motion(setup, move, move.duration)
 
-    def made(effort_weight: np.ndarray | None = None) -> PredictiveController:
+    def controller(effort_weight: np.ndarray | None = None) -> PredictiveController:
         return mpc(
             setup.crane,
             motion,
@@ -242,19 +244,19 @@ def _mpc(setup: harness.Setup, move: Move) -> Plan:
             effort_weight=effort_weight,
         )
 
-    first = cache(made)  # it never runs, so that its copies remember nothing
+    first = cache(controller)  # it never runs, so that its copies remember nothing
     return Plan(
         lambda: replace(first()),
         motion,
         "effort",
         motion.arrival,
         motion,
-        softer=lambda: made(soft_weight(setup.crane)),
+        softer=lambda: controller(soft_weight(setup.crane)),
     )
 
 
 def _receding(
-    setup: harness.Setup, motion: Motion | None, swing: float, drive: Drive = "effort"
+    setup: Setup, motion: Motion | None, swing: float, drive: Drive = "effort"
 ) -> Controller:
     from cranedyn.compiled.horizon.receding import receding, usual_input_weight
 
@@ -271,8 +273,8 @@ def _receding(
     )
 
 
-def _compiled_mpc(setup: harness.Setup, move: Move) -> Plan:
-    motion = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
+def _compiled_mpc(setup: Setup, move: Move) -> Plan:
+    motion = flat_motion(setup, move, move.duration)
     swing = math.pi / 4.0
     return Plan(
         lambda: _receding(setup, motion, swing),
@@ -284,7 +286,7 @@ def _compiled_mpc(setup: harness.Setup, move: Move) -> Plan:
     )
 
 
-def _to_goal(setup: harness.Setup, move: Move) -> Plan:
+def _to_goal(setup: Setup, move: Move) -> Plan:
     goal = hold(setup.crane, move.ends(setup.crane)[1])
     return Plan(
         lambda: _receding(setup, None, 0.1),
@@ -295,36 +297,23 @@ def _to_goal(setup: harness.Setup, move: Move) -> Plan:
     )
 
 
-def _least_time(setup: harness.Setup, move: Move) -> Plan:
+def _least_time(setup: Setup, move: Move) -> Plan:
+    return _optimal(setup, move)
+
+
+def _least_swing(setup: Setup, move: Move) -> Plan:
+    return _optimal(setup, move, duration=move.duration)
+
+
+def _optimal(setup: Setup, move: Move, duration: float | None = None) -> Plan:
     from cranedyn.planning.optimal import optimal
 
-    return _tracked(
-        setup, optimal(setup.crane, *move.ends(setup.crane), LIMITS, period=setup.control_period)
-    )
+    clocks: dict[str, Any] = {"period": setup.control_period, "duration": duration}
+    return _tracked(setup, optimal(setup.crane, *move.ends(setup.crane), LIMITS, **clocks))
 
 
-def _least_swing(setup: harness.Setup, move: Move) -> Plan:
-    from cranedyn.planning.optimal import optimal
-
-    return _tracked(
-        setup,
-        optimal(
-            setup.crane,
-            *move.ends(setup.crane),
-            LIMITS,
-            duration=move.duration,
-            period=setup.control_period,
-        ),
-    )
-
-
-PAPER, PD, LQR, FLAT, MPC = (
-    "paper's LQR + PID",
-    "spline + PD",
-    "full-model LQR",
-    "flat + LQR",
-    "flat + MPC",
-)
+PAPER, PD, LQR = "paper's LQR + PID", "spline + PD", "full-model LQR"
+FLAT, MPC = "flat + LQR", "flat + MPC"
 SOFTER = 30.0
 """By how much more efforts of slew and trolley weigh in an LQR for drives with converters, ours.
 With the usual weights a swing of 0.1 rad asks for 40 times the accelerations that converters are
@@ -339,9 +328,9 @@ HOIST_INTEGRAL = 4.0e3
 s."""
 
 
-def mpc_period(setup: harness.Setup) -> float:
-    """Time between optimisations of the MPC [s], 50 ms or the multiple of the control period that
-    is nearest.
+def mpc_period(setup: Setup) -> float:
+    """Return the time between optimisations of the MPC [s], 50 ms or the nearest multiple of the
+    control period.
     """
     return whole_periods(0.05, setup.control_period)
 
@@ -350,7 +339,7 @@ COMPILED_MPC, TO_GOAL = "flat + compiled MPC", "MPC to the goal"
 YIELD = "operator + yielding drives"
 TIME, SWING, FASTEST = "least time + LQR", "least swing + LQR", "fastest flat + LQR"
 
-STRATEGIES: dict[str, Callable[[harness.Setup, Move], Plan]] = {
+STRATEGIES: dict[str, Callable[[Setup, Move], Plan]] = {
     "spline alone": _alone,
     PD: _spline_pd,
     PAPER: _paper,
@@ -372,3 +361,8 @@ STRATEGIES: dict[str, Callable[[harness.Setup, Move], Plan]] = {
 """Plans by name. The spline alone and the operator have drives that follow exactly, as stiff
 velocity-controlled drives do. The setpoint of the MPC to the goal is the goal from the start: it
 arrives at once, and settles when the load is there."""
+
+
+def file_name(strategy: str) -> str:
+    """Return the name of a strategy as part of a file name."""
+    return strategy.replace("'s", "").replace(" + ", "_").replace(" ", "_").lower()

@@ -18,22 +18,23 @@ from cranedyn.references import hanging_reference, shaped_hoisting, shortest, sp
 from cranedyn.references.flat import flat
 from cranedyn.references.limits import Limits, fastest, use
 from cranedyn.references.motion import Motion
-from experiments import harness
+from experiments.harness import Setup
 from experiments.scenarios.strategies import with_integral
 
 Way = tuple[Timetable, Controller]
 """A tour, which is the reference, and what drives it."""
 
 
-def _none(setup: harness.Setup, limits: Limits, dwell: float) -> Way:
-    made = itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=limits.rates, dwell=dwell)
-    for stage in made.stages:
+def _none(setup: Setup, limits: Limits, dwell: float) -> Way:
+    crane = setup.crane
+    timetable = itinerary(crane, crane.start, ARTICLE_TOUR, rates=limits.rates, dwell=dwell)
+    for stage in timetable.stages:
         # Refuses a target out of range.
-        setup.crane.state(**dict(zip(("gamma", "x", "l"), stage.target, strict=True)))
-    return made, hold_controller(setup.crane)
+        crane.state(**dict(zip(("gamma", "x", "l"), stage.target, strict=True)))
+    return timetable, hold_controller(crane)
 
 
-def _shaped(setup: harness.Setup, limits: Limits, dwell: float) -> Way:
+def _shaped(setup: Setup, limits: Limits, dwell: float) -> Way:
     bare, brake = _none(setup, limits, dwell)
     reference = shaped_hoisting(setup.crane, bare, zv(), bare.duration, step=setup.control_period)
     hoist = setup.crane.layout.along("l")
@@ -53,7 +54,7 @@ def _shaped(setup: harness.Setup, limits: Limits, dwell: float) -> Way:
     return Tour(stages, plan), brake
 
 
-def _spline(setup: harness.Setup, limits: Limits, dwell: float) -> Tour:
+def _spline(setup: Setup, limits: Limits, dwell: float) -> Tour:
     def plan(start: State, goal: State) -> Motion:
         aim = [goal.q[setup.crane.layout.drives]]
         (duration,) = shortest(
@@ -67,7 +68,7 @@ def _spline(setup: harness.Setup, limits: Limits, dwell: float) -> Tour:
     return tour(setup.crane, ARTICLE_TOUR, plan, dwell=dwell)
 
 
-def _flat(setup: harness.Setup, limits: Limits, dwell: float) -> Tour:
+def _flat(setup: Setup, limits: Limits, dwell: float) -> Tour:
     gaining = 2.5 * np.divide(limits.rates, limits.accelerations)
 
     def plan(start: State, goal: State) -> Motion:
@@ -75,14 +76,8 @@ def _flat(setup: harness.Setup, limits: Limits, dwell: float) -> Tour:
         ramp = float(gaining[moving].max(initial=0.0))
 
         def lasting(duration: float, period: float = 10.0 * setup.control_period) -> Motion:
-            return flat(
-                setup.crane,
-                start,
-                goal,
-                duration,
-                ramp=max(period, min(ramp, duration / 2.0)),
-                period=period,
-            )
+            soft = max(period, min(ramp, duration / 2.0))
+            return flat(setup.crane, start, goal, duration, ramp=soft, period=period)
 
         duration = fastest(setup.crane, lasting, limits)
         # Between the samples of the search.
@@ -94,49 +89,52 @@ def _flat(setup: harness.Setup, limits: Limits, dwell: float) -> Tour:
 
 @dataclass(frozen=True, eq=False)
 class Repeated:
-    """A controller that goes by the time in its cycle.
+    """A controller that repeats a cycle.
 
     Attributes:
-        controller: What it does in a cycle.
-        cycle: How long that is [s].
+        controller: The controller of one cycle.
+        cycle: Duration of the cycle [s].
     """
 
     controller: HoistIntegral
     cycle: float
 
     def begin_run(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Clocked`."""
+        """Begin a run, see `cranedyn.clocks.Clocked`."""
         self.controller.begin_run(t % self.cycle, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Efforts [N m or N], shape (m,)."""
+        """Return the efforts [N m or N], shape (m,)."""
         return self.controller(t % self.cycle, state, setpoint)
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
-        """The common form, see `cranedyn.controllers.affine`."""
+        """Return the affine form, see `cranedyn.controllers.affine`."""
         return self.controller.affine(times % self.cycle, positions)
 
     def resume(self, t: float, integral: np.ndarray) -> None:
-        """See `cranedyn.controllers.affine.Stateful`."""
+        """Resume a run, see `cranedyn.controllers.affine.Stateful`."""
         self.controller.resume(t % self.cycle, integral)
 
 
-def _tracked(made: Tour, controller: HoistIntegral) -> Way:
-    return made, Repeated(controller, made.duration)
+def _tracked(
+    plan: Callable[[Setup, Limits, float], Tour],
+    design: Callable[[Setup, Motion], HoistIntegral],
+) -> Callable[[Setup, Limits, float], Way]:
+    """Return the control that tracks a planned tour."""
+
+    def control(setup: Setup, limits: Limits, dwell: float) -> Way:
+        planned = plan(setup, limits, dwell)
+        return planned, Repeated(design(setup, planned.motion), planned.duration)
+
+    return control
 
 
-CONTROLS: dict[str, Callable[[harness.Setup, Limits, float], Way]] = {
+CONTROLS: dict[str, Callable[[Setup, Limits, float], Way]] = {
     "none": _none,
     "shaped": _shaped,
-    "paper": lambda setup, limits, dwell: _tracked(
-        made := _spline(setup, limits, dwell), paper_controller(setup.crane, made.motion)
-    ),
-    "lqr": lambda setup, limits, dwell: _tracked(
-        made := _spline(setup, limits, dwell), with_integral(setup, made.motion)
-    ),
-    "flat": lambda setup, limits, dwell: _tracked(
-        made := _flat(setup, limits, dwell), with_integral(setup, made.motion)
-    ),
+    "paper": _tracked(_spline, lambda setup, motion: paper_controller(setup.crane, motion)),
+    "lqr": _tracked(_spline, with_integral),
+    "flat": _tracked(_flat, with_integral),
 }
 """By name: PD without swing control; the same with shaped commands; splines with the paper's
 control or the full-model LQR; flat paths."""

@@ -43,27 +43,27 @@ class Derived(NamedTuple):
         name: Which.
         means: How it was simulated.
         formula: By the function of `cranedyn.lifting`.
-        found: In simulation.
+        simulated: In simulation.
     """
 
     name: str
     means: str
     formula: float
-    found: float
+    simulated: float
 
     @property
-    def off(self) -> float:
+    def difference(self) -> float:
         """By how much they differ, relative."""
-        return self.found / self.formula - 1.0
+        return self.simulated / self.formula - 1.0
 
     @property
     def holds(self) -> bool:
         """Whether they agree."""
-        return abs(self.off) < AGREES
+        return abs(self.difference) < AGREES
 
 
 def derived(gravity: float) -> list[Derived]:
-    """All of them, in a gravity [m/s²]."""
+    """Derive all factors by simulation, in a gravity [m/s²]."""
     return [
         *_pick_ups(),
         *_releases(),
@@ -74,15 +74,21 @@ def derived(gravity: float) -> list[Derived]:
     ]
 
 
-def _simulated(crane: Crane, controller: Hold, **how: Any) -> Batch:
-    """See `cranedyn.compiled.batch.simulate_batch`, which is there with the extra `compiled`."""
+def _simulated(crane: Crane, controller: Hold, **options: Any) -> Batch:
+    """Run `cranedyn.compiled.batch.simulate_batch`, which needs the extra `compiled`."""
     from cranedyn.compiled.batch import simulate_batch
 
-    return simulate_batch(crane, controller, **how)
+    return simulate_batch(crane, controller, **{"dt": _DT, "control_period": _PERIOD, **options})
+
+
+def _whole_periods(duration: float) -> float:
+    return _PERIOD * math.ceil(duration / _PERIOD)
 
 
 def _hoist(slope: float, mass: float = _LOAD) -> Crane:
-    """A point load on a rope as stiff as a hoist of this slope β2 [s/m] is with a load of 1 t."""
+    """Return a point load on a rope as stiff as a hoist of this slope β2 [s/m] is with a load of 1
+    t.
+    """
     stiffness = _LOAD * (slope * _HEAVY) ** 2
     return load_crane(
         gravity=_HEAVY,
@@ -95,15 +101,13 @@ def _hoist(slope: float, mass: float = _LOAD) -> Crane:
     )
 
 
-def _drawn(crane: Crane, start: State, duration: float, force: np.ndarray | None = None) -> Batch:
-    """A run with drives that keep the speed they have."""
+def _coast(crane: Crane, start: State, duration: float, force: np.ndarray | None = None) -> Batch:
+    """Run a crane with drives that keep their speed."""
     return _simulated(
         crane,
         locked(crane),
         start=[start],
-        duration=_PERIOD * math.ceil(duration / _PERIOD),
-        dt=_DT,
-        control_period=_PERIOD,
+        duration=_whole_periods(duration),
         drive="motion",
         force=force,
         record=1,
@@ -111,57 +115,59 @@ def _drawn(crane: Crane, start: State, duration: float, force: np.ndarray | None
 
 
 def _pulls(crane: Crane, batch: Batch) -> np.ndarray:
-    """What the load pulls by, over its weight."""
+    """Return the pull of the load over its weight."""
     pull = loads_of_rows(crane, batch.q[0], batch.v[0], batch.effort[0])["rope_N"]
     return pull / (hanging_mass(crane) * crane.gravity)
 
 
 def _pick_ups() -> Iterator[Derived]:
-    """The rope carries the load, which stands yet, while the drum already turns."""
-    for name, one in factors.HOISTING.items():
-        crane = _hoist(one.slope)
+    """Pick up a load: the rope carries it, it still stands, and the drum already turns."""
+    for name, hoisting_class in factors.HOISTING.items():
+        crane = _hoist(hoisting_class.slope)
         v = np.zeros(crane.layout.n)
         v[crane.layout.at("l", "rope_stretch")] = -_SPEED, _SPEED
-        batch = _drawn(crane, State(crane.start.q, v), 0.6 * 2.0 * math.pi / (one.slope * _HEAVY))
-        found = (float(_pulls(crane, batch).max()) - 1.0) / _SPEED
-        yield Derived(f"β2 of {name} [s/m]", "pick-up", one.slope, found)
+        batch = _coast(
+            crane, State(crane.start.q, v), 0.6 * 2.0 * math.pi / (hoisting_class.slope * _HEAVY)
+        )
+        slope = (float(_pulls(crane, batch).max()) - 1.0) / _SPEED
+        yield Derived(f"β2 of {name} [s/m]", "pick-up", hoisting_class.slope, slope)
 
 
 def _releases() -> Iterator[Derived]:
-    """A load that hangs is let go in part: at once, or evenly over a time."""
+    """Let go a part of a load that hangs: at once, or evenly over a time."""
     slope = factors.HOISTING["HC4"].slope
     period = 2.0 * math.pi / (slope * _HEAVY)
     for share in (0.2, 0.4):
-        least = _least_pull(slope, share, 0.0)
+        least_pull = _least_pull(slope, share, 0.0)
         name = f"φ3, {share:g} let go at once"
-        yield Derived(name, "release", factors.phi_3(share), least)
+        yield Derived(name, "release", factors.phi_3(share), least_pull)
     share, periods = 0.4, 0.6034
     # The part that is left bounces faster.
     lasts = periods * period * math.sqrt(1.0 - share)
-    least = _least_pull(slope, share, lasts)
+    least_pull = _least_pull(slope, share, lasts)
     name, formula = "φ3, 0.4 let go slowly", factors.phi_3(share, factors.SLOW_RELEASE)
-    yield Derived(name, "release", formula, least)
+    yield Derived(name, "release", formula, least_pull)
 
 
 def _least_pull(slope: float, share: float, lasts: float) -> float:
-    """Least pull over the weight before, when a share is let go within a time [s]."""
-    whole, left = _hoist(slope), _hoist(slope, (1.0 - share) * _LOAD)
-    stretch = whole.layout.index("rope_stretch")
-    q = left.start.q.copy()
-    q[stretch] = whole.start.q[stretch]
+    """Return the least pull over the weight before, when a share is let go within a time [s]."""
+    loaded, relieved = _hoist(slope), _hoist(slope, (1.0 - share) * _LOAD)
+    stretch = loaded.layout.index("rope_stretch")
+    q = relieved.start.q.copy()
+    q[stretch] = loaded.start.q[stretch]
     duration = lasts + 2.0 * math.pi / (slope * _HEAVY)
     t = _PERIOD * np.arange(math.ceil(duration / _PERIOD) + 1)
     # What is still to go hangs on as a force without mass, held over each period at its mean.
     still = np.clip(1.0 - (t + _PERIOD / 2.0) / lasts, 0.0, 1.0) if lasts else np.zeros(len(t))
-    force = np.zeros((len(t), 3 * len(left.points)))
+    force = np.zeros((len(t), 3 * len(relieved.points)))
     force[:, 2] = -share * _LOAD * _HEAVY * still
-    batch = _drawn(left, State(q, np.zeros(left.layout.n)), duration, force)
+    batch = _coast(relieved, State(q, np.zeros(relieved.layout.n)), duration, force)
     after = batch.t >= lasts
-    return float(_pulls(left, batch)[after].min()) * (1.0 - share)
+    return float(_pulls(relieved, batch)[after].min()) * (1.0 - share)
 
 
 def _braked(gravity: float) -> Iterator[Derived]:
-    """A carriage under a constant force: whenever it stands, the load swings on.
+    """Brake a carriage by a constant force: whenever it stands, the load swings on.
 
     A crane does not know how fast it goes as a whole. So one run under the force tells of brakings
     of all durations: from each of its rows on the trolley stands still.
@@ -178,7 +184,7 @@ def _braked(gravity: float) -> Iterator[Derived]:
             **POINT,
         )
         force = _LEAN * gravity * (_LOAD + carriage)
-        held = Hold(
+        controller = Hold(
             crane,
             np.array([5e5, 0.0, 3e5]),
             np.array([1e6, 0.0, 2e4]),
@@ -186,20 +192,14 @@ def _braked(gravity: float) -> Iterator[Derived]:
         )
         period = 2.0 * math.pi / math.sqrt(gravity / _LENGTH * (1.0 + ratio))
         run = _simulated(
-            crane,
-            held,
-            start=[crane.start],
-            duration=_PERIOD * math.ceil(period / _PERIOD),
-            dt=_DT,
-            control_period=_PERIOD,
-            record=1,
+            crane, controller, start=[crane.start], duration=_whole_periods(period), record=1
         )
-        found = float(_swings_on(crane, run).max()) / _LEAN
-        yield Derived(f"ψ_h at μ = {ratio:g}", "braking", factors.psi_h(ratio), found)
+        psi = float(_swings_on(crane, run).max()) / _LEAN
+        yield Derived(f"ψ_h at μ = {ratio:g}", "braking", factors.psi_h(ratio), psi)
 
 
 def _regulated(gravity: float) -> Iterator[Derived]:
-    """A trolley that accelerates by so much, whatever the load does, for some part of a period."""
+    """Accelerate a trolley evenly, whatever the load does, for some part of a period."""
     crane = load_crane(gravity=gravity, trolley_init=5.0, hoist_init=_LENGTH, **POINT)
     zero = np.zeros(crane.layout.m)
     period = 2.0 * math.pi * math.sqrt(_LENGTH / gravity)
@@ -217,45 +217,41 @@ def _regulated(gravity: float) -> Iterator[Derived]:
     )
     swings = _swings_on(crane, run)
     for beta in DURATIONS:
-        found = float(swings[round(1200.0 * beta)]) / _LEAN
+        psi = float(swings[round(1200.0 * beta)]) / _LEAN
         formula = factors.psi_h_regulated(beta)
-        yield Derived(f"ψ_h at β = {beta:.3g}", "pushes", formula, found)
+        yield Derived(f"ψ_h at β = {beta:.3g}", "pushes", formula, psi)
 
 
 def _swings_on(crane: Crane, run: Batch) -> np.ndarray:
-    """Largest swing from each row on when the drives stand from there [rad], shape (rows,)."""
+    """Return the largest swing from each row on if the drives stand from there [rad], shape
+    (rows,).
+    """
     q, v = run.q[0], run.v[0].copy()
     v[:, crane.layout.drives] = 0.0
     period = 2.0 * math.pi * math.sqrt(_LENGTH / crane.gravity)
-    return _simulated(
-        crane,
-        locked(crane),
-        start=State(q, v),
-        duration=_PERIOD * math.ceil(1.1 * period / _PERIOD),
-        dt=_DT,
-        control_period=_PERIOD,
-        drive="motion",
-    ).peak_swing
+    start, duration = State(q, v), _whole_periods(1.1 * period)
+    batch = _simulated(crane, locked(crane), start=start, duration=duration, drive="motion")
+    return batch.peak_swing
 
 
 def _blown(gravity: float) -> Iterator[Derived]:
-    """A load that hangs plumb when a wind comes at once and stays."""
+    """Blow at a load that hangs plumb by a wind that comes at once and stays."""
     crane = load_crane(gravity=gravity, payload_mass=_LOAD, hoist_init=_LENGTH, **POINT)
     for speed, area in ((20.0, 4.0), (28.5, 10.0)):
         force = wind.wind_force(wind.wind_pressure(speed), area)
         rows = np.zeros((1, 3 * len(crane.points)))
         rows[0, 1] = force
-        batch = _drawn(crane, crane.start, 8.0, rows)
+        batch = _coast(crane, crane.start, 8.0, rows)
         formula = wind.gust_lean(force, _LOAD, gravity)
         name = f"lean in {speed:g} m/s on {area:g} m² [rad]"
         yield Derived(name, "gust", formula, float(batch.peak_swing[0]))
 
 
 def _stopped(gravity: float) -> Iterator[Derived]:
-    """A jib that is braked."""
+    """Brake a jib."""
     crane = load_crane(gravity=gravity, trolley_init=20.0, hoist_init=_LENGTH, **POINT)
     zero, rate, braking = np.zeros(crane.layout.m), 0.8 * math.pi / 30.0, 0.02
-    way, lasts = factors.stopping(rate, braking)
+    angle, lasts = factors.stopping(rate, braking)
     control = lasts / 800.0
     v = np.zeros(crane.layout.n)
     v[crane.layout.index("gamma")] = rate
@@ -269,4 +265,4 @@ def _stopped(gravity: float) -> Iterator[Derived]:
         drive="motion",
     )
     turned = float(batch.end.q[0, crane.layout.index("gamma")])
-    yield Derived("slew stops within [rad]", "braking", way, turned)
+    yield Derived("slew stops within [rad]", "braking", angle, turned)

@@ -17,7 +17,7 @@ from cranedyn.lifting.loads import hanging_mass, loads
 from cranedyn.model.crane import Crane
 from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.references.shaped import shaped, zv
-from experiments import harness
+from experiments.harness import Setup
 from experiments.oracles.reading import locked
 from experiments.relatives.catalogue import POINT, ROPE
 from experiments.relatives.modes import crane_ea
@@ -54,7 +54,7 @@ class Need(NamedTuple):
     run: Trajectory
 
     @property
-    def given_back(self) -> float:
+    def unused(self) -> float:
         """Share of what the standard allows for that is not needed; negative for too much."""
         return (self.allowed - self.needed) / self.allowed
 
@@ -83,9 +83,9 @@ HOISTINGS = (
 """How a load is taken up, from rough to gentle."""
 
 
-def across(setup: harness.Setup) -> list[Need]:
-    """ψ_h of trolley and slew: what the rope pulls along the way of its drive, over the mass that
-    hangs times the acceleration of which the drive is capable.
+def across(setup: Setup) -> list[Need]:
+    """Return the need of ψ_h of trolley and slew: the pull of the rope along the way of its drive,
+    over the mass that hangs times the acceleration of which the drive is capable.
     """
     return [
         _moved(setup, move, strategy)
@@ -95,7 +95,7 @@ def across(setup: harness.Setup) -> list[Need]:
     ]
 
 
-def _moved(setup: harness.Setup, move: Move, strategy: str) -> Need:
+def _moved(setup: Setup, move: Move, strategy: str) -> Need:
     plan, crane = STRATEGIES[strategy](setup, move), setup.crane
     run = setup.simulate(
         crane,
@@ -106,9 +106,9 @@ def _moved(setup: harness.Setup, move: Move, strategy: str) -> Need:
         label=f"{move.name}, {strategy}",
         drive=plan.drive,
     )
-    found = loads(crane, run)
-    lead = found["off_lead_rad" if move.name == "trolley" else "side_lead_rad"]
-    pull = float(np.abs(found["pull_N"] * np.tan(lead)).max())
+    columns = loads(crane, run)
+    lead = columns["off_lead_rad" if move.name == "trolley" else "side_lead_rad"]
+    pull = float(np.abs(columns["pull_N"] * np.tan(lead)).max())
     radius = 1.0 if move.name == "trolley" else move.start[1]
     drive = crane.layout.drive("x" if move.name == "trolley" else "gamma")
     capable = LIMITS.accelerations[drive] * radius
@@ -116,20 +116,18 @@ def _moved(setup: harness.Setup, move: Move, strategy: str) -> Need:
     return Need(move.name, strategy, plan.arrives, factors.psi_h_regulated(1.0), needed, run)
 
 
-def upwards(setup: harness.Setup) -> list[Need]:
-    """φ2 of a load on a rope that stretches, beside the factor of the class that this rope is of:
-    1 + v ω/g at full speed.
+def upwards(setup: Setup) -> list[Need]:
+    """Return the need of φ2 of a load on a rope that stretches, beside the factor of the class of
+    this rope: 1 + v ω/g at full speed.
     """
     crane = ROPE.crane(gravity=setup.gravity, **POINT)
     length = float(crane.start.q[crane.layout.index("l")])
     omega = theory.rope_bounce(crane_ea(crane), length, crane.payload_mass)
     allowed = theory.pickup_factor(_FULL, omega, crane.gravity)
-    return [_taken_up(setup, crane, one, omega, allowed) for one in HOISTINGS]
+    return [_taken_up(setup, crane, hoisting, omega, allowed) for hoisting in HOISTINGS]
 
 
-def _taken_up(
-    setup: harness.Setup, crane: Crane, hoisting: Hoisting, omega: float, allowed: float
-) -> Need:
+def _taken_up(setup: Setup, crane: Crane, hoisting: Hoisting, omega: float, allowed: float) -> Need:
     start = State(crane.start.q, crane.start.v.copy())
     controller: Controller
     reference: Reference | None = None
@@ -155,7 +153,7 @@ def _taken_up(
 
 
 def _lifted(crane: Crane, of_bounce: bool, omega: float) -> Reference:
-    """Up at full speed and back to rest, at the limit of the acceleration."""
+    """Return a move up at full speed and back to rest, at the limit of the acceleration."""
     accelerations = [_UP] * crane.layout.m
     base = joystick(
         crane, crane.start, [JoystickPulse("l", -_FULL, 0.0, 3.0)], accelerations=accelerations

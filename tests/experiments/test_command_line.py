@@ -16,6 +16,7 @@ from cranedyn.data.trajectory import read
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.model.description import main as description_main
 from experiments import a1, b1, compare, demo, energy, harness, mass_ratio
+from experiments.compare import runs as compare_runs
 from experiments.scenarios.moves import MOVES
 from experiments.scenarios.strategies import FLAT, LQR, MPC
 from tests.helpers import FAST
@@ -54,7 +55,7 @@ def test_a_control_period_that_is_longer_than_a_dwell_is_the_reason_in_the_table
     None
 ):
     setup = harness.Setup(control_period=2.0, validity="mark", engine=FAST)
-    found = compare._toured(setup, "shaped")
+    found = compare_runs.tour_results(setup, "shaped")
     assert (
         found
         == "number of control instants in a dwell is 1; allowed is 2 or more: a shorter control "
@@ -63,7 +64,7 @@ def test_a_control_period_that_is_longer_than_a_dwell_is_the_reason_in_the_table
 
 
 def test_a_control_period_that_is_longer_than_a_move_gives_no_shaped_tour() -> None:
-    found = compare._toured(
+    found = compare_runs.tour_results(
         harness.Setup(control_period=1000.0, validity="mark", engine=FAST), "shaped"
     )
     assert str(found).startswith("step of the shaped reference is 1000.0 s; allowed is 0 to ")
@@ -79,7 +80,7 @@ def test_numbers_too_far_apart_for_a_regulator_are_the_reason_in_the_table_of_th
 ) -> None:
     if strategy == MPC:
         pytest.importorskip("daqp")
-    found = compare._made(setup, MOVES[-1], strategy, False)["as planned"]
+    found = compare_runs.strategy_results(setup, MOVES[-1], strategy, False)["as planned"]
     assert found.score is None
     assert found.why.startswith(
         "There is no linear-quadratic regulator for this crane: its masses, dampings, gravity or "

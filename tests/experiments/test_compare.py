@@ -6,7 +6,7 @@ import gc
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,9 @@ from cranedyn.references import zv
 from cranedyn.references.limits import use
 from cranedyn.references.motion import hanging_reference
 from experiments import compare, harness
-from experiments.compare import Result
+from experiments.compare import claims as compare_claims
+from experiments.compare import runs as compare_runs
+from experiments.compare.result import Result
 from experiments.harness.document import read_document
 from experiments.harness.outcome import Table
 from experiments.report import page
@@ -34,6 +36,7 @@ from experiments.scenarios.strategies import (
     TIME,
     joystick_move,
 )
+from tests.experiments.conftest import Ran
 from tests.helpers import FAST, ROOT
 from tests.told import missing
 
@@ -184,12 +187,12 @@ def test_a_predictive_controller_is_made_once_and_a_copy_remembers_nothing_of_an
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("compare") / "out"
+def done(ran: Callable[..., Ran]) -> Path:
     ways = ["--only", "spline alone", PD, PAPER, FLAT]
     # code that one worker makes serves all moves
-    assert compare.main([*ways, "--engine", FAST, "--jobs", "1", "--out", str(folder)]) == 0
-    return folder
+    made = ran("compare", *ways, "--engine", FAST, "--jobs", "1")
+    assert made.code == 0
+    return made.folder
 
 
 def test_the_command_compares_the_ways_asked_for(done: Path) -> None:
@@ -237,15 +240,15 @@ def test_it_keeps_runs_figures_and_a_recording_of_several_drawn_into_each_other(
 
 @pytest.mark.parametrize("timed", [True, False])
 def test_garbage_is_not_collected_while_a_controller_is_timed(timed: bool) -> None:
-    with pytest.raises(KeyboardInterrupt), compare.collector_waits(timed):
+    with pytest.raises(KeyboardInterrupt), compare_runs.collector_waits(timed):
         assert gc.isenabled() is not timed
         raise KeyboardInterrupt
     assert gc.isenabled()
 
 
 def test_strategies_that_are_usually_not_recorded_are_where_there_are_no_others() -> None:
-    assert compare.drawn([FLAT, "operator", PD]) == [PD, FLAT]
-    assert compare.drawn(["operator", "spline alone"]) == ["operator", "spline alone"]
+    assert compare.recorded_strategies([FLAT, "operator", PD]) == [PD, FLAT]
+    assert compare.recorded_strategies(["operator", "spline alone"]) == ["operator", "spline alone"]
 
 
 def test_the_report_shows_the_result(done: Path) -> None:
@@ -279,9 +282,9 @@ def test_the_move_of_least_time_is_held_against_the_fastest_flat_path_under_the_
         FLAT: {NOMINAL.name: _scored(arrives=20.0)},
     }
     # Nothing of its kind to hold it against.
-    assert _judged(compare._claims(harness.Setup(), found), "least time") == []
+    assert _judged(compare_claims.ideal_claims(harness.Setup(), found), "least time") == []
     found[FASTEST] = {NOMINAL.name: _scored(arrives=15.0)}
-    assert _judged(compare._claims(harness.Setup(), found), "least time") == [holds]
+    assert _judged(compare_claims.ideal_claims(harness.Setup(), found), "least time") == [holds]
 
 
 @pytest.mark.parametrize(("longest", "holds"), [(0.049, True), (0.073, False)])
@@ -290,18 +293,18 @@ def test_the_predictive_controller_is_judged_by_its_longest_call_in_any_run(
 ) -> None:
     quick, slow = np.full(20, 1e-3), np.full(20, 1e-3)
     slow[13] = longest
-    moves = [
-        {MPC: {case: _scored()._replace(calls=calls)}}
+    moves = {
+        case: {MPC: {case: _scored()._replace(calls=calls)}}
         for case, calls in (("one", quick), ("another", slow))
-    ]
-    (claim,) = compare._in_time(harness.Setup(), moves)
+    }
+    (claim,) = compare_claims.time_claims(harness.Setup(), moves, MPC)
     assert claim.holds is holds
     assert f"{1e3 * longest:.2g} ms of processor time at most" in claim.sentence
 
 
 def test_time_that_other_work_takes_from_the_processor_is_not_the_controllers() -> None:
     calls: list[float] = []
-    controller = compare._timed(lambda: lambda t, state, setpoint: time.sleep(0.05), calls)  # type: ignore[return-value, arg-type]
+    controller = compare_runs._timed(lambda: lambda t, state, setpoint: time.sleep(0.05), calls)  # type: ignore[return-value, arg-type]
     controller(0.0, None, None)  # type: ignore[arg-type]
     assert calls[0] < 0.01
 

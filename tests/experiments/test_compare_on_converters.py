@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from experiments import compare, harness
-from experiments.compare import Result, Results
+from experiments.compare import claims, runs, tables
+from experiments.compare.result import Result, Results
 from experiments.harness.document import read_document
 from experiments.harness.outcome import Table
 from experiments.scenarios.moves import CLOSE, MOVES, SWINGING, Score
@@ -36,7 +37,7 @@ def found() -> dict[str, Results]:
     """The moves by the LQR about a flat path, and some cases of the combined one."""
     setup = harness.Setup(engine=FAST)
     return {
-        move.name: {FLAT: compare._made(setup, move, FLAT, move == MOVES[-1], "velocity")}
+        move.name: {FLAT: runs.strategy_results(setup, move, FLAT, move == MOVES[-1], "velocity")}
         for move in (*MOVES, SWINGING)
     }
 
@@ -44,7 +45,7 @@ def found() -> dict[str, Results]:
 def test_a_planned_path_leaves_no_swing_on_converters_whatever_is_not_as_planned(
     found: dict[str, Results],
 ) -> None:
-    (claim,) = compare._claims_of_converters(found)
+    (claim,) = claims.converter_claims(found)
     assert claim.holds
     cases = found[MOVES[-1].name][FLAT]
     assert cases["no swing sensor"].why == UNOBSERVED
@@ -57,10 +58,11 @@ def test_a_planned_path_leaves_no_swing_on_converters_whatever_is_not_as_planned
 
 
 def test_the_page_on_drives_shows_it_as_printed(found: dict[str, Results]) -> None:
-    tables = [compare._table(move, found[move.name], "velocity") for move in (*MOVES, SWINGING)]
-    tables += compare._case_tables(found[MOVES[-1].name], "velocity")
-    tables.append(compare._drives_table(SWINGING, found[SWINGING.name], beyond=True))
-    assert read_document(ROOT / "docs/drives.md", "compare_velocity").stale(tables, part=True) == []
+    made = [tables.move_table(move, found[move.name], "velocity") for move in (*MOVES, SWINGING)]
+    made += tables.case_tables(found[MOVES[-1].name], "velocity")
+    made.append(tables.drives_table(SWINGING, found[SWINGING.name], beyond=True))
+    document = read_document(ROOT / "docs/drives.md", "compare_velocity")
+    assert document.stale(made, part=True) == []
 
 
 @pytest.mark.parametrize("strategy", [name for name in STRATEGIES if not name.startswith("least")])
@@ -121,13 +123,13 @@ def test_a_claim_about_converters_that_does_not_hold_is_one() -> None:
         )
 
     good, bad = {FLAT: {"as planned": scored(0.9e-3)}}, {FLAT: {"gust": scored(1.1e-3)}}
-    assert [claim.holds for claim in compare._claims_of_converters({"one": good})] == [True]
+    assert [claim.holds for claim in claims.converter_claims({"one": good})] == [True]
     worst = {"one": good, "another": bad}
-    assert [claim.holds for claim in compare._claims_of_converters(worst)] == [False]
+    assert [claim.holds for claim in claims.converter_claims(worst)] == [False]
     broken = {"one": {FLAT: {"gust": Result(None, "the rope goes slack")}}}
-    assert [claim.holds for claim in compare._claims_of_converters(broken)] == [False]
-    assert compare._claims_of_converters({"one": {PD: {"as planned": scored(1.0)}}}) == []
-    table = compare._drives_table(MOVES[0], good)
+    assert [claim.holds for claim in claims.converter_claims(broken)] == [False]
+    assert claims.converter_claims({"one": {PD: {"as planned": scored(1.0)}}}) == []
+    table = tables.drives_table(MOVES[0], good)
     assert table.columns[-1][0] == "beyond [s]" and table.rows[0][-1] == 0.5
 
 

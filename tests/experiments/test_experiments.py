@@ -6,14 +6,13 @@ from __future__ import annotations
 
 import argparse
 import io
-import json
 import math
 import re
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -40,8 +39,10 @@ from cranedyn.model.description import XACRO
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.setting import Setting
 from cranedyn.simulation.simulate import simulate
-from experiments import a1, a1_identify, a2, a3, energy, harness, mass_ratio, report
+from experiments import a1, a2, a3, energy, harness, mass_ratio, report
+from experiments.a1 import identify as a1_identify
 from experiments.harness import setup as world_room
+from tests.experiments.conftest import Ran, parse_strict, run_command
 from tests.helpers import FAST, files, turned
 from tests.told import TOLD, missing
 
@@ -52,32 +53,6 @@ PLAIN = {"a1", "a2"}
 """Those that the plain loop computes, as by default; they print the same by compiled code."""
 
 
-@dataclass(frozen=True)
-class Ran:
-    """One experiment as run."""
-
-    code: int
-    text: str
-    folder: Path
-    result: dict[str, Any]
-
-    def table(self, title: str) -> list[dict[str, Any]]:
-        """Rows of the one table whose title begins so; of columns with the same header the first,
-        then "header 2", and so on.
-        """
-        (found,) = (table for table in self.result["tables"] if table["title"].startswith(title))
-        seen: dict[str, int] = {}
-        names = []
-        for header in found["columns"]:
-            seen[header] = seen.get(header, 0) + 1
-            names.append(header if seen[header] == 1 else f"{header} {seen[header]}")
-        return [dict(zip(names, row, strict=True)) for row in found["rows"]]
-
-
-def _strict(text: str) -> Any:
-    return json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} in result.json"))
-
-
 def _run(module: ModuleType, argv: Sequence[str]) -> tuple[int, str]:
     with redirect_stdout(io.StringIO()) as out:
         code = module.main(list(argv))
@@ -85,18 +60,13 @@ def _run(module: ModuleType, argv: Sequence[str]) -> tuple[int, str]:
 
 
 @pytest.fixture(scope="session")
-def ran(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Ran]:
-    """Runs an experiment when it is first asked for."""
-    done: dict[str, Ran] = {}
+def ran(ran: Callable[..., Ran]) -> Callable[[str], Ran]:
+    """Runs an experiment as the article has it, by the engine that is fast where it may."""
 
     def run(name: str) -> Ran:
-        if name not in done:
-            folder = tmp_path_factory.mktemp("out") / name
-            gravity = ["--gravity", "9.8"] if name in ARTICLE else []
-            engine = [] if name in PLAIN else ["--engine", FAST]
-            code, text = _run(EXPERIMENTS[name], ["--out", str(folder), *gravity, *engine])
-            done[name] = Ran(code, text, folder, _strict((folder / "result.json").read_text()))
-        return done[name]
+        gravity = ["--gravity", "9.8"] if name in ARTICLE else []
+        engine = [] if name in PLAIN else ["--engine", FAST]
+        return ran(name, *gravity, *engine)
 
     return run
 
@@ -110,9 +80,7 @@ each = pytest.mark.parametrize("name", EXPERIMENTS)
 def test_every_claim_holds_and_the_exit_code_says_so(name: str, ran: Callable[[str], Ran]) -> None:
     found = ran(name)
     assert found.code == 0
-    assert [
-        claim["sentence"] for claim in found.result["claims"] if claim["holds"] is not True
-    ] == []
+    assert found.failed() == []
     assert len(found.result["claims"]) >= 3
     assert found.text.count("\nholds      ") == len(found.result["claims"])
 
@@ -132,7 +100,8 @@ def test_an_experiment_prints_the_same_whatever_computes_its_steps(
     # The last says where the files are.
     assert text.splitlines()[:-1] == ran(name).text.splitlines()[:-1]
     assert (
-        _strict((tmp_path / name / "result.json").read_text())["parameters"]["engine"] == "compiled"
+        parse_strict((tmp_path / name / "result.json").read_text())["parameters"]["engine"]
+        == "compiled"
     )
 
 
@@ -359,22 +328,10 @@ def test_a1_reads_its_own_csv_as_if_it_came_from_elsewhere(
     ran: Callable[[str], Ran], tmp_path: Path
 ) -> None:
     folder = ran("a1").folder
-    assert (
-        _run(
-            a1,
-            [
-                "--out",
-                str(tmp_path / "out"),
-                "--from",
-                str(folder / "a1_l5.csv"),
-                str(folder / "a1_l10.parquet"),
-            ],
-        )[0]
-        == 0
-    )
-    found = Ran(0, "", tmp_path, _strict((tmp_path / "out" / "result.json").read_text())).table(
-        "Free swing in files"
-    )
+    names = [str(folder / "a1_l5.csv"), str(folder / "a1_l10.parquet")]
+    again = run_command("a1", tmp_path / "out", "--from", *names)
+    assert again.code == 0
+    found = again.table("Free swing in files")
     own = ran("a1").table("Free swing beside the article")
     for theirs, ours in zip(found, own, strict=False):
         assert theirs["T [s]"] == ours["T [s]"]  # bit-exact files, the same fit
@@ -391,11 +348,9 @@ def test_a1_finds_a_known_swing_in_a_recorded_file(tmp_path: Path) -> None:
         5
     ).normal(size=len(t))
     _csv(tmp_path / "gazebo.csv", t_s=t, phi_rad=phi, l_m=np.full_like(t, 15.2))
-    code, _ = _run(a1, ["--out", str(tmp_path / "out"), "--from", str(tmp_path / "gazebo.csv")])
-    (row,) = Ran(code, "", tmp_path, _strict((tmp_path / "out" / "result.json").read_text())).table(
-        "Free swing in files"
-    )
-    assert code == 0
+    read_back = run_command("a1", tmp_path / "out", "--from", str(tmp_path / "gazebo.csv"))
+    (row,) = read_back.table("Free swing in files")
+    assert read_back.code == 0
     assert row["l [m]"] == pytest.approx(15.2, rel=1e-12)
     # Noise: five of √24 · 1e-3/0.09/√4800 / (0.8 · 48).
     assert row["T [s]"] == pytest.approx(2 * math.pi / 0.8, rel=1e-4)
@@ -502,12 +457,10 @@ def test_a2_reads_its_own_csv_as_if_it_came_from_elsewhere(
     ran: Callable[[str], Ran], tmp_path: Path
 ) -> None:
     path = ran("a2").folder / "a2.csv"
-    code, _ = _run(a2, ["--out", str(tmp_path / "out"), "--from", str(path)])
-    row = Ran(code, "", tmp_path, _strict((tmp_path / "out" / "result.json").read_text())).table(
-        "Hoisting while swinging"
-    )[0]
+    again = run_command("a2", tmp_path / "out", "--from", str(path))
+    row = again.table("Hoisting while swinging")[0]
     ours = ran("a2").table("Hoisting while swinging")[0]
-    assert code == 0
+    assert again.code == 0
     assert {**row, "hold": ""} == {**ours, "hold": ""}  # bit-exact files, the same reading
 
 
@@ -566,7 +519,7 @@ def test_a3_filters_and_differences_as_it_says() -> None:
     # Exact up to cubics; rounding over 5 ms.
     assert_allclose(a3.filtered(t, 0.3 * t**2 - 0.1 * t), 0.6 * t - 0.1, atol=1e-9)
     rate = np.cumsum(np.where(t < 1.0, 0.01, -0.02))
-    inner = a3.exact(t, rate)[1:-1]
+    inner = a3.exact_acceleration(t, rate)[1:-1]
     assert_allclose(inner[t[1:-1] < 0.99], 0.01 / 0.005, rtol=1e-9)
     assert_allclose(inner[t[1:-1] > 1.0], -0.02 / 0.005, rtol=1e-9)
 
@@ -597,11 +550,9 @@ def test_a3_meets_a_recorded_file_of_known_content(tmp_path: Path) -> None:
         theta_dot_rad_s=theta_rate,
         l_m=15 * flat,
     )
-    code, _ = _run(a3, ["--out", str(tmp_path / "out"), "--from", str(tmp_path / "g.csv")])
-    row = Ran(code, "", tmp_path, _strict((tmp_path / "out" / "result.json").read_text())).table(
-        "Tangential swing"
-    )[0]
-    assert code == 0
+    read_back = run_command("a3", tmp_path / "out", "--from", str(tmp_path / "g.csv"))
+    row = read_back.table("Tangential swing")[0]
+    assert read_back.code == 0
     assert row["correlation"] == pytest.approx(1.0, abs=1e-6)
     # The filter's window of 55 ms: (1.3 · 0.055)⁴.
     assert row["RMS [rad]"] < 1e-4 * row["θ measured [rad]"]
@@ -752,7 +703,7 @@ def _conducted(claims: Sequence[bool | np.bool_ | None], argv: Sequence[str]) ->
     def experiment(options: Any, setup: harness.Setup) -> harness.Outcome:
         return harness.Outcome([], [harness.Claim("One is one.", holds) for holds in claims])
 
-    return harness.conduct(harness.parser("trial", "A trial."), experiment, list(argv))
+    return harness.run_experiment(harness.parser("trial", "A trial."), experiment, list(argv))
 
 
 @pytest.mark.parametrize(
@@ -789,7 +740,7 @@ def test_the_exit_code_is_1_when_a_claim_fails(
     with redirect_stdout(io.StringIO()) as out:
         assert _conducted(claims, ["--out", str(tmp_path)]) == code
     assert ("FAILS      One is one." in out.getvalue()) == (code == 1)
-    assert [c["holds"] for c in _strict((tmp_path / "result.json").read_text())["claims"]] == [
+    assert [c["holds"] for c in parse_strict((tmp_path / "result.json").read_text())["claims"]] == [
         None if c is None else bool(c) for c in claims
     ]
 
@@ -835,14 +786,14 @@ def test_tables_are_printed_with_title_and_note_and_kept_with_all_digits(tmp_pat
 
     with redirect_stdout(io.StringIO()) as out:
         assert (
-            harness.conduct(
+            harness.run_experiment(
                 harness.parser("trial", "A trial."), experiment, ["--out", str(tmp_path)]
             )
             == 0
         )
     for words in ("Some title", "Some note.", "first", "0.33", "2.5"):
         assert words in out.getvalue()
-    result = _strict((tmp_path / "result.json").read_text())
+    result = parse_strict((tmp_path / "result.json").read_text())
     kept = {
         "title": "Some title",
         "columns": ["name", "a", "a"],
@@ -854,25 +805,25 @@ def test_tables_are_printed_with_title_and_note_and_kept_with_all_digits(tmp_pat
 
 
 def test_progress_is_told_twice_a_second_and_only_to_a_terminal() -> None:
-    assert harness.ProgressReporter(None).run("x", 1.0) is None
+    assert harness.ProgressReporter().run("x", 1.0) is None
     progress = Progress(console=Console(file=io.StringIO()))
-    told = harness.ProgressReporter(progress).run("x", 2.0)
-    assert told is not None
+    update = harness.ProgressReporter(progress).run("x", 2.0)
+    assert update is not None
     moments = []
     progress.update = lambda task, completed, **_: moments.append(completed)  # type: ignore[method-assign]
     for k in range(401):
-        told(k * 5e-3)
+        update(k * 5e-3)
     assert moments == [0.0, 0.5, 1.0, 1.5, 2.0]
 
 
 def test_progress_that_is_told_once_in_a_while_is_shown_each_time() -> None:
     progress = Progress(console=Console(file=io.StringIO()))
-    told = harness.ProgressReporter(progress).run("x", 30.0)
+    update = harness.ProgressReporter(progress).run("x", 30.0)
     moments: list[float] = []
     progress.update = lambda task, completed, **_: moments.append(completed)  # type: ignore[method-assign]
-    assert told is not None
+    assert update is not None
     for t in (9.995, 19.995, 29.995, 30.0):
-        told(t)
+        update(t)
     assert moments == [9.995, 19.995, 29.995, 30.0]
 
 
@@ -1118,7 +1069,7 @@ def test_a_run_error_without_a_record_writes_nothing(
         raise RunError("It broke.", t=0.0)
 
     assert (
-        harness.conduct(
+        harness.run_experiment(
             harness.parser("trial", "A trial."), experiment, ["--out", str(tmp_path / "out")]
         )
         == 1

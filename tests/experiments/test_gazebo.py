@@ -7,6 +7,7 @@ from __future__ import annotations
 import io
 import json
 import math
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import replace
 from pathlib import Path
@@ -16,9 +17,11 @@ import pytest
 
 from cranedyn import theory
 from cranedyn.errors import CraneError
-from experiments import a1, a2, a3, energy, energy_overwritten, gazebo, harness
+from experiments import a1, a2, a3, gazebo, harness
+from experiments.energy import overwritten as energy_overwritten
 from experiments.harness.document import read_document
 from experiments.harness.outcome import Table
+from tests.experiments.conftest import Ran, run_command
 from tests.helpers import FAST, ROOT
 from tests.told import missing
 
@@ -38,7 +41,7 @@ def test_a_whole_run_stays_within_1e_4_rad_of_the_articles_own_simulator(
     name: str, found: dict[str, gazebo.Pair]
 ) -> None:
     pair = found[name]
-    assert pair.there["t_s"][-1] == pair.here.t[-1]
+    assert pair.recorded["t_s"][-1] == pair.run.t[-1]
     assert pair.largest("phi_rad") < gazebo.ALLOWED
     assert pair.largest("theta_rad") < gazebo.ALLOWED
     # The step, h l ω²/2 along the cable, moves the pivot through its spring.
@@ -65,11 +68,12 @@ def test_a_world_of_another_gravity_or_inertia_would_not_pass() -> None:
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    folder = tmp_path_factory.mktemp("gazebo") / "out"
-    with redirect_stdout(io.StringIO()):
-        assert gazebo.main(["--engine", FAST, "--out", str(folder)]) == 0
-    return json.loads((folder / "result.json").read_text())
+def result(found: dict[str, gazebo.Pair], tmp_path_factory: pytest.TempPathFactory) -> Any:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gazebo, "pairs", lambda setup: found)
+        made = run_command("gazebo", tmp_path_factory.mktemp("gazebo") / "out", "--engine", FAST)
+    assert made.code == 0
+    return made.result
 
 
 def test_the_claims_and_the_readme_tell_the_largest_difference_of_either_swing_angle(
@@ -126,16 +130,10 @@ def test_a_recording_is_analysed_by_the_experiments_like_any_file(
 
 
 @pytest.fixture(scope="module")
-def broken(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    folder = tmp_path_factory.mktemp("overwritten") / "out"
-    with redirect_stdout(io.StringIO()):
-        assert (
-            energy.main(
-                ["--overwritten", "--gravity", "9.8", "--engine", FAST, "--out", str(folder)]
-            )
-            == 0
-        )
-    return json.loads((folder / "result.json").read_text())
+def broken(ran: Callable[..., Ran]) -> Any:
+    made = ran("energy", "--overwritten", "--gravity", "9.8", "--engine", FAST)
+    assert made.code == 0
+    return made.result
 
 
 def test_a_plugin_that_overwrites_the_passive_rates_is_a_damper_and_takes_what_the_article_lost(

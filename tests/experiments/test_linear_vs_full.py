@@ -4,10 +4,9 @@ its parts against closed forms.
 
 from __future__ import annotations
 
-import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,36 +19,30 @@ from cranedyn.errors import DataError
 from cranedyn.interfaces import Setpoint, State
 from experiments import linear_vs_full
 from experiments.linear.model import Drives, Miss, all_rates, dropped, integrate, miss, paper
-from experiments.linear.runs import Case, reaches
+from experiments.linear.runs import LinearCase, reaches
 from experiments.linear.sites import SITES, Job, jobs, short_slews, slow_slews
 from experiments.linear_vs_full import ALONE, OF_SLEWING
 from experiments.report import page
+from tests.experiments.conftest import Ran
 from tests.helpers import FAST, G, big_crane, crane, files, moved
 from tests.told import missing
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
-    folder = tmp_path_factory.mktemp("linear") / "out"
-    assert linear_vs_full.main(["--engine", FAST, "--out", str(folder)]) == 0
-    return folder, json.loads((folder / "result.json").read_text(encoding="utf-8"))
-
-
-def _table(result: dict[str, Any], title: str) -> list[dict[str, Any]]:
-    (found,) = (table for table in result["tables"] if table["title"].startswith(title))
-    return [dict(zip(found["columns"], row, strict=True)) for row in found["rows"]]
+def result(ran: Callable[..., Ran]) -> Ran:
+    return ran("linear_vs_full", "--engine", FAST)
 
 
 # --- the command ----------------------------------------------------------------------------------
 
 
-def test_every_claim_holds(result: tuple[Path, dict[str, Any]]) -> None:
-    assert [claim["sentence"] for claim in result[1]["claims"] if claim["holds"] is not True] == []
-    assert len(result[1]["claims"]) == 6
+def test_every_claim_holds(result: Ran) -> None:
+    assert result.code == 0 and result.failed() == []
+    assert len(result.result["claims"]) == 6
 
 
-def test_the_readme_tells_its_largest_errors(result: tuple[Path, dict[str, Any]]) -> None:
-    rows = [row for site in SITES for row in _table(result[1], f"{site.name}: error")]
+def test_the_readme_tells_its_largest_errors(result: Ran) -> None:
+    rows = [row for site in SITES for row in result.table(f"{site.name}: error")]
     alone = [row["both rms [%]"] for row in rows if row["move"] in ALONE]
     slewing = [row["both rms [%]"] for row in rows if row["move"].startswith("slew")]
     assert (
@@ -60,18 +53,18 @@ def test_the_readme_tells_its_largest_errors(result: tuple[Path, dict[str, Any]]
     )
 
 
-def test_every_crane_makes_every_move(result: tuple[Path, dict[str, Any]]) -> None:
+def test_every_crane_makes_every_move(result: Ran) -> None:
     for site in SITES:
         for what in ("error", "largest"):
-            assert len(_table(result[1], f"{site.name}: {what}")) == 8
+            assert len(result.table(f"{site.name}: {what}")) == 8
 
 
-def test_the_report_shows_the_result(result: tuple[Path, dict[str, Any]]) -> None:
-    assert '<section id="linear_vs_full">' in page([result[0]])
+def test_the_report_shows_the_result(result: Ran) -> None:
+    assert '<section id="linear_vs_full">' in page([result.folder])
 
 
-def test_errors_of_both_angles_make_up_the_whole(result: tuple[Path, dict[str, Any]]) -> None:
-    for row in _table(result[1], "71 EC-B 5: error"):
+def test_errors_of_both_angles_make_up_the_whole(result: Ran) -> None:
+    for row in result.table("71 EC-B 5: error"):
         assert math.hypot(row["φ rms [%]"], row["θ rms [%]"]) == pytest.approx(
             row["both rms [%]"], rel=1e-12
         )
@@ -79,24 +72,24 @@ def test_errors_of_both_angles_make_up_the_whole(result: tuple[Path, dict[str, A
 
 
 def test_the_centrifugal_share_of_a_slew_is_twice_the_angle_of_its_ramp(
-    result: tuple[Path, dict[str, Any]],
+    result: Ran,
 ) -> None:
     # Ω² x over x Ω/t_r is Ω t_r; the load that swings out by 10° and more adds l φ to x
     for site, rate in (("71 EC-B 5", 0.8), ("L1-24", 0.5)):
-        row = next(row for row in _table(result[1], f"{site}: largest") if row["move"] == "slew")
+        row = next(row for row in result.table(f"{site}: largest") if row["move"] == "slew")
         assert row["γ̇² (x - lφ) [%]"] == pytest.approx(100.0 * rate * math.pi / 30.0 * 5.0, rel=0.1)
 
 
-def test_slow_hoisting_tells_the_equations_apart(result: tuple[Path, dict[str, Any]]) -> None:
+def test_slow_hoisting_tells_the_equations_apart(result: Ran) -> None:
     # m l² φ̇ has the frequency √(g/l) and the action l^(3/2) A²; φ̇ alone, as in Eq. (8), l^(-1/2)
     # A²
-    for row in _table(result[1], "Power of the cable"):
+    for row in result.table("Power of the cable"):
         assert row["plant"] == pytest.approx(-0.75, abs=5e-3)  # the claim's own
         assert row["Eq. (8)"] == pytest.approx(0.25, abs=5e-3)
 
 
 def test_figures_trajectories_and_recording_are_written(
-    result: tuple[Path, dict[str, Any]],
+    result: Ran,
 ) -> None:
     runs = {
         f"{name}{ending}"
@@ -108,7 +101,7 @@ def test_figures_trajectories_and_recording_are_written(
         for name in ("swing_slew", "swing_all", "slews", "dropped")
         for ending in (".png", ".svg")
     }
-    assert set(files(result[0])) == runs | figures | {"result.json", "linear_vs_full.rrd"}
+    assert set(files(result.folder)) == runs | figures | {"result.json", "linear_vs_full.rrd"}
 
 
 # --- moves ----------------------------------------------------------------------------------------
@@ -278,7 +271,7 @@ def test_where_an_error_reaches_a_bound_is_found_by_its_power_law() -> None:
 # --- claims ---------------------------------------------------------------------------------------
 
 
-def _cases() -> list[Case]:
+def _cases() -> list[LinearCase]:
     """What a comparison might find, by round numbers."""
     run = moved(big_crane(), big_crane().start, 0.02, 0.02)
     small, large = Miss(0.1, 0.001, 0.001, 0.01), Miss(0.1, 0.3, 0.4, 1.0)
@@ -289,7 +282,7 @@ def _cases() -> list[Case]:
         "trolley, slow hoist": large,
     }
     return [
-        Case(
+        LinearCase(
             site,
             Job(name, big_crane().start, lambda t: None, 1.0),
             run,

@@ -2,34 +2,32 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
+from collections.abc import Callable
 
 import pytest
 
 from experiments import margins
 from experiments.scenarios.strategies import LQR, PAPER, PD
+from tests.experiments.conftest import Ran
 from tests.helpers import FAST
 
 pytest.importorskip("control", reason="extra control (python-control) is not installed")
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def done(ran: Callable[..., Ran]) -> Ran:
     """The least of it, once."""
-    folder = tmp_path_factory.mktemp("margins") / "out"
-    assert margins.main(["--points", "2", "--engine", FAST, "--out", str(folder)]) == 0
-    return folder
+    return ran("margins", "--points", "2", "--engine", FAST)
 
 
-def test_every_claim_is_judged_and_holds(done: Path) -> None:
-    claims = json.loads((done / "result.json").read_text())["claims"]
+def test_every_claim_is_judged_and_holds(done: Ran) -> None:
+    claims = done.result["claims"]
     assert len(claims) == 5
     assert all(claim["holds"] is True for claim in claims)
 
 
-def test_the_map_tells_what_is_near_its_end(done: Path) -> None:
-    table = json.loads((done / "result.json").read_text())["tables"][0]
+def test_the_map_tells_what_is_near_its_end(done: Ran) -> None:
+    table = done.result["tables"][0]
     late = {row[0]: row[10] for row in table["rows"]}
     damping = {row[0]: row[1] for row in table["rows"]}
     stronger = {row[0]: row[4] for row in table["rows"]}
@@ -38,7 +36,7 @@ def test_the_map_tells_what_is_near_its_end(done: Path) -> None:
     # a Kalman filter takes away what an LQR has of margins (Doyle 1978)
     assert stronger[margins.BLIND] < 1.1 < 10.0 < stronger[LQR]
     assert late[margins.BLIND] < late[LQR] and late[PAPER] > 5.0
-    assert (done / "margins_map.png").is_file()
+    assert (done.folder / "margins_map.png").is_file()
 
 
 def test_a_map_of_one_place_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

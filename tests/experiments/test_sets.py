@@ -61,7 +61,7 @@ def conducted(
         )
 
     return said(
-        lambda: harness.conduct(
+        lambda: harness.run_experiment(
             harness.parser("a1", "A trial."), experiment, ["--out", str(folder), *words]
         )
     )

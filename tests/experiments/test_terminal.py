@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.console import Console
 
-from experiments.harness.lines import EVERY, Lines
 from experiments.harness.outcome import Claim, Outcome, Table, show
+from experiments.harness.progress import LINE_INTERVAL, ProgressLines, ProgressReporter
 from experiments.harness.terminal import blocks
 
 HEADS = st.lists(
@@ -107,14 +107,15 @@ def test_a_long_run_says_a_line_now_and_then_and_a_short_one_nothing(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     now = 0.0
-    lines = Lines(lambda: now)
-    told = lines.run("l = 5 m", 70.0)
+    lines = ProgressReporter(lines=ProgressLines(lambda: now))
+    update = lines.run("l = 5 m", 70.0)
+    assert update is not None
     for k in range(300):
         now = 0.1 * k
-        told(now)
-    told_by = next(0.1 * k for k in range(300) if 0.1 * k >= EVERY)
+        update(now)
+    first = next(0.1 * k for k in range(300) if 0.1 * k >= LINE_INTERVAL)
     assert capsys.readouterr().err.splitlines() == [
-        f"l = 5 m: {told_by:.1f} of 70 s",
+        f"l = 5 m: {first:.1f} of 70 s",
         "l = 5 m: 20.0 of 70 s",
     ]
     lines.count("cases", 7)(3)

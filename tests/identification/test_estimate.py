@@ -19,7 +19,7 @@ from cranedyn.identification.search import jacobian
 from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.simulation.simulate import simulate
 from experiments.gazebo import RECORDINGS
-from experiments.identify_coverage import NAMES, NOISE, PLANTS, coverage, synthetic
+from experiments.identify.coverage import NAMES, NOISE, PLANTS, coverage, synthetic
 
 KNOWN = Known()
 TRUTH = {"payload_mass": 1300.0, "damp_swing": 900.0, "l_offset": 0.37, "delay": 0.08}

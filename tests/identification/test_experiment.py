@@ -14,7 +14,7 @@ from experiments import identify
 from experiments.gazebo import RECORDINGS
 from experiments.harness import Table
 from experiments.harness.document import read_document
-from experiments.identify_figures import spectra
+from experiments.identify.figures import spectra
 from tests.helpers import ROOT
 from tests.identification.test_estimate import TRUTH, recorded
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from cranedyn.identification import Known, Model, Record, identify, preflight
 from cranedyn.identification.moves import moves
-from experiments.identify_trial import TRUTH, trial_record
+from experiments.identify.trial import TRUTH, trial_record
 from tests.identification.test_estimate import TRUTH as TRUE
 from tests.identification.test_estimate import recorded
 

@@ -30,11 +30,11 @@ if __name__ == "__main__":
 """
 
 _COMPARE = """
-from experiments.compare import _workers
+from experiments.compare.runs import processes
 from tests.studies import deaf
 
 if __name__ == "__main__":
-    with _workers(1) as workers:
+    with processes(1) as workers:
         workers.submit(deaf, 100).result()
 """
 

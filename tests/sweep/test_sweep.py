@@ -31,7 +31,7 @@ from cranedyn.sweep import Design, Progress, cross, grid, limits, results, sweep
 from cranedyn.sweep.chunk import DIED, evaluate, name_of
 from cranedyn.sweep.manifest import Manifest, claimed
 from cranedyn.sweep.sources import sources
-from experiments.harness import progress as told
+from experiments.harness import progress as reports
 from tests import studies
 from tests.helpers import files
 
@@ -431,7 +431,8 @@ def test_the_time_left_goes_by_the_pace_of_this_process() -> None:
 def test_progress_is_shown_in_words() -> None:
     clock = iter([10.0, 10.0, 30.0])
     bars = Bars(console=Console(file=io.StringIO()))
-    show = told.shown(bars, "study", lambda: next(clock))
+    show = reports.ProgressReporter(bars).sweep("study", lambda: next(clock))
+    assert show is not None
     said = []
     for progress in (Progress(40, 4000, 0, 40), Progress(50, 4000, 2, 40)):
         show(progress)
@@ -446,19 +447,19 @@ def test_progress_is_shown_in_words() -> None:
 def test_progress_is_told_to_a_terminal_and_elsewhere_in_a_line_now_and_then(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with told.sweeping("study") as lines:
+    with reports.sweeping("study") as lines:
         assert lines is not None
         lines(Progress(1, 2, 0, 0))
         assert capsys.readouterr().err == ""  # nothing of what is short
-    monkeypatch.setattr("experiments.harness.lines.EVERY", 0.0)
-    with told.sweeping("study") as lines:
+    monkeypatch.setattr("experiments.harness.progress.LINE_INTERVAL", 0.0)
+    with reports.sweeping("study") as lines:
         assert lines is not None
         lines(Progress(1, 2, 0, 0))
     assert capsys.readouterr().err.startswith("study: ")
     monkeypatch.setattr(
-        "experiments.harness.setup.Console",
+        "experiments.harness.progress.Console",
         lambda stderr: Console(file=io.StringIO(), force_terminal=True),
     )
-    with told.sweeping("study") as somebody:
+    with reports.sweeping("study") as somebody:
         assert somebody is not None
         somebody(Progress(1, 2, 0, 0))

@@ -619,7 +619,7 @@ def test_a_result_that_is_not_finite_is_refused_and_nothing_is_written(tmp_path:
         out = tmp_path / "out"
         with redirect_stderr(io.StringIO()) as err:
             assert (
-                harness.conduct(
+                harness.run_experiment(
                     harness.parser("trial", "A trial."),
                     lambda *_, o=outcome: o,
                     ["--out", str(out)],

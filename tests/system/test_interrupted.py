@@ -45,7 +45,7 @@ def experiment(options, world):
 def trial(*words):
     made = harness.parser("trial", "A trial.")
     harness.add_setup(made)
-    return harness.conduct(made, experiment, words)
+    return harness.run_experiment(made, experiment, words)
 """
 WHOLE = ["figure.png", "figure.svg", "result.json", "run.csv", "run.parquet", "trial.rrd"]
 

@@ -281,7 +281,7 @@ def test_a_document_that_asks_for_a_table_that_is_not_made_costs_no_files(
     page.write_text("<!-- a1: Missing -->\n<!-- end -->\n", encoding="utf-8")
     made = harness.parser("a1", "A trial.")
     outcome = harness.Outcome([harness.Table("Here", [("a", "")], [("b",)])], [])
-    code = harness.conduct(
+    code = harness.run_experiment(
         made,
         lambda options, setup: outcome,
         ["--out", str(tmp_path / "out"), "--document", str(page)],

@@ -631,7 +631,7 @@ class Setup:
         made, out = harness.parser("trial", "A trial."), folder / "out"
         harness.add_setup(made)
         with _streams() as err:
-            code = harness.conduct(
+            code = harness.run_experiment(
                 made, _trial, ["--out", str(out), *(word for part in case.parts for word in part)]
             )
         if code == 130 and err().startswith("error: Interrupted at "):  # a budget had an end

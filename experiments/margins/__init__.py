@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +26,8 @@ from cranedyn.estimation import with_observer
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references.motion import Motion
 from experiments import harness
-from experiments.margins_figures import map_figure, values
+from experiments.harness import Claim, Column, Outcome, Setup, Table, tabulate
+from experiments.margins.figures import margin_values, margins_figure
 from experiments.scenarios.strategies import LQR, PAPER, PD, with_integral
 
 if TYPE_CHECKING:
@@ -53,55 +54,55 @@ Mapped = list[list["Margins"]]
 """Margins by cable length, then by radius."""
 
 
-def at_rest(setup: harness.Setup, rest: State) -> Motion:
-    """A motion that is none."""
+def at_rest(setup: Setup, rest: State) -> Motion:
+    """Return a motion that stands still."""
     still = np.zeros((1, setup.crane.layout.n))
     return Motion(setup.control_period, rest.q[None], still, still, setup.crane.layout.drives)
 
 
-def integrating(setup: harness.Setup, rest: State) -> HoistIntegral:
-    """The full-model LQR with an integrator on the hoist, made for a rest."""
+def integrating(setup: Setup, rest: State) -> HoistIntegral:
+    """Return the full-model LQR with an integrator on the hoist, made for a rest."""
     return with_integral(setup, at_rest(setup, rest))
 
 
-def _linear(setup: harness.Setup, controller: Controller, rest: State) -> Regulator:
+def _linear(setup: Setup, controller: Controller, rest: State) -> Regulator:
     from cranedyn.bridges.margins import regulator
 
     return regulator(setup.crane, controller, rest, t=0.0, period=setup.control_period)
 
 
-def _held(setup: harness.Setup, rest: State) -> Regulator:
+def _held(setup: Setup, rest: State) -> Regulator:
     return _linear(setup, hold_controller(setup.crane), rest)
 
 
-def _paper(setup: harness.Setup, rest: State) -> Regulator:
+def _paper(setup: Setup, rest: State) -> Regulator:
     return _linear(setup, paper_controller(setup.crane, at_rest(setup, rest)), rest)
 
 
-def _scheduled(setup: harness.Setup, rest: State) -> Regulator:
+def _scheduled(setup: Setup, rest: State) -> Regulator:
     return _linear(setup, integrating(setup, rest), rest)
 
 
-def _kept(setup: harness.Setup, rest: State) -> Regulator:
+def _kept(setup: Setup, rest: State) -> Regulator:
     return _scheduled(setup, setup.crane.state(x=MIDDLE[0], l=MIDDLE[1]))
 
 
-def _blind(setup: harness.Setup, rest: State) -> Regulator:
-    """The same behind the filter that sees the drives alone, when its gain has settled."""
+def _blind(setup: Setup, rest: State) -> Regulator:
+    """Return the same behind the filter that sees the drives alone, when its gain has settled."""
     from cranedyn.bridges.margins import behind_observer
 
     crane = setup.crane
     plant = _plant(setup, rest)
-    made = with_observer(
+    observer = with_observer(
         lqr(crane, at_rest(setup, rest), dt=setup.dt), crane, at_rest(setup, rest), dt=setup.dt
     )
-    seen = np.eye(len(plant.a))[made.measured]
-    p = scipy.linalg.solve_discrete_are(plant.a.T, seen.T, made.disturbance, made.noise)
-    gain = np.linalg.solve(seen @ p @ seen.T + made.noise, seen @ p).T
-    return behind_observer(_scheduled(setup, rest), plant, gain, made.measured)
+    output = np.eye(len(plant.a))[observer.measured]
+    p = scipy.linalg.solve_discrete_are(plant.a.T, output.T, observer.disturbance, observer.noise)
+    gain = np.linalg.solve(output @ p @ output.T + observer.noise, output @ p).T
+    return behind_observer(_scheduled(setup, rest), plant, gain, observer.measured)
 
 
-STRATEGIES: dict[str, Callable[[harness.Setup, State], Regulator]] = {
+STRATEGIES: dict[str, Callable[[Setup, State], Regulator]] = {
     PD: _held,
     PAPER: _paper,
     LQR: _scheduled,
@@ -112,27 +113,27 @@ STRATEGIES: dict[str, Callable[[harness.Setup, State], Regulator]] = {
 such as flat paths, the shortest time and the MPC within its limits, end in the full-model LQR."""
 
 
-def mapped(setup: harness.Setup, points: int) -> dict[str, Mapped]:
-    """Margins of each strategy over the map."""
+def mapped(setup: Setup, points: int) -> dict[str, Mapped]:
+    """Return the margins of each strategy over the map."""
     from cranedyn.bridges.margins import margins
 
     radii, cables = axes(points)
     update = setup.reporter.count("margins", len(STRATEGIES) * points)
-    found: dict[str, Mapped] = {strategy: [] for strategy in STRATEGIES}
+    maps: dict[str, Mapped] = {strategy: [] for strategy in STRATEGIES}
     for strategy, law in STRATEGIES.items():
         for length in cables.tolist():
             rests = [setup.crane.state(x=radius, l=length) for radius in radii.tolist()]
-            found[strategy].append([margins(_plant(setup, r), law(setup, r)) for r in rests])
-            update(sum(map(len, found.values())))
-    return found
+            maps[strategy].append([margins(_plant(setup, r), law(setup, r)) for r in rests])
+            update(sum(map(len, maps.values())))
+    return maps
 
 
-def _plant(setup: harness.Setup, rest: State) -> Sampled:
+def _plant(setup: Setup, rest: State) -> Sampled:
     return sampled(setup.crane, rest, dt=setup.dt, control_period=setup.control_period)
 
 
 def axes(points: int) -> tuple[np.ndarray, np.ndarray]:
-    """Radii and cable lengths of the map [m]."""
+    """Return the radii and cable lengths of the map [m]."""
     return np.linspace(*RADII, points), np.linspace(*CABLES, points)
 
 
@@ -154,7 +155,7 @@ class Disturbed:
         self._waiting = deque([0.0] * periods)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Efforts, shape (m,)."""
+        """Return the efforts, shape (m,)."""
         command = np.array(self.controller(t, state, setpoint))
         self._waiting.append(self.factor * (command[self.drive] - self.rest[self.drive]))
         command[self.drive] = self.rest[self.drive] + self._waiting.popleft()
@@ -162,7 +163,7 @@ class Disturbed:
 
 
 def grows(
-    setup: harness.Setup,
+    setup: Setup,
     rest: State,
     drive: int,
     *,
@@ -170,22 +171,22 @@ def grows(
     periods: int = 0,
     made_for: State | None = None,
 ) -> float:
-    """How much larger the deviation of a drive is in the last quarter of a run than in the second,
-    under the full-model LQR made for this place or another one; inf where the run breaks off.
+    """Return the ratio of a drive's deviation in the last quarter of a run to that in the second,
+    under the full-model LQR made for this place or another one; inf if the run breaks off.
     """
     crane, layout = setup.crane, setup.crane.layout
     q = rest.q.copy()
     q[crane.swings] += AFFECTED
     designed = integrating(setup, rest if made_for is None else made_for)
     table = designed.tracking
-    here = np.concatenate([rest.q, rest.v])[None]
+    row = np.concatenate([rest.q, rest.v])[None]
     holding = holding_effort(crane, rest.q)
-    moved = replace(designed, tracking=replace(table, setpoint=here, feed_forward=holding[None]))
-    made = Disturbed(moved, holding, drive, factor, periods)
+    moved = replace(designed, tracking=replace(table, setpoint=row, feed_forward=holding[None]))
+    disturbed = Disturbed(moved, holding, drive, factor, periods)
     try:
         run = setup.simulate(
             crane,
-            made,
+            disturbed,
             at_rest(setup, rest),
             start=State(q, rest.v),
             duration=WATCHED,
@@ -200,89 +201,89 @@ def grows(
     return float(away[-quarter:].max() / away[quarter : 2 * quarter].max())
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Map the margins, then meet them."""
     points = whole("points", options.points, 2)
     within("points", points, 2, MOST)
-    found = mapped(setup, points)
-    rows, notes = list[Sequence[float | str]](), list[str]()
-    for strategy, here in found.items():
-        rows.append((strategy, *_worst(here, points)))
-    check, claims = _met(setup, found[LQR], points)
+    maps = mapped(setup, points)
+    check, claims = _met(setup, maps[LQR], points)
     unstable = [
-        strategy for strategy, here in found.items() if values(here, "damping").min() <= 0.0
+        name for name, margins in maps.items() if margin_values(margins, "damping").min() <= 0.0
     ]
-    notes.append(f" Unstable somewhere: {', '.join(unstable)}." if unstable else "")
-    least = float(values(found[LQR], "late").min())
-    return harness.Outcome(
-        tables=[_table(rows, "".join(notes)), check],
+    note = f" Unstable somewhere: {', '.join(unstable)}." if unstable else ""
+    least_delay = float(margin_values(maps[LQR], "late").min())
+    return Outcome(
+        tables=[_table(maps, points, note), check],
         claims=[
-            harness.Claim(
+            Claim(
                 "Every strategy that is made for the place is stable over the whole map.",
                 not set(unstable) - {KEPT},
             ),
-            _needed(setup, found[KEPT], points),
-            harness.Claim(
+            _needed(setup, maps[KEPT], points),
+            Claim(
                 "The full-model LQR, made for each place, bears a drive that is late by "
-                f"{1e3 * least:.1f} ms, {least / setup.control_period:.1f} control periods, "
-                "wherever the trolley stands.",
-                least > setup.control_period,
+                f"{1e3 * least_delay:.1f} ms, {least_delay / setup.control_period:.1f} control "
+                "periods, wherever the trolley stands.",
+                least_delay > setup.control_period,
             ),
             *claims,
         ],
         parameters=setup.parameters() | {"points": points, "radii_m": RADII, "cables_m": CABLES},
-        figures={"margins_map": map_figure(*axes(points), found)},
+        figures={"margins_map": margins_figure(*axes(points), maps)},
     )
 
 
-def _worst(here: Mapped, points: int) -> tuple[float, ...]:
-    """The least of each margin over a map, and where."""
-    radii, cables = axes(points)
-    found: list[float] = []
-    for name, scale in (("damping", 100.0), ("stronger", 1.0), ("weaker", 1.0), ("late", 1e3)):
-        value = scale * values(here, name)
-        i, j = _first(value, value.max() if name == "weaker" else value.min())
-        found += [float(value[i, j]), float(radii[j]), float(cables[i])]
-    return tuple(found)
-
-
 def _first(value: np.ndarray, extreme: float) -> tuple[int, int]:
-    """The first place with an extreme value, whatever rounding makes of places that are alike."""
-    place = int(np.flatnonzero(np.isclose(value, extreme, rtol=1e-6, atol=0.0))[0])
-    return divmod(place, value.shape[1])
+    """Return the first place with an extreme value, up to rounding between places that are
+    alike.
+    """
+    index = int(np.flatnonzero(np.isclose(value, extreme, rtol=1e-6, atol=0.0))[0])
+    return divmod(index, value.shape[1])
 
 
-def _table(rows: Sequence[Sequence[float | str]], note: str) -> harness.Table:
-    columns = [("strategy", "")]
-    for name, form in (
-        ("damping [%]", ".3g"),
-        ("stronger", ".3g"),
-        ("weaker", ".3f"),
-        ("late [ms]", ".1f"),
-    ):
-        columns += [(name, form), ("at x [m]", "g"), ("l [m]", "g")]
-    return harness.Table(
+def _table(maps: Mapping[str, Mapped], points: int, note: str) -> Table:
+    radii, cables = axes(points)
+
+    def least(strategy: str, name: str, scale: float, part: int) -> float:
+        """Return the least margin over the map, or the radius or the cable length of its place."""
+        margin = scale * margin_values(maps[strategy], name)
+        i, j = _first(margin, margin.max() if name == "weaker" else margin.min())
+        return float((margin[i, j], radii[j], cables[i])[part])
+
+    columns: list[Column] = [
+        (*head, partial(least, name=name, scale=scale, part=part))
+        for header, form, name, scale in (
+            ("damping [%]", ".3g", "damping", 100.0),
+            ("stronger", ".3g", "stronger", 1.0),
+            ("weaker", ".3f", "weaker", 1.0),
+            ("late [ms]", ".1f", "late", 1e3),
+        )
+        for part, head in enumerate(((header, form), ("at x [m]", "g"), ("l [m]", "g")))
+    ]
+    return tabulate(
         "Least margins over trolley radius and cable length",
-        columns,
-        rows,
+        maps,
+        [("strategy", "", str), *columns],
         "Damping: of the least damped mode, of critical. Stronger, weaker: factor on the effort of "
         "one drive at which the loop is unstable; late: delay of its commands. Each with its "
         f"place, the worst drive of it.{note}",
     )
 
 
-def _met(
-    setup: harness.Setup, here: Mapped, points: int
-) -> tuple[harness.Table, list[harness.Claim]]:
-    """Where the full-model LQR bears the least delay, by simulation."""
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _met(setup: Setup, margins_of: Mapped, points: int) -> tuple[Table, list[Claim]]:
+    """Simulate the place where the full-model LQR bears the least delay."""
     radii, cables = axes(points)
-    borne = values(here, "late")
+    borne = margin_values(margins_of, "late")
     i, j = _first(borne, borne.min())
-    found = here[i][j]
-    if not found.drives:
+    margins_there = margins_of[i][j]
+    if not margins_there.drives:
         raise OutOfRange("the full-model LQR", "unstable", "stable, for margins to be met")
-    drive = int(np.argmin([d.late for d in found.drives]))
-    margin, rest = found.drives[drive], setup.crane.state(x=radii[j], l=cables[i])
+    drive = int(np.argmin([d.late for d in margins_there.drives]))
+    margin, rest = margins_there.drives[drive], setup.crane.state(x=radii[j], l=cables[i])
     name = setup.crane.layout.driven[drive].effort_name
     last = math.ceil(margin.late / setup.control_period) - 1
     delays = [(float(late), grows(setup, rest, drive, periods=late)) for late in (last, last + 1)]
@@ -291,36 +292,32 @@ def _met(
         for share in (0.98, 1.02)
     ]
     periods = margin.late / setup.control_period
-    rows = [
-        (what, *(number if math.isfinite(number) else None for number in (limit, *sum(pairs, ()))))
-        for what, limit, pairs in (
-            (f"{name} late [periods]", periods, delays),
-            (f"{name} stronger [times]", margin.stronger, factors),
-        )
-    ]
-    columns = [
-        ("full-model LQR", ""),
-        ("predicted", ".4g"),
-        ("below it", ".4g"),
-        ("growth", ".3g"),
-        ("beyond it", ".4g"),
-        ("growth there", ".3g"),
-    ]
-    table = harness.Table(
+    limits = (
+        (f"{name} late [periods]", periods, delays),
+        (f"{name} stronger [times]", margin.stronger, factors),
+    )
+    table = tabulate(
         f"Met in simulation at x = {radii[j]:g} m, l = {cables[i]:g} m",
-        columns,
-        rows,
+        limits,
+        [
+            ("full-model LQR", "", lambda limit: limit[0]),
+            ("predicted", ".4g", lambda limit: _finite(limit[1])),
+            ("below it", ".4g", lambda limit: _finite(limit[2][0][0])),
+            ("growth", ".3g", lambda limit: _finite(limit[2][0][1])),
+            ("beyond it", ".4g", lambda limit: _finite(limit[2][1][0])),
+            ("growth there", ".3g", lambda limit: _finite(limit[2][1][1])),
+        ],
         "Growth: largest deviation of that drive in the last quarter of "
         f"{WATCHED:g} s over that in the second; a dash where the run breaks off.",
     )
     claims = [
-        harness.Claim(
+        Claim(
             "Where the map shows the least delay for the full-model LQR, simulation is stable with "
             f"{name} {last} control periods late and unstable with {last + 1}: predicted are "
             f"{periods:.2f}.",
             delays[0][1] < 1.0 < delays[1][1],
         ),
-        harness.Claim(
+        Claim(
             f"There it is stable with {name} {factors[0][0]:.3g} times as strong and unstable with "
             f"{factors[1][0]:.3g} times: predicted are {margin.stronger:.3g}.",
             factors[0][1] < 1.0 < factors[1][1],
@@ -329,10 +326,10 @@ def _met(
     return table, claims
 
 
-def _needed(setup: harness.Setup, here: Mapped, points: int) -> harness.Claim:
-    """Whether the LQR made for the middle ends where the map says so, by simulation."""
+def _needed(setup: Setup, margins_of: Mapped, points: int) -> Claim:
+    """Claim that the LQR made for the middle is unstable where the map says so, by simulation."""
     radii, cables = axes(points)
-    damping = values(here, "damping")
+    damping = margin_values(margins_of, "damping")
     places = [_first(damping, end) for end in (damping.min(), damping.max())]
     middle = setup.crane.state(x=MIDDLE[0], l=MIDDLE[1])
     agree, said = True, []
@@ -345,7 +342,7 @@ def _needed(setup: harness.Setup, here: Mapped, points: int) -> harness.Claim:
             f"{'stable' if stable else 'unstable'} at x = {radii[j]:g} m, l = {cables[i]:g} m "
             f"({100.0 * damping[i, j]:.3g} % of critical damping)"
         )
-    return harness.Claim(
+    return Claim(
         f"The LQR made for x = {MIDDLE[0]:g} m, l = {MIDDLE[1]:g} m is {said[0]} and {said[1]} "
         "by the map, and so it is in simulation.",
         bool(agree),
@@ -354,13 +351,9 @@ def _needed(setup: harness.Setup, here: Mapped, points: int) -> harness.Claim:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser("margins", "how far each strategy is from its end, over the workspace.")
-    harness.add_setup(made)
-    made.add_argument(
+    parser = harness.parser("margins", "how far each strategy is from its end, over the workspace.")
+    harness.add_setup(parser)
+    parser.add_argument(
         "--points", type=int, default=5, metavar="N", help="places along each side of the map"
     )
-    return harness.conduct(made, experiment, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return harness.run_experiment(parser, experiment, argv)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,13 +22,14 @@ from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import add_values, parse_values
 from cranedyn.sweep import grid, sweep
 from experiments import gazebo, harness
+from experiments.harness import Claim, Outcome, Setup, Table
 from experiments.harness.arguments import ROS
-from experiments.harness.progress import watching
+from experiments.harness.recorded import parse_joints
 from experiments.harness.swept import columns_swept
-from experiments.identify_coverage import NAMES, PLANTS, SWING, coverage
-from experiments.identify_figures import beside, correlations
-from experiments.identify_tables import Found, doubts, found, of_trials, tables, values
-from experiments.identify_trial import TRUTH, Tried, trial_record, tried
+from experiments.identify.coverage import NAMES, PLANTS, SWING, coverage
+from experiments.identify.figures import beside, correlations
+from experiments.identify.tables import Found, doubts, found, of_trials, record_tables, values_table
+from experiments.identify.trial import TRUTH, Trial, trial_record, try_strategies
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -68,58 +68,55 @@ _SHOWN, _APART = 4, 60.0
 _TAIL = 5e-4
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Identify what the command line asks for."""
     check_effect(options)
     if options.coverage is not None:
         return covered(options, setup)
-    known = Known(
+    prior = Known(
         options.urdf,
         parse_values(options.values),
         number("gravity", options.believed, "m/s²", "> 0"),
     )
-    return files(options, setup, known) if options.file else examples(setup)
+    return files(options, setup, prior) if options.file else examples(setup)
 
 
 def check_effect(options: argparse.Namespace) -> None:
-    """Return if every argument has an effect.
+    """Check that every argument has an effect.
 
     Raises:
         DataError: If one has none.
     """
-    usual: dict[str, object] = {
-        "estimate": None,
-        "drives": None,
-        "since": -math.inf,
-        "until": math.inf,
-    }
-    usual |= {"sources": [], "named": [], "urdf": None, "believed": STANDARD_GRAVITY, "values": []}
-    flags = {"sources": "columns", "named": "joints", "believed": "gravity", "values": "set"}
-    given = [name for name, value in usual.items() if getattr(options, name) != value]
     synthetic = options.coverage is not None
     if synthetic and options.file:
         raise DataError("A FILE has no effect beside --coverage; leave it out.")
     for name in ("workers", "plant"):
         if getattr(options, name) is not None and not synthetic:
             raise DataError(f"--{name} has no effect without --coverage; leave it out.")
-    kinds = {Path(file).suffix in ROS for file in options.file}
-    for name in given:
-        needed = {"sources": "a .csv or .parquet FILE", "named": "an .mcap or .bag FILE"}
-        if not ({"sources": {False}, "named": {True}}.get(name, {False, True}) & kinds):
-            raise DataError(
-                f"--{flags.get(name, name)} has no effect without {needed.get(name, 'a FILE')}; "
-                "leave it out."
-            )
+    ros = {Path(file).suffix in ROS for file in options.file}
+    for flag, changed, file, has_effect in (
+        ("estimate", options.estimate, "a FILE", bool(ros)),
+        ("drives", options.drives, "a FILE", bool(ros)),
+        ("since", options.since != -math.inf, "a FILE", bool(ros)),
+        ("until", options.until != math.inf, "a FILE", bool(ros)),
+        ("columns", options.sources, "a .csv or .parquet FILE", False in ros),
+        ("joints", options.named, "an .mcap or .bag FILE", True in ros),
+        ("urdf", options.urdf is not None, "a FILE", bool(ros)),
+        ("gravity", options.believed != STANDARD_GRAVITY, "a FILE", bool(ros)),
+        ("set", options.values, "a FILE", bool(ros)),
+    ):
+        if changed and not has_effect:
+            raise DataError(f"--{flag} has no effect without {file}; leave it out.")
 
 
-def files(options: argparse.Namespace, setup: harness.Setup, known: Known) -> harness.Outcome:
+def files(options: argparse.Namespace, setup: Setup, prior: Known) -> Outcome:
     """Identify a crane from files."""
     records = [
         load_record(
             file,
-            known.crane,
+            prior.crane,
             sources=parse_sources(options.sources),
-            joints=_joints(options.named),
+            joints=parse_joints(options.named),
             since=options.since,
             until=options.until,
         )
@@ -128,43 +125,34 @@ def files(options: argparse.Namespace, setup: harness.Setup, known: Known) -> ha
     names = [record.name for record in records]
     if len(set(names)) < len(names):
         raise DataError(f"Two records have one name: {', '.join(map(quoted, names))}.")
-    model = Model.of(known, records, options.estimate, drives=options.drives)
-    one = found(model, setup, "records")
-    return harness.Outcome(
-        tables=[*tables(one, "", {}), *of_trials(_trials(one.estimate))],
-        claims=[_white("The records", one)],
-        parameters=_parameters(one),
-        trajectories=_runs(one),
-        figures=_figures(one),
-        recording=_recording(one),
-        texts={"twin.json": one.twin.text},
+    model = Model.of(prior, records, options.estimate, drives=options.drives)
+    result = found(model, setup, "records")
+    return Outcome(
+        tables=[*record_tables(result, "", {}), *of_trials(_trials(result.estimate))],
+        claims=[_white("The records", result)],
+        parameters=_parameters(result),
+        trajectories=_runs(result),
+        figures=_figures(result),
+        recording=_recording(result),
+        texts={"twin.json": result.twin.text},
     )
 
 
-def _white(words: str, one: Found) -> harness.Claim:
+def _white(subject: str, result: Found) -> Claim:
     """Judge what every interval presumes."""
-    coloured, said = ", ".join(one.estimate.not_white), "all"
+    coloured, said = ", ".join(result.estimate.not_white), "all"
     if coloured:
         said = f"not {coloured}: the model lacks something, and intervals may not hold the truth"
-    return harness.Claim(
-        f"{words}: what the twin leaves of each column is white noise ({said}).",
-        not coloured,
+    return Claim(
+        f"{subject}: what the twin leaves of each column is white noise ({said}).", not coloured
     )
 
 
-def _joints(words: Sequence[str]) -> dict[str, str]:
-    pairs = [word.partition("=") for word in words]
-    for word, (_, mark, name) in zip(words, pairs, strict=True):
-        if not mark or not name:
-            raise DataError(f"{quoted(word)} among --joints is not of the form l=NAME.")
-    return {symbol: name for symbol, _, name in pairs}
-
-
-def examples(setup: harness.Setup) -> harness.Outcome:
+def examples(setup: Setup) -> Outcome:
     """Identify Gazebo's world from its recordings, and the crane of the trial from its record."""
     world = Known()
     free = found(_recordings(world, FREE, WORLD, "motion"), setup, "free swing in Gazebo")
-    held = found(
+    brake = found(
         _recordings(world, HELD, (*WORLD, *GAINS), "hold", UNTIL), setup, "brake in Gazebo"
     )
     alone = found(
@@ -174,18 +162,18 @@ def examples(setup: harness.Setup) -> harness.Outcome:
         Model.of(world, [trial_record(world, positions=True)]), setup, "trial, positions"
     )
     trials = _trials(whole_trial.estimate)
-    worlds = {"free swing": free, "brake": held}
-    return harness.Outcome(
+    worlds = {"free swing": free, "brake": brake}
+    return Outcome(
         tables=[
-            *(values(one, f"Gazebo Classic 11.1, {name}", MADE_WITH) for name, one in
+            *(values_table(result, f"Gazebo Classic 11.1, {name}", MADE_WITH) for name, result in
               worlds.items()),
-            values(alone, "The trial, setpoints of the drives alone", TRUTH),
+            values_table(alone, "The trial, setpoints of the drives alone", TRUTH),
             *doubts(alone, "The trial, setpoints of the drives alone"),
-            *tables(whole_trial, "The trial, positions of the drives recorded, too", TRUTH),
+            *record_tables(whole_trial, "The trial, positions of the drives recorded, too", TRUTH),
             *of_trials(trials),
         ],
         claims=[
-            *(claim for name, one in worlds.items() for claim in _worlds_claims(name, one)),
+            *(claim for name, result in worlds.items() for claim in _worlds_claims(name, result)),
             *_trials_claims(alone, whole_trial, trials),
         ],
         parameters={"noise_rad": 2e-3, **_parameters(whole_trial)},
@@ -201,25 +189,25 @@ def examples(setup: harness.Setup) -> harness.Outcome:
 
 
 def _recordings(
-    known: Known,
+    prior: Known,
     names: Sequence[str],
     parameters: Sequence[str],
     drives: Drives,
     until: float = math.inf,
 ) -> Model:
     records = [
-        load_record(gazebo.RECORDINGS / f"{name}.parquet", known.crane, since=12.0, until=until)
+        load_record(gazebo.RECORDINGS / f"{name}.parquet", prior.crane, since=12.0, until=until)
         for name in names
     ]
-    return Model.of(known, records, parameters, drives=drives)
+    return Model.of(prior, records, parameters, drives=drives)
 
 
-def _worlds_claims(name: str, one: Found) -> list[harness.Claim]:
+def _worlds_claims(name: str, result: Found) -> list[Claim]:
     claims = []
-    for parameter, (value, _) in one.estimate.found.items():
+    for parameter, (value, _) in result.estimate.found.items():
         off, allowed = abs(value / MADE_WITH[parameter] - 1.0), CLOSE[parameter]
         claims.append(
-            harness.Claim(
+            Claim(
                 f"Gazebo, {name}: {parameter} is found within {allowed:.1g} of what the recordings "
                 f"were made with ({value:.8g}, {off:.1e} off), from files alone.",
                 off <= allowed,
@@ -228,26 +216,26 @@ def _worlds_claims(name: str, one: Found) -> list[harness.Claim]:
     return claims
 
 
-def _trials_claims(alone: Found, both: Found, trials: Sequence[Tried]) -> list[harness.Claim]:
+def _trials_claims(alone: Found, both: Found, trials: Sequence[Trial]) -> list[Claim]:
     claims = []
-    for words, one in (("setpoints alone", alone), ("positions, too", both)):
+    for columns, result in (("setpoints alone", alone), ("positions, too", both)):
         off = {
             name: abs(value - TRUTH[name]) / margin
-            for name, (value, margin) in one.estimate.found.items()
+            for name, (value, margin) in result.estimate.found.items()
         }
         worst = max(off, key=lambda name: off[name])
         claims.append(
-            harness.Claim(
-                f"The trial, {words}: everything is found within twice its interval (at most "
+            Claim(
+                f"The trial, {columns}: everything is found within twice its interval (at most "
                 f"{off[worst]:.2f} times, {worst}).",
                 off[worst] <= 2.0,
             )
         )
-        claims.append(_white(f"The trial, {words}", one))
+        claims.append(_white(f"The trial, {columns}", result))
     pairs = [p for p in alone.judged.alike if {p.one, p.other} == {"delay", "x_lag"}]
     rho = abs(pairs[0].correlation) if pairs else 0.0
     claims.append(
-        harness.Claim(
+        Claim(
             f"Setpoints alone do not tell delay and lag apart (correlation {rho:.3f}), and the "
             "preflight says so.",
             bool(pairs),
@@ -256,17 +244,17 @@ def _trials_claims(alone: Found, both: Found, trials: Sequence[Tried]) -> list[h
     best = alone.judged.advice[0]
     promised = best.margins["delay"] / alone.judged.margins["delay"]
     claims.append(
-        harness.Claim(
+        Claim(
             f"It knows a record that would: {best.move} ({promised:.2f} times the interval of the "
             "delay).",
             promised < 0.5,
         )
     )
-    for strategy in dict.fromkeys(one.strategy for one in trials):
+    for strategy in dict.fromkeys(result.strategy for result in trials):
         worst_of = {t.designed: float(t.swing.max()) for t in trials if t.strategy == strategy}
         if strategy != trials[0].strategy:
             claims.append(
-                harness.Claim(
+                Claim(
                     f"{strategy} designed for the twin leaves less swing on it than designed for "
                     f"the crane that was believed in ({1e3 * worst_of['twin']:.3g} and "
                     f"{1e3 * worst_of['believed']:.3g} mrad at worst).",
@@ -276,48 +264,48 @@ def _trials_claims(alone: Found, both: Found, trials: Sequence[Tried]) -> list[h
     return claims
 
 
-def _trials(estimate: Estimate) -> list[Tried]:
-    """Strategies tried on the twin; none of a crane that is not this project's own, and none where
-    a move of the comparison cannot be made.
+def _trials(estimate: Estimate) -> list[Trial]:
+    """Try strategies on the twin; none for a crane that is not this project's own, and none if a
+    move of the comparison cannot be made.
     """
-    known = estimate.model.known
-    return tried(estimate) if known.urdf is None else []
+    prior = estimate.model.known
+    return try_strategies(estimate) if prior.urdf is None else []
 
 
-def _parameters(one: Found) -> dict[str, object]:
-    model = one.estimate.model
+def _parameters(result: Found) -> dict[str, object]:
+    model = result.estimate.model
     return {
         "drives": model.drives,
         "records": [record.name for record in model.records],
-        "evaluations": one.estimate.evaluations,
-        "twin": one.twin.words,
+        "evaluations": result.estimate.evaluations,
+        "twin": result.twin.words,
     }
 
 
-def _runs(one: Found) -> dict[str, Trajectory]:
-    model = one.estimate.model
+def _runs(result: Found) -> dict[str, Trajectory]:
+    model = result.estimate.model
     return {
-        f"twin_{index + 1}": model.run(index, one.estimate.values, one.twin.crane)
+        f"twin_{index + 1}": model.run(index, result.estimate.values, result.twin.crane)
         for index in range(len(model.records))
     }
 
 
-def _figures(one: Found) -> dict[str, Figure]:
-    count = min(len(one.estimate.model.records), _SHOWN)
-    return {f"twin_{index + 1}": beside(one.estimate, index) for index in range(count)}
+def _figures(result: Found) -> dict[str, Figure]:
+    count = min(len(result.estimate.model.records), _SHOWN)
+    return {f"twin_{index + 1}": beside(result.estimate, index) for index in range(count)}
 
 
-def _recording(one: Found) -> list[Run]:
+def _recording(result: Found) -> list[Run]:
     from cranedyn.recording import Run
 
-    names = [record.name for record in one.estimate.model.records]
+    names = [record.name for record in result.estimate.model.records]
     return [
-        Run(name, one.twin.crane, run, (_APART * i, 0.0, 0.0))
-        for i, (name, run) in enumerate(zip(names, _runs(one).values(), strict=True))
+        Run(name, result.twin.crane, run, (_APART * i, 0.0, 0.0))
+        for i, (name, run) in enumerate(zip(names, _runs(result).values(), strict=True))
     ]
 
 
-def covered(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Identify synthetic cranes, and count how often the intervals hold the truth."""
     count, plant = whole("coverage", options.coverage, 1), options.plant or "simulate"
     folder = options.folder / "cases"
@@ -327,7 +315,7 @@ def covered(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcom
         folder,
         chunk=10,
         workers=options.workers,
-        progress=watching(setup.reporter, "cranes"),
+        progress=setup.reporter.sweep("cranes"),
     )
     data = columns_swept(folder)
     rows, claims = [], []
@@ -337,38 +325,31 @@ def covered(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcom
         hits = int((np.abs(off) <= margin).sum())
         rows.append((name, hits, 100.0 * hits / count, float(margin.mean()), float(off.std())))
         claims.append(
-            harness.Claim(
+            Claim(
                 f"{name}: {hits} of {count} intervals hold the truth; 95 % of as many would be "
                 f"{low} to {high}.",
                 low <= hits <= high,
             )
         )
     channels, coloured = 4 * count, int(data["not_white"].sum())
-    most = int(binom.ppf(1.0 - _TAIL, channels, WHITE))
+    bound = int(binom.ppf(1.0 - _TAIL, channels, WHITE))
     claims.append(
-        harness.Claim(
-            f"{coloured} of {channels} residuals are not white; of white ones {most} would be at "
+        Claim(
+            f"{coloured} of {channels} residuals are not white; of white ones {bound} would be at "
             "most.",
-            coloured <= most,
+            coloured <= bound,
         )
     )
-    claims.append(harness.Claim("No crane failed.", end.errors == 0))
-    columns = [
-        ("what", ""),
-        ("held", "d"),
-        ("%", ".1f"),
-        ("±, mean", ".3g"),
-        ("off, std", ".3g"),
-    ]
+    claims.append(Claim("No crane failed.", end.errors == 0))
+    columns = [("what", ""), ("held", "d"), ("%", ".1f"), ("±, mean", ".3g"), ("off, std", ".3g")]
     note = (
         f"Between {low} and {high} lie {100 * (1 - 2 * _TAIL):g} % of all counts of a sure 95 %. "
         f"Records are made by {'MuJoCo' if plant == 'mujoco' else '`simulate`'}, with efforts as "
-        f"logged; swings begin at up to {math.degrees(SWING):.0f}° in each joint. "
-        "Each crane has numbers, moves and noise of its own, and is looked for from the same "
-        "wrong start."
+        f"logged; swings begin at up to {math.degrees(SWING):.0f}° in each joint. Each crane has "
+        "numbers, moves and noise of its own, and is looked for from the same wrong start."
     )
-    return harness.Outcome(
-        tables=[harness.Table(f"Intervals of {count:,} synthetic cranes", columns, rows, note)],
+    return Outcome(
+        tables=[Table(f"Intervals of {count:,} synthetic cranes", columns, rows, note)],
         claims=claims,
         parameters={"cranes": count, "plant": plant},
     )
@@ -376,43 +357,35 @@ def covered(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcom
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "identify",
         "A crane found from its records, with intervals, and a twin of it.",
         engines=("compiled",),
     )
-    made.add_argument(
-        "file",
-        nargs="*",
-        metavar="FILE",
-        default=[],
-        help="records of one crane: CSV, Parquet, .mcap or .bag with a swing and the drives; "
-        "without any the examples are identified",
+    text = (
+        "records of one crane: CSV, Parquet, .mcap or .bag with a swing and the drives; "
+        "without any the examples are identified"
     )
-    made.add_argument(
-        "--estimate",
-        nargs="+",
-        metavar="NAME",
-        default=None,
-        help="what is to be found: delay, l_offset, x_lag, x_friction, phi_bias, x_stiffness, "
-        "x_damping, gravity or an argument of the crane; by default all that the columns tell",
+    parser.add_argument("file", nargs="*", metavar="FILE", default=[], help=text)
+    text = (
+        "what is to be found: delay, l_offset, x_lag, x_friction, phi_bias, x_stiffness, "
+        "x_damping, gravity or an argument of the crane; by default all that the columns tell"
     )
-    made.add_argument(
-        "--drives",
-        choices=("motion", "effort", "hold"),
-        default=None,
-        help="how drives are made again: as they moved, by the efforts that acted, or held at "
-        "their setpoints by a brake",
+    parser.add_argument("--estimate", nargs="+", metavar="NAME", default=None, help=text)
+    text = (
+        "how drives are parser again: as they moved, by the efforts that acted, or held at "
+        "their setpoints by a brake"
     )
+    parser.add_argument("--drives", choices=("motion", "effort", "hold"), default=None, help=text)
     for name, ends in (("since", "before"), ("until", "after")):
-        made.add_argument(
+        parser.add_argument(
             f"--{name}",
             type=float,
             default=-math.inf if name == "since" else math.inf,
             metavar="T",
             help=f"leave out what was recorded {ends} this time [s]",
         )
-    made.add_argument(
+    parser.add_argument(
         "--columns",
         dest="sources",
         nargs="+",
@@ -421,49 +394,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="OURS=NAME[UNIT]",
         help="what columns are called in CSV and Parquet, and their units, as phi_rad=Angle[deg]",
     )
-    made.add_argument(
-        "--joints",
-        dest="named",
-        nargs="+",
-        default=[],
-        metavar="l=NAME",
-        help="names of joints in .mcap and .bag files",
+    text = "names of joints in .mcap and .bag files"
+    parser.add_argument(
+        "--joints", dest="named", nargs="+", default=[], metavar="l=NAME", help=text
     )
-    made.add_argument(
+    parser.add_argument(
         "--urdf", metavar="FILE", default=None, help="a .xacro or URDF of another crane"
     )
-    made.add_argument(
-        "--gravity",
-        dest="believed",
-        type=float,
-        default=STANDARD_GRAVITY,
-        metavar="G",
-        help="gravity that one believes in [m/s²]",
+    text = "gravity that one believes in [m/s²]"
+    parser.add_argument(
+        "--gravity", dest="believed", type=float, default=STANDARD_GRAVITY, metavar="G", help=text
     )
-    add_values(made, "numbers of the crane that one believes in")
-    made.add_argument(
-        "--coverage",
-        type=int,
-        default=None,
-        metavar="N",
-        help="identify N synthetic cranes instead, and count how often the intervals hold the "
-        "truth",
-    )
-    made.add_argument(
-        "--plant",
-        choices=tuple(PLANTS),
-        default=None,
-        help="what makes their records: simulate (default) or mujoco (extra mujoco)",
-    )
-    made.add_argument(
-        "--workers",
-        type=int,
-        default=None,
-        metavar="N",
-        help="processes for that, by default one for each processor",
-    )
-    return harness.conduct(made, experiment, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    add_values(parser, "numbers of the crane that one believes in")
+    text = "identify N synthetic cranes instead, and count how often the intervals hold the truth"
+    parser.add_argument("--coverage", type=int, default=None, metavar="N", help=text)
+    text = "what makes their records: simulate (default) or mujoco (extra mujoco)"
+    parser.add_argument("--plant", choices=tuple(PLANTS), default=None, help=text)
+    text = "processes for that, by default one for each processor"
+    parser.add_argument("--workers", type=int, default=None, metavar="N", help=text)
+    return harness.run_experiment(parser, experiment, argv)

@@ -17,9 +17,9 @@ from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import COLOURS, panels
-from experiments import harness
-from experiments.energy import AUDIT, DAMPINGS, PUBLISHED, run, swing_energy
+from experiments.energy.swing import AUDIT, DAMPINGS, PUBLISHED, inertia_of, run, swing_energy
 from experiments.gazebo import RECORDINGS
+from experiments.harness import Claim, Outcome, Setup, Table, tabulate
 
 RATIO = 0.55
 """Damping ratio that the article saw, about."""
@@ -53,7 +53,7 @@ class Oscillation(NamedTuple):
 
 
 def closed_form(crane: Crane, length: float, dt: float) -> Oscillation:
-    """The swing under the plugin.
+    """Return the swing under the plugin.
 
     At every step the two dummy links lose their rates, I φ̇, which the joints to the load give back
     to them from its swing: the torque (ΣI/dt) φ̇. The joints' own dampers see a rate of zero and
@@ -64,23 +64,23 @@ def closed_form(crane: Crane, length: float, dt: float) -> Oscillation:
         length: Of the cable [m].
         dt: Physics step [s].
     """
-    inertia = crane.payload_mass * length**2 + crane.payload_inertia[0, 0] + crane.dummy_inertia[0]
+    inertia = inertia_of(crane, length)
     frequency = math.sqrt(crane.payload_mass * crane.gravity * length / inertia)
     return Oscillation(frequency, crane.dummy_inertia[0] / dt / (2.0 * inertia * frequency))
 
 
 def fitted(t: np.ndarray, phi: np.ndarray) -> Oscillation:
-    """The oscillation that fits a swing from rest best."""
+    """Fit an oscillation to a swing from rest."""
 
     def misfit(parameters: np.ndarray) -> np.ndarray:
         return Oscillation(*parameters)(t) - phi / phi[0]
 
-    found = least_squares(misfit, (0.8, 0.5), bounds=((0.01, 0.0), (100.0, 0.999)))
-    return Oscillation(*found.x.tolist())
+    fit = least_squares(misfit, (0.8, 0.5), bounds=((0.01, 0.0), (100.0, 0.999)))
+    return Oscillation(*fit.x.tolist())
 
 
 def recorded(name: str) -> dict[str, np.ndarray]:
-    """A recording of the swing in Gazebo, with coordinates and rates."""
+    """Read a recording of the swing in Gazebo, with coordinates and rates."""
     columns = [
         "t_s",
         *(f"{symbol}_{unit}" for symbol, unit in JOINTS),
@@ -101,8 +101,8 @@ def left_there(crane: Crane, data: dict[str, np.ndarray]) -> float:
     return energy(crane, State(last, rates)) - energy(crane, State(rest, np.zeros(len(rest))))
 
 
-def experiment(setup: harness.Setup, swing: float, length: float) -> harness.Outcome:
-    """The swing as it should be and under the plugin, here and in Gazebo."""
+def experiment(setup: Setup, swing: float, length: float) -> Outcome:
+    """Run the swing as it should be and under the plugin, and compare it to Gazebo."""
     cranes = {d: setup.variant(damp_swing=d) for d in DAMPINGS}
     crane = cranes[1.0]
     expected = closed_form(crane, length, setup.dt)
@@ -113,103 +113,101 @@ def experiment(setup: harness.Setup, swing: float, length: float) -> harness.Out
             "below 1: a longer dt, lighter links, a longer cable",
         )
     broken = setup.variant(damp_swing=crane.dummy_inertia[0] / setup.dt)
-    runs = {d: run(setup, one, swing, length, AUDIT) for d, one in cranes.items()}
+    runs = {d: run(setup, variant, swing, length, AUDIT) for d, variant in cranes.items()}
     stopped = run(setup, broken, swing, length, AUDIT)
-    there = recorded("swing_overwritten")
-    fits = fitted(stopped.t, stopped["phi_rad"]), fitted(there["t_s"], there["phi_rad"])
-    left = float(swing_energy(broken, stopped)[-1])
-    gazebo = left_there(broken, there)
+    gazebo_run = recorded("swing_overwritten")
+    fits = fitted(stopped.t, stopped["phi_rad"]), fitted(gazebo_run["t_s"], gazebo_run["phi_rad"])
+    kept_energy = float(swing_energy(broken, stopped)[-1])
+    gazebo = left_there(broken, gazebo_run)
     same = bool(setup.judged(True)) and np.allclose(
-        (swing, length), (there["phi_rad"][0], there["l_m"][0]), rtol=1e-12
+        (swing, length), (gazebo_run["phi_rad"][0], gazebo_run["l_m"][0]), rtol=1e-12
     )
-    apart = float(np.abs(stopped["phi_rad"] - there["phi_rad"]).max()) if same else math.inf
+    deviation = (
+        float(np.abs(stopped["phi_rad"] - gazebo_run["phi_rad"]).max()) if same else math.inf
+    )
     lift = crane.payload_mass * crane.gravity * float(stopped["l_m"][0] - stopped["l_m"][-1])
     tables = [
-        _ratios(expected, fits, left, gazebo, lift),
-        _dampings({d: float(swing_energy(cranes[d], r)[-1]) for d, r in runs.items()}, left),
+        _ratios(expected, fits, kept_energy, gazebo, lift),
+        _dampings({d: float(swing_energy(cranes[d], r)[-1]) for d, r in runs.items()}, kept_energy),
     ]
     off = abs(fits[0].ratio / expected.ratio - 1.0)
     claims = [
-        harness.Claim(
+        Claim(
             f"The plugin is a damper of ΣI/dt = {crane.dummy_inertia[0] / setup.dt:.3g} N m s/rad: "
-            "ζ = (ΣI/dt)/(2 J ω) = "
-            f"{expected.ratio:.4f}, simulated {fits[0].ratio:.4f}, off by {off:.1e}, within A²/8 = "
-            f"{swing**2 / 8:.1e}, by which a swing A "
-            "weakens gravity's spring.",
+            f"ζ = (ΣI/dt)/(2 J ω) = {expected.ratio:.4f}, simulated {fits[0].ratio:.4f}, off by "
+            f"{off:.1e}, within A²/8 = {swing**2 / 8:.1e}, by which a swing A weakens gravity's "
+            "spring.",
             off < swing**2 / 8,
         ),
-        harness.Claim(
+        Claim(
             f"Gazebo with such a plugin swings as this crane with that damper within {APART:g} rad "
-            f"({apart:.1e} rad), and keeps "
-            f"{gazebo:.2f} J where this one keeps {left:.2f} J.",
-            apart < APART and abs(gazebo - left) < 0.01 if same else None,
+            f"({deviation:.1e} rad), and keeps {gazebo:.2f} J where this one keeps "
+            f"{kept_energy:.2f} J.",
+            deviation < APART and abs(gazebo - kept_energy) < 0.01 if same else None,
         ),
-        harness.Claim(
+        Claim(
             f"That is the article's loss: ζ = {fits[0].ratio:.3f} where it saw about {RATIO:g}, "
             "half a unit of its last digit allowed.",
             abs(fits[0].ratio - RATIO) < 0.005 if same else None,
         ),
     ]
-    return harness.Outcome(
+    return Outcome(
         tables=tables,
         claims=claims,
         parameters=setup.parameters()
         | {"swing_rad": swing, "length_m": length, "overwritten": True},
         trajectories={"energy_overwritten": stopped},
-        figures={"overwritten": _figure(runs[1.0], stopped, there if same else None)},
+        figures={"overwritten": _figure(runs[1.0], stopped, gazebo_run if same else None)},
     )
 
 
 def _ratios(
     expected: Oscillation,
     fits: tuple[Oscillation, Oscillation],
-    left: float,
+    kept_energy: float,
     gazebo: float,
     lift: float,
-) -> harness.Table:
+) -> Table:
     rows = [
         ("closed form", expected.ratio, expected.frequency, None),
-        ("here, damper ΣI/dt", fits[0].ratio, fits[0].frequency, left),
+        ("here, damper ΣI/dt", fits[0].ratio, fits[0].frequency, kept_energy),
         ("Gazebo 11.1, rates overwritten", fits[1].ratio, fits[1].frequency, gazebo),
         ("article", RATIO, None, PUBLISHED[1]),
     ]
-    columns = [
-        ("swing with its passive rates overwritten", ""),
-        ("ζ", ".4f"),
-        ("ω [rad/s]", ".4f"),
-        ("energy left [J]", ".2f"),
-    ]
-    note = (
+    name = "swing with its passive rates overwritten"
+    return Table(
+        f"The article's loss, after {AUDIT:g} s",
+        [(name, ""), ("ζ", ".4f"), ("ω [rad/s]", ".4f"), ("energy left [J]", ".2f")],
+        rows,
         f"Of the energy left {lift:.2f} J are the load's height: the hoist's feed-forward "
-        "believes in standard gravity and lifts it."
+        "believes in standard gravity and lifts it.",
     )
-    return harness.Table(f"The article's loss, after {AUDIT:g} s", columns, rows, note)
 
 
-def _dampings(left: dict[float, float], stopped: float) -> harness.Table:
-    rows = [(damping, joules, stopped) for damping, joules in left.items()]
-    columns = [
-        ("damp_swing [N m s/rad]", "g"),
-        ("left as it should be [J]", ".2f"),
-        ("left under the plugin [J]", ".2f"),
-    ]
-    note = (
+def _dampings(kept_energy: dict[float, float], overwritten: float) -> Table:
+    return tabulate(
+        "Damping of the swing joints does not reach the swing",
+        kept_energy,
+        [
+            ("damp_swing [N m s/rad]", "g", lambda damping: damping),
+            ("left as it should be [J]", ".2f", lambda damping: kept_energy[damping]),
+            ("left under the plugin [J]", ".2f", lambda damping: overwritten),
+        ],
         "Under the plugin a joint's damper sees a rate of zero. In Gazebo the three runs are "
-        "then the same to the byte, as in the article."
-    )
-    return harness.Table(
-        "Damping of the swing joints does not reach the swing", columns, rows, note
+        "then the same to the byte, as in the article.",
     )
 
 
-def _figure(free: Trajectory, stopped: Trajectory, there: dict[str, np.ndarray] | None) -> Figure:
+def _figure(
+    free: Trajectory, stopped: Trajectory, gazebo_run: dict[str, np.ndarray] | None
+) -> Figure:
     figure, (ax,) = panels(1, height=3.0)
     ax.plot(free.t, free["phi_rad"], color=COLOURS["energy"], label="as it should be")
     ax.plot(stopped.t, stopped["phi_rad"], color=COLOURS["unexplained"], label="damper ΣI/dt, here")
-    if there is not None:
+    if gazebo_run is not None:
         ax.plot(
-            there["t_s"][::40],
-            there["phi_rad"][::40],
+            gazebo_run["t_s"][::40],
+            gazebo_run["phi_rad"][::40],
             "x",
             color=COLOURS["x"],
             label="rates overwritten, Gazebo",

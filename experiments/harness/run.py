@@ -1,4 +1,4 @@
-"""How every experiment runs from the command line, and the files it leaves."""
+"""How every experiment runs from the command line, and the files it writes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import platform
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -24,49 +24,49 @@ from cranedyn.data.files import (
     write_text,
 )
 from cranedyn.errors import CraneError, DataError, RunError
-from experiments.harness.arguments import called, parsed
+from experiments.harness.arguments import command_name, parse
 from experiments.harness.document import read_document
 from experiments.harness.events import with_events
 from experiments.harness.outcome import MARKS, Outcome, show
-from experiments.harness.setup import Setup, reporting, setup_of
+from experiments.harness.progress import reporting
+from experiments.harness.setup import Setup, setup_of
 
 FIGURES = (".png", ".svg")
-"""Endings under which a figure is kept: for a glance, and for pages and papers."""
+"""Endings under which a figure is stored: for a glance, and for pages and papers."""
 
 Experiment = Callable[[argparse.Namespace, Setup], Outcome]
 
 
-def conduct(
-    made: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None = None
+def run_experiment(
+    parser: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None = None
 ) -> int:
     """Run an experiment from the command line: print its tables and claims, write its files.
 
     A claim that could not be judged under the arguments given is no pass: it is printed as "not
-    judged", and the last line of the claims counts those that hold, out of how many, and those not
-    judged.
+    judged", and the last line counts the claims that hold, all claims, and those not judged.
 
     Returns:
         0 if no claim fails, 1 if one does or a run failed, 2 for bad arguments, 130 if interrupted.
     """
-    return command(lambda: _conducted(made, experiment, argv))
+    return command(lambda: _run(parser, experiment, argv))
 
 
-def _conducted(
-    made: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None
+def _run(
+    parser: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None
 ) -> int:
-    options = parsed(made, argv)
-    options.about, options.words = made.description, sys.argv[1:] if argv is None else argv
+    options = parse(parser, argv)
+    options.about, options.argv = parser.description, sys.argv[1:] if argv is None else argv
     with lock_folder(options.folder):
         for file in (options.folder / "result.json", options.recording):
             check_writable(file)
         try:
-            outcome = _ran(experiment, options)
+            outcome = _outcome(experiment, options)
         except RunError as error:
-            return _broken_off(error, options.folder)
+            return _store_partial_run(error, options.folder)
     show(outcome)
     print(f"Written to {options.folder}.")
-    if outcome.recording:
-        _look(options)
+    if outcome.recording and not options.live:  # the demo has shown it already
+        _view(options)
     return (
         FAILED
         if any(claim.holds is not None and not claim.holds for claim in outcome.claims)
@@ -74,20 +74,17 @@ def _conducted(
     )
 
 
-def _ran(experiment: Experiment, options: argparse.Namespace) -> Outcome:
-    """The outcome of an experiment, its files written."""
-    document = (
-        read_document(options.document, options.experiment)
-        if hasattr(options, "document")
-        else None
-    )
+def _outcome(experiment: Experiment, options: argparse.Namespace) -> Outcome:
+    """Run the experiment, write its files, and return its outcome."""
+    file = getattr(options, "document", None)
+    document = None if file is None else read_document(file, options.experiment)
     with reporting() as reporter:
         outcome = with_events(experiment(options, setup_of(options, reporter)))
-    # Errors of the step are claimed of the rule that is usual.
+    # Claims are about the errors of the default stepping rule.
     if getattr(options, "integrator", "euler") != "euler":
         outcome = replace(outcome, claims=[replace(claim, holds=None) for claim in outcome.claims])
     if document is not None:
-        document.filled(outcome.tables)  # what it asks for is there, or nothing is written
+        document.filled(outcome.tables)  # refuses a missing table before anything is written
     _write(outcome, options)
     if document is not None:
         document.write(outcome.tables)
@@ -95,8 +92,8 @@ def _ran(experiment: Experiment, options: argparse.Namespace) -> Outcome:
 
 
 def _write(outcome: Outcome, options: argparse.Namespace) -> None:
-    """Write the files of a run as one set; the last, ``result.json``, names the others that are
-    beside it, each with its digest.
+    """Write the files of a run as one set; ``result.json``, the last, lists the others beside it
+    with their digests.
     """
     from cranedyn.data.tables import write_table
     from cranedyn.plotting.figures import save
@@ -121,8 +118,10 @@ def _write(outcome: Outcome, options: argparse.Namespace) -> None:
 
 
 def _json(result: dict[str, Any]) -> str:
-    """The result as text, refused before anything is written if there is a number in it that is
-    none.
+    """Return the result as text.
+
+    Raises:
+        DataError: If a number in it is not finite.
     """
     try:
         return json.dumps(
@@ -162,21 +161,19 @@ def _record(outcome: Outcome, options: argparse.Namespace) -> None:
     )
 
 
-def _look(options: argparse.Namespace) -> None:
-    """Show the recording as asked for; the demo has shown it already."""
-    if options.live or not (options.view or options.serve):
-        return
+def _view(options: argparse.Namespace) -> None:
+    """Show the recording as asked for."""
     from cranedyn import recording
 
     if options.view:
         recording.open_viewer(options.recording)
     if options.serve:
         with (
-            recording.serve(options.recording, port=options.port) as served,
+            recording.serve(options.recording, port=options.port) as server,
             suppress(KeyboardInterrupt),
         ):
-            print(served.message)
-            served.wait()
+            print(server.message)
+            server.wait()
 
 
 def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
@@ -184,8 +181,8 @@ def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
     return {
         "experiment": options.experiment,
         "about": options.about,
-        "command": " ".join([called(options.experiment), *options.words]),
-        "claims": [{"sentence": claim.sentence, "holds": claim.holds} for claim in outcome.claims],
+        "command": " ".join([command_name(options.experiment), *options.argv]),
+        "claims": [asdict(claim) for claim in outcome.claims],
         "parameters": dict(outcome.parameters),
         "runs": {name: dict(run.record) for name, run in outcome.trajectories.items()},
         "figures": [f"{name}.png" for name in outcome.figures],
@@ -193,8 +190,8 @@ def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
         "tables": [
             {
                 "title": table.title,
-                "columns": [h for h, _ in table.columns],
-                "formats": [f for _, f in table.columns],
+                "columns": [header for header, _ in table.columns],
+                "formats": [form for _, form in table.columns],
                 "rows": list(table.rows),
                 "note": table.note,
             }
@@ -215,12 +212,12 @@ def _version(package: str) -> str | None:
         return None
 
 
-def _broken_off(error: RunError, folder: Path) -> int:
+def _store_partial_run(error: RunError, folder: Path) -> int:
     print(f"error: {error}", file=sys.stderr)
     if error.trajectory is not None and len(error.trajectory) > 0:
         try:
-            kept = error.trajectory.write(make_folder(folder) / "broken_off.parquet")
-            print(f"What was recorded up to then is in {kept}.", file=sys.stderr)
-        except CraneError as lost:
-            print(f"What was recorded up to then is lost: {lost}", file=sys.stderr)
+            file = error.trajectory.write(make_folder(folder) / "broken_off.parquet")
+            print(f"What was recorded up to then is in {file}.", file=sys.stderr)
+        except CraneError as write_error:
+            print(f"What was recorded up to then is lost: {write_error}", file=sys.stderr)
     return INTERRUPTED if interrupted(error) else FAILED

@@ -20,7 +20,7 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.simulation.simulate import simulate
-from experiments import harness
+from experiments.harness import Setup
 from experiments.scenarios import strategies
 from experiments.scenarios.moves import LIMITS, MOVES
 
@@ -62,7 +62,7 @@ _STEP = 5e-3
 
 
 @dataclass(frozen=True)
-class Tried:
+class Trial:
     """What a strategy leaves on the twin.
 
     Attributes:
@@ -79,7 +79,7 @@ class Tried:
 
 @cache
 def trial_run() -> Trajectory:
-    """What the crane of the trial does, on drives that lag behind their setpoints."""
+    """Run the crane of the trial on drives that lag behind their setpoints."""
     crane = Known().load(damp_swing=TRUTH["damp_swing"])
     start = crane.state(x=8.0, l=12.0 + TRUTH["l_offset"])
     aims = joystick(crane, start, PULSES, accelerations=LIMITS.accelerations)
@@ -87,7 +87,7 @@ def trial_run() -> Trajectory:
     aim = np.array([aims(t).position for t in times.tolist()])
     lags = [TRUTH[f"{joint.symbol}_lag"] for joint in crane.layout.driven]
     moved = [lagged(aim[:, i], _STEP, lag) for i, lag in enumerate(lags)]
-    position, velocity = (np.stack(part, axis=1) for part in zip(*moved, strict=True))
+    position, velocity = (np.stack(column, axis=1) for column in zip(*moved, strict=True))
     return simulate(
         crane,
         follow(crane, Rows(_STEP, position, velocity), _STEP),
@@ -101,32 +101,32 @@ def trial_run() -> Trajectory:
     )
 
 
-def trial_record(known: Known, *, positions: bool) -> Record:
-    """The record of the trial: swing and setpoints of the drives, and if asked their positions, as
-    sensors show them.
+def trial_record(prior: Known, *, positions: bool) -> Record:
+    """Return the record of the trial: swing, setpoints of the drives, and perhaps their positions,
+    as sensors show them.
     """
     run, rng = trial_run(), np.random.default_rng(18)
     rows = np.arange(0, len(run), round(INTERVAL / _STEP))
     t = run.t[rows]
     columns = {"t_s": t}
-    for joint in known.crane.layout.driven:
+    for joint in prior.crane.layout.driven:
         off = TRUTH.get(f"{joint.symbol}_offset", 0.0)
-        place, aim = joint.columns[0], joint.setpoint_column
+        position, aim = joint.columns[0], joint.setpoint_column
         columns[aim] = run[aim][rows] - off
-        seen = run[place][rows] - off + ENCODER[joint.unit] * rng.standard_normal(len(t))
-        columns |= {place: seen} if positions else {}
+        measured = run[position][rows] - off + ENCODER[joint.unit] * rng.standard_normal(len(t))
+        columns |= {position: measured} if positions else {}
     for symbol in ("phi", "theta"):
         late = np.interp(t - TRUTH["delay"], run.t, run[f"{symbol}_rad"])
         noise = NOISE * rng.standard_normal(len(t))
         columns[f"{symbol}_rad"] = late + TRUTH[f"{symbol}_bias"] + noise
-    return Record.of(known.crane, columns, name="trial")
+    return Record.of(prior.crane, columns, name="trial")
 
 
-def tried(estimate: Estimate) -> list[Tried]:
+def try_strategies(estimate: Estimate) -> list[Trial]:
     """Try strategies on cranes that the estimate allows, designed for the crane that was believed
     in and for the twin; the combined move of the comparison.
     """
-    known = estimate.model.known
+    prior = estimate.model.known
     mean = {name: value for name, (value, _) in estimate.found.items()}
     draws = _draws(estimate)
     family = estimate.model.family
@@ -134,12 +134,12 @@ def tried(estimate: Estimate) -> list[Tried]:
         family.at(np.array([float(draws[name][i]) for name in family.names])) for i in range(DRAWS)
     ]
     beliefs = {
-        "believed": (harness.Setup(known.gravity, known.values), dict[str, float]()),
+        "believed": (Setup(prior.gravity, prior.values), dict[str, float]()),
         "twin": (
-            harness.Setup(
-                estimate.found_arguments.get("gravity", known.gravity),
+            Setup(
+                estimate.found_arguments.get("gravity", prior.gravity),
                 {
-                    **known.values,
+                    **prior.values,
                     **{n: v for n, v in estimate.found_arguments.items() if n != "gravity"},
                 },
             ),
@@ -147,26 +147,32 @@ def tried(estimate: Estimate) -> list[Tried]:
         ),
     }
     return [
-        Tried(strategy, belief, _left(setup, strategy, cranes, draws, corrected))
+        Trial(strategy, belief, _left(setup, strategy, cranes, draws, corrected))
         for strategy in TRIED
         for belief, (setup, corrected) in beliefs.items()
     ]
 
 
 def _draws(estimate: Estimate) -> dict[str, np.ndarray]:
-    """Values of the parameters of the crane as sure as they are, by name, shape (draws,) each."""
-    own = estimate.model.own
-    count = len(own)
+    """Draw values of the parameters from the estimate's distribution, by name, shape (draws,)
+    each.
+    """
+    parameters = estimate.model.own
+    count = len(parameters)
     rng = np.random.default_rng(0)
     covariance = estimate.covariance[:count, :count].copy()
     covariance[np.isinf(covariance)] = 0.0  # of what nothing is said stays what one believed
     spread = rng.multivariate_normal(estimate.values[:count], covariance, DRAWS, method="eigh")
-    low, high = (np.array([getattr(one, end) for one in own]) for end in ("low", "high"))
-    return dict(zip([one.name for one in own], np.clip(spread, low, high).T, strict=True))
+    low, high = (
+        np.array([getattr(parameter, end) for parameter in parameters]) for end in ("low", "high")
+    )
+    return dict(
+        zip([parameter.name for parameter in parameters], np.clip(spread, low, high).T, strict=True)
+    )
 
 
 def _left(
-    setup: harness.Setup,
+    setup: Setup,
     strategy: str,
     cranes: list[Crane],
     draws: Mapping[str, np.ndarray],

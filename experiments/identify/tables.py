@@ -10,18 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.identification import (
-    Estimate,
-    Model,
-    Preflight,
-    Twin,
-    identify,
-    preflight,
-    twin_of,
-)
+from cranedyn.identification import Estimate, Model, Preflight, Twin, identify, preflight, twin_of
 from cranedyn.identification.parameters import MEANINGS
-from experiments import harness
-from experiments.identify_trial import Tried
+from experiments.harness import Setup, Table
+from experiments.identify.trial import Trial
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,64 +31,58 @@ class Found:
     twin: Twin
 
 
-def found(model: Model, setup: harness.Setup, label: str) -> Found:
+def found(model: Model, setup: Setup, label: str) -> Found:
     """Identify, judge, and make the twin, with progress under a label."""
-    lines = setup.reporter.lines
-    estimate = identify(
-        model,
-        progress=None
-        if lines is None
-        else lambda n: lines.say(lambda: f"{label}: {n} predictions of the records"),
-    )
+    estimate = identify(model, progress=setup.reporter.message(label, "predictions of the records"))
     return Found(estimate, preflight(model, estimate), twin_of(estimate))
 
 
-def tables(one: Found, of: str, truth: Mapping[str, float]) -> list[harness.Table]:
-    """All that is said of records: numbers, what is left, and what they cannot tell."""
-    return [values(one, of, truth), _left(one, of), *doubts(one, of)]
+def record_tables(result: Found, subject: str, truth: Mapping[str, float]) -> list[Table]:
+    """Return the tables of records: numbers, residuals, and what they cannot tell."""
+    return [values_table(result, subject, truth), _left(result, subject), *doubts(result, subject)]
 
 
-def _titled(title: str, of: str) -> str:
-    return f"{of}: {title[0].lower()}{title[1:]}" if of else title
+def _titled(title: str, subject: str) -> str:
+    return f"{subject}: {title[0].lower()}{title[1:]}" if subject else title
 
 
-def values(one: Found, of: str, truth: Mapping[str, float]) -> harness.Table:
-    """Values with their intervals, beside what was believed and what is true."""
-    own = one.estimate.model.own
+def values_table(result: Found, subject: str, truth: Mapping[str, float]) -> Table:
+    """Return the values with their intervals, beside the prior and the truth."""
+    parameters = result.estimate.model.own
     rows: list[tuple[float | str | None, ...]] = []
-    for parameter in own:
-        value, margin = one.estimate.found[parameter.name]
+    for parameter in parameters:
+        value, margin = result.estimate.found[parameter.name]
         true = truth.get(parameter.name)
         row = (parameter.name, parameter.unit, parameter.start, value, _finite(margin))
         rows.append((*row, true, None if true is None else value - true))
     columns = [("what", ""), ("unit", ""), ("believed", ".6g"), ("found", ".6g"), ("±", ".2g")]
     if truth:
         columns += [("true", ".6g"), ("off", "+.2g")]
-    bound = one.estimate.at_bound
-    kinds = dict.fromkeys(p.kind for p in own if p.kind in MEANINGS)
-    words = "; ".join(f"{kind}: {MEANINGS[kind]}" for kind in kinds)
-    note = f"±: half the 95 % interval. {words[:1].upper()}{words[1:]}" + "." * bool(words)
+    bound = result.estimate.at_bound
+    kinds = dict.fromkeys(p.kind for p in parameters if p.kind in MEANINGS)
+    meanings = "; ".join(f"{kind}: {MEANINGS[kind]}" for kind in kinds)
+    note = f"±: half the 95 % interval. {meanings[:1].upper()}{meanings[1:]}" + "." * bool(meanings)
     if bound:
         note += f" At the end of what is allowed, where an interval says nothing: {_list(bound)}."
-    note = " ".join([note, *(n for record in one.estimate.model.records for n in record.notes)])
+    note = " ".join([note, *(n for record in result.estimate.model.records for n in record.notes)])
     shown = [row[: len(columns)] for row in rows]
-    return harness.Table(_titled("What the records say", of), columns, shown, note.strip())
+    return Table(_titled("What the records say", subject), columns, shown, note.strip())
 
 
 def _list(names: Sequence[str]) -> str:
     return ", ".join(names)
 
 
-def _left(one: Found, of: str) -> harness.Table:
-    """What is left of each channel."""
-    estimate, rows = one.estimate, []
+def _left(result: Found, subject: str) -> Table:
+    """Return the residual of each channel."""
+    estimate, rows = result.estimate, []
     for index, record in enumerate(estimate.model.records):
         for c, channel in enumerate(estimate.model.channels[index]):
             off = estimate.residuals[index][c]
-            seen = float(np.std(estimate.model.measured(index)[c]))
+            std = float(np.std(estimate.model.measured(index)[c]))
             rms = float(np.sqrt(np.mean(off**2)))
             white = "yes" if estimate.white[index][c] else "no"
-            row = (record.name, channel.column, len(off), seen, rms, float(np.abs(off).max()))
+            row = (record.name, channel.column, len(off), std, rms, float(np.abs(off).max()))
             rows.append((*row, white))
     columns = [
         ("record", ""),
@@ -112,24 +98,24 @@ def _left(one: Found, of: str) -> harness.Table:
         "lacks something, and intervals are widened to those of errors with a memory; what the "
         "model gets wrong always in the same way they do not know."
     )
-    return harness.Table(_titled("What the twin leaves", of), columns, rows, note)
+    return Table(_titled("What the twin leaves", subject), columns, rows, note)
 
 
-def doubts(one: Found, of: str) -> list[harness.Table]:
-    """What records cannot tell, and which moves would."""
-    judged = one.judged
+def doubts(result: Found, subject: str) -> list[Table]:
+    """Return what records cannot tell, and which moves would."""
+    judged = result.judged
     pairs: list[tuple[str | float, ...]] = [
         (f"{pair.one} from {pair.other}", pair.correlation) for pair in judged.alike
     ]
     pairs += [(f"{name}, next to nothing", math.nan) for name in judged.blind]
-    shown = [(words, None if rho != rho else rho) for words, rho in pairs]
-    made = harness.Table(
-        _titled("What these records cannot tell", of),
+    rows_of_pairs = [(name_of_pair, None if rho != rho else rho) for name_of_pair, rho in pairs]
+    pairs_table = Table(
+        _titled("What these records cannot tell", subject),
         [("what", ""), ("correlation", "+.3f")],
-        shown or [("nothing: all parameters are told apart", None)],
+        rows_of_pairs or [("nothing: all parameters are told apart", None)],
     )
     if not judged.advice:
-        return [made]
+        return [pairs_table]
     doubtful = list(
         dict.fromkeys([*(n for p in judged.alike for n in (p.one, p.other)), *judged.blind])
     )
@@ -143,19 +129,20 @@ def doubts(one: Found, of: str) -> list[harness.Table]:
         for move, margins, rho in rows
     ]
     note = "Half intervals that a further record would leave together with these, the best first."
-    return [made, harness.Table(_titled("Moves that would tell", of), columns, table, note)]
+    return [pairs_table, Table(_titled("Moves that would tell", subject), columns, table, note)]
 
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def of_trials(trials: Sequence[Tried]) -> list[harness.Table]:
-    """What strategies leave on the twin; nothing where none was tried."""
+def of_trials(trials: Sequence[Trial]) -> list[Table]:
+    """Return the swing that strategies leave on the twin; no table if none was tried."""
     if not trials:
         return []
     rows = [
-        (one.strategy, one.designed, *(1e3 * np.quantile(one.swing, [0.5, 1.0]))) for one in trials
+        (trial.strategy, trial.designed, *(1e3 * np.quantile(trial.swing, [0.5, 1.0])))
+        for trial in trials
     ]
     columns = [
         ("strategy", ""),
@@ -168,4 +155,4 @@ def of_trials(trials: Sequence[Tried]) -> list[harness.Table]:
         "that the estimate allows, with their cables and sensors as wrong as they were found; "
         "lag and delay are not among it."
     )
-    return [harness.Table("Controllers tried on the twin", columns, rows, note)]
+    return [Table("Controllers tried on the twin", columns, rows, note)]

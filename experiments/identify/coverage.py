@@ -53,23 +53,23 @@ _MOVES = {"x": (2, 2.0, 2.0, 6.0), "gamma": (1, 0.3, 3.0, 8.0), "l": (1, 3.0, 6.
 
 @cache
 def believed() -> Known:
-    """What one believes of all of them: the crane as its description says."""
+    """Return the prior of all of them: the crane of its description."""
     return Known()
 
 
 def synthetic(
-    seed: int, known: Known | None = None, *, plant: str = "simulate"
+    seed: int, prior: Known | None = None, *, plant: str = "simulate"
 ) -> tuple[Model, dict[str, float]]:
     """Record a crane that is not as one believes, and return what is true of it, too.
 
     Args:
         seed: Of all that is random.
-        known: What one believes of it; None for the crane as its description says.
+        prior: What is believed of it; None for the crane of its description.
         plant: What moves the crane, one of `PLANTS`.
     """
-    rng, known = np.random.default_rng(seed), known or believed()
+    rng, prior = np.random.default_rng(seed), prior or believed()
     truth = {name: float(rng.uniform(*ends)) for name, ends in RANGES.items()}
-    crane = known.load(payload_mass=truth["payload_mass"], damp_swing=truth["damp_swing"])
+    crane = prior.load(payload_mass=truth["payload_mass"], damp_swing=truth["damp_swing"])
     t = _PERIOD * np.arange(round(DURATION / _PERIOD) + 1)
     position, velocity = _motion(crane, rng, t)
     first = dict(zip(("gamma", "x", "l"), position[0].tolist(), strict=True))
@@ -79,19 +79,19 @@ def synthetic(
     every = round(INTERVAL / _PERIOD)
     columns = {"t_s": t[::every]}
     for i, joint in enumerate(crane.layout.driven):
-        symbol, at = joint.symbol, int(crane.layout.drives[i])
-        columns[joint.columns[0]] = (q[:, at] - truth.get(f"{symbol}_offset", 0.0))[::every]
+        symbol, index = joint.symbol, int(crane.layout.drives[i])
+        columns[joint.columns[0]] = (q[:, index] - truth.get(f"{symbol}_offset", 0.0))[::every]
         noise = NOISE["effort"] * rng.standard_normal(len(columns["t_s"]))
         friction = truth.get(f"{symbol}_friction", 0.0) * np.sign(velocity[:, i])
         if symbol != "gamma":
             columns[joint.effort_column] = (effort[:, i] + friction)[::every] + noise
     for joint in (crane.layout.joints[i] for i in crane.swings.tolist()):
-        seen = CubicSpline(t, q[:, crane.layout.index(joint.symbol)])
-        late = seen(np.maximum(columns["t_s"] - truth["delay"], 0.0))
+        signal = CubicSpline(t, q[:, crane.layout.index(joint.symbol)])
+        late = signal(np.maximum(columns["t_s"] - truth["delay"], 0.0))
         noise = NOISE["swing"] * rng.standard_normal(len(late))
         columns[joint.columns[0]] = late + truth[f"{joint.symbol}_bias"] + noise
-    record = Record.of(known.crane, columns, name=f"crane {seed}")
-    return Model.of(known, [record], NAMES, drives="motion"), truth
+    record = Record.of(prior.crane, columns, name=f"crane {seed}")
+    return Model.of(prior, [record], NAMES, drives="motion"), truth
 
 
 def _motion(crane: Crane, rng: np.random.Generator, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -99,15 +99,15 @@ def _motion(crane: Crane, rng: np.random.Generator, t: np.ndarray) -> tuple[np.n
     start = {"x": rng.uniform(6.0, 16.0), "gamma": 0.0, "l": rng.uniform(8.0, 16.0)}
     position, velocity = np.zeros((2, len(t), crane.layout.m))
     for i, joint in enumerate(crane.layout.driven):
-        times, far, least, most = _MOVES[joint.symbol]
+        times, far, shortest, longest = _MOVES[joint.symbol]
         position[:, i] = start[joint.symbol]
-        for part in range(times):
-            begins = rng.uniform(part, part + 0.8) * (DURATION - most) / times
-            lasts = rng.uniform(least, most)
-            share = np.clip((t - begins) / lasts, 0.0, 1.0)
+        for k in range(times):
+            begins = rng.uniform(k, k + 0.8) * (DURATION - longest) / times
+            lasts = rng.uniform(shortest, longest)
+            phase = np.clip((t - begins) / lasts, 0.0, 1.0)
             size = rng.choice([-1.0, 1.0]) * rng.uniform(0.4, 1.0) * far
-            position[:, i] += size * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-            velocity[:, i] += size / lasts * 30.0 * (share * (1.0 - share)) ** 2
+            position[:, i] += size * phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
+            velocity[:, i] += size / lasts * 30.0 * (phase * (1.0 - phase)) ** 2
     return position, velocity
 
 
@@ -179,12 +179,12 @@ def coverage(cases: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         For each parameter how far off it is [its unit], and half the width of its interval; and
         how many channels left a residual that is not white.
     """
-    found: dict[str, list[Any]] = {}
+    columns: dict[str, list[Any]] = {}
     for seed, plant in zip(cases["seed"].tolist(), cases["plant"].tolist(), strict=True):
         model, truth = synthetic(int(seed), plant=plant)
         estimate = identify(model)
         for name, value in truth.items():
-            found.setdefault(f"{name}_off", []).append(estimate.value(name) - value)
-            found.setdefault(f"{name}_margin", []).append(estimate.margin(name))
-        found.setdefault("not_white", []).append(len(estimate.not_white))
-    return {name: np.array(values) for name, values in found.items()}
+            columns.setdefault(f"{name}_off", []).append(estimate.value(name) - value)
+            columns.setdefault(f"{name}_margin", []).append(estimate.margin(name))
+        columns.setdefault("not_white", []).append(len(estimate.not_white))
+    return {name: np.array(values) for name, values in columns.items()}

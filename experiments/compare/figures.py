@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,6 +10,7 @@ from matplotlib.figure import Figure
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.plotting.figures import panels
 from cranedyn.plotting.style import run_colour
+from experiments.compare.result import Results, score_of
 from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import Move
 
@@ -18,7 +18,7 @@ _MARKERS = "osv^D*PXhd"
 
 
 def swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
-    """Swing of each strategy over time, one strip for each on the same scale."""
+    """Draw the swing of each strategy over time, in strips of the same scale."""
     figure, axes = panels(max(len(runs), 1), height=0.75, sharex=True, sharey=True)
     for ax, (strategy, run) in zip(axes, runs.items(), strict=False):
         ax.plot(
@@ -33,16 +33,16 @@ def swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
     return figure
 
 
-def robustness_figure(found: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """Swing 20 s after the arrival of each strategy under each case, on a logarithmic scale."""
-    strategies = list(found)
+def robustness_figure(results: Results) -> Figure:
+    """Draw the swing 20 s after the arrival of each strategy under each case."""
+    strategies = list(results)
     figure, (ax,) = panels(height=1.2 + 0.38 * len(strategies))
-    cases = list(dict.fromkeys(case for results in found.values() for case in results))
+    cases = list(dict.fromkeys(case for of_case in results.values() for case in of_case))
     for k, (case, offset) in enumerate(zip(cases, np.linspace(0.3, -0.3, len(cases)), strict=True)):
         points = [
-            (1e3 * r.score.later, len(strategies) - i + offset)
+            (1e3 * score.later, len(strategies) - i + offset)
             for i, strategy in enumerate(strategies)
-            if (r := found[strategy].get(case)) and r.score
+            if (score := score_of(results, strategy, case))
         ]
         if points:
             ax.plot(

@@ -12,34 +12,44 @@ from matplotlib.figure import Figure
 from cranedyn.plotting.figures import panels
 
 
-def values(here: Sequence[Sequence[Any]], name: str) -> np.ndarray:
-    """One of the margins over a map: damping, or what the worst drive bears."""
+def margin_values(margins: Sequence[Sequence[Any]], name: str) -> np.ndarray:
+    """Return one of the margins over a map: damping, or the margin of the worst drive."""
     return np.array(
-        [[m.damping if name == "damping" else getattr(m.least, name) for m in row] for row in here],
+        [
+            [m.damping if name == "damping" else getattr(m.least, name) for m in row]
+            for row in margins
+        ],
         dtype=float,
     )
 
 
-def map_figure(
-    radii: np.ndarray, cables: np.ndarray, found: Mapping[str, Sequence[Sequence[Any]]]
+def margins_figure(
+    radii: np.ndarray, cables: np.ndarray, maps_of: Mapping[str, Sequence[Sequence[Any]]]
 ) -> Figure:
-    """Damping, and the delay that the worst drive bears, of each strategy over radius and cable."""
-    figure, axes = panels(2, len(found), height=2.8, width=12.5, sharex=True, sharey=True)
+    """Draw damping, and the delay that the worst drive bears, of each strategy over radius and
+    cable.
+    """
+    figure, axes = panels(2, len(maps_of), height=2.8, width=12.5, sharex=True, sharey=True)
     for row, (title, name, scale, form) in enumerate(
         (
             ("least damping [% of critical]", "damping", 100.0, "{:.2g}"),
             ("delay borne [ms]", "late", 1e3, "{:.0f}"),
         )
     ):
-        maps = {strategy: scale * values(here, name) for strategy, here in found.items()}
+        maps = {
+            strategy: scale * margin_values(panels_of_row, name)
+            for strategy, panels_of_row in maps_of.items()
+        }
         norm = LogNorm(
             min(v[v > 0.0].min(initial=v.max()) for v in maps.values()),
             max(v.max() for v in maps.values()),
         )
-        here = axes[row * len(found) : (row + 1) * len(found)]
-        for ax, (strategy, shown) in zip(here, maps.items(), strict=True):
-            drawn = ax.pcolormesh(radii, cables, shown, norm=norm, cmap="viridis", rasterized=True)
-            for (i, j), number in np.ndenumerate(shown):
+        panels_of_row = axes[row * len(maps_of) : (row + 1) * len(maps_of)]
+        for ax, (strategy, numbers) in zip(panels_of_row, maps.items(), strict=True):
+            drawn = ax.pcolormesh(
+                radii, cables, numbers, norm=norm, cmap="viridis", rasterized=True
+            )
+            for (i, j), number in np.ndenumerate(numbers):
                 ends = number <= 0.0
                 bright = ends or norm(number) > 0.6
                 ax.text(
@@ -54,7 +64,7 @@ def map_figure(
             ax.grid(visible=False)
             if not row:
                 ax.set_title(strategy, fontsize=9.5)
-        figure.colorbar(drawn, ax=here, label=title)
+        figure.colorbar(drawn, ax=panels_of_row, label=title)
     figure.supxlabel("trolley radius [m]", fontsize=11.0)
     figure.supylabel("cable length [m]", fontsize=11.0)
     return figure

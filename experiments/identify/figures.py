@@ -17,24 +17,26 @@ _LINES = {"recorded": "#777777", "left": "#000000"}
 
 
 def beside(estimate: Estimate, index: int) -> Figure:
-    """Each swing of a record as recorded and as predicted, what is left, and both spectra."""
+    """Draw each swing of a record as recorded and as predicted, the residual, and both spectra."""
     model = estimate.model
-    channels = [(c, one) for c, one in enumerate(model.channels[index]) if one.kind == "swing"]
+    channels = [
+        (c, channel) for c, channel in enumerate(model.channels[index]) if channel.kind == "swing"
+    ]
     record, rows = model.records[index], model.rows(index)
     t, measured = record.t[rows], model.measured(index)
     figure, axes = panels(len(channels), 3, height=2.8, width=13.0)
     for row, (c, channel) in enumerate(channels):
-        wave, left, spectrum = axes[3 * row : 3 * row + 3]
+        wave, residual, spectrum = axes[3 * row : 3 * row + 3]
         symbol = model.known.crane.layout.symbols[channel.at]
         off = estimate.residuals[index][c]
-        seen = 1e3 * measured[c]
-        wave.plot(t, seen, color=_LINES["recorded"], linewidth=2.4, label="recorded")
-        wave.plot(t, seen - 1e3 * off, color=COLOURS.get(symbol, "#0072B2"), linewidth=1.0,
+        recorded = 1e3 * measured[c]
+        wave.plot(t, recorded, color=_LINES["recorded"], linewidth=2.4, label="recorded")
+        wave.plot(t, recorded - 1e3 * off, color=COLOURS.get(symbol, "#0072B2"), linewidth=1.0,
                   label="twin")  # fmt: skip
         wave.set(xlabel="time [s]", ylabel=f"{symbol} [mrad]")
         wave.legend(loc="upper right", fontsize=9)
-        left.plot(t, 1e3 * off, color=_LINES["left"], linewidth=0.7)
-        left.set(xlabel="time [s]", ylabel="recorded less twin [mrad]")
+        residual.plot(t, 1e3 * off, color=_LINES["left"], linewidth=0.7)
+        residual.set(xlabel="time [s]", ylabel="recorded less twin [mrad]")
         _spectra(spectrum, record.interval, t, measured[c], off)
     figure.suptitle(record.name)
     return figure
@@ -43,22 +45,22 @@ def beside(estimate: Estimate, index: int) -> Figure:
 def spectra(
     interval: float, t: np.ndarray, measured: np.ndarray, off: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Frequencies [Hz], and densities of what was recorded and of what is left [rad²/Hz], at equal
+    """Return frequencies [Hz], and densities of the record and of its residual [rad²/Hz], at equal
     times an interval [s] apart.
     """
     even = np.arange(t[0], t[-1], interval)
-    found = [
+    densities = [
         periodogram(np.interp(even, t, values), 1.0 / interval, window="hann")
         for values in (measured, off)
     ]
-    return found[0][0][1:], found[0][1][1:], found[1][1][1:]
+    return densities[0][0][1:], densities[0][1][1:], densities[1][1][1:]
 
 
 def _spectra(
     ax: object, interval: float, t: np.ndarray, measured: np.ndarray, off: np.ndarray
 ) -> None:
-    frequency, seen, left = spectra(interval, t, measured, off)
-    for values, name in ((seen, "recorded"), (left, "left")):
+    frequency, recorded, residual = spectra(interval, t, measured, off)
+    for values, name in ((recorded, "recorded"), (residual, "left")):
         floor = np.maximum(values, 1e-300)
         ax.loglog(frequency, np.sqrt(floor), color=_LINES[name], linewidth=0.9, label=name)  # type: ignore[attr-defined]
     ax.set(xlabel="frequency [Hz]", ylabel="rad/√Hz")  # type: ignore[attr-defined]
@@ -66,7 +68,7 @@ def _spectra(
 
 
 def correlations(names: list[str], correlation: np.ndarray) -> Figure:
-    """How far each two parameters of the crane hang together."""
+    """Draw the correlation of each two parameters of the crane."""
     figure, (ax,) = panels(1, height=0.45 * len(names) + 2.0, width=0.55 * len(names) + 3.5)
     image = ax.imshow(correlation, vmin=-1.0, vmax=1.0, cmap="RdBu_r")
     ax.set_xticks(range(len(names)), names, rotation=60, ha="right")

@@ -1,0 +1,160 @@
+"""Compare: every strategy for a move beside every other, as planned and when load, cable, sensors
+and air are not as planned.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from concurrent.futures import Future, as_completed
+from dataclasses import replace
+from typing import Any
+
+from cranedyn.dynamics.converters import converters
+from cranedyn.sweep.processes import deaf
+from experiments import harness
+from experiments.compare.claims import converter_claims, ideal_claims, time_claims
+from experiments.compare.figures import robustness_figure, swing_figure
+from experiments.compare.observers import observer_claims, observer_table
+from experiments.compare.result import IDEAL, PREDICTIVE, Result, Results, Tour
+from experiments.compare.runs import processes, strategy_results, tour_results
+from experiments.compare.tables import case_tables, drives_table, move_table, tour_table
+from experiments.harness import Outcome, ProgressReporter, Setup
+from experiments.scenarios.colours import strategy_colour
+from experiments.scenarios.moves import (
+    LIMITS,
+    MOVES,
+    SWINGING,
+    Move,
+)
+from experiments.scenarios.perturbations import (
+    NOMINAL,
+    PERTURBATIONS,
+)
+from experiments.scenarios.strategies import (
+    FLAT,
+    PAPER,
+    PD,
+    STRATEGIES,
+    TIME,
+    file_name,
+)
+from experiments.scenarios.tours import CONTROLS
+
+COMBINED = MOVES[-1]
+
+
+RECORDED = (PD, PAPER, FLAT, TIME)
+"""Strategies that are drawn into each other in the recording."""
+
+
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
+    """Make every move by every strategy, the combined one under every case, and the tour."""
+    from cranedyn.recording import Run
+
+    drive, ideal = options.drive, options.drive == IDEAL
+    moves = [*MOVES, SWINGING]
+    of_move, tours = _compute(options, setup, moves)
+    combined = of_move[COMBINED.name]
+    nominal = {strategy: results[NOMINAL.name].run for strategy, results in combined.items()}
+    runs = {strategy: run for strategy, run in nominal.items() if run is not None}
+    return Outcome(
+        tables=[
+            *(move_table(move, of_move[move.name], drive) for move in moves),
+            *(drives_table(move, of_move[move.name], beyond=not ideal) for move in moves),
+            *([tour_table(tours)] * ideal),
+            *case_tables(_perturbed(combined), drive),
+            *([observer_table(combined)] * ideal),
+        ],
+        claims=[
+            *(ideal_claims(setup, combined) if ideal else converter_claims(of_move)),
+            *(observer_claims(combined) if ideal else ()),
+            *(claim for strategy in PREDICTIVE for claim in time_claims(setup, of_move, strategy)),
+        ],
+        parameters={
+            **setup.parameters(),
+            "rate_limits": list(LIMITS.rates),
+            "acceleration_limits": list(LIMITS.accelerations),
+            "moves": {
+                move.name: [move.start, move.goal, move.duration, move.swing] for move in moves
+            },
+            **({} if ideal else _numbers_of_converters(setup)),
+        },
+        trajectories={f"compare_{file_name(strategy)}": run for strategy, run in runs.items()},
+        figures={
+            "swing": swing_figure(COMBINED, runs),
+            "robustness": robustness_figure(_perturbed(combined)),
+        },
+        recording=[
+            Run(s, setup.crane, runs[s], colour=strategy_colour(s))
+            for s in recorded_strategies(list(runs))
+        ],
+    )
+
+
+def _compute(
+    options: argparse.Namespace, setup: Setup, moves: Sequence[Move]
+) -> tuple[dict[str, Results], dict[str, Tour | str]]:
+    """Return the results of each move, and the tours if drives are ideal, computed in processes."""
+    drive, quiet = options.drive, replace(setup, reporter=ProgressReporter())
+    with processes(options.jobs) as workers:
+        tasks: dict[Future[dict[str, Result]], tuple[Move, str]] = {}
+        tours: dict[Future[Tour | str], str] = {}
+        with deaf():  # submitting starts processes
+            for move in moves:
+                for strategy in options.only or STRATEGIES:
+                    work = quiet, move, strategy, move == COMBINED, drive
+                    task = workers.submit(strategy_results, *work)
+                    tasks[task] = move, strategy
+            for control in CONTROLS if drive == IDEAL else ():
+                tours[workers.submit(tour_results, quiet, control)] = control
+        update = setup.reporter.count("comparison", len(tasks) + len(tours))
+        everything: list[Future[Any]] = [*tasks, *tours]
+        for done, _ in enumerate(as_completed(everything), start=1):
+            update(done)
+    of_move: dict[str, Results] = {move.name: {} for move in moves}
+    for task, (move, strategy) in tasks.items():
+        of_move[move.name][strategy] = task.result()
+    return of_move, {control: tour.result() for tour, control in tours.items()}
+
+
+def recorded_strategies(strategies: Sequence[str]) -> Sequence[str]:
+    """Return the strategies that are drawn into each other in the recording: those of `RECORDED`,
+    or as many of the others if none of these is there.
+    """
+    return [name for name in RECORDED if name in strategies] or strategies[: len(RECORDED)]
+
+
+def _perturbed(results: Results) -> Results:
+    """Return the results of the cases of `PERTURBATIONS`."""
+    names = [case.name for case in PERTURBATIONS]
+    return {
+        strategy: {name: cases[name] for name in names if name in cases}
+        for strategy, cases in results.items()
+    }
+
+
+def _numbers_of_converters(setup: Setup) -> dict[str, object]:
+    typical = converters(setup.crane)
+    rows = {name: array.tolist() for name, array in typical.response._asdict().items()}
+    return {"drive": "velocity", "converters": rows | {"delay_s": typical.delay}}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    parser = harness.parser(
+        "compare",
+        "every strategy for a move, on the same moves and limits, as planned and when things are "
+        "not as planned.",
+    )
+    harness.add_setup(parser, "damp_swing")
+    text = (
+        "ideal: drives take what each strategy answers, efforts or accelerations; velocity: "
+        "all drives have typical frequency converters, which take rates"
+    )
+    parser.add_argument("--drive", choices=(IDEAL, "velocity"), default=IDEAL, help=text)
+    text = f"only these strategies, of: {', '.join(STRATEGIES)}"
+    parser.add_argument("--only", nargs="+", choices=STRATEGIES, metavar="STRATEGY", help=text)
+    text = "processes, by default one for each processor"
+    parser.add_argument("--jobs", type=int, default=None, metavar="N", help=text)
+    return harness.run_experiment(parser, experiment, argv)

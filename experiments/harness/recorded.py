@@ -1,0 +1,107 @@
+"""Data recorded elsewhere that an experiment analyses instead of simulating: CSV, Parquet, ROS."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from cranedyn.data.external import parse_sources, read_external
+from cranedyn.errors import DataError, quoted
+from experiments.harness.arguments import ROS, add_mode
+
+_LARGEST, _FASTEST, _LONGEST_GAP = 1e6, 10.0, 0.5
+"""Largest number in any unit, fastest angle [rad/s], longest time from row to row [s]."""
+
+
+def add_files(parser: argparse.ArgumentParser, columns: Sequence[str], *uses: str) -> None:
+    """Add the argument for recorded files.
+
+    Args:
+        parser: The parser.
+        columns: Columns that the analysis needs.
+        uses: Destinations of further arguments that have an effect on the analysis.
+    """
+    add_mode(parser, "files", *uses, "columns", "joints")
+    text = (
+        f"analyse files with columns {', '.join(columns)} instead of simulating: CSV, Parquet, "
+        "or .mcap and .bag with joint states"
+    )
+    parser.add_argument("--from", dest="files", nargs="+", metavar="FILE", help=text)
+    text = (
+        "what columns of CSV and Parquet files are called, and their units where they are "
+        "others than ours, as phi_rad=Angle[deg] t_s=time[ms]"
+    )
+    parser.add_argument(
+        "--columns", nargs="+", action="extend", default=[], metavar="OURS=NAME[UNIT]", help=text
+    )
+    text = "names of joints in .mcap and .bag files, where they are not those of this crane"
+    parser.add_argument("--joints", nargs="+", default=[], metavar="l=NAME", help=text)
+
+
+def read_recorded(
+    file: str, columns: Sequence[str], sources: Sequence[str] = (), joints: Sequence[str] = ()
+) -> dict[str, np.ndarray]:
+    """Return columns of a recorded file, time `t_s` and the cable length `l_m` among them.
+
+    Args:
+        file: CSV, Parquet, or a recording of ROS (.mcap, .bag).
+        columns: Our names of the columns.
+        sources: Their names in CSV and Parquet, as on the command line, see
+            `cranedyn.data.external.parse_sources`.
+        joints: Names of joints in a recording of ROS, such as ``l=hoist``.
+
+    Raises:
+        DataError: As `read_external`; if a cable is shorter than a millimetre, an angle changes by
+            more than 10 rad/s, any other number is beyond a million of its unit, or rows are more
+            than half a second apart.
+    """
+    if Path(file).suffix in ROS:
+        from cranedyn.bridges import bags
+
+        data = bags.read_columns(file, columns, parse_joints(joints))
+    else:
+        data = read_external(file, columns, parse_sources(sources))
+    for name, values in data.items():
+        high = _FASTEST if name.endswith("_rad_s") else _LARGEST
+        low = 1e-3 if name == "l_m" else -high
+        for extreme in (values.min(), values.max()):
+            if not low <= extreme <= high:
+                raise DataError(
+                    f"{file}: {name} is {extreme:g} in some row; allowed is {low:g} to {high:g}."
+                )
+    if (gap := np.diff(data["t_s"]).max()) > _LONGEST_GAP:
+        raise DataError(
+            f"{file}: t_s leaves a gap of {gap:g} s; allowed are {_LONGEST_GAP:g} s from row to "
+            "row."
+        )
+    return data
+
+
+def parse_joints(pairs: Sequence[str]) -> dict[str, str]:
+    """Return the names of joints by coordinate, from pairs such as ``l=hoist``.
+
+    Raises:
+        DataError: If a pair has another form, or a coordinate comes twice.
+    """
+    names: dict[str, str] = {}
+    for pair in pairs:
+        symbol, _, name = pair.partition("=")
+        if not name or symbol in names:
+            raise DataError(
+                f"{quoted(pair)} among --joints is not of the form l=NAME, each coordinate once."
+            )
+        names[symbol] = name
+    return names
+
+
+@contextmanager
+def name_file(file: str) -> Iterator[None]:
+    """Name the file in errors about its content."""
+    try:
+        yield
+    except DataError as error:
+        raise DataError(f"{file}: {error}") from error

@@ -1,0 +1,61 @@
+"""Experiments as run whole through their command lines, each once a session."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import json
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+
+@dataclass(frozen=True)
+class Ran:
+    """An experiment as run: exit code, standard output, folder and ``result.json``."""
+
+    code: int
+    text: str
+    folder: Path
+    result: dict[str, Any]
+
+    def table(self, title: str) -> list[dict[str, Any]]:
+        """Return the rows of the one table whose title begins so; of columns with the same header
+        the first, then "header 2", and so on.
+        """
+        (table,) = (table for table in self.result["tables"] if table["title"].startswith(title))
+        headers = table["columns"]
+        counts = [headers[: i + 1].count(header) for i, header in enumerate(headers)]
+        names = [h if n == 1 else f"{h} {n}" for h, n in zip(headers, counts, strict=True)]
+        return [dict(zip(names, row, strict=True)) for row in table["rows"]]
+
+    def failed(self) -> list[str]:
+        """Return the sentences of claims that do not hold."""
+        return [claim["sentence"] for claim in self.result["claims"] if claim["holds"] is not True]
+
+
+def parse_strict(text: str) -> Any:
+    """Parse JSON without numbers that are none."""
+    return json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} in result.json"))
+
+
+def run_command(name: str, folder: Path, *argv: str) -> Ran:
+    """Run an experiment by its name into a folder."""
+    module = importlib.import_module(f"experiments.{name}")
+    with redirect_stdout(io.StringIO()) as out:
+        code = module.main([*argv, "--out", str(folder)])
+    result = parse_strict((folder / "result.json").read_text(encoding="utf-8"))
+    return Ran(code, out.getvalue(), folder, result)
+
+
+@pytest.fixture(scope="session")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Ran]:
+    """Runs an experiment with arguments when it is first asked for."""
+    return cache(
+        lambda name, *argv: run_command(name, tmp_path_factory.mktemp("out") / name, *argv)
+    )
