@@ -25,7 +25,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import converters
 from cranedyn.errors import CraneError, number
 from cranedyn.interfaces import Controller, Setpoint, State
-from cranedyn.sweep.processes import deaf, end_with_parent
+from cranedyn.sweep.workers import end_with_parent, ignore_sigint
 from experiments import harness
 from experiments.compare_figures import robustness_figure, swing_figure
 from experiments.compare_observers import observer_claims, observer_table
@@ -111,7 +111,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     with _workers(options.jobs) as workers:
         tasks: dict[Future[dict[str, Result]], tuple[Move, str]] = {}
         tours: dict[Future[Toured | str], str] = {}
-        with deaf():  # submitting starts processes
+        with ignore_sigint():  # submitting starts processes
             for move in moves:
                 for strategy in strategies:
                     all_cases = move == COMBINED

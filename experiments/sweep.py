@@ -14,7 +14,7 @@ import numpy as np
 from cranedyn.errors import DataError
 from cranedyn.sweep import Design, cross, grid, sweep
 from cranedyn.sweep.cluster import tls
-from cranedyn.sweep.limits import check_memory
+from cranedyn.sweep.design import check_memory
 from experiments import harness
 from experiments.harness.progress import watching
 from experiments.harness.swept import columns_swept

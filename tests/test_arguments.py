@@ -66,7 +66,6 @@ from cranedyn.references.spline import Spline
 from cranedyn.references.tour import tour
 from cranedyn.simulation.simulate import simulate
 from cranedyn.simulation.stepper import Stepper
-from cranedyn.sweep import cross, grid
 from tests.helpers import crane
 
 C, REST = crane(), crane().start
@@ -226,11 +225,6 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (
         lambda: analysis.fit_swing(0.0 * T, T),
         "The times of a record must increase from row to row where a swing is to be fitted.",
-    ),
-    (lambda: grid(x=[1.0, 2.0]).rows(0, 3), "last is 3; allowed is a whole number from 0 to 2."),
-    (
-        lambda: cross(grid(x=[1.0]), {"y": [1.0]}),
-        "b is {'y': [1.0]}; allowed is a cranedyn.sweep.design.Design.",
     ),
     (lambda: snapshot("a.rrd", "0.05", "a"), "times is '0.05'; allowed is a sequence of numbers."),
     (

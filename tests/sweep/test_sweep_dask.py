@@ -20,11 +20,11 @@ from pathlib import Path
 import psutil
 import pyarrow as pa
 import pytest
+from cranedyn.sweep.chunk import DIED
 
 from cranedyn.errors import CraneError
 from cranedyn.recording.process import free_port
 from cranedyn.sweep import Progress, cluster, grid, results, sweep
-from cranedyn.sweep.chunk import DIED
 from tests import studies
 from tests.helpers import ROOT, files
 from tests.sweep.test_sweep_interrupted import CASES, CHUNK, answered, parts, ran, sweeping, until

@@ -37,7 +37,7 @@ from cranedyn.references import hold, pulse, ramp
 from cranedyn.references.itinerary import Leg, itinerary
 from cranedyn.references.tabulated import tabulated
 from cranedyn.simulation.simulate import simulate
-from cranedyn.sweep import grid, sampled, sweep
+from cranedyn.sweep import grid, sample, sweep
 from cranedyn.sweep.design import Design
 from experiments import a3, harness, report
 from tests.helpers import crane
@@ -192,11 +192,9 @@ def test_a_free_swing_may_be_looked_at_from_its_start_and_a_reference_at_no_time
 @pytest.mark.parametrize(
     "ask",
     [
-        lambda folder: sweep(squares, grid(x=[1.0]), HUGE),  # type: ignore[arg-type]
         lambda folder: sweep(squares, HUGE, folder),  # type: ignore[arg-type]
         lambda folder: sweep(HUGE, grid(x=[1.0]), folder),  # type: ignore[arg-type]
-        lambda folder: sweep(squares, grid(x=[1.0]), folder, scheduler=HUGE),  # type: ignore[arg-type]
-        lambda folder: sampled(4, seed=1, x=(0.0, 1.0), method=HUGE),  # type: ignore[arg-type]
+        lambda folder: sample(4, seed=1, x=(0.0, 1.0), method=HUGE),  # type: ignore[arg-type]
         lambda folder: Design({HUGE: np.ones(2)}),  # type: ignore[dict-item]
         lambda folder: UnknownName("thing", HUGE, ["a"]).args and grid(case=[1.0]),  # type: ignore[arg-type]
     ],
