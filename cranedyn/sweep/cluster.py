@@ -80,16 +80,9 @@ class DaskPool:
         except ImportError as error:
             raise CraneError(_NO_DASK.format(error)) from None
 
-        class BriefClient(Client):
-            """Client that does not wait for a scheduler that hangs, not even as Python ends."""
-
-            def close(self, timeout: float = CLOSING) -> None:
-                with suppress(TimeoutError):
-                    super().close(timeout)
-
         try:
             asyncio.run(_check_answers(scheduler, security or Security()))
-            self._client = BriefClient(
+            self._client = Client(
                 scheduler, timeout=CONNECTING, set_as_default=False, security=security
             )
         except Exception as error:
@@ -125,9 +118,9 @@ class DaskPool:
         """Take back what is under way; a scheduler that is gone is not reported again."""
         from distributed.utils import silence_logging_cmgr
 
-        with silence_logging_cmgr(logging.CRITICAL):
+        with silence_logging_cmgr(logging.CRITICAL), suppress(TimeoutError):
             self._executor.shutdown(wait=False)
-            self._client.close()
+            self._client.close(CLOSING)
 
     def _table(self, future: Future) -> pa.Table | None:
         try:
