@@ -6,7 +6,6 @@ the program that sweeps.
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import math
 from collections.abc import Mapping
@@ -80,6 +79,8 @@ class DaskPool:
         except ImportError as error:
             raise CraneError(_NO_DASK.format(error)) from None
 
+        import asyncio  # as slow to import as the rest, and of use here only
+
         try:
             asyncio.run(_check_answers(scheduler, security or Security()))
             self._client = Client(
@@ -145,6 +146,8 @@ class DaskPool:
 
 async def _check_answers(scheduler: str, security: Security) -> None:
     """Check that a Dask scheduler answers; a client would wait for ever for one that hangs."""
+    import asyncio
+
     from distributed.comm import connect
 
     async with asyncio.timeout(CONNECTING):
