@@ -79,7 +79,7 @@ class DaskPool:
         except ImportError as error:
             raise CraneError(_NO_DASK.format(error)) from None
 
-        import asyncio  # as slow to import as the rest, and of use here only
+        import asyncio
 
         try:
             asyncio.run(_check_answers(scheduler, security or Security()))

@@ -76,7 +76,7 @@ def grid(**values: Values) -> Design:
     Raises:
         CraneError: As `Design`, or if the table would not fit the memory.
     """
-    designs = [Design({name: _column(name, column)}) for name, column in values.items()]
+    designs = [Design({name: column}) for name, column in values.items()]  # type: ignore[dict-item]
     _check_size(math.prod(map(len, designs)), *designs)
     return reduce(cross, designs) if designs else Design({})
 

@@ -98,8 +98,10 @@ class SweepFolder:
 
     def indices(self) -> list[int]:
         """Return the numbers of the chunks that have a file, in order, whatever is in it."""
-        found = (re.fullmatch(r"part-(\d{6,})\.parquet", name) for name in _names(self.path))
-        return sorted(i for name in found if name and (i := int(name[1])) < self.manifest.chunks)
+        matches = (re.fullmatch(r"part-(\d{6,})\.parquet", name) for name in _names(self.path))
+        return sorted(
+            i for match in matches if match and (i := int(match[1])) < self.manifest.chunks
+        )
 
     def write(self, index: int, table: pa.Table) -> int:
         """Write a chunk file, the first one after the manifest; return its size [byte]."""
@@ -189,10 +191,10 @@ def claim(path: Path, manifest: Manifest, *, fixed_chunk: bool) -> Iterator[Swee
     """
     with reserved(path):
         names = _names(path)
-        if MANIFEST not in names and (others := [name for name in names if name[0] != "."]):
-            shown = ", ".join(others[:3]) + (", …" if others[3:] else "")
+        if MANIFEST not in names and (visible := [name for name in names if name[0] != "."]):
+            listed = ", ".join(visible[:3]) + (", …" if visible[3:] else "")
             raise DataError(
-                f"Cannot sweep in {path}: it holds other things ({shown}); give a folder of its "
+                f"Cannot sweep in {path}: it holds other things ({listed}); give a folder of its "
                 "own."
             )
         for name in names:

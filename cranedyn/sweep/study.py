@@ -147,9 +147,9 @@ def _evaluate(
     return _evaluate(study, columns, first, middle) + _evaluate(study, columns, middle, last)
 
 
-def _table(found: Mapping[str, np.ndarray], count: int, parameters: Collection[str]) -> pa.Table:
+def _table(results: Mapping[str, np.ndarray], count: int, parameters: Collection[str]) -> pa.Table:
     columns, errors = {}, np.full(count, None, dtype=object)
-    for name, values in found.items():
+    for name, values in results.items():
         column = columns[name] = np.ma.asarray(values)
         if column.shape != (count,) or column.dtype.kind not in "fiubU":
             raise DataError(
@@ -186,6 +186,9 @@ def _alarm(seconds: float) -> Iterator[None]:
 
     That works in native code that keeps Python's lock; the threads of a worker share the timer.
     """
+    if seconds == math.inf:
+        yield
+        return
     _set_deadline(key := object(), time.monotonic() + seconds)
     try:
         yield

@@ -76,12 +76,8 @@ class LocalPool:
             try:
                 table = worker.receive()
             except (EOFError, OSError):
-                late = worker.kill() == -signal.SIGALRM
-                table = (
-                    failure(LATE.format(self._task.limit))
-                    if late and rows[1] - rows[0] == 1
-                    else None
-                )
+                late = worker.kill() == -signal.SIGALRM and rows[1] - rows[0] == 1
+                table = failure(LATE.format(self._task.limit)) if late else None
                 self._workers.remove(worker)
                 worker = _Worker(self._task)
                 self._workers.append(worker)
@@ -120,10 +116,10 @@ class _Worker:
             ) from None
 
     def receive(self) -> pa.Table | None:
-        answer = self.pipe.recv()
-        if isinstance(answer, CraneError):
-            raise answer
-        return answer
+        message = self.pipe.recv()
+        if isinstance(message, CraneError):
+            raise message
+        return message
 
     def kill(self) -> int | None:
         self.process.kill()
