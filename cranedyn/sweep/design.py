@@ -107,7 +107,7 @@ def sample(
         raise OutOfRange("method", shown(method), "one of sobol, latin hypercube")
     within("number of points", whole("number of points", count, 1), 1, 2**30)
     rng = np.random.default_rng(whole("seed", seed, 0))
-    box = [_range(name, *ends) for name, ends in ranges.items()]
+    box = [_range(name, ends) for name, ends in ranges.items()]
     if not box:
         return Design({})
     _check_size(count, *(Design({name: np.zeros(1)}) for name in ranges))
@@ -149,11 +149,12 @@ def _check_size(count: int, *designs: Design) -> None:
     check_memory(f"A design of {count} cases", float(min(count, 10**300)) * width)
 
 
-def _range(name: str, low: float, high: float) -> tuple[float, float]:
-    ends = number(f"smallest {name}", low), number(f"largest {name}", high)
-    if not 0.0 < ends[1] - ends[0] < math.inf:
-        raise OutOfRange(f"range of {name}", f"{low} to {high}", "two numbers, the smaller first")
-    return ends
+def _range(name: str, ends: tuple[float, float]) -> tuple[float, float]:
+    if np.shape(ends) == (2,):
+        low, high = number(f"smallest {name}", ends[0]), number(f"largest {name}", ends[1])
+        if 0.0 < high - low < math.inf:
+            return low, high
+    raise OutOfRange(f"range of {name}", ends, "two numbers, the smaller first")
 
 
 def _column(name: str, values: Values) -> np.ndarray:

@@ -146,7 +146,8 @@ def test_a_fingerprint_tells_names_values_and_order_apart() -> None:
             lambda: sample(4, seed=1, method="halton", a=(0, 1)),
             "method is 'halton'; allowed is one of sobol, latin hypercube.",
         ),
-        (lambda: sample(4, seed=1, a=(1, 1)), "range of a is 1 to 1; allowed is two numbers"),
+        (lambda: sample(4, seed=1, a=(1, 1)), r"range of a is \(1, 1\); allowed is two numbers"),
+        (lambda: sample(4, seed=1, a=3), "range of a is 3; allowed is two numbers"),
         (lambda: sample(4, seed=1, a=(0, math.inf)), "largest a is inf"),
     ],
 )
