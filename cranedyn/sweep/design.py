@@ -53,7 +53,12 @@ class Design:
         return len(next(iter(self.columns.values())))
 
     def rows(self, first: int, last: int) -> dict[str, np.ndarray]:
-        """Return the columns of the cases from `first` up to, not including, `last`, as a slice."""
+        """Return the columns of the cases from `first` up to, not including, `last`.
+
+        Raises:
+            OutOfRange: If there are no such cases.
+        """
+        within("last", whole("last", last, 0), whole("first", first, 0), len(self))
         return {name: values[first:last] for name, values in self.columns.items()}
 
     @property

@@ -66,7 +66,7 @@ class Manifest:
 def read_manifest(path: Path) -> Manifest:
     """Read the manifest in a folder; raise DataError if there is none as it was written."""
     file = path / MANIFEST
-    if not file.is_file():
+    if not os.path.isfile(file):  # nor is a name too long
         raise DataError(f"{path} holds no sweep: there is no {MANIFEST} in it.")
     text = read_text(file)
     try:
