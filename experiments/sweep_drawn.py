@@ -1,6 +1,4 @@
-"""What comes of moves that are drawn at random: how much swing each strategy leaves, how often it
-fails, and what a case costs.
-"""
+"""Tables of moves drawn at random: swing that each strategy leaves, failures, time of a case."""
 
 from __future__ import annotations
 
@@ -20,33 +18,33 @@ MOST_LEFT = 5e-3
 """Swing that may be left [rad]: 5 cm at the hook, on the 10 m of cable with which the move ends."""
 
 RARELY = 1e-3
-"""Share of the cases in which a strategy may fail that is claimed not to."""
+"""Share of cases in which a strategy may fail that is claimed not to."""
 
 CONFIDENCE = 0.95
-"""Of the intervals."""
+"""Confidence of the intervals."""
 
 MANY = 100_000
-"""Cases whose time is told."""
+"""Number of cases whose time is estimated."""
 
 Columns = Mapping[str, np.ndarray]
 
 
-def drawn_tables(found: Columns, drive: str) -> list[harness.Table]:
-    """Swing, failures and time of each strategy."""
+def drawn_tables(columns: Columns, drive: str) -> list[harness.Table]:
+    """Return the tables of swing, failures and time of each strategy."""
     where = f"on {drive} drives"
-    return [_swings(found, where), _failures(found, where), _costs(found, where)]
+    return [_swings(columns, where), _failures(columns, where), _costs(columns, where)]
 
 
-def drawn_claims(found: Columns, drive: str, errors: int) -> list[harness.Claim]:
-    """That all is done, and what is judged of it."""
+def drawn_claims(columns: Columns, drive: str, errors: int) -> list[harness.Claim]:
+    """Return the claims on drawn cases."""
     claims = [
         harness.Claim(
-            f"Each of the {len(found['case']):,} cases is done and none is bad.", errors == 0
+            f"Each of the {len(columns['case']):,} cases is done and none is bad.", errors == 0
         )
     ]
-    mine = found["strategy"] == FLAT
-    if mine.any():
-        failed, count = int(failures(found)[mine].sum()), int(mine.sum())
+    of_flat = columns["strategy"] == FLAT
+    if of_flat.any():
+        failed, count = int(failures(columns)[of_flat].sum()), int(of_flat.sum())
         claims.append(
             harness.Claim(
                 f"On {drive} drives {FLAT} fails in at most {1e3 * RARELY:g} of a thousand cases "
@@ -57,38 +55,34 @@ def drawn_claims(found: Columns, drive: str, errors: int) -> list[harness.Claim]
     return claims
 
 
-def failures(found: Columns) -> np.ndarray:
-    """Whether each case failed: a range left, the rope slack, diverged, or too much swing left."""
-    return (found["broken"] == 1.0) | ~(found["residual_swing_rad"] <= MOST_LEFT)
+def failures(columns: Columns) -> np.ndarray:
+    """Return whether each case left a range, had a slack rope, diverged or left too much swing."""
+    return (columns["broken"] == 1.0) | ~(columns["residual_swing_rad"] <= MOST_LEFT)
 
 
-def _each(found: Columns) -> Iterator[tuple[str, np.ndarray]]:
-    for strategy in dict.fromkeys(found["strategy"].tolist()):
-        yield strategy, found["strategy"] == strategy
-
-
-def _shown(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _each(columns: Columns) -> Iterator[tuple[str, np.ndarray]]:
+    for strategy in dict.fromkeys(columns["strategy"].tolist()):
+        yield strategy, columns["strategy"] == strategy
 
 
 def _quantiles(swings: np.ndarray, *shares: float) -> list[float | None]:
-    """Quantiles [mrad] of swings [rad], of which one that is not finite counts as infinite."""
-    known = np.where(np.isfinite(swings), swings, math.inf)
-    found = np.quantile(known, shares, method="higher")
-    return [_shown(1e3 * float(value)) for value in found]
+    """Return quantiles [mrad] of swings [rad], None where infinite; NaN counts as infinite."""
+    swings = np.where(np.isfinite(swings), swings, math.inf)
+    quantiles = 1e3 * np.quantile(swings, shares, method="higher")
+    return [float(value) if math.isfinite(value) else None for value in quantiles]
 
 
-def _swings(found: Columns, where: str) -> harness.Table:
+def _swings(columns: Columns, where: str) -> harness.Table:
     rows = [
         (
             strategy,
-            int(mine.sum()),
-            *_quantiles(found["arrival_swing_rad"][mine], 0.5, 0.95),
-            *_quantiles(found["residual_swing_rad"][mine], 0.5, 0.95, 1.0),
+            int(selected.sum()),
+            *_quantiles(columns["arrival_swing_rad"][selected], 0.5, 0.95),
+            *_quantiles(columns["residual_swing_rad"][selected], 0.5, 0.95, 1.0),
         )
-        for strategy, mine in _each(found)
+        for strategy, selected in _each(columns)
     ]
-    columns = [
+    headings = [
         ("strategy", ""),
         ("cases", ",d"),
         ("arrival, median [mrad]", ".3g"),
@@ -111,26 +105,26 @@ def _swings(found: Columns, where: str) -> harness.Table:
         + "; ".join(f"{name}, as {why}" for name, why in UNBATCHED.items())
         + "."
     )
-    return harness.Table(f"Swing of moves that are drawn, {where}", columns, rows, note)
+    return harness.Table(f"Swing of moves that are drawn, {where}", headings, rows, note)
 
 
-def _failures(found: Columns, where: str) -> harness.Table:
-    failed, much = failures(found), ~(found["residual_swing_rad"] <= MOST_LEFT)
+def _failures(columns: Columns, where: str) -> harness.Table:
+    failed, much = failures(columns), ~(columns["residual_swing_rad"] <= MOST_LEFT)
     rows = []
-    for strategy, mine in _each(found):
-        count, many = int(mine.sum()), int(failed[mine].sum())
+    for strategy, selected in _each(columns):
+        count, many = int(selected.sum()), int(failed[selected].sum())
         interval = binomtest(many, count).proportion_ci(CONFIDENCE, "exact")
         shares = (
-            found["broken"][mine].mean(),
-            much[mine].mean(),
+            columns["broken"][selected].mean(),
+            much[selected].mean(),
             many / count,
             interval.low,
             interval.high,
-            np.isfinite(found["valid_until_s"][mine]).mean(),
+            np.isfinite(columns["valid_until_s"][selected]).mean(),
         )
         values: list[float | None] = [100.0 * float(share) for share in shares]
         rows.append((strategy, *values))
-    columns = [
+    headings = [
         ("strategy", ""),
         ("broken [%]", ".2f"),
         ("too much left [%]", ".2f"),
@@ -146,18 +140,18 @@ def _failures(found: Columns, where: str) -> harness.Table:
         "(Clopper and Pearson 1934). Beyond: broken, or a drive that follows a motion or a rate is "
         "asked at an instant for more than it has."
     )
-    return harness.Table(f"How often moves fail that are drawn, {where}", columns, rows, note)
+    return harness.Table(f"How often moves fail that are drawn, {where}", headings, rows, note)
 
 
-def _costs(found: Columns, where: str) -> harness.Table:
+def _costs(columns: Columns, where: str) -> harness.Table:
     rows = []
-    for strategy, mine in _each(found):
-        spent = float(np.median(found["spent_s"][mine]))
+    for strategy, selected in _each(columns):
+        spent = float(np.median(columns["spent_s"][selected]))
         rows.append((strategy, 1e3 * spent, spent * MANY / 60.0))
-    columns = [
+    headings = [
         ("strategy", ""),
         ("a case [ms]", ".2f"),
         (f"{MANY:,} cases [min]", ".1f"),
     ]
     note = "Processor time on this machine, the median of batches; n processors share it."
-    return harness.Table(f"What moves cost that are drawn, {where}", columns, rows, note)
+    return harness.Table(f"What moves cost that are drawn, {where}", headings, rows, note)

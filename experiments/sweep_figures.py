@@ -17,35 +17,38 @@ from experiments.scenarios.drawn import RANGES
 Columns = Mapping[str, np.ndarray]
 
 
-def map_figure(found: Columns) -> Figure:
-    """Residual swing of each strategy over load and cable, for the middle one of the durations."""
-    durations = np.unique(found["duration_s"])
-    here = found["duration_s"] == durations[len(durations) // 2]
-    left = 1e3 * found["residual_swing_rad"][here]
+def map_figure(columns: Columns) -> Figure:
+    """Plot the residual swing of each strategy over load and cable, for the median duration."""
+    durations = np.unique(columns["duration_s"])
+    duration = durations[len(durations) // 2]
+    selected = columns["duration_s"] == duration
     maps = {}
-    for strategy in dict.fromkeys(found["strategy"].tolist()):
-        mine = found["strategy"][here] == strategy
-        loads, cables = (np.unique(found[name][here][mine]) for name in ("load", "cable_error_m"))
-        maps[strategy] = _Map(cables, loads, left[mine].reshape(len(loads), len(cables)))
-    seconds = f"{durations[len(durations) // 2]:.3g} s"
-    return _maps(maps, f"swing left of a move in {seconds} [mrad]")
+    for strategy in dict.fromkeys(columns["strategy"].tolist()):
+        of_strategy = selected & (columns["strategy"] == strategy)
+        loads, cables = (
+            np.unique(columns[name][of_strategy]) for name in ("load", "cable_error_m")
+        )
+        residual = 1e3 * columns["residual_swing_rad"][of_strategy].reshape(len(loads), len(cables))
+        maps[strategy] = _Map(cables, loads, residual)
+    return _maps(maps, f"swing left of a move in {duration:.3g} s [mrad]")
 
 
 _CELLS = 12
-"""Of a map of drawn cases, on each side."""
+"""Cells of a map of drawn cases along each side."""
 
 
-def drawn_figure(found: Columns) -> Figure:
-    """Residual swing of each strategy over load and cable, the median of the cases in each cell; a
-    cell in which most diverge, or none is, stays empty.
+def drawn_figure(columns: Columns) -> Figure:
+    """Plot the median residual swing of each strategy in cells of load and cable.
+
+    A cell without cases, or in which most diverge, stays empty.
     """
     maps = {}
-    for strategy in dict.fromkeys(found["strategy"].tolist()):
-        mine = found["strategy"] == strategy
-        left = 1e3 * found["residual_swing_rad"][mine]
+    for strategy in dict.fromkeys(columns["strategy"].tolist()):
+        of_strategy = columns["strategy"] == strategy
+        left = 1e3 * columns["residual_swing_rad"][of_strategy]
         median, loads, cables, _ = binned_statistic_2d(
-            found["load"][mine],
-            found["cable_error_m"][mine],
+            columns["load"][of_strategy],
+            columns["cable_error_m"][of_strategy],
             np.where(np.isfinite(left), left, np.inf),
             statistic="median",
             bins=_CELLS,
@@ -65,35 +68,31 @@ class _Map(NamedTuple):
 
 
 def _maps(maps: Mapping[str, _Map], label: str) -> Figure:
-    """A panel for each strategy, all on one scale."""
-    known = np.concatenate([one.left[np.isfinite(one.left)] for one in maps.values()])
-    norm = LogNorm(known.min(), known.max()) if len(known) else LogNorm(1.0, 10.0)
+    """Plot a panel per strategy, all on one scale."""
+    swings = np.concatenate([panel.left[np.isfinite(panel.left)] for panel in maps.values()])
+    norm = LogNorm(swings.min(), swings.max()) if len(swings) else LogNorm(1.0, 10.0)
     rows = -(-len(maps) // 4)
     figure, axes = panels(rows, 4, height=2.6, width=11.0, sharex=True, sharey=True)
-    for ax, (strategy, one) in zip(axes, maps.items(), strict=False):
-        drawn = ax.pcolormesh(*one, norm=norm, cmap="viridis", rasterized=True)
+    for ax, (strategy, values) in zip(axes, maps.items(), strict=False):
+        mesh = ax.pcolormesh(*values, norm=norm, cmap="viridis", rasterized=True)
         ax.set_title(strategy, fontsize=10.0)
         ax.grid(visible=False)
     for ax in axes[len(maps) :]:
         ax.set_axis_off()
     figure.supxlabel("cable longer than measured by [m]", fontsize=11.0)
     figure.supylabel("payload over that planned for", fontsize=11.0)
-    figure.colorbar(drawn, ax=axes, label=label)
+    figure.colorbar(mesh, ax=axes, label=label)
     return figure
 
 
-def timing_figure(found: Columns) -> Figure:
-    """Residual swing of each strategy over the time for the move: median, and a band from the least
-    to the most.
-    """
+def timing_figure(columns: Columns) -> Figure:
+    """Plot the residual swing of each strategy over the time for the move: median and range."""
     figure, (ax,) = panels(height=4.6)
-    durations = np.unique(found["duration_s"])
-    for k, strategy in enumerate(dict.fromkeys(found["strategy"].tolist())):
+    durations = np.unique(columns["duration_s"])
+    for k, strategy in enumerate(dict.fromkeys(columns["strategy"].tolist())):
+        of_strategy = columns["strategy"] == strategy
         left = [
-            1e3
-            * found["residual_swing_rad"][
-                (found["strategy"] == strategy) & (found["duration_s"] == d)
-            ]
+            1e3 * columns["residual_swing_rad"][of_strategy & (columns["duration_s"] == d)]
             for d in durations
         ]
         least, middle, most = np.nanquantile(np.array(left), [0.0, 0.5, 1.0], axis=1)

@@ -1,4 +1,4 @@
-"""What a study is computed by: the Python files of its package and of cranedyn, by checksum."""
+"""Source files that a study is computed by, with their checksums."""
 
 from __future__ import annotations
 
@@ -7,56 +7,41 @@ import importlib.util
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from cranedyn.data.files import digest as digest_of
+from cranedyn.data.files import digest
 from cranedyn.errors import DataError
 
-_OURS = Path(__file__).resolve().parents[2]
-_ENDINGS = ("*.py", "*.xacro")
+_ROOT = Path(__file__).resolve().parents[2]
 
 
-def sources(study: str) -> dict[str, str]:
-    """Checksums of what a study is computed by.
+def source_digests(study: str) -> dict[str, str]:
+    """Return the SHA-256 of each source file that a study is computed by.
 
-    These are all files of the package at the top of its name, or the one file of a module in none,
-    and all of cranedyn with its descriptions of cranes. Other packages are not looked at.
-
-    Args:
-        study: Its name, see `cranedyn.sweep.chunk.name_of`.
+    These are all Python files of the study's top package, or the one file of a module in no
+    package, and all of cranedyn with its descriptions of cranes. Other packages are left out.
 
     Returns:
-        By file, under its name below the folder that it is imported from, the SHA-256 of its
-        content; sorted.
+        By file name below the folder that it is imported from; sorted.
 
     Raises:
         DataError: If a file cannot be read.
     """
-    found = {}
+    package = study.partition(":")[0].partition(".")[0]
     try:
-        for name, path in (*_files(study.partition(":")[0].partition(".")[0]), *_files("cranedyn")):
-            found[name] = digest_of(path)
+        files = dict([*_source_files(package), *_source_files("cranedyn")])
+        return {name: digest(path) for name, path in sorted(files.items())}
     except OSError as error:
         raise DataError(
             f"Cannot read {error.filename}, which the study may be made of: {error.strerror}."
         ) from error
-    return dict(sorted(found.items()))
 
 
-def digest(files: Mapping[str, str]) -> str:
-    """One checksum of them all."""
-    return hashlib.sha256(
-        "".join(f"{checksum} {name}\n" for name, checksum in files.items()).encode()
-    ).hexdigest()
+def code_digest(digests: Mapping[str, str]) -> str:
+    """Return one digest of all source files."""
+    lines = "".join(f"{checksum} {name}\n" for name, checksum in digests.items())
+    return hashlib.sha256(lines.encode()).hexdigest()
 
 
-def changed(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
-    """Files that are not what they were, or are there no more, or were not there."""
-    return sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name))
-
-
-def _files(package: str) -> Iterator[tuple[str, Path]]:
-    """The files of a package or of a module, each with its name below the folder that it is
-    imported from.
-    """
+def _source_files(package: str) -> Iterator[tuple[str, Path]]:
     try:
         spec = importlib.util.find_spec(package)
     except (ImportError, ValueError):
@@ -64,13 +49,11 @@ def _files(package: str) -> Iterator[tuple[str, Path]]:
     if spec is None:
         return
     folders = {folder: package for folder in spec.submodule_search_locations or ()}
-    if package == "cranedyn" and (_OURS / "urdf").is_dir():
-        # Beside the package in a checkout, inside of it once installed.
-        folders[str(_OURS / "urdf")] = "cranedyn/urdf"
+    if package == "cranedyn" and (_ROOT / "urdf").is_dir():
+        folders[str(_ROOT / "urdf")] = "cranedyn/urdf"  # inside the package once installed
     for folder, name in folders.items():
-        for path in (
-            path for ending in _ENDINGS for path in Path(folder).rglob(ending) if path.is_file()
-        ):
-            yield f"{name}/{path.relative_to(folder).as_posix()}", path
+        for path in Path(folder).rglob("*"):
+            if path.suffix in (".py", ".xacro") and path.is_file():
+                yield f"{name}/{path.relative_to(folder).as_posix()}", path
     if not folders and spec.origin and spec.origin.endswith(".py"):
         yield f"{package}.py", Path(spec.origin)

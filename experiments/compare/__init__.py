@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from cranedyn.dynamics.converters import converters
-from cranedyn.sweep.processes import deaf
+from cranedyn.sweep.workers import ignore_sigint
 from experiments import harness
 from experiments.compare.claims import converter_claims, ideal_claims, time_claims
 from experiments.compare.figures import robustness_figure, swing_figure
@@ -100,7 +100,7 @@ def _compute(
     with processes(options.jobs) as workers:
         tasks: dict[Future[dict[str, Result]], tuple[Move, str]] = {}
         tours: dict[Future[Tour | str], str] = {}
-        with deaf():  # submitting starts processes
+        with ignore_sigint():  # submitting starts processes
             for move in moves:
                 for strategy in options.only or STRATEGIES:
                     work = quiet, move, strategy, move == COMBINED, drive

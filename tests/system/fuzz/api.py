@@ -182,7 +182,7 @@ joystick.accelerations: (0.1, 0.5, 0.5); shaped_hoisting.duration: 4.0;
 tour.plan: lambda start, goal: flat(crane, start, goal, 6.0);
 tour.legs: [Leg('out', x=12.0), Leg('back', x=float(start.q[1]))];
 with_sensor_model.rng: np.random.default_rng(1); grid.values: {'x': [1.0, 2.0]};
-sampled.ranges: {'x': (0.0, 1.0)}; sampled.count: 4; wind.values: {'payload_area': 4.0};
+sample.ranges: {'x': (0.0, 1.0)}; sample.count: 4; wind.values: {'payload_area': 4.0};
 constant_force.values: {'payload': (0.0, 0.0, 1.0)}; state.values: {'x': 12.0};
 load_crane.values: {'payload_mass': 900.0}; load_crane.numbers: {'damp_swing': 2.0};
 sweep.folder: 'swept'; sweep.workers: 1;

@@ -452,7 +452,7 @@ class SweepFolder:
 
     def draw(self, rng: Random) -> Case:
         """Which file, and what is done to it."""
-        names = [name for name in _swept() if name != ".lock"]
+        names = list(_swept())
         other = rng.choice(["copy", "gone", "empty", "edit", "edit", "edit", "edit"])
         return Case(
             (rng.choice(names), other, rng.choice(names)), edits(rng) if other == "edit" else []

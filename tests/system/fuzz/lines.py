@@ -8,6 +8,7 @@ import argparse
 import importlib
 import io
 import json
+import math
 import os
 import pkgutil
 import re
@@ -40,8 +41,8 @@ from cranedyn.data.trajectory import read
 from cranedyn.interfaces import State
 from cranedyn.model.description import Argument, arguments
 from cranedyn.simulation.monitors import Monitor
-from cranedyn.sweep.chunk import evaluate
-from cranedyn.sweep.pool import Cores
+from cranedyn.sweep.study import Task
+from cranedyn.sweep.workers import LocalPool
 from experiments import harness
 from tests.helpers import RESULT
 from tests.system.fuzz.core import OURS, Broken, Case, Generator, interrupt_after
@@ -457,18 +458,18 @@ def _pictures(
 class _Inline:
     """In the place of the processes of a sweep."""
 
-    exact, lost = True, ""
+    exact, died = True, ""
 
-    def __init__(self, study: str, *_: object, **__: object) -> None:
-        self._study, self._done = study, list[Any]()
+    def __init__(self, task: Task, *_: object) -> None:
+        self._task, self._done = task._replace(limit=math.inf), list[Any]()
 
-    def room(self) -> int:
+    def capacity(self) -> int:
         """One."""
         return 1
 
     def submit(self, rows: Any, columns: Any) -> None:
         """Compute it."""
-        self._done.append((rows, evaluate(self._study, columns)))
+        self._done.append((rows, self._task.evaluate(columns)))
 
     def wait(self) -> list[Any]:
         """All that was computed."""
@@ -512,7 +513,7 @@ def _places(thing: object, modules: int) -> list[tuple[types.ModuleType, str]]:
 def inline_sweeps() -> Iterator[None]:
     """Sweeps compute in this process, which is quicker."""
     with ExitStack() as stack:
-        for module, name in _places(Cores, len(sys.modules)):
+        for module, name in _places(LocalPool, len(sys.modules)):
             stack.enter_context(patch.object(module, name, _Inline))
         yield
 

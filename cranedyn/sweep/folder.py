@@ -1,0 +1,273 @@
+"""Folder of a sweep: a manifest that says which sweep it is, and a Parquet file per finished chunk.
+
+Every chunk file carries the SHA-256 of itself and says which chunk of which sweep it is. That is
+checked before Arrow reads it, whose reader a damaged file may crash.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from cranedyn.data.files import atomic_write, lock_folder, open_file, parse_json, read_text
+from cranedyn.errors import DataError
+from cranedyn.sweep.design import check_memory
+from cranedyn.sweep.study import Rows, concatenate
+
+MANIFEST, CHUNK_FILE = "_sweep.json", "part-{:06d}.parquet"
+"""Names of files; readers that are given the folder as a dataset skip the first."""
+
+_KEY, _MARK, _BLANK = b"cranedyn.sweep", b" sha256 ", b"0" * 64
+
+
+class DamagedChunk(DataError):
+    """A chunk file that is not as it was written, or is another chunk of the same sweep."""
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """Identity of a sweep: study as ``module:function``, version of cranedyn, digests of sources,
+    fingerprint and columns of the design, numbers of cases in all and in a chunk.
+    """
+
+    study: str
+    version: str
+    sources: Mapping[str, str]
+    design: str
+    parameters: tuple[str, ...]
+    cases: int
+    chunk: int
+
+    @property
+    def chunks(self) -> int:
+        """Number of chunks; the last may have fewer cases."""
+        return -(-self.cases // self.chunk)
+
+    @cached_property
+    def checksum(self) -> str:
+        """SHA-256 of all of it."""
+        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
+
+    def rows(self, index: int) -> Rows:
+        """Return the first case of a chunk, and the one after its last."""
+        return index * self.chunk, min((index + 1) * self.chunk, self.cases)
+
+
+def read_manifest(path: Path) -> Manifest:
+    """Read the manifest in a folder; raise DataError if there is none as it was written."""
+    file = path / MANIFEST
+    if not os.path.isfile(file):  # nor is a name too long
+        raise DataError(f"{path} holds no sweep: there is no {MANIFEST} in it.")
+    text = read_text(file)
+    try:
+        fields = parse_json(text)
+        checksum = fields.pop("checksum")
+        manifest = Manifest(**{**fields, "parameters": tuple(fields["parameters"])})
+        sizes = manifest.cases, manifest.chunk
+        if manifest.checksum != checksum or not all(type(n) is int and n > 0 for n in sizes):
+            raise ValueError
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        raise DataError(
+            f"{file} is damaged, or of another version of cranedyn; the chunk files beside it may "
+            "be whole: put the file back as it was, or sweep into another folder."
+        ) from None
+    return manifest
+
+
+@dataclass(frozen=True)
+class SweepFolder:
+    """Chunk files of one sweep.
+
+    Attributes:
+        path: The folder.
+        manifest: The sweep to which its files belong.
+    """
+
+    path: Path
+    manifest: Manifest
+
+    def indices(self) -> list[int]:
+        """Return the numbers of the chunks that have a file, in order, whatever is in it."""
+        matches = (re.fullmatch(r"part-(\d{6,})\.parquet", name) for name in _names(self.path))
+        return sorted(
+            i for match in matches if match and (i := int(match[1])) < self.manifest.chunks
+        )
+
+    def write(self, index: int, table: pa.Table) -> int:
+        """Write a chunk file, the first one after the manifest; return its size [byte]."""
+        if not (self.path / MANIFEST).exists():
+            fields = {**asdict(self.manifest), "checksum": self.manifest.checksum}
+            with atomic_write(self.path / MANIFEST) as draft:
+                draft.write_text(json.dumps(fields, indent=1), encoding="utf-8")
+        sink = pa.BufferOutputStream()
+        with pq.ParquetWriter(sink, table.schema) as writer:
+            writer.write_table(table)
+            writer.add_key_value_metadata({_KEY: self._label(index) + _MARK + _BLANK})
+        content = bytearray(sink.getvalue())
+        start = content.rindex(_MARK + _BLANK) + len(_MARK)
+        content[start : start + len(_BLANK)] = hashlib.sha256(content).hexdigest().encode()
+        with atomic_write(self.path / CHUNK_FILE.format(index)) as draft:
+            draft.write_bytes(content)
+        return len(content)
+
+    def open(self, index: int) -> pq.ParquetFile:
+        """Open a chunk file after checking it.
+
+        Raises:
+            DamagedChunk: If its checksum or its number is wrong.
+            DataError: If the file cannot be read, or is of another sweep.
+        """
+        path = self.path / CHUNK_FILE.format(index)
+        with open_file(path) as file:
+            content = file.read()
+        if not is_whole(content):
+            raise DamagedChunk(f"{path} is not as it was written.")
+        chunk = pq.ParquetFile(pa.BufferReader(content))
+        label = (chunk.metadata.metadata or {}).get(_KEY, b"").partition(_MARK)[0]
+        if not label.endswith(self.manifest.checksum.encode()):
+            raise DataError(
+                f"{path} is whole, but of another sweep; move it away, and its cases are computed."
+            )
+        if label != self._label(index):
+            raise DamagedChunk(f"{path} is another chunk of the same sweep.")
+        return chunk
+
+    def read(self, index: int, columns: list[str] | None = None) -> pa.Table:
+        """Read a chunk file, or some of its columns; raise as `open`."""
+        # One thread: those of Arrow that hold a Python object abort a program that ends meanwhile.
+        return self.open(index).read(columns, use_threads=False).replace_schema_metadata(None)
+
+    def unify(self) -> None:
+        """Give all chunk files the same columns, so that any reader takes them for one dataset.
+
+        Results of a chunk whose cases are all bad become null. Raises DataError if a result is a
+        number in one chunk and a word in another.
+        """
+        chunks = range(self.manifest.chunks)
+        schemas = [self.open(i).schema_arrow.remove_metadata() for i in chunks]
+        empty = concatenate([schema.empty_table() for schema in schemas])
+        for i, schema in zip(chunks, schemas, strict=True):
+            if not schema.equals(empty.schema):
+                self.write(i, concatenate([empty, self.read(i)]).cast(empty.schema))
+
+    def _label(self, index: int) -> bytes:
+        return f"part {index} of sweep {self.manifest.checksum}".encode()
+
+
+def is_whole(content: bytes) -> bool:
+    """Return whether a chunk file has the checksum that it names, which itself counts as zeros."""
+    start = content.rfind(_MARK) + len(_MARK)
+    end = start + len(_BLANK)
+    digest = hashlib.sha256(content[:start])
+    digest.update(_BLANK)
+    digest.update(content[end:])
+    return start >= len(_MARK) and content[start:end] == digest.hexdigest().encode()
+
+
+@contextmanager
+def claim(path: Path, manifest: Manifest, *, fixed_chunk: bool) -> Iterator[SweepFolder]:
+    """Reserve the folder of a sweep for this process: a new one, or one to resume.
+
+    Drafts that a killed process left are removed. A folder that is new and stays empty goes again.
+
+    Args:
+        path: The folder.
+        manifest: The sweep.
+        fixed_chunk: Whether a sweep that was begun with other chunks is refused, or goes on so.
+
+    Raises:
+        DataError: If the folder holds another sweep or anything else, another process has it, or it
+            cannot be written to.
+    """
+    with lock_folder(path):
+        names = _names(path)
+        if MANIFEST not in names and (visible := [name for name in names if name[0] != "."]):
+            listed = ", ".join(visible[:3]) + (", …" if visible[3:] else "")
+            raise DataError(
+                f"Cannot sweep in {path}: it holds other things ({listed}); give a folder of its "
+                "own."
+            )
+        for name in names:
+            if name.startswith((".part-", "._sweep.")):
+                (path / name).unlink()
+        if MANIFEST in names:
+            first = read_manifest(path)
+            if SweepFolder(path, first).indices():
+                manifest = manifest if fixed_chunk else replace(manifest, chunk=first.chunk)
+                _check_same(path, first, manifest)
+            else:  # nothing is done, so it is in nobody's way
+                (path / MANIFEST).unlink()
+        yield SweepFolder(path, manifest)
+
+
+def _names(path: Path) -> list[str]:
+    try:
+        return sorted(os.listdir(path))
+    except OSError as error:
+        raise DataError(f"Cannot read the folder {path}: {error.strerror}.") from error
+
+
+def _check_same(path: Path, first: Manifest, now: Manifest) -> None:
+    """Check that a folder holds the same sweep, by the same code."""
+    differences = [
+        f"{key} was {getattr(first, key)}, now {getattr(now, key)}"
+        for key in ("study", "parameters", "cases", "chunk", "version")
+        if getattr(first, key) != getattr(now, key)
+    ]
+    if first.design != now.design and not differences:
+        differences.append("parameters have other values")
+    if changed := sorted({name for name, _ in first.sources.items() ^ now.sources.items()}):
+        more = f" and {len(changed) - 3} more" if changed[3:] else ""
+        differences.append(f"the code changed: {', '.join(changed[:3])}{more}")
+    if differences:
+        raise DataError(
+            f"Cannot sweep in {path}: it holds another sweep ({'; '.join(differences)}); undo "
+            "that, or sweep into another folder."
+        )
+
+
+def results(folder: str | Path, *, partial: bool = False) -> pa.Table:
+    """Read all cases of a sweep, in order.
+
+    Args:
+        folder: Where it was swept.
+        partial: Whether a sweep that is not finished gives the chunks there are, without damaged
+            ones, instead of an error.
+
+    Returns:
+        The columns `case`, the parameters, the results, and `error`, null where a case went well.
+
+    Raises:
+        DataError: If there is no sweep, it is not finished, a chunk file is damaged or cannot be
+            read, or the table would not fit the memory.
+    """
+    files = SweepFolder(Path(folder), read_manifest(Path(folder)))
+    cases, tables, damaged = files.manifest.cases, list[pa.Table](), list[str]()
+    for i in files.indices():
+        try:
+            tables.append(files.read(i))
+        except DamagedChunk:
+            damaged.append(CHUNK_FILE.format(i))
+        if len(tables) == 1:
+            check_memory(f"The table of {cases} cases", cases * 8.0 * tables[0].num_columns)
+    done = sum(map(len, tables))
+    if done < cases and not partial:
+        raise DataError(
+            f"The sweep in {folder} is not finished: {done} of {cases} cases are there; sweep on, "
+            "or ask for a partial table."
+            + f" Damaged, and computed again as it goes on: {', '.join(damaged)}."
+            * bool(damaged)
+        )
+    if not tables:
+        raise DataError(f"The sweep in {folder} has no finished case yet.")
+    return concatenate(tables)

@@ -1,0 +1,205 @@
+"""Studies: functions that compute results of cases, how workers import them and what they run."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from cranedyn.errors import CraneError, DataError, shown
+from cranedyn.sweep.design import RESERVED
+from cranedyn.sweep.sources import code_digest, source_digests
+
+Study = Callable[[Mapping[str, np.ndarray]], Mapping[str, np.ndarray]]
+"""Function at the top of a module: from the parameters of n cases to their results, columns of
+shape (n,) each."""
+
+DIED = "The worker process died on this case, as of a crash in compiled code or for lack of memory."
+"""Error of a case that kills the process that computes it."""
+
+LATE = "The case took longer than the {:g} s that a case may."
+"""Error of a case whose process was ended at the time limit."""
+
+Rows = tuple[int, int]
+"""First case of a chunk, and the one after its last."""
+
+
+def study_name(study: Study) -> str:
+    """Return ``module:function``, by which workers import a study.
+
+    Raises:
+        CraneError: If it is no function at the top of a module, or one of a script that cannot be
+            imported.
+    """
+    module, name = getattr(study, "__module__", None), getattr(study, "__qualname__", "")
+    if module == "__main__":
+        spec = getattr(sys.modules["__main__"], "__spec__", None)
+        module = spec.name if spec else None
+    if not (callable(study) and module and name.isidentifier()):
+        raise CraneError(
+            "A study must be a function at the top of a module that workers can import; "
+            f"{shown(study)} is not."
+        )
+    return f"{module}:{name}"
+
+
+class Task(NamedTuple):
+    """What a worker runs.
+
+    Attributes:
+        study: See `study_name`.
+        code: Digest of the sources that the sweeping program has, see `code_digest`; empty if they
+            do not matter.
+        limit: Time that a case may take [s]; n cases may take n times as long.
+    """
+
+    study: str
+    code: str = ""
+    limit: float = math.inf
+
+    def load(self) -> Study:
+        """Import the study.
+
+        Raises:
+            CraneError: If it cannot be imported, or has other sources here.
+        """
+        pa.array([""])  # imports pandas if there is one, before the time of a case counts
+        module, _, function = self.study.partition(":")
+        try:
+            study = getattr(importlib.import_module(module), function)
+        except Exception as error:
+            raise CraneError(
+                f"The worker cannot import the study {self.study}: {_message(error)}"
+            ) from error
+        if self.code and self.code != _imported_code(self.study):
+            raise CraneError(
+                f"A worker has other source files of the study {self.study}, or of cranedyn, than "
+                "the program that sweeps; give both the same, and start the workers again."
+            )
+        return study
+
+    def evaluate(self, columns: Mapping[str, np.ndarray]) -> pa.Table:
+        """Run the study on some cases; this process ends if that takes longer than it may.
+
+        If the study raises or returns what it may not, the cases are halved until the bad one
+        stands alone. A case with a result that is not finite is bad, too.
+
+        Args:
+            columns: Parameters of the cases, shape (n,) each.
+
+        Returns:
+            Results, a row per case, and the column `error`: null, or why all others are null.
+
+        Raises:
+            CraneError: As `load`, or if a result is a number in one case and a word in another.
+        """
+        study, count = self.load(), len(next(iter(columns.values())))
+        with _alarm(count * self.limit):
+            return concatenate(_evaluate(study, columns, 0, count))
+
+
+def failure(message: str) -> pa.Table:
+    """Return the table of a case that has an error and no results."""
+    return pa.table({"error": pa.array([message], pa.string())})
+
+
+def concatenate(tables: list[pa.Table]) -> pa.Table:
+    """Return one table below the other, `error` last; columns that one lacks are null there.
+
+    Raises:
+        DataError: If a column is of numbers in one table and of words in another.
+    """
+    try:
+        table = pa.concat_tables(tables, promote_options="permissive")
+    except pa.ArrowException as error:
+        raise DataError(
+            f"The study returns results of different kinds: {_message(error)}"
+        ) from error
+    return table.select(sorted(table.column_names, key="error".__eq__))
+
+
+@cache
+def _imported_code(name: str) -> str:
+    """Return the digest of the sources when this process imported them, whatever they are now."""
+    return code_digest(source_digests(name))
+
+
+def _evaluate(
+    study: Study, columns: Mapping[str, np.ndarray], first: int, last: int
+) -> list[pa.Table]:
+    cases = {name: values[first:last].copy() for name, values in columns.items()}
+    try:
+        return [_table(study(cases), last - first, columns)]
+    except (Exception, SystemExit) as error:
+        if last - first == 1:
+            return [failure(_message(error))]
+    middle = (first + last) // 2
+    return _evaluate(study, columns, first, middle) + _evaluate(study, columns, middle, last)
+
+
+def _table(results: Mapping[str, np.ndarray], count: int, parameters: Collection[str]) -> pa.Table:
+    columns, errors = {}, np.full(count, None, dtype=object)
+    for name, values in results.items():
+        column = columns[name] = np.ma.asarray(values)
+        if column.shape != (count,) or column.dtype.kind not in "fiubU":
+            raise DataError(
+                f"The study returned {name} of shape {column.shape} and type {column.dtype}; "
+                f"allowed are numbers or words of shape ({count},)."
+            )
+        if name in parameters or name in RESERVED:
+            raise DataError(f"The study returned a column {name}, which another column is called.")
+        if column.dtype.kind == "f":
+            for i in np.flatnonzero(~np.isfinite(column.filled(0.0))):
+                errors[i] = errors[i] or f"The result {name} is {column[i]}."
+    bad = np.array([error is not None for error in errors])
+    arrays = {
+        name: pa.array(column.data, mask=np.ma.getmaskarray(column) | bad)
+        for name, column in columns.items()
+    }
+    return pa.table({**arrays, "error": pa.array(errors, pa.string())})
+
+
+def _message(error: BaseException) -> str:
+    message = str(error)
+    if not (isinstance(error, CraneError) and message):
+        message = f"{type(error).__name__}: {message}".rstrip(": ")
+    return str(CraneError(message))  # one printable line
+
+
+_deadlines: dict[object, float] = {}
+_deadlines_lock = threading.Lock()
+
+
+@contextmanager
+def _alarm(seconds: float) -> Iterator[None]:
+    """End this process unless the context ends before, by the system's only timer of a process.
+
+    That works in native code that keeps Python's lock; the threads of a worker share the timer.
+    """
+    if seconds == math.inf:
+        yield
+        return
+    _set_deadline(key := object(), time.monotonic() + seconds)
+    try:
+        yield
+    finally:
+        _set_deadline(key, math.inf)
+
+
+def _set_deadline(key: object, deadline: float) -> None:
+    with _deadlines_lock:
+        _deadlines[key] = deadline
+        if deadline == math.inf:
+            del _deadlines[key]
+        left = min(_deadlines.values(), default=math.inf) - time.monotonic()
+        signal.setitimer(signal.ITIMER_REAL, 0.0 if left == math.inf else max(left, 1e-3))
