@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import ast
 import sys
-import tomllib
 from collections.abc import Mapping
 from functools import cache
 from importlib.util import find_spec
@@ -80,7 +79,8 @@ def _entry_points(kind: Kind) -> Mapping[str, EntryPoint]:
 
     In a checkout pyproject.toml says what cranedyn has: a new line there needs no new installation.
     """
-    from importlib.metadata import EntryPoint, entry_points  # takes long, and few runs need it
+    import tomllib  # it and the next take long, and few runs need them
+    from importlib.metadata import EntryPoint, entry_points
 
     group, project = f"cranedyn.{kind}s", _PACKAGE.with_name("pyproject.toml")
     installed = sorted(entry_points(group=group), key=lambda entry: entry.name)

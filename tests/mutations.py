@@ -879,6 +879,13 @@ MUTATIONS = (
         "gains = np.append(gains, [])",
         "margins::a_drive_is_unstable_just_beyond_what_its_margins_say",
     ),
+    Mutation(
+        "an exporter of another package replaces one of ours",
+        "cranedyn/plugins.py",
+        "for entry in others if entry.name not in named}",
+        "for entry in others}",
+        "plugins::an_exporter_of_another_package_writes_what_it_says_and_replaces_none_of_ours",
+    ),
 )
 
 
