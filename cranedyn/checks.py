@@ -105,7 +105,9 @@ def as_array(name: str, value: Any, *shapes: Shape) -> np.ndarray:
         array = np.asarray(None)
     allowed = f"shape {' or '.join(_format_shape(shape) for shape in shapes)}"
     if array.dtype.kind not in "iuf" or np.ma.is_masked(value):
-        raise Misshapen(name, f"no array of numbers but {short_repr(value)}", f"one of {allowed}")
+        kind = f"one of {array.dtype}" if array.shape else type(value).__name__
+        kind = "one with masked numbers" if np.ma.is_masked(value) else kind
+        raise Misshapen(name, f"no array of numbers but {kind}", f"an array of {allowed}")
     if not any(_matches(array.shape, shape) for shape in shapes):
         raise Misshapen(name, f"an array of shape {array.shape}", f"one of {allowed}")
     return array.astype(float, copy=False)

@@ -113,7 +113,7 @@ def _parts(brake: Hold) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             f"an array of {ROWS + 1} rows",
             f"one of 1 to {ROWS}",
         ),
-        ("gain", None, "no array of numbers but None", "an array of shape (1, 3, 10)"),
+        ("gain", None, "no array of numbers but NoneType", "an array of shape (1, 3, 10)"),
         ("gain", np.zeros((2, 3, 10)), "an array of shape (2, 3, 10)", "one of shape (1, 3, 10)"),
         ("gain", np.zeros((1, 10, 3)), "an array of shape (1, 10, 3)", "one of shape (1, 3, 10)"),
         ("setpoint", np.zeros((0, 10)), "an array of 0 rows", f"one of 1 to {ROWS}"),
@@ -221,7 +221,7 @@ def _setpoint(shape: tuple[int, ...]) -> Callable[[np.ndarray], Setpoint]:
         (_setpoint((3,)), r"is an array of shape \(3,\)"),
         (
             lambda times: Setpoint(*[np.zeros((len(times), 3))] * 2, None),
-            "acceleration of the setpoint is no array of numbers but None",
+            "acceleration of the setpoint is no array of numbers but NoneType",
         ),
         (
             lambda times: None,

@@ -232,7 +232,7 @@ def test_one_that_diverges_or_is_placed_anew_is_felt_by_no_other() -> None:
             r"command is an array of shape \(3, 18\); allowed is one of shape \(3, 19\)",
         ),
         (lambda f: f.step(np.full((3, COUNT), np.nan)), "command is nan; allowed is finite"),
-        (lambda f: f.step("now"), "command is 'now'"),
+        (lambda f: f.step("now"), "command is no array of numbers but str"),
         (lambda f: f.advance(7, np.zeros((3, COUNT))), "part is 7; allowed is 0 to 0"),
         (lambda f: f.advance(-1, np.zeros((3, COUNT))), "part is -1"),
         (

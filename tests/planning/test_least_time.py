@@ -280,7 +280,7 @@ def test_an_interruption_of_the_optimiser_is_one_and_no_failure(
         iterations.append(1)
         if len(iterations) == 3:
             os.kill(os.getpid(), signal.SIGINT)
-        return [len(self._came)]
+        return [int(self.arrived())]
 
     monkeypatch.setattr(transcription._Stop, "eval", interrupted)
     before = signal.getsignal(signal.SIGINT)
