@@ -17,7 +17,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.plotting.style import LINE_STYLES
 from experiments import harness
-from experiments.harness import Claim, Outcome, Setup, Table, tabulate
+from experiments.harness import Claim, Outcome, Setup, Table, finite, tabulate
 from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import AFTER, CLOSE, MOVES, Move, Score, of_sampling
 from experiments.scenarios.perturbations import make
@@ -109,7 +109,7 @@ def _table(move: Move, scores: Mapping[str, Score]) -> Table:
             ("at arrival", ".4f", lambda s: 1000 * s[1].arrival),
             ("20 s later", ".4f", lambda s: 1000 * s[1].later),
             ("hook [mm]", ".3f", lambda s: 1000 * s[1].later * s[1].length),
-            ("settled [s]", ".2f", lambda s: s[1].settled if math.isfinite(s[1].settled) else None),
+            ("settled [s]", ".2f", lambda s: finite(s[1].settled)),
             ("γ off [mrad]", ".2f", lambda s: float(s[1].tracking[0])),
             ("x off [mm]", ".1f", lambda s: float(s[1].tracking[1])),
             ("l off [mm]", ".2f", lambda s: float(s[1].tracking[2])),

@@ -21,7 +21,16 @@ from cranedyn.plotting.figures import panels
 from cranedyn.plotting.style import run_colour
 from experiments import harness
 from experiments.compare.observers import LEFT
-from experiments.harness import Claim, Column, Outcome, ProgressReporter, Setup, Table, tabulate
+from experiments.harness import (
+    Claim,
+    Column,
+    Outcome,
+    ProgressReporter,
+    Setup,
+    Table,
+    finite,
+    tabulate,
+)
 from experiments.scenarios.moves import MOVES
 from experiments.scenarios.perturbations import AFTER_UNTOLD, Perturbation, make
 from experiments.scenarios.strategies import FLAT, STRATEGIES
@@ -96,8 +105,7 @@ def _table(swings: Cases) -> Table:
     grid = list(itertools.product(LOADS, CABLES))
 
     def swing(sensors_kind: tuple[str, str], load: float, cable: float) -> float | None:
-        value = swings.get((*sensors_kind, load, cable), math.inf)
-        return 1e3 * value if math.isfinite(value) else None
+        return finite(1e3 * swings.get((*sensors_kind, load, cable), math.inf))
 
     columns: list[Column] = [
         (f"{100 * load:g} %, {100 * cable:+g} %", ".3g", partial(swing, load=load, cable=cable))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
 from experiments.compare.result import IDEAL, UNSEEING, Result, Results, Tour, score_of
-from experiments.harness import Column, Table, tabulate
+from experiments.harness import Column, Table, finite, tabulate
 from experiments.scenarios.moves import (
     Move,
     Score,
@@ -23,10 +22,6 @@ RESOLUTION = {IDEAL: (">0.001", ">0.01"), "velocity": (">0.1", ">1")}
 come in 1/16384 of the largest, and one such step of the trolley's or slew's rate swings a load on
 15 m by 0.009 mrad; a dozen of them in step with the swing, as rounding may have it, are 0.1 mrad.
 On ideal drives the control period leaves some 0.001 mrad."""
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _reasons(results: Mapping[str, Result]) -> str:
@@ -57,8 +52,8 @@ def move_table(move: Move, results: Results, drive: str) -> Table:
             ("at arrival [mrad]", f".3g{swing}", _of_score(lambda s: 1e3 * s.arrival)),
             ("hook [mm]", f".4g{hook}", _of_score(lambda s: 1e3 * s.arrival * s.length)),
             ("20 s later [mrad]", f".3g{swing}", _of_score(lambda s: 1e3 * s.later)),
-            ("settled [s]", ".2f", _of_score(lambda s: _finite(s.settled))),
-            ("cycle [s]", ".2f", _of_score(lambda s: _finite(s.cycle))),
+            ("settled [s]", ".2f", _of_score(lambda s: finite(s.settled))),
+            ("cycle [s]", ".2f", _of_score(lambda s: finite(s.cycle))),
         ],
         "Amplitudes of the swing; hook: the same at the hook on arrival; settled: time after it "
         "from which the payload stays within 10 mm of its goal, a dash where it does not in 20 s; "
@@ -140,7 +135,7 @@ def case_tables(results: Results, drive: str) -> Iterator[Table]:
     swing = RESOLUTION[drive][0]
     for title, read, resolution, note in (
         ("Swing 20 s after the arrival [mrad]", lambda s: 1e3 * s.later, swing, _quantised(drive)),
-        ("Settled within 10 mm [s after the arrival]", lambda s: _finite(s.settled), "", ""),
+        ("Settled within 10 mm [s after the arrival]", lambda s: finite(s.settled), "", ""),
     ):
         columns: list[Column] = [
             (case.name, f".3g{resolution}", partial(value, case=case.name, read=read))

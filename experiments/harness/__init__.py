@@ -12,7 +12,7 @@ from experiments.harness.progress import ProgressReporter
 from experiments.harness.recorded import add_files, name_file, read_recorded
 from experiments.harness.run import run_experiment
 from experiments.harness.setup import Setup, add_setup
-from experiments.harness.table import Column, Table, tabulate
+from experiments.harness.table import Column, Table, finite, tabulate
 
 __all__ = [
     "FAILED",
@@ -29,6 +29,7 @@ __all__ = [
     "add_files",
     "add_mode",
     "add_setup",
+    "finite",
     "name_file",
     "parser",
     "read_recorded",

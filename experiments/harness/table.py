@@ -43,6 +43,11 @@ Column = tuple[str, str, Callable[[Any], Cell]]
 """Header with the unit, format, and the function that returns the value of an item."""
 
 
+def finite(value: float) -> float | None:
+    """Return a value for a table, None if it is not finite."""
+    return value if math.isfinite(value) else None
+
+
 @dataclass(frozen=True)
 class Table:
     """A table as printed and as stored.

@@ -26,7 +26,7 @@ from cranedyn.estimation import with_observer
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references.motion import Motion
 from experiments import harness
-from experiments.harness import Claim, Column, Outcome, Setup, Table, tabulate
+from experiments.harness import Claim, Column, Outcome, Setup, Table, finite, tabulate
 from experiments.margins.figures import margin_values, margins_figure
 from experiments.scenarios.strategies import LQR, PAPER, PD, with_integral
 
@@ -270,10 +270,6 @@ def _table(maps: Mapping[str, Mapped], points: int, note: str) -> Table:
     )
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
 def _met(setup: Setup, margins_of: Mapped, points: int) -> tuple[Table, list[Claim]]:
     """Simulate the place where the full-model LQR bears the least delay."""
     radii, cables = axes(points)
@@ -301,11 +297,11 @@ def _met(setup: Setup, margins_of: Mapped, points: int) -> tuple[Table, list[Cla
         limits,
         [
             ("full-model LQR", "", lambda limit: limit[0]),
-            ("predicted", ".4g", lambda limit: _finite(limit[1])),
-            ("below it", ".4g", lambda limit: _finite(limit[2][0][0])),
-            ("growth", ".3g", lambda limit: _finite(limit[2][0][1])),
-            ("beyond it", ".4g", lambda limit: _finite(limit[2][1][0])),
-            ("growth there", ".3g", lambda limit: _finite(limit[2][1][1])),
+            ("predicted", ".4g", lambda limit: finite(limit[1])),
+            ("below it", ".4g", lambda limit: finite(limit[2][0][0])),
+            ("growth", ".3g", lambda limit: finite(limit[2][0][1])),
+            ("beyond it", ".4g", lambda limit: finite(limit[2][1][0])),
+            ("growth there", ".3g", lambda limit: finite(limit[2][1][1])),
         ],
         "Growth: largest deviation of that drive in the last quarter of "
         f"{WATCHED:g} s over that in the second; a dash where the run breaks off.",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import date
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,6 +15,7 @@ import pytest
 
 from experiments import report
 from experiments.catalogue import EXPERIMENTS
+from tests.experiments.conftest import Ran
 from tests.helpers import FAST
 
 selenium = pytest.importorskip(
@@ -27,9 +28,10 @@ browser = pytest.mark.skipif(
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A report of two experiments, run by the report itself."""
+def made(ran: Callable[..., Ran], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A report of two experiments, one of them run by the report itself."""
     folder = tmp_path_factory.mktemp("report") / "out"
+    shutil.copytree(ran("mass_ratio", "--engine", FAST).folder, folder / "mass_ratio")
     assert (
         report.main(["--out", str(folder), "--only", "energy", "mass_ratio", "--engine", FAST]) == 0
     )
