@@ -97,7 +97,8 @@ INTERNAL = tuple(
         "planning.neighbour planning.proof plant"
         " planning.search planning.site planning.solids planning.symbolic planning.timing"
         " planning.transcription"
-        " plotting processes simulation.engine simulation.log simulation.record startup bridges"
+        " plotting plugins processes simulation.engine simulation.log simulation.record startup"
+        " bridges"
     ).split()
 )
 """What only our own code calls, in inner loops or with what was checked before; of the packages
@@ -107,7 +108,9 @@ NOT_CALLED = ("main", "open_viewer", "serve", "check_display")
 """What would open a window or a port; their arguments are tried on the command line."""
 
 WITHIN = (
+    "add_arguments",
     "add_values",
+    "write_description",
     "gust_shape",
     "over_period",
     "usual_input_weight",
