@@ -108,7 +108,9 @@ NOT_CALLED = ("main", "open_viewer", "serve", "view", "check_display")
 """What would open a window or a port; their arguments are tried on the command line."""
 
 WITHIN = (
+    "add_arguments",
     "add_values",
+    "write_description",
     "gust_shape",
     "drag_force",
     "corner_forces",
