@@ -222,8 +222,8 @@ MUTATIONS = (
     Mutation(
         "a reference waits twice as far ahead of a drive that stalls",
         "cranedyn/dynamics/converters.py",
-        "room = self.accelerations[i] * self.lags[i]",
-        "room = 2.0 * self.accelerations[i] * self.lags[i]",
+        "lead = self.accelerations[i] * self.lags[i]",
+        "lead = 2.0 * self.accelerations[i] * self.lags[i]",
         "converters::a_reference_waits_for_a_drive_that_stalls",
     ),
     Mutation(
@@ -496,8 +496,8 @@ MUTATIONS = (
     Mutation(
         "a swing of a batch counts as residual a row late",
         "cranedyn/compiled/batch.py",
-        """"residual_from", t, since, end, "s") - since) / clock.period - 1e-6)""",
-        """"residual_from", t, since, end, "s") - since) / clock.period - 1e-6) + 1""",
+        """"residual_from", t, t_start, end, "s") - t_start) / clock.period - 1e-6)""",
+        """"residual_from", t, t_start, end, "s") - t_start) / clock.period - 1e-6) + 1""",
         "batch::the_summary_is_that_of_the_recorded_rows",
     ),
     Mutation(

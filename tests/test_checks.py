@@ -15,7 +15,7 @@ from cranedyn.analysis import swing as analysis
 from cranedyn.checks import finite, number, short_repr, whole
 from cranedyn.clocks import clocks, intervals
 from cranedyn.compiled.batch import simulate_batch
-from cranedyn.controllers import hold_controller, lqr, sensed
+from cranedyn.controllers import hold_controller, lqr
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.riccati import riccati
 from cranedyn.controllers.tracking import Tracking
@@ -24,11 +24,13 @@ from cranedyn.disturbances import wind
 from cranedyn.dynamics import linearisation as linear
 from cranedyn.dynamics.validity import valid
 from cranedyn.errors import CraneError, OutOfRange, RunError
+from cranedyn.estimation.sensor_model import with_sensor_model
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
+from cranedyn.planning.itinerary import Leg
 from cranedyn.planning.optimal import optimal
 from cranedyn.planning.tour import tour
-from cranedyn.references import Leg, Motion, flat, hanging_reference, hold, spline
+from cranedyn.references import Motion, flat, hanging_reference, hold, spline
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.shaped import Shaper
 from cranedyn.references.spline import Spline
@@ -116,7 +118,7 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
         "gravity is nan m/s²; allowed is a finite number.",
     ),
     (
-        lambda: sensed(C, BRAKE, rng=np.random.default_rng(1), delay=10**5000),
+        lambda: with_sensor_model(C, BRAKE, rng=np.random.default_rng(1), delay=10**5000),
         "delay of the sensors is int that cannot be written out",
     ),
     (
@@ -160,7 +162,7 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     ),
     (lambda: RUN.state(3), "row is 3; allowed is a whole number from -3 to 2."),
     (lambda: RUN.state(0.5), "row is 0.5; allowed is a whole number from -3 to 2."),
-    (lambda: grid(x=[1.0, 2.0]).rows(0, 3), "last is 3; allowed is a whole number from 0 to 2."),
+    (lambda: grid(x=[1.0, 2.0]).rows(0, 3), "last is 3; allowed is 0 to 2."),
     (
         lambda: theory.rigid_period(10.0, -9.81, 1000.0, 1.0),
         "the answer of rigid_period(10.0, -9.81, 1000.0, 1.0) is not finite; allowed is what has a "
@@ -279,26 +281,27 @@ def test_a_setpoint_of_lists_is_three_numbers_as_well() -> None:
     assert np.array_equal(found.q, simulate(C, BRAKE, STILL, duration=0.05).q)
 
 
-@pytest.mark.parametrize("who", ["controller", "reference", "disturbance", "progress"])
+@pytest.mark.parametrize("who", ["controller", "reference", "disturbance", "monitor"])
 def test_an_error_of_whoever_a_run_calls_is_its_cause_and_its_rows_are_kept(who: str) -> None:
     usual = {
         "controller": BRAKE,
         "reference": STILL,
         "disturbance": lambda t, state: np.zeros((2, 3)),
-        "progress": lambda t: None,
+        "monitor": lambda t, state: None,
     }
     for first, rows in ((0.0, 0), (0.05, 10)):
-        given = {**usual, who: _from(first, lambda: {}["x"], usual[who])}
+        given: dict[str, Any] = {**usual, who: _from(first, lambda: {}["x"], usual[who])}
+        given["monitors"] = [lambda k, t, state, monitor=given.pop("monitor"): monitor(t, state)]
         with pytest.raises(
             RunError,
             match=rf"^At t = {first:g} s: KeyError in <lambda>, line \d+ of test_checks\.py: "
             r"'x'\.$",
         ) as caught:
-            simulate(C, **given, duration=0.1)  # type: ignore[arg-type]
+            simulate(C, **given, duration=0.1)
         assert isinstance(caught.value.__cause__, KeyError)
         kept = caught.value.trajectory
-        # Which is told after the row is logged.
-        assert kept is not None and len(kept) == rows + (who == "progress")
+        # A monitor is called after the row is logged.
+        assert kept is not None and len(kept) == rows + (who == "monitor")
         assert all(np.isfinite(getattr(kept, name)).all() for name in QUANTITIES)
 
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import Any, BinaryIO
 
 from cranedyn.errors import DataError, quoted
 
@@ -127,38 +127,18 @@ def lock_folder(folder: Path) -> Iterator[None]:
     with _as_data_error("write to", folder):
         lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        if try_flock(lock, folder) in ("taken", "gone"):
-            raise DataError(
-                f"Cannot write to {folder}: another run is writing there; wait for it, or give "
-                "another folder."
-            )
+        with suppress(OSError):  # a file system without locks
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise DataError(
+                    f"Cannot write to {folder}: another run is writing there; wait for it, or give "
+                    "another folder."
+                ) from None
         yield
     finally:
         remove_empty(missing)
         os.close(lock)
-
-
-def try_flock(file: int, path: Path) -> Literal["ours", "taken", "gone", "unknown"]:
-    """Try to lock an open file or folder for this process.
-
-    Args:
-        file: Its descriptor; closing it ends the lock.
-        path: Its name.
-
-    Returns:
-        "ours" if it is locked now; "taken" if another process has locked it; "gone" if the name has
-        been removed or given to another file; "unknown" where the file system has no locks.
-    """
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return "taken"
-    except OSError:
-        return "unknown"
-    with suppress(FileNotFoundError):
-        if os.path.samestat(os.fstat(file), os.stat(path)):
-            return "ours"
-    return "gone"
 
 
 def sync_folder(folder: Path) -> None:
