@@ -291,7 +291,8 @@ def test_an_error_of_whoever_a_run_calls_is_its_cause_and_its_rows_are_kept(who:
     }
     for first, rows in ((0.0, 0), (0.05, 10)):
         given: dict[str, Any] = {**usual, who: _from(first, lambda: {}["x"], usual[who])}
-        given["monitors"] = [lambda k, t, state, monitor=given.pop("monitor"): monitor(t, state)]
+        monitor = given.pop("monitor")
+        given["monitors"] = [lambda k, t, state, call=monitor: call(t, state)]
         with pytest.raises(
             RunError,
             match=rf"^At t = {first:g} s: KeyError in <lambda>, line \d+ of test_checks\.py: "
