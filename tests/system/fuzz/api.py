@@ -108,7 +108,10 @@ NOT_CALLED = ("main", "open_viewer", "serve", "view", "check_display")
 """What would open a window or a port; their arguments are tried on the command line."""
 
 WITHIN = (
-    "add_values",
+    "as_command",
+    "as_force",
+    "check_bounded",
+    "add_arguments",
     "gust_shape",
     "drag_force",
     "corner_forces",
@@ -122,10 +125,8 @@ WITHIN = (
     "hoisting",
     "leg_target",
     "columns_by_quantity",
-    "started",
     "as_command",
     "as_force",
-    "diverged",
     "late",
     "simulate_perturbed",
     "unproven_time",
