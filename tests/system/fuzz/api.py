@@ -108,8 +108,7 @@ NOT_CALLED = ("main", "open_viewer", "serve", "view", "check_display")
 """What would open a window or a port; their arguments are tried on the command line."""
 
 WITHIN = (
-    "as_command",
-    "as_force",
+    "add_values",
     "check_bounded",
     "add_arguments",
     "gust_shape",
