@@ -114,7 +114,7 @@ def _describe(parser: _Parser) -> None:
     from cranedyn.model import description
 
     description.add_arguments(parser)
-    parser.set_defaults(run=description.run)
+    parser.set_defaults(run=description.write_description)
 
 
 def _export(parser: _Parser) -> None:

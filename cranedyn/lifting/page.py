@@ -8,13 +8,13 @@ from datetime import date
 from html import escape
 from importlib import metadata
 
-from cranedyn import __version__
 from cranedyn.lifting.figures import LiftFigure
 from cranedyn.lifting.tables import Table
 from cranedyn.model.load import load_crane
 from cranedyn.planning.certificate import Check
 from cranedyn.plotting.html import STYLE, mark_html, svg_address, table_html
 from cranedyn.recording.sketch import sketch
+from cranedyn.version import __version__
 
 STATEMENT = (
     "This page is an appendix to a method statement. It is made by a program from a model of a "

@@ -218,7 +218,7 @@ def main(argv: list[str] | None = None) -> int:
         prog="python -m cranedyn.model.description", description="Write the crane as a plain URDF."
     )
     add_arguments(parser)
-    return command(lambda: run(parser.parse_args(argv)))
+    return command(lambda: write_description(parser.parse_args(argv)))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -236,7 +236,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(options: argparse.Namespace) -> int:
+def write_description(options: argparse.Namespace) -> int:
     """Write the URDF, or list the arguments of the xacro file; return the exit code."""
     if options.list:
         for name, a in arguments().items():

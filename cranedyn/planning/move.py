@@ -279,12 +279,13 @@ def plan_of_motion(move: Move, motion: Motion, count: int) -> transcription.Plan
     durations = np.full(count, motion.arrival / count)
     times = transcription.times(durations)
     rows = motion.period * np.arange(len(motion.q))
-    q, v, a = (interpolate_columns(times, rows, table) for table in (motion.q, motion.v, motion.a))
-    q[0], q[-1], v[0], v[-1] = move.start.q, move.goal.q, move.start.v, move.goal.v
-    a[[0, -1]] = 0.0
-    passive = move.crane.layout.passive
-    swing = [q[:, passive], v[:, passive]]
-    return _plan(move, durations, swing, [table[:, move.joints] for table in (q, v, a)])
+    tables = [interpolate_columns(times, rows, table) for table in (motion.q, motion.v, motion.a)]
+    none = 0.0 * move.start.q
+    ends = zip((*move.start, none), (*move.goal, none), strict=True)
+    for table, (first, last) in zip(tables, ends, strict=True):
+        table[0], table[-1] = first, last
+    swing = [table[:, move.crane.layout.passive] for table in tables[:2]]
+    return _plan(move, durations, swing, [table[:, move.joints] for table in tables])
 
 
 def _plan(

@@ -337,9 +337,9 @@ def _forces(lift: Lift, drawn: dict[str, np.ndarray], times: np.ndarray) -> np.n
     area = _DRAG * _silhouette(lift.clearance.bodies.load)
     points = lift.clearance.point(lift.timed.places)
     step = lift.timed.motion.arrival / (len(points) - 1)
-    velocity = np.gradient(points, step, axis=0)
-    velocity = interpolate_columns(times, step * np.arange(len(points)), velocity)
-    velocity[times > step * (len(points) - 1)] = 0.0
+    load_rates = np.gradient(points, step, axis=0)
+    load_rates = interpolate_columns(times, step * np.arange(len(points)), load_rates)
+    load_rates[times > step * (len(points) - 1)] = 0.0
     names = ("wind_m_s", "gust_m_s", "gust_at_s", "gust_lasts_s", "direction_rad")
     force = np.zeros((len(drawn["load"]), len(times), 3 * len(lift.crane.points)))
     for i, row in enumerate(zip(*(drawn[name] for name in names), strict=True)):
@@ -348,7 +348,7 @@ def _forces(lift: Lift, drawn: dict[str, np.ndarray], times: np.ndarray) -> np.n
         gust = slice(*np.searchsorted(times, (start, start + duration)))
         speed[gust] += rise * gust_shape(times[gust], start, duration)
         along = np.array([math.cos(direction), math.sin(direction)])
-        force[i, :, :2] = drag_force(area, speed[:, None] * along - velocity[:, :2])
+        force[i, :, :2] = drag_force(area, speed[:, None] * along - load_rates[:, :2])
     return force
 
 

@@ -272,7 +272,7 @@ class Scene:
             boxes = rr.Boxes3D(
                 centers=scenery.swept["centres"],
                 sizes=scenery.swept["sizes"],
-                quaternions=Rotation.from_euler("z", scenery.swept["yaw"]).as_quat(),
+                quaternions=Rotation.from_euler("z", scenery.swept["yaw"][:, None]).as_quat(),
                 colors=[*rgb(_SWEPT), 25],
                 fill_mode=_WIREFRAME,
             )

@@ -100,10 +100,10 @@ def _slewing(bench: Bench, crane: Crane) -> Oracle:
         """Return the angular momentum about the slew axis of structure, trolley and load [kg
         m²/s].
         """
-        position, rate = payload(run.q), speed(payload, run)
+        load, rate = payload(run.q), speed(payload, run)
         structure = STRUCTURE + TROLLEY * run["x_m"] ** 2
         return structure * run["gamma_dot_rad_s"] + MASS * (
-            position[:, 0] * rate[:, 1] - position[:, 1] * rate[:, 0]
+            load[:, 0] * rate[:, 1] - load[:, 1] * rate[:, 0]
         )
 
     def read(dt: float) -> float:

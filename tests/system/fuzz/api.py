@@ -108,9 +108,10 @@ NOT_CALLED = ("main", "open_viewer", "serve", "view", "check_display")
 """What would open a window or a port; their arguments are tried on the command line."""
 
 WITHIN = (
+    "add_arguments",
     "add_values",
     "check_bounded",
-    "add_arguments",
+    "write_description",
     "gust_shape",
     "drag_force",
     "corner_forces",
