@@ -240,6 +240,10 @@ def _from(t0: float, then: Callable[[], Any], usual: Callable[..., Any]) -> Call
     return lambda t, *more: usual(t, *more) if t < t0 else then()
 
 
+def _as_monitor(function: Callable[..., Any]) -> Callable[..., Any]:
+    return lambda row, t, state: function(t, state)
+
+
 BAD_SETPOINTS: dict[str, tuple[Any, str]] = {
     "none": (
         None,
@@ -291,8 +295,7 @@ def test_an_error_of_whoever_a_run_calls_is_its_cause_and_its_rows_are_kept(who:
     }
     for first, rows in ((0.0, 0), (0.05, 10)):
         given: dict[str, Any] = {**usual, who: _from(first, lambda: {}["x"], usual[who])}
-        monitor = given.pop("monitor")
-        given["monitors"] = [lambda k, t, state, call=monitor: call(t, state)]
+        given["monitors"] = [_as_monitor(given.pop("monitor"))]
         with pytest.raises(
             RunError,
             match=rf"^At t = {first:g} s: KeyError in <lambda>, line \d+ of test_checks\.py: "

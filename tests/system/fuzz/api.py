@@ -110,6 +110,7 @@ NOT_CALLED = ("main", "open_viewer", "serve", "view", "check_display")
 WITHIN = (
     "add_arguments",
     "add_values",
+    "check_bounded",
     "write_description",
     "gust_shape",
     "drag_force",
@@ -124,10 +125,8 @@ WITHIN = (
     "hoisting",
     "leg_target",
     "columns_by_quantity",
-    "started",
     "as_command",
     "as_force",
-    "diverged",
     "late",
     "simulate_perturbed",
     "unproven_time",
