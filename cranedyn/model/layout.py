@@ -226,6 +226,8 @@ class Layout:
         Raises:
             OutOfRange: If there is not one finite coordinate and one finite rate for each joint.
         """
+        if len(state) != 2:
+            raise OutOfRange(name, f"{len(state)} arrays", "two: coordinates and rates")
         coordinates, rates = state
         q = as_array(f"coordinates at the {name}", coordinates, ("n",))
         v = as_array(f"rates at the {name}", rates, ("n",))

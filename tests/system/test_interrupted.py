@@ -247,7 +247,7 @@ def test_a_run_that_breaks_off_over_a_full_disk_says_both(
 
     with redirect_stderr(io.StringIO()) as err:
         assert (
-            harness.conduct(
+            harness.run_experiment(
                 harness.parser("trial", "A trial."), experiment, ["--out", str(tmp_path / "out")]
             )
             == 1

@@ -294,7 +294,10 @@ def test_a_run_ends_with_finite_numbers_or_with_a_sentence(
             disturbance=WINDS[blows](case),
         )
         assert len(found) == 21
-        assert validity == "mark" or found.valid.all()
+        # Drives that take efforts may be too fast, which marks rows but stops no run.
+        drives = case.crane.layout.drives
+        fast = (np.abs(found.v[:, drives]) > case.crane.rate_limit).any(axis=1)
+        assert validity == "mark" or (found.valid + (fast & (drive == "effort")) > 0).all()
     except CraneError as error:
         assert str(error).endswith(".")
         assert "\n" not in str(error)

@@ -398,7 +398,7 @@ _CONTROLLERS = [
     *("lambda *a: np.zeros(2)", "lambda *a: np.full(3, np.nan)", "lambda *a: np.zeros((3, 1))"),
     *("lambda *a: np.zeros(3, dtype='f4')", "lambda *a: [1e300] * 3", "lambda *a: 1.0"),
     *("lambda *a: np.full(3, 1e300)", "lambda *a: np.full((2, 3), np.nan)", "lambda *a: None"),
-    *("observed(tracking, crane, short)", "mpc(crane, short)", "follow(crane, still)"),
+    *("with_observer(tracking, crane, short)", "mpc(crane, short)", "follow(crane, still)"),
 ]
 
 _REFERENCES = [
@@ -592,7 +592,8 @@ def called(function: Callable[..., Any], texts: dict[str, str]) -> Any:
         if parameter.kind is parameter.POSITIONAL_ONLY:
             positional.append(given[key])
         elif parameter.kind is parameter.VAR_KEYWORD:
-            keyed |= given[key] if isinstance(given[key], dict) else {"x": given[key]}
+            name = "t_start" if key == "options" else "x"
+            keyed |= given[key] if isinstance(given[key], dict) else {name: given[key]}
         elif parameter.kind is not parameter.VAR_POSITIONAL:
             keyed[key] = given[key]
     before = {
