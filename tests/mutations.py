@@ -88,7 +88,7 @@ MUTATIONS = (
     Mutation(
         "joint damping is ignored",
         "cranedyn/dynamics/drives.py",
-        "tau = self._tau - self._joint.damping * v",
+        "tau = self._tau - self._damping * v",
         "tau = 1.0 * self._tau",
         "simulate::the_loop_is_sample_hold_velocities_positions",
     ),

@@ -31,7 +31,7 @@ from cranedyn.errors import Misshapen
 from cranedyn.interfaces import Reference, State
 from cranedyn.references.tabulated import tabulated
 from cranedyn.simulation.engine import Engine, Setting
-from cranedyn.simulation.log import Log
+from cranedyn.simulation.log import Actuation, Log
 from cranedyn.simulation.stepper import DIVERGED
 
 _BLOCK, _STEPS = 2000, 1_000_000
@@ -171,30 +171,23 @@ class CompiledEngine(Engine):
             np.hstack([q, v])
         )[:, 0]
 
-    def _take_command(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        self._recall()
-        needed, effort = super()._take_command(command)
-        self._last_command[:] = effort if self._setting.drive == "effort" else command
-        return needed, effort
-
-    def _effort(self) -> np.ndarray:
-        self._recall()
-        return super()._effort()
+    def apply_command(self, command: np.ndarray, force: np.ndarray | None = None) -> Actuation:
+        """As `Engine.apply_command`."""
+        if self._setting.converters is not None or self._setting.buffers:
+            self._recall()
+        actuation = super().apply_command(command, force)
+        self._last_command[:] = actuation.effort if self._setting.drive == "effort" else command
+        if force is not None:
+            self._force[0] = actuation.force
+        return actuation
 
     def _recall(self) -> None:
-        """Copy the memory of the converters from compiled code to Pinocchio's drives."""
+        """Copy the memory of converters and buffers from compiled code to Pinocchio's drives."""
+        self._buffer_work = float(self._memory[self._at["buffers"]][0])
         if isinstance(self._drives, VelocityDrives):
             names = "reference", "rising", "unheard"
             reference, rising, unheard = (self._memory[self._at[name]] for name in names)
             self._drives.recall(reference, rising, unheard.reshape(-1, self._sizes.m).copy())
-
-    def _take_force(self, force: np.ndarray) -> None:
-        super()._take_force(force)
-        self._force[0] = force.ravel()
-
-    def _buffers(self) -> np.ndarray:
-        self._buffer_work = float(self._memory[self._at["buffers"]][0])
-        return super()._buffers()
 
     def advance(self) -> State:
         """As `Engine.advance`."""
@@ -270,7 +263,7 @@ class CompiledEngine(Engine):
             self._arrived()
             yield first
         if self._setting.converters is None:
-            self._take_command(self._memory[self._at["last_command"]].copy())
+            self.apply_command(self._memory[self._at["last_command"]].copy())
 
     def _run(
         self, common: Affine, setpoint: np.ndarray, end: int
