@@ -390,7 +390,7 @@ MUTATIONS = (
     ),
     Mutation(
         "compiled cranes are taken as they come",
-        "cranedyn/compiled/checked.py",
+        "cranedyn/compiled/verify.py",
         "if off := rigid_body.disagreement(",
         "if off := 0.0 * rigid_body.disagreement(",
         "compiled::code_that_moves_otherwise_is_refused",
@@ -477,14 +477,14 @@ MUTATIONS = (
         "cranedyn/compiled/kernel.py",
         "with code.when(code.builder.not_(begun)):",
         "with code.when(code.builder.or_(code.builder.not_(begun), begun)):",
-        "compiled_door::a_run_in_pieces_is_the_same_to_the_bit",
+        "compiled_binding::a_run_in_pieces_is_the_same_to_the_bit",
     ),
     Mutation(
         "tables are read beyond their end",
-        "cranedyn/compiled/door.py",
+        "cranedyn/compiled/binding.py",
         "final + length > total",
         "final > total",
-        "compiled_door::the_door_opens_for_counts_that_stay_within_the_arrays_only",
+        "compiled_binding::the_door_opens_for_counts_that_stay_within_the_arrays_only",
     ),
     Mutation(
         "cranes of a fleet have the effort limits of the first",

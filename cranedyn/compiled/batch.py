@@ -14,14 +14,14 @@ import numpy as np
 from cranedyn.checks import check_choice, number, read_only, whole, within
 from cranedyn.clocks import Clocks, clocks
 from cranedyn.compiled import cuda, inputs
-from cranedyn.compiled.call import Sizes, places, size
-from cranedyn.compiled.checked import compiled
-from cranedyn.compiled.door import Loop
+from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.kernel import Recipe
+from cranedyn.compiled.layout import BufferLayout, size, slices
 from cranedyn.compiled.memory import grouped, run, ungrouped
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.threads import WARP
+from cranedyn.compiled.verify import compiled
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange
@@ -176,8 +176,8 @@ def simulate_batch(
     rows = clock.periods // every + 1 if every else 0
     which, distinct = inputs.distinct(crane, cranes)
     layout = inputs.one_layout(distinct)
-    response, late = inputs.response(distinct[0], drive, converters, clock)
-    sizes = Sizes.of(layout, late)
+    response, delay_steps = inputs.response(distinct[0], drive, converters, clock)
+    sizes = BufferLayout.of(layout, delay_steps)
     delays, remembered = inputs.delays(sensor_delay, cranes)
     taken = inputs.fits(sizes, cranes, rows, clock.periods, remembered * sizes.z)
     state = inputs.starts(start, cranes, sizes.n)
@@ -203,7 +203,7 @@ def simulate_batch(
         ),
         log=rows > 0,
         summary=True,
-        late=late,
+        delay_steps=delay_steps,
         programme=None if control.planned is None else control.planned.programme,
         delayed=remembered > 0,
         threads=device == "cuda",
@@ -259,7 +259,7 @@ def simulate_batch(
         cuda.run(loop, code, distinct, varied, response)
     else:
         run(loop, workers)
-    state_at, row_at, kept_at = places(sizes.state), places(sizes.row), places(sizes.summary)
+    state_at, row_at, kept_at = slices(sizes.state), slices(sizes.row), slices(sizes.summary)
     end, kept = (
         ungrouped(memory["state"][:, : sizes.z], cranes),
         ungrouped(memory["summary"], cranes),

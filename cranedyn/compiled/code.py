@@ -45,7 +45,7 @@ class Code(Instructions):
     def sine_and_cosine(self, angle: Value) -> tuple[Value, Value]:
         """Return sine and cosine of an angle [rad], see `cranedyn.compiled.angles`, computed once.
 
-        Sine and cosine of a sum that `gone_on` returned are updated from those of its first term.
+        Sine and cosine of a sum that `advanced` returned are updated from those of its first term.
         """
         self._asked.add(angle.register)
         if angle.register not in self._angles:
@@ -69,7 +69,7 @@ class Code(Instructions):
         """Use sine and cosine of an angle as known until this loop or condition ends."""
         self._angles[angle.register] = sine, cosine
 
-    def gone_on(self, before: Value, by: Any) -> Value:
+    def advanced(self, before: Value, by: Any) -> Value:
         """Return the sum and record its terms, from which its sine and cosine are updated."""
         after = before + by
         if isinstance(by, Value) and after is not before:

@@ -1,6 +1,6 @@
 """Compiled loops on an NVIDIA GPU, one crane a thread, by the driver's own functions.
 
-The arrays are those that `cranedyn.compiled.door` has looked at; they are copied there and back.
+The arrays are those that `cranedyn.compiled.binding` has looked at; they are copied there and back.
 Before code is used, what it answers on the GPU is held against Pinocchio.
 """
 
@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cranedyn.compiled.call import size
-from cranedyn.compiled.checked import check_all
+from cranedyn.compiled.layout import size
 from cranedyn.compiled.ptx import ptx
 from cranedyn.compiled.threads import MOVING, WARP
+from cranedyn.compiled.verify import check_all
 from cranedyn.errors import CraneError
 
 if TYPE_CHECKING:
-    from cranedyn.compiled.door import Loop
+    from cranedyn.compiled.binding import Loop
     from cranedyn.compiled.kernel import Kernel, Recipe
     from cranedyn.model.crane import Crane
     from cranedyn.plant.cranes import Cranes
@@ -58,7 +58,7 @@ def run(
         code: Its code.
         cranes: Different cranes that it was made for.
         own: The numbers in which these differ, shape (n, m).
-        converters: Of their drives, see `cranedyn.compiled.checked.compiled`.
+        converters: Of their drives, see `cranedyn.compiled.verify.compiled`.
 
     Raises:
         CraneError: If there is no GPU, see `check_there`, or too little memory on it.
@@ -70,7 +70,7 @@ def run(
             check_all(cranes, code, own, module.agreed, converters, module.accelerations)
         threads = len(loop) * WARP
         with _Memory() as memory:
-            for call in loop.elsewhere(memory.placed, MOVING, _PIECE):
+            for call in loop.device_calls(memory.placed, MOVING, _PIECE):
                 module.start("run", np.append(call, threads), threads)
             memory.bring_back()
 
@@ -142,7 +142,7 @@ class _Memory:
             _call("cuMemFree", place)
 
     def placed(self, array: np.ndarray, written: bool) -> int:
-        """Copy a contiguous array there, and answer its address; see `Loop.elsewhere`."""
+        """Copy a contiguous array there, and answer its address; see `Loop.device_calls`."""
         place = _call("cuMemAlloc", max(array.nbytes, 1))
         self._kept.append((place, array, written))
         _call("cuMemcpyHtoD", place, array, array.nbytes)
@@ -179,9 +179,9 @@ class _Module:
         _call("cuCtxSynchronize")
 
     def accelerations(self, code: Kernel, given: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """As `cranedyn.compiled.door.accelerations`, on the GPU."""
+        """As `cranedyn.compiled.binding.accelerations`, on the GPU."""
         found = np.empty((code.sizes.n, WARP))
-        assert given.shape == (size(code.sizes.given), WARP) and len(numbers) == code.varied
+        assert given.shape == (size(code.sizes.query), WARP) and len(numbers) == code.varied
         with _Memory() as memory:
             places = [memory.placed(given, False), memory.placed(numbers, False)]
             self.start("answer", np.array([*places, memory.placed(found, True)]), WARP)

@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cranedyn.checks import read_only
-from cranedyn.compiled.call import Sizes, places, size
-from cranedyn.compiled.checked import compiled
-from cranedyn.compiled.door import Loop, Rows
+from cranedyn.compiled.binding import Loop, Rows
 from cranedyn.compiled.horizon.control import Programme
 from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.kernel import Kernel, Recipe
+from cranedyn.compiled.layout import BufferLayout, size, slices
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.tables import (
     Table,
@@ -25,6 +24,7 @@ from cranedyn.compiled.tables import (
     one_command,
     setpoint_table,
 )
+from cranedyn.compiled.verify import compiled
 from cranedyn.controllers.affine import Affine, Stateful, affine_form
 from cranedyn.dynamics.drives import VelocityDrives
 from cranedyn.errors import Misshapen
@@ -67,11 +67,11 @@ class CompiledEngine(Engine):
         """
         check_rule(setting.integrator)
         self._setting = setting
-        self._sizes = sizes = Sizes.of(setting.crane.layout, setting.delay_steps)
+        self._sizes = sizes = BufferLayout.of(setting.crane.layout, setting.delay_steps)
         self._memory, self._force, self._at = (
             np.zeros(size(sizes.state)),
             np.zeros((1, size(sizes.force))),
-            places(sizes.state),
+            slices(sizes.state),
         )
         self._gain_table, self._setpoint_table = one_command(sizes)
         self._look()
@@ -85,7 +85,7 @@ class CompiledEngine(Engine):
     def _look(self) -> None:
         """Have views of the memory."""
         self._here = self._memory[: self._sizes.z]
-        self._last_command = self._gain_table[0, places(self._sizes.gain_table)["feed_forward"]]
+        self._last_command = self._gain_table[0, slices(self._sizes.gain_table)["feed_forward"]]
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but what is bound to the memory, for a copy that has memory of its own."""
@@ -133,7 +133,7 @@ class CompiledEngine(Engine):
             shared=(True, True, True),
             log=log,
             summary=log,
-            late=self._setting.delay_steps,
+            delay_steps=self._setting.delay_steps,
             programme=programme,
         )
         made = self._setting.converters
@@ -253,7 +253,7 @@ class CompiledEngine(Engine):
             if ran is None:
                 break
             if planned is not None:
-                planned.went_on(float(times[-1]))
+                planned.advance_to(float(times[-1]))
             if isinstance(controller, Stateful):
                 controller.resume(float(times[-1]), self._memory[self._at["integral"]].copy())
             rows, valid = ran
@@ -288,7 +288,7 @@ class CompiledEngine(Engine):
         self._memory[self._at["integral"]] = common.integral
         block.invalid[:] = np.inf
         block.run()
-        found = {name: block.rows[:, where] for name, where in places(self._sizes.row).items()}
+        found = {name: block.rows[:, where] for name, where in slices(self._sizes.row).items()}
         known = (
             np.isfinite(block.rows).all()
             and np.isfinite(common.integral).all()
@@ -322,6 +322,6 @@ class CompiledEngine(Engine):
             )
             code, (laws_of, aims_of) = self._code(integral=integral, log=True), map(alone, tables)
             run = self._loop(code, laws_of, aims_of, instants, end, log=rows, summary=summary)
-            invalid = summary[places(self._sizes.summary)["invalid"]]
+            invalid = summary[slices(self._sizes.summary)["invalid"]]
             self._blocks[size_of_it] = _Block(*tables, rows, invalid, run.alone())
         return self._blocks[size_of_it]

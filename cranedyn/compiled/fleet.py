@@ -15,12 +15,12 @@ import numpy as np
 
 from cranedyn.checks import check_choice, finite, read_only, short_repr, whole, within
 from cranedyn.clocks import clocks
-from cranedyn.compiled.call import Sizes, places, size
-from cranedyn.compiled.checked import compiled
-from cranedyn.compiled.door import Loop
+from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.inputs import fit, one_layout, starts
 from cranedyn.compiled.kernel import Kernel, Recipe
+from cranedyn.compiled.layout import BufferLayout, size, slices
 from cranedyn.compiled.tables import Table, alone, one_command
+from cranedyn.compiled.verify import compiled
 from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import DirectDrive, State
@@ -80,7 +80,7 @@ class Fleet:
         if not self.cranes:
             raise OutOfRange("number of cranes to choose from", 0, "1 or more")
         self.layout = one_layout(self.cranes)
-        self._sizes = sizes = Sizes.of(self.layout)
+        self._sizes = sizes = BufferLayout.of(self.layout)
         self.count, self.control_period, self.drive = (
             whole("number of cranes", count, 1),
             control_period,
@@ -116,7 +116,7 @@ class Fleet:
             np.zeros((groups, code.varied, _LANES)),
         )
         self._force = np.zeros((groups * _LANES if forces else 1, size(sizes.force)))
-        self._pushed, self._last_command = forces, places(sizes.state)["last_command"]
+        self._pushed, self._last_command = forces, slices(sizes.state)["last_command"]
         count_of_parts = max(min(workers, groups // _SHARE), -(-groups // _MOST), 1)
         ends = np.minimum(
             _LANES * np.linspace(0, groups, count_of_parts + 1).astype(int), self.count

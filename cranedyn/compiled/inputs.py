@@ -9,8 +9,8 @@ import numpy as np
 
 from cranedyn.checks import finite, whole, within
 from cranedyn.clocks import Clocks
-from cranedyn.compiled.call import Sizes, size
 from cranedyn.compiled.horizon.receding import Receding
+from cranedyn.compiled.layout import BufferLayout, size
 from cranedyn.compiled.tables import (
     Table,
     gain_table,
@@ -142,7 +142,7 @@ def control(
         OutOfRange: If what it answers is not what it should be, or the tables would not fit into 4
             GB.
     """
-    cranes, sizes = len(start.q), Sizes.of(crane.layout)
+    cranes, sizes = len(start.q), BufferLayout.of(crane.layout)
     aims_of, references = _references(crane, reference, start, taken)
     laws_of, controllers = distinct(controller, cranes)
     pairs, pair_of = np.unique(laws_of * len(references) + aims_of, return_inverse=True)
@@ -270,13 +270,13 @@ def paired(
     return cranes, np.arange(len(which)), response
 
 
-def remembered(sizes: Sizes, rates: np.ndarray) -> list[np.ndarray]:
+def remembered(sizes: BufferLayout, rates: np.ndarray) -> list[np.ndarray]:
     """What frequency converters remember at the start, in parts with a row for each crane: they
     go on at the rates of the drives, shape (cranes, m).
     """
-    if sizes.late is None:
+    if sizes.delay_steps is None:
         return []
-    return [rates, np.zeros_like(rates), *[rates] * sizes.late]
+    return [rates, np.zeros_like(rates), *[rates] * sizes.delay_steps]
 
 
 def one_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
@@ -321,7 +321,7 @@ def _form(controller: Any, times: np.ndarray, setpoint: np.ndarray, width: int) 
     return common
 
 
-def forces(force: Any, cranes: int, sizes: Sizes) -> Table:
+def forces(force: Any, cranes: int, sizes: BufferLayout) -> Table:
     """A table of outside forces for all cranes, shape (rows, 3 points), or one for each, shape
     (cranes, rows, 3 points); None for none.
 
@@ -335,7 +335,7 @@ def forces(force: Any, cranes: int, sizes: Sizes) -> Table:
     return _stacked("force", found, cranes, own=found.ndim == 3)
 
 
-def offsets(offset: Any, cranes: int, sizes: Sizes) -> tuple[Table, ...]:
+def offsets(offset: Any, cranes: int, sizes: BufferLayout) -> tuple[Table, ...]:
     """A table of what sensors add to coordinates and rates, shape (2 n,) for all cranes, (cranes,
     2 n) or, by control instant, (cranes, rows, 2 n); no table for None.
 
@@ -376,7 +376,7 @@ def delays(delay: Any, cranes: int) -> tuple[np.ndarray, int]:
     return np.broadcast_to(np.array(found, dtype=np.int64), (cranes,)), kept
 
 
-def fits(sizes: Sizes, cranes: int, instants: int, periods: int, more: int) -> int:
+def fits(sizes: BufferLayout, cranes: int, instants: int, periods: int, more: int) -> int:
     """How many numbers the cranes and what is to be recorded of them take, arranged by lanes and by
     cranes.
 

@@ -13,9 +13,9 @@ import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.angles import SHORTER, all_little
-from cranedyn.compiled.call import CALL, SLOTS, TURNS, Parts, Sizes, places, size
 from cranedyn.compiled.code import INTEGER, Code, Value, Variable
 from cranedyn.compiled.horizon.control import Control, Programme, emit_instant, emit_plan
+from cranedyn.compiled.layout import CALL, SLOTS, TURNS, BufferLayout, Sections, size, slices
 from cranedyn.compiled.machine import Machine, translated
 from cranedyn.compiled.step import stepped
 from cranedyn.compiled.threads import THREAD, one_after_another
@@ -39,8 +39,8 @@ class Recipe:
         shared: Whether all lanes have one controller, one setpoint table, the same forces, and the
             same offset of the sensors.
         log, summary: Whether rows are recorded, and whether a summary is kept.
-        late: By how many control periods frequency converters hear commands late; None for drives
-            without.
+        delay_steps: Control periods by which frequency converters delay commands; None for drives
+            without converters.
         turns: Steps over which sines and cosines are carried along; with 1 a motion is the same to
             the bit whatever control periods it is made of.
         programme: Of a predictive controller; None for one that is affine in the state.
@@ -59,7 +59,7 @@ class Recipe:
     shared: tuple[bool, ...]
     log: bool
     summary: bool
-    late: int | None = None
+    delay_steps: int | None = None
     turns: int = TURNS
     programme: Programme | None = None
     delayed: bool = False
@@ -67,7 +67,7 @@ class Recipe:
 
 
 class Kernel(NamedTuple):
-    """A closed loop in memory, to be called through `cranedyn.compiled.door`.
+    """A closed loop in memory, to be called through `cranedyn.compiled.binding`.
 
     Attributes:
         recipe: What it can do.
@@ -81,7 +81,7 @@ class Kernel(NamedTuple):
     """
 
     recipe: Recipe
-    sizes: Sizes
+    sizes: BufferLayout
     machine: Machine
     varied: int
     agreed: set[bytes]
@@ -96,7 +96,10 @@ def kernel(topology: Topology, constants: Sequence[float | None], recipe: Recipe
     module = text(topology, constants, recipe)
     if recipe.threads:
         one_after_another(module)
-    varied, sizes = list(constants).count(None), Sizes.of(topology.layout, recipe.late)
+    varied, sizes = (
+        list(constants).count(None),
+        BufferLayout.of(topology.layout, recipe.delay_steps),
+    )
     return Kernel(recipe, sizes, translated(module), varied, set(), topology, tuple(constants))
 
 
@@ -151,9 +154,9 @@ def _emit_answer(
         code.function.attributes.add(attribute)
     crane = _plant(code, code.argument["numbers"], topology, constants, recipe)
     crane, units = _moving(crane, 1.0, recipe)
-    parts = Sizes.of(topology.layout).given
+    parts = BufferLayout.of(topology.layout).query
     given = [code.load(code.argument["given"], i * code.apart) for i in range(size(parts))]
-    q, v, command, forces = (array(given[where]) for where in places(parts).values())
+    q, v, command, forces = (array(given[where]) for where in slices(parts).values())
     pushes = forces * units.force if recipe.forces else None
     for i, a in enumerate(crane.answer(q, v, command * units.command, pushes)[0]):
         code.store(a, code.argument["accelerations"], i * code.apart)
@@ -192,14 +195,16 @@ class _Loop:
     def __init__(
         self, code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
     ) -> None:
-        self.code, self.recipe, self.given = code, recipe, {}
-        self.sizes = Sizes.of(topology.layout, recipe.late)
+        self.code, self.recipe, self.call_values = code, recipe, {}
+        self.sizes = BufferLayout.of(topology.layout, recipe.delay_steps)
         for kind, names in CALL.items():
-            self.given.update(
+            self.call_values.update(
                 {name: code.load_one(code.argument["call"], SLOTS[name], kind) for name in names}
             )
-        self.dt, self.period = (code.from_double(self.given[name]) for name in ("dt", "period"))
-        self.plant = _plant(code, self.given["numbers"], topology, constants, recipe)
+        self.dt, self.period = (
+            code.from_double(self.call_values[name]) for name in ("dt", "period")
+        )
+        self.plant = _plant(code, self.call_values["numbers"], topology, constants, recipe)
         self.moving, self.units = _moving(self.plant, self.dt, recipe)
         self.state = self._variables("state", self.sizes.state)
         self.summary = self._variables("summary", self.sizes.summary) if recipe.summary else {}
@@ -209,30 +214,35 @@ class _Loop:
             if joint.kind == "revolute" and not recipe.threads  # of which registers are scarce
         }
 
-    def _variables(self, name: str, parts: Parts) -> dict[str, list[Variable]]:
+    def _variables(self, name: str, parts: Sections) -> dict[str, list[Variable]]:
         code = self.code
         found = [
-            Variable(code, code.load(self.given[name], i * code.apart)) for i in range(size(parts))
+            Variable(code, code.load(self.call_values[name], i * code.apart))
+            for i in range(size(parts))
         ]
-        return {part: found[where] for part, where in places(parts).items()}
+        return {part: found[where] for part, where in slices(parts).items()}
 
     def _keep(self, name: str, variables: dict[str, list[Variable]]) -> None:
         for i, variable in enumerate(variable for part in variables.values() for variable in part):
-            self.code.store(variable.get(), self.given[name], i * self.code.apart)
+            self.code.store(variable.get(), self.call_values[name], i * self.code.apart)
 
-    def _row(self, table: int, name: str, parts: Parts, instant: ir.Value) -> dict[str, np.ndarray]:
+    def _row(
+        self, table: int, name: str, parts: Sections, instant: ir.Value
+    ) -> dict[str, np.ndarray]:
         """The row of a table for an instant, beyond its end the last."""
         code = self.code
-        row = code.least(instant, code.builder.sub(self.given[f"{name}_rows"], code.integer(1)))
+        row = code.least(
+            instant, code.builder.sub(self.call_values[f"{name}_rows"], code.integer(1))
+        )
         if self.recipe.shared[table]:
             firsts = [code.product(row, size(parts))]
         else:
             starts = [
-                code.load_one(self.given["starts"], table * code.apart + lane, INTEGER)
+                code.load_one(self.call_values["starts"], table * code.apart + lane, INTEGER)
                 for lane in range(code.lanes)
             ]
             firsts = [code.product(code.builder.add(start, row), size(parts)) for start in starts]
-        pointer = self.given[name]
+        pointer = self.call_values[name]
         found = [
             code.spread(pointer, code.builder.add(firsts[0], code.integer(i)))
             if self.recipe.shared[table]
@@ -241,7 +251,7 @@ class _Loop:
             )
             for i in range(size(parts))
         ]
-        return {part: array(found[where]) for part, where in places(parts).items()}
+        return {part: array(found[where]) for part, where in slices(parts).items()}
 
     def _get(self, part: str) -> np.ndarray:
         return array([variable.get() for variable in self.state[part]])
@@ -268,15 +278,15 @@ class _Loop:
     def emit(self) -> None:
         code = self.code
         self._keep_angles(self._get("q"))
-        with code.loop(self.given["first"], self.given["last"]) as instant:
+        with code.loop(self.call_values["first"], self.call_values["last"]) as instant:
             forces = self._forces(instant)
             begun = code.both(
-                code.builder.icmp_signed("==", instant, self.given["first"]),
-                code.builder.icmp_signed("!=", self.given["going_on"], code.integer(0)),
+                code.builder.icmp_signed("==", instant, self.call_values["first"]),
+                code.builder.icmp_signed("!=", self.call_values["resumed"], code.integer(0)),
             )
             with code.when(code.builder.not_(begun)):
                 self._control(instant, forces)
-            with code.when(code.builder.icmp_signed("<", instant, self.given["end"])):
+            with code.when(code.builder.icmp_signed("<", instant, self.call_values["end"])):
                 self._period(forces)
         self._keep("state", self.state)
         if self.recipe.summary:
@@ -287,7 +297,7 @@ class _Loop:
         """The steps of a control period. Sines and cosines are carried from one to the next, and
         computed anew every some steps and at the end; as long are rates in the units of the steps.
         """
-        code, steps, turns = self.code, self.given["steps"], self.recipe.turns
+        code, steps, turns = self.code, self.call_values["steps"], self.recipe.turns
         if self.recipe.threads:
             return self._steps(code.integer(0), steps, forces)
         pieces = code.builder.sdiv(
@@ -307,7 +317,7 @@ class _Loop:
         with code.stretches(first, last) as end:
             here, work = self._coordinates(), self.state["buffers"][0].get()
             v, last_command = self._get("v"), self._get("last_command")
-            if self.recipe.late is not None:
+            if self.recipe.delay_steps is not None:
                 reference, rising = self._ramped(last_command, v * (1.0 / units.time))
                 self._set("reference", reference)
                 self._set("rising", rising)
@@ -322,7 +332,7 @@ class _Loop:
                 self.dt / units.time,
                 work,
                 units.work,
-                self.given["small"],
+                self.call_values["substeps"],
             )
             self._set("q", q)
             self._set("v", v)
@@ -353,11 +363,11 @@ class _Loop:
         command = self._commanded(instant, q, v)
         asked = command
         last_command = self.plant.within(command)
-        if self.recipe.late is not None:
+        if self.recipe.delay_steps is not None:
             last_command = self._heard(command)
         self._set("last_command", last_command)
         effort = last_command
-        if self.recipe.late is not None and (self.recipe.log or self.recipe.summary):
+        if self.recipe.delay_steps is not None and (self.recipe.log or self.recipe.summary):
             if self.recipe.log:
                 acted = self._forces(code.builder.sub(instant, code.integer(1)))
                 before = self.plant.answer(q, v, self._get("reference"), acted)[1]
@@ -421,7 +431,7 @@ class _Loop:
         if self.recipe.delayed:
             z = self._late(instant, z)
         if self.recipe.programme is not None:
-            control = Control(code, self.recipe.programme, self.given["horizon"])
+            control = Control(code, self.recipe.programme, self.call_values["horizon"])
             row, due = control.counted()
             n = self.sizes.n
             one = control.asked if code.lanes == 1 else control.command
@@ -446,7 +456,7 @@ class _Loop:
 
     def _late(self, instant: ir.Value, z: np.ndarray) -> np.ndarray:
         """The reading that late sensors show when they take another one, shape (2 n,)."""
-        code, build, kept = self.code, self.code.builder, self.given["remembered"]
+        code, build, kept = self.code, self.code.builder, self.call_values["remembered"]
         width = self.sizes.z
 
         def place(count: ir.Value, i: int) -> ir.Value:
@@ -454,14 +464,14 @@ class _Loop:
             return build.add(first, code.integer(i * code.apart))
 
         for i, value in enumerate(z):
-            code.store(value, self.given["readings"], place(instant, i))
+            code.store(value, self.call_values["readings"], place(instant, i))
         lanes = range(code.lanes)
-        delays = [code.load_one(self.given["delay"], lane, INTEGER) for lane in lanes]
+        delays = [code.load_one(self.call_values["delay"], lane, INTEGER) for lane in lanes]
         seen = [code.most(build.sub(instant, delay), code.integer(0)) for delay in delays]
         return array(
             [
                 code.gathered(
-                    self.given["readings"],
+                    self.call_values["readings"],
                     [build.add(place(seen[lane], i), code.integer(lane)) for lane in lanes],
                 )
                 for i in range(width)
@@ -469,14 +479,16 @@ class _Loop:
         )
 
     def _log(self, instant: ir.Value, row: Sequence[Any]) -> None:
-        code, every = self.code, self.given["every"]
+        code, every = self.code, self.call_values["every"]
         with code.when(
             code.builder.icmp_signed("==", code.builder.srem(instant, every), code.integer(0))
         ):
             first = code.product(code.builder.sdiv(instant, every), len(row) * code.apart)
             for i, value in enumerate(row):
                 code.store(
-                    value, self.given["log"], code.builder.add(first, code.integer(i * code.apart))
+                    value,
+                    self.call_values["log"],
+                    code.builder.add(first, code.integer(i * code.apart)),
                 )
 
     def _summarise(
@@ -492,7 +504,7 @@ class _Loop:
         code, crane, kept = self.code, self.plant, self.summary
         swing, amplitude = (code.value(part) for part in crane.swing(q, v))
         _largest(code, kept["peak"][0], swing)
-        counts = code.builder.icmp_signed(">=", instant, self.given["after"])
+        counts = code.builder.icmp_signed(">=", instant, self.call_values["after"])
         with code.when(counts):
             _largest(code, kept["residual"][0], amplitude)
         for variable, value in zip(kept["effort"], effort, strict=True):

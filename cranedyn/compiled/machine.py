@@ -39,7 +39,7 @@ class Machine:
 
     def function(self, name: str, arguments: int) -> Any:
         """A function of so many addresses without a result, which believes them: for
-        `cranedyn.compiled.door` alone.
+        `cranedyn.compiled.binding` alone.
         """
         if name not in self._known:
             self._known[name] = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from cranedyn.compiled.door import Loop
+from cranedyn.compiled.binding import Loop
 
 _PARTS = 8
 """Parts into which the groups are divided for each thread, so that none waits long for the last."""

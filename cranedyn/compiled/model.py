@@ -11,8 +11,8 @@ import pinocchio as pin
 from llvmlite import ir
 
 from cranedyn.checks import finite
+from cranedyn.compiled.binding import Rows
 from cranedyn.compiled.code import INTEGER, Code, Value
-from cranedyn.compiled.door import Rows
 from cranedyn.compiled.machine import translated
 from cranedyn.dynamics.bodies import bodies
 from cranedyn.dynamics.scalars import array

@@ -66,7 +66,7 @@ def stepped(
     dt: Any,
     work: Any,
     unit: Any,
-    small: Any,
+    substeps: Any,
 ) -> Stepped:
     """One step.
 
@@ -80,7 +80,7 @@ def stepped(
         dt: The step; 1 where time is counted in steps.
         work: Of the buffers so far [J].
         unit: What the plant's unit of work is [J].
-        small: Number of small semi-implicit steps to take instead where buffers act and the rule
+        substeps: Number of small semi-implicit steps to take instead where buffers act and the rule
             needs a motion without kinks.
     """
     if not (plant.buffers and integrator.smooth):
@@ -89,7 +89,7 @@ def stepped(
         integrator, replace(plant, buffers=False), q, v, command, forces, dt, work, unit
     )
     return _where_buffers_act(
-        plant, (q, v, work), (there, faster, work), command, forces, dt, unit, small
+        plant, (q, v, work), (there, faster, work), command, forces, dt, unit, substeps
     )
 
 
@@ -111,7 +111,7 @@ def _by_rule(
         return v + a * dt
 
     def move(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return array([one.code.gone_on(one, by) for one, by in zip(q, v * dt, strict=True)])
+        return array([one.code.advanced(one, by) for one, by in zip(q, v * dt, strict=True)])
 
     there, faster = integrator.rule(acceleration, speed_up, move, q, v, 1)
     if plant.buffers:
@@ -128,7 +128,7 @@ def _where_buffers_act(
     forces: Any,
     dt: Any,
     unit: Any,
-    small: Any,
+    substeps: Any,
 ) -> Stepped:
     """The outcome of a smooth step, replaced by that of small semi-implicit ones where a drive is
     beyond its range before or after it.
@@ -138,9 +138,9 @@ def _where_buffers_act(
     outcome = code.variables([*smooth[0], *smooth[1], smooth[2]])
     rough = code.either(*plant.stops.beyond(before[0]), *plant.stops.beyond(smooth[0]))
     with code.when(code.anywhere(rough)):
-        fine = dt / code.from_integer(small)
+        fine = dt / code.from_integer(substeps)
         here = code.variables([*before[0], *before[1], before[2]])
-        with code.loop(0, small):
+        with code.loop(0, substeps):
             now = array([place.get() for place in here])
             q, v, done = _by_rule(
                 semi_implicit_euler,

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cranedyn.compiled.call import Sizes, places, size
+from cranedyn.compiled.layout import BufferLayout, size, slices
 from cranedyn.controllers.affine import Affine, without_integral
 
 
@@ -55,9 +55,9 @@ def table(arrays: Sequence[np.ndarray], chosen: np.ndarray) -> Table:
     return Table(stacked, length, chosen.astype(np.int64) * length)
 
 
-def gain_table(sizes: Sizes, form: Affine, rows: np.ndarray | None = None) -> np.ndarray:
+def gain_table(sizes: BufferLayout, form: Affine, rows: np.ndarray | None = None) -> np.ndarray:
     """A controller's rows, shape (n, columns), in an array of that shape if there is one."""
-    n, at = len(form.feed_forward), places(sizes.gain_table)
+    n, at = len(form.feed_forward), slices(sizes.gain_table)
     rows = np.empty((n, size(sizes.gain_table))) if rows is None else rows
     rows[:, at["feed_forward"]], rows[:, at["gain"]] = form.feed_forward, form.gain.reshape(n, -1)
     rows[:, at["integral_gain"]], rows[:, at["limit"]] = form.integral_gain, form.limit
@@ -65,12 +65,12 @@ def gain_table(sizes: Sizes, form: Affine, rows: np.ndarray | None = None) -> np
 
 
 def setpoint_table(
-    sizes: Sizes, form: Affine, n: int, rows: np.ndarray | None = None
+    sizes: BufferLayout, form: Affine, n: int, rows: np.ndarray | None = None
 ) -> np.ndarray:
     """Rows of what a controller is about and takes the drives to, shape (n, columns); in an array
     as for `gain_table`.
     """
-    at = places(sizes.setpoint_table)
+    at = slices(sizes.setpoint_table)
     rows = np.empty((n, size(sizes.setpoint_table))) if rows is None else rows
     for part, where in ((form.setpoint, at["setpoint"]), (form.target, at["position"])):
         rows[: len(part), where], rows[len(part) :, where] = part[:n], part[-1]
@@ -83,7 +83,7 @@ def shortened(rows: np.ndarray) -> np.ndarray:
     return rows[: int(changes[-1]) + 2 if len(changes) else 1].copy()
 
 
-def no_gain_table(sizes: Sizes, positions: np.ndarray) -> Affine:
+def no_gain_table(sizes: BufferLayout, positions: np.ndarray) -> Affine:
     """The common form of a controller that has none: what it is about is the setpoint of the
     drives alone, shape (rows, m).
     """
@@ -92,6 +92,6 @@ def no_gain_table(sizes: Sizes, positions: np.ndarray) -> Affine:
     return replace(form, target=positions)
 
 
-def one_command(sizes: Sizes) -> tuple[np.ndarray, np.ndarray]:
+def one_command(sizes: BufferLayout) -> tuple[np.ndarray, np.ndarray]:
     """Tables of one row with which the drives just hold a command, zero to begin with."""
     return np.zeros((1, size(sizes.gain_table))), np.zeros((1, size(sizes.setpoint_table)))

@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 
 from llvmlite import ir
 
-from cranedyn.compiled.call import CALL, SLOTS
 from cranedyn.compiled.code import INTEGER, POINTER, Code
+from cranedyn.compiled.layout import CALL, SLOTS
 
 WARP = 32
 """Threads that a GPU runs together."""

@@ -40,7 +40,7 @@ def _turned(before: np.ndarray, by: np.ndarray, way: str) -> np.ndarray:
     code = Code(module, "run", ["given", "found"], LANES)
     angle, step = (code.load(code.argument["given"], i * LANES) for i in range(2))
     code.sine_and_cosine(angle)
-    turn = code.turn(code.gone_on(angle, step))
+    turn = code.turn(code.advanced(angle, step))
     assert turn is not None
     for i, value in enumerate(WAYS[way](code, turn)):
         code.store(value, code.argument["found"], i * LANES)

@@ -13,7 +13,7 @@ from llvmlite import ir
 
 from cranedyn.checks import ShortRepr, check_choice, finite, number, whole, within
 from cranedyn.clocks import SAME_PERIOD, multiple, whole_periods
-from cranedyn.compiled.door import Instant
+from cranedyn.compiled.binding import Instant
 from cranedyn.compiled.horizon import model
 from cranedyn.compiled.horizon.control import (
     Parts,
@@ -285,7 +285,7 @@ class Receding(ShortRepr):
         counts[:] = self._count(t), self._count(t) if self._when is None else -1
         return self._memory[None]
 
-    def went_on(self, t: float) -> None:
+    def advance_to(self, t: float) -> None:
         """Know that a compiled loop went on up to and with a control instant [s]."""
         self._when, self._last = self._count(t) // self.programme.ratio, t
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.compiled.door import accelerations
+from cranedyn.compiled.binding import accelerations
 from cranedyn.compiled.kernel import Kernel, Recipe, kernel, text
 from cranedyn.compiled.machine import object_code
 from cranedyn.dynamics.converters import Response, saturate_acceleration
@@ -27,7 +27,7 @@ _CHECKED, _REMEMBERED = 16, 4096
 _MAKING = threading.Lock()
 
 Answers = Callable[[Kernel, np.ndarray, np.ndarray], np.ndarray]
-"""Accelerations at one state in each lane, see `cranedyn.compiled.door.accelerations`."""
+"""Accelerations at one state in each lane, see `cranedyn.compiled.binding.accelerations`."""
 
 
 def compiled(
@@ -91,7 +91,7 @@ def check_all(
             agreed.add(row.tobytes())
 
 
-def elsewhere(crane: Crane, recipe: Recipe) -> bytes:
+def object_file(crane: Crane, recipe: Recipe) -> bytes:
     """The code for one crane as an object file for other programs, held against Pinocchio here, see
     `compiled`.
 
@@ -123,7 +123,7 @@ def check(
         code: The code.
         varied: The numbers that this crane has of its own.
         converters: Numbers of its frequency converters, see `cranedyn.dynamics.converters`.
-        answers: Where the code runs, see `cranedyn.compiled.door.accelerations`.
+        answers: Where the code runs, see `cranedyn.compiled.binding.accelerations`.
 
     Raises:
         ModelError: If they differ by more than round-off.

@@ -8,12 +8,12 @@ from itertools import accumulate
 from cranedyn.compiled.code import DOUBLE, INTEGER, POINTER
 from cranedyn.model.layout import Layout
 
-Parts = dict[str, int]
+Sections = dict[str, int]
 """How many numbers each part has, by its name, in order."""
 
 
 @dataclass(frozen=True)
-class Sizes:
+class BufferLayout:
     """How many numbers each part has, for a crane with n joints, m drives and some points that
     forces act on; frequency converters hear commands so many control periods late, None for drives
     without.
@@ -22,21 +22,21 @@ class Sizes:
     n: int
     m: int
     points: int
-    late: int | None = None
+    delay_steps: int | None = None
 
     @classmethod
-    def of(cls, layout: Layout, late: int | None = None) -> Sizes:
+    def of(cls, layout: Layout, delay_steps: int | None = None) -> BufferLayout:
         """Those of a crane."""
-        return cls(layout.n, layout.m, len(layout.points), late)
+        return cls(layout.n, layout.m, len(layout.points), delay_steps)
 
     @property
-    def converters(self) -> Parts:
+    def converters(self) -> Sections:
         """What frequency converters remember: reference rates, how fast they change, commands that
         are not yet heard.
         """
-        if self.late is None:
+        if self.delay_steps is None:
             return {}
-        return {"reference": self.m, "rising": self.m, "unheard": self.late * self.m}
+        return {"reference": self.m, "rising": self.m, "unheard": self.delay_steps * self.m}
 
     @property
     def z(self) -> int:
@@ -44,7 +44,7 @@ class Sizes:
         return 2 * self.n
 
     @property
-    def state(self) -> Parts:
+    def state(self) -> Sections:
         """What a crane is at a control instant: coordinates, rates, integrals of the controller,
         the last command, work of the buffers, what frequency converters remember.
         """
@@ -52,7 +52,7 @@ class Sizes:
         return found | self.converters
 
     @property
-    def gain_table(self) -> Parts:
+    def gain_table(self) -> Sections:
         """One row of a controller that is affine in the state."""
         return {
             "feed_forward": self.m,
@@ -62,22 +62,22 @@ class Sizes:
         }
 
     @property
-    def setpoint_table(self) -> Parts:
+    def setpoint_table(self) -> Sections:
         """One row of what it is about: coordinates and rates, and the setpoint of the drives."""
         return {"setpoint": self.z, "position": self.m}
 
     @property
-    def force(self) -> Parts:
+    def force(self) -> Sections:
         """One row of outside forces, on the points of the crane."""
         return {"force": 3 * self.points}
 
     @property
-    def offset(self) -> Parts:
+    def offset(self) -> Sections:
         """One row of what sensors add to coordinates and rates."""
         return {"reading": self.z}
 
     @property
-    def row(self) -> Parts:
+    def row(self) -> Sections:
         """One row of the log; cut is 1 where a converter was told more than its largest rate."""
         found = {
             "q": self.n,
@@ -89,10 +89,10 @@ class Sizes:
             "buffers": 1,
             "stop_force": 1,
         }
-        return found if self.late is None else found | {"cut": 1}
+        return found if self.delay_steps is None else found | {"cut": 1}
 
     @property
-    def summary(self) -> Parts:
+    def summary(self) -> Sections:
         """What is kept of a whole run.
 
         Squares of the largest swing and of the largest amplitude from a row on, the first row at
@@ -101,22 +101,22 @@ class Sizes:
         return {"peak": 1, "residual": 1, "invalid": 1, "effort": self.m}
 
     @property
-    def given(self) -> Parts:
+    def query(self) -> Sections:
         """What accelerations are asked for with: coordinates, rates, a command, outside forces."""
         return {"q": self.n, "v": self.n, "command": self.m, "force": 3 * self.points}
 
 
-def size(parts: Parts) -> int:
+def size(sections: Sections) -> int:
     """How many numbers all parts have."""
-    return sum(parts.values())
+    return sum(sections.values())
 
 
-def places(parts: Parts) -> dict[str, slice]:
+def slices(sections: Sections) -> dict[str, slice]:
     """Where each part stands."""
-    ends = accumulate(parts.values())
+    ends = accumulate(sections.values())
     return {
         name: slice(end - count, end)
-        for (name, count), end in zip(parts.items(), ends, strict=True)
+        for (name, count), end in zip(sections.items(), ends, strict=True)
     }
 
 
@@ -148,10 +148,10 @@ CALL = {
         "last",
         "end",
         "steps",
-        "small",
+        "substeps",
         "every",
         "after",
-        "going_on",
+        "resumed",
     ),
     DOUBLE: ("dt", "period"),
 }

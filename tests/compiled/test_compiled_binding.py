@@ -26,15 +26,15 @@ import pytest
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
 
 from cranedyn.clocks import clocks
-from cranedyn.compiled import checked, door
+from cranedyn.compiled import binding, verify
 from cranedyn.compiled.batch import simulate_batch
-from cranedyn.compiled.call import Sizes, size
-from cranedyn.compiled.checked import compiled
-from cranedyn.compiled.door import Loop
+from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.horizon.receding import receding
 from cranedyn.compiled.kernel import Recipe
+from cranedyn.compiled.layout import BufferLayout, size
 from cranedyn.compiled.model import forward_dynamics
 from cranedyn.compiled.tables import Table
+from cranedyn.compiled.verify import compiled
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.hold import Hold
@@ -307,12 +307,12 @@ def test_only_the_door_takes_addresses_and_calls_compiled_code() -> None:
     }
     address = re.compile(r"\.ctypes\b|__array_interface__|data_as\(|\.function\(")
     assert [name for name, text in texts.items() if address.search(text)] == [
-        "cranedyn/compiled/door.py"
+        "cranedyn/compiled/binding.py"
     ]
 
 
 _LANES, _CRANES, _PERIODS = 8, 11, 20
-_SIZES = Sizes.of(crane().layout)
+_SIZES = BufferLayout.of(crane().layout)
 _LAW, _AIM, _FORCE, _OFFSET = map(
     size, (_SIZES.gain_table, _SIZES.setpoint_table, _SIZES.force, _SIZES.offset)
 )
@@ -578,7 +578,7 @@ def test_a_run_in_pieces_is_the_same_to_the_bit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     whole = _everything(integrator, dt, drive, buffers)
-    monkeypatch.setattr(door, "_PIECE", steps)
+    monkeypatch.setattr(binding, "_PIECE", steps)
     assert _everything(integrator, dt, drive, buffers) == whole
 
 
@@ -602,7 +602,7 @@ def test_integrals_are_the_same_in_pieces(monkeypatch: pytest.MonkeyPatch) -> No
 
     whole = integral()
     assert whole[0] != 0.0
-    monkeypatch.setattr(door, "_PIECE", 7)
+    monkeypatch.setattr(binding, "_PIECE", 7)
     assert integral() == whole
 
 
@@ -776,8 +776,8 @@ def test_code_that_many_threads_ask_for_is_made_once(monkeypatch: pytest.MonkeyP
         time.sleep(0.05)
         return honest(*given)
 
-    honest = checked.kernel
-    monkeypatch.setattr(checked, "kernel", slowly)
+    honest = verify.kernel
+    monkeypatch.setattr(verify, "kernel", slowly)
     with ThreadPoolExecutor(4) as pool:
         codes = list(pool.map(lambda _: compiled([c], recipe)[0], range(4)))
     assert len(made) == 1

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 
 from cranedyn.checks import number, whole
-from cranedyn.compiled.call import SLOTS, TURNS, size
+from cranedyn.compiled.layout import SLOTS, TURNS, size
 from cranedyn.errors import CraneError, Misshapen, OutOfRange
 
 if TYPE_CHECKING:
@@ -119,14 +119,14 @@ def accelerations(code: Kernel, given: np.ndarray, numbers: np.ndarray) -> np.nd
 
     Args:
         code: The code.
-        given: q, v, command and force, see `Sizes.given`, shape (numbers, lanes).
+        given: q, v, command and force, see `BufferLayout.query`, shape (numbers, lanes).
         numbers: The varied numbers, shape (varied, lanes).
     """
     lanes = code.recipe.lanes
     found = np.empty((code.sizes.n, lanes))
     run = code.machine.function("answer", 3)
     run(
-        _address("given", given, (size(code.sizes.given), lanes)),
+        _address("given", given, (size(code.sizes.query), lanes)),
         _address("numbers", numbers, (code.varied, lanes)),
         found.ctypes.data,
     )
@@ -213,8 +213,11 @@ class Loop:
         if (programme := recipe.programme) is not None:
             self._instant += -(-_STAGE * programme.stages * lanes // programme.ratio)
         self._last, self._end = whole("control instants", last, 1), whole("end", end, 0)
-        self._steps, small = whole("steps", clock.steps, 1), whole("small steps", clock.substeps, 1)
-        self._weight = small if recipe.buffers and recipe.integrator.smooth else 1
+        self._steps, substeps = (
+            whole("steps", clock.steps, 1),
+            whole("small steps", clock.substeps, 1),
+        )
+        self._weight = substeps if recipe.buffers and recipe.integrator.smooth else 1
         self._run, self._groups = code.machine.function("run", 1), len(memory["state"])
         self._call, self._moving = (
             np.zeros(len(SLOTS), dtype=np.int64),
@@ -224,7 +227,7 @@ class Loop:
         self._arrays = dict[str, tuple[np.ndarray, int, bool]]()
         counts = {
             "end": end,
-            "small": small,
+            "substeps": substeps,
             "every": whole("every", every, 1),
             "after": whole("after", after, 0),
             "remembered": whole("remembered", remembered, int(recipe.delayed)),
@@ -330,20 +333,20 @@ class Loop:
         """Run some groups, one after another, unless it is stopped between two pieces."""
         call = self._call.copy()
         address = call.ctypes.data
-        first, last, steps, going_on = (
-            SLOTS[name] for name in ("first", "last", "steps", "going_on")
+        first, last, steps, resumed = (
+            SLOTS[name] for name in ("first", "last", "steps", "resumed")
         )
         for group in groups:
             if not 0 <= group < self._groups:
                 raise OutOfRange("group", group, f"0 to {self._groups - 1}")
             for slot, begin, stride in self._moving:
                 call[slot] = begin + group * stride
-            for call[first], call[last], call[steps], call[going_on] in self._pieces(_PIECE):
+            for call[first], call[last], call[steps], call[resumed] in self._pieces(_PIECE):
                 if stopped():
                     return
                 self._run(address)
 
-    def elsewhere(
+    def device_calls(
         self, placed: Callable[[np.ndarray, bool], int], strides: Sequence[str], most: int
     ) -> Iterator[np.ndarray]:
         """The calls, one for each piece of the run, by which all groups run on a device that has
@@ -361,7 +364,7 @@ class Loop:
             call[SLOTS[name]] = placed(array, written)
             if stride:
                 call[len(SLOTS) + strides.index(name)] = stride // array.itemsize
-        names = [SLOTS[name] for name in ("first", "last", "steps", "going_on")]
+        names = [SLOTS[name] for name in ("first", "last", "steps", "resumed")]
         cranes = self._groups * self._kept[0].recipe.lanes
         for piece in self._pieces(min(_PIECE, max(1, most // cranes))):
             call[names] = piece
@@ -374,7 +377,7 @@ class Loop:
             return partial(self.over, range(self._groups))
         for slot, begin, _ in self._moving:
             self._call[slot] = begin
-        for name, value in zip(("first", "last", "steps", "going_on"), pieces[0], strict=True):
+        for name, value in zip(("first", "last", "steps", "resumed"), pieces[0], strict=True):
             self._call[SLOTS[name]] = value
         run = partial(self._run, self._call.ctypes.data)
         run.kept = self  # type: ignore[attr-defined]  # an address keeps nothing
@@ -400,7 +403,7 @@ class Loop:
         calls = np.repeat(self._call[None], self._groups, axis=0)
         for slot, begin, stride in self._moving:
             calls[:, slot] = begin + stride * np.arange(self._groups)
-        for name, value in {"first": 0, "last": 1, "steps": self._steps, "going_on": 1}.items():
+        for name, value in {"first": 0, "last": 1, "steps": self._steps, "resumed": 1}.items():
             calls[:, SLOTS[name]] = value
 
         def over(first: int, last: int) -> None:
