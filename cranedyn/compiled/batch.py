@@ -21,7 +21,7 @@ from cranedyn.compiled.layout import BufferLayout, size, slices
 from cranedyn.compiled.memory import grouped, run, ungrouped
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.threads import WARP
-from cranedyn.compiled.verify import compiled
+from cranedyn.compiled.verify import compile_kernel
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange
@@ -156,7 +156,7 @@ def simulate_batch(
     if device == "cuda":
         if threads is not None:
             raise OutOfRange("threads", threads, "None on a GPU, where each crane has one")
-        cuda.check_there()
+        cuda.check_available()
     lanes = WARP if device == "cuda" else _LANES
     if buffers and drive != "effort":
         raise OutOfRange("buffers", buffers, "False where the drives take no efforts")
@@ -169,25 +169,27 @@ def simulate_batch(
         if threads is None
         else int(within("threads", whole("threads", threads, 1), 1, _THREADS))
     )
-    start = inputs.begin(crane) if start is None else start
-    cranes = inputs.count(
+    start = inputs.default_start(crane) if start is None else start
+    cranes = inputs.crane_count(
         crane=crane, controller=controller, reference=reference, start=start, converter=converters
     )
     rows = clock.periods // every + 1 if every else 0
-    which, distinct = inputs.distinct(crane, cranes)
-    layout = inputs.one_layout(distinct)
-    response, delay_steps = inputs.response(distinct[0], drive, converters, clock)
+    which, distinct = inputs.distinct_objects(crane, cranes)
+    layout = inputs.common_layout(distinct)
+    response, delay_steps = inputs.converter_response(distinct[0], drive, converters, clock)
     sizes = BufferLayout.of(layout, delay_steps)
-    delays, remembered = inputs.delays(sensor_delay, cranes)
-    taken = inputs.fits(sizes, cranes, rows, clock.periods, remembered * sizes.z)
-    state = inputs.starts(start, cranes, sizes.n)
+    delays, remembered = inputs.sensor_delays(sensor_delay, cranes)
+    taken = inputs.required_numbers(sizes, cranes, rows, clock.periods, remembered * sizes.z)
+    state = inputs.start_states(start, cranes, sizes.n)
     times = t_start + control_period * np.arange(clock.periods + 1)
     forces, offsets = (
-        inputs.forces(force, cranes, sizes),
-        inputs.offsets(sensor_offset, cranes, sizes),
+        inputs.force_table(force, cranes, sizes),
+        inputs.offset_tables(sensor_offset, cranes, sizes),
     )
     taken += sum(table.rows.size for table in (forces, *offsets))
-    control = inputs.control(distinct[0], controller, reference, state, read_only(times), taken)
+    control = inputs.control_tables(
+        distinct[0], controller, reference, state, read_only(times), taken
+    )
     if control.planned is not None and device == "cuda":
         raise OutOfRange("device", device, "cpu where the controller is a predictive one")
     recipe = Recipe(
@@ -209,9 +211,9 @@ def simulate_batch(
         threads=device == "cuda",
     )
     if response is not None and len(response) > 1:  # numbers of their own: of crane and converter
-        distinct, which, response = inputs.paired(distinct, which, response)
-    code, varied = compiled(distinct, recipe, response)
-    inputs.fit("number of cranes", str(cranes), taken + 2 * cranes * code.varied)
+        distinct, which, response = inputs.pair_with_converters(distinct, which, response)
+    code, varied = compile_kernel(distinct, recipe, response)
+    inputs.check_fits_memory("number of cranes", str(cranes), taken + 2 * cranes * code.varied)
     tables = (control.gain_table, control.setpoint_table, forces, *offsets)
     memory = {
         "state": grouped(
@@ -220,7 +222,7 @@ def simulate_batch(
                 state.v,
                 control.integrals,
                 np.broadcast_to(0.0, (cranes, sizes.m + 1)),
-                *inputs.remembered(sizes, state.v[:, layout.drives]),
+                *inputs.converter_memory(sizes, state.v[:, layout.drives]),
             ],
             lanes,
         ),
@@ -292,7 +294,7 @@ def _horizon(
         raise OutOfRange("drive", drive, f"the controller's, {planned.programme.drive}")
     planned.begin_run(t_start, clock.period)
     one = planned.fresh(t_start, _LANES)
-    inputs.fit("number of cranes", f"{groups * _LANES}", taken + groups * one.size)
+    inputs.check_fits_memory("number of cranes", f"{groups * _LANES}", taken + groups * one.size)
     return np.tile(one, (groups, 1))
 
 

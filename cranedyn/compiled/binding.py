@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from cranedyn.compiled.horizon.control import Programme
     from cranedyn.compiled.kernel import Kernel
     from cranedyn.compiled.machine import Machine
-    from cranedyn.compiled.tables import Table
+    from cranedyn.compiled.tables import RowTable
 
 _PIECE = 100_000
 """Physics steps, or rows, that code goes through before Python is asked whether to end; of eight
@@ -82,7 +82,7 @@ def _known(name: str, array: np.ndarray, *, infinite: bool = False) -> None:
             raise OutOfRange(name, float(wrong[0]), "a number" if infinite else "finite")
 
 
-class Rows:
+class RowFunction:
     """Code that answers rows of numbers, each by itself."""
 
     def __init__(self, machine: Machine, name: str, given: int, answered: int) -> None:
@@ -114,7 +114,7 @@ class Rows:
         return answers
 
 
-def accelerations(code: Kernel, given: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+def kernel_accelerations(code: Kernel, given: np.ndarray, numbers: np.ndarray) -> np.ndarray:
     """What the code of a crane answers at one state in each lane, shape (n, lanes).
 
     Args:
@@ -181,7 +181,7 @@ class Loop:
         self,
         code: Kernel,
         clock: Clocks,
-        tables: Sequence[Table],
+        tables: Sequence[RowTable],
         *,
         last: int,
         end: int,
@@ -294,7 +294,9 @@ class Loop:
         )
         self._arrays[name] = (array, array.strides[0], written)
 
-    def _bind_table(self, name: str, table: Table, columns: int, starts: np.ndarray | None) -> None:
+    def _bind_table(
+        self, name: str, table: RowTable, columns: int, starts: np.ndarray | None
+    ) -> None:
         total, length = len(table.rows), whole(f"rows of {name}", table.length, 1)
         first, final = (0, 0) if starts is None else (int(starts.min()), int(starts.max()))
         if first < 0 or final + length > total:

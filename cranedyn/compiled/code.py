@@ -18,7 +18,7 @@ from cranedyn.compiled.instructions import (
     lane_type,
 )
 
-__all__ = ["DOUBLE", "INTEGER", "POINTER", "Code", "Value", "Variable", "lane_type"]
+__all__ = ["DOUBLE", "INTEGER", "POINTER", "Code", "StackVariable", "Value", "lane_type"]
 
 
 class Code(Instructions):
@@ -76,9 +76,9 @@ class Code(Instructions):
             self._turns[after.register] = before, by
         return after
 
-    def variables(self, values: Sequence[Any]) -> list[Variable]:
+    def variables(self, values: Sequence[Any]) -> list[StackVariable]:
         """Return variables for values that change from one pass of a loop to the next."""
-        return [Variable(self, value) for value in values]
+        return [StackVariable(self, value) for value in values]
 
     @contextmanager
     def loop(self, first: Any, last: Any) -> Iterator[ir.Value]:
@@ -153,7 +153,7 @@ class Code(Instructions):
         self.builder.ret_void()
 
 
-class Variable:
+class StackVariable:
     """A variable on the stack."""
 
     def __init__(self, code: Code, value: Any) -> None:

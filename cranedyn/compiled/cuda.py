@@ -18,7 +18,7 @@ import numpy as np
 from cranedyn.compiled.layout import size
 from cranedyn.compiled.ptx import ptx
 from cranedyn.compiled.threads import MOVING, WARP
-from cranedyn.compiled.verify import check_all
+from cranedyn.compiled.verify import verify_cranes
 from cranedyn.errors import CraneError
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ second or two on a small GPU."""
 _LOADING = threading.Lock()
 
 
-def check_there() -> None:
+def check_available() -> None:
     """Return if there is a GPU.
 
     Raises:
@@ -58,16 +58,16 @@ def run(
         code: Its code.
         cranes: Different cranes that it was made for.
         own: The numbers in which these differ, shape (n, m).
-        converters: Of their drives, see `cranedyn.compiled.verify.compiled`.
+        converters: Of their drives, see `cranedyn.compiled.verify.compile_kernel`.
 
     Raises:
-        CraneError: If there is no GPU, see `check_there`, or too little memory on it.
+        CraneError: If there is no GPU, see `check_available`, or too little memory on it.
         ModelError: If the code does not do on the GPU what Pinocchio does.
     """
     with _context():
         with _LOADING:
             module = _module(code.topology, code.constants, code.recipe)
-            check_all(cranes, code, own, module.agreed, converters, module.accelerations)
+            verify_cranes(cranes, code, own, module.agreed, converters, module.accelerations)
         threads = len(loop) * WARP
         with _Memory() as memory:
             for call in loop.device_calls(memory.placed, MOVING, _PIECE):

@@ -10,21 +10,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cranedyn.checks import read_only
-from cranedyn.compiled.binding import Loop, Rows
+from cranedyn.compiled.binding import Loop, RowFunction
 from cranedyn.compiled.horizon.control import Programme
 from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.layout import BufferLayout, size, slices
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.tables import (
-    Table,
-    alone,
+    RowTable,
     gain_table,
     no_gain_table,
     one_command,
     setpoint_table,
+    single_table,
 )
-from cranedyn.compiled.verify import compiled
+from cranedyn.compiled.verify import compile_kernel
 from cranedyn.controllers.affine import Affine, Stateful, affine_form
 from cranedyn.dynamics.drives import VelocityDrives
 from cranedyn.errors import Misshapen
@@ -138,19 +138,19 @@ class CompiledEngine(Engine):
         )
         made = self._setting.converters
         numbers = None if made is None else np.concatenate(made.response)
-        return compiled([self._setting.crane], recipe, numbers)[0]
+        return compile_kernel([self._setting.crane], recipe, numbers)[0]
 
     def _loop(
         self,
         code: Kernel,
-        gain_table: Table,
-        setpoint_table: Table,
+        gain_table: RowTable,
+        setpoint_table: RowTable,
         last: int,
         end: int,
         **memory: Any,
     ) -> Loop:
         """Code bound to the memory of this crane."""
-        tables = gain_table, setpoint_table, alone(self._force)
+        tables = gain_table, setpoint_table, single_table(self._force)
         memory = {name: part.reshape(1, -1, 1) for name, part in memory.items()}
         return Loop(
             code,
@@ -167,9 +167,9 @@ class CompiledEngine(Engine):
         """As `Engine.energies`; by code if it was made for stepping."""
         if self._step is None:
             return super().energies(q, v)
-        return Rows(self._code(integral=False, log=False).machine, "energies", self._sizes.z, 1)(
-            np.hstack([q, v])
-        )[:, 0]
+        return RowFunction(
+            self._code(integral=False, log=False).machine, "energies", self._sizes.z, 1
+        )(np.hstack([q, v]))[:, 0]
 
     def _take_command(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         self._recall()
@@ -201,7 +201,7 @@ class CompiledEngine(Engine):
         if self._step is None:
             code = self._code(integral=False, log=False)
             self._step = self._loop(
-                code, alone(self._gain_table), alone(self._setpoint_table), 1, 1
+                code, single_table(self._gain_table), single_table(self._setpoint_table), 1, 1
             ).alone()
         self._step()
         return self._arrived()
@@ -320,7 +320,10 @@ class CompiledEngine(Engine):
                 np.empty((instants, size(self._sizes.row))),
                 np.zeros(size(self._sizes.summary)),
             )
-            code, (laws_of, aims_of) = self._code(integral=integral, log=True), map(alone, tables)
+            code, (laws_of, aims_of) = (
+                self._code(integral=integral, log=True),
+                map(single_table, tables),
+            )
             run = self._loop(code, laws_of, aims_of, instants, end, log=rows, summary=summary)
             invalid = summary[slices(self._sizes.summary)["invalid"]]
             self._blocks[size_of_it] = _Block(*tables, rows, invalid, run.alone())

@@ -16,11 +16,11 @@ import numpy as np
 from cranedyn.checks import check_choice, finite, read_only, short_repr, whole, within
 from cranedyn.clocks import clocks
 from cranedyn.compiled.binding import Loop
-from cranedyn.compiled.inputs import fit, one_layout, starts
+from cranedyn.compiled.inputs import check_fits_memory, common_layout, start_states
 from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.layout import BufferLayout, size, slices
-from cranedyn.compiled.tables import Table, alone, one_command
-from cranedyn.compiled.verify import compiled
+from cranedyn.compiled.tables import RowTable, one_command, single_table
+from cranedyn.compiled.verify import compile_kernel
 from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import DirectDrive, State
@@ -79,7 +79,7 @@ class Fleet:
         self.cranes = [cranes] if isinstance(cranes, Crane) else list(cranes)
         if not self.cranes:
             raise OutOfRange("number of cranes to choose from", 0, "1 or more")
-        self.layout = one_layout(self.cranes)
+        self.layout = common_layout(self.cranes)
         self._sizes = sizes = BufferLayout.of(self.layout)
         self.count, self.control_period, self.drive = (
             whole("number of cranes", count, 1),
@@ -104,9 +104,9 @@ class Fleet:
             log=False,
             summary=False,
         )
-        code, self._own = compiled(self.cranes, self._recipe)
+        code, self._own = compile_kernel(self.cranes, self._recipe)
         groups = -(-self.count // _LANES)
-        fit(
+        check_fits_memory(
             "number of cranes",
             str(count),
             groups * _LANES * (3 * size(sizes.state) + code.varied + size(sizes.force) + 10),
@@ -135,16 +135,16 @@ class Fleet:
         """Bind code to the memory, and have a view of it."""
         groups = len(self._state)
         memory: dict[str, Any] = {"state": self._state, "numbers": self._numbers}
-        table = alone(self._force)
+        table = single_table(self._force)
         if self._pushed:
-            table = Table(self._force, 1, np.arange(groups * _LANES))
+            table = RowTable(self._force, 1, np.arange(groups * _LANES))
             memory["starts"] = np.zeros((groups, 3, _LANES), dtype=np.int64)
             memory["starts"][:, 2] = table.starts.reshape(groups, _LANES)
         gain_table, setpoint_table = one_command(self._sizes)
         self._steps = Loop(
             code,
             self._clock,
-            (alone(gain_table), alone(setpoint_table), table),
+            (single_table(gain_table), single_table(setpoint_table), table),
             last=1,
             end=1,
             **memory,
@@ -160,7 +160,7 @@ class Fleet:
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take what a copy has, and bind it."""
         vars(self).update(state)
-        self._bind(compiled(self.cranes, self._recipe)[0])
+        self._bind(compile_kernel(self.cranes, self._recipe)[0])
 
     def place(
         self, which: np.ndarray, start: State | Sequence[State], crane: np.ndarray | None = None
@@ -186,7 +186,7 @@ class Fleet:
             raise OutOfRange(
                 "cranes chosen", len(kinds), f"{len(rows)}, one for each that is placed"
             )
-        self._put(rows, starts(start, len(rows), self._sizes.n), kinds)
+        self._put(rows, start_states(start, len(rows), self._sizes.n), kinds)
 
     def push(self, which: np.ndarray, force: np.ndarray) -> None:
         """Have forces from outside act on some cranes until something else is said.

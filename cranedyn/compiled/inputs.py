@@ -12,12 +12,12 @@ from cranedyn.clocks import Clocks
 from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.layout import BufferLayout, size
 from cranedyn.compiled.tables import (
-    Table,
+    RowTable,
+    drop_repeated_rows,
     gain_table,
     no_gain_table,
     setpoint_table,
-    shortened,
-    table,
+    stack_tables,
 )
 from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.dynamics.converters import fitting
@@ -41,7 +41,7 @@ _CRANE, _PAIR = 48, 250
 measured, see `tests/compiled/test_batch.py`."""
 
 
-class Control(NamedTuple):
+class ControlTables(NamedTuple):
     """Controllers and what they are about, as tables.
 
     Attributes:
@@ -51,14 +51,14 @@ class Control(NamedTuple):
         planned: The predictive controller of all cranes; None for those that are affine.
     """
 
-    gain_table: Table
-    setpoint_table: Table
+    gain_table: RowTable
+    setpoint_table: RowTable
     integrals: np.ndarray
     integrates: bool
     planned: Receding | None
 
 
-def count(**given: Any) -> int:
+def crane_count(**given: Any) -> int:
     """How many cranes are asked for.
 
     Raises:
@@ -91,12 +91,12 @@ def _length(value: Any) -> int | None:
     )
 
 
-def begin(crane: Crane | Cranes | Sequence[Crane]) -> State | list[State]:
+def default_start(crane: Crane | Cranes | Sequence[Crane]) -> State | list[State]:
     """Where cranes start if nothing else is said."""
     return crane.start if isinstance(crane, Crane | Cranes) else [one.start for one in crane]
 
 
-def starts(start: State | Sequence[State], cranes: int, joints: int) -> State:
+def start_states(start: State | Sequence[State], cranes: int, joints: int) -> State:
     """Coordinates and rates at the start, shape (cranes, joints) each.
 
     Raises:
@@ -109,12 +109,12 @@ def starts(start: State | Sequence[State], cranes: int, joints: int) -> State:
             "start", type(start).__name__, "a State, one with rows, or a sequence of States"
         ) from None
     return State(
-        rows("coordinates at the start", q, cranes, joints),
-        rows("rates at the start", v, cranes, joints),
+        broadcast_rows("coordinates at the start", q, cranes, joints),
+        broadcast_rows("rates at the start", v, cranes, joints),
     )
 
 
-def rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarray:
+def broadcast_rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarray:
     """Finite numbers, one row for all or one for each crane, shape (n, columns).
 
     Raises:
@@ -123,9 +123,9 @@ def rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarray:
     return np.broadcast_to(finite(name, value, (columns,), (cranes, columns)), (cranes, columns))
 
 
-def control(
+def control_tables(
     crane: Crane, controller: Any, reference: Any, start: State, times: np.ndarray, taken: int
-) -> Control:
+) -> ControlTables:
     """Tables of controllers and references, one for each that is another object; None as reference
     holds the drives at the start.
 
@@ -144,7 +144,7 @@ def control(
     """
     cranes, sizes = len(start.q), BufferLayout.of(crane.layout)
     aims_of, references = _references(crane, reference, start, taken)
-    laws_of, controllers = distinct(controller, cranes)
+    laws_of, controllers = distinct_objects(controller, cranes)
     pairs, pair_of = np.unique(laws_of * len(references) + aims_of, return_inverse=True)
     taken += _PAIR * len(pairs)
     gain_tables: list[np.ndarray] = []
@@ -160,7 +160,7 @@ def control(
         )
         integrals.append(common.integral)
         integrates = integrates or bool(common.integral_gain.any())
-        setpoint_tables.append(shortened(setpoint_table(sizes, common, len(times))))
+        setpoint_tables.append(drop_repeated_rows(setpoint_table(sizes, common, len(times))))
         gain_rows = gain_table(sizes, common)
         if which not in last or not np.array_equal(gain_rows, gain_tables[last[which]]):
             last[which] = len(gain_tables)
@@ -174,14 +174,14 @@ def control(
             len(gain_tables) * longest_gain_table * size(sizes.gain_table)
             + len(setpoint_tables) * longest_setpoint_table * size(sizes.setpoint_table)
         )
-        fit(
+        check_fits_memory(
             "number of controllers and references",
             f"{len(gain_tables)} and {len(setpoint_tables)} or more",
             needed,
         )
-    return Control(
-        table(gain_tables, np.array(gain_table_of_pair)[pair_of]),
-        table(setpoint_tables, pair_of),
+    return ControlTables(
+        stack_tables(gain_tables, np.array(gain_table_of_pair)[pair_of]),
+        stack_tables(setpoint_tables, pair_of),
         np.array(integrals)[pair_of],
         integrates,
         _planned(controllers),
@@ -204,31 +204,31 @@ def _planned(controllers: Sequence[Any]) -> Receding | None:
 
 
 def _references(
-    crane: Crane, reference: Any, starts: State, taken: int
+    crane: Crane, reference: Any, start: State, taken: int
 ) -> tuple[np.ndarray, Sequence[Reference]]:
     """Which of the references each crane has, and these; where there is none, one hold for each
     place at which drives start.
     """
     if reference is not None:
-        return distinct(reference, len(starts.q))
-    drives = starts.q[:, crane.layout.drives]
+        return distinct_objects(reference, len(start.q))
+    drives = start.q[:, crane.layout.drives]
     if (drives == drives[0]).all():
-        return distinct(hold(crane, State(starts.q[0], starts.v[0])), len(starts.q))
+        return distinct_objects(hold(crane, State(start.q[0], start.v[0])), len(start.q))
     firsts: dict[bytes, int] = {}
     for i, place in enumerate(map(np.ndarray.tobytes, drives)):
         if place not in firsts:
             firsts[place] = i
-            fit(
+            check_fits_memory(
                 "number of places at which drives start",
                 f"{len(firsts)} or more",
                 taken + _PAIR * len(firsts),
             )
     number = {place: row for row, place in enumerate(firsts)}
     which = np.fromiter((number[place.tobytes()] for place in drives), int, len(drives))
-    return which, [hold(crane, State(starts.q[i], starts.v[i])) for i in firsts.values()]
+    return which, [hold(crane, State(start.q[i], start.v[i])) for i in firsts.values()]
 
 
-def distinct(value: Any, cranes: int) -> tuple[np.ndarray, Any]:
+def distinct_objects(value: Any, cranes: int) -> tuple[np.ndarray, Any]:
     """Which of the different objects each crane has, shape (n,), and these."""
     if isinstance(value, Cranes):
         return np.arange(cranes), value
@@ -239,7 +239,7 @@ def distinct(value: Any, cranes: int) -> tuple[np.ndarray, Any]:
     return np.array([number[id(one)] for one in value]), list(found.values())
 
 
-def response(
+def converter_response(
     crane: Crane, drive: str, converters: Any, clock: Clocks
 ) -> tuple[np.ndarray | None, int | None]:
     """Numbers of frequency converters, one row for all cranes or one for each, and by how many
@@ -261,7 +261,7 @@ def response(
     return np.array([np.concatenate(one.response) for one in made]), lates[0]
 
 
-def paired(
+def pair_with_converters(
     cranes: Sequence[Crane] | Cranes, which: np.ndarray, response: np.ndarray
 ) -> tuple[Sequence[Crane] | Cranes, np.ndarray, np.ndarray]:
     """Cranes, which of them each lane has, and numbers of converters, one row for each lane."""
@@ -270,7 +270,7 @@ def paired(
     return cranes, np.arange(len(which)), response
 
 
-def remembered(sizes: BufferLayout, rates: np.ndarray) -> list[np.ndarray]:
+def converter_memory(sizes: BufferLayout, rates: np.ndarray) -> list[np.ndarray]:
     """What frequency converters remember at the start, in parts with a row for each crane: they
     go on at the rates of the drives, shape (cranes, m).
     """
@@ -279,7 +279,7 @@ def remembered(sizes: BufferLayout, rates: np.ndarray) -> list[np.ndarray]:
     return [rates, np.zeros_like(rates), *[rates] * sizes.delay_steps]
 
 
-def one_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
+def common_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
     """The layout of all cranes.
 
     Raises:
@@ -321,7 +321,7 @@ def _form(controller: Any, times: np.ndarray, setpoint: np.ndarray, width: int) 
     return common
 
 
-def forces(force: Any, cranes: int, sizes: BufferLayout) -> Table:
+def force_table(force: Any, cranes: int, sizes: BufferLayout) -> RowTable:
     """A table of outside forces for all cranes, shape (rows, 3 points), or one for each, shape
     (cranes, rows, 3 points); None for none.
 
@@ -329,13 +329,13 @@ def forces(force: Any, cranes: int, sizes: BufferLayout) -> Table:
         OutOfRange: If they have another shape, or one is not finite.
     """
     if force is None:
-        return table([np.zeros((1, size(sizes.force)))], np.zeros(cranes, dtype=int))
+        return stack_tables([np.zeros((1, size(sizes.force)))], np.zeros(cranes, dtype=int))
     columns = size(sizes.force)
     found = finite("force", force, ("m", columns), (cranes, "m", columns), unit="N")
     return _stacked("force", found, cranes, own=found.ndim == 3)
 
 
-def offsets(offset: Any, cranes: int, sizes: BufferLayout) -> tuple[Table, ...]:
+def offset_tables(offset: Any, cranes: int, sizes: BufferLayout) -> tuple[RowTable, ...]:
     """A table of what sensors add to coordinates and rates, shape (2 n,) for all cranes, (cranes,
     2 n) or, by control instant, (cranes, rows, 2 n); no table for None.
 
@@ -350,16 +350,16 @@ def offsets(offset: Any, cranes: int, sizes: BufferLayout) -> tuple[Table, ...]:
     return (_stacked("sensor_offset", by_instant, cranes, own=found.ndim > 1),)
 
 
-def _stacked(name: str, found: np.ndarray, cranes: int, *, own: bool) -> Table:
+def _stacked(name: str, found: np.ndarray, cranes: int, *, own: bool) -> RowTable:
     """A table of rows by control instant, one after another for each crane that has its own."""
     if not found.size:
         raise Misshapen(name, f"an array of shape {found.shape}", "one with a row at least")
     each, columns = found.shape[-2:]
     starts = each * np.arange(cranes) if own else np.broadcast_to(0, cranes)
-    return Table(np.ascontiguousarray(found.reshape(-1, columns), dtype=float), each, starts)
+    return RowTable(np.ascontiguousarray(found.reshape(-1, columns), dtype=float), each, starts)
 
 
-def delays(delay: Any, cranes: int) -> tuple[np.ndarray, int]:
+def sensor_delays(delay: Any, cranes: int) -> tuple[np.ndarray, int]:
     """By how many control periods the sensors of each crane are late, shape (cranes,), and how
     many readings are kept for it; none where no sensor is late.
 
@@ -376,7 +376,9 @@ def delays(delay: Any, cranes: int) -> tuple[np.ndarray, int]:
     return np.broadcast_to(np.array(found, dtype=np.int64), (cranes,)), kept
 
 
-def fits(sizes: BufferLayout, cranes: int, instants: int, periods: int, more: int) -> int:
+def required_numbers(
+    sizes: BufferLayout, cranes: int, instants: int, periods: int, more: int
+) -> int:
     """How many numbers the cranes and what is to be recorded of them take, arranged by lanes and by
     cranes.
 
@@ -390,10 +392,10 @@ def fits(sizes: BufferLayout, cranes: int, instants: int, periods: int, more: in
     Raises:
         OutOfRange: If they, or the tables of one controller, would take more than 4 GB.
     """
-    fit("number of cranes", str(cranes), cranes * (_CRANE + more))
+    check_fits_memory("number of cranes", str(cranes), cranes * (_CRANE + more))
     taken = cranes * (_CRANE + more + 2 * instants * size(sizes.row))
-    fit("record", f"{instants} rows of {cranes} cranes", taken)
-    fit(
+    check_fits_memory("record", f"{instants} rows of {cranes} cranes", taken)
+    check_fits_memory(
         "duration",
         f"{periods} control periods",
         2 * periods * (size(sizes.gain_table) + size(sizes.setpoint_table)),
@@ -401,7 +403,7 @@ def fits(sizes: BufferLayout, cranes: int, instants: int, periods: int, more: in
     return taken
 
 
-def fit(name: str, given: str, numbers: int) -> None:
+def check_fits_memory(name: str, given: str, numbers: int) -> None:
     """Return if so many numbers fit into 4 GB.
 
     Raises:

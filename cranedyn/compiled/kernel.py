@@ -13,11 +13,11 @@ import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.angles import SHORTER, all_little
-from cranedyn.compiled.code import INTEGER, Code, Value, Variable
-from cranedyn.compiled.horizon.control import Control, Programme, emit_instant, emit_plan
+from cranedyn.compiled.code import INTEGER, Code, StackVariable, Value
+from cranedyn.compiled.horizon.control import PredictiveControl, Programme, emit_instant, emit_plan
 from cranedyn.compiled.layout import CALL, SLOTS, TURNS, BufferLayout, Sections, size, slices
-from cranedyn.compiled.machine import Machine, translated
-from cranedyn.compiled.step import stepped
+from cranedyn.compiled.machine import Machine, translate
+from cranedyn.compiled.step import take_step
 from cranedyn.compiled.threads import THREAD, one_after_another
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.dynamics.scalars import array
@@ -100,7 +100,7 @@ def kernel(topology: Topology, constants: Sequence[float | None], recipe: Recipe
         list(constants).count(None),
         BufferLayout.of(topology.layout, recipe.delay_steps),
     )
-    return Kernel(recipe, sizes, translated(module), varied, set(), topology, tuple(constants))
+    return Kernel(recipe, sizes, translate(module), varied, set(), topology, tuple(constants))
 
 
 def text(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> ir.Module:
@@ -214,15 +214,15 @@ class _Loop:
             if joint.kind == "revolute" and not recipe.threads  # of which registers are scarce
         }
 
-    def _variables(self, name: str, parts: Sections) -> dict[str, list[Variable]]:
+    def _variables(self, name: str, parts: Sections) -> dict[str, list[StackVariable]]:
         code = self.code
         found = [
-            Variable(code, code.load(self.call_values[name], i * code.apart))
+            StackVariable(code, code.load(self.call_values[name], i * code.apart))
             for i in range(size(parts))
         ]
         return {part: found[where] for part, where in slices(parts).items()}
 
-    def _keep(self, name: str, variables: dict[str, list[Variable]]) -> None:
+    def _keep(self, name: str, variables: dict[str, list[StackVariable]]) -> None:
         for i, variable in enumerate(variable for part in variables.values() for variable in part):
             self.code.store(variable.get(), self.call_values[name], i * self.code.apart)
 
@@ -322,7 +322,7 @@ class _Loop:
                 self._set("reference", reference)
                 self._set("rising", rising)
                 last_command = array(reference)
-            q, v, work = stepped(
+            q, v, work = take_step(
                 self.recipe.integrator,
                 self.moving,
                 here,
@@ -431,7 +431,7 @@ class _Loop:
         if self.recipe.delayed:
             z = self._late(instant, z)
         if self.recipe.programme is not None:
-            control = Control(code, self.recipe.programme, self.call_values["horizon"])
+            control = PredictiveControl(code, self.recipe.programme, self.call_values["horizon"])
             row, due = control.counted()
             n = self.sizes.n
             one = control.asked if code.lanes == 1 else control.command
@@ -519,7 +519,7 @@ class _Loop:
         first.set(code.chosen(holds, first.get(), code.call("llvm.minnum", first.get(), now)))
 
 
-def _largest(code: Code, variable: Variable, value: Value) -> None:
+def _largest(code: Code, variable: StackVariable, value: Value) -> None:
     """Keep the larger; what is not a number stays."""
     old = variable.get()
     variable.set(code.chosen(value <= old, old, value))

@@ -48,7 +48,7 @@ class Machine:
         return self._known[name]
 
 
-def translated(module: ir.Module) -> Machine:
+def translate(module: ir.Module) -> Machine:
     """Optimise a module for the processor that this runs on, and translate it; all that this takes
     is freed with the functions.
     """

@@ -11,9 +11,9 @@ import pinocchio as pin
 from llvmlite import ir
 
 from cranedyn.checks import finite
-from cranedyn.compiled.binding import Rows
+from cranedyn.compiled.binding import RowFunction
 from cranedyn.compiled.code import INTEGER, Code, Value
-from cranedyn.compiled.machine import translated
+from cranedyn.compiled.machine import translate
 from cranedyn.dynamics.bodies import bodies
 from cranedyn.dynamics.scalars import array
 from cranedyn.errors import ModelError
@@ -32,7 +32,7 @@ class ForwardDynamics:
 
     model: pin.Model
     columns: tuple[int, int, int]
-    run: Rows
+    run: RowFunction
 
     def __call__(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Accelerations at states in rows, shape (n, nv).
@@ -69,7 +69,7 @@ class _Turned:
         return 0.0
 
 
-def forward_dynamics(model: pin.Model) -> ForwardDynamics:
+def compile_forward_dynamics(model: pin.Model) -> ForwardDynamics:
     """Compile the forward dynamics of a model and compare it with Pinocchio's at random states;
     damping and friction are not in it.
 
@@ -80,7 +80,9 @@ def forward_dynamics(model: pin.Model) -> ForwardDynamics:
     module = ir.Module()
     _emit(Code(module, "rows", ["given", "count", "accelerations"], 1), model)
     model, columns = model.copy(), (model.nq, model.nv, model.nv)
-    made = ForwardDynamics(model, columns, Rows(translated(module), "rows", sum(columns), model.nv))
+    made = ForwardDynamics(
+        model, columns, RowFunction(translate(module), "rows", sum(columns), model.nv)
+    )
     _check(made)
     return made
 

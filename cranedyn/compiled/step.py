@@ -52,11 +52,11 @@ def check_rule(integrator: Integrator) -> None:
         raise OutOfRange("integrator of compiled code", integrator.name, allowed)
 
 
-Stepped = tuple[np.ndarray, np.ndarray, Any]
+StepResult = tuple[np.ndarray, np.ndarray, Any]
 """Coordinates, rates, and work of the buffers so far [J]."""
 
 
-def stepped(
+def take_step(
     integrator: Integrator,
     plant: Plant,
     q: np.ndarray,
@@ -67,7 +67,7 @@ def stepped(
     work: Any,
     unit: Any,
     substeps: Any,
-) -> Stepped:
+) -> StepResult:
     """One step.
 
     Args:
@@ -103,7 +103,7 @@ def _by_rule(
     dt: Any,
     work: Any,
     unit: Any,
-) -> Stepped:
+) -> StepResult:
     def acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         return plant.answer(q, v, command, forces)[0]
 
@@ -122,14 +122,14 @@ def _by_rule(
 
 def _where_buffers_act(
     plant: Plant,
-    before: Stepped,
-    smooth: Stepped,
+    before: StepResult,
+    smooth: StepResult,
     command: np.ndarray,
     forces: Any,
     dt: Any,
     unit: Any,
     substeps: Any,
-) -> Stepped:
+) -> StepResult:
     """The outcome of a smooth step, replaced by that of small semi-implicit ones where a drive is
     beyond its range before or after it.
     """

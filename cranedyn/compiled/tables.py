@@ -14,7 +14,7 @@ from cranedyn.controllers.affine import Affine, without_integral
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class RowTable:
     """Rows by control instant, one table after another.
 
     Attributes:
@@ -33,12 +33,12 @@ class Table:
         return len(self.rows) == self.length
 
 
-def alone(rows: np.ndarray) -> Table:
+def single_table(rows: np.ndarray) -> RowTable:
     """The only table of the only crane, shape (n, columns)."""
-    return Table(rows, len(rows), np.zeros(1, dtype=np.int64))
+    return RowTable(rows, len(rows), np.zeros(1, dtype=np.int64))
 
 
-def table(arrays: Sequence[np.ndarray], chosen: np.ndarray) -> Table:
+def stack_tables(arrays: Sequence[np.ndarray], chosen: np.ndarray) -> RowTable:
     """Tables of different lengths, shape (n, columns) each, and which of them each crane goes
     by.
     """
@@ -52,7 +52,7 @@ def table(arrays: Sequence[np.ndarray], chosen: np.ndarray) -> Table:
     stacked = np.ascontiguousarray(
         whole[0] if len(whole) == 1 else np.concatenate(whole), dtype=float
     )
-    return Table(stacked, length, chosen.astype(np.int64) * length)
+    return RowTable(stacked, length, chosen.astype(np.int64) * length)
 
 
 def gain_table(sizes: BufferLayout, form: Affine, rows: np.ndarray | None = None) -> np.ndarray:
@@ -77,7 +77,7 @@ def setpoint_table(
     return rows
 
 
-def shortened(rows: np.ndarray) -> np.ndarray:
+def drop_repeated_rows(rows: np.ndarray) -> np.ndarray:
     """Rows without those at the end that repeat the one before."""
     changes = np.flatnonzero((rows[1:] != rows[:-1]).any(axis=1))
     return rows[: int(changes[-1]) + 2 if len(changes) else 1].copy()

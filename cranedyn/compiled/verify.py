@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.compiled.binding import accelerations
+from cranedyn.compiled.binding import kernel_accelerations
 from cranedyn.compiled.kernel import Kernel, Recipe, kernel, text
 from cranedyn.compiled.machine import object_code
 from cranedyn.dynamics.converters import Response, saturate_acceleration
@@ -26,11 +26,11 @@ from cranedyn.plant.plant import Topology, numbers
 _CHECKED, _REMEMBERED = 16, 4096
 _MAKING = threading.Lock()
 
-Answers = Callable[[Kernel, np.ndarray, np.ndarray], np.ndarray]
-"""Accelerations at one state in each lane, see `cranedyn.compiled.binding.accelerations`."""
+Accelerations = Callable[[Kernel, np.ndarray, np.ndarray], np.ndarray]
+"""Accelerations at one state in each lane, see `cranedyn.compiled.binding.kernel_accelerations`."""
 
 
-def compiled(
+def compile_kernel(
     cranes: Sequence[Crane] | Cranes, recipe: Recipe, converters: np.ndarray | None = None
 ) -> tuple[Kernel, np.ndarray]:
     """Code for cranes that differ in numbers only, and the numbers in which they do, shape (n, m).
@@ -62,20 +62,20 @@ def compiled(
         code = _kernel(Topology.of(cranes[0]), constants.tobytes(), recipe)
         if len(code.agreed) > _REMEMBERED:
             code.agreed.clear()
-        check_all(cranes, code, own, code.agreed, converters)
+        verify_cranes(cranes, code, own, code.agreed, converters)
     return code, own
 
 
-def check_all(
+def verify_cranes(
     cranes: Sequence[Crane] | Cranes,
     code: Kernel,
     own: np.ndarray,
     agreed: set[bytes],
     converters: np.ndarray | None = None,
-    answers: Answers = accelerations,
+    answers: Accelerations = kernel_accelerations,
 ) -> None:
     """Compare accelerations of the first 16 cranes with Pinocchio's, unless they are known to
-    agree; with numbers of their frequency converters as of `compiled`.
+    agree; with numbers of their frequency converters as of `compile_kernel`.
 
     Raises:
         ModelError: If they differ by more than round-off.
@@ -87,19 +87,19 @@ def check_all(
     )
     for crane, row, response in zip(cranes[:_CHECKED], own, rows, strict=False):
         if row.tobytes() not in agreed:
-            check(crane, code, row, response, answers)
+            verify_crane(crane, code, row, response, answers)
             agreed.add(row.tobytes())
 
 
 def object_file(crane: Crane, recipe: Recipe) -> bytes:
     """The code for one crane as an object file for other programs, held against Pinocchio here, see
-    `compiled`.
+    `compile_kernel`.
 
     Raises:
         OutOfRange: If there is no code for the stepping rule.
         ModelError: If the code does not do what Pinocchio does.
     """
-    compiled([crane], recipe)
+    compile_kernel([crane], recipe)
     return object_code(text(Topology.of(crane), numbers(crane).tolist(), recipe))
 
 
@@ -109,12 +109,12 @@ def _kernel(topology: Topology, constants: bytes, recipe: Recipe) -> Kernel:
     return kernel(topology, known, recipe)
 
 
-def check(
+def verify_crane(
     crane: Crane,
     code: Kernel,
     varied: np.ndarray,
     converters: np.ndarray | None = None,
-    answers: Answers = accelerations,
+    answers: Accelerations = kernel_accelerations,
 ) -> None:
     """Compare accelerations with Pinocchio's at random states.
 
@@ -123,7 +123,7 @@ def check(
         code: The code.
         varied: The numbers that this crane has of its own.
         converters: Numbers of its frequency converters, see `cranedyn.dynamics.converters`.
-        answers: Where the code runs, see `cranedyn.compiled.binding.accelerations`.
+        answers: Where the code runs, see `cranedyn.compiled.binding.kernel_accelerations`.
 
     Raises:
         ModelError: If they differ by more than round-off.

@@ -15,7 +15,7 @@ from llvmlite import ir
 from cranedyn.compiled.angles import LONGER, SHORTER, Turn
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.compiled.code import Code, Value
-from cranedyn.compiled.machine import translated
+from cranedyn.compiled.machine import translate
 from cranedyn.controllers import hold_controller
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.interfaces import Setpoint, State
@@ -46,7 +46,7 @@ def _turned(before: np.ndarray, by: np.ndarray, way: str) -> np.ndarray:
         code.store(value, code.argument["found"], i * LANES)
     code.end()
     given, found = np.ascontiguousarray([before, by]), np.empty((2, LANES))
-    machine = translated(module)
+    machine = translate(module)
     machine.function("run", 2)(given.ctypes.data, found.ctypes.data)
     return found
 

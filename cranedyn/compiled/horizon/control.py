@@ -24,7 +24,7 @@ from llvmlite import ir
 
 from cranedyn.compiled.code import INTEGER, Code, Value
 from cranedyn.compiled.horizon import interior, model, planning, riccati
-from cranedyn.compiled.horizon.memory import Shape, element, pointer
+from cranedyn.compiled.horizon.memory import HorizonShape, element, pointer
 from cranedyn.compiled.horizon.planning import QUERY
 from cranedyn.dynamics.scalars import array, clipped
 from cranedyn.model.layout import Layout
@@ -73,14 +73,14 @@ class Programme:
     lead: tuple[float, ...] = ()
 
     @property
-    def shape(self) -> Shape:
+    def shape(self) -> HorizonShape:
         """Of the optimisation."""
         layout = self.topology.layout
-        return Shape(2 * layout.n, layout.m, self.stages)
+        return HorizonShape(2 * layout.n, layout.m, self.stages)
 
-    def parts(self, lanes: int) -> Parts:
+    def parts(self, lanes: int) -> MemoryOffsets:
         """Where in the memory of a group of lanes each part begins."""
-        return Parts.of(self, lanes)
+        return MemoryOffsets.of(self, lanes)
 
     @property
     def plant(self) -> Plant:
@@ -97,13 +97,13 @@ class Programme:
         return round(self.length / self.period) if self.rows else 0
 
 
-class Parts(NamedTuple):
+class MemoryOffsets(NamedTuple):
     """Where in the memory of a group of lanes each part begins [doubles].
 
     Attributes:
         query: See `cranedyn.compiled.horizon.planning`.
         counts: Whole numbers: control instants up to now, and up to the run's beginning.
-        lanes: What each lane remembers, see `remembered`.
+        lanes: What each lane remembers, see `lane_memory`.
         plans: The plan of each lane.
         path: The path.
         work: Memory of the optimisation.
@@ -119,13 +119,13 @@ class Parts(NamedTuple):
     size: int
 
     @classmethod
-    def of(cls, programme: Programme, lanes: int) -> Parts:
+    def of(cls, programme: Programme, lanes: int) -> MemoryOffsets:
         """Those of a group of so many lanes."""
         shape, layout = programme.shape, programme.topology.layout
         counts = [
             shape.lanes + 8,
             8,
-            lanes * -(-remembered(layout)["begun"].stop // 8) * 8,
+            lanes * -(-lane_memory(layout)["begun"].stop // 8) * 8,
             lanes * plan_size(shape),
             -(-max(programme.rows, 1) * shape.states // 8) * 8 + shape.lanes,
             shape.size,
@@ -133,7 +133,7 @@ class Parts(NamedTuple):
         return cls(0, *np.cumsum(counts).tolist())
 
 
-def remembered(layout: Layout) -> dict[str, range]:
+def lane_memory(layout: Layout) -> dict[str, range]:
     """Where what each lane remembers stands, by name: accelerations held, estimates of what
     disturbs the drives, rates expected of them, the swing believed at the instant before and its
     rates, coordinates and rates as read at the last instant at which that was possible, how often
@@ -156,7 +156,7 @@ def remembered(layout: Layout) -> dict[str, range]:
     }
 
 
-def plan_size(shape: Shape) -> int:
+def plan_size(shape: HorizonShape) -> int:
     """Doubles of a plan."""
     return (shape.stages + 1) * shape.lanes
 
@@ -189,7 +189,7 @@ def emit_instant(module: ir.Module, programme: Programme) -> None:
     state = array([code.load(given, i) for i in range(z)])
     position = array([code.load(given, z + i) for i in range(layout.m)])
     row, due = (code.load_one(given, z + layout.m + i, INTEGER) for i in range(2))
-    control = Control(code, programme, code.argument["memory"])
+    control = PredictiveControl(code, programme, code.argument["memory"])
     command = control.command(
         state[: layout.n],
         state[layout.n :],
@@ -202,13 +202,13 @@ def emit_instant(module: ir.Module, programme: Programme) -> None:
     code.end()
 
 
-class Control:
+class PredictiveControl:
     """The code of a control instant, for one crane or for one in each lane."""
 
     def __init__(self, code: Code, programme: Programme, memory: ir.Value) -> None:
         self.code, self.programme, self.memory = code, programme, memory
-        self.parts, self.layout = Parts.of(programme, code.lanes), programme.topology.layout
-        self._slots = remembered(self.layout)
+        self.parts, self.layout = MemoryOffsets.of(programme, code.lanes), programme.topology.layout
+        self._slots = lane_memory(self.layout)
 
     def counted(self) -> tuple[ir.Value, ir.Value]:
         """Row of the path now and whether an optimisation is due, by counting instants."""

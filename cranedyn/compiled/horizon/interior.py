@@ -17,9 +17,9 @@ from llvmlite import ir
 from cranedyn.compiled.code import Code, Value
 from cranedyn.compiled.horizon.memory import (
     REPORT,
+    HorizonShape,
+    MemoryRows,
     Other,
-    Rows,
-    Shape,
     Work,
     element,
     everywhere,
@@ -41,7 +41,7 @@ with, and share of the gradient's residual at the beginning."""
 _SIDES = {"high": 1.0, "low": -1.0}
 
 
-def emit(module: ir.Module, shape: Shape) -> None:
+def emit(module: ir.Module, shape: HorizonShape) -> None:
     """Add the function `solve`, from the stages' model, gradient and bounds to what is best."""
     _Solve(Work(Code(module, "solve", ["work"], shape.lanes), shape)).emit()
 
@@ -151,7 +151,7 @@ class _Solve:
             self._correct(self.work.stage(k), centred, ratio)
         return _SHORT / over_lanes(code, ratio.get(), "fmax")
 
-    def _weigh(self, here: Rows) -> None:
+    def _weigh(self, here: MemoryRows) -> None:
         """Curvature of the barriers, and the slope towards the bounds themselves."""
         forces = {}
         for side in _SIDES:
@@ -169,7 +169,7 @@ class _Solve:
         here.put("curve", forces["high"][1] + forces["low"][1])
         self._slope(here, {side: 0.0 for side in _SIDES})
 
-    def _slope(self, here: Rows, bent: dict[str, Any]) -> None:
+    def _slope(self, here: MemoryRows, bent: dict[str, Any]) -> None:
         """Gradient of cost and barriers at zero, in states and inputs."""
         code, shape = self.code, self.shape
         pull: Any = here.get("curve") * here.get("apart")
@@ -184,7 +184,7 @@ class _Solve:
             )
         here.put("slope", total(parts))
 
-    def _predict(self, here: Rows, ratio: Any, crossed: Any) -> None:
+    def _predict(self, here: MemoryRows, ratio: Any, crossed: Any) -> None:
         """Where the step would lead that aims at the bounds themselves."""
         code = self.code
         for side in _SIDES:
@@ -201,7 +201,7 @@ class _Solve:
             here.put(f"dexcess_{side}", other)
             crossed.set(crossed.get() + product + other)
 
-    def _bend(self, here: Rows, centred: Value) -> None:
+    def _bend(self, here: MemoryRows, centred: Value) -> None:
         """The slope that aims at a point of the central path, to second order."""
         bent = {}
         for side in _SIDES:
@@ -212,7 +212,7 @@ class _Solve:
             here.put(f"bend_{side}", bent[side])
         self._slope(here, bent)
 
-    def _correct(self, here: Rows, centred: Value, ratio: Any) -> None:
+    def _correct(self, here: MemoryRows, centred: Value, ratio: Any) -> None:
         """The step itself, and how much of it may be taken."""
         code = self.code
         for side in _SIDES:

@@ -15,7 +15,7 @@ BLOCK = 8
 
 
 @dataclass(frozen=True)
-class Shape:
+class HorizonShape:
     """How large a problem is.
 
     A row of memory holds, one after another, the states of a stage, its inputs, and what else is
@@ -146,10 +146,10 @@ class Other(Code):
         self._know_nothing()
 
 
-class Rows:
+class MemoryRows:
     """Rows of memory by name, from a place on."""
 
-    def __init__(self, code: Code, shape: Shape, base: Any) -> None:
+    def __init__(self, code: Code, shape: HorizonShape, base: Any) -> None:
         self._code, self._shape, self._base = code, shape, base
         self._one = Other(code, 1)
 
@@ -184,15 +184,15 @@ class Rows:
 class Work:
     """The whole memory in a function under construction, whose argument `work` it is."""
 
-    def __init__(self, code: Code, shape: Shape) -> None:
-        self.code, self.shape, self.common = code, shape, Rows(code, shape, 0)
+    def __init__(self, code: Code, shape: HorizonShape) -> None:
+        self.code, self.shape, self.common = code, shape, MemoryRows(code, shape, 0)
 
-    def stage(self, k: Any) -> Rows:
+    def stage(self, k: Any) -> MemoryRows:
         """The rows of a stage."""
         if isinstance(k, int):
-            return Rows(self.code, self.shape, self.shape.first + k * self.shape.stride)
+            return MemoryRows(self.code, self.shape, self.shape.first + k * self.shape.stride)
         code = self.code
-        return Rows(
+        return MemoryRows(
             code,
             self.shape,
             code.builder.add(code.product(k, self.shape.stride), code.integer(self.shape.first)),

@@ -18,7 +18,7 @@ from llvmlite import ir
 
 from cranedyn.compiled.code import INTEGER, Code, Value
 from cranedyn.compiled.horizon.dual import constants, slopes, variables
-from cranedyn.compiled.horizon.memory import BLOCK, Other, Shape, Work
+from cranedyn.compiled.horizon.memory import BLOCK, HorizonShape, Other, Work
 from cranedyn.dynamics.scalars import array, solve
 from cranedyn.plant import rigid_body
 from cranedyn.plant.plant import Plant
@@ -29,7 +29,7 @@ Entries = list[tuple[str, int, int, Any]]
 """Numbers of a stage: name of the row, its number, lane, what stands there."""
 
 
-class Linear(NamedTuple):
+class CraneDerivatives(NamedTuple):
     """A crane about a state and accelerations of its drives.
 
     Attributes:
@@ -46,7 +46,9 @@ class Linear(NamedTuple):
     efforts: np.ndarray
 
 
-def linear(plant: Plant, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> Linear:
+def crane_derivatives(
+    plant: Plant, q: np.ndarray, v: np.ndarray, u: np.ndarray
+) -> CraneDerivatives:
     """Linearise a crane whose drives accelerate as told, in any kind of number."""
     layout = plant.topology.layout
     n, m, drives, passive = layout.n, layout.m, layout.drives, layout.passive
@@ -68,7 +70,7 @@ def linear(plant: Plant, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> Linear:
         if any(not _zero(part) for part in by_all[passive, j]):
             rates[passive, j] = solve(block, -by_all[passive, j])
     efforts = by_all[drives] + mass[np.ix_(drives, passive)] @ rates[passive]
-    return Linear(a, effort, rates, efforts)
+    return CraneDerivatives(a, effort, rates, efforts)
 
 
 def _zero(part: Any) -> bool:
@@ -101,7 +103,7 @@ def stage(plant: Plant, length: float, q: np.ndarray, v: np.ndarray, u: np.ndarr
     layout = plant.topology.layout
     n, m = layout.n, layout.m
     z, w = 2 * n, 2 * n + m
-    found = linear(plant, q, v, u)
+    found = crane_derivatives(plant, q, v, u)
     node = np.concatenate([q, v, u])
     # Derivatives of the motion by time, each a linear function of coordinates, rates and inputs,
     # with its value at the node last.
@@ -129,7 +131,7 @@ def stage(plant: Plant, length: float, q: np.ndarray, v: np.ndarray, u: np.ndarr
     ]
 
 
-def payload(plant: Plant, q: np.ndarray) -> np.ndarray:
+def payload_jacobian(plant: Plant, q: np.ndarray) -> np.ndarray:
     """Derivatives of the payload's place in the world by the coordinates, shape (3, n)."""
     tree, body = plant.tree, plant.topology.bodies[0]
     (at,) = variables(q)
@@ -141,14 +143,18 @@ def payload(plant: Plant, q: np.ndarray) -> np.ndarray:
 
 
 def emit_weights(
-    module: ir.Module, shape: Shape, plant: Plant, errors: np.ndarray, payload_errors: np.ndarray
+    module: ir.Module,
+    shape: HorizonShape,
+    plant: Plant,
+    errors: np.ndarray,
+    payload_errors: np.ndarray,
 ) -> None:
     """Add the function `weigh`, which writes the weight of the states for a goal: errors of the
     payload's place and rate, and by themselves those of coordinates and rates, that weigh alike.
     """
     work = Work(Code(module, "weigh", ["work"], 1), shape)
     n = plant.topology.layout.n
-    places = payload(plant, array([work.common.one("goal", 0, i) for i in range(n)]))
+    places = payload_jacobian(plant, array([work.common.one("goal", 0, i) for i in range(n)]))
     for part, error in enumerate(payload_errors.tolist()):
         for i in range(n):
             for j in range(n):
@@ -159,7 +165,7 @@ def emit_weights(
     work.code.end()
 
 
-def emit(module: ir.Module, shape: Shape, plant: Plant, length: float) -> Entries:
+def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) -> Entries:
     """Add the function `linearise`, from the nodes of all stages to their models; returns what is
     the same for every node, which the code does not write.
     """

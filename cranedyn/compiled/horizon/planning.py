@@ -9,7 +9,7 @@ from __future__ import annotations
 from llvmlite import ir
 
 from cranedyn.compiled.code import INTEGER, Code, Value
-from cranedyn.compiled.horizon.memory import REPORT, Other, Shape, Work, everywhere
+from cranedyn.compiled.horizon.memory import REPORT, HorizonShape, Other, Work, everywhere
 from cranedyn.compiled.horizon.riccati import call, mask, total
 from cranedyn.dynamics.scalars import array
 from cranedyn.plant.plant import Plant
@@ -33,7 +33,7 @@ one optimisation to the next: cranes in lanes share the memory of the optimisati
 
 
 def emit(
-    module: ir.Module, shape: Shape, plant: Plant, length: float, period: float, swing: float
+    module: ir.Module, shape: HorizonShape, plant: Plant, length: float, period: float, swing: float
 ) -> None:
     """Add the function `plan`.
 

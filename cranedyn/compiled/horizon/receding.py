@@ -16,16 +16,16 @@ from cranedyn.clocks import SAME_PERIOD, multiple, whole_periods
 from cranedyn.compiled.binding import Instant
 from cranedyn.compiled.horizon import model
 from cranedyn.compiled.horizon.control import (
-    Parts,
+    MemoryOffsets,
     Programme,
     emit_instant,
     emit_plan,
+    lane_memory,
     plan_size,
-    remembered,
 )
 from cranedyn.compiled.horizon.memory import REPORT
 from cranedyn.compiled.horizon.planning import MARKS
-from cranedyn.compiled.machine import Machine, translated
+from cranedyn.compiled.machine import Machine, translate
 from cranedyn.controllers.tracking import check_finite
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.pinocchio import holding_effort
@@ -187,7 +187,7 @@ class Receding(ShortRepr):
 
     def memory(self, lanes: int) -> np.ndarray:
         """Memory of a group of so many cranes before a run, shape (doubles,)."""
-        parts = Parts.of(self.programme, lanes)
+        parts = MemoryOffsets.of(self.programme, lanes)
         found = np.zeros(parts.size)
         found[parts.work :] = self.table
         self._of_lanes(found, lanes, "read")[:] = self._row("start")[:, None]
@@ -201,7 +201,7 @@ class Receding(ShortRepr):
 
     def _of_lanes(self, memory: np.ndarray, lanes: int, name: str) -> np.ndarray:
         """What the lanes of a memory remember of something, shape (numbers, lanes)."""
-        parts, slots = self.programme.parts(lanes), remembered(self.programme.topology.layout)
+        parts, slots = self.programme.parts(lanes), lane_memory(self.programme.topology.layout)
         return memory[parts.lanes : parts.plans].reshape(-1, lanes)[slots[name]]
 
     def refusals(self, memory: np.ndarray, lanes: int) -> np.ndarray:
@@ -302,7 +302,7 @@ def _made(programme: Programme) -> _Made:
     module = ir.Module()
     known = emit_plan(module, programme)
     emit_instant(module, programme)
-    return _Made(translated(module), known)
+    return _Made(translate(module), known)
 
 
 def receding(
@@ -501,7 +501,7 @@ def _frequencies(plant: Plant, q: np.ndarray) -> np.ndarray:
     """Natural frequencies of what hangs free while the drives stand [rad/s], shape (n - m,)."""
     layout = plant.topology.layout
     still = np.zeros(layout.n)
-    slopes = model.linear(plant, q, still, np.zeros(layout.m)).rates[layout.passive]
+    slopes = model.crane_derivatives(plant, q, still, np.zeros(layout.m)).rates[layout.passive]
     stiffness = -slopes[:, layout.passive].astype(float)
     return np.sqrt(np.clip(np.linalg.eigvals(stiffness).real, 0.0, None))
 

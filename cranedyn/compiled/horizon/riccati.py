@@ -16,8 +16,8 @@ from llvmlite import ir
 
 from cranedyn.compiled.code import Code, Value
 from cranedyn.compiled.horizon.memory import (
-    Rows,
-    Shape,
+    HorizonShape,
+    MemoryRows,
     Work,
     constant,
     element,
@@ -28,7 +28,7 @@ from cranedyn.compiled.horizon.memory import (
 )
 
 
-def emit(module: ir.Module, shape: Shape) -> None:
+def emit(module: ir.Module, shape: HorizonShape) -> None:
     """Add the functions `end`, `factor` and `sweep`, which work on the memory of an optimisation.
 
     end: the cost-to-go beyond the horizon, as that of a horizon as long again on which the last
@@ -69,7 +69,7 @@ def _emit_factor(work: Work) -> None:
     code.end()
 
 
-def _eliminate(work: Work, here: Rows, *, bounded: bool, kept: Rows | None) -> None:
+def _eliminate(work: Work, here: MemoryRows, *, bounded: bool, kept: MemoryRows | None) -> None:
     """Turn the cost-to-go of the state after a stage into that of the state before it."""
     code, shape, common = work.code, work.shape, work.common
     z, w, m = shape.states, shape.both, shape.inputs
