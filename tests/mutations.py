@@ -349,15 +349,15 @@ MUTATIONS = (
     Mutation(
         "a planned hoist may let go of the load",
         "cranedyn/compiled/horizon/control.py",
-        "told[hoist] = code.chosen(over > 0.0, less, told[hoist])",
-        "told[hoist] = told[hoist]",
+        "acceleration[hoist] = code.chosen(over > 0.0, reduced, acceleration[hoist])",
+        "acceleration[hoist] = acceleration[hoist]",
         "horizon::it_never_commands_a_slack_rope_however_fast_the_hoist_may_be[motion]",
     ),
     Mutation(
         "what disturbs a drive is not taken off",
         "cranedyn/compiled/horizon/control.py",
-        "crane.answer(q, v, told - estimate, None)",
-        "crane.answer(q, v, told, None)",
+        "crane.answer(q, v, acceleration - estimate, None)",
+        "crane.answer(q, v, acceleration, None)",
         "horizon::a_load_of_another_mass_ends_where_it_shall_since_what_disturbs_is_estimated",
     ),
     Mutation(
@@ -433,8 +433,8 @@ MUTATIONS = (
     Mutation(
         "a compiled integrator grows beyond the limit of its drive",
         "cranedyn/compiled/kernel.py",
-        "integrals[i] = code.chosen(free, on, integrals[i])",
-        "integrals[i] = on",
+        "integrals[i] = code.chosen(free, integrated, integrals[i])",
+        "integrals[i] = integrated",
         "compiled::what_an_integrator_remembers_is_what_the_plain_loop_leaves_it",
     ),
     Mutation(
@@ -468,8 +468,8 @@ MUTATIONS = (
     Mutation(
         "cranes of a batch have each other's numbers",
         "cranedyn/compiled/batch.py",
-        "grouped([varied[which]], lanes)",
-        "grouped([varied[which[::-1]]], lanes)",
+        "grouped([varied[crane_index]], lanes)",
+        "grouped([varied[crane_index[::-1]]], lanes)",
         "batch::each_crane_of_a_batch_does_what_it_does_alone",
     ),
     Mutation(

@@ -21,14 +21,14 @@ class Series(NamedTuple):
     """How a small turn takes sine and cosine along.
 
     Attributes:
-        most: Up to this the series end below the precision of a double [rad].
+        limit: Up to this the series end below the precision of a double [rad].
         sine: Of its sine, sin h = h + h³ (…), in powers of h².
-        less: Of what its cosine lacks, 1 - cos h = h² (…), likewise.
+        versine_series: Of what its cosine lacks, 1 - cos h = h² (…), likewise.
     """
 
-    most: float
+    limit: float
     sine: tuple[float, ...]
-    less: tuple[float, ...]
+    versine_series: tuple[float, ...]
 
 
 SHORTER = Series(1.0 / 640.0, (-1.0 / 6.0,), (0.5, -1.0 / 24.0))
@@ -89,12 +89,12 @@ def _both(code: Instructions, angle: Value) -> tuple[Value, Value]:
     with code.builder.if_else(small, likely=True) as (then, otherwise):
         with then:
             plain = _of_eighth_turn(code, angle)
-            here = code.builder.block
+            small_block = code.builder.block
         with otherwise:
             turned = _of_any_angle(code, angle)
-            there = code.builder.block
+            reduced_block = code.builder.block
     sine, cosine = (
-        code.joined(one, here, other, there) for one, other in zip(plain, turned, strict=True)
+        code.joined(a, small_block, b, reduced_block) for a, b in zip(plain, turned, strict=True)
     )
     return sine, cosine
 
@@ -102,26 +102,26 @@ def _both(code: Instructions, angle: Value) -> tuple[Value, Value]:
 class Turn(NamedTuple):
     """An angle that went on: sine and cosine before, by how much [rad], and where it is now."""
 
-    known: tuple[Value, Value]
-    by: Value
+    sine_cosine: tuple[Value, Value]
+    increment: Value
     angle: Value
 
     def turned(self, series: Series) -> tuple[Value, Value]:
         """Sine and cosine from those before; each time adds a rounding or two."""
-        (sine, cosine), by, code = self.known, self.by, self.by.code
-        square = by * by
-        rise = code.fused(by * square, _polynomial(code, square, series.sine), by)
-        less = square * _polynomial(code, square, series.less)
+        (sine, cosine), increment, code = self.sine_cosine, self.increment, self.increment.code
+        square = increment * increment
+        rise = code.fused(increment * square, _polynomial(code, square, series.sine), increment)
+        versine = square * _polynomial(code, square, series.versine_series)
         return (
-            code.fused(cosine, rise, code.fused(-sine, less, sine)),
-            code.fused(-sine, rise, code.fused(-cosine, less, cosine)),
+            code.fused(cosine, rise, code.fused(-sine, versine, sine)),
+            code.fused(-sine, rise, code.fused(-cosine, versine, cosine)),
         )
 
     def mended(self, quick: tuple[Value, Value]) -> tuple[Value, Value]:
         """Sine and cosine for lanes that went on by more than is good for the shorter series, by
         the longer one or anew; no lane feels another.
         """
-        short, code = self.by * self.by < SHORTER.most**2, self.by.code
+        short, code = self.increment * self.increment < SHORTER.limit**2, self.increment.code
         return _or_anew(self, _chosen(code, short, quick, self.turned(LONGER)))
 
 
@@ -129,9 +129,9 @@ def all_little(code: Instructions, turns: Sequence[Turn], series: Series) -> ir.
     """Whether no angle went on by more than is good for a series, in any lane."""
     if not turns:
         return ir.Constant(ir.IntType(1), True)
-    squares = [turn.by * turn.by for turn in turns]
+    squares = [turn.increment * turn.increment for turn in turns]
     largest = reduce(lambda a, b: code.chosen(a > b, a, b), squares)
-    return code.everywhere(largest < series.most**2)
+    return code.everywhere(largest < series.limit**2)
 
 
 def turned_or_anew(turn: Turn) -> tuple[Value, Value]:
@@ -141,15 +141,15 @@ def turned_or_anew(turn: Turn) -> tuple[Value, Value]:
 
 def _or_anew(turn: Turn, fast: tuple[Value, Value]) -> tuple[Value, Value]:
     """A pair for lanes in which the longer series is good; in the others it is computed anew."""
-    code = turn.by.code
+    code = turn.increment.code
     small = all_little(code, [turn], LONGER)
-    here = code.builder.block
+    fast_block = code.builder.block
     with code.builder.if_then(code.builder.not_(small), likely=False):
-        little = turn.by * turn.by < LONGER.most**2
+        little = turn.increment * turn.increment < LONGER.limit**2
         slow = _chosen(code, little, fast, sine_and_cosine(code, turn.angle))
-        there = code.builder.block
+        slow_block = code.builder.block
     sine, cosine = (
-        code.joined(one, here, other, there) for one, other in zip(fast, slow, strict=True)
+        code.joined(a, fast_block, b, slow_block) for a, b in zip(fast, slow, strict=True)
     )
     return sine, cosine
 
@@ -168,10 +168,10 @@ def _of_eighth_turn(code: Instructions, angle: Value) -> tuple[Value, Value]:
 
 def _of_any_angle(code: Instructions, angle: Value) -> tuple[Value, Value]:
     quarters = code.call("llvm.rint", angle * (2.0 / np.pi))
-    rest = angle
-    for part in _HALF_PI:
-        rest = code.fused(-quarters, code.value(part), rest)
-    sine, cosine = _of_eighth_turn(code, rest)
+    reduced = angle
+    for term in _HALF_PI:
+        reduced = code.fused(-quarters, code.value(term), reduced)
+    sine, cosine = _of_eighth_turn(code, reduced)
     quarter = quarters - code.call("llvm.floor", quarters * 0.25) * 4.0
     half = code.call("llvm.floor", quarter * 0.5)
     odd, sign = quarter - half * 2.0 > 0.5, 1.0 - half * 2.0

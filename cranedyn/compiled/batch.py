@@ -76,8 +76,10 @@ class Batch:
 
     def __repr__(self) -> str:
         """Return how many cranes and rows there are, and where the model ceased to hold."""
-        left = int(np.isfinite(self.valid_until).sum())
-        return f"Batch of {len(self)} cranes, {len(self.t)} rows each, {left} not valid throughout"
+        invalid = int(np.isfinite(self.valid_until).sum())
+        return (
+            f"Batch of {len(self)} cranes, {len(self.t)} rows each, {invalid} not valid throughout"
+        )
 
     def __len__(self) -> int:
         """Number of cranes."""
@@ -163,7 +165,7 @@ def simulate_batch(
     check_rule(integrator)
     number("time at the start", t_start, "s", "-1e9 to 1e9")
     after = _instant(residual_from, t_start, clock)
-    every = min(whole("record", record, 0), clock.periods + 1)
+    interval = min(whole("record", record, 0), clock.periods + 1)
     workers = (
         None
         if threads is None
@@ -173,22 +175,22 @@ def simulate_batch(
     cranes = inputs.crane_count(
         crane=crane, controller=controller, reference=reference, start=start, converter=converters
     )
-    rows = clock.periods // every + 1 if every else 0
-    which, distinct = inputs.distinct_objects(crane, cranes)
+    rows = clock.periods // interval + 1 if interval else 0
+    crane_index, distinct = inputs.distinct_objects(crane, cranes)
     layout = inputs.common_layout(distinct)
     response, delay_steps = inputs.converter_response(distinct[0], drive, converters, clock)
     sizes = BufferLayout.of(layout, delay_steps)
-    delays, remembered = inputs.sensor_delays(sensor_delay, cranes)
-    taken = inputs.required_numbers(sizes, cranes, rows, clock.periods, remembered * sizes.z)
+    delays, reading_count = inputs.sensor_delays(sensor_delay, cranes)
+    used = inputs.required_numbers(sizes, cranes, rows, clock.periods, reading_count * sizes.z)
     state = inputs.start_states(start, cranes, sizes.n)
     times = t_start + control_period * np.arange(clock.periods + 1)
     forces, offsets = (
         inputs.force_table(force, cranes, sizes),
         inputs.offset_tables(sensor_offset, cranes, sizes),
     )
-    taken += sum(table.rows.size for table in (forces, *offsets))
+    used += sum(table.rows.size for table in (forces, *offsets))
     control = inputs.control_tables(
-        distinct[0], controller, reference, state, read_only(times), taken
+        distinct[0], controller, reference, state, read_only(times), used
     )
     if control.planned is not None and device == "cuda":
         raise OutOfRange("device", device, "cpu where the controller is a predictive one")
@@ -201,19 +203,22 @@ def simulate_batch(
         offset=len(offsets) > 0,
         forces=force is not None,
         shared=tuple(
-            one.shared for one in (control.gain_table, control.setpoint_table, forces, *offsets)
+            rows_of.shared
+            for rows_of in (control.gain_table, control.setpoint_table, forces, *offsets)
         ),
         log=rows > 0,
         summary=True,
         delay_steps=delay_steps,
         programme=None if control.planned is None else control.planned.programme,
-        delayed=remembered > 0,
+        delayed=reading_count > 0,
         threads=device == "cuda",
     )
     if response is not None and len(response) > 1:  # numbers of their own: of crane and converter
-        distinct, which, response = inputs.pair_with_converters(distinct, which, response)
+        distinct, crane_index, response = inputs.pair_with_converters(
+            distinct, crane_index, response
+        )
     code, varied = compile_kernel(distinct, recipe, response)
-    inputs.check_fits_memory("number of cranes", str(cranes), taken + 2 * cranes * code.varied)
+    inputs.check_fits_memory("number of cranes", str(cranes), used + 2 * cranes * code.varied)
     tables = (control.gain_table, control.setpoint_table, forces, *offsets)
     memory = {
         "state": grouped(
@@ -226,7 +231,7 @@ def simulate_batch(
             ],
             lanes,
         ),
-        "numbers": grouped([varied[which]], lanes),
+        "numbers": grouped([varied[crane_index]], lanes),
         "summary": grouped(
             [
                 np.broadcast_to(
@@ -237,12 +242,12 @@ def simulate_batch(
         ),
     }
     memory["log"] = np.empty((len(memory["state"]), rows * size(sizes.row), lanes))
-    if remembered:
+    if reading_count:
         memory["delay"] = grouped([delays[:, None]], lanes, np.int64)
-        memory["readings"] = np.zeros((len(memory["state"]), remembered * sizes.z, lanes))
+        memory["readings"] = np.zeros((len(memory["state"]), reading_count * sizes.z, lanes))
     if control.planned is not None:
         memory["horizon"] = _horizon(
-            control.planned, drive, t_start, clock, len(memory["state"]), taken
+            control.planned, drive, t_start, clock, len(memory["state"]), used
         )
     if not all(recipe.shared):
         memory["starts"] = grouped([table.starts[:, None] for table in tables], lanes, np.int64)
@@ -252,9 +257,9 @@ def simulate_batch(
         tables,
         last=clock.periods + 1,
         end=clock.periods,
-        every=max(every, 1),
-        after=after,
-        remembered=remembered,
+        log_interval=max(interval, 1),
+        residual_from=after,
+        reading_count=reading_count,
         **memory,
     )
     if device == "cuda":
@@ -262,19 +267,19 @@ def simulate_batch(
     else:
         run(loop, workers)
     state_at, row_at, kept_at = slices(sizes.state), slices(sizes.row), slices(sizes.summary)
-    end, kept = (
+    end, summary = (
         ungrouped(memory["state"][:, : sizes.z], cranes),
         ungrouped(memory["summary"], cranes),
     )
     log = ungrouped(memory["log"], cranes).reshape(cranes, rows, size(sizes.row))
-    first_invalid = kept[:, kept_at["invalid"]][:, 0]
+    first_invalid = summary[:, kept_at["invalid"]][:, 0]
     return Batch(
         end=State(end[:, state_at["q"]], end[:, state_at["v"]]),
-        peak_swing=np.sqrt(kept[:, kept_at["peak"]][:, 0]),
-        residual_swing=np.sqrt(kept[:, kept_at["residual"]][:, 0]),
-        largest_effort=kept[:, kept_at["effort"]],
+        peak_swing=np.sqrt(summary[:, kept_at["peak"]][:, 0]),
+        residual_swing=np.sqrt(summary[:, kept_at["residual"]][:, 0]),
+        largest_effort=summary[:, kept_at["effort"]],
         valid_until=t_start + control_period * first_invalid,
-        t=times[:: max(every, 1)][:rows],
+        t=times[:: max(interval, 1)][:rows],
         **{name: log[:, :, row_at[name]] for name in ("q", "v", "command", "effort", "before")},
         energy=log[:, :, row_at["energy"]][:, :, 0],
         **_marks(control.planned, memory, cranes),
@@ -282,7 +287,7 @@ def simulate_batch(
 
 
 def _horizon(
-    planned: Receding, drive: Drive, t_start: float, clock: Clocks, groups: int, taken: int
+    planned: Receding, drive: Drive, t_start: float, clock: Clocks, groups: int, used: int
 ) -> np.ndarray:
     """Memory of a predictive controller for groups of lanes, shape (groups, doubles), besides
     numbers that are taken.
@@ -293,9 +298,9 @@ def _horizon(
     if planned.programme.drive != drive:
         raise OutOfRange("drive", drive, f"the controller's, {planned.programme.drive}")
     planned.begin_run(t_start, clock.period)
-    one = planned.fresh(t_start, _LANES)
-    inputs.check_fits_memory("number of cranes", f"{groups * _LANES}", taken + groups * one.size)
-    return np.tile(one, (groups, 1))
+    memory = planned.fresh(t_start, _LANES)
+    inputs.check_fits_memory("number of cranes", f"{groups * _LANES}", used + groups * memory.size)
+    return np.tile(memory, (groups, 1))
 
 
 def _marks(
@@ -304,10 +309,16 @@ def _marks(
     """How many optimisations failed, and how many readings were refused, by crane."""
     if planned is None:
         return dict.fromkeys(("failures", "refusals"), np.zeros(cranes, dtype=int))
-    marks = [found for one in memory["horizon"] for found in planned.marked(one, _LANES)]
-    refusals = [planned.refusals(one, _LANES) for one in memory["horizon"]]
+    marks = [
+        marks_of_lane
+        for group in memory["horizon"]
+        for marks_of_lane in planned.marked(group, _LANES)
+    ]
+    refusals = [planned.refusals(group, _LANES) for group in memory["horizon"]]
     return {
-        "failures": np.array([found.failures for found in marks[:cranes]], dtype=int),
+        "failures": np.array(
+            [marks_of_lane.failures for marks_of_lane in marks[:cranes]], dtype=int
+        ),
         "refusals": np.concatenate(refusals)[:cranes],
     }
 

@@ -62,11 +62,11 @@ def _address(
         or array.shape != shape
         or not (flags.c_contiguous and flags.aligned and (flags.writeable or not written))
     ):
-        given = (
+        description = (
             f"an array of {array.dtype.name} of shape "
             f"{array.shape}{'' if flags.c_contiguous else ', not contiguous'}"
         )
-        raise Misshapen(name, given, allowed)
+        raise Misshapen(name, description, allowed)
     return array.ctypes.data
 
 
@@ -85,15 +85,15 @@ def _known(name: str, array: np.ndarray, *, infinite: bool = False) -> None:
 class RowFunction:
     """Code that answers rows of numbers, each by itself."""
 
-    def __init__(self, machine: Machine, name: str, given: int, answered: int) -> None:
+    def __init__(self, machine: Machine, name: str, width_in: int, width_out: int) -> None:
         """Take a function of a module by its name, and how many numbers it reads and writes for
         each row.
         """
         self._machine, self._run, self._given, self._answered = (
             machine,
             machine.function(name, 3),
-            given,
-            answered,
+            width_in,
+            width_out,
         )
 
     def __call__(self, rows: np.ndarray) -> np.ndarray:
@@ -104,33 +104,33 @@ class RowFunction:
         """
         answers, count = np.empty((len(rows), self._answered)), np.empty(1, dtype=np.int64)
         for first in range(0, len(rows), _PIECE):
-            part, out = (array[first : first + _PIECE] for array in (rows, answers))
-            count[0] = len(part)
+            row_chunk, answer_chunk = (array[first : first + _PIECE] for array in (rows, answers))
+            count[0] = len(row_chunk)
             self._run(
-                _address("rows", part, (len(part), self._given)),
+                _address("rows", row_chunk, (len(row_chunk), self._given)),
                 count.ctypes.data,
-                _address("answers", out, (len(part), self._answered)),
+                _address("answers", answer_chunk, (len(row_chunk), self._answered)),
             )
         return answers
 
 
-def kernel_accelerations(code: Kernel, given: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+def kernel_accelerations(code: Kernel, query: np.ndarray, numbers: np.ndarray) -> np.ndarray:
     """What the code of a crane answers at one state in each lane, shape (n, lanes).
 
     Args:
         code: The code.
-        given: q, v, command and force, see `BufferLayout.query`, shape (numbers, lanes).
+        query: q, v, command and force, see `BufferLayout.query`, shape (numbers, lanes).
         numbers: The varied numbers, shape (varied, lanes).
     """
     lanes = code.recipe.lanes
-    found = np.empty((code.sizes.n, lanes))
+    result = np.empty((code.sizes.n, lanes))
     run = code.machine.function("answer", 3)
     run(
-        _address("given", given, (size(code.sizes.query), lanes)),
+        _address("given", query, (size(code.sizes.query), lanes)),
         _address("numbers", numbers, (code.varied, lanes)),
-        found.ctypes.data,
+        result.ctypes.data,
     )
-    return found
+    return result
 
 
 class Instant:
@@ -185,9 +185,9 @@ class Loop:
         *,
         last: int,
         end: int,
-        every: int = 1,
-        after: int = 0,
-        remembered: int = 0,
+        log_interval: int = 1,
+        residual_from: int = 0,
+        reading_count: int = 0,
         **memory: np.ndarray,
     ) -> None:
         """Look at everything and take the addresses.
@@ -199,9 +199,9 @@ class Loop:
                 far as the code has them.
             last: Control instants to go through, from 0 up to, but without, this one.
             end: The instant that is not followed by steps.
-            every: Control instants for a row of the log.
-            after: Instant from which a swing is residual.
-            remembered: Readings that late sensors keep.
+            log_interval: Control instants for a row of the log.
+            residual_from: Instant from which a swing is residual.
+            reading_count: Readings that late sensors keep.
             memory: What belongs to each group, the group first: state, numbers, starts of the
                 tables, delay and readings of sensors, summary, log, as far as the code has them.
 
@@ -228,19 +228,19 @@ class Loop:
         counts = {
             "end": end,
             "substeps": substeps,
-            "every": whole("every", every, 1),
-            "after": whole("after", after, 0),
-            "remembered": whole("remembered", remembered, int(recipe.delayed)),
+            "log_interval": whole("log_interval", log_interval, 1),
+            "residual_from": whole("residual_from", residual_from, 0),
+            "reading_count": whole("reading_count", reading_count, int(recipe.delayed)),
         }
         for name, count in counts.items():
             self._call[SLOTS[name]] = count
         for name, time in (("dt", clock.dt), ("period", clock.period)):
             self._call.view(np.float64)[SLOTS[name]] = number(name, time, "s", "> 0")
-        rows = (self._last - 1) // every + 1
+        rows = (self._last - 1) // log_interval + 1
         widths = {
             "state": size(sizes.state),
             "numbers": code.varied,
-            "readings": remembered * sizes.z * recipe.delayed,
+            "readings": reading_count * sizes.z * recipe.delayed,
             "summary": size(sizes.summary) * recipe.summary,
             "log": rows * size(sizes.row) * recipe.log,
         }
@@ -257,8 +257,8 @@ class Loop:
         if recipe.delayed:
             self._bind("delay", memory["delay"], (self._groups, 1, lanes), np.int64)
             first, final = int(memory["delay"].min()), int(memory["delay"].max())
-            if first < 0 or final >= remembered:
-                allowed = f"0 to {remembered - 1}"
+            if first < 0 or final >= reading_count:
+                allowed = f"0 to {reading_count - 1}"
                 raise OutOfRange("delay", f"{first} to {final}", allowed, "control periods")
         if recipe.programme is not None:
             self._bind(
@@ -276,9 +276,11 @@ class Loop:
             "force": sizes.force,
             "offset": sizes.offset,
         }
-        known = zip(columns.items(), tables, recipe.shared, strict=False)
-        for i, ((name, parts), table, shared) in enumerate(known):
-            self._bind_table(name, table, size(parts), None if shared else memory["starts"][:, i])
+        bound_tables = zip(columns.items(), tables, recipe.shared, strict=False)
+        for i, ((name, sections), table, shared) in enumerate(bound_tables):
+            self._bind_table(
+                name, table, size(sections), None if shared else memory["starts"][:, i]
+            )
 
     def _bind(
         self,
@@ -349,7 +351,7 @@ class Loop:
                 self._run(address)
 
     def device_calls(
-        self, placed: Callable[[np.ndarray, bool], int], strides: Sequence[str], most: int
+        self, placed: Callable[[np.ndarray, bool], int], strides: Sequence[str], max_steps: int
     ) -> Iterator[np.ndarray]:
         """The calls, one for each piece of the run, by which all groups run on a device that has
         memory of its own.
@@ -359,7 +361,7 @@ class Loop:
                 the code writes to it.
             strides: Whose strides, from group to group, stand behind the slots of each call
                 [numbers].
-            most: Steps of all cranes together in a piece, or those of one control instant.
+            max_steps: Steps of all cranes together in a piece, or those of one control instant.
         """
         call = np.concatenate([self._call, np.zeros(len(strides), dtype=np.int64)])
         for name, (array, stride, written) in self._arrays.items():
@@ -368,7 +370,7 @@ class Loop:
                 call[len(SLOTS) + strides.index(name)] = stride // array.itemsize
         names = [SLOTS[name] for name in ("first", "last", "steps", "resumed")]
         cranes = self._groups * self._kept[0].recipe.lanes
-        for piece in self._pieces(min(_PIECE, max(1, most // cranes))):
+        for piece in self._pieces(min(_PIECE, max(1, max_steps // cranes))):
             call[names] = piece
             yield call
 
@@ -398,7 +400,7 @@ class Loop:
             raise OutOfRange(
                 "steps in a control period", self._steps, f"{_PIECE // self._weight} or less"
             )
-        run, most = (
+        run, groups_per_call = (
             self._kept[0].machine.function("several", 2),
             _PIECE // (self._steps * self._weight),
         )
@@ -411,9 +413,12 @@ class Loop:
         def over(first: int, last: int) -> None:
             if not 0 <= first <= last <= self._groups:
                 raise OutOfRange("groups", f"{first} to {last}", f"0 to {self._groups}")
-            for begin in range(first, last, most):
-                part, count = calls[begin : min(begin + most, last)], np.empty(1, dtype=np.int64)
-                count[0] = len(part)
-                run(part.ctypes.data, count.ctypes.data)
+            for begin in range(first, last, groups_per_call):
+                chunk, count = (
+                    calls[begin : min(begin + groups_per_call, last)],
+                    np.empty(1, dtype=np.int64),
+                )
+                count[0] = len(chunk)
+                run(chunk.ctypes.data, count.ctypes.data)
 
         return over

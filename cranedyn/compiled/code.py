@@ -30,9 +30,9 @@ class Code(Instructions):
         name: str,
         arguments: Sequence[str],
         lanes: int,
-        apart: int | None = None,
+        stride: int | None = None,
     ) -> None:
-        super().__init__(module, name, arguments, lanes, apart)
+        super().__init__(module, name, arguments, lanes, stride)
         self._know_nothing()
 
     def _know_nothing(self) -> None:
@@ -58,8 +58,8 @@ class Code(Instructions):
     def turn(self, angle: Value) -> Turn | None:
         """Return the turn to an angle from one of known sine and cosine; None if there is none."""
         before, by = self._turns.get(angle.register, (angle, angle))
-        known = self._angles.get(before.register)
-        return None if known is None else Turn(known, by, angle)
+        sine_cosine = self._angles.get(before.register)
+        return None if sine_cosine is None else Turn(sine_cosine, by, angle)
 
     def asked(self, angle: Value) -> bool:
         """Return whether sine or cosine of an angle were needed."""
@@ -111,7 +111,7 @@ class Code(Instructions):
             call are gone through where something is, and after the last number.
         """
         block, build = self.function.append_basic_block, self.builder
-        head, body, rest, after = (block(name) for name in ("head", "body", "rest", "after"))
+        head, body, rare, after = (block(name) for name in ("head", "body", "rest", "after"))
         before = build.block
         build.branch(head)
         build.position_at_end(head)
@@ -123,10 +123,10 @@ class Code(Instructions):
         self._forget()
 
         def end(nothing: ir.Value) -> None:
-            on = build.and_(nothing, build.icmp_signed("<", next_one, last))
+            again = build.and_(nothing, build.icmp_signed("<", next_one, last))
             number.add_incoming(next_one, build.block)
-            build.cbranch(on, body, rest)
-            build.position_at_end(rest)
+            build.cbranch(again, body, rare)
+            build.position_at_end(rare)
 
         yield end
         begin.add_incoming(first, before)

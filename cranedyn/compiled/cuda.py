@@ -48,7 +48,7 @@ def run(
     loop: Loop,
     code: Kernel,
     cranes: Sequence[Crane] | Cranes,
-    own: np.ndarray,
+    varied: np.ndarray,
     converters: np.ndarray | None = None,
 ) -> None:
     """Run a loop over all its groups of lanes on the first GPU.
@@ -57,7 +57,7 @@ def run(
         loop: The loop, of threads.
         code: Its code.
         cranes: Different cranes that it was made for.
-        own: The numbers in which these differ, shape (n, m).
+        varied: The numbers in which these differ, shape (n, m).
         converters: Of their drives, see `cranedyn.compiled.verify.compile_kernel`.
 
     Raises:
@@ -67,7 +67,7 @@ def run(
     with _context():
         with _LOADING:
             module = _module(code.topology, code.constants, code.recipe)
-            verify_cranes(cranes, code, own, module.agreed, converters, module.accelerations)
+            verify_cranes(cranes, code, varied, module.agreed, converters, module.accelerations)
         threads = len(loop) * WARP
         with _Memory() as memory:
             for call in loop.device_calls(memory.placed, MOVING, _PIECE):
@@ -107,10 +107,10 @@ def _call(name: str, *arguments: Any) -> Any:
         CraneError: If it could not do it.
     """
     driver = _driver()
-    outcome, *answer = getattr(driver, name)(*arguments)
+    outcome, *values = getattr(driver, name)(*arguments)
     if outcome != driver.CUresult.CUDA_SUCCESS:
         raise CraneError(f"The GPU refused {name}: {outcome.name}.")
-    return answer[0] if answer else None
+    return values[0] if values else None
 
 
 @contextmanager
@@ -138,21 +138,21 @@ class _Memory:
         return self
 
     def __exit__(self, *error: object) -> None:
-        for place, *_ in self._kept:
-            _call("cuMemFree", place)
+        for address, *_ in self._kept:
+            _call("cuMemFree", address)
 
     def placed(self, array: np.ndarray, written: bool) -> int:
         """Copy a contiguous array there, and answer its address; see `Loop.device_calls`."""
-        place = _call("cuMemAlloc", max(array.nbytes, 1))
-        self._kept.append((place, array, written))
-        _call("cuMemcpyHtoD", place, array, array.nbytes)
-        return int(place)
+        address = _call("cuMemAlloc", max(array.nbytes, 1))
+        self._kept.append((address, array, written))
+        _call("cuMemcpyHtoD", address, array, array.nbytes)
+        return int(address)
 
     def bring_back(self) -> None:
         """Copy what was written to back into the arrays."""
-        for place, array, written in self._kept:
+        for address, array, written in self._kept:
             if written:
-                _call("cuMemcpyDtoH", array, place, array.nbytes)
+                _call("cuMemcpyDtoH", array, address, array.nbytes)
 
 
 class _Module:
@@ -172,21 +172,21 @@ class _Module:
 
     def start(self, name: str, arguments: np.ndarray, threads: int) -> None:
         """Run a kernel with arguments of eight bytes each, to its end."""
-        given = tuple(arguments.tolist()), (ctypes.c_int64,) * len(arguments)
+        parameters = tuple(arguments.tolist()), (ctypes.c_int64,) * len(arguments)
         blocks, block = -(-threads // _BLOCK), min(threads, _BLOCK)
         function = self._functions[name]
-        _call("cuLaunchKernel", function, blocks, 1, 1, block, 1, 1, 0, 0, given, 0)
+        _call("cuLaunchKernel", function, blocks, 1, 1, block, 1, 1, 0, 0, parameters, 0)
         _call("cuCtxSynchronize")
 
-    def accelerations(self, code: Kernel, given: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    def accelerations(self, code: Kernel, query: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         """As `cranedyn.compiled.binding.accelerations`, on the GPU."""
-        found = np.empty((code.sizes.n, WARP))
-        assert given.shape == (size(code.sizes.query), WARP) and len(numbers) == code.varied
+        result = np.empty((code.sizes.n, WARP))
+        assert query.shape == (size(code.sizes.query), WARP) and len(numbers) == code.varied
         with _Memory() as memory:
-            places = [memory.placed(given, False), memory.placed(numbers, False)]
-            self.start("answer", np.array([*places, memory.placed(found, True)]), WARP)
+            addresses = [memory.placed(query, False), memory.placed(numbers, False)]
+            self.start("answer", np.array([*addresses, memory.placed(result, True)]), WARP)
             memory.bring_back()
-        return found
+        return result
 
 
 @lru_cache(maxsize=256)

@@ -116,10 +116,10 @@ class CompiledEngine(Engine):
     def _code(self, *, integral: bool, log: bool) -> Kernel:
         """Code, made and checked at the first need."""
         planned = self._planned if log else None
-        which = integral, log, None if planned is None else planned.programme
-        if which not in self._codes:
-            self._codes[which] = self._made(*which)
-        return self._codes[which]
+        key = integral, log, None if planned is None else planned.programme
+        if key not in self._codes:
+            self._codes[key] = self._made(*key)
+        return self._codes[key]
 
     def _made(self, integral: bool, log: bool, programme: Programme | None) -> Kernel:
         recipe = Recipe(
@@ -136,8 +136,8 @@ class CompiledEngine(Engine):
             delay_steps=self._setting.delay_steps,
             programme=programme,
         )
-        made = self._setting.converters
-        numbers = None if made is None else np.concatenate(made.response)
+        converters = self._setting.converters
+        numbers = None if converters is None else np.concatenate(converters.response)
         return compile_kernel([self._setting.crane], recipe, numbers)[0]
 
     def _loop(
@@ -151,7 +151,7 @@ class CompiledEngine(Engine):
     ) -> Loop:
         """Code bound to the memory of this crane."""
         tables = gain_table, setpoint_table, single_table(self._force)
-        memory = {name: part.reshape(1, -1, 1) for name, part in memory.items()}
+        memory = {name: array.reshape(1, -1, 1) for name, array in memory.items()}
         return Loop(
             code,
             self._setting.clocks,
@@ -207,10 +207,10 @@ class CompiledEngine(Engine):
         return self._arrived()
 
     def _arrived(self) -> State:
-        here = np.frombuffer(self._here.tobytes())  # a copy that cannot be written to
+        z = np.frombuffer(self._here.tobytes())  # a copy that cannot be written to
         n = self._sizes.n
         # what State(q, v) makes, in half the time
-        self.state = tuple.__new__(State, (here[:n], here[n:]))
+        self.state = tuple.__new__(State, (z[:n], z[n:]))
         return self.state
 
     def run_ahead(
@@ -288,14 +288,14 @@ class CompiledEngine(Engine):
         self._memory[self._at["integral"]] = common.integral
         block.invalid[:] = np.inf
         block.run()
-        found = {name: block.rows[:, where] for name, where in slices(self._sizes.row).items()}
-        known = (
+        rows = {name: block.rows[:, columns] for name, columns in slices(self._sizes.row).items()}
+        finite = (
             np.isfinite(block.rows).all()
             and np.isfinite(common.integral).all()
             and not np.isnan(common.limit).any()
         )
-        if known and (np.square(found["v"]).sum(axis=1) < DIVERGED**2).all():
-            return found, bool(np.isinf(block.invalid[0]))
+        if finite and (np.square(rows["v"]).sum(axis=1) < DIVERGED**2).all():
+            return rows, bool(np.isinf(block.invalid[0]))
         self._memory[:] = before
         if self._horizon is not None:
             self._horizon[:] = planned

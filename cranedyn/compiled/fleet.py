@@ -42,7 +42,7 @@ class Fleet:
         layout: Of all of them.
         z: Coordinates and rates, one column a crane, shape (2 joints, n). To look at; the next step
             writes into it.
-        parts: Columns that a thread goes through at once.
+        chunks: Columns that a thread goes through at once.
     """
 
     z: np.ndarray
@@ -121,14 +121,14 @@ class Fleet:
         ends = np.minimum(
             _LANES * np.linspace(0, groups, count_of_parts + 1).astype(int), self.count
         ).tolist()
-        self.parts = [slice(first, last) for first, last in pairwise(ends)]
+        self.chunks = [slice(first, last) for first, last in pairwise(ends)]
         self._others = min(workers, count_of_parts) - 1
         self._z = np.empty((sizes.z, groups, _LANES))
         self._bind(code)
         self._limit = np.full((sizes.m, self.count), np.inf)
-        here = self.cranes[0].start
+        start = self.cranes[0].start
         self._put(
-            np.arange(groups * _LANES), State(here.q[None], here.v[None]), np.zeros(1, dtype=int)
+            np.arange(groups * _LANES), State(start.q[None], start.v[None]), np.zeros(1, dtype=int)
         )
 
     def _bind(self, code: Kernel) -> None:
@@ -163,12 +163,12 @@ class Fleet:
         self._bind(compile_kernel(self.cranes, self._recipe)[0])
 
     def place(
-        self, which: np.ndarray, start: State | Sequence[State], crane: np.ndarray | None = None
+        self, indices: np.ndarray, start: State | Sequence[State], crane: np.ndarray | None = None
     ) -> None:
         """Put some cranes elsewhere.
 
         Args:
-            which: Which of the n, whole numbers, shape (k,).
+            indices: Which of the n, whole numbers, shape (k,).
             start: Where they are from now on: one state for all, k states, or one with k rows.
             crane: Which of the cranes to choose from each of them is, whole numbers, shape (k,);
                 None for the first.
@@ -176,7 +176,7 @@ class Fleet:
         Raises:
             OutOfRange: If a number is not finite, or an index not one of those there are.
         """
-        rows = _indices("which crane", which, self.count)
+        rows = _indices("which crane", indices, self.count)
         kinds = (
             np.zeros(len(rows), dtype=int)
             if crane is None
@@ -188,11 +188,11 @@ class Fleet:
             )
         self._put(rows, start_states(start, len(rows), self._sizes.n), kinds)
 
-    def push(self, which: np.ndarray, force: np.ndarray) -> None:
+    def push(self, indices: np.ndarray, force: np.ndarray) -> None:
         """Have forces from outside act on some cranes until something else is said.
 
         Args:
-            which: Which of the n, whole numbers, shape (k,).
+            indices: Which of the n, whole numbers, shape (k,).
             force: In the world [N], on the points of each crane, the payload first, shape (k, 3
                 points).
 
@@ -206,7 +206,7 @@ class Fleet:
                 short_repr(force),
                 "none, unless the fleet is made with forces = True",
             )
-        rows = _indices("which crane", which, self.count)
+        rows = _indices("which crane", indices, self.count)
         self._force[rows] = finite("force", force, (len(rows), size(self._sizes.force)), unit="N")
 
     def step(self, command: np.ndarray) -> np.ndarray:
@@ -222,60 +222,60 @@ class Fleet:
         Raises:
             OutOfRange: If a command is not finite.
         """
-        given = finite("command", command, (self._sizes.m, self.count))
-        self.spread(lambda part: self._advance(part, given[:, self.parts[part]]))
+        commands = finite("command", command, (self._sizes.m, self.count))
+        self.spread(lambda chunk: self._advance(chunk, commands[:, self.chunks[chunk]]))
         return self.z
 
     def spread(self, work: Callable[[int], object]) -> None:
-        """Have threads do a work for the number of each part of the cranes, see `parts`."""
+        """Have threads do a work for the number of each part of the cranes, see `chunks`."""
         if not self._others:
-            for part in range(len(self.parts)):
-                work(part)
+            for chunk in range(len(self.chunks)):
+                work(chunk)
             return
         if self._pool is None or self._process != os.getpid():  # a fork leaves threads behind
             self._pool, self._process = ThreadPoolExecutor(self._others), os.getpid()
-        left = deque(range(len(self.parts)))
+        queue = deque(range(len(self.chunks)))
 
         def take() -> None:
-            while left:
+            while queue:
                 try:
-                    part = left.popleft()
+                    chunk = queue.popleft()
                 except IndexError:  # another thread took the last
                     return
-                work(part)
+                work(chunk)
 
         pool = self._pool
-        others = [pool.submit(take) for _ in range(self._others)]
+        futures = [pool.submit(take) for _ in range(self._others)]
         try:
             take()
         finally:
-            wait(others)  # whatever happens: none may go on while the next step begins
-        for other in others:
-            other.result()
+            wait(futures)  # whatever happens: none may go on while the next step begins
+        for future in futures:
+            future.result()
 
-    def advance(self, part: int, command: np.ndarray) -> np.ndarray:
+    def advance(self, chunk: int, command: np.ndarray) -> np.ndarray:
         """Go on with one part, from a thread of `spread`; as `step`, with the columns of that part.
 
         Raises:
             OutOfRange: If there is no such part, or a command is not finite.
         """
-        if whole("part", part, 0) >= len(self.parts):
-            raise OutOfRange("part", part, f"0 to {len(self.parts) - 1}")
-        columns = self.parts[part]
+        if whole("part", chunk, 0) >= len(self.chunks):
+            raise OutOfRange("part", chunk, f"0 to {len(self.chunks) - 1}")
+        columns = self.chunks[chunk]
         self._advance(
-            part, finite("command", command, (self._sizes.m, columns.stop - columns.start))
+            chunk, finite("command", command, (self._sizes.m, columns.stop - columns.start))
         )
         return self.z[:, columns]
 
-    def _advance(self, part: int, given: np.ndarray) -> None:
-        columns = self.parts[part]
+    def _advance(self, chunk: int, command: np.ndarray) -> None:
+        columns = self.chunks[chunk]
         if self.drive == "effort":
-            given = np.clip(given, -self._limit[:, columns], self._limit[:, columns])
+            command = np.clip(command, -self._limit[:, columns], self._limit[:, columns])
         first, last = columns.start // _LANES, -(-columns.stop // _LANES)
-        commands = np.zeros((len(given), _LANES * (last - first)))
-        commands[:, : given.shape[1]] = given
+        commands = np.zeros((len(command), _LANES * (last - first)))
+        commands[:, : command.shape[1]] = command
         self._state[first:last, self._last_command] = commands.reshape(
-            len(given), -1, _LANES
+            len(command), -1, _LANES
         ).transpose(1, 0, 2)
         self._steps(first, last)
         self._z[:, first:last] = self._state[first:last, : len(self._z)].transpose(1, 0, 2)
@@ -294,8 +294,8 @@ class Fleet:
 
 def _indices(name: str, values: np.ndarray, count: int) -> np.ndarray:
     """Whole numbers from 0 up to, but without, a count, shape (k,)."""
-    found = finite(name, values, ("k",))
-    wrong = (found != np.floor(found)) | (found < 0) | (found >= count)
+    indices = finite(name, values, ("k",))
+    wrong = (indices != np.floor(indices)) | (indices < 0) | (indices >= count)
     if wrong.any():
-        raise OutOfRange(name, float(found[wrong][0]), f"a whole number from 0 to {count - 1}")
-    return found.astype(int)
+        raise OutOfRange(name, float(indices[wrong][0]), f"a whole number from 0 to {count - 1}")
+    return indices.astype(int)

@@ -58,24 +58,24 @@ class ControlTables(NamedTuple):
     planned: Receding | None
 
 
-def crane_count(**given: Any) -> int:
+def crane_count(**arguments: Any) -> int:
     """How many cranes are asked for.
 
     Raises:
         OutOfRange: If there are neither one nor as many as of the others of something.
     """
     lengths = {
-        name: length for name, value in given.items() if (length := _length(value)) is not None
+        name: length for name, value in arguments.items() if (length := _length(value)) is not None
     }
-    most = max(lengths.values(), default=1)
+    count = max(lengths.values(), default=1)
     for name, length in lengths.items():
-        if length != most or length == 0:
+        if length != count or length == 0:
             raise OutOfRange(
                 f"number of {name}s",
                 length,
-                f"{max(most, 1)}, as many as there are of others, or one alone for all",
+                f"{max(count, 1)}, as many as there are of others, or one alone for all",
             )
-    return most
+    return count
 
 
 def _length(value: Any) -> int | None:
@@ -93,7 +93,7 @@ def _length(value: Any) -> int | None:
 
 def default_start(crane: Crane | Cranes | Sequence[Crane]) -> State | list[State]:
     """Where cranes start if nothing else is said."""
-    return crane.start if isinstance(crane, Crane | Cranes) else [one.start for one in crane]
+    return crane.start if isinstance(crane, Crane | Cranes) else [single.start for single in crane]
 
 
 def start_states(start: State | Sequence[State], cranes: int, joints: int) -> State:
@@ -124,7 +124,7 @@ def broadcast_rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarr
 
 
 def control_tables(
-    crane: Crane, controller: Any, reference: Any, start: State, times: np.ndarray, taken: int
+    crane: Crane, controller: Any, reference: Any, start: State, times: np.ndarray, used: int
 ) -> ControlTables:
     """Tables of controllers and references, one for each that is another object; None as reference
     holds the drives at the start.
@@ -135,7 +135,7 @@ def control_tables(
         reference: One or n, or None.
         start: Coordinates and rates at the start, shape (cranes, joints) each.
         times: Control instants [s].
-        taken: How many numbers something else takes.
+        used: How many numbers something else takes.
 
     Raises:
         CraneError: If a controller is not affine in the state.
@@ -143,34 +143,38 @@ def control_tables(
             GB.
     """
     cranes, sizes = len(start.q), BufferLayout.of(crane.layout)
-    aims_of, references = _references(crane, reference, start, taken)
+    aims_of, references = _references(crane, reference, start, used)
     laws_of, controllers = distinct_objects(controller, cranes)
     pairs, pair_of = np.unique(laws_of * len(references) + aims_of, return_inverse=True)
-    taken += _PAIR * len(pairs)
+    used += _PAIR * len(pairs)
     gain_tables: list[np.ndarray] = []
     setpoint_tables, integrals, gain_table_of_pair, integrates = [], [], [], False
     last: dict[int, int] = {}
     longest_gain_table = longest_setpoint_table = 0
-    for which, about in (divmod(pair, len(references)) for pair in pairs.tolist()):
-        setpoint = tabulated(references[about], times, crane.layout.m).position
+    for controller_index, reference_index in (
+        divmod(pair, len(references)) for pair in pairs.tolist()
+    ):
+        setpoint = tabulated(references[reference_index], times, crane.layout.m).position
         common = (
             no_gain_table(sizes, setpoint)
-            if isinstance(controllers[which], Receding)
-            else _form(controllers[which], times, setpoint, sizes.z)
+            if isinstance(controllers[controller_index], Receding)
+            else _form(controllers[controller_index], times, setpoint, sizes.z)
         )
         integrals.append(common.integral)
         integrates = integrates or bool(common.integral_gain.any())
         setpoint_tables.append(drop_repeated_rows(setpoint_table(sizes, common, len(times))))
         gain_rows = gain_table(sizes, common)
-        if which not in last or not np.array_equal(gain_rows, gain_tables[last[which]]):
-            last[which] = len(gain_tables)
+        if controller_index not in last or not np.array_equal(
+            gain_rows, gain_tables[last[controller_index]]
+        ):
+            last[controller_index] = len(gain_tables)
             gain_tables.append(gain_rows)
-        gain_table_of_pair.append(last[which])
+        gain_table_of_pair.append(last[controller_index])
         longest_gain_table, longest_setpoint_table = (
             max(longest_gain_table, len(gain_rows)),
             max(longest_setpoint_table, len(setpoint_tables[-1])),
         )
-        needed = taken + 2 * (
+        needed = used + 2 * (
             len(gain_tables) * longest_gain_table * size(sizes.gain_table)
             + len(setpoint_tables) * longest_setpoint_table * size(sizes.setpoint_table)
         )
@@ -194,17 +198,19 @@ def _planned(controllers: Sequence[Any]) -> Receding | None:
     Raises:
         CraneError: If there is another controller besides.
     """
-    found = next((one for one in controllers if isinstance(one, Receding)), None)
-    if found is not None and len(controllers) > 1:
+    planned = next(
+        (candidate for candidate in controllers if isinstance(candidate, Receding)), None
+    )
+    if planned is not None and len(controllers) > 1:
         raise CraneError(
             "A batch has one predictive controller for all cranes, and references that differ; "
             f"these have {len(controllers)} controllers."
         )
-    return found
+    return planned
 
 
 def _references(
-    crane: Crane, reference: Any, start: State, taken: int
+    crane: Crane, reference: Any, start: State, used: int
 ) -> tuple[np.ndarray, Sequence[Reference]]:
     """Which of the references each crane has, and these; where there is none, one hold for each
     place at which drives start.
@@ -215,17 +221,19 @@ def _references(
     if (drives == drives[0]).all():
         return distinct_objects(hold(crane, State(start.q[0], start.v[0])), len(start.q))
     firsts: dict[bytes, int] = {}
-    for i, place in enumerate(map(np.ndarray.tobytes, drives)):
-        if place not in firsts:
-            firsts[place] = i
+    for i, position in enumerate(map(np.ndarray.tobytes, drives)):
+        if position not in firsts:
+            firsts[position] = i
             check_fits_memory(
                 "number of places at which drives start",
                 f"{len(firsts)} or more",
-                taken + _PAIR * len(firsts),
+                used + _PAIR * len(firsts),
             )
-    number = {place: row for row, place in enumerate(firsts)}
-    which = np.fromiter((number[place.tobytes()] for place in drives), int, len(drives))
-    return which, [hold(crane, State(start.q[i], start.v[i])) for i in firsts.values()]
+    number = {position: row for row, position in enumerate(firsts)}
+    reference_index = np.fromiter(
+        (number[position.tobytes()] for position in drives), int, len(drives)
+    )
+    return reference_index, [hold(crane, State(start.q[i], start.v[i])) for i in firsts.values()]
 
 
 def distinct_objects(value: Any, cranes: int) -> tuple[np.ndarray, Any]:
@@ -234,9 +242,9 @@ def distinct_objects(value: Any, cranes: int) -> tuple[np.ndarray, Any]:
         return np.arange(cranes), value
     if _length(value) is None:
         return np.broadcast_to(0, cranes), [value]
-    found = {id(one): one for one in value}
-    number = {key: row for row, key in enumerate(found)}
-    return np.array([number[id(one)] for one in value]), list(found.values())
+    objects = {id(item): item for item in value}
+    number = {key: row for row, key in enumerate(objects)}
+    return np.array([number[id(item)] for item in value]), list(objects.values())
 
 
 def converter_response(
@@ -248,26 +256,26 @@ def converter_response(
     Raises:
         OutOfRange: If they do not fit the crane or the clocks, or are late by different times.
     """
-    many = isinstance(converters, Sequence)
-    given = [fitting(crane, drive, one) for one in (converters if many else [converters])]
-    made = [one for one in given if one is not None]
-    if not made:
+    several = isinstance(converters, Sequence)
+    fitted = [fitting(crane, drive, item) for item in (converters if several else [converters])]
+    present = [item for item in fitted if item is not None]
+    if not present:
         return None, None
-    lates = [one.delay_steps(clock.dt, clock.period) for one in made]
+    lates = [item.delay_steps(clock.dt, clock.period) for item in present]
     if len({*lates}) > 1:
         raise OutOfRange(
             "delays of converters", f"{min(lates)} to {max(lates)} control periods", "all the same"
         )
-    return np.array([np.concatenate(one.response) for one in made]), lates[0]
+    return np.array([np.concatenate(item.response) for item in present]), lates[0]
 
 
 def pair_with_converters(
-    cranes: Sequence[Crane] | Cranes, which: np.ndarray, response: np.ndarray
+    cranes: Sequence[Crane] | Cranes, crane_index: np.ndarray, response: np.ndarray
 ) -> tuple[Sequence[Crane] | Cranes, np.ndarray, np.ndarray]:
     """Cranes, which of them each lane has, and numbers of converters, one row for each lane."""
     if not isinstance(cranes, Cranes):
-        cranes = [cranes[i] for i in which.tolist()]
-    return cranes, np.arange(len(which)), response
+        cranes = [cranes[i] for i in crane_index.tolist()]
+    return cranes, np.arange(len(crane_index)), response
 
 
 def converter_memory(sizes: BufferLayout, rates: np.ndarray) -> list[np.ndarray]:
@@ -331,8 +339,8 @@ def force_table(force: Any, cranes: int, sizes: BufferLayout) -> RowTable:
     if force is None:
         return stack_tables([np.zeros((1, size(sizes.force)))], np.zeros(cranes, dtype=int))
     columns = size(sizes.force)
-    found = finite("force", force, ("m", columns), (cranes, "m", columns), unit="N")
-    return _stacked("force", found, cranes, own=found.ndim == 3)
+    array_ = finite("force", force, ("m", columns), (cranes, "m", columns), unit="N")
+    return _stacked("force", array_, cranes, per_crane=array_.ndim == 3)
 
 
 def offset_tables(offset: Any, cranes: int, sizes: BufferLayout) -> tuple[RowTable, ...]:
@@ -345,18 +353,18 @@ def offset_tables(offset: Any, cranes: int, sizes: BufferLayout) -> tuple[RowTab
     if offset is None:
         return ()
     z = sizes.z
-    found = finite("sensor_offset", offset, (z,), (cranes, z), (cranes, "m", z))
-    by_instant = found if found.ndim == 3 else found.reshape(-1, 1, z)
-    return (_stacked("sensor_offset", by_instant, cranes, own=found.ndim > 1),)
+    array_ = finite("sensor_offset", offset, (z,), (cranes, z), (cranes, "m", z))
+    by_instant = array_ if array_.ndim == 3 else array_.reshape(-1, 1, z)
+    return (_stacked("sensor_offset", by_instant, cranes, per_crane=array_.ndim > 1),)
 
 
-def _stacked(name: str, found: np.ndarray, cranes: int, *, own: bool) -> RowTable:
+def _stacked(name: str, array_: np.ndarray, cranes: int, *, per_crane: bool) -> RowTable:
     """A table of rows by control instant, one after another for each crane that has its own."""
-    if not found.size:
-        raise Misshapen(name, f"an array of shape {found.shape}", "one with a row at least")
-    each, columns = found.shape[-2:]
-    starts = each * np.arange(cranes) if own else np.broadcast_to(0, cranes)
-    return RowTable(np.ascontiguousarray(found.reshape(-1, columns), dtype=float), each, starts)
+    if not array_.size:
+        raise Misshapen(name, f"an array of shape {array_.shape}", "one with a row at least")
+    rows, columns = array_.shape[-2:]
+    starts = rows * np.arange(cranes) if per_crane else np.broadcast_to(0, cranes)
+    return RowTable(np.ascontiguousarray(array_.reshape(-1, columns), dtype=float), rows, starts)
 
 
 def sensor_delays(delay: Any, cranes: int) -> tuple[np.ndarray, int]:
@@ -366,18 +374,18 @@ def sensor_delays(delay: Any, cranes: int) -> tuple[np.ndarray, int]:
     Raises:
         OutOfRange: If one is not a whole number from 0 to 1000, or there are not as many as cranes.
     """
-    many = isinstance(delay, Sequence | np.ndarray) and not isinstance(delay, str | bytes)
-    given = delay if many else [delay]
-    if many and len(given) != cranes:
-        raise OutOfRange("number of sensor delays", len(given), f"{cranes}, or one alone for all")
+    several = isinstance(delay, Sequence | np.ndarray) and not isinstance(delay, str | bytes)
+    delays = delay if several else [delay]
+    if several and len(delays) != cranes:
+        raise OutOfRange("number of sensor delays", len(delays), f"{cranes}, or one alone for all")
     name, unit = "sensor_delay", "control periods"
-    found = [within(name, whole(name, one, 0, unit), 0, _LATEST, unit) for one in given]
-    kept = int(max(found)) + 1 if max(found) > 0 else 0
-    return np.broadcast_to(np.array(found, dtype=np.int64), (cranes,)), kept
+    periods = [within(name, whole(name, item, 0, unit), 0, _LATEST, unit) for item in delays]
+    readings = int(max(periods)) + 1 if max(periods) > 0 else 0
+    return np.broadcast_to(np.array(periods, dtype=np.int64), (cranes,)), readings
 
 
 def required_numbers(
-    sizes: BufferLayout, cranes: int, instants: int, periods: int, more: int
+    sizes: BufferLayout, cranes: int, instants: int, periods: int, extra: int
 ) -> int:
     """How many numbers the cranes and what is to be recorded of them take, arranged by lanes and by
     cranes.
@@ -387,23 +395,23 @@ def required_numbers(
         cranes: How many cranes.
         instants: How many rows are recorded of each.
         periods: How many control periods they run.
-        more: How many numbers each has besides the usual ones.
+        extra: How many numbers each has besides the usual ones.
 
     Raises:
         OutOfRange: If they, or the tables of one controller, would take more than 4 GB.
     """
-    check_fits_memory("number of cranes", str(cranes), cranes * (_CRANE + more))
-    taken = cranes * (_CRANE + more + 2 * instants * size(sizes.row))
-    check_fits_memory("record", f"{instants} rows of {cranes} cranes", taken)
+    check_fits_memory("number of cranes", str(cranes), cranes * (_CRANE + extra))
+    used = cranes * (_CRANE + extra + 2 * instants * size(sizes.row))
+    check_fits_memory("record", f"{instants} rows of {cranes} cranes", used)
     check_fits_memory(
         "duration",
         f"{periods} control periods",
         2 * periods * (size(sizes.gain_table) + size(sizes.setpoint_table)),
     )
-    return taken
+    return used
 
 
-def check_fits_memory(name: str, given: str, numbers: int) -> None:
+def check_fits_memory(name: str, value: str, numbers: int) -> None:
     """Return if so many numbers fit into 4 GB.
 
     Raises:
@@ -413,6 +421,6 @@ def check_fits_memory(name: str, given: str, numbers: int) -> None:
     if needed > _LARGEST:
         raise OutOfRange(
             name,
-            given,
+            value,
             f"what takes {_LARGEST / 1e9:g} GB at most; these would take {needed / 1e9:.3g} GB",
         )

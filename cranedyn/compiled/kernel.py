@@ -112,10 +112,10 @@ def text(topology: Topology, constants: Sequence[float | None], recipe: Recipe) 
         emit_plan(module, recipe.programme)
         if recipe.lanes == 1:
             emit_instant(module, recipe.programme)
-    run, answer = THREAD if recipe.threads else ("run", "answer")
+    run, accelerations = THREAD if recipe.threads else ("run", "answer")
     _Loop(Code(module, run, ["call"], lanes, recipe.lanes), topology, constants, recipe).emit()
     _emit_answer(
-        Code(module, answer, ["given", "numbers", "accelerations"], lanes, recipe.lanes),
+        Code(module, accelerations, ["given", "numbers", "accelerations"], lanes, recipe.lanes),
         topology,
         constants,
         recipe,
@@ -130,11 +130,15 @@ def text(topology: Topology, constants: Sequence[float | None], recipe: Recipe) 
 
 
 def _plant(
-    code: Code, own: ir.Value, topology: Topology, constants: Sequence[float | None], recipe: Recipe
+    code: Code,
+    numbers: ir.Value,
+    topology: Topology,
+    constants: Sequence[float | None],
+    recipe: Recipe,
 ) -> Plant:
     varied = count()
     values = [
-        code.load(own, next(varied) * code.apart) if constant is None else constant
+        code.load(numbers, next(varied) * code.stride) if constant is None else constant
         for constant in constants
     ]
     return plant(topology, values, recipe.drive, recipe.buffers)
@@ -154,19 +158,19 @@ def _emit_answer(
         code.function.attributes.add(attribute)
     crane = _plant(code, code.argument["numbers"], topology, constants, recipe)
     crane, units = _moving(crane, 1.0, recipe)
-    parts = BufferLayout.of(topology.layout).query
-    given = [code.load(code.argument["given"], i * code.apart) for i in range(size(parts))]
-    q, v, command, forces = (array(given[where]) for where in slices(parts).values())
+    sections = BufferLayout.of(topology.layout).query
+    query = [code.load(code.argument["given"], i * code.stride) for i in range(size(sections))]
+    q, v, command, forces = (array(query[section]) for section in slices(sections).values())
     pushes = forces * units.force if recipe.forces else None
     for i, a in enumerate(crane.answer(q, v, command * units.command, pushes)[0]):
-        code.store(a, code.argument["accelerations"], i * code.apart)
+        code.store(a, code.argument["accelerations"], i * code.stride)
     code.end()
 
 
 def _emit_energies(
     code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
 ) -> None:
-    given, crane = (
+    states, crane = (
         code.argument["given"],
         _plant(code, code.argument["given"], topology, constants, recipe),
     )
@@ -174,7 +178,7 @@ def _emit_energies(
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
         first = code.product(row, 2 * n)
         state = array(
-            [code.spread(given, code.builder.add(first, code.integer(i))) for i in range(2 * n)]
+            [code.spread(states, code.builder.add(first, code.integer(i))) for i in range(2 * n)]
         )
         code.store(crane.energy(state[:n], state[n:]), code.argument["energies"], row)
     code.end()
@@ -214,20 +218,22 @@ class _Loop:
             if joint.kind == "revolute" and not recipe.threads  # of which registers are scarce
         }
 
-    def _variables(self, name: str, parts: Sections) -> dict[str, list[StackVariable]]:
+    def _variables(self, name: str, sections: Sections) -> dict[str, list[StackVariable]]:
         code = self.code
-        found = [
-            StackVariable(code, code.load(self.call_values[name], i * code.apart))
-            for i in range(size(parts))
+        variables = [
+            StackVariable(code, code.load(self.call_values[name], i * code.stride))
+            for i in range(size(sections))
         ]
-        return {part: found[where] for part, where in slices(parts).items()}
+        return {name_: variables[section] for name_, section in slices(sections).items()}
 
     def _keep(self, name: str, variables: dict[str, list[StackVariable]]) -> None:
-        for i, variable in enumerate(variable for part in variables.values() for variable in part):
-            self.code.store(variable.get(), self.call_values[name], i * self.code.apart)
+        for i, variable in enumerate(
+            variable for group in variables.values() for variable in group
+        ):
+            self.code.store(variable.get(), self.call_values[name], i * self.code.stride)
 
     def _row(
-        self, table: int, name: str, parts: Sections, instant: ir.Value
+        self, table: int, name: str, sections: Sections, instant: ir.Value
     ) -> dict[str, np.ndarray]:
         """The row of a table for an instant, beyond its end the last."""
         code = self.code
@@ -235,26 +241,28 @@ class _Loop:
             instant, code.builder.sub(self.call_values[f"{name}_rows"], code.integer(1))
         )
         if self.recipe.shared[table]:
-            firsts = [code.product(row, size(parts))]
+            firsts = [code.product(row, size(sections))]
         else:
             starts = [
-                code.load_one(self.call_values["starts"], table * code.apart + lane, INTEGER)
+                code.load_one(self.call_values["starts"], table * code.stride + lane, INTEGER)
                 for lane in range(code.lanes)
             ]
-            firsts = [code.product(code.builder.add(start, row), size(parts)) for start in starts]
+            firsts = [
+                code.product(code.builder.add(start, row), size(sections)) for start in starts
+            ]
         pointer = self.call_values[name]
-        found = [
+        values = [
             code.spread(pointer, code.builder.add(firsts[0], code.integer(i)))
             if self.recipe.shared[table]
             else code.gathered(
                 pointer, [code.builder.add(first, code.integer(i)) for first in firsts]
             )
-            for i in range(size(parts))
+            for i in range(size(sections))
         ]
-        return {part: array(found[where]) for part, where in slices(parts).items()}
+        return {key: array(values[section]) for key, section in slices(sections).items()}
 
-    def _get(self, part: str) -> np.ndarray:
-        return array([variable.get() for variable in self.state[part]])
+    def _get(self, section: str) -> np.ndarray:
+        return array([variable.get() for variable in self.state[section]])
 
     def _coordinates(self) -> np.ndarray:
         """Coordinates whose sines and cosines are known."""
@@ -271,8 +279,8 @@ class _Loop:
         for variable, value in zip(self.turns[i], pair, strict=True):
             variable.set(value)
 
-    def _set(self, part: str, values: Iterable[Any]) -> None:
-        for variable, value in zip(self.state[part], values, strict=True):
+    def _set(self, section: str, values: Iterable[Any]) -> None:
+        for variable, value in zip(self.state[section], values, strict=True):
             variable.set(value)
 
     def emit(self) -> None:
@@ -315,7 +323,7 @@ class _Loop:
         """Steps from the first up to, but without, the last."""
         code, units = self.code, self.units
         with code.stretches(first, last) as end:
-            here, work = self._coordinates(), self.state["buffers"][0].get()
+            q_before, work = self._coordinates(), self.state["buffers"][0].get()
             v, last_command = self._get("v"), self._get("last_command")
             if self.recipe.delay_steps is not None:
                 reference, rising = self._ramped(last_command, v * (1.0 / units.time))
@@ -325,7 +333,7 @@ class _Loop:
             q, v, work = take_step(
                 self.recipe.integrator,
                 self.moving,
-                here,
+                q_before,
                 v,
                 last_command * units.command,
                 None if forces is None else forces * units.force,
@@ -337,10 +345,10 @@ class _Loop:
             self._set("q", q)
             self._set("v", v)
             self._set("buffers", [work])
-            asked = [i for i in self.turns if code.asked(here[i])]
-            turns = {i: turn for i in asked if (turn := code.turn(q[i])) is not None}
+            used = [i for i in self.turns if code.asked(q_before[i])]
+            turns = {i: turn for i in used if (turn := code.turn(q[i])) is not None}
             pairs = {i: turn.turned(SHORTER) for i, turn in turns.items()}
-            for i in asked:
+            for i in used:
                 self._keep_angle(i, pairs[i] if i in pairs else code.sine_and_cosine(q[i]))
             little = all_little(code, [*turns.values()], SHORTER)
             end(little)
@@ -361,7 +369,7 @@ class _Loop:
         code = self.code
         q, v, before = self._coordinates(), self._get("v"), self._get("last_command")
         command = self._commanded(instant, q, v)
-        asked = command
+        requested = command
         last_command = self.plant.within(command)
         if self.recipe.delay_steps is not None:
             last_command = self._heard(command)
@@ -389,11 +397,11 @@ class _Loop:
                 self.plant.energy(q, v),
                 self.state["buffers"][0].get(),
                 buffer,
-                *self._cut(asked),
+                *self._cut(requested),
             ]
             self._log(instant, row)
         if self.recipe.summary:
-            self._summarise(instant, q, v, effort, buffer, command, self._cut(asked))
+            self._summarise(instant, q, v, effort, buffer, command, self._cut(requested))
 
     def _heard(self, command: np.ndarray) -> np.ndarray:
         """What converters hear when they are given commands, shape (m,)."""
@@ -434,8 +442,8 @@ class _Loop:
             control = PredictiveControl(code, self.recipe.programme, self.call_values["horizon"])
             row, due = control.counted()
             n = self.sizes.n
-            one = control.asked if code.lanes == 1 else control.command
-            return one(z[:n], z[n:], setpoints["position"], row, due)
+            control_function = control.asked if code.lanes == 1 else control.command
+            return control_function(z[:n], z[n:], setpoints["position"], row, due)
         command = gains["feed_forward"] - gains["gain"].reshape(self.sizes.m, self.sizes.z) @ (
             z - setpoints["setpoint"]
         )
@@ -444,51 +452,53 @@ class _Loop:
         integrals = self._get("integral")
         for i, drive in enumerate(self.plant.topology.layout.drives):
             error = setpoints["position"][i] - z[drive]
-            on = integrals[i] + error * self.period
-            total = command[i] + gains["integral_gain"][i] * on
+            integrated = integrals[i] + error * self.period
+            total = command[i] + gains["integral_gain"][i] * integrated
             free = code.either(
                 code.call("llvm.fabs", total) <= gains["limit"][i], error * total < 0.0
             )
-            integrals[i] = code.chosen(free, on, integrals[i])
+            integrals[i] = code.chosen(free, integrated, integrals[i])
             command[i] = command[i] + gains["integral_gain"][i] * integrals[i]
         self._set("integral", integrals)
         return command
 
     def _late(self, instant: ir.Value, z: np.ndarray) -> np.ndarray:
         """The reading that late sensors show when they take another one, shape (2 n,)."""
-        code, build, kept = self.code, self.code.builder, self.call_values["remembered"]
+        code, build, stored = self.code, self.code.builder, self.call_values["reading_count"]
         width = self.sizes.z
 
         def place(count: ir.Value, i: int) -> ir.Value:
-            first = code.product(build.srem(count, kept), width * code.apart)
-            return build.add(first, code.integer(i * code.apart))
+            first = code.product(build.srem(count, stored), width * code.stride)
+            return build.add(first, code.integer(i * code.stride))
 
         for i, value in enumerate(z):
             code.store(value, self.call_values["readings"], place(instant, i))
         lanes = range(code.lanes)
         delays = [code.load_one(self.call_values["delay"], lane, INTEGER) for lane in lanes]
-        seen = [code.most(build.sub(instant, delay), code.integer(0)) for delay in delays]
+        visible = [code.most(build.sub(instant, delay), code.integer(0)) for delay in delays]
         return array(
             [
                 code.gathered(
                     self.call_values["readings"],
-                    [build.add(place(seen[lane], i), code.integer(lane)) for lane in lanes],
+                    [build.add(place(visible[lane], i), code.integer(lane)) for lane in lanes],
                 )
                 for i in range(width)
             ]
         )
 
     def _log(self, instant: ir.Value, row: Sequence[Any]) -> None:
-        code, every = self.code, self.call_values["every"]
+        code, log_interval = self.code, self.call_values["log_interval"]
         with code.when(
-            code.builder.icmp_signed("==", code.builder.srem(instant, every), code.integer(0))
+            code.builder.icmp_signed(
+                "==", code.builder.srem(instant, log_interval), code.integer(0)
+            )
         ):
-            first = code.product(code.builder.sdiv(instant, every), len(row) * code.apart)
+            first = code.product(code.builder.sdiv(instant, log_interval), len(row) * code.stride)
             for i, value in enumerate(row):
                 code.store(
                     value,
                     self.call_values["log"],
-                    code.builder.add(first, code.integer(i * code.apart)),
+                    code.builder.add(first, code.integer(i * code.stride)),
                 )
 
     def _summarise(
@@ -501,13 +511,13 @@ class _Loop:
         needed: np.ndarray,
         cut: Sequence[Any],
     ) -> None:
-        code, crane, kept = self.code, self.plant, self.summary
-        swing, amplitude = (code.value(part) for part in crane.swing(q, v))
-        _largest(code, kept["peak"][0], swing)
-        counts = code.builder.icmp_signed(">=", instant, self.call_values["after"])
+        code, crane, summary = self.code, self.plant, self.summary
+        swing, amplitude = (code.value(square) for square in crane.swing(q, v))
+        _largest(code, summary["peak"][0], swing)
+        counts = code.builder.icmp_signed(">=", instant, self.call_values["residual_from"])
         with code.when(counts):
-            _largest(code, kept["residual"][0], amplitude)
-        for variable, value in zip(kept["effort"], effort, strict=True):
+            _largest(code, summary["residual"][0], amplitude)
+        for variable, value in zip(summary["effort"], effort, strict=True):
             _largest(code, variable, code.call("llvm.fabs", value))
         hoist = crane.topology.layout.drive_of("hoist")
         holds = code.both(
@@ -515,7 +525,7 @@ class _Loop:
             *(number < 0.5 for number in cut),
         )
         now = code.from_integer(instant)
-        first = kept["invalid"][0]
+        first = summary["invalid"][0]
         first.set(code.chosen(holds, first.get(), code.call("llvm.minnum", first.get(), now)))
 
 

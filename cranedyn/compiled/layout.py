@@ -1,4 +1,4 @@
-"""What stands where in the memory that compiled loops share with Python."""
+"""Layout of the memory that compiled loops share with Python."""
 
 from __future__ import annotations
 
@@ -9,14 +9,19 @@ from cranedyn.compiled.code import DOUBLE, INTEGER, POINTER
 from cranedyn.model.layout import Layout
 
 Sections = dict[str, int]
-"""How many numbers each part has, by its name, in order."""
+"""Number of doubles in each section of a buffer, in the order of memory."""
 
 
 @dataclass(frozen=True)
 class BufferLayout:
-    """How many numbers each part has, for a crane with n joints, m drives and some points that
-    forces act on; frequency converters hear commands so many control periods late, None for drives
-    without.
+    """Numbers in each section of a buffer.
+
+    Attributes:
+        n: Number of joints.
+        m: Number of drives.
+        points: Number of points that external forces act on.
+        delay_steps: Control periods by which frequency converters delay commands; None for drives
+            without converters.
     """
 
     n: int
@@ -26,13 +31,13 @@ class BufferLayout:
 
     @classmethod
     def of(cls, layout: Layout, delay_steps: int | None = None) -> BufferLayout:
-        """Those of a crane."""
+        """Return the layout of the buffers of a crane."""
         return cls(layout.n, layout.m, len(layout.points), delay_steps)
 
     @property
     def converters(self) -> Sections:
-        """What frequency converters remember: reference rates, how fast they change, commands that
-        are not yet heard.
+        """Memory of the frequency converters: reference rates, their rates of change, and delayed
+        commands.
         """
         if self.delay_steps is None:
             return {}
@@ -40,20 +45,26 @@ class BufferLayout:
 
     @property
     def z(self) -> int:
-        """Coordinates and rates together."""
+        """Number of coordinates and rates together."""
         return 2 * self.n
 
     @property
     def state(self) -> Sections:
-        """What a crane is at a control instant: coordinates, rates, integrals of the controller,
-        the last command, work of the buffers, what frequency converters remember.
+        """State of a crane at a control instant: coordinates, rates, integrals of the controller,
+        the last command, work of the buffers, and memory of the frequency converters.
         """
-        found = {"q": self.n, "v": self.n, "integral": self.m, "last_command": self.m, "buffers": 1}
-        return found | self.converters
+        sections = {
+            "q": self.n,
+            "v": self.n,
+            "integral": self.m,
+            "last_command": self.m,
+            "buffers": 1,
+        }
+        return sections | self.converters
 
     @property
     def gain_table(self) -> Sections:
-        """One row of a controller that is affine in the state."""
+        """Row of the gain table of a controller that is affine in the state."""
         return {
             "feed_forward": self.m,
             "gain": self.m * self.z,
@@ -63,23 +74,25 @@ class BufferLayout:
 
     @property
     def setpoint_table(self) -> Sections:
-        """One row of what it is about: coordinates and rates, and the setpoint of the drives."""
+        """Row of the setpoint table: the state about which the controller acts, and the setpoint of
+        the drives.
+        """
         return {"setpoint": self.z, "position": self.m}
 
     @property
     def force(self) -> Sections:
-        """One row of outside forces, on the points of the crane."""
+        """Row of external forces on the points of the crane."""
         return {"force": 3 * self.points}
 
     @property
     def offset(self) -> Sections:
-        """One row of what sensors add to coordinates and rates."""
+        """Row of offsets that sensors add to coordinates and rates."""
         return {"reading": self.z}
 
     @property
     def row(self) -> Sections:
-        """One row of the log; cut is 1 where a converter was told more than its largest rate."""
-        found = {
+        """Row of the log; cut is 1 where the command exceeds the largest rate of a converter."""
+        sections = {
             "q": self.n,
             "v": self.n,
             "command": self.m,
@@ -89,11 +102,11 @@ class BufferLayout:
             "buffers": 1,
             "stop_force": 1,
         }
-        return found if self.delay_steps is None else found | {"cut": 1}
+        return sections if self.delay_steps is None else sections | {"cut": 1}
 
     @property
     def summary(self) -> Sections:
-        """What is kept of a whole run.
+        """Summary of a run.
 
         Squares of the largest swing and of the largest amplitude from a row on, the first row at
         which the model does not hold, and the largest efforts.
@@ -102,17 +115,19 @@ class BufferLayout:
 
     @property
     def query(self) -> Sections:
-        """What accelerations are asked for with: coordinates, rates, a command, outside forces."""
+        """Arguments of the function for accelerations: coordinates, rates, a command, external
+        forces.
+        """
         return {"q": self.n, "v": self.n, "command": self.m, "force": 3 * self.points}
 
 
 def size(sections: Sections) -> int:
-    """How many numbers all parts have."""
+    """Return the number of all numbers in the sections."""
     return sum(sections.values())
 
 
 def slices(sections: Sections) -> dict[str, slice]:
-    """Where each part stands."""
+    """Return the slice of each section."""
     ends = accumulate(sections.values())
     return {
         name: slice(end - count, end)
@@ -121,7 +136,8 @@ def slices(sections: Sections) -> dict[str, slice]:
 
 
 TURNS = 16
-"""Steps over which sines and cosines are carried along by turning them; each adds a rounding."""
+"""Steps after which sines and cosines are computed afresh; until then each step rotates them, with
+a rounding error each."""
 
 CALL = {
     POINTER: (
@@ -143,25 +159,27 @@ CALL = {
         "setpoint_table_rows",
         "force_rows",
         "offset_rows",
-        "remembered",
+        "reading_count",
         "first",
         "last",
         "end",
         "steps",
         "substeps",
-        "every",
-        "after",
+        "log_interval",
+        "residual_from",
         "resumed",
     ),
     DOUBLE: ("dt", "period"),
 }
-"""What a call of the loop gives, eight bytes each. Addresses: memory of a group of lanes, tables,
-where each lane's tables start [rows], by how many control periods each lane's sensors are late and
-the readings that they keep for it, memory of a predictive controller.
-Whole numbers: rows of the tables; how many readings are kept; control instants from the
-first up to, but without, the last, of which that at the end is not followed by steps; steps in a
-period; small steps in a step where buffers act; instants for a row of the log; instant from which a
-swing is residual; 1 where the first instant was begun before and goes on with steps, else 0. Times
-[s]."""
+"""Arguments of the loop by type, eight bytes each.
+
+Addresses point to the memory of a group of lanes, to the tables, to the first row [rows] of each
+lane's tables, to the sensor delay [control periods] of each lane and its stored readings, and to
+the memory of a predictive controller.
+
+Whole numbers are the rows of the tables, the number of stored readings, the first control instant
+and the one after the last, the instant that no steps follow, steps in a period, substeps of a step
+where buffers act, instants between rows of the log, the instant from which swing is residual, and
+resumed: 1 if the control of the first instant has already run, else 0. Times are in seconds."""
 
 SLOTS = {name: slot for slot, name in enumerate(name for names in CALL.values() for name in names)}

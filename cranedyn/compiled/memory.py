@@ -15,21 +15,21 @@ _PARTS = 8
 """Parts into which the groups are divided for each thread, so that none waits long for the last."""
 
 
-def grouped(parts: Sequence[np.ndarray], lanes: int, kind: type = np.float64) -> np.ndarray:
+def grouped(arrays: Sequence[np.ndarray], lanes: int, kind: type = np.float64) -> np.ndarray:
     """From parts with a row for each crane, shape (n, m) each, to groups of lanes, shape (groups,
     all m, lanes).
 
     The last crane fills the last group. Nothing is copied but into these.
     """
     groups = np.empty(
-        (-(-len(parts[0]) // lanes), sum(part.shape[1] for part in parts), lanes), dtype=kind
+        (-(-len(arrays[0]) // lanes), sum(array.shape[1] for array in arrays), lanes), dtype=kind
     )
     first = 0
-    for part in parts:
+    for array in arrays:
         for lane in range(lanes):
-            place, rows = groups[:, first : first + part.shape[1], lane], part[lane::lanes]
-            place[: len(rows)], place[len(rows) :] = rows, part[-1]
-        first += part.shape[1]
+            target, rows = groups[:, first : first + array.shape[1], lane], array[lane::lanes]
+            target[: len(rows)], target[len(rows) :] = rows, array[-1]
+        first += array.shape[1]
     return groups
 
 

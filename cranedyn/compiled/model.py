@@ -45,11 +45,11 @@ class ForwardDynamics:
         Raises:
             OutOfRange: If an array has another shape, or a number is not finite.
         """
-        nq, *others = self.columns
-        parts = [finite("q", q, (len(q) if isinstance(q, np.ndarray) and q.ndim else "n", nq))]
-        for name, part, columns in zip(("v", "tau"), (v, tau), others, strict=True):
-            parts.append(finite(name, part, (len(parts[0]), columns)))
-        return self.run(np.hstack(parts))
+        nq, *widths = self.columns
+        columns_ = [finite("q", q, (len(q) if isinstance(q, np.ndarray) and q.ndim else "n", nq))]
+        for name, array_, columns in zip(("v", "tau"), (v, tau), widths, strict=True):
+            columns_.append(finite(name, array_, (len(columns_[0]), columns)))
+        return self.run(np.hstack(columns_))
 
 
 class _Turned:
@@ -80,29 +80,29 @@ def compile_forward_dynamics(model: pin.Model) -> ForwardDynamics:
     module = ir.Module()
     _emit(Code(module, "rows", ["given", "count", "accelerations"], 1), model)
     model, columns = model.copy(), (model.nq, model.nv, model.nv)
-    made = ForwardDynamics(
+    dynamics = ForwardDynamics(
         model, columns, RowFunction(translate(module), "rows", sum(columns), model.nv)
     )
-    _check(made)
-    return made
+    _check(dynamics)
+    return dynamics
 
 
 def _emit(code: Code, model: pin.Model) -> None:
     tree = bodies(model)
     tree = tree.with_numbers(tree.numbers().tolist())
-    given, width = code.argument["given"], model.nq + 2 * model.nv
+    states, width = code.argument["given"], model.nq + 2 * model.nv
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
         first = code.product(row, width)
         numbers = [
-            code.spread(given, code.builder.add(first, code.integer(i))) for i in range(width)
+            code.spread(states, code.builder.add(first, code.integer(i))) for i in range(width)
         ]
         q = array([_coordinate(model, i, numbers) for i in range(1, model.njoints)])
         v, tau = (array(numbers[model.nq + k * model.nv :][: model.nv]) for k in (0, 1))
-        where = rigid_body.frames(tree, q)
-        a = rigid_body.forward_dynamics(tree, where, v, tau)
-        for i, part in enumerate(a):
+        placements = rigid_body.frames(tree, q)
+        a = rigid_body.forward_dynamics(tree, placements, v, tau)
+        for i, acceleration in enumerate(a):
             code.store(
-                part,
+                acceleration,
                 code.argument["accelerations"],
                 code.builder.add(code.product(row, model.nv), code.integer(i)),
             )
@@ -118,15 +118,15 @@ def _coordinate(model: pin.Model, joint: int, numbers: list[Value]) -> Value | _
     )
 
 
-def _check(made: ForwardDynamics) -> None:
-    model, data = made.model, made.model.createData()
+def _check(dynamics: ForwardDynamics) -> None:
+    model, data = dynamics.model, dynamics.model.createData()
     rng = np.random.default_rng(0)
     for _ in range(8):
         q = pin.integrate(model, pin.neutral(model), rng.uniform(-3.0, 3.0, model.nv))
         v, tau = rng.normal(size=(2, model.nv))
         expected = pin.aba(model, data, q, v, tau)
         if off := rigid_body.disagreement(
-            made(q[None], v[None], tau[None])[0], expected, pin.crba(model, data, q)
+            dynamics(q[None], v[None], tau[None])[0], expected, pin.crba(model, data, q)
         ):
             raise ModelError(
                 f"{model.name!r} compiled moves otherwise than in Pinocchio: accelerations differ "

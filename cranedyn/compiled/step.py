@@ -19,15 +19,15 @@ class _Number:
     knows yet.
     """
 
-    def _one(self, other: Any = None) -> _Number:
+    def _combine(self, operand: Any = None) -> _Number:
         return self
 
-    def _unknown(self, other: Any = None) -> bool:
+    def _unknown(self, operand: Any = None) -> bool:
         raise TypeError("how large a number is is not known while code is made")
 
     __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = (
         __neg__
-    ) = _one
+    ) = _combine
     __lt__ = __le__ = __gt__ = __ge__ = __bool__ = _unknown
 
 
@@ -85,11 +85,11 @@ def take_step(
     """
     if not (plant.buffers and integrator.smooth):
         return _by_rule(integrator, plant, q, v, command, forces, dt, work, unit)
-    there, faster, _ = _by_rule(
+    q_after, faster, _ = _by_rule(
         integrator, replace(plant, buffers=False), q, v, command, forces, dt, work, unit
     )
     return _where_buffers_act(
-        plant, (q, v, work), (there, faster, work), command, forces, dt, unit, substeps
+        plant, (q, v, work), (q_after, faster, work), command, forces, dt, unit, substeps
     )
 
 
@@ -111,13 +111,13 @@ def _by_rule(
         return v + a * dt
 
     def move(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return array([one.code.advanced(one, by) for one, by in zip(q, v * dt, strict=True)])
+        return array([x.code.advanced(x, by) for x, by in zip(q, v * dt, strict=True)])
 
-    there, faster = integrator.rule(acceleration, speed_up, move, q, v, 1)
+    q_after, faster = integrator.rule(acceleration, speed_up, move, q, v, 1)
     if plant.buffers:
         done = plant.stops.effort(q, v) @ (v + faster)[plant.stops.drives]
         work = work + 0.5 * dt * unit * done
-    return there, faster, work
+    return q_after, faster, work
 
 
 def _where_buffers_act(
@@ -139,9 +139,9 @@ def _where_buffers_act(
     rough = code.either(*plant.stops.beyond(before[0]), *plant.stops.beyond(smooth[0]))
     with code.when(code.anywhere(rough)):
         fine = dt / code.from_integer(substeps)
-        here = code.variables([*before[0], *before[1], before[2]])
+        fine_state = code.variables([*before[0], *before[1], before[2]])
         with code.loop(0, substeps):
-            now = array([place.get() for place in here])
+            now = array([variable.get() for variable in fine_state])
             q, v, done = _by_rule(
                 semi_implicit_euler,
                 plant,
@@ -153,9 +153,9 @@ def _where_buffers_act(
                 now[2 * n],
                 unit,
             )
-            for place, value in zip(here, [*q, *v, done], strict=True):
-                place.set(value)
-        for place, value in zip(outcome, here, strict=True):
-            place.set(code.chosen(rough, value.get(), place.get()))
-    ended = array([place.get() for place in outcome])
+            for variable, value in zip(fine_state, [*q, *v, done], strict=True):
+                variable.set(value)
+        for variable, value in zip(outcome, fine_state, strict=True):
+            variable.set(code.chosen(rough, value.get(), variable.get()))
+    ended = array([variable.get() for variable in outcome])
     return ended[:n], ended[n : 2 * n], ended[2 * n]

@@ -43,24 +43,27 @@ def stack_tables(arrays: Sequence[np.ndarray], chosen: np.ndarray) -> RowTable:
     by.
     """
     length = max(len(rows) for rows in arrays)
-    whole = [
+    padded = [
         rows
         if len(rows) == length
         else np.concatenate([rows, rows[-1:].repeat(length - len(rows), axis=0)])
         for rows in arrays
     ]
     stacked = np.ascontiguousarray(
-        whole[0] if len(whole) == 1 else np.concatenate(whole), dtype=float
+        padded[0] if len(padded) == 1 else np.concatenate(padded), dtype=float
     )
     return RowTable(stacked, length, chosen.astype(np.int64) * length)
 
 
 def gain_table(sizes: BufferLayout, form: Affine, rows: np.ndarray | None = None) -> np.ndarray:
     """A controller's rows, shape (n, columns), in an array of that shape if there is one."""
-    n, at = len(form.feed_forward), slices(sizes.gain_table)
+    n, columns = len(form.feed_forward), slices(sizes.gain_table)
     rows = np.empty((n, size(sizes.gain_table))) if rows is None else rows
-    rows[:, at["feed_forward"]], rows[:, at["gain"]] = form.feed_forward, form.gain.reshape(n, -1)
-    rows[:, at["integral_gain"]], rows[:, at["limit"]] = form.integral_gain, form.limit
+    rows[:, columns["feed_forward"]], rows[:, columns["gain"]] = (
+        form.feed_forward,
+        form.gain.reshape(n, -1),
+    )
+    rows[:, columns["integral_gain"]], rows[:, columns["limit"]] = form.integral_gain, form.limit
     return rows
 
 
@@ -70,10 +73,13 @@ def setpoint_table(
     """Rows of what a controller is about and takes the drives to, shape (n, columns); in an array
     as for `gain_table`.
     """
-    at = slices(sizes.setpoint_table)
+    columns = slices(sizes.setpoint_table)
     rows = np.empty((n, size(sizes.setpoint_table))) if rows is None else rows
-    for part, where in ((form.setpoint, at["setpoint"]), (form.target, at["position"])):
-        rows[: len(part), where], rows[len(part) :, where] = part[:n], part[-1]
+    for values, section in (
+        (form.setpoint, columns["setpoint"]),
+        (form.target, columns["position"]),
+    ):
+        rows[: len(values), section], rows[len(values) :, section] = values[:n], values[-1]
     return rows
 
 

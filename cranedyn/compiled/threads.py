@@ -33,10 +33,12 @@ def one_after_another(module: ir.Module) -> None:
     calls them: run and answer.
     """
     code = Code(module, "run", ["call"], 1)
-    given = {name: code.load_one(code.argument["call"], SLOTS[name], KINDS[name]) for name in SLOTS}
+    arguments = {
+        name: code.load_one(code.argument["call"], SLOTS[name], KINDS[name]) for name in SLOTS
+    }
     room = _room(code.builder)
     with code.loop(0, WARP) as lane:
-        _run_one(module, code.builder, room, given, dict.fromkeys(MOVING, lane))
+        _run_one(module, code.builder, room, arguments, dict.fromkeys(MOVING, lane))
     code.end()
     code = Code(module, "answer", ["given", "numbers", "accelerations"], 1)
     with code.loop(0, WARP) as lane:
@@ -51,7 +53,7 @@ def side_by_side(module: ir.Module) -> None:
     """
     kinds = [*(KINDS[name] for name in SLOTS), *[INTEGER] * len(MOVING), INTEGER]
     builder, arguments = _kernel(module, "run", kinds)
-    given = dict(zip(SLOTS, arguments, strict=False))
+    values = dict(zip(SLOTS, arguments, strict=False))
     strides, threads = arguments[len(SLOTS) : -1], arguments[-1]
     thread = _thread(module, builder)
     group = builder.lshr(thread, ir.Constant(INTEGER, WARP.bit_length() - 1))
@@ -59,7 +61,7 @@ def side_by_side(module: ir.Module) -> None:
     offsets = [builder.add(builder.mul(group, stride), lane) for stride in strides]
     room = _room(builder)
     with builder.if_then(builder.icmp_signed("<", thread, threads)):
-        _run_one(module, builder, room, given, dict(zip(MOVING, offsets, strict=True)))
+        _run_one(module, builder, room, values, dict(zip(MOVING, offsets, strict=True)))
     builder.ret_void()
     builder, arguments = _kernel(module, "answer", [POINTER] * 3)
     _answer_one(module, builder, arguments, _thread(module, builder))
@@ -101,13 +103,13 @@ def _run_one(
     module: ir.Module,
     builder: ir.IRBuilder,
     room: ir.Value,
-    given: Mapping[str, ir.Value],
+    values: Mapping[str, ir.Value],
     offsets: Mapping[str, ir.Value],
 ) -> None:
-    for name, value in given.items():
+    for name, value in values.items():
         mine = _moved(builder, value, offsets[name]) if name in offsets else value
-        place = [ir.Constant(_INDEX, 0), ir.Constant(_INDEX, SLOTS[name])]
-        builder.store(mine, builder.gep(room, place))
+        index = [ir.Constant(_INDEX, 0), ir.Constant(_INDEX, SLOTS[name])]
+        builder.store(mine, builder.gep(room, index))
     builder.call(module.globals[THREAD[0]], [room])
 
 

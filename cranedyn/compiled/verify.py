@@ -57,19 +57,19 @@ def compile_kernel(
         rows = np.hstack([rows, np.broadcast_to(converters, (len(rows), converters.shape[-1]))])
     varied = (rows != rows[0]).any(axis=0)
     constants = np.where(varied, np.nan, rows[0])
-    own = np.ascontiguousarray(rows[:, varied])
+    numbers_ = np.ascontiguousarray(rows[:, varied])
     with _MAKING:
         code = _kernel(Topology.of(cranes[0]), constants.tobytes(), recipe)
         if len(code.agreed) > _REMEMBERED:
             code.agreed.clear()
-        verify_cranes(cranes, code, own, code.agreed, converters)
-    return code, own
+        verify_cranes(cranes, code, numbers_, code.agreed, converters)
+    return code, numbers_
 
 
 def verify_cranes(
     cranes: Sequence[Crane] | Cranes,
     code: Kernel,
-    own: np.ndarray,
+    varied: np.ndarray,
     agreed: set[bytes],
     converters: np.ndarray | None = None,
     answers: Accelerations = kernel_accelerations,
@@ -83,9 +83,9 @@ def verify_cranes(
     rows: Any = (
         repeat(None)
         if converters is None
-        else np.broadcast_to(converters, (len(own), converters.shape[-1]))
+        else np.broadcast_to(converters, (len(varied), converters.shape[-1]))
     )
-    for crane, row, response in zip(cranes[:_CHECKED], own, rows, strict=False):
+    for crane, row, response in zip(cranes[:_CHECKED], varied, rows, strict=False):
         if row.tobytes() not in agreed:
             verify_crane(crane, code, row, response, answers)
             agreed.add(row.tobytes())
@@ -105,8 +105,8 @@ def object_file(crane: Crane, recipe: Recipe) -> bytes:
 
 @lru_cache(maxsize=256)
 def _kernel(topology: Topology, constants: bytes, recipe: Recipe) -> Kernel:
-    known = [None if np.isnan(value) else value for value in np.frombuffer(constants).tolist()]
-    return kernel(topology, known, recipe)
+    values = [None if np.isnan(value) else value for value in np.frombuffer(constants).tolist()]
+    return kernel(topology, values, recipe)
 
 
 def verify_crane(
@@ -136,7 +136,7 @@ def verify_crane(
         crane.layout,
         JointForces.of(crane),
     )
-    own = np.repeat(varied[:, None], lanes, axis=1)
+    lanes_of_numbers = np.repeat(varied[:, None], lanes, axis=1)
     for _ in range(8):
         q = rng.uniform(crane.lower, crane.upper)
         q[crane.swings] = rng.uniform(-1.4, 1.4, len(crane.swings))
@@ -181,8 +181,8 @@ def verify_crane(
                 layout.passive,
                 external,
             )
-        given = np.repeat(np.concatenate([q, v, command, force])[:, None], lanes, axis=1)
-        if off := rigid_body.disagreement(answers(code, given, own).T, expected, mass):
+        query = np.repeat(np.concatenate([q, v, command, force])[:, None], lanes, axis=1)
+        if off := rigid_body.disagreement(answers(code, query, lanes_of_numbers).T, expected, mass):
             raise ModelError(
                 "The compiled crane moves otherwise than Pinocchio's: accelerations differ by "
                 f"{off:.1e} of the largest."

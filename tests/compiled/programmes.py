@@ -77,13 +77,13 @@ def solved(machine: Machine, problem: Problem) -> Solved:
         put("columns", np.dstack([problem.a, problem.b])[:, :, j], j)
     put("shift", problem.c)
     put("gradient", problem.gradient)
-    put("apart", problem.d, first=w)
+    put("extra_shift", problem.d, first=w)
     common("start")[:z] = problem.start
     common("low")[:], common("high")[:], common("price")[:] = -1e9, 1e9, problem.price[0]
     for name in ("low", "high", "price"):
         common(name)[: w + m] = getattr(problem, name)
     common("report")[REPORT.index("barrier")] = 0.1 * problem.price[0]
     machine.function("solve", 1)(work.ctypes.data)
-    place = shape.place("here")
+    place = shape.place("iterate")
     found = stages[: shape.stages, place : place + w + m].copy()
     return Solved(found, dict(zip(REPORT, common("report").tolist(), strict=False)))

@@ -358,7 +358,7 @@ def _loop(**changed: Any) -> Loop:
         tables[i] = changed.pop(name, tables[i])
     clock, given = (
         clocks(0.2, 1e-3, 1e-2),
-        {"last": _PERIODS + 1, "end": _PERIODS, "remembered": 3, **memory, **changed},
+        {"last": _PERIODS + 1, "end": _PERIODS, "reading_count": 3, **memory, **changed},
     )
     return Loop(code, clock, tuple(tables), **given)  # type: ignore[arg-type]
 
@@ -422,13 +422,13 @@ def test_the_door_opens_for_arrays_that_can_be_written_to_where_code_writes(name
         {"offset": RowTable(np.zeros((1, 10)), 2, np.zeros(1, int))},
         {"delay": np.full((2, 1, _LANES), 3, dtype=np.int64)},
         {"delay": np.full((2, 1, _LANES), -1, dtype=np.int64)},
-        {"remembered": 0},
-        {"remembered": 4},
+        {"reading_count": 0},
+        {"reading_count": 4},
         {"last": _PERIODS + 2},
         {"last": 0},
-        {"every": 0},
+        {"log_interval": 0},
         {"end": -1},
-        {"after": 1.5},
+        {"residual_from": 1.5},
     ],
     ids=(
         "starts too far, starts before, law short, aim short, no aim, narrow force, nan force, inf "

@@ -120,7 +120,7 @@ def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane
             ahead @ node + row["shift"][0, :z], flow(node), atol=2e-3 * length**2
         )
         np.testing.assert_array_equal(row["columns"][:, :z].T, ahead)
-        besides = row["extra"][:, :w], row["apart"][0, w : w + layout.m]
+        besides = row["extra"][:, :w], row["extra_shift"][0, w : w + layout.m]
         scale = np.abs(effort(node)).max()
         np.testing.assert_allclose(besides[0] @ node + besides[1], effort(node), atol=1e-12 * scale)
         for j in range(w):

@@ -54,8 +54,8 @@ def _turned(before: np.ndarray, by: np.ndarray, way: str) -> np.ndarray:
 @pytest.mark.parametrize(
     ("way", "largest"),
     [
-        *product(WAYS, [1e-9, 1e-3, SHORTER.most]),
-        *product(["in a step", "after a step, mended"], [LONGER.most, 3.0]),
+        *product(WAYS, [1e-9, 1e-3, SHORTER.limit]),
+        *product(["in a step", "after a step, mended"], [LONGER.limit, 3.0]),
     ],
 )
 def test_a_turn_costs_two_roundings_at_most(way: str, largest: float) -> None:

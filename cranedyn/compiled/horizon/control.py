@@ -169,13 +169,13 @@ def emit_plan(module: ir.Module, programme: Programme) -> list[tuple[str, int, i
     riccati.emit(module, shape)
     interior.emit(module, shape)
     crane = plant(programme.topology, list(programme.numbers), "motion", False)
-    known = model.emit(module, shape, crane, programme.length)
+    constants = model.emit(module, shape, crane, programme.length)
     if programme.errors:
         errors = np.reshape(programme.errors, (2, layout.n))
         model.emit_weights(module, shape, crane, errors, np.array(programme.payload_errors))
     period = programme.ratio * programme.period
     planning.emit(module, shape, crane, programme.length, period, programme.swing)
-    return known
+    return constants
 
 
 def emit_instant(module: ir.Module, programme: Programme) -> None:
@@ -184,11 +184,11 @@ def emit_instant(module: ir.Module, programme: Programme) -> None:
     """
     code = Code(module, "instant", ["memory", "given", "command"], 1)
     code.function.attributes.add("noinline")  # rounded alike wherever it is called from
-    layout, given = programme.topology.layout, code.argument["given"]
+    layout, query = programme.topology.layout, code.argument["given"]
     z = 2 * layout.n
-    state = array([code.load(given, i) for i in range(z)])
-    position = array([code.load(given, z + i) for i in range(layout.m)])
-    row, due = (code.load_one(given, z + layout.m + i, INTEGER) for i in range(2))
+    state = array([code.load(query, i) for i in range(z)])
+    position = array([code.load(query, z + i) for i in range(layout.m)])
+    row, due = (code.load_one(query, z + layout.m + i, INTEGER) for i in range(2))
     control = PredictiveControl(code, programme, code.argument["memory"])
     command = control.command(
         state[: layout.n],
@@ -214,8 +214,8 @@ class PredictiveControl:
         """Row of the path now and whether an optimisation is due, by counting instants."""
         code = self.code
         count = code.load_one(self.memory, self.parts.counts, INTEGER)
-        place = pointer(code, self.memory, self.parts.counts)
-        code.builder.store(code.builder.add(count, code.integer(1)), place, align=8)
+        address = pointer(code, self.memory, self.parts.counts)
+        code.builder.store(code.builder.add(count, code.integer(1)), address, align=8)
         turn = code.builder.srem(count, code.integer(self.programme.ratio))
         first = code.load_one(self.memory, self.parts.counts + 1, INTEGER)
         due = code.builder.or_(
@@ -245,15 +245,17 @@ class PredictiveControl:
             goal = array([]) if tracked else model.hanging(plant, position)
             for lane in range(code.lanes):
                 self._plan(lane, *believed, goal, row, possible)
-        told = self._remembered("held")
+        acceleration = self._remembered("held")
         if self.programme.drive == "effort":
-            return self._efforts(q, v, told, begun * possible)
-        told = self._taut(q, v, told)
+            return self._efforts(q, v, acceleration, begun * possible)
+        acceleration = self._taut(q, v, acceleration)
         if self.programme.drive == "motion":
-            return told
+            return acceleration
         rates = believed[1][self.layout.drives]
-        self._remember("expected", rates + self.programme.period * told)
-        return array([r + t * a for r, t, a in zip(rates, self.programme.lead, told, strict=True)])
+        self._remember("expected", rates + self.programme.period * acceleration)
+        return array(
+            [r + t * a for r, t, a in zip(rates, self.programme.lead, acceleration, strict=True)]
+        )
 
     def asked(
         self, q: np.ndarray, v: np.ndarray, position: np.ndarray, row: ir.Value, due: ir.Value
@@ -264,17 +266,17 @@ class PredictiveControl:
         code = self.code
         numbers = [*q, *v, *position]
         with code.builder.goto_entry_block():
-            given, command = (
+            query, command = (
                 code.builder.alloca(ir.DoubleType(), size)
                 for size in (len(numbers) + 2, len(position))
             )
         for i, value in enumerate(numbers):
-            code.store(value, given, i)
+            code.store(value, query, i)
         for i, number in enumerate((row, code.builder.zext(due, INTEGER)), len(numbers)):
             bits = code.builder.bitcast(number, ir.DoubleType())
-            code.store(Value(code, bits), given, i)
+            code.store(Value(code, bits), query, i)
         function = code.function.module.globals["instant"]
-        code.builder.call(function, [self.memory, given, command])
+        code.builder.call(function, [self.memory, query, command])
         return array([code.load(command, i) for i in range(len(position))])
 
     def _plan(
@@ -286,8 +288,10 @@ class PredictiveControl:
         row: ir.Value,
         possible: Value,
     ) -> None:
-        code, parts, shape = self.code, self.parts, self.programme.shape
-        query, path = (pointer(code, self.memory, at) for at in (parts.query, parts.path))
+        code, offsets, shape = self.code, self.parts, self.programme.shape
+        query, path = (
+            pointer(code, self.memory, offset) for offset in (offsets.query, offsets.path)
+        )
         for i, value in enumerate([*q, *v]):
             self._store_one(element(code, value, lane), query, i)
         rows = self.programme.rows
@@ -302,16 +306,16 @@ class PredictiveControl:
             code.builder.store(number, pointer(code, query, shape.lanes + i), align=8)
         assert len(numbers) == len(QUERY)
         self._store_one(element(code, possible, lane), query, shape.lanes + len(QUERY))
-        plan = pointer(code, self.memory, parts.plans + lane * plan_size(shape))
-        work = pointer(code, self.memory, parts.work)
+        plan = pointer(code, self.memory, offsets.plans + lane * plan_size(shape))
+        work = pointer(code, self.memory, offsets.work)
         code.builder.call(code.function.module.globals["plan"], [work, plan, query, path])
         for i in range(self.layout.m):
             value = code.load_one(plan, shape.states + i, ir.DoubleType())
-            to = pointer(code, self.memory, parts.lanes + i * code.lanes + lane)
+            to = pointer(code, self.memory, offsets.lanes + i * code.lanes + lane)
             code.builder.store(value, to, align=8)
 
-    def _store_one(self, value: Value, base: ir.Value, place: int) -> None:
-        self.code.builder.store(value.register, pointer(self.code, base, place), align=8)
+    def _store_one(self, value: Value, base: ir.Value, offset: int) -> None:
+        self.code.builder.store(value.register, pointer(self.code, base, offset), align=8)
 
     def _place(self, i: int) -> int:
         return self.parts.lanes + i * self.code.lanes
@@ -328,18 +332,18 @@ class PredictiveControl:
         possible last, and 0.
         """
         code, shape = self.code, self.programme.shape
-        least, most = (self.parts.work + shape.place(name) for name in ("least", "most"))
+        low, high = (self.parts.work + shape.place(name) for name in ("least", "most"))
         read = np.concatenate([q, v])
         holds = code.both(
-            *(x >= code.spread(self.memory, least + i) for i, x in enumerate(read)),
-            *(x <= code.spread(self.memory, most + i) for i, x in enumerate(read)),
+            *(x >= code.spread(self.memory, low + i) for i, x in enumerate(read)),
+            *(x <= code.spread(self.memory, high + i) for i, x in enumerate(read)),
         )
-        kept = {
+        updates = {
             "read": (read, self._remembered("read")),
             "refused": (self._remembered("refused"), read),
             "refusals": (self._remembered("refusals"), self._remembered("refusals") + 1.0),
         }
-        for name, pairs in kept.items():
+        for name, pairs in updates.items():
             self._remember(name, [code.chosen(holds, a, b) for a, b in zip(*pairs, strict=True)])
         q, v = np.split(self._remembered("read"), 2)
         return q, v, code.chosen(holds, 1.0, 0.0)
@@ -350,17 +354,17 @@ class PredictiveControl:
         """Coordinates and rates with which a plan begins: as measured, but for the swing and, where
         rates are commanded, the rates of the drives; with what was measured at the instant before.
         """
-        known, drives = self._remembered("begun")[0] > 0.0, self.layout.drives
-        believed_q, believed_v = self._swinging(known, q, v, before[self.layout.n + drives])
+        begun, drives = self._remembered("begun")[0] > 0.0, self.layout.drives
+        believed_q, believed_v = self._swinging(begun, q, v, before[self.layout.n + drives])
         if self.programme.drive == "velocity":
             believed_v[drives] = self._corrected(
-                known, self._remembered("expected"), v[drives], self.programme.rate_share
+                begun, self._remembered("expected"), v[drives], self.programme.rate_share
             )
         self._remember("begun", [1.0])
         return believed_q, believed_v
 
     def _swinging(
-        self, known: ir.Value, q: np.ndarray, v: np.ndarray, rates_before: np.ndarray
+        self, begun: ir.Value, q: np.ndarray, v: np.ndarray, rates_before: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and rates with what is believed of the swing.
 
@@ -371,29 +375,31 @@ class PredictiveControl:
         drives, passive = layout.drives, layout.passive
         if self.programme.swing_share == 1.0 or not len(passive):
             return q, v
-        seen, before = [*q[passive], *v[passive]], q.copy()
+        measured, before = [*q[passive], *v[passive]], q.copy()
         before[passive], v[passive] = np.split(self._remembered("swing"), 2)
         done = (v[drives] - rates_before) / period
         caused = self.programme.plant.answer(before, v, done, None)[0][passive]
         after = v[passive] + period * caused
         expected = [*(before[passive] + period * after), *after]
-        believed = self._corrected(known, expected, seen, self.programme.swing_share)
+        believed = self._corrected(begun, expected, measured, self.programme.swing_share)
         self._remember("swing", believed)
         q[passive], v[passive] = np.split(believed, 2)
         return q, v
 
-    def _corrected(self, known: ir.Value, expected: Any, seen: Any, share: float) -> np.ndarray:
+    def _corrected(self, begun: ir.Value, expected: Any, measured: Any, share: float) -> np.ndarray:
         """What was expected, where there was an instant before, corrected by a share of what is
         seen.
         """
         return array(
             [
-                self.code.chosen(known, e + share * (s - e), s)
-                for e, s in zip(expected, seen, strict=True)
+                self.code.chosen(begun, e + share * (s - e), s)
+                for e, s in zip(expected, measured, strict=True)
             ]
         )
 
-    def _efforts(self, q: np.ndarray, v: np.ndarray, told: np.ndarray, learns: Value) -> np.ndarray:
+    def _efforts(
+        self, q: np.ndarray, v: np.ndarray, acceleration: np.ndarray, learns: Value
+    ) -> np.ndarray:
         """Efforts that accelerate as told, what disturbs taken off; and what it learns of that, if
         it does: 1, or 0 at the first instant and where no state was read.
 
@@ -408,31 +414,33 @@ class PredictiveControl:
             [e + gain * (r - x) for e, r, x in zip(estimate, rates, expected, strict=True)]
         )
         crane = programme.plant
-        wanted = crane.answer(q, v, told - estimate, None)[1]
-        cut = [clipped(f, -most, most) for f, most in zip(wanted, crane.effort_limit, strict=True)]
+        effort = crane.answer(q, v, acceleration - estimate, None)[1]
+        cut = [
+            clipped(f, -limit, limit) for f, limit in zip(effort, crane.effort_limit, strict=True)
+        ]
         hoist = layout.drive_of("hoist")
         if hoist is not None:
             joint = int(layout.drives[hoist])
-            most = crane.joint.damping[joint] * v[joint] - programme.taut
-            cut[hoist] = code.chosen(cut[hoist] > most, most, cut[hoist])
+            limit = crane.joint.damping[joint] * v[joint] - programme.taut
+            cut[hoist] = code.chosen(cut[hoist] > limit, limit, cut[hoist])
         caused = programme.driven("effort").answer(q, v, array(cut), None)[0][layout.drives]
         self._remember("estimate", estimate)
         self._remember("expected", rates + programme.period * (caused + estimate))
         return array(cut)
 
-    def _taut(self, q: np.ndarray, v: np.ndarray, told: np.ndarray) -> np.ndarray:
+    def _taut(self, q: np.ndarray, v: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         """Accelerations as told, but for a hoist that would leave the rope with less than its
         least tension: what the hoist exerts is linear in its own acceleration.
         """
         code, layout, crane = self.code, self.layout, self.programme.plant
         hoist = layout.drive_of("hoist")
         if hoist is None:
-            return told
+            return acceleration
         joint = int(layout.drives[hoist])
-        faster = told.copy()
-        faster[hoist] = told[hoist] + 1.0
-        force, more = (crane.answer(q, v, u, None)[1][hoist] for u in (told, faster))
+        faster = acceleration.copy()
+        faster[hoist] = acceleration[hoist] + 1.0
+        force, steeper = (crane.answer(q, v, u, None)[1][hoist] for u in (acceleration, faster))
         over = force - (crane.joint.damping[joint] * v[joint] - self.programme.taut)
-        less = told[hoist] - over / (more - force)
-        told[hoist] = code.chosen(over > 0.0, less, told[hoist])
-        return told
+        reduced = acceleration[hoist] - over / (steeper - force)
+        acceleration[hoist] = code.chosen(over > 0.0, reduced, acceleration[hoist])
+        return acceleration

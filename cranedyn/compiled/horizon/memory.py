@@ -93,7 +93,7 @@ class HorizonShape:
             "columns": w,
             "shift": 1,
             "extra": u,
-            "apart": 1,
+            "extra_shift": 1,
             "gradient": 1,
             "slope": 1,
             "curve": 1,
@@ -101,8 +101,8 @@ class HorizonShape:
             "feedback": u,
             "open": 1,
             "node": 1,
-            "here": 1,
-            "there": 1,
+            "iterate": 1,
+            "trial": 1,
             **{f"{name}_{side}": 1 for side in ("high", "low") for name in (*sides, *steps)},
         }
 
@@ -135,11 +135,11 @@ solved, 0 if not; iterations; mean product of slacks and multipliers; what is le
 at the beginning; largest share by which a bound is exceeded without bounds in the way."""
 
 
-class Other(Code):
+class LaneView(Code):
     """The same function with values of another number of lanes."""
 
     def __init__(self, code: Code, lanes: int) -> None:
-        self.lanes = self.apart = lanes
+        self.lanes = self.stride = lanes
         self.function, self.builder = code.function, code.builder
         self.type = lane_type(lanes)
         self.argument = code.argument
@@ -151,7 +151,7 @@ class MemoryRows:
 
     def __init__(self, code: Code, shape: HorizonShape, base: Any) -> None:
         self._code, self._shape, self._base = code, shape, base
-        self._one = Other(code, 1)
+        self._one = LaneView(code, 1)
 
     def at(self, name: str, row: int = 0, lane: int = 0) -> Any:
         """Index of a number."""
@@ -203,8 +203,8 @@ def element(code: Code, value: Value, lane: int) -> Value:
     """One number of a vector."""
     if code.lanes == 1:
         return value
-    place = ir.Constant(ir.IntType(32), lane)
-    return Value(Other(code, 1), code.builder.extract_element(value.register, place))
+    index = ir.Constant(ir.IntType(32), lane)
+    return Value(LaneView(code, 1), code.builder.extract_element(value.register, index))
 
 
 def everywhere(code: Code, value: Value) -> Value:
@@ -215,25 +215,25 @@ def everywhere(code: Code, value: Value) -> Value:
 def with_elements(code: Code, value: Value, elements: Mapping[int, Value]) -> Value:
     """A vector with other numbers in some lanes."""
     register = value.register
-    for lane, part in elements.items():
-        place = ir.Constant(ir.IntType(32), lane)
-        register = code.builder.insert_element(register, part.register, place)
+    for lane, number in elements.items():
+        index = ir.Constant(ir.IntType(32), lane)
+        register = code.builder.insert_element(register, number.register, index)
     return Value(code, register)
 
 
-def over_lanes(code: Code, value: Value, how: str) -> Value:
+def over_lanes(code: Code, value: Value, operation: str) -> Value:
     """Sum ("fadd") or largest ("fmax") of the numbers of a vector."""
     kind = value.register.type
     arguments = [value.register]
-    if how == "fadd":
+    if operation == "fadd":
         arguments = [ir.Constant(DOUBLE, -0.0), *arguments]
-    name, module = f"llvm.vector.reduce.{how}.v{code.lanes}f64", code.function.module
+    name, module = f"llvm.vector.reduce.{operation}.v{code.lanes}f64", code.function.module
     function = module.globals.get(name) or ir.Function(
         module, ir.FunctionType(DOUBLE, [argument.type for argument in arguments]), name
     )
     assert kind == code.type
     return Value(
-        Other(code, 1),
+        LaneView(code, 1),
         code.builder.call(function, arguments, fastmath=("reassoc", "nsz", "contract")),
     )
 
@@ -250,5 +250,5 @@ def constant(code: Code, numbers: list[float]) -> Value:
 
 def pointer(code: Code, base: ir.Value, offset: Any) -> ir.Value:
     """The address so many doubles after another."""
-    place = offset if isinstance(offset, ir.Value) else code.integer(offset)
-    return code.builder.gep(base, [place], source_etype=DOUBLE)
+    index = offset if isinstance(offset, ir.Value) else code.integer(offset)
+    return code.builder.gep(base, [index], source_etype=DOUBLE)

@@ -18,7 +18,7 @@ from llvmlite import ir
 
 from cranedyn.compiled.code import INTEGER, Code, Value
 from cranedyn.compiled.horizon.dual import constants, slopes, variables
-from cranedyn.compiled.horizon.memory import BLOCK, HorizonShape, Other, Work
+from cranedyn.compiled.horizon.memory import BLOCK, HorizonShape, LaneView, Work
 from cranedyn.dynamics.scalars import array, solve
 from cranedyn.plant import rigid_body
 from cranedyn.plant.plant import Plant
@@ -53,11 +53,11 @@ def crane_derivatives(
     layout = plant.topology.layout
     n, m, drives, passive = layout.n, layout.m, layout.drives, layout.passive
     a, effort = plant.answer(q, v, u, None)
-    at, moving = variables(q, v)
-    where = rigid_body.frames(plant.tree, at)
+    q_dual, moving = variables(q, v)
+    placements = rigid_body.frames(plant.tree, q_dual)
     forces = rigid_body.inverse_dynamics(
-        plant.tree, where, moving, constants(a, 2 * n)
-    ) - plant.joint.effort(at, moving)
+        plant.tree, placements, moving, constants(a, 2 * n)
+    ) - plant.joint.effort(q_dual, moving)
     by_state = slopes(forces, 2 * n)
     mass = rigid_body.mass_matrix(plant.tree, rigid_body.frames(plant.tree, q))
     by_all = np.zeros((n, 2 * n + m), dtype=object)
@@ -67,14 +67,14 @@ def crane_derivatives(
     rates[drives, range(2 * n, 2 * n + m)] = 1.0
     block = mass[np.ix_(passive, passive)]
     for j in range(2 * n + m):
-        if any(not _zero(part) for part in by_all[passive, j]):
+        if any(not _zero(x) for x in by_all[passive, j]):
             rates[passive, j] = solve(block, -by_all[passive, j])
     efforts = by_all[drives] + mass[np.ix_(drives, passive)] @ rates[passive]
     return CraneDerivatives(a, effort, rates, efforts)
 
 
-def _zero(part: Any) -> bool:
-    return isinstance(part, float) and part == 0.0
+def _zero(x: Any) -> bool:
+    return isinstance(x, float) and x == 0.0
 
 
 def hanging(plant: Plant, drives: np.ndarray) -> np.ndarray:
@@ -88,9 +88,9 @@ def hanging(plant: Plant, drives: np.ndarray) -> np.ndarray:
     if plant.plumb_at_zero:
         return q
     q[swings] = plant.hanging_angles(drives)
-    (at,) = variables(q)
+    (q_dual,) = variables(q)
     forces = rigid_body.inverse_dynamics(
-        plant.tree, rigid_body.frames(plant.tree, at), still, constants(still, layout.n)
+        plant.tree, rigid_body.frames(plant.tree, q_dual), still, constants(still, layout.n)
     )
     stiffness = slopes(forces[swings], layout.n)[:, swings]
     pull = array([force.value for force in forces[swings]])
@@ -103,11 +103,11 @@ def stage(plant: Plant, length: float, q: np.ndarray, v: np.ndarray, u: np.ndarr
     layout = plant.topology.layout
     n, m = layout.n, layout.m
     z, w = 2 * n, 2 * n + m
-    found = crane_derivatives(plant, q, v, u)
+    derivatives = crane_derivatives(plant, q, v, u)
     node = np.concatenate([q, v, u])
     # Derivatives of the motion by time, each a linear function of coordinates, rates and inputs,
     # with its value at the node last.
-    faster = np.hstack([found.rates, found.a[:, None]])
+    faster = np.hstack([derivatives.rates, derivatives.a[:, None]])
     moved = np.zeros((n, w + 1), dtype=object)
     moved[:] = 0.0
     moved[range(n), range(n, z)] = 1.0
@@ -117,7 +117,7 @@ def stage(plant: Plant, length: float, q: np.ndarray, v: np.ndarray, u: np.ndarr
     after[range(z), range(z)] = 1.0
     after[:, w] = node[:z]
     share = 1.0
-    by_q, by_v = found.rates[:, :n], found.rates[:, n:z]
+    by_q, by_v = derivatives.rates[:, :n], derivatives.rates[:, n:z]
     for order in range(1, _ORDER + 1):
         share *= length / order
         after = after + share * np.vstack([moved, faster])
@@ -126,20 +126,23 @@ def stage(plant: Plant, length: float, q: np.ndarray, v: np.ndarray, u: np.ndarr
         *((("forward"), i, j, after[i, j]) for i in range(z) for j in range(w)),
         *((("columns"), j, i, after[i, j]) for i in range(z) for j in range(w)),
         *(("shift", 0, i, after[i, w] - after[i, :w] @ node) for i in range(z)),
-        *(("extra", i, j, found.efforts[i, j]) for i in range(m) for j in range(w)),
-        *(("apart", 0, w + i, found.effort[i] - found.efforts[i] @ node) for i in range(m)),
+        *(("extra", i, j, derivatives.efforts[i, j]) for i in range(m) for j in range(w)),
+        *(
+            ("extra_shift", 0, w + i, derivatives.effort[i] - derivatives.efforts[i] @ node)
+            for i in range(m)
+        ),
     ]
 
 
 def payload_jacobian(plant: Plant, q: np.ndarray) -> np.ndarray:
     """Derivatives of the payload's place in the world by the coordinates, shape (3, n)."""
     tree, body = plant.tree, plant.topology.bodies[0]
-    (at,) = variables(q)
-    where, place = rigid_body.frames(tree, at), plant.levers[0]
+    (q_dual,) = variables(q)
+    placements, point = rigid_body.frames(tree, q_dual), plant.levers[0]
     while body >= 0:
-        place = where[body].origin + where[body].rotation @ place
+        point = placements[body].origin + placements[body].rotation @ point
         body = tree.parents[body]
-    return slopes(place, len(q))
+    return slopes(point, len(q))
 
 
 def emit_weights(
@@ -154,14 +157,14 @@ def emit_weights(
     """
     work = Work(Code(module, "weigh", ["work"], 1), shape)
     n = plant.topology.layout.n
-    places = payload_jacobian(plant, array([work.common.one("goal", 0, i) for i in range(n)]))
-    for part, error in enumerate(payload_errors.tolist()):
+    jacobian = payload_jacobian(plant, array([work.common.one("goal", 0, i) for i in range(n)]))
+    for block, error in enumerate(payload_errors.tolist()):
         for i in range(n):
             for j in range(n):
-                product: Any = error**-2.0 * (places[:, i] @ places[:, j])
+                product: Any = error**-2.0 * (jacobian[:, i] @ jacobian[:, j])
                 if i == j:
-                    product = product + float(errors[part, i]) ** -2.0
-                work.common.put_one("weight", part * n + i, part * n + j, product)
+                    product = product + float(errors[block, i]) ** -2.0
+                work.common.put_one("weight", block * n + i, block * n + j, product)
     work.code.end()
 
 
@@ -179,7 +182,7 @@ def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) ->
         ]
         node = array(
             [
-                code.gathered(code.argument["work"], [each.at("node", 0, i) for each in stages])
+                code.gathered(code.argument["work"], [rows.at("node", 0, i) for rows in stages])
                 for i in range(shape.both)
             ]
         )
@@ -195,20 +198,20 @@ def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) ->
 def _scatter(work: Work, block: ir.Value, written: Entries) -> None:
     """From rows with a lane for each stage to the memory of each stage."""
     code, shape = work.code, work.shape
-    one, builder = Other(code, 1), code.builder
-    places = [shape.place(name, row) + lane for name, row, lane, _ in written]
-    kind = ir.ArrayType(INTEGER, len(places))
+    single, builder = LaneView(code, 1), code.builder
+    offsets = [shape.place(name, row) + lane for name, row, lane, _ in written]
+    kind = ir.ArrayType(INTEGER, len(offsets))
     table = ir.GlobalVariable(code.function.module, kind, "places")
-    table.global_constant, table.initializer = True, ir.Constant(kind, places)
+    table.global_constant, table.initializer = True, ir.Constant(kind, offsets)
     first = builder.add(code.product(block, BLOCK * shape.stride), code.integer(shape.first))
-    with code.loop(0, len(places)) as row:
-        at = builder.add(code.product(row, BLOCK), code.integer(shape.place("block")))
-        place = builder.load(builder.gep(table, [row], source_etype=INTEGER), typ=INTEGER)
-        place = builder.add(first, place)
+    with code.loop(0, len(offsets)) as row:
+        source = builder.add(code.product(row, BLOCK), code.integer(shape.place("block")))
+        offset = builder.load(builder.gep(table, [row], source_etype=INTEGER), typ=INTEGER)
+        offset = builder.add(first, offset)
         for lane in range(BLOCK):
-            value = one.load(code.argument["work"], builder.add(at, code.integer(lane)))
-            to = builder.add(place, code.integer(lane * shape.stride))
-            one.store(value, code.argument["work"], to)
+            value = single.load(code.argument["work"], builder.add(source, code.integer(lane)))
+            to = builder.add(offset, code.integer(lane * shape.stride))
+            single.store(value, code.argument["work"], to)
 
 
 def _known(entries: Entries) -> Iterator[tuple[str, int, int, float]]:

@@ -101,10 +101,10 @@ class Tuning:
 
     def errors(self, layout: Layout) -> tuple[float, ...]:
         """Return errors of coordinates, then of rates of each joint that weigh alike."""
-        each = [
+        errors = [
             self.revolute if joint.kind == "revolute" else self.prismatic for joint in layout.joints
         ]
-        return tuple(error[part] for part in (0, 1) for error in each)
+        return tuple(error[i] for i in (0, 1) for error in errors)
 
     def slower(self, time: float) -> Tuning:
         """Return that of a crane all of whose motions take so many times as long."""
@@ -187,12 +187,12 @@ class Receding(ShortRepr):
 
     def memory(self, lanes: int) -> np.ndarray:
         """Memory of a group of so many cranes before a run, shape (doubles,)."""
-        parts = MemoryOffsets.of(self.programme, lanes)
-        found = np.zeros(parts.size)
-        found[parts.work :] = self.table
-        self._of_lanes(found, lanes, "read")[:] = self._row("start")[:, None]
-        found[parts.path : parts.path + self.path.size] = self.path.ravel()
-        return found
+        offsets = MemoryOffsets.of(self.programme, lanes)
+        memory = np.zeros(offsets.size)
+        memory[offsets.work :] = self.table
+        self._of_lanes(memory, lanes, "read")[:] = self._row("start")[:, None]
+        memory[offsets.path : offsets.path + self.path.size] = self.path.ravel()
+        return memory
 
     def _row(self, name: str) -> np.ndarray:
         """A row of the table about states, shape (2 n,)."""
@@ -201,8 +201,8 @@ class Receding(ShortRepr):
 
     def _of_lanes(self, memory: np.ndarray, lanes: int, name: str) -> np.ndarray:
         """What the lanes of a memory remember of something, shape (numbers, lanes)."""
-        parts, slots = self.programme.parts(lanes), lane_memory(self.programme.topology.layout)
-        return memory[parts.lanes : parts.plans].reshape(-1, lanes)[slots[name]]
+        offsets, slots = self.programme.parts(lanes), lane_memory(self.programme.topology.layout)
+        return memory[offsets.lanes : offsets.plans].reshape(-1, lanes)[slots[name]]
 
     def refusals(self, memory: np.ndarray, lanes: int) -> np.ndarray:
         """How often a crane of each lane was said to be where it cannot be, shape (lanes,)."""
@@ -210,9 +210,9 @@ class Receding(ShortRepr):
 
     def fresh(self, t: float, lanes: int) -> np.ndarray:
         """As `memory`, for a compiled loop that begins at a time [s]."""
-        found = self.memory(lanes)
-        found[self.programme.parts(lanes).counts :][:2].view(np.int64)[:] = self._count(t)
-        return found
+        memory = self.memory(lanes)
+        memory[self.programme.parts(lanes).counts :][:2].view(np.int64)[:] = self._count(t)
+        return memory
 
     @property
     def marks(self) -> Marks:
@@ -225,15 +225,15 @@ class Receding(ShortRepr):
 
     def notes(self) -> dict[str, object]:
         """See `cranedyn.simulation.record.Noting`."""
-        found: dict[str, object] = {"failed_optimisations": int(self.marks.failures)}
+        notes: dict[str, object] = {"failed_optimisations": int(self.marks.failures)}
         if refusals := int(self.refusals(self._memory, 1)[0]):
             joints = self.programme.topology.layout.joints
             columns = [joint.columns[i] for i in (0, 1) for joint in joints]
             read = self._of_lanes(self._memory, 1, "refused")[:, 0]
             wrong = (read < self._row("least")) | (read > self._row("most"))
-            found["refused_readings"] = refusals
-            found["last_refused"] = {columns[i]: float(read[i]) for i in np.flatnonzero(wrong)}
-        return found
+            notes["refused_readings"] = refusals
+            notes["last_refused"] = {columns[i]: float(read[i]) for i in np.flatnonzero(wrong)}
+        return notes
 
     def marked(self, memory: np.ndarray, lanes: int) -> list[Marks]:
         """The same of each lane of a memory."""
@@ -248,10 +248,10 @@ class Receding(ShortRepr):
         Raises:
             OutOfRange: If the run's control period is another than the controller's.
         """
-        own = self.programme.period
-        if not math.isclose(control_period, own, rel_tol=SAME_PERIOD):
+        period = self.programme.period
+        if not math.isclose(control_period, period, rel_tol=SAME_PERIOD):
             raise OutOfRange(
-                "control period of the run", control_period, f"the controller's, {own:g}", "s"
+                "control period of the run", control_period, f"the controller's, {period:g}", "s"
             )
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
@@ -294,15 +294,15 @@ class _Made(NamedTuple):
     """The code of a programme, and what stands in the memory of each stage before all else."""
 
     machine: Machine
-    known: list[tuple[str, int, int, float]]
+    constants: list[tuple[str, int, int, float]]
 
 
 @lru_cache(maxsize=64)
 def _made(programme: Programme) -> _Made:
     module = ir.Module()
-    known = emit_plan(module, programme)
+    constants = emit_plan(module, programme)
     emit_instant(module, programme)
-    return _Made(translate(module), known)
+    return _Made(translate(module), constants)
 
 
 def receding(
@@ -392,8 +392,8 @@ def receding(
         raise OutOfRange(
             "period of the motion", motion.period, f"the control period, {control_period:g}", "s"
         )
-    kept = limits.for_crane(crane)
-    rates, accelerations = np.array(kept.rates), np.array(kept.accelerations)
+    drive_limits = limits.for_crane(crane)
+    rates, accelerations = np.array(drive_limits.rates), np.array(drive_limits.accelerations)
     lags = fitting(crane, drive, converters)
     hoist = layout.drive_of("hoist")
     weight = 0.0 if hoist is None else float(abs(holding_effort(crane, crane.start.q)[hoist]))
@@ -440,13 +440,13 @@ def _weights(
     z = 2 * layout.n
     q = np.eye(z) if state_weight is None else state_weight
     r = usual_input_weight(accelerations) if input_weight is None else input_weight
-    found = np.zeros((z + layout.m, z + layout.m))
-    found[:z, :z] = finite("state weight", q, (z, z))
-    found[z:, z:] = finite("input weight", r, (layout.m, layout.m))
-    for name, part in (("state weight", found[:z, :z]), ("input weight", found[z:, z:])):
-        if not np.allclose(part, part.T) or np.linalg.eigvalsh(part).min() <= 0.0:
-            raise OutOfRange(name, part.tolist(), "symmetric and positive definite")
-    return found
+    weights = np.zeros((z + layout.m, z + layout.m))
+    weights[:z, :z] = finite("state weight", q, (z, z))
+    weights[z:, z:] = finite("input weight", r, (layout.m, layout.m))
+    for name, block in (("state weight", weights[:z, :z]), ("input weight", weights[z:, z:])):
+        if not np.allclose(block, block.T) or np.linalg.eigvalsh(block).min() <= 0.0:
+            raise OutOfRange(name, block.tolist(), "symmetric and positive definite")
+    return weights
 
 
 def _bounds(
@@ -477,22 +477,22 @@ def _possible(crane: Crane, rates: np.ndarray, programme: Programme) -> dict[str
     """
     layout, start = crane.layout, crane.start.q
     drives, swings, n = layout.drives, crane.swings, layout.n
-    least, most = np.full(2 * n, -_NONE), np.full(2 * n, _NONE)
+    low, high = np.full(2 * n, -_NONE), np.full(2 * n, _NONE)
     span = crane.upper - crane.lower
-    least[drives], most[drives] = (crane.lower - span)[drives], (crane.upper + span)[drives]
+    low[drives], high[drives] = (crane.lower - span)[drives], (crane.upper + span)[drives]
     ends = np.clip([crane.lower[drives], crane.upper[drives]], -_NONE, _NONE)[:, None]
     turned = crane.rest.slope * ends
     short = start.copy()
     if (hoist := layout.drive_of("hoist")) is not None:
         short[drives[hoist]] = crane.lower[drives[hoist]]
     swinging = 2.0 * math.sqrt(2.0) * _frequencies(programme.plant, short).max(initial=0.0)
-    least[swings] = crane.rest.angle + turned.min(axis=0).sum(axis=-1) - _RIGHT
-    most[swings] = crane.rest.angle + turned.max(axis=0).sum(axis=-1) + _RIGHT
-    most[n + swings], most[n + drives] = swinging, _FASTEST * rates
-    least[n:] = -most[n:]
+    low[swings] = crane.rest.angle + turned.min(axis=0).sum(axis=-1) - _RIGHT
+    high[swings] = crane.rest.angle + turned.max(axis=0).sum(axis=-1) + _RIGHT
+    high[n + swings], high[n + drives] = swinging, _FASTEST * rates
+    low[n:] = -high[n:]
     return {
-        "least": np.clip(least, -_NONE, _NONE),
-        "most": np.clip(most, -_NONE, _NONE),
+        "least": np.clip(low, -_NONE, _NONE),
+        "most": np.clip(high, -_NONE, _NONE),
         "start": np.concatenate([start, np.zeros(n)]),
     }
 
@@ -533,6 +533,6 @@ def _table(programme: Programme, cost: np.ndarray, rows: dict[str, np.ndarray]) 
         row(name)[: len(values)] = values
     row("report")[REPORT.index("first")] = _BARRIER * PRICE
     stages = table[shape.first :].reshape(shape.padded, shape.stride)
-    for name, i, lane, value in _made(programme).known:
+    for name, i, lane, value in _made(programme).constants:
         stages[:, shape.place(name, i) + lane] = value
     return table
