@@ -1,4 +1,4 @@
-"""Sine and cosine in code, all lanes at once; libraries' functions would take one lane at a
+"""Sine and cosine in code, vectorised over the lanes; functions of libraries take one lane at a
 time.
 """
 
@@ -18,7 +18,7 @@ _LARGEST_ANGLE = 1e6
 
 
 class Series(NamedTuple):
-    """How a small turn takes sine and cosine along.
+    """Series for sine and cosine of a small rotation.
 
     Attributes:
         limit: Up to this the series end below the precision of a double [rad].
@@ -61,7 +61,7 @@ _COSINE = (
 
 
 def sine_and_cosine(code: Instructions, angle: Value) -> tuple[Value, Value]:
-    """Sine and cosine of an angle [rad], to about one unit in the last place; not a number beyond a
+    """Return sine and cosine of an angle [rad], to about one unit in the last place; NaN beyond a
     million rad.
 
     Two Taylor polynomials, which end below the precision of a double at 45°. Where a lane has a
@@ -100,14 +100,16 @@ def _both(code: Instructions, angle: Value) -> tuple[Value, Value]:
 
 
 class Turn(NamedTuple):
-    """An angle that went on: sine and cosine before, by how much [rad], and where it is now."""
+    """Rotation to a new angle: sine and cosine before, increment [rad], and the new angle."""
 
     sine_cosine: tuple[Value, Value]
     increment: Value
     angle: Value
 
     def turned(self, series: Series) -> tuple[Value, Value]:
-        """Sine and cosine from those before; each time adds a rounding or two."""
+        """Return sine and cosine, updated by the rotation; each update adds a rounding error or
+        two.
+        """
         (sine, cosine), increment, code = self.sine_cosine, self.increment, self.increment.code
         square = increment * increment
         rise = code.fused(increment * square, _polynomial(code, square, series.sine), increment)
@@ -118,15 +120,15 @@ class Turn(NamedTuple):
         )
 
     def mended(self, quick: tuple[Value, Value]) -> tuple[Value, Value]:
-        """Sine and cosine for lanes that went on by more than is good for the shorter series, by
-        the longer one or anew; no lane feels another.
+        """Return sine and cosine, with lanes beyond the limit of the shorter series replaced by the
+        longer series or a full evaluation; other lanes are unchanged.
         """
         short, code = self.increment * self.increment < SHORTER.limit**2, self.increment.code
         return _or_anew(self, _chosen(code, short, quick, self.turned(LONGER)))
 
 
 def all_little(code: Instructions, turns: Sequence[Turn], series: Series) -> ir.Value:
-    """Whether no angle went on by more than is good for a series, in any lane."""
+    """Return whether all increments in all lanes are within the limit of a series."""
     if not turns:
         return ir.Constant(ir.IntType(1), True)
     squares = [turn.increment * turn.increment for turn in turns]
@@ -135,12 +137,12 @@ def all_little(code: Instructions, turns: Sequence[Turn], series: Series) -> ir.
 
 
 def turned_or_anew(turn: Turn) -> tuple[Value, Value]:
-    """Sine and cosine of an angle that went on, by the longer series or computed anew."""
+    """Return sine and cosine of a rotated angle, by the longer series or a full evaluation."""
     return _or_anew(turn, turn.turned(LONGER))
 
 
 def _or_anew(turn: Turn, fast: tuple[Value, Value]) -> tuple[Value, Value]:
-    """A pair for lanes in which the longer series is good; in the others it is computed anew."""
+    """Return the pair where the longer series is accurate, and a full evaluation in other lanes."""
     code = turn.increment.code
     small = all_little(code, [turn], LONGER)
     fast_block = code.builder.block

@@ -1,6 +1,4 @@
-"""Many cranes at once, each with numbers, start, controller and reference of its own, one in each
-lane of the processor's vectors.
-"""
+"""Simulation of many cranes at once, one in each lane of the processor's vectors."""
 
 from __future__ import annotations
 
@@ -37,7 +35,7 @@ Device = Literal["cpu", "cuda"]
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """What became of n cranes; a crane that diverged has numbers that are not finite.
+    """Results of n cranes; a crane that diverged has numbers that are not finite.
 
     Attributes:
         end: Coordinates and rates at the end, shape (cranes, n) each.
@@ -82,7 +80,7 @@ class Batch:
         )
 
     def __len__(self) -> int:
-        """Number of cranes."""
+        """Return the number of cranes."""
         return len(self.peak_swing)
 
 
@@ -289,8 +287,8 @@ def simulate_batch(
 def _horizon(
     planned: Receding, drive: Drive, t_start: float, clock: Clocks, groups: int, used: int
 ) -> np.ndarray:
-    """Memory of a predictive controller for groups of lanes, shape (groups, doubles), besides
-    numbers that are taken.
+    """Return the memory of a predictive controller for groups of lanes, shape (groups, doubles),
+    after checking that it fits beside the numbers that are used.
 
     Raises:
         OutOfRange: If it was made for other drives or another control period, or would not fit.
@@ -306,7 +304,7 @@ def _horizon(
 def _marks(
     planned: Receding | None, memory: dict[str, np.ndarray], cranes: int
 ) -> dict[str, np.ndarray]:
-    """How many optimisations failed, and how many readings were refused, by crane."""
+    """Return the numbers of failed optimisations and of refused readings by crane."""
     if planned is None:
         return dict.fromkeys(("failures", "refusals"), np.zeros(cranes, dtype=int))
     marks = [
@@ -324,7 +322,7 @@ def _marks(
 
 
 def _instant(t: float | None, t_start: float, clock: Clocks) -> int:
-    """The first control instant at or after a time within the run [s]; the last for None."""
+    """Return the first control instant at or after a time within the run [s]; the last for None."""
     if t is None:
         return clock.periods
     end = t_start + clock.periods * clock.period

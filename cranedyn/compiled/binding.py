@@ -1,9 +1,8 @@
-"""The one door to compiled code, which trusts every address and every count that it is given: they
-are taken from arrays here alone.
+"""Binding of compiled code to arrays: the only module that passes addresses to it.
 
-Shapes, types and counts are looked at once, when a function is bound to its arrays, and not again
-while it runs. What is not finite is refused, too, but for the state, which may diverge. Long runs
-are called in pieces, between which Python answers Ctrl-C.
+Shapes, types and counts are checked once, when a function is bound to its arrays. Numbers must be
+finite, except for the state, which may diverge. Long runs are called in pieces, between which
+Python handles Ctrl-C.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ def _address(
     *,
     written: bool = False,
 ) -> int:
-    """Where an array begins, if it is what the code takes it for.
+    """Return the address of an array after checking its type, shape and memory order.
 
     Raises:
         Misshapen: If it is another.
@@ -71,7 +70,7 @@ def _address(
 
 
 def _known(name: str, array: np.ndarray, *, infinite: bool = False) -> None:
-    """Return if every number is finite, or is one at least.
+    """Check that every number is finite, or only not NaN.
 
     Raises:
         OutOfRange: If not.
@@ -83,10 +82,10 @@ def _known(name: str, array: np.ndarray, *, infinite: bool = False) -> None:
 
 
 class RowFunction:
-    """Code that answers rows of numbers, each by itself."""
+    """Compiled function that maps each row of numbers to a row of results."""
 
     def __init__(self, machine: Machine, name: str, width_in: int, width_out: int) -> None:
-        """Take a function of a module by its name, and how many numbers it reads and writes for
+        """Bind a function of a module by its name, with the numbers that it reads and writes for
         each row.
         """
         self._machine, self._run, self._given, self._answered = (
@@ -97,7 +96,7 @@ class RowFunction:
         )
 
     def __call__(self, rows: np.ndarray) -> np.ndarray:
-        """The answers to rows, shape (n, given), in rows, shape (n, answered).
+        """Return the results for rows, shape (n, width_in), in rows, shape (n, width_out).
 
         Raises:
             Misshapen: If the rows are of another length, or no contiguous doubles.
@@ -115,7 +114,7 @@ class RowFunction:
 
 
 def kernel_accelerations(code: Kernel, query: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """What the code of a crane answers at one state in each lane, shape (n, lanes).
+    """Return the accelerations by the code of a crane at one state in each lane, shape (n, lanes).
 
     Args:
         code: The code.
@@ -134,10 +133,10 @@ def kernel_accelerations(code: Kernel, query: np.ndarray, numbers: np.ndarray) -
 
 
 class Instant:
-    """The control instant of a predictive controller, bound to the memory of one crane."""
+    """Control instant of a predictive controller, bound to the memory of one crane."""
 
     def __init__(self, machine: Machine, memory: np.ndarray, programme: Programme) -> None:
-        """Look at the memory and take its address.
+        """Check the memory and bind the function to it.
 
         Raises:
             Misshapen: If it is of another size, or no contiguous doubles.
@@ -154,12 +153,12 @@ class Instant:
         )
 
     def __reduce__(self) -> NoReturn:
-        """Refuse to be copied: addresses in a copy would be those of the memory of this one."""
+        """Refuse to be copied: the addresses would still be those of the original memory."""
         raise CraneError("Code that is bound to memory cannot be copied.")
 
     def __call__(self, numbers: np.ndarray, row: int, due: bool) -> np.ndarray:
-        """The command at coordinates, rates and a setpoint of the drives, all in a row; with the
-        row of the path, and whether an optimisation is due.
+        """Return the command for coordinates, rates and a setpoint of the drives, all in a row; row
+        is that of the path, due says whether to optimise.
 
         Raises:
             Misshapen: If there are more or fewer numbers.
@@ -175,7 +174,7 @@ class Instant:
 
 
 class Loop:
-    """A closed loop bound to the arrays that it works on, for some groups of lanes."""
+    """Closed loop bound to its arrays, for some groups of lanes."""
 
     def __init__(
         self,
@@ -190,7 +189,7 @@ class Loop:
         reading_count: int = 0,
         **memory: np.ndarray,
     ) -> None:
-        """Look at everything and take the addresses.
+        """Check all arrays and counts, and bind the loop to them.
 
         Args:
             code: The code.
@@ -316,12 +315,12 @@ class Loop:
     __reduce__ = Instant.__reduce__
 
     def __len__(self) -> int:
-        """Number of groups."""
+        """Return the number of groups."""
         return self._groups
 
     def _pieces(self, piece: int) -> Iterator[tuple[int, int, int, bool]]:
-        """The run in pieces of about so many steps: instants from the first up to, but without, the
-        last, steps of each, whether the first goes on from steps.
+        """Yield pieces of about so many steps: first instant, instant after the last, steps of
+        each, and whether the control of the first instant has already run.
         """
         together = piece // (self._steps * self._weight + self._instant)
         if together:
@@ -334,7 +333,7 @@ class Loop:
                 yield instant, instant + 1, min(together, self._steps - done), done > 0
 
     def over(self, groups: Iterable[int], stopped: Callable[[], bool] = bool) -> None:
-        """Run some groups, one after another, unless it is stopped between two pieces."""
+        """Run some groups, one after another, until stopped between two pieces."""
         call = self._call.copy()
         address = call.ctypes.data
         first, last, steps, resumed = (
@@ -353,8 +352,8 @@ class Loop:
     def device_calls(
         self, placed: Callable[[np.ndarray, bool], int], strides: Sequence[str], max_steps: int
     ) -> Iterator[np.ndarray]:
-        """The calls, one for each piece of the run, by which all groups run on a device that has
-        memory of its own.
+        """Yield the arguments of one call for each piece of the run, for a device with its own
+        memory.
 
         Args:
             placed: Puts an array into that memory and answers its address there; it is told whether
@@ -375,7 +374,9 @@ class Loop:
             yield call
 
     def alone(self) -> Callable[[], None]:
-        """The run of all groups, as quick to call as can be where it is one group and one piece."""
+        """Return a function that runs all groups; for one group and one piece it has the least
+        overhead.
+        """
         pieces = list(islice(self._pieces(_PIECE), 2))
         if len(pieces) > 1 or self._groups > 1:
             return partial(self.over, range(self._groups))
@@ -388,8 +389,8 @@ class Loop:
         return run
 
     def steps(self) -> Callable[[int, int], None]:
-        """Steps of one control period for the groups from one up to, but without, another, under
-        the commands that their states hold.
+        """Return a function that advances a range of groups by one control period under the
+        commands in their states.
 
         Many groups are gone through in one call, which takes some tenths of a second at most.
 

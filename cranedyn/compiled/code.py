@@ -1,4 +1,4 @@
-"""Code under construction: loops and conditions, and sines and cosines that are known already."""
+"""Code under construction with loops, conditions, and cached sines and cosines."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Code(Instructions):
         self._know_nothing()
 
     def _know_nothing(self) -> None:
-        """Begin without known values."""
+        """Clear all cached values."""
         self._angles: dict[ir.Value, tuple[Value, Value]] = {}
         self._turns: dict[ir.Value, tuple[Value, Value]] = {}
         self._results: dict[tuple[Any, ...], Value] = {}
@@ -82,7 +82,7 @@ class Code(Instructions):
 
     @contextmanager
     def loop(self, first: Any, last: Any) -> Iterator[ir.Value]:
-        """Statements for each whole number from the first up to, but without, the last."""
+        """Emit statements for each whole number from the first to the one before the last."""
         begin, end = (x if isinstance(x, ir.Value) else self.integer(x) for x in (first, last))
         before = self.builder.block
         head, body, after = (
@@ -103,8 +103,8 @@ class Code(Instructions):
 
     @contextmanager
     def stretches(self, first: ir.Value, last: ir.Value) -> Iterator[Callable[[ir.Value], None]]:
-        """Statements for each whole number from the first up to, but without, the last, in a loop
-        without branches that is left where something rare is to be done.
+        """Emit statements for each whole number from the first to the one before the last, as a
+        loop without branches that is left for rare cases.
 
         Yields:
             What to call at the end of the statements with whether nothing is. Statements after that
@@ -138,7 +138,7 @@ class Code(Instructions):
 
     @contextmanager
     def when(self, condition: ir.Value) -> Iterator[None]:
-        """Statements for where a condition, one for all lanes, holds."""
+        """Emit statements that run where a condition, common to all lanes, holds."""
         with self.builder.if_then(condition):
             self._forget()
             yield

@@ -1,7 +1,7 @@
-"""Compiled loops on an NVIDIA GPU, one crane a thread, by the driver's own functions.
+"""Compiled loops on an NVIDIA GPU, one crane a thread, through the functions of the driver.
 
-The arrays are those that `cranedyn.compiled.binding` has looked at; they are copied there and back.
-Before code is used, what it answers on the GPU is held against Pinocchio.
+The arrays are those that `cranedyn.compiled.binding` has checked; they are copied to the GPU and
+back. Accelerations by the code on the GPU are compared with Pinocchio before it is used.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _LOADING = threading.Lock()
 
 
 def check_available() -> None:
-    """Return if there is a GPU.
+    """Check that there is a GPU.
 
     Raises:
         CraneError: If there is none, or no driver, or no `cuda-bindings`.
@@ -77,7 +77,7 @@ def run(
 
 @cache
 def _driver() -> Any:
-    """The functions of NVIDIA's driver, initialised.
+    """Return NVIDIA's driver, initialised.
 
     Raises:
         CraneError: If there are none, or there is no GPU.
@@ -101,7 +101,7 @@ def _driver() -> Any:
 
 
 def _call(name: str, *arguments: Any) -> Any:
-    """What a function of the driver answers.
+    """Call a function of the driver and return its result.
 
     Raises:
         CraneError: If it could not do it.
@@ -115,7 +115,7 @@ def _call(name: str, *arguments: Any) -> Any:
 
 @contextmanager
 def _context() -> Iterator[None]:
-    """Use the first GPU, with the context that it has for all who do in this process."""
+    """Use the first GPU with the primary context of this process."""
     _call("cuCtxPushCurrent", _primary())
     try:
         yield
@@ -142,14 +142,14 @@ class _Memory:
             _call("cuMemFree", address)
 
     def placed(self, array: np.ndarray, written: bool) -> int:
-        """Copy a contiguous array there, and answer its address; see `Loop.device_calls`."""
+        """Copy an array to the GPU and return its address there; see `Loop.device_calls`."""
         address = _call("cuMemAlloc", max(array.nbytes, 1))
         self._kept.append((address, array, written))
         _call("cuMemcpyHtoD", address, array, array.nbytes)
         return int(address)
 
     def bring_back(self) -> None:
-        """Copy what was written to back into the arrays."""
+        """Copy the arrays that the code wrote to back from the GPU."""
         for address, array, written in self._kept:
             if written:
                 _call("cuMemcpyDtoH", array, address, array.nbytes)
@@ -179,7 +179,7 @@ class _Module:
         _call("cuCtxSynchronize")
 
     def accelerations(self, code: Kernel, query: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """As `cranedyn.compiled.binding.accelerations`, on the GPU."""
+        """Return accelerations on the GPU, see `cranedyn.compiled.binding.kernel_accelerations`."""
         result = np.empty((code.sizes.n, WARP))
         assert query.shape == (size(code.sizes.query), WARP) and len(numbers) == code.varied
         with _Memory() as memory:

@@ -1,5 +1,5 @@
-"""The compiled crane from one control instant to the next, or through a whole run where nothing in
-the loop is Python.
+"""Engine of compiled code: from one control instant to the next, or through a whole run if nothing
+in the loop is Python.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ at."""
 
 
 class _Block(NamedTuple):
-    """Tables to fill, shape (gain rows, columns) and (instants, columns), the log that comes of
-    them, the instant at which the model ceases to hold, shape (1,), and the run.
+    """Tables to fill, shape (gain rows, columns) and (instants, columns), the resulting log, the
+    instant at which the model ceases to hold, shape (1,), and the function that runs the block.
     """
 
     gain_table: np.ndarray
@@ -52,15 +52,15 @@ class _Block(NamedTuple):
 
 
 class CompiledEngine(Engine):
-    """An engine that steps by code; what commands cost and where buffers hold at a control instant
-    are Pinocchio's to say.
+    """Engine that steps by compiled code; drive efforts and buffer forces at control instants are
+    computed by Pinocchio.
 
     Attributes:
         state: Where the crane is.
     """
 
     def __init__(self, setting: Setting, start: State) -> None:
-        """Begin at a state, without command.
+        """Start at a state, without command.
 
         Raises:
             OutOfRange: If there is no code for the stepping rule.
@@ -83,12 +83,12 @@ class CompiledEngine(Engine):
         self.reset(start)
 
     def _look(self) -> None:
-        """Have views of the memory."""
+        """Create the views of the memory."""
         self._here = self._memory[: self._sizes.z]
         self._last_command = self._gain_table[0, slices(self._sizes.gain_table)["feed_forward"]]
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return all but what is bound to the memory, for a copy that has memory of its own."""
+        """Return all but what is bound to the memory, for a copy with its own memory."""
         bound: dict[str, Any] = {
             "_codes": {},
             "_blocks": {},
@@ -99,12 +99,12 @@ class CompiledEngine(Engine):
         return vars(self) | bound
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take what a copy has, and look at its memory."""
+        """Restore a copy and its views of the memory."""
         vars(self).update(state)
         self._look()
 
     def reset(self, start: State) -> None:
-        """As `Engine.reset`; code that was compiled stays."""
+        """Reset as `Engine.reset`; compiled code is kept."""
         super().reset(start)
         self._memory[:] = self._force[:] = self._last_command[:] = 0.0
         self._here[:] = np.concatenate(start)
@@ -114,7 +114,7 @@ class CompiledEngine(Engine):
             unheard[:] = self._memory[self._at["reference"]]
 
     def _code(self, *, integral: bool, log: bool) -> Kernel:
-        """Code, made and checked at the first need."""
+        """Return the code, compiled and verified at the first use."""
         planned = self._planned if log else None
         key = integral, log, None if planned is None else planned.programme
         if key not in self._codes:
@@ -149,7 +149,7 @@ class CompiledEngine(Engine):
         end: int,
         **memory: Any,
     ) -> Loop:
-        """Code bound to the memory of this crane."""
+        """Return code bound to the memory of this crane."""
         tables = gain_table, setpoint_table, single_table(self._force)
         memory = {name: array.reshape(1, -1, 1) for name, array in memory.items()}
         return Loop(
@@ -164,7 +164,7 @@ class CompiledEngine(Engine):
         )
 
     def energies(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """As `Engine.energies`; by code if it was made for stepping."""
+        """Return energies as `Engine.energies`; by code if stepping has compiled it."""
         if self._step is None:
             return super().energies(q, v)
         return RowFunction(
@@ -197,7 +197,7 @@ class CompiledEngine(Engine):
         return super()._buffers()
 
     def advance(self) -> State:
-        """As `Engine.advance`."""
+        """Advance as `Engine.advance`."""
         if self._step is None:
             code = self._code(integral=False, log=False)
             self._step = self._loop(
@@ -216,8 +216,8 @@ class CompiledEngine(Engine):
     def run_ahead(
         self, controller: object, reference: Reference, t_start: float, periods: int, log: Log
     ) -> Iterator[int]:
-        """Log rows under a controller that is affine in the state, block by block, and say how many
-        there are.
+        """Log rows under a controller that is affine in the state, block by block, and yield the
+        number of rows.
 
         A block in which anything is out of the ordinary is left undone, for whoever goes through it
         instant by instant.
@@ -275,8 +275,8 @@ class CompiledEngine(Engine):
     def _run(
         self, common: Affine, setpoint: np.ndarray, end: int
     ) -> tuple[dict[str, np.ndarray], bool] | None:
-        """A block of rows by name, and whether the model holds at all of them; None, and all as
-        before, if a number for it or in it is not finite or a joint moves too fast.
+        """Return a block of rows by name, and whether the model holds at all of them; return None
+        and restore the state if a number is not finite or a joint moves too fast.
         """
         before, n = self._memory.copy(), len(setpoint)
         planned = None if self._horizon is None else self._horizon.copy()
@@ -302,14 +302,14 @@ class CompiledEngine(Engine):
         return None
 
     def _plan_with(self, planned: Receding | None, t: float) -> None:
-        """Have the memory of a predictive controller at hand, which goes on from a time [s]."""
+        """Prepare the memory of a predictive controller that continues from a time [s]."""
         if planned is not self._planned:
             self._blocks.clear()
         self._planned = planned
         self._horizon = None if planned is None else planned.ahead(t)
 
     def _block(self, integral: bool, gain_rows: int, instants: int, end: int) -> _Block:
-        """What a block of a size is run with, made once."""
+        """Return the block of a size, cached."""
         size_of_it = integral, gain_rows, instants, end
         if size_of_it not in self._blocks:
             tables = (

@@ -1,5 +1,5 @@
-"""Many cranes that go on from one command to the next, for loops that are not ours, such as those
-of reinforcement learning.
+"""Cranes that advance from one command to the next, for external loops such as reinforcement
+learning.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Fleet:
         forces: bool = False,
         threads: int | None = None,
     ) -> None:
-        """Have so many cranes, all of them the first, where it starts.
+        """Create n cranes of the first kind, at its start.
 
         Args:
             cranes: One, or several that `place` chooses from.
@@ -132,7 +132,7 @@ class Fleet:
         )
 
     def _bind(self, code: Kernel) -> None:
-        """Bind code to the memory, and have a view of it."""
+        """Bind code to the memory and create a view of it."""
         groups = len(self._state)
         memory: dict[str, Any] = {"state": self._state, "numbers": self._numbers}
         table = single_table(self._force)
@@ -153,19 +153,19 @@ class Fleet:
         self._pool, self._process = None, 0
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return all but what is bound to the memory, for a copy that has memory of its own."""
+        """Return all but what is bound to the memory, for a copy with its own memory."""
         bound = ("_steps", "z", "_pool")
         return {name: value for name, value in vars(self).items() if name not in bound}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take what a copy has, and bind it."""
+        """Restore a copy and bind its code to the memory."""
         vars(self).update(state)
         self._bind(compile_kernel(self.cranes, self._recipe)[0])
 
     def place(
         self, indices: np.ndarray, start: State | Sequence[State], crane: np.ndarray | None = None
     ) -> None:
-        """Put some cranes elsewhere.
+        """Set the states, and optionally the kinds, of some cranes.
 
         Args:
             indices: Which of the n, whole numbers, shape (k,).
@@ -189,7 +189,7 @@ class Fleet:
         self._put(rows, start_states(start, len(rows), self._sizes.n), kinds)
 
     def push(self, indices: np.ndarray, force: np.ndarray) -> None:
-        """Have forces from outside act on some cranes until something else is said.
+        """Apply external forces to some cranes until they are changed.
 
         Args:
             indices: Which of the n, whole numbers, shape (k,).
@@ -210,7 +210,7 @@ class Fleet:
         self._force[rows] = finite("force", force, (len(rows), size(self._sizes.force)), unit="N")
 
     def step(self, command: np.ndarray) -> np.ndarray:
-        """Go on for a control period.
+        """Advance all cranes by a control period.
 
         Args:
             command: Efforts, which are cut to the limits of the drives, or accelerations, one
@@ -227,7 +227,7 @@ class Fleet:
         return self.z
 
     def spread(self, work: Callable[[int], object]) -> None:
-        """Have threads do a work for the number of each part of the cranes, see `chunks`."""
+        """Run a function for the index of each chunk of cranes in threads, see `chunks`."""
         if not self._others:
             for chunk in range(len(self.chunks)):
                 work(chunk)
@@ -254,7 +254,7 @@ class Fleet:
             future.result()
 
     def advance(self, chunk: int, command: np.ndarray) -> np.ndarray:
-        """Go on with one part, from a thread of `spread`; as `step`, with the columns of that part.
+        """Advance one chunk, from a thread of `spread`; see `step`, with the columns of that chunk.
 
         Raises:
             OutOfRange: If there is no such part, or a command is not finite.
@@ -293,7 +293,7 @@ class Fleet:
 
 
 def _indices(name: str, values: np.ndarray, count: int) -> np.ndarray:
-    """Whole numbers from 0 up to, but without, a count, shape (k,)."""
+    """Check that values are whole numbers from 0 to below a count, and return them, shape (k,)."""
     indices = finite(name, values, ("k",))
     wrong = (indices != np.floor(indices)) | (indices < 0) | (indices >= count)
     if wrong.any():

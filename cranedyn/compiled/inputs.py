@@ -1,4 +1,4 @@
-"""What a batch is given: one of a kind for all cranes or one for each, checked and laid out."""
+"""Inputs of a batch, shared or one for each crane: checks and tables."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ measured, see `tests/compiled/test_batch.py`."""
 
 
 class ControlTables(NamedTuple):
-    """Controllers and what they are about, as tables.
+    """Tables of controllers and setpoints.
 
     Attributes:
         gain_table, setpoint_table: The tables.
@@ -59,7 +59,7 @@ class ControlTables(NamedTuple):
 
 
 def crane_count(**arguments: Any) -> int:
-    """How many cranes are asked for.
+    """Return the number of cranes that the arguments have in common.
 
     Raises:
         OutOfRange: If there are neither one nor as many as of the others of something.
@@ -92,12 +92,12 @@ def _length(value: Any) -> int | None:
 
 
 def default_start(crane: Crane | Cranes | Sequence[Crane]) -> State | list[State]:
-    """Where cranes start if nothing else is said."""
+    """Return the start of the cranes' own descriptions."""
     return crane.start if isinstance(crane, Crane | Cranes) else [single.start for single in crane]
 
 
 def start_states(start: State | Sequence[State], cranes: int, joints: int) -> State:
-    """Coordinates and rates at the start, shape (cranes, joints) each.
+    """Return coordinates and rates at the start, shape (cranes, joints) each.
 
     Raises:
         OutOfRange: If they have another shape, or one is not finite.
@@ -115,7 +115,8 @@ def start_states(start: State | Sequence[State], cranes: int, joints: int) -> St
 
 
 def broadcast_rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarray:
-    """Finite numbers, one row for all or one for each crane, shape (n, columns).
+    """Return finite numbers for each crane, from one row for all or one for each, shape (n,
+    columns).
 
     Raises:
         OutOfRange: If they have another shape, or one is not finite.
@@ -126,8 +127,8 @@ def broadcast_rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarr
 def control_tables(
     crane: Crane, controller: Any, reference: Any, start: State, times: np.ndarray, used: int
 ) -> ControlTables:
-    """Tables of controllers and references, one for each that is another object; None as reference
-    holds the drives at the start.
+    """Return the tables of controllers and references, one for each distinct object; without a
+    reference the drives hold their start.
 
     Args:
         crane: One of them.
@@ -193,7 +194,7 @@ def control_tables(
 
 
 def _planned(controllers: Sequence[Any]) -> Receding | None:
-    """The predictive controller of all cranes, if they have one.
+    """Return the predictive controller of all cranes, or None.
 
     Raises:
         CraneError: If there is another controller besides.
@@ -212,8 +213,8 @@ def _planned(controllers: Sequence[Any]) -> Receding | None:
 def _references(
     crane: Crane, reference: Any, start: State, used: int
 ) -> tuple[np.ndarray, Sequence[Reference]]:
-    """Which of the references each crane has, and these; where there is none, one hold for each
-    place at which drives start.
+    """Return the index of each crane's reference, and the references; without any, one hold for
+    each start position of the drives.
     """
     if reference is not None:
         return distinct_objects(reference, len(start.q))
@@ -237,7 +238,7 @@ def _references(
 
 
 def distinct_objects(value: Any, cranes: int) -> tuple[np.ndarray, Any]:
-    """Which of the different objects each crane has, shape (n,), and these."""
+    """Return the index of each crane's object, shape (n,), and the distinct objects."""
     if isinstance(value, Cranes):
         return np.arange(cranes), value
     if _length(value) is None:
@@ -250,8 +251,8 @@ def distinct_objects(value: Any, cranes: int) -> tuple[np.ndarray, Any]:
 def converter_response(
     crane: Crane, drive: str, converters: Any, clock: Clocks
 ) -> tuple[np.ndarray | None, int | None]:
-    """Numbers of frequency converters, one row for all cranes or one for each, and by how many
-    control periods they hear late; None where drives have none.
+    """Return the parameters of frequency converters, one row for all cranes or one for each, and
+    their delay [control periods]; None for drives without converters.
 
     Raises:
         OutOfRange: If they do not fit the crane or the clocks, or are late by different times.
@@ -272,15 +273,15 @@ def converter_response(
 def pair_with_converters(
     cranes: Sequence[Crane] | Cranes, crane_index: np.ndarray, response: np.ndarray
 ) -> tuple[Sequence[Crane] | Cranes, np.ndarray, np.ndarray]:
-    """Cranes, which of them each lane has, and numbers of converters, one row for each lane."""
+    """Return cranes and parameters of converters, one for each lane, and the index of each."""
     if not isinstance(cranes, Cranes):
         cranes = [cranes[i] for i in crane_index.tolist()]
     return cranes, np.arange(len(crane_index)), response
 
 
 def converter_memory(sizes: BufferLayout, rates: np.ndarray) -> list[np.ndarray]:
-    """What frequency converters remember at the start, in parts with a row for each crane: they
-    go on at the rates of the drives, shape (cranes, m).
+    """Return the memory of frequency converters at the start, by section with a row for each crane:
+    they continue at the rates of the drives, shape (cranes, m).
     """
     if sizes.delay_steps is None:
         return []
@@ -288,7 +289,7 @@ def converter_memory(sizes: BufferLayout, rates: np.ndarray) -> list[np.ndarray]
 
 
 def common_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
-    """The layout of all cranes.
+    """Return the layout that all cranes have in common.
 
     Raises:
         OutOfRange: If one has another than the first: other joints, drives or points, or springs
@@ -330,8 +331,8 @@ def _form(controller: Any, times: np.ndarray, setpoint: np.ndarray, width: int) 
 
 
 def force_table(force: Any, cranes: int, sizes: BufferLayout) -> RowTable:
-    """A table of outside forces for all cranes, shape (rows, 3 points), or one for each, shape
-    (cranes, rows, 3 points); None for none.
+    """Return the table of external forces, from shape (rows, 3 points) for all cranes or (cranes,
+    rows, 3 points); zero for None.
 
     Raises:
         OutOfRange: If they have another shape, or one is not finite.
@@ -339,13 +340,13 @@ def force_table(force: Any, cranes: int, sizes: BufferLayout) -> RowTable:
     if force is None:
         return stack_tables([np.zeros((1, size(sizes.force)))], np.zeros(cranes, dtype=int))
     columns = size(sizes.force)
-    array_ = finite("force", force, ("m", columns), (cranes, "m", columns), unit="N")
-    return _stacked("force", array_, cranes, per_crane=array_.ndim == 3)
+    values = finite("force", force, ("m", columns), (cranes, "m", columns), unit="N")
+    return _stacked("force", values, cranes, per_crane=values.ndim == 3)
 
 
 def offset_tables(offset: Any, cranes: int, sizes: BufferLayout) -> tuple[RowTable, ...]:
-    """A table of what sensors add to coordinates and rates, shape (2 n,) for all cranes, (cranes,
-    2 n) or, by control instant, (cranes, rows, 2 n); no table for None.
+    """Return the table of sensor offsets of coordinates and rates, from shape (2 n,) for all
+    cranes, (cranes, 2 n) or, by control instant, (cranes, rows, 2 n); no table for None.
 
     Raises:
         OutOfRange: If they have another shape, or one is not finite.
@@ -353,23 +354,23 @@ def offset_tables(offset: Any, cranes: int, sizes: BufferLayout) -> tuple[RowTab
     if offset is None:
         return ()
     z = sizes.z
-    array_ = finite("sensor_offset", offset, (z,), (cranes, z), (cranes, "m", z))
-    by_instant = array_ if array_.ndim == 3 else array_.reshape(-1, 1, z)
-    return (_stacked("sensor_offset", by_instant, cranes, per_crane=array_.ndim > 1),)
+    values = finite("sensor_offset", offset, (z,), (cranes, z), (cranes, "m", z))
+    by_instant = values if values.ndim == 3 else values.reshape(-1, 1, z)
+    return (_stacked("sensor_offset", by_instant, cranes, per_crane=values.ndim > 1),)
 
 
-def _stacked(name: str, array_: np.ndarray, cranes: int, *, per_crane: bool) -> RowTable:
-    """A table of rows by control instant, one after another for each crane that has its own."""
-    if not array_.size:
-        raise Misshapen(name, f"an array of shape {array_.shape}", "one with a row at least")
-    rows, columns = array_.shape[-2:]
+def _stacked(name: str, values: np.ndarray, cranes: int, *, per_crane: bool) -> RowTable:
+    """Return a table of rows by control instant, shared or one after another for each crane."""
+    if not values.size:
+        raise Misshapen(name, f"an array of shape {values.shape}", "one with a row at least")
+    rows, columns = values.shape[-2:]
     starts = rows * np.arange(cranes) if per_crane else np.broadcast_to(0, cranes)
-    return RowTable(np.ascontiguousarray(array_.reshape(-1, columns), dtype=float), rows, starts)
+    return RowTable(np.ascontiguousarray(values.reshape(-1, columns), dtype=float), rows, starts)
 
 
 def sensor_delays(delay: Any, cranes: int) -> tuple[np.ndarray, int]:
-    """By how many control periods the sensors of each crane are late, shape (cranes,), and how
-    many readings are kept for it; none where no sensor is late.
+    """Return the sensor delay of each crane [control periods], shape (cranes,), and the number of
+    readings to store; 0 without delays.
 
     Raises:
         OutOfRange: If one is not a whole number from 0 to 1000, or there are not as many as cranes.
@@ -387,8 +388,7 @@ def sensor_delays(delay: Any, cranes: int) -> tuple[np.ndarray, int]:
 def required_numbers(
     sizes: BufferLayout, cranes: int, instants: int, periods: int, extra: int
 ) -> int:
-    """How many numbers the cranes and what is to be recorded of them take, arranged by lanes and by
-    cranes.
+    """Return how many numbers the memory and the record of the cranes take, by lanes and by cranes.
 
     Args:
         sizes: Of each crane.
@@ -412,7 +412,7 @@ def required_numbers(
 
 
 def check_fits_memory(name: str, value: str, numbers: int) -> None:
-    """Return if so many numbers fit into 4 GB.
+    """Check that so many numbers fit into 4 GB.
 
     Raises:
         OutOfRange: If not.

@@ -1,6 +1,4 @@
-"""The closed loop in code: control, drives, log and steps, for one crane or for one in each
-lane.
-"""
+"""Closed loop in code: control, drives, log and steps, for one crane or for one in each lane."""
 
 from __future__ import annotations
 
@@ -26,7 +24,7 @@ from cranedyn.plant.plant import SI, Plant, Topology, Units, plant
 
 @dataclass(frozen=True)
 class Recipe:
-    """What the code can do; what is not asked for is not in it.
+    """Features of the code to generate.
 
     Attributes:
         lanes: How many cranes it runs at once.
@@ -67,7 +65,7 @@ class Recipe:
 
 
 class Kernel(NamedTuple):
-    """A closed loop in memory, to be called through `cranedyn.compiled.binding`.
+    """Compiled closed loop, to be called through `cranedyn.compiled.binding`.
 
     Attributes:
         recipe: What it can do.
@@ -90,7 +88,7 @@ class Kernel(NamedTuple):
 
 
 def kernel(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> Kernel:
-    """Make the code for a crane whose numbers are constants, or None where each lane has its
+    """Compile the loop for a crane whose numbers are constants, or None where each lane has its
     own.
     """
     module = text(topology, constants, recipe)
@@ -104,8 +102,8 @@ def kernel(topology: Topology, constants: Sequence[float | None], recipe: Recipe
 
 
 def text(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> ir.Module:
-    """The code as a text for LLVM, see `kernel`; that of threads is for one of them, see
-    `cranedyn.compiled.threads`.
+    """Return the loop as a module for LLVM, see `kernel`; for threads it is the loop of one thread,
+    see `cranedyn.compiled.threads`.
     """
     module, lanes = ir.Module(), 1 if recipe.threads else recipe.lanes
     if recipe.programme is not None:
@@ -145,8 +143,8 @@ def _plant(
 
 
 def _moving(crane: Plant, dt: Any, recipe: Recipe) -> tuple[Plant, Units]:
-    """What steps go by. A thread has no registers for numbers that are constants in SI only; and
-    where rates are told after every step, to change their units each time would round them.
+    """Return the crane and the units in which it steps. A thread has too few registers for
+    constants in other units, and converting rates after every step would add a rounding error.
     """
     return (crane, SI) if recipe.threads or recipe.turns == 1 else crane.in_steps(dt)
 
@@ -194,7 +192,7 @@ def _emit_several(code: Code, run: ir.Function) -> None:
 
 
 class _Loop:
-    """The loop over control instants under construction."""
+    """Loop over control instants under construction."""
 
     def __init__(
         self, code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
@@ -235,7 +233,7 @@ class _Loop:
     def _row(
         self, table: int, name: str, sections: Sections, instant: ir.Value
     ) -> dict[str, np.ndarray]:
-        """The row of a table for an instant, beyond its end the last."""
+        """Return the row of a table for an instant; beyond its end the last row."""
         code = self.code
         row = code.least(
             instant, code.builder.sub(self.call_values[f"{name}_rows"], code.integer(1))
@@ -265,7 +263,7 @@ class _Loop:
         return array([variable.get() for variable in self.state[section]])
 
     def _coordinates(self) -> np.ndarray:
-        """Coordinates whose sines and cosines are known."""
+        """Return coordinates, with their sines and cosines cached."""
         q = self._get("q")
         for i, pair in self.turns.items():
             self.code.known_angle(q[i], *(variable.get() for variable in pair))
@@ -302,8 +300,9 @@ class _Loop:
         code.end()
 
     def _period(self, forces: np.ndarray | None) -> None:
-        """The steps of a control period. Sines and cosines are carried from one to the next, and
-        computed anew every some steps and at the end; as long are rates in the units of the steps.
+        """Emit the steps of a control period. Sines and cosines are updated step by step, and
+        computed afresh every `TURNS` steps and at the end; in between, rates are in the units of
+        the steps.
         """
         code, steps, turns = self.code, self.call_values["steps"], self.recipe.turns
         if self.recipe.threads:
@@ -320,7 +319,7 @@ class _Loop:
             self._keep_angles(self._get("q"))
 
     def _steps(self, first: ir.Value, last: ir.Value, forces: np.ndarray | None) -> None:
-        """Steps from the first up to, but without, the last."""
+        """Emit steps from the first to the one before the last."""
         code, units = self.code, self.units
         with code.stretches(first, last) as end:
             q_before, work = self._coordinates(), self.state["buffers"][0].get()
@@ -404,15 +403,15 @@ class _Loop:
             self._summarise(instant, q, v, effort, buffer, command, self._cut(requested))
 
     def _heard(self, command: np.ndarray) -> np.ndarray:
-        """What converters hear when they are given commands, shape (m,)."""
+        """Return the rounded and delayed commands of the converters, shape (m,)."""
         assert self.plant.response is not None
         waiting = [*self._get("unheard"), *self.plant.response.heard(command)]
         self._set("unheard", waiting[self.sizes.m :])
         return array(waiting[: self.sizes.m])
 
     def _ramped(self, heard: np.ndarray, v: np.ndarray) -> tuple[list[Any], list[Any]]:
-        """Reference rates of converters after the next step, and how fast they change, m numbers
-        each.
+        """Return reference rates of converters after the next step, and their rates of change, m
+        numbers each.
         """
         assert self.plant.response is not None
         rate = v[self.plant.topology.layout.drives]
@@ -420,14 +419,16 @@ class _Loop:
         return self.plant.response.ramped(heard, *before, rate, self.dt)
 
     def _cut(self, command: np.ndarray) -> list[Any]:
-        """1 where a converter is given more than its largest rate, else 0; nothing without."""
+        """Return 1 where a command exceeds the largest rate of a converter, else 0; nothing without
+        converters.
+        """
         if self.plant.response is None:
             return []
         beyond = self.code.either(*self.plant.response.cuts(map(self.code.value, command)))
         return [self.code.chosen(beyond, 1.0, 0.0)]
 
     def _commanded(self, instant: ir.Value, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """What the controller commands, shape (m,)."""
+        """Return the command of the controller, shape (m,)."""
         code = self.code
         gains, setpoints = (
             self._row(0, "gain_table", self.sizes.gain_table, instant),
@@ -463,7 +464,7 @@ class _Loop:
         return command
 
     def _late(self, instant: ir.Value, z: np.ndarray) -> np.ndarray:
-        """The reading that late sensors show when they take another one, shape (2 n,)."""
+        """Store the present reading and return the delayed one, shape (2 n,)."""
         code, build, stored = self.code, self.code.builder, self.call_values["reading_count"]
         width = self.sizes.z
 

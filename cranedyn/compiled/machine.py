@@ -1,6 +1,4 @@
-"""From code to functions of this machine: LLVM optimises and translates, in this process, without a
-C compiler.
-"""
+"""Machine code: LLVM optimises and translates modules in this process, without a C compiler."""
 
 from __future__ import annotations
 
@@ -16,8 +14,7 @@ from llvmlite.binding.newpassmanagers import NewPassManager
 
 @dataclass(frozen=True, eq=False)
 class Machine:
-    """Functions in memory, for as long as this object lives. They let other Python threads run
-    meanwhile.
+    """Functions in memory, for as long as this object lives; they release the GIL.
 
     Attributes:
         engine: What holds them.
@@ -29,8 +26,8 @@ class Machine:
     _known: dict[str, Any] = field(default_factory=dict, init=False)
 
     def __del__(self) -> None:
-        """Free the context after the engine, which needs it to the last; llvmlite by itself frees
-        it first.
+        """Free the context after the engine, which still uses it; llvmlite by itself frees it
+        first.
         """
         if not sys.is_finalizing():
             self.engine.close()
@@ -38,8 +35,8 @@ class Machine:
             self.context.close()
 
     def function(self, name: str, arguments: int) -> Any:
-        """A function of so many addresses without a result, which believes them: for
-        `cranedyn.compiled.binding` alone.
+        """Return a function of so many addresses without a result; it trusts them, so that only
+        `cranedyn.compiled.binding` may call it.
         """
         if name not in self._known:
             self._known[name] = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(
@@ -111,7 +108,7 @@ def _initialised() -> Any:
 
 
 def _target() -> Any:
-    """What code is made for; each engine takes one over."""
+    """Return a target machine for this processor; each engine takes ownership of one."""
     return _initialised().create_target_machine(
         cpu=binding.get_host_cpu_name(),
         features=binding.get_host_cpu_features().flatten(),

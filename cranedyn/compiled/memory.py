@@ -1,4 +1,4 @@
-"""The memory of many cranes, arranged in groups of lanes."""
+"""Memory of many cranes, arranged in groups of lanes."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _PARTS = 8
 
 
 def grouped(arrays: Sequence[np.ndarray], lanes: int, kind: type = np.float64) -> np.ndarray:
-    """From parts with a row for each crane, shape (n, m) each, to groups of lanes, shape (groups,
-    all m, lanes).
+    """Arrange arrays with a row for each crane, shape (n, m) each, in groups of lanes, shape
+    (groups, all m, lanes).
 
     The last crane fills the last group. Nothing is copied but into these.
     """
@@ -34,7 +34,7 @@ def grouped(arrays: Sequence[np.ndarray], lanes: int, kind: type = np.float64) -
 
 
 def ungrouped(groups: np.ndarray, count: int) -> np.ndarray:
-    """From groups of lanes back to one row for each crane, shape (count, m)."""
+    """Return groups of lanes as one row for each crane, shape (count, m)."""
     return groups.transpose(0, 2, 1).reshape(groups.shape[0] * groups.shape[2], groups.shape[1])[
         :count
     ]

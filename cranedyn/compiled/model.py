@@ -1,5 +1,5 @@
-"""Forward dynamics of any tree of joints with one degree of freedom, compiled: the same as
-`pin.aba`, for many states at once.
+"""Compiled forward dynamics of any tree of joints with one degree of freedom: `pin.aba` for many
+states at once.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from cranedyn.plant import rigid_body
 
 @dataclass(frozen=True, eq=False)
 class ForwardDynamics:
-    """Accelerations of a model, by code made for it.
+    """Compiled forward dynamics of a model.
 
     Attributes:
         model: The model, as it was when the code was made.
@@ -35,7 +35,7 @@ class ForwardDynamics:
     run: RowFunction
 
     def __call__(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """Accelerations at states in rows, shape (n, nv).
+        """Return accelerations at states in rows, shape (n, nv).
 
         Args:
             q: Coordinates, shape (n, nq).
@@ -46,14 +46,14 @@ class ForwardDynamics:
             OutOfRange: If an array has another shape, or a number is not finite.
         """
         nq, *widths = self.columns
-        columns_ = [finite("q", q, (len(q) if isinstance(q, np.ndarray) and q.ndim else "n", nq))]
-        for name, array_, columns in zip(("v", "tau"), (v, tau), widths, strict=True):
-            columns_.append(finite(name, array_, (len(columns_[0]), columns)))
-        return self.run(np.hstack(columns_))
+        blocks = [finite("q", q, (len(q) if isinstance(q, np.ndarray) and q.ndim else "n", nq))]
+        for name, block, columns in zip(("v", "tau"), (v, tau), widths, strict=True):
+            blocks.append(finite(name, block, (len(blocks[0]), columns)))
+        return self.run(np.hstack(blocks))
 
 
 class _Turned:
-    """A joint without limits: its coordinates are cosine and sine of the angle."""
+    """Coordinate of a joint without limits, given by cosine and sine of its angle."""
 
     def __init__(self, cosine: Value, sine: Value) -> None:
         self._cosine, self._sine = cosine, sine
@@ -65,13 +65,13 @@ class _Turned:
         return self._sine
 
     def __rmul__(self, nothing: float) -> float:
-        """It moves along no axis."""
+        """Return 0, since the joint moves along no axis."""
         return 0.0
 
 
 def compile_forward_dynamics(model: pin.Model) -> ForwardDynamics:
-    """Compile the forward dynamics of a model and compare it with Pinocchio's at random states;
-    damping and friction are not in it.
+    """Compile the forward dynamics of a model, without damping and friction, and compare it with
+    Pinocchio's at random states.
 
     Raises:
         ModelError: If a joint cannot be compiled, or the accelerations differ by more than 1e-11 of

@@ -20,7 +20,7 @@ later one."""
 
 
 def ptx(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> str:
-    """PTX with the kernels run and answer, see `cranedyn.compiled.threads.side_by_side`.
+    """Return PTX with the kernels run and answer, see `cranedyn.compiled.threads.side_by_side`.
 
     Args:
         topology: What the cranes have in common.

@@ -1,4 +1,4 @@
-"""A step in code, by the stepping rules of `cranedyn.dynamics.integrators`."""
+"""Physics step in code, by the stepping rules of `cranedyn.dynamics.integrators`."""
 
 from __future__ import annotations
 
@@ -15,9 +15,7 @@ from cranedyn.plant.plant import Plant
 
 
 class _Number:
-    """Stands for a number: sums and products with it are such numbers, and how large it is nobody
-    knows yet.
-    """
+    """Placeholder for a number: sums and products are placeholders, too, and comparisons raise."""
 
     def _combine(self, operand: Any = None) -> _Number:
         return self
@@ -32,7 +30,7 @@ class _Number:
 
 
 def check_rule(integrator: Integrator) -> None:
-    """Return if a stepping rule can be made code of.
+    """Check that a stepping rule can be compiled.
 
     Raises:
         OutOfRange: If it does anything with numbers but add and multiply them, or answers something
@@ -68,7 +66,7 @@ def take_step(
     unit: Any,
     substeps: Any,
 ) -> StepResult:
-    """One step.
+    """Return the state after one step.
 
     Args:
         integrator: The stepping rule.
@@ -130,8 +128,8 @@ def _where_buffers_act(
     unit: Any,
     substeps: Any,
 ) -> StepResult:
-    """The outcome of a smooth step, replaced by that of small semi-implicit ones where a drive is
-    beyond its range before or after it.
+    """Return the state after a smooth step, replaced by that of small semi-implicit substeps where
+    a drive is beyond its range before or after it.
     """
     code: Code = before[0][0].code
     n = len(before[0])

@@ -1,6 +1,4 @@
-"""Controllers, references and forces as tables that compiled code reads, each kept once however
-many cranes go by it.
-"""
+"""Controllers, references and forces as tables for compiled code; cranes share equal tables."""
 
 from __future__ import annotations
 
@@ -29,18 +27,18 @@ class RowTable:
 
     @property
     def shared(self) -> bool:
-        """Whether all cranes go by the same."""
+        """Whether all cranes have the same table."""
         return len(self.rows) == self.length
 
 
 def single_table(rows: np.ndarray) -> RowTable:
-    """The only table of the only crane, shape (n, columns)."""
+    """Return the table of a single crane, shape (n, columns)."""
     return RowTable(rows, len(rows), np.zeros(1, dtype=np.int64))
 
 
 def stack_tables(arrays: Sequence[np.ndarray], chosen: np.ndarray) -> RowTable:
-    """Tables of different lengths, shape (n, columns) each, and which of them each crane goes
-    by.
+    """Return tables of different lengths, shape (n, columns) each, as one; chosen is the index of
+    each crane's table.
     """
     length = max(len(rows) for rows in arrays)
     padded = [
@@ -56,7 +54,9 @@ def stack_tables(arrays: Sequence[np.ndarray], chosen: np.ndarray) -> RowTable:
 
 
 def gain_table(sizes: BufferLayout, form: Affine, rows: np.ndarray | None = None) -> np.ndarray:
-    """A controller's rows, shape (n, columns), in an array of that shape if there is one."""
+    """Return the rows of a controller, shape (n, columns), written to an array of that shape if
+    there is one.
+    """
     n, columns = len(form.feed_forward), slices(sizes.gain_table)
     rows = np.empty((n, size(sizes.gain_table))) if rows is None else rows
     rows[:, columns["feed_forward"]], rows[:, columns["gain"]] = (
@@ -70,8 +70,8 @@ def gain_table(sizes: BufferLayout, form: Affine, rows: np.ndarray | None = None
 def setpoint_table(
     sizes: BufferLayout, form: Affine, n: int, rows: np.ndarray | None = None
 ) -> np.ndarray:
-    """Rows of what a controller is about and takes the drives to, shape (n, columns); in an array
-    as for `gain_table`.
+    """Return rows of the state about which a controller acts and of its setpoint of the drives,
+    shape (n, columns), written to an array as for `gain_table`.
     """
     columns = slices(sizes.setpoint_table)
     rows = np.empty((n, size(sizes.setpoint_table))) if rows is None else rows
@@ -84,14 +84,14 @@ def setpoint_table(
 
 
 def drop_repeated_rows(rows: np.ndarray) -> np.ndarray:
-    """Rows without those at the end that repeat the one before."""
+    """Return rows without those at the end that repeat the row before."""
     changes = np.flatnonzero((rows[1:] != rows[:-1]).any(axis=1))
     return rows[: int(changes[-1]) + 2 if len(changes) else 1].copy()
 
 
 def no_gain_table(sizes: BufferLayout, positions: np.ndarray) -> Affine:
-    """The common form of a controller that has none: what it is about is the setpoint of the
-    drives alone, shape (rows, m).
+    """Return the affine form without gains: zero, about the setpoint of the drives, shape (rows,
+    m).
     """
     nothing, z = np.zeros((1, sizes.m)), sizes.z
     form = without_integral(nothing, np.zeros((1, sizes.m, z)), np.zeros((1, z)))
@@ -99,5 +99,5 @@ def no_gain_table(sizes: BufferLayout, positions: np.ndarray) -> Affine:
 
 
 def one_command(sizes: BufferLayout) -> tuple[np.ndarray, np.ndarray]:
-    """Tables of one row with which the drives just hold a command, zero to begin with."""
+    """Return tables of one row that hold a command, zero at first."""
     return np.zeros((1, size(sizes.gain_table))), np.zeros((1, size(sizes.setpoint_table)))

@@ -1,8 +1,7 @@
-"""One crane a thread, with plain doubles: how threads of a GPU share the memory of groups of lanes,
-and the same threads one after another on the processor.
+"""One crane a thread, with plain doubles: memory access of the threads of a GPU, and the same code
+as a loop over the lanes on the processor.
 
-A group of lanes is a warp: the threads that a GPU runs together read and write numbers that stand
-side by side.
+A group of lanes is a warp: the threads that a GPU runs together read and write adjacent numbers.
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ _INDEX = ir.IntType(32)
 
 
 def one_after_another(module: ir.Module) -> None:
-    """Add to the code of one thread functions that go through all lanes of a group, as a processor
-    calls them: run and answer.
+    """Add to the code of one thread the functions run and answer, which loop over the lanes of a
+    group on the processor.
     """
     code = Code(module, "run", ["call"], 1)
     arguments = {
@@ -47,9 +46,9 @@ def one_after_another(module: ir.Module) -> None:
 
 
 def side_by_side(module: ir.Module) -> None:
-    """Add to the code of one thread the kernels that a GPU starts in many: run, with the slots of a
-    call, how far apart groups stand at the moving addresses [numbers], and the number of threads;
-    and answer, for one warp.
+    """Add to the code of one thread the kernels of a GPU: run, with the slots of a call, the
+    distances of groups at the moving addresses [numbers], and the number of threads; and answer,
+    for one warp.
     """
     kinds = [*(KINDS[name] for name in SLOTS), *[INTEGER] * len(MOVING), INTEGER]
     builder, arguments = _kernel(module, "run", kinds)
@@ -82,7 +81,7 @@ def _kernel(
 
 
 def _thread(module: ir.Module, builder: ir.IRBuilder) -> ir.Value:
-    """The number of a thread among all."""
+    """Return the index of a thread among all threads."""
 
     def special(name: str) -> ir.Value:
         full = f"llvm.nvvm.read.ptx.sreg.{name}.x"
@@ -95,7 +94,7 @@ def _thread(module: ir.Module, builder: ir.IRBuilder) -> ir.Value:
 
 
 def _room(builder: ir.IRBuilder) -> ir.Value:
-    """Memory for the call of one thread; LLVM keeps all of it in registers."""
+    """Allocate the arguments of one thread; LLVM keeps them in registers."""
     return builder.alloca(ir.LiteralStructType([KINDS[name] for name in SLOTS]))
 
 

@@ -1,4 +1,4 @@
-"""Code for a crane, made once for each, and held against Pinocchio before it is used."""
+"""Compiled code of a crane, cached, and compared with Pinocchio before it is used."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Accelerations = Callable[[Kernel, np.ndarray, np.ndarray], np.ndarray]
 def compile_kernel(
     cranes: Sequence[Crane] | Cranes, recipe: Recipe, converters: np.ndarray | None = None
 ) -> tuple[Kernel, np.ndarray]:
-    """Code for cranes that differ in numbers only, and the numbers in which they do, shape (n, m).
+    """Return code for cranes that differ in numbers only, and their varied numbers, shape (n, m).
 
     It is compared with Pinocchio for each of the first 16 of them: the code is the same for all.
     Threads that ask at the same time wait for each other, so that the code for a crane is made
@@ -57,13 +57,13 @@ def compile_kernel(
         rows = np.hstack([rows, np.broadcast_to(converters, (len(rows), converters.shape[-1]))])
     varied = (rows != rows[0]).any(axis=0)
     constants = np.where(varied, np.nan, rows[0])
-    numbers_ = np.ascontiguousarray(rows[:, varied])
+    varied_numbers = np.ascontiguousarray(rows[:, varied])
     with _MAKING:
         code = _kernel(Topology.of(cranes[0]), constants.tobytes(), recipe)
         if len(code.agreed) > _REMEMBERED:
             code.agreed.clear()
-        verify_cranes(cranes, code, numbers_, code.agreed, converters)
-    return code, numbers_
+        verify_cranes(cranes, code, varied_numbers, code.agreed, converters)
+    return code, varied_numbers
 
 
 def verify_cranes(
@@ -74,8 +74,8 @@ def verify_cranes(
     converters: np.ndarray | None = None,
     answers: Accelerations = kernel_accelerations,
 ) -> None:
-    """Compare accelerations of the first 16 cranes with Pinocchio's, unless they are known to
-    agree; with numbers of their frequency converters as of `compile_kernel`.
+    """Compare accelerations of the first 16 cranes with Pinocchio's, except those that have agreed
+    before; converters are as in `compile_kernel`.
 
     Raises:
         ModelError: If they differ by more than round-off.
@@ -92,7 +92,7 @@ def verify_cranes(
 
 
 def object_file(crane: Crane, recipe: Recipe) -> bytes:
-    """The code for one crane as an object file for other programs, held against Pinocchio here, see
+    """Return the code for one crane as an object file for other programs, verified as in
     `compile_kernel`.
 
     Raises:
@@ -116,7 +116,7 @@ def verify_crane(
     converters: np.ndarray | None = None,
     answers: Accelerations = kernel_accelerations,
 ) -> None:
-    """Compare accelerations with Pinocchio's at random states.
+    """Compare accelerations of a crane with Pinocchio's at random states.
 
     Args:
         crane: The crane.

@@ -1,17 +1,17 @@
-"""What the drives are told at a control instant, in code: the accelerations of the plan as efforts.
+"""Command of a predictive controller at a control instant, in code.
 
-Of the swing, whose sensors are the worst of a crane, a plan begins with an average: what was
-expected of the crane that it knows, moved on by what the drives did, and a share of what the
-sensors differ. That the rope stays taut is seen to with what is measured.
+A plan begins with a filtered swing, since the swing sensors are the worst of a crane: the swing
+predicted by the model under the measured motion of the drives, corrected by a share of its
+difference from the measured swing. The rope tension is limited by measured rates.
 
-Drives to which rates are commanded have, for a plan, the rate that was planned, not the one
-measured: these follow late, how late nobody knows exactly, and a plan that began anew from where
-they are would ask for more and more. Only in the long run the measured rate counts.
+Where drives take velocities, a plan begins with the rates that were planned, not those measured:
+the drives lag by an uncertain time, and a plan from the measured rates would demand ever more. The
+measured rates correct the planned ones slowly.
 
-Between optimisations the planned accelerations are held and turned into efforts at every control
-instant by inverse dynamics. What a drive accelerates otherwise than told is a disturbance, a load
-of another mass among them; its estimate is taken off what is told. Efforts are cut to the limits of
-the drives, and the hoist never pays out so hard that the rope would lose its least tension.
+Between optimisations the planned accelerations are held and converted to efforts at every control
+instant by inverse dynamics. A difference between expected and measured rates, such as by another
+load mass, is estimated as a disturbance and subtracted. Efforts are clipped to the limits of the
+drives, and the hoist keeps the least tension of the rope.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from cranedyn.plant.plant import Plant, Topology, plant
 
 @dataclass(frozen=True)
 class Programme:
-    """A predictive controller, as far as its code depends on it.
+    """Parameters of a predictive controller that its code depends on.
 
     Attributes:
         topology: What its crane has in common with others.
@@ -74,21 +74,23 @@ class Programme:
 
     @property
     def shape(self) -> HorizonShape:
-        """Of the optimisation."""
+        """Dimensions of the optimisation."""
         layout = self.topology.layout
         return HorizonShape(2 * layout.n, layout.m, self.stages)
 
     def parts(self, lanes: int) -> MemoryOffsets:
-        """Where in the memory of a group of lanes each part begins."""
+        """Return the offsets of the sections in the memory of a group of lanes."""
         return MemoryOffsets.of(self, lanes)
 
     @property
     def plant(self) -> Plant:
-        """The crane that it believes in, told by accelerations."""
+        """Model of the crane, commanded by accelerations."""
         return self.driven("motion")
 
     def driven(self, drive: str) -> Plant:
-        """The crane that it believes in, told by accelerations, "motion", or efforts, "effort"."""
+        """Return the model of the crane, commanded by accelerations, "motion", or efforts,
+        "effort".
+        """
         return plant(self.topology, list(self.numbers), drive, False)
 
     @property
@@ -98,7 +100,7 @@ class Programme:
 
 
 class MemoryOffsets(NamedTuple):
-    """Where in the memory of a group of lanes each part begins [doubles].
+    """Offsets of the sections in the memory of a group of lanes [doubles].
 
     Attributes:
         query: See `cranedyn.compiled.horizon.planning`.
@@ -120,7 +122,7 @@ class MemoryOffsets(NamedTuple):
 
     @classmethod
     def of(cls, programme: Programme, lanes: int) -> MemoryOffsets:
-        """Those of a group of so many lanes."""
+        """Return the offsets for a group of so many lanes."""
         shape, layout = programme.shape, programme.topology.layout
         counts = [
             shape.lanes + 8,
@@ -134,10 +136,11 @@ class MemoryOffsets(NamedTuple):
 
 
 def lane_memory(layout: Layout) -> dict[str, range]:
-    """Where what each lane remembers stands, by name: accelerations held, estimates of what
-    disturbs the drives, rates expected of them, the swing believed at the instant before and its
-    rates, coordinates and rates as read at the last instant at which that was possible, how often
-    it was not, what was read then, and whether there was an instant before.
+    """Return the slots of each lane's memory by name.
+
+    They are the accelerations held, the estimated disturbances of the drives, the expected rates,
+    the filtered swing of the instant before and its rates, the last plausible coordinates and
+    rates, the number of implausible readings, the last of these, and 1 after the first instant.
     """
     n, m = layout.n, layout.m
     sizes = dict(
@@ -157,13 +160,13 @@ def lane_memory(layout: Layout) -> dict[str, range]:
 
 
 def plan_size(shape: HorizonShape) -> int:
-    """Doubles of a plan."""
+    """Return the size of a plan [doubles]."""
     return (shape.stages + 1) * shape.lanes
 
 
 def emit_plan(module: ir.Module, programme: Programme) -> list[tuple[str, int, int, float]]:
-    """Add the function `plan` and what it needs; returns what stands in the memory of each stage
-    before all else: name of the row, its number, lane, number.
+    """Add the function `plan` and what it calls; return the constants in the memory of each stage:
+    name of the row, its number, lane, value.
     """
     shape, layout = programme.shape, programme.topology.layout
     riccati.emit(module, shape)
@@ -179,8 +182,8 @@ def emit_plan(module: ir.Module, programme: Programme) -> list[tuple[str, int, i
 
 
 def emit_instant(module: ir.Module, programme: Programme) -> None:
-    """Add the function `instant` for one crane: from the state in the query, the row of the path
-    and whether it is time for an optimisation to the command, which it writes to the query's end.
+    """Add the function `instant` for one crane: from the state, the row of the path and whether to
+    optimise to the command.
     """
     code = Code(module, "instant", ["memory", "given", "command"], 1)
     code.function.attributes.add("noinline")  # rounded alike wherever it is called from
@@ -203,7 +206,7 @@ def emit_instant(module: ir.Module, programme: Programme) -> None:
 
 
 class PredictiveControl:
-    """The code of a control instant, for one crane or for one in each lane."""
+    """Code of a control instant, for one crane or for one in each lane."""
 
     def __init__(self, code: Code, programme: Programme, memory: ir.Value) -> None:
         self.code, self.programme, self.memory = code, programme, memory
@@ -211,7 +214,7 @@ class PredictiveControl:
         self._slots = lane_memory(self.layout)
 
     def counted(self) -> tuple[ir.Value, ir.Value]:
-        """Row of the path now and whether an optimisation is due, by counting instants."""
+        """Count an instant; return the row of the path and whether to optimise."""
         code = self.code
         count = code.load_one(self.memory, self.parts.counts, INTEGER)
         address = pointer(code, self.memory, self.parts.counts)
@@ -227,7 +230,7 @@ class PredictiveControl:
     def command(
         self, q: np.ndarray, v: np.ndarray, position: np.ndarray, row: ir.Value, due: ir.Value
     ) -> np.ndarray:
-        """What the drives are told, shape (m,).
+        """Return the command of the drives, shape (m,).
 
         Args:
             q: Coordinates.
@@ -260,8 +263,8 @@ class PredictiveControl:
     def asked(
         self, q: np.ndarray, v: np.ndarray, position: np.ndarray, row: ir.Value, due: ir.Value
     ) -> np.ndarray:
-        """As `command`, for one crane: of the function that Python asks, see `emit_instant`, so
-        that both are the same to the bit.
+        """Return the command as `command`, for one crane: by the function of `emit_instant`, which
+        Python calls too, so that both agree to the bit.
         """
         code = self.code
         numbers = [*q, *v, *position]
@@ -328,8 +331,8 @@ class PredictiveControl:
             self.code.store(value, self.memory, self._place(i))
 
     def _possible(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, Value]:
-        """Coordinates and rates as read, and 1; or, where a crane cannot be so, those that were
-        possible last, and 0.
+        """Return coordinates and rates as read, and 1; or, if the reading is implausible, the last
+        plausible ones, and 0.
         """
         code, shape = self.code, self.programme.shape
         low, high = (self.parts.work + shape.place(name) for name in ("least", "most"))
@@ -351,8 +354,8 @@ class PredictiveControl:
     def _believed(
         self, q: np.ndarray, v: np.ndarray, before: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates and rates with which a plan begins: as measured, but for the swing and, where
-        rates are commanded, the rates of the drives; with what was measured at the instant before.
+        """Return the state with which a plan begins: as measured, except for the filtered swing
+        and, where rates are commanded, the rates of the drives.
         """
         begun, drives = self._remembered("begun")[0] > 0.0, self.layout.drives
         believed_q, believed_v = self._swinging(begun, q, v, before[self.layout.n + drives])
@@ -366,10 +369,10 @@ class PredictiveControl:
     def _swinging(
         self, begun: ir.Value, q: np.ndarray, v: np.ndarray, rates_before: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates and rates with what is believed of the swing.
+        """Return coordinates and rates with the filtered swing.
 
-        What the drives did since the instant before is what their rates changed by: whatever moved
-        them, and noise of the encoders does not add up.
+        The drives' accelerations since the instant before follow from their change of rate,
+        whatever caused it; so noise of the encoders does not add up.
         """
         q, v, layout, period = q.copy(), v.copy(), self.layout, self.programme.period
         drives, passive = layout.drives, layout.passive
@@ -387,8 +390,8 @@ class PredictiveControl:
         return q, v
 
     def _corrected(self, begun: ir.Value, expected: Any, measured: Any, share: float) -> np.ndarray:
-        """What was expected, where there was an instant before, corrected by a share of what is
-        seen.
+        """Return expected values, corrected by a share of their difference from the measured ones;
+        measured ones at the first instant.
         """
         return array(
             [
@@ -400,11 +403,10 @@ class PredictiveControl:
     def _efforts(
         self, q: np.ndarray, v: np.ndarray, acceleration: np.ndarray, learns: Value
     ) -> np.ndarray:
-        """Efforts that accelerate as told, what disturbs taken off; and what it learns of that, if
-        it does: 1, or 0 at the first instant and where no state was read.
+        """Return efforts for accelerations less the estimated disturbance, and update the estimate.
 
-        What it expects is what the efforts cause that are left after they are cut, so that an
-        estimate finds back however wrong it is.
+        learns is 1, or 0 at the first instant and for implausible readings. Expected rates follow
+        from the clipped efforts, so that the estimate recovers from any error.
         """
         code, programme, layout = self.code, self.programme, self.layout
         estimate, expected = self._remembered("estimate"), self._remembered("expected")
@@ -429,8 +431,8 @@ class PredictiveControl:
         return array(cut)
 
     def _taut(self, q: np.ndarray, v: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
-        """Accelerations as told, but for a hoist that would leave the rope with less than its
-        least tension: what the hoist exerts is linear in its own acceleration.
+        """Return accelerations, reduced for a hoist that would go below the least tension of the
+        rope; the effort of the hoist is linear in its acceleration.
         """
         code, layout, crane = self.code, self.layout, self.programme.plant
         hoist = layout.drive_of("hoist")

@@ -1,6 +1,4 @@
-"""Numbers that carry their derivatives, so that what computes a number also computes its
-derivatives.
-"""
+"""Dual numbers: values with their derivatives."""
 
 from __future__ import annotations
 
@@ -13,7 +11,7 @@ from cranedyn.dynamics.scalars import array
 
 
 class Dual:
-    """A number of any kind with its derivatives by some variables.
+    """Number of any kind with its derivatives by some variables.
 
     Attributes:
         value: The number.
@@ -26,7 +24,7 @@ class Dual:
         self.value, self.slopes = value, slopes
 
     def _both(self, value: Any, mine: Any, operand: Dual, its: Any) -> Dual:
-        """Of a function whose partial derivatives are known."""
+        """Return a function of two numbers, given its value and partial derivatives."""
         pairs = zip(self.slopes, operand.slopes, strict=True)
         return Dual(value, [mine * a + its * b for a, b in pairs])
 
@@ -65,16 +63,16 @@ class Dual:
         return self._chain(-self.value, -1.0)
 
     def sin(self) -> Dual:
-        """Sine of an angle [rad]."""
+        """Return the sine of an angle [rad]."""
         return self._chain(np.sin(self.value), np.cos(self.value))
 
     def cos(self) -> Dual:
-        """Cosine of an angle [rad]."""
+        """Return the cosine of an angle [rad]."""
         return self._chain(np.cos(self.value), -np.sin(self.value))
 
 
 def variables(*groups: np.ndarray) -> list[np.ndarray]:
-    """Variables by which all derivatives are, some groups of them, as arrays of such numbers."""
+    """Return groups of values as independent variables of one set of derivatives."""
     count, first, duals = sum(map(len, groups)), 0, []
     for group in groups:
         duals.append(
@@ -90,12 +88,12 @@ def variables(*groups: np.ndarray) -> list[np.ndarray]:
 
 
 def constants(values: np.ndarray, count: int) -> np.ndarray:
-    """Numbers whose derivatives by so many variables are zero."""
+    """Return values whose derivatives by so many variables are zero."""
     return array([Dual(value, [0.0] * count) for value in values])
 
 
 def slopes(numbers: np.ndarray, count: int) -> np.ndarray:
-    """Derivatives of numbers, some of which may be plain ones, shape (n, count)."""
+    """Return derivatives of numbers, some of which may be plain, shape (n, count)."""
     derivatives = np.zeros((len(numbers), count), dtype=object)
     for row, number in zip(derivatives, numbers, strict=True):
         row[:] = number.slopes if isinstance(number, Dual) else [0.0] * count

@@ -47,7 +47,7 @@ def emit(module: ir.Module, shape: HorizonShape) -> None:
 
 
 class _Solve:
-    """The function under construction."""
+    """Function under construction."""
 
     def __init__(self, work: Work) -> None:
         self.work, self.code, self.shape, self.common = work, work.code, work.shape, work.common
@@ -82,7 +82,7 @@ class _Solve:
         return self.common.one("report", 0, REPORT.index(name))
 
     def _free(self) -> None:
-        """What is best without bounds, and by how much it exceeds them."""
+        """Solve without bounds, and report the largest excess of a bound."""
         code, work = self.code, self.work
         with code.loop(0, self.shape.stages) as k:
             rows = work.stage(k)
@@ -101,7 +101,7 @@ class _Solve:
         self._report("excess", over_lanes(code, worst.get(), "fmax"))
 
     def _begin(self) -> None:
-        """On the central path of the barrier, where the nodes are."""
+        """Start on the central path of the barrier, at the nodes."""
         code, common, shape = self.code, self.common, self.shape
         price = common.get("price")
         barrier = everywhere(code, self._reported("barrier"))
@@ -129,7 +129,7 @@ class _Solve:
         return bound - value if side == "high" else value - bound
 
     def _iterate(self, gap: Value) -> Value:
-        """The step of an iteration, prepared in the stages; returns how much of it may be taken."""
+        """Prepare a step, and return the share of it that keeps slacks positive."""
         code = self.code
         with code.loop(0, self.shape.stages) as k:
             self._weigh(self.work.stage(k))
@@ -152,7 +152,7 @@ class _Solve:
         return _SHORT / over_lanes(code, ratio.get(), "fmax")
 
     def _weigh(self, rows: MemoryRows) -> None:
-        """Curvature of the barriers, and the slope towards the bounds themselves."""
+        """Compute the curvature of the barriers, and the slope of the predictor."""
         forces = {}
         for side in _SIDES:
             per_force, per_relief = (
@@ -170,7 +170,7 @@ class _Solve:
         self._slope(rows, {side: 0.0 for side in _SIDES})
 
     def _slope(self, rows: MemoryRows, bent: dict[str, Any]) -> None:
-        """Gradient of cost and barriers at zero, in states and inputs."""
+        """Compute the gradient of cost and barriers at zero, in states and inputs."""
         code, shape = self.code, self.shape
         pull: Any = rows.get("curve") * rows.get("extra_shift")
         for side, sign in _SIDES.items():
@@ -185,7 +185,7 @@ class _Solve:
         rows.put("slope", total(terms))
 
     def _predict(self, rows: MemoryRows, ratio: Any, crossed: Any) -> None:
-        """Where the step would lead that aims at the bounds themselves."""
+        """Compute the predictor step, which aims at the bounds themselves."""
         code = self.code
         for side in _SIDES:
             dforce = -(rows.get(f"stiff_{side}") * self._room(rows.get("trial"), side))
@@ -202,7 +202,9 @@ class _Solve:
             crossed.set(crossed.get() + product + excess_product)
 
     def _bend(self, rows: MemoryRows, centred: Value) -> None:
-        """The slope that aims at a point of the central path, to second order."""
+        """Compute the slope of the corrector, which aims at a point of the central path, to second
+        order.
+        """
         bent = {}
         for side in _SIDES:
             per_force, per_relief = rows.get(f"per_force_{side}"), rows.get(f"per_relief_{side}")
@@ -213,7 +215,7 @@ class _Solve:
         self._slope(rows, bent)
 
     def _correct(self, rows: MemoryRows, centred: Value, ratio: Any) -> None:
-        """The step itself, and how much of it may be taken."""
+        """Compute the combined step, and the ratio that limits it."""
         code = self.code
         for side in _SIDES:
             per_force, per_relief = rows.get(f"per_force_{side}"), rows.get(f"per_relief_{side}")
@@ -232,7 +234,7 @@ class _Solve:
             rows.put(f"dexcess_{side}", dexcess)
 
     def _move(self, step: Value) -> Value:
-        """Take the step; returns the mean product of slacks and multipliers after it."""
+        """Take the step, and return the mean product of slacks and multipliers after it."""
         code = self.code
         share, products = everywhere(code, step), code.variables([0.0])[0]
         with code.loop(0, self.shape.stages) as k:

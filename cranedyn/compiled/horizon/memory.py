@@ -1,4 +1,4 @@
-"""What stands where in the memory of one optimisation, and how code gets at it."""
+"""Memory layout of one optimisation, and its access in code."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ BLOCK = 8
 
 @dataclass(frozen=True)
 class HorizonShape:
-    """How large a problem is.
+    """Dimensions of a problem.
 
-    A row of memory holds, one after another, the states of a stage, its inputs, and what else is
-    bounded there: a linear function for each input.
+    A row of memory holds the states of a stage, its inputs, and the values of its other bounded
+    functions, one linear function for each input.
 
     Attributes:
         states: Numbers of a state.
         inputs: Numbers of an input.
-        stages: Of the horizon.
+        stages: Number of stages of the horizon.
     """
 
     states: int
@@ -38,24 +38,26 @@ class HorizonShape:
 
     @property
     def lanes(self) -> int:
-        """Numbers of a row: all that is bounded, in whole vectors."""
+        """Numbers in a row: all bounded values, in whole vectors."""
         return -(-(self.both + self.inputs) // 8) * 8
 
     @property
     def entries(self) -> int:
-        """Numbers of a stage's model, at most."""
+        """Largest number of entries in a stage's model."""
         return 2 * self.states * self.both + self.states + self.inputs * (self.both + 1)
 
     @property
     def padded(self) -> int:
-        """Stages that there is memory for: whole blocks."""
+        """Number of stages in memory: whole blocks."""
         return -(-self.stages // BLOCK) * BLOCK
 
     @property
     def common(self) -> dict[str, int]:
-        """Rows that all stages share, by name: weights; the first state; bounds and what exceeding
-        them costs; least and most that a state can be; cost-to-go of the end and its gradient; room
-        for intermediate results; where the path ends; a report, see `REPORT`.
+        """Numbers of rows that all stages share, by name.
+
+        They are weights; the first state; bounds and the price of exceeding them; least and largest
+        plausible state; cost-to-go at the end and its gradient; space for intermediate results; the
+        goal; and the report, see `REPORT`.
         """
         z, w = self.states, self.both
         return {
@@ -78,12 +80,13 @@ class HorizonShape:
 
     @property
     def stage(self) -> dict[str, int]:
-        """Rows of each stage, by name.
+        """Numbers of rows of each stage, by name.
 
-        The model: next state = forward @ (state, input) + shift, by rows and by columns, and what
-        else is bounded, extra @ (state, input) + apart. The cost's gradient. What is bounded at the
-        node about which all is linear, now, and after a step. Feedback. Slacks, multipliers and
-        what an iteration keeps of them, above and below.
+        The model is next state = forward @ (state, input) + shift, by rows and by columns, and the
+        other bounded values are extra @ (state, input) + extra_shift. The others are the gradient
+        of the cost; bounded values at the node of linearisation, at the iterate, and at the trial
+        point; feedback; and slacks, multipliers and terms of an iteration for the upper and lower
+        bounds.
         """
         z, w, u = self.states, self.both, self.inputs
         sides = ("slack", "excess", "force", "relief", "per_force", "per_relief")
@@ -108,23 +111,25 @@ class HorizonShape:
 
     @property
     def size(self) -> int:
-        """Doubles in all."""
+        """Total size [doubles]."""
         return self.lanes * (sum(self.common.values()) + self.padded * sum(self.stage.values()))
 
     @property
     def stride(self) -> int:
-        """Doubles from a stage to the next."""
+        """Distance from a stage to the next [doubles]."""
         return self.lanes * sum(self.stage.values())
 
     def place(self, name: str, row: int = 0) -> int:
-        """Where a row begins: of the shared ones, or of a stage after the stage's beginning."""
+        """Return the offset of a row: of a shared one from the beginning of memory, of another from
+        the beginning of its stage.
+        """
         rows = self.common if name in self.common else self.stage
         before = sum(list(rows.values())[: list(rows).index(name)])
         return self.lanes * (before + row)
 
     @property
     def first(self) -> int:
-        """Where the first stage begins."""
+        """Offset of the first stage."""
         return self.lanes * sum(self.common.values())
 
 
@@ -147,21 +152,21 @@ class LaneView(Code):
 
 
 class MemoryRows:
-    """Rows of memory by name, from a place on."""
+    """Rows of memory by name, relative to a base index."""
 
     def __init__(self, code: Code, shape: HorizonShape, base: Any) -> None:
         self._code, self._shape, self._base = code, shape, base
         self._one = LaneView(code, 1)
 
     def at(self, name: str, row: int = 0, lane: int = 0) -> Any:
-        """Index of a number."""
+        """Return the index of a number."""
         offset = self._shape.place(name, row) + lane
         if isinstance(self._base, int):
             return self._base + offset
         return self._code.builder.add(self._base, self._code.integer(offset))
 
     def get(self, name: str, row: int = 0) -> Value:
-        """A row."""
+        """Return a row."""
         return self._code.load(self._code.argument["work"], self.at(name, row))
 
     def put(self, name: str, value: Any, row: int = 0) -> None:
@@ -169,11 +174,11 @@ class MemoryRows:
         self._code.store(value, self._code.argument["work"], self.at(name, row))
 
     def every(self, name: str, row: int, lane: int) -> Value:
-        """One number of a row in all lanes."""
+        """Return one number of a row in all lanes."""
         return self._code.spread(self._code.argument["work"], self.at(name, row, lane))
 
     def one(self, name: str, row: int, lane: int) -> Value:
-        """One number of a row."""
+        """Return one number of a row."""
         return self._one.spread(self._code.argument["work"], self.at(name, row, lane))
 
     def put_one(self, name: str, row: int, lane: int, value: Any) -> None:
@@ -182,13 +187,13 @@ class MemoryRows:
 
 
 class Work:
-    """The whole memory in a function under construction, whose argument `work` it is."""
+    """Memory of an optimisation, the argument `work` of a function under construction."""
 
     def __init__(self, code: Code, shape: HorizonShape) -> None:
         self.code, self.shape, self.common = code, shape, MemoryRows(code, shape, 0)
 
     def stage(self, k: Any) -> MemoryRows:
-        """The rows of a stage."""
+        """Return the rows of a stage."""
         if isinstance(k, int):
             return MemoryRows(self.code, self.shape, self.shape.first + k * self.shape.stride)
         code = self.code
@@ -200,7 +205,7 @@ class Work:
 
 
 def element(code: Code, value: Value, lane: int) -> Value:
-    """One number of a vector."""
+    """Return one number of a vector."""
     if code.lanes == 1:
         return value
     index = ir.Constant(ir.IntType(32), lane)
@@ -208,12 +213,12 @@ def element(code: Code, value: Value, lane: int) -> Value:
 
 
 def everywhere(code: Code, value: Value) -> Value:
-    """One number in every lane."""
+    """Return one number in every lane."""
     return code.from_double(value.register)
 
 
 def with_elements(code: Code, value: Value, elements: Mapping[int, Value]) -> Value:
-    """A vector with other numbers in some lanes."""
+    """Return a vector with other numbers in some lanes."""
     register = value.register
     for lane, number in elements.items():
         index = ir.Constant(ir.IntType(32), lane)
@@ -222,7 +227,7 @@ def with_elements(code: Code, value: Value, elements: Mapping[int, Value]) -> Va
 
 
 def over_lanes(code: Code, value: Value, operation: str) -> Value:
-    """Sum ("fadd") or largest ("fmax") of the numbers of a vector."""
+    """Return the sum ("fadd") or maximum ("fmax") of the numbers of a vector."""
     kind = value.register.type
     arguments = [value.register]
     if operation == "fadd":
@@ -239,16 +244,16 @@ def over_lanes(code: Code, value: Value, operation: str) -> Value:
 
 
 def unit(code: Code, lane: int) -> Value:
-    """1 in one lane, 0 in the others."""
+    """Return 1 in one lane, 0 in the others."""
     return constant(code, [float(i == lane) for i in range(code.lanes)])
 
 
 def constant(code: Code, numbers: list[float]) -> Value:
-    """Numbers known now, one for each lane."""
+    """Return constants, one for each lane."""
     return Value(code, ir.Constant(code.type, numbers))
 
 
 def pointer(code: Code, base: ir.Value, offset: Any) -> ir.Value:
-    """The address so many doubles after another."""
+    """Return an address, shifted by an offset [doubles]."""
     index = offset if isinstance(offset, ir.Value) else code.integer(offset)
     return code.builder.gep(base, [index], source_etype=DOUBLE)

@@ -1,10 +1,9 @@
-"""A crane predicted over a horizon, in code: the trace of its equations of motion and their
-derivatives.
+"""Crane model over a horizon, in code: the traced equations of motion and their derivatives.
 
-The inputs are the accelerations of the drives, held over a stage; what they cost is then a linear
-function at hand for limits of the efforts and for the tension of the rope. Stages are linearised
-eight at once, one in each lane. A stage is taken by the exponential of its own linearisation, to
-fourth order in its length: exact for small motions (Hochbruck and Ostermann 2010, "Exponential
+The inputs are the accelerations of the drives, held over a stage; the efforts that they need are
+linear functions, used for effort limits and the tension of the rope. Stages are linearised eight at
+once, one in each lane. A stage is integrated by the exponential of its own linearisation, to fourth
+order in its length: exact for small motions (Hochbruck and Ostermann 2010, "Exponential
 integrators", §2.4).
 """
 
@@ -30,7 +29,7 @@ Entries = list[tuple[str, int, int, Any]]
 
 
 class CraneDerivatives(NamedTuple):
-    """A crane about a state and accelerations of its drives.
+    """Accelerations and efforts of a crane at a state, and their derivatives.
 
     Attributes:
         a: Accelerations, shape (n,).
@@ -49,7 +48,7 @@ class CraneDerivatives(NamedTuple):
 def crane_derivatives(
     plant: Plant, q: np.ndarray, v: np.ndarray, u: np.ndarray
 ) -> CraneDerivatives:
-    """Linearise a crane whose drives accelerate as told, in any kind of number."""
+    """Linearise a crane under accelerations of its drives, in any kind of number."""
     layout = plant.topology.layout
     n, m, drives, passive = layout.n, layout.m, layout.drives, layout.passive
     a, effort = plant.answer(q, v, u, None)
@@ -78,8 +77,8 @@ def _zero(x: Any) -> bool:
 
 
 def hanging(plant: Plant, drives: np.ndarray) -> np.ndarray:
-    """Coordinates at rest for places of the drives, shape (n,), in any kind of number: of the swing
-    joints by a step of Newton's method from where they hang to first order.
+    """Return coordinates at rest for positions of the drives, shape (n,), in any kind of number:
+    the swing joints by a step of Newton's method from the first-order rest.
     """
     layout, swings = plant.topology.layout, [i for i, _ in plant.topology.swings]
     still = array([0.0] * layout.n)
@@ -99,7 +98,7 @@ def hanging(plant: Plant, drives: np.ndarray) -> np.ndarray:
 
 
 def stage(plant: Plant, length: float, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> Entries:
-    """The model of a stage of a length [s] about a node, by place in its memory."""
+    """Return the model of a stage of a length [s] about a node, by row of its memory."""
     layout = plant.topology.layout
     n, m = layout.n, layout.m
     z, w = 2 * n, 2 * n + m
@@ -135,7 +134,9 @@ def stage(plant: Plant, length: float, q: np.ndarray, v: np.ndarray, u: np.ndarr
 
 
 def payload_jacobian(plant: Plant, q: np.ndarray) -> np.ndarray:
-    """Derivatives of the payload's place in the world by the coordinates, shape (3, n)."""
+    """Return the derivatives of the payload's position in the world by the coordinates, shape (3,
+    n).
+    """
     tree, body = plant.tree, plant.topology.bodies[0]
     (q_dual,) = variables(q)
     placements, point = rigid_body.frames(tree, q_dual), plant.levers[0]
@@ -153,7 +154,7 @@ def emit_weights(
     payload_errors: np.ndarray,
 ) -> None:
     """Add the function `weigh`, which writes the weight of the states for a goal: errors of the
-    payload's place and rate, and by themselves those of coordinates and rates, that weigh alike.
+    payload's position and rate, and errors of coordinates and rates, with equal weight.
     """
     work = Work(Code(module, "weigh", ["work"], 1), shape)
     n = plant.topology.layout.n
@@ -169,8 +170,8 @@ def emit_weights(
 
 
 def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) -> Entries:
-    """Add the function `linearise`, from the nodes of all stages to their models; returns what is
-    the same for every node, which the code does not write.
+    """Add the function `linearise`, from the nodes of all stages to their models; return the
+    entries that are the same for every node, which the code does not write.
     """
     work = Work(Code(module, "linearise", ["work"], BLOCK), shape)
     code, layout = work.code, plant.topology.layout
@@ -196,7 +197,7 @@ def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) ->
 
 
 def _scatter(work: Work, block: ir.Value, written: Entries) -> None:
-    """From rows with a lane for each stage to the memory of each stage."""
+    """Copy rows with a lane for each stage to the memory of each stage."""
     code, shape = work.code, work.shape
     single, builder = LaneView(code, 1), code.builder
     offsets = [shape.place(name, row) + lane for name, row, lane, _ in written]

@@ -1,4 +1,4 @@
-"""One optimisation in code: shift the last plan, linearise along it, solve, keep what is found.
+"""One optimisation in code: shift the last plan, linearise along it, solve, store the new plan.
 
 This is one real-time iteration (Diehl, Bock and Schlöder 2005, "A real-time iteration scheme for
 nonlinear optimization in optimal feedback control").
@@ -54,7 +54,7 @@ def emit(
 
 
 class _Plan:
-    """The function under construction."""
+    """Function under construction."""
 
     def __init__(
         self, work: Work, plant: Plant, length: float, period: float, swing: float
@@ -100,7 +100,7 @@ class _Plan:
         return self.one.load(self.code.argument["plan"], self.marks + MARKS.index(name))
 
     def _shift(self) -> None:
-        """Nodes on the last plan, as much later as it is."""
+        """Set the nodes to the last plan, shifted to the present time."""
         code, shape = self.code, self.shape
         ahead, share = divmod(self.period / self.length, 1.0)
         last = code.integer(shape.stages - 1)
@@ -120,7 +120,9 @@ class _Plan:
         first.put("node", first.get("node") * inputs + self.common.get("start"))
 
     def _aim(self) -> None:
-        """Weights for where the path ends, and gradients of the cost, which is about the path."""
+        """Compute weights about the end of the path, and the gradient of the cost, which is about
+        the path.
+        """
         code, shape, layout = self.code, self.shape, self.layout
         query, path = code.argument["query"], code.argument["path"]
         row, last, hop = (code.load_one(query, shape.lanes + i, INTEGER) for i in range(len(QUERY)))
@@ -148,8 +150,8 @@ class _Plan:
             self.work.stage(k).put("gradient", -total(terms))
 
     def _bound(self) -> None:
-        """Bounds of swing joints whose rest depends on the drives: about where they hang now, about
-        where they hang at the goal, and between.
+        """Set bounds of swing joints whose rest depends on the drives: about the present rest, the
+        rest at the goal, and between.
         """
         if self.plant.plumb_at_zero:
             return
@@ -163,7 +165,7 @@ class _Plan:
             self.common.put_one("high", 0, i, self.one.call("llvm.maxnum", a, b) + self.swing)
 
     def _keep(self, possible: ir.Value) -> None:
-        """What was found becomes the plan; if nothing was, the last plan goes on."""
+        """Store the new plan; after a failure keep the last one."""
         code, shape, single = self.code, self.shape, self.one
         plan = code.argument["plan"]
         flag = self.common.one("report", 0, REPORT.index("flag"))

@@ -1,4 +1,4 @@
-"""Model predictive control to a setpoint or along a motion, whose optimisation is compiled code."""
+"""Model predictive control to a setpoint or along a motion, with a compiled optimisation."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ with 14.9 m of cable, the middle of its range."""
 
 @dataclass(frozen=True)
 class Tuning:
-    """Times and errors with which a predictive controller is made, ours.
+    """Times and errors of a predictive controller, ours.
 
     The defaults are for a load that swings with a period of `PENDULUM`. Motions of another crane
     are alike where all times go with its period and all lengths with the square of that.
@@ -107,7 +107,7 @@ class Tuning:
         return tuple(error[i] for i in (0, 1) for error in errors)
 
     def slower(self, time: float) -> Tuning:
-        """Return that of a crane all of whose motions take so many times as long."""
+        """Return the tuning for a crane whose motions take a multiple of the time."""
         length = time**2  # so that rates go with the time
         return Tuning(
             period=self.period * time,
@@ -123,7 +123,7 @@ class Tuning:
 
 
 class Marks(NamedTuple):
-    """What came of the optimisations so far.
+    """Outcome of the optimisations so far.
 
     Attributes:
         begun: 1 once there was one.
@@ -144,7 +144,7 @@ class Marks(NamedTuple):
 
 @dataclass(eq=False, repr=False)
 class Receding(ShortRepr):
-    """A predictive controller; it remembers: make a new one for each run.
+    """Predictive controller with memory: create a new one for each run.
 
     Attributes:
         programme: What its code is made from.
@@ -162,7 +162,7 @@ class Receding(ShortRepr):
     _last: float = field(default=-math.inf, init=False)
 
     def __post_init__(self) -> None:
-        """Have code and memory.
+        """Check the arrays, compile the code and allocate its memory.
 
         Raises:
             OutOfRange: If the table or the path is not of the programme's size.
@@ -177,16 +177,16 @@ class Receding(ShortRepr):
         self._instant = Instant(_made(self.programme).machine, self._memory, self.programme)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return all but the code, for a copy that has memory of its own."""
+        """Return all but the code, for a copy with its own memory."""
         return {name: value for name, value in vars(self).items() if name != "_instant"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take what a copy has, and bind the code to its memory."""
+        """Restore a copy and bind the code to its memory."""
         vars(self).update(state)
         self._bind()
 
     def memory(self, lanes: int) -> np.ndarray:
-        """Memory of a group of so many cranes before a run, shape (doubles,)."""
+        """Return the memory of a group of so many cranes before a run, shape (doubles,)."""
         offsets = MemoryOffsets.of(self.programme, lanes)
         memory = np.zeros(offsets.size)
         memory[offsets.work :] = self.table
@@ -195,36 +195,38 @@ class Receding(ShortRepr):
         return memory
 
     def _row(self, name: str) -> np.ndarray:
-        """A row of the table about states, shape (2 n,)."""
+        """Return a row of the table about states, shape (2 n,)."""
         shape = self.programme.shape
         return self.table[shape.place(name) :][: shape.states]
 
     def _of_lanes(self, memory: np.ndarray, lanes: int, name: str) -> np.ndarray:
-        """What the lanes of a memory remember of something, shape (numbers, lanes)."""
+        """Return a view of a section of the lanes' memory, shape (numbers, lanes)."""
         offsets, slots = self.programme.parts(lanes), lane_memory(self.programme.topology.layout)
         return memory[offsets.lanes : offsets.plans].reshape(-1, lanes)[slots[name]]
 
     def refusals(self, memory: np.ndarray, lanes: int) -> np.ndarray:
-        """How often a crane of each lane was said to be where it cannot be, shape (lanes,)."""
+        """Return the number of implausible readings in each lane, shape (lanes,)."""
         return self._of_lanes(memory, lanes, "refusals")[0].astype(int)
 
     def fresh(self, t: float, lanes: int) -> np.ndarray:
-        """As `memory`, for a compiled loop that begins at a time [s]."""
+        """Return memory as `memory`, for a compiled loop that begins at a time [s]."""
         memory = self.memory(lanes)
         memory[self.programme.parts(lanes).counts :][:2].view(np.int64)[:] = self._count(t)
         return memory
 
     @property
     def marks(self) -> Marks:
-        """What came of the optimisations so far."""
+        """Outcome of the optimisations so far."""
         return self.marked(self._memory, 1)[0]
 
     def memory_of_optimisation(self) -> np.ndarray:
-        """A copy of what the last optimisation left, see `cranedyn.compiled.horizon.memory`."""
+        """Return a copy of the memory of the last optimisation, see
+        `cranedyn.compiled.horizon.memory`.
+        """
         return self._memory[self.programme.parts(1).work :].copy()
 
     def notes(self) -> dict[str, object]:
-        """See `cranedyn.simulation.record.Noting`."""
+        """Return notes for a run, see `cranedyn.simulation.record.Noting`."""
         notes: dict[str, object] = {"failed_optimisations": int(self.marks.failures)}
         if refusals := int(self.refusals(self._memory, 1)[0]):
             joints = self.programme.topology.layout.joints
@@ -236,14 +238,14 @@ class Receding(ShortRepr):
         return notes
 
     def marked(self, memory: np.ndarray, lanes: int) -> list[Marks]:
-        """The same of each lane of a memory."""
+        """Return the outcome of the optimisations in each lane of a memory."""
         size, shape = plan_size(self.programme.shape), self.programme.shape
         first = self.programme.parts(lanes).plans - shape.lanes
         ends = [first + (lane + 1) * size for lane in range(lanes)]
         return [Marks(*memory[end : end + len(MARKS)].tolist()) for end in ends]
 
     def begin_run(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Clocked`.
+        """Check the control period, see `cranedyn.clocks.Clocked`.
 
         Raises:
             OutOfRange: If the run's control period is another than the controller's.
@@ -255,7 +257,7 @@ class Receding(ShortRepr):
             )
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Efforts [N m or N], accelerations or rates, shape (m,).
+        """Return efforts [N m or N], accelerations or rates, shape (m,).
 
         Raises:
             OutOfRange: If a coordinate or rate is not finite.
@@ -276,8 +278,8 @@ class Receding(ShortRepr):
         self._memory[:], self._when = self.memory(1), None
 
     def ahead(self, t: float) -> np.ndarray:
-        """Its memory for a compiled loop that goes on from a control instant [s], shape (1,
-        doubles).
+        """Return its memory for a compiled loop that continues from a control instant [s], shape
+        (1, doubles).
         """
         if t < self._last:
             self._begin()
@@ -286,12 +288,12 @@ class Receding(ShortRepr):
         return self._memory[None]
 
     def advance_to(self, t: float) -> None:
-        """Know that a compiled loop went on up to and with a control instant [s]."""
+        """Record that a compiled loop has advanced through a control instant [s]."""
         self._when, self._last = self._count(t) // self.programme.ratio, t
 
 
 class _Made(NamedTuple):
-    """The code of a programme, and what stands in the memory of each stage before all else."""
+    """Code of a programme, and the constants in the memory of each stage."""
 
     machine: Machine
     constants: list[tuple[str, int, int, float]]
@@ -323,7 +325,7 @@ def receding(
     settling: float | None = None,
     smoothing: float | None = None,
 ) -> Receding:
-    """Model predictive control on the nonlinear crane, from any state.
+    """Create a model predictive controller on the nonlinear crane, from any state.
 
     Kept are, where they can be, the ranges of the joints, rates and accelerations of the drives,
     their effort limits, a bound of the swing, and a least tension of the rope; what cannot be kept
@@ -425,7 +427,7 @@ def receding(
 
 
 def usual_input_weight(accelerations: np.ndarray) -> np.ndarray:
-    """R for drives of some limits of acceleration, shape (m, m), see `INPUT`."""
+    """Return R for drives with limits of acceleration, shape (m, m), see `INPUT`."""
     return np.diag((INPUT * accelerations) ** -2.0)
 
 
@@ -435,7 +437,7 @@ def _weights(
     state_weight: np.ndarray | None,
     input_weight: np.ndarray | None,
 ) -> np.ndarray:
-    """Weight of states and inputs together, shape (2 n + m, 2 n + m)."""
+    """Return the weight of states and inputs together, shape (2 n + m, 2 n + m)."""
     layout = crane.layout
     z = 2 * layout.n
     q = np.eye(z) if state_weight is None else state_weight
@@ -452,7 +454,7 @@ def _weights(
 def _bounds(
     crane: Crane, rates: np.ndarray, accelerations: np.ndarray, swing: float, taut: float
 ) -> dict[str, np.ndarray]:
-    """Least and largest of all that is bounded, and the price of exceeding each."""
+    """Return lower and upper bounds of all bounded values, and the prices of exceeding them."""
     layout = crane.layout
     n, m, drives = layout.n, layout.m, layout.drives
     low, high = np.full(2 * n + 2 * m, -_NONE), np.full(2 * n + 2 * m, _NONE)
@@ -472,8 +474,8 @@ def _bounds(
 
 
 def _possible(crane: Crane, rates: np.ndarray, programme: Programme) -> dict[str, np.ndarray]:
-    """Least and most of what coordinates and rates of a crane can be, and where it is until they
-    are read.
+    """Return the least and largest plausible coordinates and rates, and the state before the first
+    reading.
     """
     layout, start = crane.layout, crane.start.q
     drives, swings, n = layout.drives, crane.swings, layout.n
@@ -498,7 +500,7 @@ def _possible(crane: Crane, rates: np.ndarray, programme: Programme) -> dict[str
 
 
 def _frequencies(plant: Plant, q: np.ndarray) -> np.ndarray:
-    """Natural frequencies of what hangs free while the drives stand [rad/s], shape (n - m,)."""
+    """Return natural frequencies of free swing at standing drives [rad/s], shape (n - m,)."""
     layout = plant.topology.layout
     still = np.zeros(layout.n)
     slopes = model.crane_derivatives(plant, q, still, np.zeros(layout.m)).rates[layout.passive]
@@ -519,7 +521,7 @@ def _swing_period(crane: Crane, plant: Plant) -> float:
 
 
 def _table(programme: Programme, cost: np.ndarray, rows: dict[str, np.ndarray]) -> np.ndarray:
-    """Memory of an optimisation before the first."""
+    """Return the memory of an optimisation before the first."""
     shape = programme.shape
     table = np.zeros(shape.size)
 

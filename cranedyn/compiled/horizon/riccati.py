@@ -1,9 +1,9 @@
-"""Riccati's recursion in code: the linear algebra of a quadratic programme over a horizon.
+"""Riccati recursion in code: the linear algebra of a quadratic programme over a horizon.
 
-A stage's states and inputs stand in the lanes of one row. Eliminating the inputs of a stage turns
-the cost of all that follows it into one of its state; what is eliminated is kept as feedback, so
-that the same problem with another gradient takes one sweep back and one forth (Rao, Wright and
-Rawlings 1998, "Application of interior-point methods to model predictive control").
+States and inputs of a stage are the lanes of one row. Eliminating the inputs of a stage turns the
+cost of all later stages into a cost of its state; the eliminated terms are stored as feedback, so
+that the same problem with another gradient takes one backward and one forward sweep (Rao, Wright
+and Rawlings 1998, "Application of interior-point methods to model predictive control").
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def emit(module: ir.Module, shape: HorizonShape) -> None:
 
 
 def call(code: Code, name: str) -> None:
-    """Call one of the functions on the memory at hand."""
+    """Call a function of the module on the memory of the optimisation."""
     code.builder.call(code.function.module.globals[name], [code.argument["work"]])
 
 
@@ -72,7 +72,7 @@ def _emit_factor(work: Work) -> None:
 def _eliminate(
     work: Work, stage: MemoryRows, *, bounded: bool, gain_rows: MemoryRows | None
 ) -> None:
-    """Turn the cost-to-go of the state after a stage into that of the state before it."""
+    """Replace the cost-to-go of the state after a stage by that of the state before it."""
     code, shape, common = work.code, work.shape, work.common
     z, w, m = shape.states, shape.both, shape.inputs
     forward = [stage.get("forward", i) for i in range(z)]
@@ -146,11 +146,11 @@ def _emit_sweep(work: Work) -> None:
 
 
 def total(terms: list[Any]) -> Any:
-    """Sum of at least one value, in two chains so that neither waits for the other."""
+    """Return the sum of one or more values, in two independent chains."""
     even, odd = terms[::2], terms[1::2]
     return reduce(add, even) if not odd else reduce(add, even) + reduce(add, odd)
 
 
 def mask(code: Code, count: int) -> Value:
-    """1 in the first lanes, 0 beyond."""
+    """Return 1 in the first lanes, 0 beyond."""
     return constant(code, [float(i < count) for i in range(code.lanes)])
