@@ -377,7 +377,7 @@ MUTATIONS = (
     Mutation(
         "an angle that turned too far for a series keeps what the series gave",
         "cranedyn/compiled/kernel.py",
-        "self._keep_angle(i, turn.mended(pairs[i]))",
+        "self._keep_angle(i, turn.refine(pairs[i]))",
         "self._keep_angle(i, pairs[i])",
         "turned_angles::long_steps_that_turn_far_are_those_of_pinocchio",
     ),
@@ -468,8 +468,8 @@ MUTATIONS = (
     Mutation(
         "cranes of a batch have each other's numbers",
         "cranedyn/compiled/batch.py",
-        "grouped([varied[crane_index]], lanes)",
-        "grouped([varied[crane_index[::-1]]], lanes)",
+        "group_lanes([varied[crane_index]], lanes)",
+        "group_lanes([varied[crane_index[::-1]]], lanes)",
         "batch::each_crane_of_a_batch_does_what_it_does_alone",
     ),
     Mutation(

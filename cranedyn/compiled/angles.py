@@ -94,7 +94,8 @@ def _both(code: Instructions, angle: Value) -> tuple[Value, Value]:
             turned = _of_any_angle(code, angle)
             reduced_block = code.builder.block
     sine, cosine = (
-        code.joined(a, small_block, b, reduced_block) for a, b in zip(plain, turned, strict=True)
+        code.join_paths(a, small_block, b, reduced_block)
+        for a, b in zip(plain, turned, strict=True)
     )
     return sine, cosine
 
@@ -106,7 +107,7 @@ class Turn(NamedTuple):
     increment: Value
     angle: Value
 
-    def turned(self, series: Series) -> tuple[Value, Value]:
+    def rotate(self, series: Series) -> tuple[Value, Value]:
         """Return sine and cosine, updated by the rotation; each update adds a rounding error or
         two.
         """
@@ -119,15 +120,15 @@ class Turn(NamedTuple):
             code.fused(-sine, rise, code.fused(-cosine, versine, cosine)),
         )
 
-    def mended(self, quick: tuple[Value, Value]) -> tuple[Value, Value]:
+    def refine(self, quick: tuple[Value, Value]) -> tuple[Value, Value]:
         """Return sine and cosine, with lanes beyond the limit of the shorter series replaced by the
         longer series or a full evaluation; other lanes are unchanged.
         """
         short, code = self.increment * self.increment < SHORTER.limit**2, self.increment.code
-        return _or_anew(self, _chosen(code, short, quick, self.turned(LONGER)))
+        return _where_accurate(self, _chosen(code, short, quick, self.rotate(LONGER)))
 
 
-def all_little(code: Instructions, turns: Sequence[Turn], series: Series) -> ir.Value:
+def all_within(code: Instructions, turns: Sequence[Turn], series: Series) -> ir.Value:
     """Return whether all increments in all lanes are within the limit of a series."""
     if not turns:
         return ir.Constant(ir.IntType(1), True)
@@ -136,22 +137,22 @@ def all_little(code: Instructions, turns: Sequence[Turn], series: Series) -> ir.
     return code.everywhere(largest < series.limit**2)
 
 
-def turned_or_anew(turn: Turn) -> tuple[Value, Value]:
+def rotate_or_evaluate(turn: Turn) -> tuple[Value, Value]:
     """Return sine and cosine of a rotated angle, by the longer series or a full evaluation."""
-    return _or_anew(turn, turn.turned(LONGER))
+    return _where_accurate(turn, turn.rotate(LONGER))
 
 
-def _or_anew(turn: Turn, fast: tuple[Value, Value]) -> tuple[Value, Value]:
+def _where_accurate(turn: Turn, fast: tuple[Value, Value]) -> tuple[Value, Value]:
     """Return the pair where the longer series is accurate, and a full evaluation in other lanes."""
     code = turn.increment.code
-    small = all_little(code, [turn], LONGER)
+    small = all_within(code, [turn], LONGER)
     fast_block = code.builder.block
     with code.builder.if_then(code.builder.not_(small), likely=False):
         little = turn.increment * turn.increment < LONGER.limit**2
         slow = _chosen(code, little, fast, sine_and_cosine(code, turn.angle))
         slow_block = code.builder.block
     sine, cosine = (
-        code.joined(a, fast_block, b, slow_block) for a, b in zip(fast, slow, strict=True)
+        code.join_paths(a, fast_block, b, slow_block) for a, b in zip(fast, slow, strict=True)
     )
     return sine, cosine
 

@@ -16,7 +16,7 @@ from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.layout import BufferLayout, size, slices
-from cranedyn.compiled.memory import grouped, run, ungrouped
+from cranedyn.compiled.memory import group_lanes, run, ungroup_lanes
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.threads import WARP
 from cranedyn.compiled.verify import compile_kernel
@@ -190,7 +190,7 @@ def simulate_batch(
     control = inputs.control_tables(
         distinct[0], controller, reference, state, read_only(times), used
     )
-    if control.planned is not None and device == "cuda":
+    if control.predictive is not None and device == "cuda":
         raise OutOfRange("device", device, "cpu where the controller is a predictive one")
     recipe = Recipe(
         lanes,
@@ -207,7 +207,7 @@ def simulate_batch(
         log=rows > 0,
         summary=True,
         delay_steps=delay_steps,
-        programme=None if control.planned is None else control.planned.programme,
+        programme=None if control.predictive is None else control.predictive.programme,
         delayed=reading_count > 0,
         threads=device == "cuda",
     )
@@ -219,7 +219,7 @@ def simulate_batch(
     inputs.check_fits_memory("number of cranes", str(cranes), used + 2 * cranes * code.varied)
     tables = (control.gain_table, control.setpoint_table, forces, *offsets)
     memory = {
-        "state": grouped(
+        "state": group_lanes(
             [
                 state.q,
                 state.v,
@@ -229,8 +229,8 @@ def simulate_batch(
             ],
             lanes,
         ),
-        "numbers": grouped([varied[crane_index]], lanes),
-        "summary": grouped(
+        "numbers": group_lanes([varied[crane_index]], lanes),
+        "summary": group_lanes(
             [
                 np.broadcast_to(
                     [0.0, 0.0, math.inf, *[0.0] * sizes.m], (cranes, size(sizes.summary))
@@ -241,14 +241,14 @@ def simulate_batch(
     }
     memory["log"] = np.empty((len(memory["state"]), rows * size(sizes.row), lanes))
     if reading_count:
-        memory["delay"] = grouped([delays[:, None]], lanes, np.int64)
+        memory["delay"] = group_lanes([delays[:, None]], lanes, np.int64)
         memory["readings"] = np.zeros((len(memory["state"]), reading_count * sizes.z, lanes))
-    if control.planned is not None:
+    if control.predictive is not None:
         memory["horizon"] = _horizon(
-            control.planned, drive, t_start, clock, len(memory["state"]), used
+            control.predictive, drive, t_start, clock, len(memory["state"]), used
         )
     if not all(recipe.shared):
-        memory["starts"] = grouped([table.starts[:, None] for table in tables], lanes, np.int64)
+        memory["starts"] = group_lanes([table.starts[:, None] for table in tables], lanes, np.int64)
     loop = Loop(
         code,
         clock,
@@ -266,10 +266,10 @@ def simulate_batch(
         run(loop, workers)
     state_at, row_at, kept_at = slices(sizes.state), slices(sizes.row), slices(sizes.summary)
     end, summary = (
-        ungrouped(memory["state"][:, : sizes.z], cranes),
-        ungrouped(memory["summary"], cranes),
+        ungroup_lanes(memory["state"][:, : sizes.z], cranes),
+        ungroup_lanes(memory["summary"], cranes),
     )
-    log = ungrouped(memory["log"], cranes).reshape(cranes, rows, size(sizes.row))
+    log = ungroup_lanes(memory["log"], cranes).reshape(cranes, rows, size(sizes.row))
     first_invalid = summary[:, kept_at["invalid"]][:, 0]
     return Batch(
         end=State(end[:, state_at["q"]], end[:, state_at["v"]]),
@@ -280,12 +280,12 @@ def simulate_batch(
         t=times[:: max(interval, 1)][:rows],
         **{name: log[:, :, row_at[name]] for name in ("q", "v", "command", "effort", "before")},
         energy=log[:, :, row_at["energy"]][:, :, 0],
-        **_marks(control.planned, memory, cranes),
+        **_marks(control.predictive, memory, cranes),
     )
 
 
 def _horizon(
-    planned: Receding, drive: Drive, t_start: float, clock: Clocks, groups: int, used: int
+    predictive: Receding, drive: Drive, t_start: float, clock: Clocks, groups: int, used: int
 ) -> np.ndarray:
     """Return the memory of a predictive controller for groups of lanes, shape (groups, doubles),
     after checking that it fits beside the numbers that are used.
@@ -293,26 +293,26 @@ def _horizon(
     Raises:
         OutOfRange: If it was made for other drives or another control period, or would not fit.
     """
-    if planned.programme.drive != drive:
-        raise OutOfRange("drive", drive, f"the controller's, {planned.programme.drive}")
-    planned.begin_run(t_start, clock.period)
-    memory = planned.fresh(t_start, _LANES)
+    if predictive.programme.drive != drive:
+        raise OutOfRange("drive", drive, f"the controller's, {predictive.programme.drive}")
+    predictive.begin_run(t_start, clock.period)
+    memory = predictive.initial_memory(t_start, _LANES)
     inputs.check_fits_memory("number of cranes", f"{groups * _LANES}", used + groups * memory.size)
     return np.tile(memory, (groups, 1))
 
 
 def _marks(
-    planned: Receding | None, memory: dict[str, np.ndarray], cranes: int
+    predictive: Receding | None, memory: dict[str, np.ndarray], cranes: int
 ) -> dict[str, np.ndarray]:
     """Return the numbers of failed optimisations and of refused readings by crane."""
-    if planned is None:
+    if predictive is None:
         return dict.fromkeys(("failures", "refusals"), np.zeros(cranes, dtype=int))
     marks = [
         marks_of_lane
         for group in memory["horizon"]
-        for marks_of_lane in planned.marked(group, _LANES)
+        for marks_of_lane in predictive.marks_by_lane(group, _LANES)
     ]
-    refusals = [planned.refusals(group, _LANES) for group in memory["horizon"]]
+    refusals = [predictive.refusals(group, _LANES) for group in memory["horizon"]]
     return {
         "failures": np.array(
             [marks_of_lane.failures for marks_of_lane in marks[:cranes]], dtype=int

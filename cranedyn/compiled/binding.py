@@ -69,7 +69,7 @@ def _address(
     return array.ctypes.data
 
 
-def _known(name: str, array: np.ndarray, *, infinite: bool = False) -> None:
+def _check_finite(name: str, array: np.ndarray, *, infinite: bool = False) -> None:
     """Check that every number is finite, or only not NaN.
 
     Raises:
@@ -166,7 +166,7 @@ class Instant:
         """
         if numbers.shape != (self._numbers,):
             raise Misshapen("state and setpoint", f"{numbers.size} numbers", f"{self._numbers}")
-        _known("state and setpoint", numbers)
+        _check_finite("state and setpoint", numbers)
         self._given[: self._numbers] = numbers
         self._counts[:] = whole("row", row, 0), due
         self._run(*self._addresses)
@@ -252,7 +252,7 @@ class Loop:
                     written=name in ("state", "readings", "summary", "log"),
                 )
         if widths["numbers"]:
-            _known("numbers", memory["numbers"], infinite=True)
+            _check_finite("numbers", memory["numbers"], infinite=True)
         if recipe.delayed:
             self._bind("delay", memory["delay"], (self._groups, 1, lanes), np.int64)
             first, final = int(memory["delay"].min()), int(memory["delay"].max())
@@ -310,7 +310,7 @@ class Loop:
         self._arrays[name] = (table.rows, 0, False)
         self._call[SLOTS[f"{name}_rows"]] = length
         # Limits of a gain table may be infinite.
-        _known(f"rows of {name}", table.rows, infinite=name == "gain_table")
+        _check_finite(f"rows of {name}", table.rows, infinite=name == "gain_table")
 
     __reduce__ = Instant.__reduce__
 
@@ -332,7 +332,7 @@ class Loop:
             for done in range(0, self._steps if instant < self._end else 1, together):
                 yield instant, instant + 1, min(together, self._steps - done), done > 0
 
-    def over(self, groups: Iterable[int], stopped: Callable[[], bool] = bool) -> None:
+    def run_groups(self, groups: Iterable[int], stopped: Callable[[], bool] = bool) -> None:
         """Run some groups, one after another, until stopped between two pieces."""
         call = self._call.copy()
         address = call.ctypes.data
@@ -350,13 +350,13 @@ class Loop:
                 self._run(address)
 
     def device_calls(
-        self, placed: Callable[[np.ndarray, bool], int], strides: Sequence[str], max_steps: int
+        self, upload: Callable[[np.ndarray, bool], int], strides: Sequence[str], max_steps: int
     ) -> Iterator[np.ndarray]:
         """Yield the arguments of one call for each piece of the run, for a device with its own
         memory.
 
         Args:
-            placed: Puts an array into that memory and answers its address there; it is told whether
+            upload: Puts an array into that memory and answers its address there; it is told whether
                 the code writes to it.
             strides: Whose strides, from group to group, stand behind the slots of each call
                 [numbers].
@@ -364,7 +364,7 @@ class Loop:
         """
         call = np.concatenate([self._call, np.zeros(len(strides), dtype=np.int64)])
         for name, (array, stride, written) in self._arrays.items():
-            call[SLOTS[name]] = placed(array, written)
+            call[SLOTS[name]] = upload(array, written)
             if stride:
                 call[len(SLOTS) + strides.index(name)] = stride // array.itemsize
         names = [SLOTS[name] for name in ("first", "last", "steps", "resumed")]
@@ -373,13 +373,13 @@ class Loop:
             call[names] = piece
             yield call
 
-    def alone(self) -> Callable[[], None]:
+    def bind_call(self) -> Callable[[], None]:
         """Return a function that runs all groups; for one group and one piece it has the least
         overhead.
         """
         pieces = list(islice(self._pieces(_PIECE), 2))
         if len(pieces) > 1 or self._groups > 1:
-            return partial(self.over, range(self._groups))
+            return partial(self.run_groups, range(self._groups))
         for slot, begin, _ in self._moving:
             self._call[slot] = begin
         for name, value in zip(("first", "last", "steps", "resumed"), pieces[0], strict=True):
@@ -388,7 +388,7 @@ class Loop:
         run.kept = self  # type: ignore[attr-defined]  # an address keeps nothing
         return run
 
-    def steps(self) -> Callable[[int, int], None]:
+    def step_function(self) -> Callable[[int, int], None]:
         """Return a function that advances a range of groups by one control period under the
         commands in their states.
 

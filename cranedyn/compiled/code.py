@@ -8,7 +8,7 @@ from typing import Any
 
 from llvmlite import ir
 
-from cranedyn.compiled.angles import Turn, sine_and_cosine, turned_or_anew
+from cranedyn.compiled.angles import Turn, rotate_or_evaluate, sine_and_cosine
 from cranedyn.compiled.instructions import (
     DOUBLE,
     INTEGER,
@@ -33,9 +33,9 @@ class Code(Instructions):
         stride: int | None = None,
     ) -> None:
         super().__init__(module, name, arguments, lanes, stride)
-        self._know_nothing()
+        self._clear_caches()
 
-    def _know_nothing(self) -> None:
+    def _clear_caches(self) -> None:
         """Clear all cached values."""
         self._angles: dict[ir.Value, tuple[Value, Value]] = {}
         self._turns: dict[ir.Value, tuple[Value, Value]] = {}
@@ -51,7 +51,7 @@ class Code(Instructions):
         if angle.register not in self._angles:
             turn = self.turn(angle)
             self._angles[angle.register] = (
-                sine_and_cosine(self, angle) if turn is None else turned_or_anew(turn)
+                sine_and_cosine(self, angle) if turn is None else rotate_or_evaluate(turn)
             )
         return self._angles[angle.register]
 
@@ -61,11 +61,11 @@ class Code(Instructions):
         sine_cosine = self._angles.get(before.register)
         return None if sine_cosine is None else Turn(sine_cosine, by, angle)
 
-    def asked(self, angle: Value) -> bool:
+    def uses_angle(self, angle: Value) -> bool:
         """Return whether sine or cosine of an angle were needed."""
         return angle.register in self._asked
 
-    def known_angle(self, angle: Value, sine: Value, cosine: Value) -> None:
+    def cache_angle(self, angle: Value, sine: Value, cosine: Value) -> None:
         """Use sine and cosine of an angle as known until this loop or condition ends."""
         self._angles[angle.register] = sine, cosine
 
@@ -94,15 +94,15 @@ class Code(Instructions):
         counter.add_incoming(begin, before)
         self.builder.cbranch(self.builder.icmp_signed("<", counter, end), body, after)
         self.builder.position_at_end(body)
-        self._forget()
+        self._clear_angles()
         yield counter
         counter.add_incoming(self.builder.add(counter, self.integer(1)), self.builder.block)
         self.builder.branch(head)
         self.builder.position_at_end(after)
-        self._forget()
+        self._clear_angles()
 
     @contextmanager
-    def stretches(self, first: ir.Value, last: ir.Value) -> Iterator[Callable[[ir.Value], None]]:
+    def fast_loop(self, first: ir.Value, last: ir.Value) -> Iterator[Callable[[ir.Value], None]]:
         """Emit statements for each whole number from the first to the one before the last, as a
         loop without branches that is left for rare cases.
 
@@ -120,7 +120,7 @@ class Code(Instructions):
         build.position_at_end(body)
         number = build.phi(INTEGER)
         next_one = build.add(number, self.integer(1))
-        self._forget()
+        self._clear_angles()
 
         def end(nothing: ir.Value) -> None:
             again = build.and_(nothing, build.icmp_signed("<", next_one, last))
@@ -134,17 +134,17 @@ class Code(Instructions):
         number.add_incoming(begin, head)
         build.branch(head)
         build.position_at_end(after)
-        self._forget()
+        self._clear_angles()
 
     @contextmanager
     def when(self, condition: ir.Value) -> Iterator[None]:
         """Emit statements that run where a condition, common to all lanes, holds."""
         with self.builder.if_then(condition):
-            self._forget()
+            self._clear_angles()
             yield
-        self._forget()
+        self._clear_angles()
 
-    def _forget(self) -> None:
+    def _clear_angles(self) -> None:
         """Forget sines and cosines that were computed on another path of the code."""
         self._angles = {}
 

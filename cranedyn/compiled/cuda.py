@@ -17,7 +17,7 @@ import numpy as np
 
 from cranedyn.compiled.layout import size
 from cranedyn.compiled.ptx import ptx
-from cranedyn.compiled.threads import MOVING, WARP
+from cranedyn.compiled.threads import GROUP_POINTERS, WARP
 from cranedyn.compiled.verify import verify_cranes
 from cranedyn.errors import CraneError
 
@@ -67,12 +67,12 @@ def run(
     with _context():
         with _LOADING:
             module = _module(code.topology, code.constants, code.recipe)
-            verify_cranes(cranes, code, varied, module.agreed, converters, module.accelerations)
+            verify_cranes(cranes, code, varied, module.verified, converters, module.accelerations)
         threads = len(loop) * WARP
         with _Memory() as memory:
-            for call in loop.device_calls(memory.placed, MOVING, _PIECE):
+            for call in loop.device_calls(memory.upload, GROUP_POINTERS, _PIECE):
                 module.start("run", np.append(call, threads), threads)
-            memory.bring_back()
+            memory.download()
 
 
 @cache
@@ -141,14 +141,14 @@ class _Memory:
         for address, *_ in self._kept:
             _call("cuMemFree", address)
 
-    def placed(self, array: np.ndarray, written: bool) -> int:
+    def upload(self, array: np.ndarray, written: bool) -> int:
         """Copy an array to the GPU and return its address there; see `Loop.device_calls`."""
         address = _call("cuMemAlloc", max(array.nbytes, 1))
         self._kept.append((address, array, written))
         _call("cuMemcpyHtoD", address, array, array.nbytes)
         return int(address)
 
-    def bring_back(self) -> None:
+    def download(self) -> None:
         """Copy the arrays that the code wrote to back from the GPU."""
         for address, array, written in self._kept:
             if written:
@@ -159,7 +159,7 @@ class _Module:
     """Kernels in the GPU.
 
     Attributes:
-        agreed: Varied numbers of the cranes with which it was compared with Pinocchio there.
+        verified: Varied numbers of the cranes with which it was compared with Pinocchio there.
     """
 
     def __init__(self, text: str) -> None:
@@ -168,7 +168,7 @@ class _Module:
             name: _call("cuModuleGetFunction", self._module, name.encode())
             for name in ("run", "answer")
         }
-        self.agreed: set[bytes] = set()
+        self.verified: set[bytes] = set()
 
     def start(self, name: str, arguments: np.ndarray, threads: int) -> None:
         """Run a kernel with arguments of eight bytes each, to its end."""
@@ -183,9 +183,9 @@ class _Module:
         result = np.empty((code.sizes.n, WARP))
         assert query.shape == (size(code.sizes.query), WARP) and len(numbers) == code.varied
         with _Memory() as memory:
-            addresses = [memory.placed(query, False), memory.placed(numbers, False)]
-            self.start("answer", np.array([*addresses, memory.placed(result, True)]), WARP)
-            memory.bring_back()
+            addresses = [memory.upload(query, False), memory.upload(numbers, False)]
+            self.start("answer", np.array([*addresses, memory.upload(result, True)]), WARP)
+            memory.download()
         return result
 
 

@@ -18,11 +18,11 @@ from cranedyn.compiled.layout import BufferLayout, size, slices
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.tables import (
     RowTable,
+    command_tables,
     gain_table,
-    no_gain_table,
-    one_command,
     setpoint_table,
     single_table,
+    without_gains,
 )
 from cranedyn.compiled.verify import compile_kernel
 from cranedyn.controllers.affine import Affine, Stateful, affine_form
@@ -73,16 +73,16 @@ class CompiledEngine(Engine):
             np.zeros((1, size(sizes.force))),
             slices(sizes.state),
         )
-        self._gain_table, self._setpoint_table = one_command(sizes)
-        self._look()
+        self._gain_table, self._setpoint_table = command_tables(sizes)
+        self._create_views()
         self._codes: dict[tuple[bool, bool, Programme | None], Kernel] = {}
-        self._planned: Receding | None = None
+        self._predictive: Receding | None = None
         self._step: Callable[[], None] | None = None
         self._horizon: np.ndarray | None = None
         self._blocks: dict[tuple[bool, int, int, int], _Block] = {}
         self.reset(start)
 
-    def _look(self) -> None:
+    def _create_views(self) -> None:
         """Create the views of the memory."""
         self._here = self._memory[: self._sizes.z]
         self._last_command = self._gain_table[0, slices(self._sizes.gain_table)["feed_forward"]]
@@ -101,7 +101,7 @@ class CompiledEngine(Engine):
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore a copy and its views of the memory."""
         vars(self).update(state)
-        self._look()
+        self._create_views()
 
     def reset(self, start: State) -> None:
         """Reset as `Engine.reset`; compiled code is kept."""
@@ -115,13 +115,13 @@ class CompiledEngine(Engine):
 
     def _code(self, *, integral: bool, log: bool) -> Kernel:
         """Return the code, compiled and verified at the first use."""
-        planned = self._planned if log else None
-        key = integral, log, None if planned is None else planned.programme
+        predictive = self._predictive if log else None
+        key = integral, log, None if predictive is None else predictive.programme
         if key not in self._codes:
-            self._codes[key] = self._made(*key)
+            self._codes[key] = self._compile_kernel(*key)
         return self._codes[key]
 
-    def _made(self, integral: bool, log: bool, programme: Programme | None) -> Kernel:
+    def _compile_kernel(self, integral: bool, log: bool, programme: Programme | None) -> Kernel:
         recipe = Recipe(
             1,
             self._setting.drive,
@@ -202,11 +202,11 @@ class CompiledEngine(Engine):
             code = self._code(integral=False, log=False)
             self._step = self._loop(
                 code, single_table(self._gain_table), single_table(self._setpoint_table), 1, 1
-            ).alone()
+            ).bind_call()
         self._step()
-        return self._arrived()
+        return self._read_state()
 
-    def _arrived(self) -> State:
+    def _read_state(self) -> State:
         z = np.frombuffer(self._here.tobytes())  # a copy that cannot be written to
         n = self._sizes.n
         # what State(q, v) makes, in half the time
@@ -229,8 +229,8 @@ class CompiledEngine(Engine):
         if self._setting.forces:
             return
         clocks, first = self._setting.clocks, 0
-        planned = controller if isinstance(controller, Receding) else None
-        if planned is not None and planned.programme.drive != self._setting.drive:
+        predictive = controller if isinstance(controller, Receding) else None
+        if predictive is not None and predictive.programme.drive != self._setting.drive:
             return
         ahead = max(1, min(_BLOCK, _STEPS // clocks.steps))
         while first <= periods:
@@ -241,19 +241,19 @@ class CompiledEngine(Engine):
                 setpoint = tabulated(reference, times, self._sizes.m).position
                 common = (
                     affine_form(controller, times, setpoint, self._sizes.z)
-                    if planned is None
-                    else no_gain_table(self._sizes, setpoint)
+                    if predictive is None
+                    else without_gains(self._sizes, setpoint)
                 )
             except Misshapen:
                 raise
             except Exception:  # it comes again at the instant at which it belongs
                 common = None
-            self._plan_with(planned, float(times[0]))
+            self._plan_with(predictive, float(times[0]))
             ran = None if common is None else self._run(common, setpoint, periods - first)
             if ran is None:
                 break
-            if planned is not None:
-                planned.advance_to(float(times[-1]))
+            if predictive is not None:
+                predictive.advance_to(float(times[-1]))
             if isinstance(controller, Stateful):
                 controller.resume(float(times[-1]), self._memory[self._at["integral"]].copy())
             rows, valid = ran
@@ -267,7 +267,7 @@ class CompiledEngine(Engine):
             }
             log.extend(columns, rows["energy"][:, 0], valid=valid)
             first += len(times)
-            self._arrived()
+            self._read_state()
             yield first
         if self._setting.converters is None:
             self._take_command(self._memory[self._at["last_command"]].copy())
@@ -279,7 +279,7 @@ class CompiledEngine(Engine):
         and restore the state if a number is not finite or a joint moves too fast.
         """
         before, n = self._memory.copy(), len(setpoint)
-        planned = None if self._horizon is None else self._horizon.copy()
+        predictive = None if self._horizon is None else self._horizon.copy()
         block = self._block(
             bool(common.integral_gain.any()), len(common.feed_forward), n, min(end, n)
         )
@@ -298,15 +298,15 @@ class CompiledEngine(Engine):
             return rows, bool(np.isinf(block.invalid[0]))
         self._memory[:] = before
         if self._horizon is not None:
-            self._horizon[:] = planned
+            self._horizon[:] = predictive
         return None
 
-    def _plan_with(self, planned: Receding | None, t: float) -> None:
+    def _plan_with(self, predictive: Receding | None, t: float) -> None:
         """Prepare the memory of a predictive controller that continues from a time [s]."""
-        if planned is not self._planned:
+        if predictive is not self._predictive:
             self._blocks.clear()
-        self._planned = planned
-        self._horizon = None if planned is None else planned.ahead(t)
+        self._predictive = predictive
+        self._horizon = None if predictive is None else predictive.resume_memory(t)
 
     def _block(self, integral: bool, gain_rows: int, instants: int, end: int) -> _Block:
         """Return the block of a size, cached."""
@@ -326,5 +326,5 @@ class CompiledEngine(Engine):
             )
             run = self._loop(code, laws_of, aims_of, instants, end, log=rows, summary=summary)
             invalid = summary[slices(self._sizes.summary)["invalid"]]
-            self._blocks[size_of_it] = _Block(*tables, rows, invalid, run.alone())
+            self._blocks[size_of_it] = _Block(*tables, rows, invalid, run.bind_call())
         return self._blocks[size_of_it]

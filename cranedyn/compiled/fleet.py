@@ -19,7 +19,7 @@ from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.inputs import check_fits_memory, common_layout, start_states
 from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.layout import BufferLayout, size, slices
-from cranedyn.compiled.tables import RowTable, one_command, single_table
+from cranedyn.compiled.tables import RowTable, command_tables, single_table
 from cranedyn.compiled.verify import compile_kernel
 from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.errors import OutOfRange
@@ -140,7 +140,7 @@ class Fleet:
             table = RowTable(self._force, 1, np.arange(groups * _LANES))
             memory["starts"] = np.zeros((groups, 3, _LANES), dtype=np.int64)
             memory["starts"][:, 2] = table.starts.reshape(groups, _LANES)
-        gain_table, setpoint_table = one_command(self._sizes)
+        gain_table, setpoint_table = command_tables(self._sizes)
         self._steps = Loop(
             code,
             self._clock,
@@ -148,7 +148,7 @@ class Fleet:
             last=1,
             end=1,
             **memory,
-        ).steps()
+        ).step_function()
         self.z = read_only(self._z.reshape(len(self._z), -1)[:, : self.count])
         self._pool, self._process = None, 0
 

@@ -15,9 +15,9 @@ from cranedyn.compiled.tables import (
     RowTable,
     drop_repeated_rows,
     gain_table,
-    no_gain_table,
     setpoint_table,
     stack_tables,
+    without_gains,
 )
 from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.dynamics.converters import fitting
@@ -48,14 +48,14 @@ class ControlTables(NamedTuple):
         gain_table, setpoint_table: The tables.
         integrals: What was integrated before, shape (cranes, m).
         integrates: Whether any controller does.
-        planned: The predictive controller of all cranes; None for those that are affine.
+        predictive: The predictive controller of all cranes; None for those that are affine.
     """
 
     gain_table: RowTable
     setpoint_table: RowTable
     integrals: np.ndarray
     integrates: bool
-    planned: Receding | None
+    predictive: Receding | None
 
 
 def crane_count(**arguments: Any) -> int:
@@ -157,7 +157,7 @@ def control_tables(
     ):
         setpoint = tabulated(references[reference_index], times, crane.layout.m).position
         common = (
-            no_gain_table(sizes, setpoint)
+            without_gains(sizes, setpoint)
             if isinstance(controllers[controller_index], Receding)
             else _form(controllers[controller_index], times, setpoint, sizes.z)
         )
@@ -189,25 +189,25 @@ def control_tables(
         stack_tables(setpoint_tables, pair_of),
         np.array(integrals)[pair_of],
         integrates,
-        _planned(controllers),
+        _predictive(controllers),
     )
 
 
-def _planned(controllers: Sequence[Any]) -> Receding | None:
+def _predictive(controllers: Sequence[Any]) -> Receding | None:
     """Return the predictive controller of all cranes, or None.
 
     Raises:
         CraneError: If there is another controller besides.
     """
-    planned = next(
+    predictive = next(
         (candidate for candidate in controllers if isinstance(candidate, Receding)), None
     )
-    if planned is not None and len(controllers) > 1:
+    if predictive is not None and len(controllers) > 1:
         raise CraneError(
             "A batch has one predictive controller for all cranes, and references that differ; "
             f"these have {len(controllers)} controllers."
         )
-    return planned
+    return predictive
 
 
 def _references(

@@ -174,7 +174,7 @@ class Instructions:
         """Return sine and cosine of an angle [rad]."""
         raise NotImplementedError
 
-    def joined(self, a: Value, from_a: ir.Block, b: Value, from_b: ir.Block) -> Value:
+    def join_paths(self, a: Value, from_a: ir.Block, b: Value, from_b: ir.Block) -> Value:
         """Return the value of the block from which this point was reached."""
         phi = self.builder.phi(self.type)
         phi.add_incoming(a.register, from_a)
@@ -264,7 +264,7 @@ class Instructions:
         """Load one double of memory into every lane."""
         return self.from_double(self.builder.load(self._at(pointer, index), align=8, typ=DOUBLE))
 
-    def gathered(self, pointer: ir.Value, indices: Sequence[Any]) -> Value:
+    def gather(self, pointer: ir.Value, indices: Sequence[Any]) -> Value:
         """Load a double for each lane from an index of its own."""
         if self.lanes == 1:
             return self.spread(pointer, indices[0])

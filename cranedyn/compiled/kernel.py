@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from cranedyn.compiled.angles import SHORTER, all_little
+from cranedyn.compiled.angles import SHORTER, all_within
 from cranedyn.compiled.code import INTEGER, Code, StackVariable, Value
 from cranedyn.compiled.horizon.control import PredictiveControl, Programme, emit_instant, emit_plan
 from cranedyn.compiled.layout import CALL, SLOTS, TURNS, BufferLayout, Sections, size, slices
 from cranedyn.compiled.machine import Machine, translate
 from cranedyn.compiled.step import take_step
-from cranedyn.compiled.threads import THREAD, one_after_another
+from cranedyn.compiled.threads import THREAD, emit_lane_loop
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.dynamics.scalars import array
 from cranedyn.plant.plant import SI, Plant, Topology, Units, plant
@@ -74,7 +74,7 @@ class Kernel(NamedTuple):
             each lane; and, of code that keeps no log, for one crane energies, of many states, for
             more several, the loop for each of many groups.
         varied: How many numbers each lane has of its own.
-        agreed: Varied numbers of the cranes with which it was compared with Pinocchio.
+        verified: Varied numbers of the cranes with which it was compared with Pinocchio.
         topology, constants: What it was made of, for code that runs elsewhere.
     """
 
@@ -82,7 +82,7 @@ class Kernel(NamedTuple):
     sizes: BufferLayout
     machine: Machine
     varied: int
-    agreed: set[bytes]
+    verified: set[bytes]
     topology: Topology
     constants: tuple[float | None, ...]
 
@@ -91,9 +91,9 @@ def kernel(topology: Topology, constants: Sequence[float | None], recipe: Recipe
     """Compile the loop for a crane whose numbers are constants, or None where each lane has its
     own.
     """
-    module = text(topology, constants, recipe)
+    module = build_module(topology, constants, recipe)
     if recipe.threads:
-        one_after_another(module)
+        emit_lane_loop(module)
     varied, sizes = (
         list(constants).count(None),
         BufferLayout.of(topology.layout, recipe.delay_steps),
@@ -101,7 +101,9 @@ def kernel(topology: Topology, constants: Sequence[float | None], recipe: Recipe
     return Kernel(recipe, sizes, translate(module), varied, set(), topology, tuple(constants))
 
 
-def text(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> ir.Module:
+def build_module(
+    topology: Topology, constants: Sequence[float | None], recipe: Recipe
+) -> ir.Module:
     """Return the loop as a module for LLVM, see `kernel`; for threads it is the loop of one thread,
     see `cranedyn.compiled.threads`.
     """
@@ -142,7 +144,7 @@ def _plant(
     return plant(topology, values, recipe.drive, recipe.buffers)
 
 
-def _moving(crane: Plant, dt: Any, recipe: Recipe) -> tuple[Plant, Units]:
+def _step_units(crane: Plant, dt: Any, recipe: Recipe) -> tuple[Plant, Units]:
     """Return the crane and the units in which it steps. A thread has too few registers for
     constants in other units, and converting rates after every step would add a rounding error.
     """
@@ -155,7 +157,7 @@ def _emit_answer(
     for attribute in () if recipe.threads else ("noinline", "optnone"):  # called some times only
         code.function.attributes.add(attribute)
     crane = _plant(code, code.argument["numbers"], topology, constants, recipe)
-    crane, units = _moving(crane, 1.0, recipe)
+    crane, units = _step_units(crane, 1.0, recipe)
     sections = BufferLayout.of(topology.layout).query
     query = [code.load(code.argument["given"], i * code.stride) for i in range(size(sections))]
     q, v, command, forces = (array(query[section]) for section in slices(sections).values())
@@ -207,7 +209,7 @@ class _Loop:
             code.from_double(self.call_values[name]) for name in ("dt", "period")
         )
         self.plant = _plant(code, self.call_values["numbers"], topology, constants, recipe)
-        self.moving, self.units = _moving(self.plant, self.dt, recipe)
+        self.moving, self.units = _step_units(self.plant, self.dt, recipe)
         self.state = self._variables("state", self.sizes.state)
         self.summary = self._variables("summary", self.sizes.summary) if recipe.summary else {}
         self.turns = {
@@ -252,7 +254,7 @@ class _Loop:
         values = [
             code.spread(pointer, code.builder.add(firsts[0], code.integer(i)))
             if self.recipe.shared[table]
-            else code.gathered(
+            else code.gather(
                 pointer, [code.builder.add(first, code.integer(i)) for first in firsts]
             )
             for i in range(size(sections))
@@ -266,7 +268,7 @@ class _Loop:
         """Return coordinates, with their sines and cosines cached."""
         q = self._get("q")
         for i, pair in self.turns.items():
-            self.code.known_angle(q[i], *(variable.get() for variable in pair))
+            self.code.cache_angle(q[i], *(variable.get() for variable in pair))
         return q
 
     def _keep_angles(self, q: np.ndarray) -> None:
@@ -321,11 +323,11 @@ class _Loop:
     def _steps(self, first: ir.Value, last: ir.Value, forces: np.ndarray | None) -> None:
         """Emit steps from the first to the one before the last."""
         code, units = self.code, self.units
-        with code.stretches(first, last) as end:
+        with code.fast_loop(first, last) as end:
             q_before, work = self._coordinates(), self.state["buffers"][0].get()
             v, last_command = self._get("v"), self._get("last_command")
             if self.recipe.delay_steps is not None:
-                reference, rising = self._ramped(last_command, v * (1.0 / units.time))
+                reference, rising = self._next_reference(last_command, v * (1.0 / units.time))
                 self._set("reference", reference)
                 self._set("rising", rising)
                 last_command = array(reference)
@@ -344,16 +346,16 @@ class _Loop:
             self._set("q", q)
             self._set("v", v)
             self._set("buffers", [work])
-            used = [i for i in self.turns if code.asked(q_before[i])]
+            used = [i for i in self.turns if code.uses_angle(q_before[i])]
             turns = {i: turn for i in used if (turn := code.turn(q[i])) is not None}
-            pairs = {i: turn.turned(SHORTER) for i, turn in turns.items()}
+            pairs = {i: turn.rotate(SHORTER) for i, turn in turns.items()}
             for i in used:
                 self._keep_angle(i, pairs[i] if i in pairs else code.sine_and_cosine(q[i]))
-            little = all_little(code, [*turns.values()], SHORTER)
+            little = all_within(code, [*turns.values()], SHORTER)
             end(little)
             with code.when(code.builder.not_(little)):
                 for i, turn in turns.items():
-                    self._keep_angle(i, turn.mended(pairs[i]))
+                    self._keep_angle(i, turn.refine(pairs[i]))
 
     def _forces(self, instant: ir.Value) -> np.ndarray | None:
         return (
@@ -367,18 +369,18 @@ class _Loop:
     def _control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
         code = self.code
         q, v, before = self._coordinates(), self._get("v"), self._get("last_command")
-        command = self._commanded(instant, q, v)
+        command = self._controller_command(instant, q, v)
         requested = command
         last_command = self.plant.within(command)
         if self.recipe.delay_steps is not None:
-            last_command = self._heard(command)
+            last_command = self._delay_command(command)
         self._set("last_command", last_command)
         effort = last_command
         if self.recipe.delay_steps is not None and (self.recipe.log or self.recipe.summary):
             if self.recipe.log:
                 acted = self._forces(code.builder.sub(instant, code.integer(1)))
                 before = self.plant.answer(q, v, self._get("reference"), acted)[1]
-            next_reference = array(self._ramped(last_command, v)[0])
+            next_reference = array(self._next_reference(last_command, v)[0])
             _, effort, command = self.plant.driven(q, v, next_reference, forces)
         if self.recipe.drive == "motion" and (self.recipe.log or self.recipe.summary):
             before = self.plant.answer(
@@ -402,14 +404,14 @@ class _Loop:
         if self.recipe.summary:
             self._summarise(instant, q, v, effort, buffer, command, self._cut(requested))
 
-    def _heard(self, command: np.ndarray) -> np.ndarray:
+    def _delay_command(self, command: np.ndarray) -> np.ndarray:
         """Return the rounded and delayed commands of the converters, shape (m,)."""
         assert self.plant.response is not None
         waiting = [*self._get("unheard"), *self.plant.response.heard(command)]
         self._set("unheard", waiting[self.sizes.m :])
         return array(waiting[: self.sizes.m])
 
-    def _ramped(self, heard: np.ndarray, v: np.ndarray) -> tuple[list[Any], list[Any]]:
+    def _next_reference(self, heard: np.ndarray, v: np.ndarray) -> tuple[list[Any], list[Any]]:
         """Return reference rates of converters after the next step, and their rates of change, m
         numbers each.
         """
@@ -427,7 +429,7 @@ class _Loop:
         beyond = self.code.either(*self.plant.response.cuts(map(self.code.value, command)))
         return [self.code.chosen(beyond, 1.0, 0.0)]
 
-    def _commanded(self, instant: ir.Value, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def _controller_command(self, instant: ir.Value, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the command of the controller, shape (m,)."""
         code = self.code
         gains, setpoints = (
@@ -438,12 +440,12 @@ class _Loop:
         if self.recipe.offset:
             z = z + self._row(3, "offset", self.sizes.offset, instant)["reading"]
         if self.recipe.delayed:
-            z = self._late(instant, z)
+            z = self._delay_reading(instant, z)
         if self.recipe.programme is not None:
             control = PredictiveControl(code, self.recipe.programme, self.call_values["horizon"])
-            row, due = control.counted()
+            row, due = control.count_instant()
             n = self.sizes.n
-            control_function = control.asked if code.lanes == 1 else control.command
+            control_function = control.call_instant if code.lanes == 1 else control.command
             return control_function(z[:n], z[n:], setpoints["position"], row, due)
         command = gains["feed_forward"] - gains["gain"].reshape(self.sizes.m, self.sizes.z) @ (
             z - setpoints["setpoint"]
@@ -463,7 +465,7 @@ class _Loop:
         self._set("integral", integrals)
         return command
 
-    def _late(self, instant: ir.Value, z: np.ndarray) -> np.ndarray:
+    def _delay_reading(self, instant: ir.Value, z: np.ndarray) -> np.ndarray:
         """Store the present reading and return the delayed one, shape (2 n,)."""
         code, build, stored = self.code, self.code.builder, self.call_values["reading_count"]
         width = self.sizes.z
@@ -479,7 +481,7 @@ class _Loop:
         visible = [code.most(build.sub(instant, delay), code.integer(0)) for delay in delays]
         return array(
             [
-                code.gathered(
+                code.gather(
                     self.call_values["readings"],
                     [build.add(place(visible[lane], i), code.integer(lane)) for lane in lanes],
                 )

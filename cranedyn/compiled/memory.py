@@ -15,7 +15,7 @@ _PARTS = 8
 """Parts into which the groups are divided for each thread, so that none waits long for the last."""
 
 
-def grouped(arrays: Sequence[np.ndarray], lanes: int, kind: type = np.float64) -> np.ndarray:
+def group_lanes(arrays: Sequence[np.ndarray], lanes: int, kind: type = np.float64) -> np.ndarray:
     """Arrange arrays with a row for each crane, shape (n, m) each, in groups of lanes, shape
     (groups, all m, lanes).
 
@@ -33,7 +33,7 @@ def grouped(arrays: Sequence[np.ndarray], lanes: int, kind: type = np.float64) -
     return groups
 
 
-def ungrouped(groups: np.ndarray, count: int) -> np.ndarray:
+def ungroup_lanes(groups: np.ndarray, count: int) -> np.ndarray:
     """Return groups of lanes as one row for each crane, shape (count, m)."""
     return groups.transpose(0, 2, 1).reshape(groups.shape[0] * groups.shape[2], groups.shape[1])[
         :count
@@ -57,7 +57,7 @@ def run(loop: Loop, threads: int | None) -> None:
     ended = threading.Event()
 
     def work(first: int) -> None:
-        loop.over(range(first, min(first + share, groups)), ended.is_set)
+        loop.run_groups(range(first, min(first + share, groups)), ended.is_set)
 
     with ThreadPoolExecutor(workers) as pool:
         try:

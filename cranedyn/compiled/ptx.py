@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cranedyn.compiled.kernel import Recipe, text
+from cranedyn.compiled.kernel import Recipe, build_module
 from cranedyn.compiled.machine import assembly
-from cranedyn.compiled.threads import side_by_side
+from cranedyn.compiled.threads import emit_gpu_kernels
 from cranedyn.plant.plant import Topology
 
 _TRIPLE, _OLDEST = "nvptx64-nvidia-cuda", "sm_75"
@@ -20,13 +20,13 @@ later one."""
 
 
 def ptx(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> str:
-    """Return PTX with the kernels run and answer, see `cranedyn.compiled.threads.side_by_side`.
+    """Return PTX with the kernels run and answer, see `cranedyn.compiled.threads.emit_gpu_kernels`.
 
     Args:
         topology: What the cranes have in common.
         constants: Their numbers, None where each crane has its own.
         recipe: What the code can do; of threads.
     """
-    module = text(topology, constants, recipe)
-    side_by_side(module)
+    module = build_module(topology, constants, recipe)
+    emit_gpu_kernels(module)
     return assembly(module, _TRIPLE, _OLDEST)

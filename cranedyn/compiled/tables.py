@@ -89,7 +89,7 @@ def drop_repeated_rows(rows: np.ndarray) -> np.ndarray:
     return rows[: int(changes[-1]) + 2 if len(changes) else 1].copy()
 
 
-def no_gain_table(sizes: BufferLayout, positions: np.ndarray) -> Affine:
+def without_gains(sizes: BufferLayout, positions: np.ndarray) -> Affine:
     """Return the affine form without gains: zero, about the setpoint of the drives, shape (rows,
     m).
     """
@@ -98,6 +98,6 @@ def no_gain_table(sizes: BufferLayout, positions: np.ndarray) -> Affine:
     return replace(form, target=positions)
 
 
-def one_command(sizes: BufferLayout) -> tuple[np.ndarray, np.ndarray]:
+def command_tables(sizes: BufferLayout) -> tuple[np.ndarray, np.ndarray]:
     """Return tables of one row that hold a command, zero at first."""
     return np.zeros((1, size(sizes.gain_table))), np.zeros((1, size(sizes.setpoint_table)))

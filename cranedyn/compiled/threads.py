@@ -19,7 +19,7 @@ WARP = 32
 THREAD = ("run_one", "answer_one")
 """The functions of one thread: the loop, and accelerations at one state."""
 
-MOVING = ("state", "numbers", "starts", "delay", "readings", "log", "summary")
+GROUP_POINTERS = ("state", "numbers", "starts", "delay", "readings", "log", "summary")
 """Of the addresses in a call those at which each group has memory of its own."""
 
 KINDS = {name: kind for kind, names in CALL.items() for name in names}
@@ -27,7 +27,7 @@ KINDS = {name: kind for kind, names in CALL.items() for name in names}
 _INDEX = ir.IntType(32)
 
 
-def one_after_another(module: ir.Module) -> None:
+def emit_lane_loop(module: ir.Module) -> None:
     """Add to the code of one thread the functions run and answer, which loop over the lanes of a
     group on the processor.
     """
@@ -35,9 +35,9 @@ def one_after_another(module: ir.Module) -> None:
     arguments = {
         name: code.load_one(code.argument["call"], SLOTS[name], KINDS[name]) for name in SLOTS
     }
-    room = _room(code.builder)
+    room = _allocate_call(code.builder)
     with code.loop(0, WARP) as lane:
-        _run_one(module, code.builder, room, arguments, dict.fromkeys(MOVING, lane))
+        _run_one(module, code.builder, room, arguments, dict.fromkeys(GROUP_POINTERS, lane))
     code.end()
     code = Code(module, "answer", ["given", "numbers", "accelerations"], 1)
     with code.loop(0, WARP) as lane:
@@ -45,12 +45,12 @@ def one_after_another(module: ir.Module) -> None:
     code.end()
 
 
-def side_by_side(module: ir.Module) -> None:
+def emit_gpu_kernels(module: ir.Module) -> None:
     """Add to the code of one thread the kernels of a GPU: run, with the slots of a call, the
     distances of groups at the moving addresses [numbers], and the number of threads; and answer,
     for one warp.
     """
-    kinds = [*(KINDS[name] for name in SLOTS), *[INTEGER] * len(MOVING), INTEGER]
+    kinds = [*(KINDS[name] for name in SLOTS), *[INTEGER] * len(GROUP_POINTERS), INTEGER]
     builder, arguments = _kernel(module, "run", kinds)
     values = dict(zip(SLOTS, arguments, strict=False))
     strides, threads = arguments[len(SLOTS) : -1], arguments[-1]
@@ -58,9 +58,9 @@ def side_by_side(module: ir.Module) -> None:
     group = builder.lshr(thread, ir.Constant(INTEGER, WARP.bit_length() - 1))
     lane = builder.and_(thread, ir.Constant(INTEGER, WARP - 1))
     offsets = [builder.add(builder.mul(group, stride), lane) for stride in strides]
-    room = _room(builder)
+    room = _allocate_call(builder)
     with builder.if_then(builder.icmp_signed("<", thread, threads)):
-        _run_one(module, builder, room, values, dict(zip(MOVING, offsets, strict=True)))
+        _run_one(module, builder, room, values, dict(zip(GROUP_POINTERS, offsets, strict=True)))
     builder.ret_void()
     builder, arguments = _kernel(module, "answer", [POINTER] * 3)
     _answer_one(module, builder, arguments, _thread(module, builder))
@@ -93,7 +93,7 @@ def _thread(module: ir.Module, builder: ir.IRBuilder) -> ir.Value:
     return builder.add(builder.mul(special("ctaid"), special("ntid")), special("tid"))
 
 
-def _room(builder: ir.IRBuilder) -> ir.Value:
+def _allocate_call(builder: ir.IRBuilder) -> ir.Value:
     """Allocate the arguments of one thread; LLVM keeps them in registers."""
     return builder.alloca(ir.LiteralStructType([KINDS[name] for name in SLOTS]))
 
@@ -106,7 +106,7 @@ def _run_one(
     offsets: Mapping[str, ir.Value],
 ) -> None:
     for name, value in values.items():
-        mine = _moved(builder, value, offsets[name]) if name in offsets else value
+        mine = _shift_address(builder, value, offsets[name]) if name in offsets else value
         index = [ir.Constant(_INDEX, 0), ir.Constant(_INDEX, SLOTS[name])]
         builder.store(mine, builder.gep(room, index))
     builder.call(module.globals[THREAD[0]], [room])
@@ -115,9 +115,9 @@ def _run_one(
 def _answer_one(
     module: ir.Module, builder: ir.IRBuilder, addresses: Sequence[ir.Value], lane: ir.Value
 ) -> None:
-    mine = [_moved(builder, address, lane) for address in addresses]
+    mine = [_shift_address(builder, address, lane) for address in addresses]
     builder.call(module.globals[THREAD[1]], mine)
 
 
-def _moved(builder: ir.IRBuilder, address: ir.Value, numbers: ir.Value) -> ir.Value:
+def _shift_address(builder: ir.IRBuilder, address: ir.Value, numbers: ir.Value) -> ir.Value:
     return builder.gep(address, [numbers], source_etype=INTEGER)

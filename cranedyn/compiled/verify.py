@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.compiled.binding import kernel_accelerations
-from cranedyn.compiled.kernel import Kernel, Recipe, kernel, text
+from cranedyn.compiled.kernel import Kernel, Recipe, build_module, kernel
 from cranedyn.compiled.machine import object_code
 from cranedyn.dynamics.converters import Response, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces
@@ -60,9 +60,9 @@ def compile_kernel(
     varied_numbers = np.ascontiguousarray(rows[:, varied])
     with _MAKING:
         code = _kernel(Topology.of(cranes[0]), constants.tobytes(), recipe)
-        if len(code.agreed) > _REMEMBERED:
-            code.agreed.clear()
-        verify_cranes(cranes, code, varied_numbers, code.agreed, converters)
+        if len(code.verified) > _REMEMBERED:
+            code.verified.clear()
+        verify_cranes(cranes, code, varied_numbers, code.verified, converters)
     return code, varied_numbers
 
 
@@ -70,7 +70,7 @@ def verify_cranes(
     cranes: Sequence[Crane] | Cranes,
     code: Kernel,
     varied: np.ndarray,
-    agreed: set[bytes],
+    verified: set[bytes],
     converters: np.ndarray | None = None,
     answers: Accelerations = kernel_accelerations,
 ) -> None:
@@ -86,9 +86,9 @@ def verify_cranes(
         else np.broadcast_to(converters, (len(varied), converters.shape[-1]))
     )
     for crane, row, response in zip(cranes[:_CHECKED], varied, rows, strict=False):
-        if row.tobytes() not in agreed:
+        if row.tobytes() not in verified:
             verify_crane(crane, code, row, response, answers)
-            agreed.add(row.tobytes())
+            verified.add(row.tobytes())
 
 
 def object_file(crane: Crane, recipe: Recipe) -> bytes:
@@ -100,7 +100,7 @@ def object_file(crane: Crane, recipe: Recipe) -> bytes:
         ModelError: If the code does not do what Pinocchio does.
     """
     compile_kernel([crane], recipe)
-    return object_code(text(Topology.of(crane), numbers(crane).tolist(), recipe))
+    return object_code(build_module(Topology.of(crane), numbers(crane).tolist(), recipe))
 
 
 @lru_cache(maxsize=256)

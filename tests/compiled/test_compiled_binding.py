@@ -444,10 +444,10 @@ def test_the_door_opens_for_counts_that_stay_within_the_arrays_only(
 
 
 def test_the_door_knows_its_groups() -> None:
-    _loop().over(range(2))
+    _loop().run_groups(range(2))
     for group in (-1, 2):
         with pytest.raises(OutOfRange, match=f"group is {group}; allowed is 0 to 1"):
-            _loop().over([group])
+            _loop().run_groups([group])
 
 
 @pytest.mark.parametrize(

@@ -29,8 +29,8 @@ Way = Callable[[Code, Turn], tuple[Value, Value]]
 
 WAYS: dict[str, Way] = {
     "in a step": lambda code, turn: code.sine_and_cosine(turn.angle),
-    "after a step": lambda code, turn: turn.turned(SHORTER),
-    "after a step, mended": lambda code, turn: turn.mended(turn.turned(SHORTER)),
+    "after a step": lambda code, turn: turn.rotate(SHORTER),
+    "after a step, mended": lambda code, turn: turn.refine(turn.rotate(SHORTER)),
 }
 
 

@@ -213,7 +213,7 @@ class PredictiveControl:
         self.parts, self.layout = MemoryOffsets.of(programme, code.lanes), programme.topology.layout
         self._slots = lane_memory(self.layout)
 
-    def counted(self) -> tuple[ir.Value, ir.Value]:
+    def count_instant(self) -> tuple[ir.Value, ir.Value]:
         """Count an instant; return the row of the path and whether to optimise."""
         code = self.code
         count = code.load_one(self.memory, self.parts.counts, INTEGER)
@@ -240,27 +240,27 @@ class PredictiveControl:
             due: Whether it is time for an optimisation.
         """
         code = self.code
-        before, begun = self._remembered("read"), self._remembered("begun")[0]
-        q, v, possible = self._possible(q, v)
-        believed = self._believed(q, v, before)
+        before, begun = self._load_memory("read"), self._load_memory("begun")[0]
+        q, v, plausible = self._plausible(q, v)
+        estimated = self._estimated_state(q, v, before)
         with code.when(due):
             plant, tracked = self.programme.plant, self.programme.rows > 0
             goal = array([]) if tracked else model.hanging(plant, position)
             for lane in range(code.lanes):
-                self._plan(lane, *believed, goal, row, possible)
-        acceleration = self._remembered("held")
+                self._plan(lane, *estimated, goal, row, plausible)
+        acceleration = self._load_memory("held")
         if self.programme.drive == "effort":
-            return self._efforts(q, v, acceleration, begun * possible)
+            return self._efforts(q, v, acceleration, begun * plausible)
         acceleration = self._taut(q, v, acceleration)
         if self.programme.drive == "motion":
             return acceleration
-        rates = believed[1][self.layout.drives]
-        self._remember("expected", rates + self.programme.period * acceleration)
+        rates = estimated[1][self.layout.drives]
+        self._store_memory("expected", rates + self.programme.period * acceleration)
         return array(
             [r + t * a for r, t, a in zip(rates, self.programme.lead, acceleration, strict=True)]
         )
 
-    def asked(
+    def call_instant(
         self, q: np.ndarray, v: np.ndarray, position: np.ndarray, row: ir.Value, due: ir.Value
     ) -> np.ndarray:
         """Return the command as `command`, for one crane: by the function of `emit_instant`, which
@@ -289,7 +289,7 @@ class PredictiveControl:
         v: np.ndarray,
         goal: np.ndarray,
         row: ir.Value,
-        possible: Value,
+        plausible: Value,
     ) -> None:
         code, offsets, shape = self.code, self.parts, self.programme.shape
         query, path = (
@@ -308,7 +308,7 @@ class PredictiveControl:
         for i, number in enumerate(numbers):
             code.builder.store(number, pointer(code, query, shape.lanes + i), align=8)
         assert len(numbers) == len(QUERY)
-        self._store_one(element(code, possible, lane), query, shape.lanes + len(QUERY))
+        self._store_one(element(code, plausible, lane), query, shape.lanes + len(QUERY))
         plan = pointer(code, self.memory, offsets.plans + lane * plan_size(shape))
         work = pointer(code, self.memory, offsets.work)
         code.builder.call(code.function.module.globals["plan"], [work, plan, query, path])
@@ -323,14 +323,14 @@ class PredictiveControl:
     def _place(self, i: int) -> int:
         return self.parts.lanes + i * self.code.lanes
 
-    def _remembered(self, name: str) -> np.ndarray:
+    def _load_memory(self, name: str) -> np.ndarray:
         return array([self.code.load(self.memory, self._place(i)) for i in self._slots[name]])
 
-    def _remember(self, name: str, values: Any) -> None:
+    def _store_memory(self, name: str, values: Any) -> None:
         for i, value in zip(self._slots[name], values, strict=True):
             self.code.store(value, self.memory, self._place(i))
 
-    def _possible(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, Value]:
+    def _plausible(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, Value]:
         """Return coordinates and rates as read, and 1; or, if the reading is implausible, the last
         plausible ones, and 0.
         """
@@ -342,31 +342,33 @@ class PredictiveControl:
             *(x <= code.spread(self.memory, high + i) for i, x in enumerate(read)),
         )
         updates = {
-            "read": (read, self._remembered("read")),
-            "refused": (self._remembered("refused"), read),
-            "refusals": (self._remembered("refusals"), self._remembered("refusals") + 1.0),
+            "read": (read, self._load_memory("read")),
+            "refused": (self._load_memory("refused"), read),
+            "refusals": (self._load_memory("refusals"), self._load_memory("refusals") + 1.0),
         }
         for name, pairs in updates.items():
-            self._remember(name, [code.chosen(holds, a, b) for a, b in zip(*pairs, strict=True)])
-        q, v = np.split(self._remembered("read"), 2)
+            self._store_memory(
+                name, [code.chosen(holds, a, b) for a, b in zip(*pairs, strict=True)]
+            )
+        q, v = np.split(self._load_memory("read"), 2)
         return q, v, code.chosen(holds, 1.0, 0.0)
 
-    def _believed(
+    def _estimated_state(
         self, q: np.ndarray, v: np.ndarray, before: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the state with which a plan begins: as measured, except for the filtered swing
         and, where rates are commanded, the rates of the drives.
         """
-        begun, drives = self._remembered("begun")[0] > 0.0, self.layout.drives
-        believed_q, believed_v = self._swinging(begun, q, v, before[self.layout.n + drives])
+        begun, drives = self._load_memory("begun")[0] > 0.0, self.layout.drives
+        estimated_q, estimated_v = self._filter_swing(begun, q, v, before[self.layout.n + drives])
         if self.programme.drive == "velocity":
-            believed_v[drives] = self._corrected(
-                begun, self._remembered("expected"), v[drives], self.programme.rate_share
+            estimated_v[drives] = self._correct(
+                begun, self._load_memory("expected"), v[drives], self.programme.rate_share
             )
-        self._remember("begun", [1.0])
-        return believed_q, believed_v
+        self._store_memory("begun", [1.0])
+        return estimated_q, estimated_v
 
-    def _swinging(
+    def _filter_swing(
         self, begun: ir.Value, q: np.ndarray, v: np.ndarray, rates_before: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return coordinates and rates with the filtered swing.
@@ -379,17 +381,17 @@ class PredictiveControl:
         if self.programme.swing_share == 1.0 or not len(passive):
             return q, v
         measured, before = [*q[passive], *v[passive]], q.copy()
-        before[passive], v[passive] = np.split(self._remembered("swing"), 2)
+        before[passive], v[passive] = np.split(self._load_memory("swing"), 2)
         done = (v[drives] - rates_before) / period
         caused = self.programme.plant.answer(before, v, done, None)[0][passive]
         after = v[passive] + period * caused
         expected = [*(before[passive] + period * after), *after]
-        believed = self._corrected(begun, expected, measured, self.programme.swing_share)
-        self._remember("swing", believed)
-        q[passive], v[passive] = np.split(believed, 2)
+        estimated = self._correct(begun, expected, measured, self.programme.swing_share)
+        self._store_memory("swing", estimated)
+        q[passive], v[passive] = np.split(estimated, 2)
         return q, v
 
-    def _corrected(self, begun: ir.Value, expected: Any, measured: Any, share: float) -> np.ndarray:
+    def _correct(self, begun: ir.Value, expected: Any, measured: Any, share: float) -> np.ndarray:
         """Return expected values, corrected by a share of their difference from the measured ones;
         measured ones at the first instant.
         """
@@ -409,7 +411,7 @@ class PredictiveControl:
         from the clipped efforts, so that the estimate recovers from any error.
         """
         code, programme, layout = self.code, self.programme, self.layout
-        estimate, expected = self._remembered("estimate"), self._remembered("expected")
+        estimate, expected = self._load_memory("estimate"), self._load_memory("expected")
         rates = v[layout.drives]
         gain = learns * (programme.share / programme.period)
         estimate = array(
@@ -426,8 +428,8 @@ class PredictiveControl:
             limit = crane.joint.damping[joint] * v[joint] - programme.taut
             cut[hoist] = code.chosen(cut[hoist] > limit, limit, cut[hoist])
         caused = programme.driven("effort").answer(q, v, array(cut), None)[0][layout.drives]
-        self._remember("estimate", estimate)
-        self._remember("expected", rates + programme.period * (caused + estimate))
+        self._store_memory("estimate", estimate)
+        self._store_memory("expected", rates + programme.period * (caused + estimate))
         return array(cut)
 
     def _taut(self, q: np.ndarray, v: np.ndarray, acceleration: np.ndarray) -> np.ndarray:

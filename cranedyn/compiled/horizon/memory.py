@@ -148,7 +148,7 @@ class LaneView(Code):
         self.function, self.builder = code.function, code.builder
         self.type = lane_type(lanes)
         self.argument = code.argument
-        self._know_nothing()
+        self._clear_caches()
 
 
 class MemoryRows:

@@ -183,7 +183,7 @@ def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) ->
         ]
         node = array(
             [
-                code.gathered(code.argument["work"], [rows.at("node", 0, i) for rows in stages])
+                code.gather(code.argument["work"], [rows.at("node", 0, i) for rows in stages])
                 for i in range(shape.both)
             ]
         )
@@ -193,7 +193,7 @@ def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) ->
             code.store(value, code.argument["work"], BLOCK * row + shape.place("block"))
         _scatter(work, block, written)
     code.end()
-    return list(_known(entries))
+    return list(_constant_entries(entries))
 
 
 def _scatter(work: Work, block: ir.Value, written: Entries) -> None:
@@ -215,7 +215,7 @@ def _scatter(work: Work, block: ir.Value, written: Entries) -> None:
             single.store(value, code.argument["work"], to)
 
 
-def _known(entries: Entries) -> Iterator[tuple[str, int, int, float]]:
+def _constant_entries(entries: Entries) -> Iterator[tuple[str, int, int, float]]:
     for name, row, lane, value in entries:
         if not isinstance(value, Value):
             yield name, row, lane, float(value)

@@ -77,10 +77,10 @@ class _Plan:
         self._shift()
         for name in ("flag", "iterations", "excess"):
             self.common.put_one("report", 0, REPORT.index(name), 0.0)
-        possible = self.one.load(arguments["query"], shape.lanes + len(QUERY)) > 0.5
-        with code.when(possible):
+        plausible = self.one.load(arguments["query"], shape.lanes + len(QUERY)) > 0.5
+        with code.when(plausible):
             self._solve()
-        self._keep(possible)
+        self._keep(plausible)
         code.end()
 
     def _solve(self) -> None:
@@ -164,7 +164,7 @@ class _Plan:
             self.common.put_one("low", 0, i, self.one.call("llvm.minnum", a, b) - self.swing)
             self.common.put_one("high", 0, i, self.one.call("llvm.maxnum", a, b) + self.swing)
 
-    def _keep(self, possible: ir.Value) -> None:
+    def _keep(self, plausible: ir.Value) -> None:
         """Store the new plan; after a failure keep the last one."""
         code, shape, single = self.code, self.shape, self.one
         plan = code.argument["plan"]
@@ -185,7 +185,7 @@ class _Plan:
         wider = single.call("llvm.minnum", _WIDER * barrier, _WIDEST * first)
         failed = self._mark("failures") + single.chosen(solved, 0.0, 1.0)
         marks = {
-            "begun": single.chosen(possible, 1.0, self._mark("begun")),
+            "begun": single.chosen(plausible, 1.0, self._mark("begun")),
             "failures": failed,
             "flag": single.chosen(solved, 1.0, 0.0),
             **{

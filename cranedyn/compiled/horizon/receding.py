@@ -174,7 +174,7 @@ class Receding(ShortRepr):
         self._bind()
 
     def _bind(self) -> None:
-        self._instant = Instant(_made(self.programme).machine, self._memory, self.programme)
+        self._instant = Instant(_compile(self.programme).machine, self._memory, self.programme)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but the code, for a copy with its own memory."""
@@ -208,7 +208,7 @@ class Receding(ShortRepr):
         """Return the number of implausible readings in each lane, shape (lanes,)."""
         return self._of_lanes(memory, lanes, "refusals")[0].astype(int)
 
-    def fresh(self, t: float, lanes: int) -> np.ndarray:
+    def initial_memory(self, t: float, lanes: int) -> np.ndarray:
         """Return memory as `memory`, for a compiled loop that begins at a time [s]."""
         memory = self.memory(lanes)
         memory[self.programme.parts(lanes).counts :][:2].view(np.int64)[:] = self._count(t)
@@ -217,7 +217,7 @@ class Receding(ShortRepr):
     @property
     def marks(self) -> Marks:
         """Outcome of the optimisations so far."""
-        return self.marked(self._memory, 1)[0]
+        return self.marks_by_lane(self._memory, 1)[0]
 
     def memory_of_optimisation(self) -> np.ndarray:
         """Return a copy of the memory of the last optimisation, see
@@ -237,7 +237,7 @@ class Receding(ShortRepr):
             notes["last_refused"] = {columns[i]: float(read[i]) for i in np.flatnonzero(wrong)}
         return notes
 
-    def marked(self, memory: np.ndarray, lanes: int) -> list[Marks]:
+    def marks_by_lane(self, memory: np.ndarray, lanes: int) -> list[Marks]:
         """Return the outcome of the optimisations in each lane of a memory."""
         size, shape = plan_size(self.programme.shape), self.programme.shape
         first = self.programme.parts(lanes).plans - shape.lanes
@@ -277,7 +277,7 @@ class Receding(ShortRepr):
     def _begin(self) -> None:
         self._memory[:], self._when = self.memory(1), None
 
-    def ahead(self, t: float) -> np.ndarray:
+    def resume_memory(self, t: float) -> np.ndarray:
         """Return its memory for a compiled loop that continues from a control instant [s], shape
         (1, doubles).
         """
@@ -292,7 +292,7 @@ class Receding(ShortRepr):
         self._when, self._last = self._count(t) // self.programme.ratio, t
 
 
-class _Made(NamedTuple):
+class _CompiledProgramme(NamedTuple):
     """Code of a programme, and the constants in the memory of each stage."""
 
     machine: Machine
@@ -300,11 +300,11 @@ class _Made(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def _made(programme: Programme) -> _Made:
+def _compile(programme: Programme) -> _CompiledProgramme:
     module = ir.Module()
     constants = emit_plan(module, programme)
     emit_instant(module, programme)
-    return _Made(translate(module), constants)
+    return _CompiledProgramme(translate(module), constants)
 
 
 def receding(
@@ -421,7 +421,7 @@ def receding(
     cost = _weights(crane, accelerations, state_weight, input_weight)
     rows = {
         **_bounds(crane, rates, accelerations, swing, programme.taut),
-        **_possible(crane, rates, programme),
+        **_plausible(crane, rates, programme),
     }
     return Receding(programme, _table(programme, cost, rows), path)
 
@@ -473,7 +473,7 @@ def _bounds(
     return {"low": low, "high": high, "price": PRICE / size}
 
 
-def _possible(crane: Crane, rates: np.ndarray, programme: Programme) -> dict[str, np.ndarray]:
+def _plausible(crane: Crane, rates: np.ndarray, programme: Programme) -> dict[str, np.ndarray]:
     """Return the least and largest plausible coordinates and rates, and the state before the first
     reading.
     """
@@ -535,6 +535,6 @@ def _table(programme: Programme, cost: np.ndarray, rows: dict[str, np.ndarray]) 
         row(name)[: len(values)] = values
     row("report")[REPORT.index("first")] = _BARRIER * PRICE
     stages = table[shape.first :].reshape(shape.padded, shape.stride)
-    for name, i, lane, value in _made(programme).constants:
+    for name, i, lane, value in _compile(programme).constants:
         stages[:, shape.place(name, i) + lane] = value
     return table
