@@ -21,9 +21,9 @@ class Series(NamedTuple):
     """Series for sine and cosine of a small rotation.
 
     Attributes:
-        limit: Up to this the series end below the precision of a double [rad].
-        sine: Of its sine, sin h = h + h³ (…), in powers of h².
-        versine_series: Of what its cosine lacks, 1 - cos h = h² (…), likewise.
+        limit: Largest increment at which the error is below the precision of a double [rad].
+        sine: Coefficients of the sine, sin h = h + h³ (…), in powers of h².
+        versine_series: Coefficients of the versine, 1 - cos h = h² (…), likewise.
     """
 
     limit: float
@@ -33,7 +33,7 @@ class Series(NamedTuple):
 
 SHORTER = Series(1.0 / 640.0, (-1.0 / 6.0,), (0.5, -1.0 / 24.0))
 LONGER = Series(1.0 / 64.0, (-1.0 / 6.0, 1.0 / 120.0), (0.5, -1.0 / 24.0, 1.0 / 720.0))
-"""Most steps can do with the shorter one."""
+"""The shorter series suffices for most steps."""
 
 _HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 """π/2 in three parts; products of the first two with whole numbers up to 2²⁰ are exact (Cody &
@@ -64,9 +64,9 @@ def sine_and_cosine(code: Instructions, angle: Value) -> tuple[Value, Value]:
     """Return sine and cosine of an angle [rad], to about one unit in the last place; NaN beyond a
     million rad.
 
-    Two Taylor polynomials, which end below the precision of a double at 45°. Where a lane has a
-    larger angle, all are reduced by whole quarter turns before; a smaller angle comes out of that
-    as it went in, so that no lane feels another. They stand once in a module, as a function.
+    Two Taylor polynomials, whose error at 45° is below the precision of a double. If a lane has a
+    larger angle, all are first reduced by whole quarter turns, which leaves smaller angles
+    unchanged, so that lanes do not affect each other. A module contains them once, as a function.
     """
     module, name = code.function.module, f"sine_and_cosine_{code.lanes}"
     if name not in module.globals:

@@ -47,14 +47,13 @@ class Batch:
             inf where it held throughout; shape (cranes,).
         t: Times of the recorded rows [s], shape (rows,).
         q, v: Coordinates and rates at these, shape (cranes, rows, n) each.
-        command, effort: What the controllers asked for and what acts from a row on, shape (cranes,
-            rows, m) each.
-        before: What acted up to a row, shape (cranes, rows, m).
+        command, effort: Commands of the controllers and efforts from a row on, shape (cranes, rows,
+            m) each.
+        before: Efforts up to a row, shape (cranes, rows, m).
         energy: Mechanical energy [J], shape (cranes, rows).
-        failures: How many optimisations of a predictive controller failed, so that the plan before
-            went on, shape (cranes,).
-        refusals: How many readings it refused, since the crane cannot be where they say, shape
-            (cranes,).
+        failures: Number of failed optimisations of a predictive controller, after which the last
+            plan continues, shape (cranes,).
+        refusals: Number of implausible readings that it refused, shape (cranes,).
     """
 
     end: State
@@ -109,35 +108,35 @@ def simulate_batch(
     """Run many cranes under controllers that are affine in the state, by compiled code; each as
     `simulate` with validity = mark.
 
-    What is given once is for all cranes. A controller or reference that several cranes share should
-    be the same object: its table is then kept once.
+    A single argument applies to all cranes. A controller or reference that several cranes share
+    should be the same object: its table is then stored once.
 
     Args:
         crane: One crane or n, or `Cranes` of `cranedyn.plant.cranes.load_cranes`.
         controller: One or n, such as `Hold`, `Tracking`, `HoistIntegral` or `Follow`, or one
             predictive controller of `cranedyn.compiled.horizon.receding` for all. Those with a
-            memory begin with what they remember, and are left as they are.
+            memory begin with its contents, which stay unchanged.
         reference: One or n; None holds the drives where they start.
         start: One state, n states, or one with n rows; None for where each crane starts.
         t_start: Time at the start [s].
-        duration: How long to run [s].
+        duration: Duration of the run [s].
         dt: Physics step [s].
         control_period: Time between control instants [s].
         drive: What the controllers command, see `simulate`.
         force: From outside in the world [N] at each control instant, on the points of the crane,
             shape (rows, 3 points) for all or (cranes, rows, 3 points); beyond its end the last row
             holds. Wind that depends on how the load moves needs `simulate`.
-        sensor_offset: What the sensors add to coordinates and rates, shape (2 n,) for all or
+        sensor_offset: Offset that the sensors add to coordinates and rates, shape (2 n,) for all or
             (cranes, 2 n); with noise, at each control instant, shape (cranes, rows, 2 n), beyond
             its end the last row.
-        sensor_delay: How many control periods late controllers see what sensors show, one for all
-            or one for each crane, 1000 at most; until as many have passed they see the first.
+        sensor_delay: Delay of the sensors [control periods], 1000 at most, one for all or one for
+            each crane; until it has passed the controllers read the first state.
         buffers: Whether buffers end the ranges of the drives.
         integrator: The stepping rule.
         residual_from: When swing begins to count as residual [s], within the run; by default at its
             end.
-        record: Record every that manieth control instant; 0 for none.
-        threads: How many, 1024 at most; by default one for each processor.
+        record: Control instants from one recorded row to the next; 0 for no record.
+        threads: Number of threads, 1024 at most; by default one for each processor.
         converters: Frequency converters of drives that take velocities, one set for all cranes or
             n, of one delay; None for those typical for the first crane.
         device: "cpu", or "cuda" for an NVIDIA GPU, one crane a thread, see
@@ -146,9 +145,9 @@ def simulate_batch(
     Raises:
         OutOfRange: If numbers of cranes differ, an array has another shape or a number that is not
             finite, a time is not in the run, or cranes, records and tables would not fit into 4 GB.
-        CraneError: If a controller is not affine in the state, or there is no GPU where one is
-            asked for.
-        ModelError: If the code would not do what Pinocchio does.
+        CraneError: If a controller is not affine in the state, or the device is "cuda" and there is
+            no GPU.
+        ModelError: If the code does not agree with Pinocchio.
     """
     clock = clocks(duration, dt, control_period)
     check_choice("drive", drive, Drive)
@@ -291,7 +290,7 @@ def _horizon(
     after checking that it fits beside the numbers that are used.
 
     Raises:
-        OutOfRange: If it was made for other drives or another control period, or would not fit.
+        OutOfRange: If its drives or control period differ from the run's, or it does not fit.
     """
     if predictive.programme.drive != drive:
         raise OutOfRange("drive", drive, f"the controller's, {predictive.programme.drive}")

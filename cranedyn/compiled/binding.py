@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from cranedyn.compiled.tables import RowTable
 
 _PIECE = 100_000
-"""Physics steps, or rows, that code goes through before Python is asked whether to end; of eight
-cranes at once some tenths of a second."""
+"""Physics steps, or rows, of one call, after which Python handles Ctrl-C: some tenths of a second
+for eight cranes at once."""
 
 _INSTANT = 4
-"""What control and log of an instant cost, in steps."""
+"""Cost of control and log at an instant, in steps."""
 
 _STAGE = 4
-"""What each stage of an optimisation of one crane costs at most, in steps: some microseconds."""
+"""Largest cost of a stage of an optimisation of one crane, in steps: some microseconds."""
 
 
 def _address(
@@ -47,7 +47,7 @@ def _address(
     """Return the address of an array after checking its type, shape and memory order.
 
     Raises:
-        Misshapen: If it is another.
+        Misshapen: If it is anything else.
     """
     allowed = (
         f"an array of {kind.__name__} of shape {shape}, "
@@ -194,18 +194,18 @@ class Loop:
         Args:
             code: The code.
             clock: How the run is divided.
-            tables: Of controllers, of what they are about, of forces, and of what sensors add, as
-                far as the code has them.
-            last: Control instants to go through, from 0 up to, but without, this one.
-            end: The instant that is not followed by steps.
-            log_interval: Control instants for a row of the log.
-            residual_from: Instant from which a swing is residual.
-            reading_count: Readings that late sensors keep.
-            memory: What belongs to each group, the group first: state, numbers, starts of the
-                tables, delay and readings of sensors, summary, log, as far as the code has them.
+            tables: Gain table, setpoint table, forces, and sensor offsets, as far as the code has
+                them.
+            last: Number of control instants to run.
+            end: Instant that no steps follow.
+            log_interval: Control instants from one row of the log to the next.
+            residual_from: Instant from which swing counts as residual.
+            reading_count: Number of readings stored for delayed sensors.
+            memory: Arrays with the group as first axis: state, numbers, starts of the tables, delay
+                and readings of sensors, summary, log, as far as the code has them.
 
         Raises:
-            OutOfRange: If an array is not what the code takes it for, or a number is not finite.
+            OutOfRange: If an array has another type or shape, or a number is not finite.
         """
         recipe, lanes, sizes = code.recipe, code.recipe.lanes, code.sizes
         self._instant = _INSTANT

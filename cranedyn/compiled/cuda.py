@@ -54,15 +54,15 @@ def run(
     """Run a loop over all its groups of lanes on the first GPU.
 
     Args:
-        loop: The loop, of threads.
-        code: Its code.
-        cranes: Different cranes that it was made for.
-        varied: The numbers in which these differ, shape (n, m).
-        converters: Of their drives, see `cranedyn.compiled.verify.compile_kernel`.
+        loop: Loop whose recipe is for threads.
+        code: Code of the loop.
+        cranes: Distinct cranes of the code.
+        varied: Their varied numbers, shape (n, m).
+        converters: Parameters of their converters, see `cranedyn.compiled.verify.compile_kernel`.
 
     Raises:
         CraneError: If there is no GPU, see `check_available`, or too little memory on it.
-        ModelError: If the code does not do on the GPU what Pinocchio does.
+        ModelError: If the code on the GPU does not agree with Pinocchio.
     """
     with _context():
         with _LOADING:
@@ -104,7 +104,7 @@ def _call(name: str, *arguments: Any) -> Any:
     """Call a function of the driver and return its result.
 
     Raises:
-        CraneError: If it could not do it.
+        CraneError: If the function fails.
     """
     driver = _driver()
     outcome, *values = getattr(driver, name)(*arguments)
@@ -159,7 +159,7 @@ class _Module:
     """Kernels in the GPU.
 
     Attributes:
-        verified: Varied numbers of the cranes with which it was compared with Pinocchio there.
+        verified: Varied numbers of the cranes for which it was compared with Pinocchio.
     """
 
     def __init__(self, text: str) -> None:

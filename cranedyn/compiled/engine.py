@@ -35,8 +35,7 @@ from cranedyn.simulation.log import Log
 from cranedyn.simulation.stepper import DIVERGED
 
 _BLOCK, _STEPS = 2000, 1_000_000
-"""Control instants, and physics steps, that a closed loop runs ahead at most before it is looked
-at."""
+"""Largest numbers of control instants, and of physics steps, in a block."""
 
 
 class _Block(NamedTuple):
@@ -56,7 +55,7 @@ class CompiledEngine(Engine):
     computed by Pinocchio.
 
     Attributes:
-        state: Where the crane is.
+        state: State of the crane.
     """
 
     def __init__(self, setting: Setting, start: State) -> None:
@@ -219,12 +218,12 @@ class CompiledEngine(Engine):
         """Log rows under a controller that is affine in the state, block by block, and yield the
         number of rows.
 
-        A block in which anything is out of the ordinary is left undone, for whoever goes through it
-        instant by instant.
+        A block with a number that is not finite or a diverged state is discarded; the caller then
+        runs it instant by instant.
 
         Raises:
-            Misshapen: If the controller's common form, or what the reference wants at many times,
-                is not made of arrays as they should be.
+            Misshapen: If the arrays of the controller's affine form or of the reference have another
+                shape.
         """
         if self._setting.forces:
             return
@@ -246,7 +245,7 @@ class CompiledEngine(Engine):
                 )
             except Misshapen:
                 raise
-            except Exception:  # it comes again at the instant at which it belongs
+            except Exception:  # raised again at the instant where it occurs
                 common = None
             self._plan_with(predictive, float(times[0]))
             ran = None if common is None else self._run(common, setpoint, periods - first)

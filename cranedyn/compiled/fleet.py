@@ -27,22 +27,21 @@ from cranedyn.interfaces import DirectDrive, State
 from cranedyn.model.crane import Crane
 
 _LANES, _THREADS, _SHARE, _MOST = 8, 1024, 32, 512
-"""Cranes in a group; most threads; groups that are worth a thread of their own, and groups whose
-numbers stay in a processor's cache."""
+"""Cranes in a group; largest number of threads; least groups of a thread; most groups of a chunk,
+whose numbers stay in a processor's cache."""
 
 
 class Fleet:
-    """Cranes that each have a state, and take a command that holds for a control period; each moves
-    as in `simulate` with validity = mark.
+    """Cranes that each take a command for a control period, and move as in `simulate` with validity
+    = mark.
 
-    Nothing that is given can make the code read or write beside an array: all of it is looked at
-    here, and copied.
+    All arguments are checked and copied, so that the code stays within its arrays.
 
     Attributes:
-        layout: Of all of them.
-        z: Coordinates and rates, one column a crane, shape (2 joints, n). To look at; the next step
-            writes into it.
-        chunks: Columns that a thread goes through at once.
+        layout: Layout of all cranes.
+        z: Coordinates and rates, one column a crane, shape (2 joints, n); a read-only view that the
+            next step updates.
+        chunks: Slices of columns, each advanced by one thread at a time.
     """
 
     z: np.ndarray
@@ -62,18 +61,18 @@ class Fleet:
         """Create n cranes of the first kind, at its start.
 
         Args:
-            cranes: One, or several that `place` chooses from.
-            count: How many there are, n.
+            cranes: One crane, or several from which `place` chooses.
+            count: Number of cranes, n.
             dt: Physics step [s].
             control_period: Time for which a command holds [s].
-            drive: What is commanded, see `simulate`.
-            forces: Whether forces from outside can act.
-            threads: How many, 1024 at most; by default one for each processor.
+            drive: Kind of command, see `simulate`.
+            forces: Whether external forces can act.
+            threads: Number of threads, 1024 at most; by default one for each processor.
 
         Raises:
             OutOfRange: If a number is out of range, there is no crane, one has another layout, or
                 they would not fit into 4 GB.
-            ModelError: If the code would not do what Pinocchio does.
+            ModelError: If the code does not agree with Pinocchio.
         """
         check_choice("drive", drive, DirectDrive)
         self.cranes = [cranes] if isinstance(cranes, Crane) else list(cranes)
@@ -168,13 +167,12 @@ class Fleet:
         """Set the states, and optionally the kinds, of some cranes.
 
         Args:
-            indices: Which of the n, whole numbers, shape (k,).
-            start: Where they are from now on: one state for all, k states, or one with k rows.
-            crane: Which of the cranes to choose from each of them is, whole numbers, shape (k,);
-                None for the first.
+            indices: Indices of the cranes to set, shape (k,).
+            start: New states: one for all, k states, or one with k rows.
+            crane: Index of the kind of each crane, shape (k,); None for the first.
 
         Raises:
-            OutOfRange: If a number is not finite, or an index not one of those there are.
+            OutOfRange: If a number is not finite, or an index is out of range.
         """
         rows = _indices("which crane", indices, self.count)
         kinds = (
@@ -192,13 +190,13 @@ class Fleet:
         """Apply external forces to some cranes until they are changed.
 
         Args:
-            indices: Which of the n, whole numbers, shape (k,).
-            force: In the world [N], on the points of each crane, the payload first, shape (k, 3
+            indices: Indices of the cranes, shape (k,).
+            force: Force in the world [N] on the points of each crane, the payload first, shape (k, 3
                 points).
 
         Raises:
-            OutOfRange: If a number is not finite, an index not one of those there are, or forces
-                were not asked for.
+            OutOfRange: If a number is not finite, an index is out of range, or the fleet has no
+                external forces.
         """
         if not self._pushed:
             raise OutOfRange(
@@ -213,11 +211,11 @@ class Fleet:
         """Advance all cranes by a control period.
 
         Args:
-            command: Efforts, which are cut to the limits of the drives, or accelerations, one
-                column a crane, shape (drives, n).
+            command: Efforts, clipped to the limits of the drives, or accelerations, one column a
+                crane, shape (drives, n).
 
         Returns:
-            Coordinates and rates afterwards, which are `z`; not finite for a crane that diverged.
+            Coordinates and rates after the period, `z`; not finite for a crane that diverged.
 
         Raises:
             OutOfRange: If a command is not finite.
@@ -257,7 +255,7 @@ class Fleet:
         """Advance one chunk, from a thread of `spread`; see `step`, with the columns of that chunk.
 
         Raises:
-            OutOfRange: If there is no such part, or a command is not finite.
+            OutOfRange: If there is no such chunk, or a command is not finite.
         """
         if whole("part", chunk, 0) >= len(self.chunks):
             raise OutOfRange("part", chunk, f"0 to {len(self.chunks) - 1}")

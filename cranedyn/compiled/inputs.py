@@ -31,13 +31,13 @@ from cranedyn.references import hold
 from cranedyn.references.tabulated import owned, tabulated
 
 _LARGEST = 4e9
-"""Memory that a batch may take, tables and records among it [byte]."""
+"""Largest memory of a batch, tables and records included [byte]."""
 
 _LATEST = 1000
-"""Control periods by which a sensor may be late."""
+"""Largest delay of a sensor [control periods]."""
 
 _CRANE, _PAIR = 48, 250
-"""Numbers kept of each crane, and of each controller with each reference besides their tables:
+"""Numbers stored for each crane, and for each controller with each reference besides their tables:
 measured, see `tests/compiled/test_batch.py`."""
 
 
@@ -46,8 +46,8 @@ class ControlTables(NamedTuple):
 
     Attributes:
         gain_table, setpoint_table: The tables.
-        integrals: What was integrated before, shape (cranes, m).
-        integrates: Whether any controller does.
+        integrals: Integrals at the start, shape (cranes, m).
+        integrates: Whether any controller integrates.
         predictive: The predictive controller of all cranes; None for those that are affine.
     """
 
@@ -62,7 +62,7 @@ def crane_count(**arguments: Any) -> int:
     """Return the number of cranes that the arguments have in common.
 
     Raises:
-        OutOfRange: If there are neither one nor as many as of the others of something.
+        OutOfRange: If an argument has neither one item nor as many as the others.
     """
     lengths = {
         name: length for name, value in arguments.items() if (length := _length(value)) is not None
@@ -131,17 +131,16 @@ def control_tables(
     reference the drives hold their start.
 
     Args:
-        crane: One of them.
-        controller: One or n.
-        reference: One or n, or None.
+        crane: One of the cranes.
+        controller: One controller or n.
+        reference: One reference or n, or None.
         start: Coordinates and rates at the start, shape (cranes, joints) each.
         times: Control instants [s].
-        used: How many numbers something else takes.
+        used: Numbers of memory already used.
 
     Raises:
         CraneError: If a controller is not affine in the state.
-        OutOfRange: If what it answers is not what it should be, or the tables would not fit into 4
-            GB.
+        OutOfRange: If an affine form is not finite, or the tables do not fit into 4 GB.
     """
     cranes, sizes = len(start.q), BufferLayout.of(crane.layout)
     aims_of, references = _references(crane, reference, start, used)
@@ -197,7 +196,7 @@ def _predictive(controllers: Sequence[Any]) -> Receding | None:
     """Return the predictive controller of all cranes, or None.
 
     Raises:
-        CraneError: If there is another controller besides.
+        CraneError: If there is another controller.
     """
     predictive = next(
         (candidate for candidate in controllers if isinstance(candidate, Receding)), None
@@ -255,7 +254,7 @@ def converter_response(
     their delay [control periods]; None for drives without converters.
 
     Raises:
-        OutOfRange: If they do not fit the crane or the clocks, or are late by different times.
+        OutOfRange: If they do not fit the crane or the clocks, or differ in delay.
     """
     several = isinstance(converters, Sequence)
     fitted = [fitting(crane, drive, item) for item in (converters if several else [converters])]
@@ -292,8 +291,7 @@ def common_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
     """Return the layout that all cranes have in common.
 
     Raises:
-        OutOfRange: If one has another than the first: other joints, drives or points, or springs
-            elsewhere.
+        OutOfRange: If a crane differs from the first in joints, drives, points or sprung joints.
     """
     first = Topology.of(cranes[0])
     for crane in () if isinstance(cranes, Cranes) else cranes:
@@ -391,14 +389,14 @@ def required_numbers(
     """Return how many numbers the memory and the record of the cranes take, by lanes and by cranes.
 
     Args:
-        sizes: Of each crane.
-        cranes: How many cranes.
-        instants: How many rows are recorded of each.
-        periods: How many control periods they run.
-        extra: How many numbers each has besides the usual ones.
+        sizes: Buffer layout of each crane.
+        cranes: Number of cranes.
+        instants: Recorded rows of each crane.
+        periods: Control periods of the run.
+        extra: Additional numbers of each crane.
 
     Raises:
-        OutOfRange: If they, or the tables of one controller, would take more than 4 GB.
+        OutOfRange: If they, or the tables of one controller, take more than 4 GB.
     """
     check_fits_memory("number of cranes", str(cranes), cranes * (_CRANE + extra))
     used = cranes * (_CRANE + extra + 2 * instants * size(sizes.row))

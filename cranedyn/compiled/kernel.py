@@ -27,22 +27,22 @@ class Recipe:
     """Features of the code to generate.
 
     Attributes:
-        lanes: How many cranes it runs at once.
+        lanes: Number of cranes that run at once.
         drive: "effort", "motion" or "velocity".
         integrator: The stepping rule.
-        buffers: Whether there are buffers at the ends of the ranges.
+        buffers: Whether buffers end the ranges of the drives.
         integral: Whether the controller integrates.
-        offset: Whether the sensors add something to what they measure.
-        forces: Whether there are forces from outside.
-        shared: Whether all lanes have one controller, one setpoint table, the same forces, and the
-            same offset of the sensors.
-        log, summary: Whether rows are recorded, and whether a summary is kept.
+        offset: Whether the sensors add an offset.
+        forces: Whether external forces act.
+        shared: Whether all lanes share the gain table, the setpoint table, the forces, and the
+            sensor offsets.
+        log, summary: Whether rows are recorded, and whether a summary is computed.
         delay_steps: Control periods by which frequency converters delay commands; None for drives
             without converters.
-        turns: Steps over which sines and cosines are carried along; with 1 a motion is the same to
-            the bit whatever control periods it is made of.
-        programme: Of a predictive controller; None for one that is affine in the state.
-        delayed: Whether the sensors are late.
+        turns: Steps after which sines and cosines are computed afresh; with 1 a motion is the same
+            to the bit for any division into control periods.
+        programme: Parameters of a predictive controller; None for one that is affine in the state.
+        delayed: Whether the sensors have delays.
         threads: Whether each lane is a thread with plain doubles, as on a GPU, instead of a part of
             a vector.
     """
@@ -68,14 +68,14 @@ class Kernel(NamedTuple):
     """Compiled closed loop, to be called through `cranedyn.compiled.binding`.
 
     Attributes:
-        recipe: What it can do.
-        sizes: Of its memory.
-        machine: What holds its functions: run, the loop; answer, accelerations at one state for
-            each lane; and, of code that keeps no log, for one crane energies, of many states, for
-            more several, the loop for each of many groups.
-        varied: How many numbers each lane has of its own.
-        verified: Varied numbers of the cranes with which it was compared with Pinocchio.
-        topology, constants: What it was made of, for code that runs elsewhere.
+        recipe: Its features.
+        sizes: Layout of its buffers.
+        machine: Its functions: run, the loop; answer, accelerations at one state for each lane;
+            and, without a log, energies, of many states of one crane, or several, the loop for each
+            of many groups.
+        varied: Number of varied numbers of each lane.
+        verified: Varied numbers of the cranes for which it was compared with Pinocchio.
+        topology, constants: Its sources, to compile it for a GPU.
     """
 
     recipe: Recipe
@@ -154,7 +154,7 @@ def _step_units(crane: Plant, dt: Any, recipe: Recipe) -> tuple[Plant, Units]:
 def _emit_answer(
     code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
 ) -> None:
-    for attribute in () if recipe.threads else ("noinline", "optnone"):  # called some times only
+    for attribute in () if recipe.threads else ("noinline", "optnone"):  # called a few times only
         code.function.attributes.add(attribute)
     crane = _plant(code, code.argument["numbers"], topology, constants, recipe)
     crane, units = _step_units(crane, 1.0, recipe)
@@ -215,7 +215,7 @@ class _Loop:
         self.turns = {
             i: code.variables([0.0, 0.0])
             for i, joint in enumerate(topology.layout.joints)
-            if joint.kind == "revolute" and not recipe.threads  # of which registers are scarce
+            if joint.kind == "revolute" and not recipe.threads  # threads have few registers
         }
 
     def _variables(self, name: str, sections: Sections) -> dict[str, list[StackVariable]]:

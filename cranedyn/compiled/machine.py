@@ -17,8 +17,8 @@ class Machine:
     """Functions in memory, for as long as this object lives; they release the GIL.
 
     Attributes:
-        engine: What holds them.
-        context: What LLVM holds of their text, constants and types.
+        engine: LLVM's engine, which owns them.
+        context: LLVM's context of their constants and types.
     """
 
     engine: Any
@@ -46,8 +46,8 @@ class Machine:
 
 
 def translate(module: ir.Module) -> Machine:
-    """Optimise a module for the processor that this runs on, and translate it; all that this takes
-    is freed with the functions.
+    """Optimise a module for this processor and translate it; its memory is freed with the
+    functions.
     """
     # The global context would keep every constant for ever.
     context, target = binding.create_context(), _target()
@@ -74,8 +74,8 @@ def assembly(module: ir.Module, triple: str, processor: str) -> str:
 
     Args:
         module: The code.
-        triple: LLVM's name of the kind, such as "nvptx64-nvidia-cuda".
-        processor: LLVM's name of the oldest processor that shall run it, such as "sm_75".
+        triple: LLVM's name of the platform, such as "nvptx64-nvidia-cuda".
+        processor: LLVM's name of the oldest processor to run it, such as "sm_75".
     """
     binding.initialize_all_targets()
     binding.initialize_all_asmprinters()

@@ -12,14 +12,14 @@ import numpy as np
 from cranedyn.compiled.binding import Loop
 
 _PARTS = 8
-"""Parts into which the groups are divided for each thread, so that none waits long for the last."""
+"""Chunks of groups for each thread, so that threads end at about the same time."""
 
 
 def group_lanes(arrays: Sequence[np.ndarray], lanes: int, kind: type = np.float64) -> np.ndarray:
     """Arrange arrays with a row for each crane, shape (n, m) each, in groups of lanes, shape
     (groups, all m, lanes).
 
-    The last crane fills the last group. Nothing is copied but into these.
+    The last crane fills the last group.
     """
     groups = np.empty(
         (-(-len(arrays[0]) // lanes), sum(array.shape[1] for array in arrays), lanes), dtype=kind
@@ -45,11 +45,10 @@ def run(loop: Loop, threads: int | None) -> None:
 
     Args:
         loop: The loop.
-        threads: How many; None for one for each processor.
+        threads: Number of threads; None for one for each processor.
 
     Raises:
-        KeyboardInterrupt: After Ctrl-C, as soon as every thread is through with the piece that it
-            was at.
+        KeyboardInterrupt: After Ctrl-C, as soon as every thread has ended its piece.
     """
     groups = len(loop)
     workers = min(threads or len(os.sched_getaffinity(0)), groups)

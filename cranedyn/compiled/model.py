@@ -25,9 +25,9 @@ class ForwardDynamics:
     """Compiled forward dynamics of a model.
 
     Attributes:
-        model: The model, as it was when the code was made.
-        columns: How many numbers q, v and tau have.
-        run: The code.
+        model: Copy of the compiled model.
+        columns: Numbers of q, v and tau.
+        run: Compiled function.
     """
 
     model: pin.Model

@@ -33,14 +33,14 @@ def check_rule(integrator: Integrator) -> None:
     """Check that a stepping rule can be compiled.
 
     Raises:
-        OutOfRange: If it does anything with numbers but add and multiply them, or answers something
-            else than coordinates and rates.
+        OutOfRange: If it does anything with numbers but add and multiply them, or returns anything
+            but coordinates and rates.
     """
     numbers = array([_Number(), _Number()])
     try:
         q, v = integrator.rule(np.add, np.add, np.add, numbers, numbers, 1)
         fits = q.shape == v.shape == numbers.shape
-    except Exception:  # whatever the rule of a stranger raises
+    except Exception:  # a custom rule may raise anything
         fits = False
     if not fits:
         allowed = (
@@ -70,16 +70,16 @@ def take_step(
 
     Args:
         integrator: The stepping rule.
-        plant: The crane, which may have units of its own, see `Plant.in_steps`.
+        plant: The crane, in any units, see `Plant.in_steps`.
         q: Coordinates.
         v: Rates.
-        command: Of the drives.
-        forces: From outside.
+        command: Command of the drives.
+        forces: External forces.
         dt: The step; 1 where time is counted in steps.
-        work: Of the buffers so far [J].
-        unit: What the plant's unit of work is [J].
-        substeps: Number of small semi-implicit steps to take instead where buffers act and the rule
-            needs a motion without kinks.
+        work: Work of the buffers so far [J].
+        unit: The plant's unit of work [J].
+        substeps: Number of semi-implicit substeps that replace the step where buffers act and the
+            rule needs a smooth motion.
     """
     if not (plant.buffers and integrator.smooth):
         return _by_rule(integrator, plant, q, v, command, forces, dt, work, unit)

@@ -17,8 +17,8 @@ class RowTable:
 
     Attributes:
         rows: Shape (tables n, columns).
-        length: Rows of one table, n; beyond its end the last row holds.
-        starts: First row of the table that each crane goes by, shape (cranes,).
+        length: Rows of one table, n; beyond its end the last row applies.
+        starts: First row of each crane's table, shape (cranes,).
     """
 
     rows: np.ndarray

@@ -20,7 +20,7 @@ THREAD = ("run_one", "answer_one")
 """The functions of one thread: the loop, and accelerations at one state."""
 
 GROUP_POINTERS = ("state", "numbers", "starts", "delay", "readings", "log", "summary")
-"""Of the addresses in a call those at which each group has memory of its own."""
+"""Addresses of a call that differ between groups."""
 
 KINDS = {name: kind for kind, names in CALL.items() for name in names}
 
@@ -66,7 +66,7 @@ def emit_gpu_kernels(module: ir.Module) -> None:
     _answer_one(module, builder, arguments, _thread(module, builder))
     builder.ret_void()
     for function in module.functions:
-        # What is called has its numbers in memory, what is part of a kernel in registers.
+        # Inlined code keeps its numbers in registers, called code in memory.
         if function.blocks and function.calling_convention != "ptx_kernel":
             function.linkage = "internal"
             function.attributes.add("alwaysinline")

@@ -35,15 +35,14 @@ def compile_kernel(
 ) -> tuple[Kernel, np.ndarray]:
     """Return code for cranes that differ in numbers only, and their varied numbers, shape (n, m).
 
-    It is compared with Pinocchio for each of the first 16 of them: the code is the same for all.
-    Threads that ask at the same time wait for each other, so that the code for a crane is made
-    once.
+    The code is the same for all cranes, and is compared with Pinocchio for the first 16 of them. A
+    lock makes threads compile it only once.
 
     Args:
         cranes: The cranes.
-        recipe: What the code can do.
-        converters: Numbers of their frequency converters, one row for all or one for each; None
-            for drives without.
+        recipe: Features of the code.
+        converters: Parameters of their frequency converters, one row for all or one for each; None
+            for drives without converters.
 
     Raises:
         ModelError: If the code does not do what Pinocchio does.
@@ -121,9 +120,9 @@ def verify_crane(
     Args:
         crane: The crane.
         code: The code.
-        varied: The numbers that this crane has of its own.
-        converters: Numbers of its frequency converters, see `cranedyn.dynamics.converters`.
-        answers: Where the code runs, see `cranedyn.compiled.binding.kernel_accelerations`.
+        varied: Varied numbers of this crane.
+        converters: Parameters of its frequency converters, see `cranedyn.dynamics.converters`.
+        answers: Function that runs the code, see `cranedyn.compiled.binding.kernel_accelerations`.
 
     Raises:
         ModelError: If they differ by more than round-off.
@@ -160,7 +159,7 @@ def verify_crane(
         elif recipe.drive == "velocity":
             assert converters is not None
             lags = np.array_split(converters, len(Response._fields))[3]
-            # every other time more than the drives can do
+            # every other time beyond the effort limits
             strong = rng.choice([1.0, 3.0]) * crane.effort_limit / mass.diagonal()[layout.drives]
             command = v[layout.drives] + lags * strong * command
             expected = saturate_acceleration(
