@@ -279,7 +279,7 @@ class Task:
         if n <= _AT_ONCE:
             work(slice(n), self.fleet.step)
         else:
-            parts, advance = self.fleet.parts, self.fleet.advance
+            parts, advance = self.fleet.chunks, self.fleet.advance
             self.fleet.spread(lambda part: work(parts[part], partial(advance, part)))
         return reward, over, seen
 
