@@ -21,7 +21,7 @@ def moves(model: Model, values: np.ndarray) -> Iterator[tuple[str, Record]]:
     """
     if model.drives != "motion":
         return
-    first, crane = model.records[0], model.known.crane
+    first, crane = model.records[0], model.prior.crane
     hoist = crane.layout.drive_of("hoist")
     usual = _Move(model, values, first)
     for joint in crane.layout.driven:
@@ -59,8 +59,8 @@ def moves(model: Model, values: np.ndarray) -> Iterator[tuple[str, Record]]:
 
 
 def _ends(model: Model, drive: int) -> tuple[float, float]:
-    at = model.known.crane.layout.drives[drive]
-    return float(model.known.crane.lower[at]), float(model.known.crane.upper[at])
+    at = model.prior.crane.layout.drives[drive]
+    return float(model.prior.crane.lower[at]), float(model.prior.crane.upper[at])
 
 
 class _Move:
@@ -70,7 +70,7 @@ class _Move:
         self, model: Model, values: np.ndarray, like: Record, at: dict[int, float] | None = None
     ) -> None:
         self.model, self.values, self.like = model, values, like
-        layout, crane = model.known.crane.layout, model.known.crane
+        layout, crane = model.prior.crane.layout, model.prior.crane
         self.at = []
         for drive, (joint, place) in enumerate(zip(layout.driven, layout.drives, strict=True)):
             known = [
@@ -89,14 +89,14 @@ class _Move:
         """Columns of positions that are lacking beside a setpoint."""
         return [
             joint.columns[0]
-            for joint in self.model.known.crane.layout.driven
+            for joint in self.model.prior.crane.layout.driven
             if joint.setpoint_column in self.like.columns
             and joint.columns[0] not in self.like.columns
         ]
 
     def size(self, joint: Joint) -> float:
         """How far a drive moves: a metre or a tenth of a turn, into the middle of its range."""
-        drive = self.model.known.crane.layout.drive(joint.symbol)
+        drive = self.model.prior.crane.layout.drive(joint.symbol)
         low, high = _ends(self.model, drive)
         far = min(1.0 if joint.unit == "m" else 0.15, 0.2 * (high - low))
         return far if self.at[drive] + far < high else -far
@@ -107,7 +107,7 @@ class _Move:
         """The record of drives moved by a distance in a time from a time on, and back at once, the
         hoist there only.
         """
-        layout = self.model.known.crane.layout
+        layout = self.model.prior.crane.layout
         t = np.arange(0.0, 4.0 + 5.0 * self.period, self.like.interval)
         columns: dict[str, np.ndarray] = {}
         for joint, at in zip(layout.driven, self.at, strict=True):

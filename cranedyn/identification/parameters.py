@@ -11,7 +11,7 @@ import numpy as np
 
 from cranedyn.controllers import hold_controller
 from cranedyn.errors import UnknownName
-from cranedyn.identification.known import Known
+from cranedyn.identification.prior import Prior
 from cranedyn.identification.record import Record
 from cranedyn.model.layout import Joint
 
@@ -74,11 +74,11 @@ class Parameter:
     record: int | None = None
 
 
-def parameter(known: Known, name: str) -> Parameter:
+def parameter(prior: Prior, name: str) -> Parameter:
     """What a name stands for.
 
     Args:
-        known: What one believes of the crane.
+        prior: Prior knowledge of the crane.
         name: ``delay``; ``l_offset``, ``x_lag``, ``x_friction``, ``x_stiffness`` or ``x_damping``
             of any drive; ``phi_bias`` of any swing; or an argument of the description or
             ``gravity``.
@@ -88,39 +88,39 @@ def parameter(known: Known, name: str) -> Parameter:
     """
     if name == "delay":
         return Parameter(name, "delay", "", "s", 0.0, EARLY, LATE, 0.1)
-    layout = known.crane.layout
+    layout = prior.crane.layout
     symbol, _, kind = name.rpartition("_")
     drives = {joint.symbol: i for i, joint in enumerate(layout.driven)}
-    if symbol in drives and (made := _of_drive(known, drives[symbol], kind, name)) is not None:
+    if symbol in drives and (made := _of_drive(prior, drives[symbol], kind, name)) is not None:
         return made
-    swings = [layout.joints[i].symbol for i in known.crane.swings.tolist()]
+    swings = [layout.joints[i].symbol for i in prior.crane.swings.tolist()]
     if symbol in swings and kind == "bias":
         return Parameter(name, "bias", symbol, "rad", 0.0, -0.3, 0.3, 0.01)
-    if name in known.arguments:
-        first, one = known.value(name), known.arguments[name]
+    if name in prior.arguments:
+        first, one = prior.value(name), prior.arguments[name]
         low = {"any": -math.inf, "> 0": 1e-3 * first, ">= 0": 0.0}[one.allowed]
         scale = 0.1 * abs(first) or 1.0
         return Parameter(name, "argument", name, one.unit, first, low, math.inf, scale)
-    raise UnknownName("parameter", name, names(known))
+    raise UnknownName("parameter", name, names(prior))
 
 
-def names(known: Known) -> list[str]:
+def names(prior: Prior) -> list[str]:
     """Names of all that can be identified."""
-    layout = known.crane.layout
+    layout = prior.crane.layout
     kinds = ("offset", "lag", "friction", "stiffness", "damping")
     return [
         "delay",
         *(f"{joint.symbol}_{kind}" for joint in layout.driven for kind in kinds),
-        *(f"{layout.joints[i].symbol}_bias" for i in known.crane.swings.tolist()),
-        *known.arguments,
+        *(f"{layout.joints[i].symbol}_bias" for i in prior.crane.swings.tolist()),
+        *prior.arguments,
     ]
 
 
-def usual(known: Known, records: Sequence[Record], drives: Drives) -> list[str]:
+def usual(prior: Prior, records: Sequence[Record], drives: Drives) -> list[str]:
     """Names of what is identified if nothing is said: whatever the columns could tell."""
-    layout = known.crane.layout
+    layout = prior.crane.layout
     found = ["l_offset"] if layout.has("hoist") and layout.symbols.count("l") else []
-    found += [name for name in ("damp_swing",) if name in known.arguments]
+    found += [name for name in ("damp_swing",) if name in prior.arguments]
     found += ["delay"] if drives == "motion" else []
     biased = {joint.symbol for record in records for joint in record.swings}
     found += [f"{symbol}_bias" for symbol in layout.symbols if symbol in biased]
@@ -130,7 +130,7 @@ def usual(known: Known, records: Sequence[Record], drives: Drives) -> list[str]:
         effort = any(record.moves(joint.effort_column) for record in records)
         if drives == "motion" and aimed:
             found.append(f"{joint.symbol}_lag")
-        if effort and joint.role == "hoist" and "payload_mass" in known.arguments:
+        if effort and joint.role == "hoist" and "payload_mass" in prior.arguments:
             found.append("payload_mass")
         if drives == "motion" and effort and (moved or aimed) and joint.role == "trolley":
             found.append(f"{joint.symbol}_friction")
@@ -191,10 +191,10 @@ def _start(
     ]  # fmt: skip
 
 
-def _of_drive(known: Known, drive: int, kind: str, name: str) -> Parameter | None:
-    joint = known.crane.layout.driven[drive]
-    at = int(known.crane.layout.drives[drive])
-    width = float(known.crane.upper[at] - known.crane.lower[at])
+def _of_drive(prior: Prior, drive: int, kind: str, name: str) -> Parameter | None:
+    joint = prior.crane.layout.driven[drive]
+    at = int(prior.crane.layout.drives[drive])
+    width = float(prior.crane.upper[at] - prior.crane.lower[at])
     symbol, unit, effort = joint.symbol, joint.unit, joint.effort_unit
     if kind == "offset":
         reach = 0.25 * width
@@ -202,10 +202,10 @@ def _of_drive(known: Known, drive: int, kind: str, name: str) -> Parameter | Non
     if kind == "lag":
         return Parameter(name, "lag", symbol, "s", 0.1, 1e-3, 5.0, 0.1)
     if kind == "friction":
-        most = float(known.crane.effort_limit[drive])
+        most = float(prior.crane.effort_limit[drive])
         return Parameter(name, "friction", symbol, effort, 1e-4 * most, 0.0, most, 1e-3 * most)
     if kind in ("stiffness", "damping"):
-        gain = float(getattr(hold_controller(known.crane), kind)[drive])
+        gain = float(getattr(hold_controller(prior.crane), kind)[drive])
         per = f"{effort}/{unit}" if kind == "stiffness" else f"{effort} s/{unit}"
         made: Kind = "stiffness" if kind == "stiffness" else "damping"
         return Parameter(name, made, symbol, per, gain, 1e-2 * gain, 1e2 * gain, 0.1 * gain)

@@ -142,7 +142,7 @@ def _spread(known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _with(model: Model, record: Record) -> Model:
     """The same to be found of another record."""
     begins = starts(record, 0, model.drives)
-    return Model(model.known, (record,), (*model.own, *begins), model.drives)
+    return Model(model.prior, (record,), (*model.own, *begins), model.drives)
 
 
 def _values(again: Model, model: Model, values: np.ndarray) -> np.ndarray:
@@ -162,6 +162,6 @@ def _for(again: Model, model: Model, noise: Sequence[np.ndarray]) -> np.ndarray:
         for own, part in zip(model.channels, noise, strict=True)
         for channel, spread in zip(own, part, strict=True)
     }
-    crane = model.known.crane
+    crane = model.prior.crane
     width = crane.upper - crane.lower
     return np.array([seen.get(one.column, 1e-4 * width[one.at]) for one in again.channels[0]])

@@ -156,7 +156,7 @@ def check_units(model: Model) -> None:
         for c, channel in enumerate(model.channels[index]):
             if channel.kind != "swing":
                 continue
-            symbol = model.known.crane.layout.symbols[channel.at]
+            symbol = model.prior.crane.layout.symbols[channel.at]
             at_first = [abs(begins[index, symbol, kind]) for kind in ("start", "start rate")]
             ours, theirs = float(np.std(shown[c])), float(np.std(seen[c]))
             quiet = max(at_first) < _QUIET * theirs

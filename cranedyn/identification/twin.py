@@ -91,7 +91,7 @@ def twin_of(estimate: Estimate) -> Twin:
         }
         for one in model.own
     }
-    crane = model.known.load(**estimate.found_arguments)
+    crane = model.prior.load(**estimate.found_arguments)
     return Twin(crane, identified, tuple(record.name for record in model.records))
 
 

@@ -36,7 +36,7 @@ class Variants:
         self, problem: Problem, index: int, values: np.ndarray, until: float = np.inf
     ) -> None:
         self.problem, self.index, self.values = problem, index, values
-        self.record, self.layout = problem.records[index], problem.known.crane.layout
+        self.record, self.layout = problem.records[index], problem.prior.crane.layout
         self.period = PERIODS[problem.drives]
         self.rows = problem.rows(index, until)
         lasts = float(self.record.t[self.rows[-1]]) if len(self.rows) else 0.0
@@ -105,7 +105,7 @@ class Variants:
         lags = [self.value(f"{j.symbol}_lag") for j in self.layout.driven]
         driven = self.layout.driven
         motions = [
-            recorded_motion(self.record, joint, float(self.problem.known.crane.start.q[at]))
+            recorded_motion(self.record, joint, float(self.problem.prior.crane.start.q[at]))
             for joint, at in zip(driven, self.layout.drives, strict=True)
         ]
         aimed = any(motion is None for motion in motions)
@@ -126,7 +126,7 @@ class Variants:
     def start(self) -> State:
         """Where each variant begins."""
         position, velocity = self.motion
-        crane, variants = self.problem.known.crane, len(self.values)
+        crane, variants = self.problem.prior.crane, len(self.values)
         q = np.tile(crane.start.q, (variants, 1))
         v = np.zeros_like(q)
         q[:, self.layout.drives] = np.take(position, 0, axis=1)
@@ -152,7 +152,7 @@ class Variants:
         return Tracking(self.period, efforts, gain, np.zeros((len(rows), width)))
 
     def _hold_controllers(self) -> tuple[list[Any], list[Any]]:
-        usual, crane = hold_controller(self.problem.known.crane), self.problem.known.crane
+        usual, crane = hold_controller(self.problem.prior.crane), self.problem.prior.crane
         gains = {
             kind: np.stack(
                 [
@@ -184,7 +184,7 @@ class Variants:
                 aims[:, :, i] = self.values[:, own][:, None]
             else:
                 still = self.record.columns.get(
-                    joint.columns[0], self.problem.known.crane.start.q[at]
+                    joint.columns[0], self.problem.prior.crane.start.q[at]
                 )
                 aims[:, :, i] = np.mean(still)
             aims[:, :, i] += self.value(f"{joint.symbol}_offset")[:, None]

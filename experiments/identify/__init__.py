@@ -15,7 +15,7 @@ from cranedyn.checks import number, whole
 from cranedyn.data.external import parse_sources
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError, quoted
-from cranedyn.identification import Estimate, Known, Model, load_record
+from cranedyn.identification import Estimate, Prior, Model, load_record
 from cranedyn.identification.noise import WHITE
 from cranedyn.identification.parameters import Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
@@ -73,7 +73,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     check_effect(options)
     if options.coverage is not None:
         return covered(options, setup)
-    prior = Known(
+    prior = Prior(
         options.urdf,
         parse_values(options.values),
         number("gravity", options.believed, "m/s²", "> 0"),
@@ -109,7 +109,7 @@ def check_effect(options: argparse.Namespace) -> None:
             raise DataError(f"--{flag} has no effect without {file}; leave it out.")
 
 
-def files(options: argparse.Namespace, setup: Setup, prior: Known) -> Outcome:
+def files(options: argparse.Namespace, setup: Setup, prior: Prior) -> Outcome:
     """Identify a crane from files."""
     records = [
         load_record(
@@ -150,7 +150,7 @@ def _white(subject: str, result: Found) -> Claim:
 
 def examples(setup: Setup) -> Outcome:
     """Identify Gazebo's world from its recordings, and the crane of the trial from its record."""
-    world = Known()
+    world = Prior()
     free = found(_recordings(world, FREE, WORLD, "motion"), setup, "free swing in Gazebo")
     brake = found(
         _recordings(world, HELD, (*WORLD, *GAINS), "hold", UNTIL), setup, "brake in Gazebo"
@@ -189,7 +189,7 @@ def examples(setup: Setup) -> Outcome:
 
 
 def _recordings(
-    prior: Known,
+    prior: Prior,
     names: Sequence[str],
     parameters: Sequence[str],
     drives: Drives,
@@ -268,7 +268,7 @@ def _trials(estimate: Estimate) -> list[Trial]:
     """Try strategies on the twin; none for a crane that is not this project's own, and none if a
     move of the comparison cannot be made.
     """
-    prior = estimate.model.known
+    prior = estimate.model.prior
     return try_strategies(estimate) if prior.urdf is None else []
 
 

@@ -18,7 +18,7 @@ from cranedyn.bridges.mjcf import mjcf
 from cranedyn.controllers import follow
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import DataError
-from cranedyn.identification import Known, Model, Record, identify
+from cranedyn.identification import Prior, Model, Record, identify
 from cranedyn.identification.motion import Rows
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -52,13 +52,13 @@ _MOVES = {"x": (2, 2.0, 2.0, 6.0), "gamma": (1, 0.3, 3.0, 8.0), "l": (1, 3.0, 6.
 
 
 @cache
-def believed() -> Known:
+def believed() -> Prior:
     """Return the prior of all of them: the crane of its description."""
-    return Known()
+    return Prior()
 
 
 def synthetic(
-    seed: int, prior: Known | None = None, *, plant: str = "simulate"
+    seed: int, prior: Prior | None = None, *, plant: str = "simulate"
 ) -> tuple[Model, dict[str, float]]:
     """Record a crane that is not as one believes, and return what is true of it, too.
 

@@ -14,7 +14,7 @@ from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import follow
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.integrators import rk4
-from cranedyn.identification import Estimate, Known, Record
+from cranedyn.identification import Estimate, Prior, Record
 from cranedyn.identification.motion import Rows, lagged
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -80,7 +80,7 @@ class Trial:
 @cache
 def trial_run() -> Trajectory:
     """Run the crane of the trial on drives that lag behind their setpoints."""
-    crane = Known().load(damp_swing=TRUTH["damp_swing"])
+    crane = Prior().load(damp_swing=TRUTH["damp_swing"])
     start = crane.state(x=8.0, l=12.0 + TRUTH["l_offset"])
     aims = joystick(crane, start, PULSES, accelerations=LIMITS.accelerations)
     times = _STEP * np.arange(round(DURATION / _STEP) + 2)
@@ -101,7 +101,7 @@ def trial_run() -> Trajectory:
     )
 
 
-def trial_record(prior: Known, *, positions: bool) -> Record:
+def trial_record(prior: Prior, *, positions: bool) -> Record:
     """Return the record of the trial: swing, setpoints of the drives, and perhaps their positions,
     as sensors show them.
     """
@@ -126,7 +126,7 @@ def try_strategies(estimate: Estimate) -> list[Trial]:
     """Try strategies on cranes that the estimate allows, designed for the crane that was believed
     in and for the twin; the combined move of the comparison.
     """
-    prior = estimate.model.known
+    prior = estimate.model.prior
     mean = {name: value for name, (value, _) in estimate.found.items()}
     draws = _draws(estimate)
     family = estimate.model.family
