@@ -51,7 +51,10 @@ class Family:
                 numbers(crane) for crane in (self.at(self._first + steps), load(**second))
             )
             largest = np.maximum(np.abs(loaded), 1.0)
-            if interpolated.shape != loaded.shape or (np.abs(interpolated - loaded) > _AGREES * largest).any():
+            if (
+                interpolated.shape != loaded.shape
+                or (np.abs(interpolated - loaded) > _AGREES * largest).any()
+            ):
                 raise ModelError(
                     f"The crane depends on {', '.join(self.names)} in another way than masses, "
                     "inertias, damping and gravity do; such numbers cannot be identified."

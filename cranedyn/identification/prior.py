@@ -70,4 +70,6 @@ class Prior:
         if name == "gravity":
             return self.gravity
         argument = self.arguments[name]
-        return number(name, self.values.get(name, argument.default), argument.unit, argument.allowed)
+        return number(
+            name, self.values.get(name, argument.default), argument.unit, argument.allowed
+        )

@@ -12,16 +12,16 @@ import numpy as np
 from cranedyn.checks import check_choice
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.identification.family import Family
-from cranedyn.identification.prior import Prior
 from cranedyn.identification.parameters import (
     EARLY,
     LATE,
     Drives,
     Parameter,
+    default_names,
+    initial_parameters,
     parameter,
-    starts,
-    usual,
 )
+from cranedyn.identification.prior import Prior
 from cranedyn.identification.record import Record
 
 
@@ -44,7 +44,7 @@ class Channel(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class EstimationProblem:
     """Records of one crane and the parameters to be estimated from them.
 
     Attributes:
@@ -88,14 +88,16 @@ class Problem:
             raise DataError("There is no record to identify a crane from; give one or more.")
         mode = _default_drives(records) if drives is None else drives
         check_choice("drives", mode, Drives)
-        chosen = usual(prior, records, mode) if names is None else list(dict.fromkeys(names))
+        chosen = (
+            default_names(prior, records, mode) if names is None else list(dict.fromkeys(names))
+        )
         if not chosen:
             raise DataError("There is nothing to find; give names of parameters.")
         parameters = [parameter(prior, name) for name in chosen]
         for p in parameters:
             _check_determined(p, records, mode)
         for i, record in enumerate(records):
-            parameters += starts(record, i, mode)
+            parameters += initial_parameters(record, i, mode)
         return cls(prior, tuple(records), tuple(parameters), mode)
 
     @cached_property

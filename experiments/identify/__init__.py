@@ -15,7 +15,7 @@ from cranedyn.checks import number, whole
 from cranedyn.data.external import parse_sources
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError, quoted
-from cranedyn.identification import Estimate, Prior, Model, load_record
+from cranedyn.identification import Estimate, Model, Prior, load_record
 from cranedyn.identification.noise import WHITE
 from cranedyn.identification.parameters import Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
@@ -204,7 +204,7 @@ def _recordings(
 
 def _worlds_claims(name: str, result: Found) -> list[Claim]:
     claims = []
-    for parameter, (value, _) in result.estimate.found.items():
+    for parameter, (value, _) in result.estimate.intervals.items():
         off, allowed = abs(value / MADE_WITH[parameter] - 1.0), CLOSE[parameter]
         claims.append(
             Claim(
@@ -221,7 +221,7 @@ def _trials_claims(alone: Found, both: Found, trials: Sequence[Trial]) -> list[C
     for columns, result in (("setpoints alone", alone), ("positions, too", both)):
         off = {
             name: abs(value - TRUTH[name]) / margin
-            for name, (value, margin) in result.estimate.found.items()
+            for name, (value, margin) in result.estimate.intervals.items()
         }
         worst = max(off, key=lambda name: off[name])
         claims.append(
@@ -232,7 +232,7 @@ def _trials_claims(alone: Found, both: Found, trials: Sequence[Trial]) -> list[C
             )
         )
         claims.append(_white(f"The trial, {columns}", result))
-    pairs = [p for p in alone.judged.alike if {p.one, p.other} == {"delay", "x_lag"}]
+    pairs = [p for p in alone.judged.alike if {p.first, p.second} == {"delay", "x_lag"}]
     rho = abs(pairs[0].correlation) if pairs else 0.0
     claims.append(
         Claim(
@@ -278,7 +278,7 @@ def _parameters(result: Found) -> dict[str, object]:
         "drives": model.drives,
         "records": [record.name for record in model.records],
         "evaluations": result.estimate.evaluations,
-        "twin": result.twin.words,
+        "twin": result.twin.options,
     }
 
 

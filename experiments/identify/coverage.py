@@ -18,8 +18,8 @@ from cranedyn.bridges.mjcf import mjcf
 from cranedyn.controllers import follow
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import DataError
-from cranedyn.identification import Prior, Model, Record, identify
-from cranedyn.identification.motion import Rows
+from cranedyn.identification import Model, Prior, Record, identify
+from cranedyn.identification.motion import SampledMotion
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.simulation.simulate import simulate
@@ -117,7 +117,7 @@ def _simulated(
     """Return coordinates, shape (rows, n), and logged efforts of drives that follow a motion."""
     run = simulate(
         crane,
-        follow(crane, Rows(_PERIOD, position, velocity), _PERIOD),
+        follow(crane, SampledMotion(_PERIOD, position, velocity), _PERIOD),
         start=start,
         duration=DURATION,
         dt=_PERIOD,

@@ -15,7 +15,7 @@ from cranedyn.controllers import follow
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.identification import Estimate, Prior, Record
-from cranedyn.identification.motion import Rows, lagged
+from cranedyn.identification.motion import SampledMotion, lagged
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.planning.joystick import JoystickPulse, joystick
@@ -90,7 +90,7 @@ def trial_run() -> Trajectory:
     position, velocity = (np.stack(column, axis=1) for column in zip(*moved, strict=True))
     return simulate(
         crane,
-        follow(crane, Rows(_STEP, position, velocity), _STEP),
+        follow(crane, SampledMotion(_STEP, position, velocity), _STEP),
         aims,
         start=start,
         duration=DURATION,
@@ -127,7 +127,7 @@ def try_strategies(estimate: Estimate) -> list[Trial]:
     in and for the twin; the combined move of the comparison.
     """
     prior = estimate.model.prior
-    mean = {name: value for name, (value, _) in estimate.found.items()}
+    mean = {name: value for name, (value, _) in estimate.intervals.items()}
     draws = _draws(estimate)
     family = estimate.model.family
     cranes = [
@@ -137,10 +137,10 @@ def try_strategies(estimate: Estimate) -> list[Trial]:
         "believed": (Setup(prior.gravity, prior.values), dict[str, float]()),
         "twin": (
             Setup(
-                estimate.found_arguments.get("gravity", prior.gravity),
+                estimate.arguments.get("gravity", prior.gravity),
                 {
                     **prior.values,
-                    **{n: v for n, v in estimate.found_arguments.items() if n != "gravity"},
+                    **{n: v for n, v in estimate.arguments.items() if n != "gravity"},
                 },
             ),
             mean,

@@ -12,7 +12,7 @@ from scipy.stats import binom
 from cranedyn.controllers import follow, hold_controller
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, DataError, UnknownName
-from cranedyn.identification import Estimate, Prior, Model, Record, identify, load_record
+from cranedyn.identification import Estimate, Model, Prior, Record, identify, load_record
 from cranedyn.identification.motion import lagged
 from cranedyn.identification.noise import is_white
 from cranedyn.identification.search import jacobian
@@ -67,7 +67,7 @@ def test_known_numbers_are_found_from_wrong_starts() -> None:
     0.3 m/s² times 0.05 s over six, so that a row beside it shows some of the friction at rest.
     """
     estimate = found()
-    assert estimate.found.keys() == {*TRUTH, "phi_bias", "theta_bias", "x_friction"}
+    assert estimate.intervals.keys() == {*TRUTH, "phi_bias", "theta_bias", "x_friction"}
     for name, value in TRUTH.items():
         assert estimate.value(name) == pytest.approx(value, rel=1e-3), name
     for symbol, bias in BIAS.items():

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cranedyn.identification import Prior, Model, Record, identify, preflight
-from cranedyn.identification.moves import moves
+from cranedyn.identification import Model, Prior, Record, identify, preflight
+from cranedyn.identification.moves import propose_records
 from experiments.identify.trial import TRUTH, trial_record
 from tests.identification.test_estimate import TRUTH as TRUE
 from tests.identification.test_estimate import recorded
@@ -22,7 +22,7 @@ def test_setpoints_alone_do_not_tell_delay_and_lag_apart_and_positions_would() -
     values = np.array([TRUTH[one.name] for one in own])
     values = np.concatenate([values, np.zeros(len(alone.parameters) - len(own))])
     judged = preflight(_at(alone, values))
-    pairs = {frozenset((pair.one, pair.other)): pair.correlation for pair in judged.alike}
+    pairs = {frozenset((pair.first, pair.second)): pair.correlation for pair in judged.alike}
     assert pairs[frozenset(("delay", "x_lag"))] < -0.95
     best = judged.advice[0]
     assert "recorded, too" in best.move
@@ -72,7 +72,7 @@ def test_the_weight_of_a_load_that_only_swings_is_said_to_be_next_to_unknown() -
     model = Model.of(PRIOR, [Record.of(PRIOR.crane, columns)], ["l_offset", "payload_mass"])
     judged = preflight(model)
     assert judged.blind == ("payload_mass",)
-    assert [{pair.one, pair.other} for pair in judged.alike] == [{"l_offset", "payload_mass"}]
+    assert [{pair.first, pair.second} for pair in judged.alike] == [{"l_offset", "payload_mass"}]
     assert judged.advice[0].margins["payload_mass"] < judged.margins["payload_mass"]
     other_cable = [one for one in judged.advice if " m, half the cable" in one.move]
     assert other_cable
@@ -80,7 +80,7 @@ def test_the_weight_of_a_load_that_only_swings_is_said_to_be_next_to_unknown() -
 
 def test_moves_that_are_proposed_stay_within_the_ranges_of_the_drives() -> None:
     model = Model.of(PRIOR, [Record.of(PRIOR.crane, recorded())])
-    proposed = list(moves(model, model.first))
+    proposed = list(propose_records(model, model.first))
     assert len(proposed) >= 6
     crane = PRIOR.crane
     for words, record in proposed:

@@ -10,8 +10,8 @@ import pytest
 
 from cranedyn.errors import DataError
 from cranedyn.identification import (
-    Prior,
     Model,
+    Prior,
     Record,
     identify,
     preflight,
@@ -28,13 +28,19 @@ def test_a_twin_is_read_back_and_is_the_crane_that_was_found(tmp_path: Path) -> 
     file = twin.write(tmp_path / "twin.json")
     again, loaded = read_twin(file), load_crane(from_record=file)
     assert again.identified == twin.identified
-    assert again.off == twin.off
-    assert again.off.keys() == {"l_offset", "delay", "phi_bias", "theta_bias", "x_friction"}
+    assert again.device_parameters == twin.device_parameters
+    assert again.device_parameters.keys() == {
+        "l_offset",
+        "delay",
+        "phi_bias",
+        "theta_bias",
+        "x_friction",
+    }
     assert again.records == ("record",)
     for crane in (again.crane, loaded, load_crane(**parse_values([str(file)]))):  # type: ignore[arg-type]
         assert crane.payload_mass == twin.crane.payload_mass == found().value("payload_mass")
         assert np.array_equal(crane.damping, twin.crane.damping)
-    assert twin.words == (
+    assert twin.options == (
         f"--gravity 9.80665 --set damp_swing:={found().value('damp_swing')!r} "
         f"payload_mass:={found().value('payload_mass')!r}"
     )
