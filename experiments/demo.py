@@ -332,9 +332,9 @@ class _Show:
 
     def _add(self, piece: Trajectory) -> None:
         """Keep a piece and print the leg that begins or the dwell that ends with it."""
+        self.record.append(piece)  # first: what is printed is kept
         if (stage := self.dwells.begins(piece)) is not None:
             self._console.print(f"{piece.t[0]:8.1f} s  {stage.leg.name}")
-        self.record.append(piece)
         if self._bare is not None:
             self._bare.follow(float(piece.t[-1]))
         if (dwell := self.dwells.add(piece)) is not None:

@@ -838,7 +838,13 @@ def _csv(path: Path, **columns: np.ndarray) -> None:
     )
 
 
-_load_once = cache(load_crane)
+@cache
+def _loaded(gravity: float, values: tuple[tuple[str, object], ...]) -> Crane:
+    return load_crane(gravity=gravity, values=dict(values))
+
+
+def _load_once(*, gravity: float, values: dict[str, object]) -> Crane:
+    return _loaded(gravity, tuple(values.items()))
 
 
 @pytest.fixture

@@ -53,7 +53,7 @@ def test_the_site_is_built_without_a_warning_and_has_every_page_and_function(
         name = page.relative_to(ROOT / "docs").with_suffix("")
         there = tmp_path / "site" / ("index.html" if name.name == "index" else f"{name}/index.html")
         assert there.exists()
-    face = (tmp_path / "site" / "api" / "face" / "index.html").read_text(encoding="utf-8")
+    api = (tmp_path / "site" / "api" / "api" / "index.html").read_text(encoding="utf-8")
     for name in (
         "load_crane",
         "simulate",
@@ -63,7 +63,7 @@ def test_the_site_is_built_without_a_warning_and_has_every_page_and_function(
         "Setpoint",
         "CraneError",
     ):
-        assert re.search(rf'id="cranedyn\.[\w.]*{name}"', face), name
+        assert re.search(rf'id="cranedyn\.[\w.]*{name}"', api), name
 
 
 def test_a_link_that_leads_nowhere_fails(tmp_path: Path) -> None:

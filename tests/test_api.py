@@ -12,7 +12,7 @@ import pytest
 import cranedyn as cd
 from cranedyn import __main__ as face
 from cranedyn import plugins
-from experiments import a1, catalogue
+from experiments import a1
 from experiments.harness import arguments
 from tests.helpers import ROOT, python
 
@@ -63,7 +63,7 @@ def test_every_module_of_the_experiments_with_a_command_line_is_an_entry_point()
         for path in (ROOT / "experiments").glob("*.py")
         if "\ndef main(" in path.read_text(encoding="utf-8")
     } | {path.parent.name for path in (ROOT / "experiments").glob("*/__main__.py")}
-    assert commands == {*catalogue.EXPERIMENTS, *catalogue.TOOLS}
+    assert commands == {*plugins.names("experiment")}
 
 
 def test_list_names_every_experiment_in_lines_of_80_columns(
