@@ -35,15 +35,15 @@ def load_record(
         until: End of the record [s].
 
     Raises:
-        DataError: As `cranedyn.data.external.read_external`, `cranedyn.bridges.bags.read_columns`
-            and `Record.of`.
+        DataError: As `cranedyn.data.external.read_external`,
+            `cranedyn.bridges.bags.read_joint_states` and `Record.of`.
         UnknownName: If a source names an unknown column.
     """
     path = Path(path)
     if path.suffix in bags.ENDINGS:
-        available = bags.columns(path, joints)
+        available = bags.joint_state_columns(path, joints)
         wanted = [name for name in relevant_columns(crane) if name in available]
-        data = bags.read_columns(path, ["t_s", *wanted], joints)
+        data = bags.read_joint_states(path, ["t_s", *wanted], joints)
     else:
         sources = sources or {}
         names = set(column_names(path))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from cranedyn.bridges.joints import described
+from cranedyn.bridges.joints import urdf_element
 from cranedyn.bridges.mjcf import mjcf
 from cranedyn.controllers import follow
 from cranedyn.dynamics.integrators import rk4
@@ -139,7 +139,7 @@ def _by_mujoco(
     except ImportError:
         raise DataError("mujoco is not installed: pip install 'cranedyn[mujoco]'.") from None
     dt = _PERIOD / _FINE
-    text = ET.tostring(mjcf(crane, described(crane), dt), encoding="unicode")
+    text = ET.tostring(mjcf(crane, urdf_element(crane), dt), encoding="unicode")
     model = mujoco.MjModel.from_xml_string(text)
     data, drives = mujoco.MjData(model), crane.layout.drives
     data.qpos[:], data.qvel[:] = start
