@@ -27,7 +27,7 @@ from cranedyn.planning.itinerary import Stage, Timetable
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references.limits import Limits
 from experiments import harness
-from experiments.endless import PART, Dwell, Dwells, RunPieces, part_of
+from experiments.endless import PART, Dwell, Dwells, Record, part_of
 from experiments.scenarios.moves import CLOSE, DWELL, TOUR_LIMITS, of_sampling
 from experiments.scenarios.tours import CONTROLS
 
@@ -303,7 +303,7 @@ class _Show:
         if options.pace is not None:
             self._pace = number("pace", options.pace, "", PACES)
         self._console = Console(highlight=False)
-        self.record = RunPieces(options.folder / "demo.parquet")
+        self.record = Record(options.folder / "demo.parquet")
         self.dwells = Dwells(tour, setup.control_period)
 
     def run(self, pieces: Iterator[Trajectory]) -> Trajectory:

@@ -45,9 +45,9 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     if options.files:
         return _from_files(options.files, options.columns, options.joints, setup.crane)
     if options.identify:
-        from experiments.a1.identify import identify_gains
+        from experiments.a1.identify import identify
 
-        return identify_gains(setup)
+        return identify(setup)
     if len({f"{length:g}" for length in options.length}) < len(options.length):
         raise OutOfRange(
             "length", options.length, "each length once, as far as six digits tell", "m"

@@ -46,7 +46,7 @@ def differences(setup: Setup, trolley_damping: float, hoist: Sequence[float]) ->
     return np.array(ours) - [(p.point, p.zeta, p.amplitude) for p in PUBLISHED.values()]
 
 
-def identify_gains(setup: Setup) -> Outcome:
+def identify(setup: Setup) -> Outcome:
     """Scan the trolley's k_d, then the hoist's gains, then fit all three together."""
     scan = np.array([differences(setup, k_d, STIFF_HOIST) for k_d in TROLLEY])
     optima = [_optimum(np.array(TROLLEY), scan[:, :, column]) for column in range(3)]

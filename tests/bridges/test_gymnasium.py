@@ -256,7 +256,7 @@ def test_an_episode_is_drawn_by_rerun_and_is_the_one_that_was_seen(tmp_path: Pat
         env.step(env.action_space.sample())
     path = Path(str(env.render()))
     assert path == tmp_path / "episode_0001.rrd" and path.stat().st_size > 10_000
-    again, z = env.unwrapped._again(), env.unwrapped.task.fleet.z[:, 0]
+    again, z = env.unwrapped._simulated(), env.unwrapped.task.fleet.z[:, 0]
     assert len(again) == 101 and again.t[-1] == pytest.approx(2.0)
     assert_allclose(np.concatenate([again.q[-1], again.v[-1]]), z, atol=1e-12)
 

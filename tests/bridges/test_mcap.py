@@ -418,7 +418,7 @@ def test_a_small_piece_that_unpacks_without_end_is_refused(compression: str) -> 
         CraneError,
         match="more than 100 MB" if compression != "rar" else "compressed by rar; allowed are zstd",
     ):
-        bags._unpacked(compression, packed)
+        bags._decompressed(compression, packed)
 
 
 def _recorded(path: Path, count: int, padding: int = 0) -> Path:
@@ -470,7 +470,7 @@ def test_a_recording_of_many_joint_states_takes_the_memory_of_its_columns(tmp_pa
     tracemalloc.stop()
     assert found["l_m"].tolist() == [15.0 + k for k in range(count)]
     # A chunk of 0.75 MB twice, a part of it, and five arrays of eight bytes a message.
-    assert peak < 2 * 0.75e6 + bags._PART + 40 * count
+    assert peak < 2 * 0.75e6 + bags._BLOCK + 40 * count
 
 
 @pytest.mark.parametrize(

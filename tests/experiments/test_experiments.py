@@ -374,7 +374,7 @@ def test_a1_identifies_the_gains_that_made_the_numbers(monkeypatch: pytest.Monke
         return a1_identify.ROUNDING * (slopes @ (np.log([trolley, *hoist]) - np.log(true)))
 
     monkeypatch.setattr(a1_identify, "differences", misses)
-    outcome = a1_identify.identify_gains(harness.Setup(9.8))
+    outcome = a1_identify.identify(harness.Setup(9.8))
     fitted = [row[1] for row in outcome.tables[-1].rows]
     assert_allclose(fitted, true, rtol=1e-3)  # the fit's own tolerance
     assert [row[2] for row in outcome.tables[-1].rows] == [
