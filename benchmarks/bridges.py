@@ -120,7 +120,7 @@ def _mcap(written: Path, crane: Crane, run: Trajectory) -> Found:
         for kind in (u, f"dot_{u}_s")
     ]
     began = time.process_time()
-    found = bags.read_columns(written, columns)
+    found = bags.read_joint_states(written, columns)
     speed = len(run) / (time.process_time() - began)
     return Found(
         "coordinates and rates, read back",

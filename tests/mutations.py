@@ -749,15 +749,15 @@ MUTATIONS = (
     Mutation(
         "errors with a memory count as if they had none",
         "cranedyn/identification/noise.py",
-        "found += (1.0 - lag / (reach + 1.0)) * (cross + cross.T)",
-        "found += 0.0 * (cross + cross.T)",
+        "covariance += (1.0 - lag / (reach + 1.0)) * (cross + cross.T)",
+        "covariance += 0.0 * (cross + cross.T)",
         "estimate::errors_with_a_memory_are_no_white_noise_and_widen_the_intervals",
     ),
     Mutation(
         "how a record begins counts as known before it is made",
         "cranedyn/identification/preflight.py",
-        "found += whole[:count, :count] - whole[:count, count:] @ beside @ whole[count:, :count]",
-        "found += whole[:count, :count]",
+        "total += full[:count, :count] - full[:count, count:] @ beside @ full[count:, :count]",
+        "total += full[:count, :count]",
         "preflight::margins_foretold_are_those_that_come_out",
     ),
     Mutation(

@@ -23,7 +23,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
 from cranedyn.bridges.gymnasium import TowerCraneVectorEnv
-from cranedyn.bridges.task import Rules, Task
+from cranedyn.bridges.task import Rules, SwingTask
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references import hold
 from experiments.harness import Setup
@@ -130,7 +130,7 @@ class Learned(NamedTuple):
     scores: dict[str, Score]
 
 
-def controller_of(model: PPO, task: Task, goal: np.ndarray) -> Controller:
+def controller_of(model: PPO, task: SwingTask, goal: np.ndarray) -> Controller:
     """What was learned as a controller of ours, which commands accelerations and looks every 0.1
     s.
     """
@@ -139,7 +139,9 @@ def controller_of(model: PPO, task: Task, goal: np.ndarray) -> Controller:
     def controller(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         if t - known["from"] > task.fleet.control_period - 1e-6:
             z = np.concatenate(state)[:, None]
-            action, _ = model.predict(scaled(task.observed(z, goal[:, None])), deterministic=True)
+            action, _ = model.predict(
+                scaled(task.observation(z, goal[:, None])), deterministic=True
+            )
             known.update(
                 {"from": t, "command": task.accelerations(action.T.astype(float), z)[:, 0]}
             )
@@ -215,7 +217,7 @@ def main(arguments: Sequence[str] | None = None) -> Learned:
 def place(model: PPO, beside: Sequence[str]) -> dict[str, Score]:
     """Its place in the table of `compare`, for the combined move."""
     setup, move = Setup(engine="compiled"), MOVES[-1]
-    task = Task(setup.crane, 1, Rules(), 0.1, setup.dt, 1)
+    task = SwingTask(setup.crane, 1, Rules(), 0.1, setup.dt, 1)
     plans = {name: STRATEGIES[name](setup, move) for name in beside}
     plans["learned"] = Plan(
         lambda: controller_of(model, task, np.array(move.goal)),

@@ -15,7 +15,7 @@ from cranedyn.checks import number, whole
 from cranedyn.data.external import parse_sources
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError, quoted
-from cranedyn.identification import Estimate, Known, Model, load_record
+from cranedyn.identification import Estimate, Model, Prior, load_record
 from cranedyn.identification.noise import WHITE
 from cranedyn.identification.parameters import Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
@@ -73,7 +73,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     check_effect(options)
     if options.coverage is not None:
         return covered(options, setup)
-    prior = Known(
+    prior = Prior(
         options.urdf,
         parse_values(options.values),
         number("gravity", options.believed, "m/s²", "> 0"),
@@ -109,7 +109,7 @@ def check_effect(options: argparse.Namespace) -> None:
             raise DataError(f"--{flag} has no effect without {file}; leave it out.")
 
 
-def files(options: argparse.Namespace, setup: Setup, prior: Known) -> Outcome:
+def files(options: argparse.Namespace, setup: Setup, prior: Prior) -> Outcome:
     """Identify a crane from files."""
     records = [
         load_record(
@@ -150,7 +150,7 @@ def _white(subject: str, result: Found) -> Claim:
 
 def examples(setup: Setup) -> Outcome:
     """Identify Gazebo's world from its recordings, and the crane of the trial from its record."""
-    world = Known()
+    world = Prior()
     free = found(_recordings(world, FREE, WORLD, "motion"), setup, "free swing in Gazebo")
     brake = found(
         _recordings(world, HELD, (*WORLD, *GAINS), "hold", UNTIL), setup, "brake in Gazebo"
@@ -189,7 +189,7 @@ def examples(setup: Setup) -> Outcome:
 
 
 def _recordings(
-    prior: Known,
+    prior: Prior,
     names: Sequence[str],
     parameters: Sequence[str],
     drives: Drives,
@@ -204,7 +204,7 @@ def _recordings(
 
 def _worlds_claims(name: str, result: Found) -> list[Claim]:
     claims = []
-    for parameter, (value, _) in result.estimate.found.items():
+    for parameter, (value, _) in result.estimate.intervals.items():
         off, allowed = abs(value / MADE_WITH[parameter] - 1.0), CLOSE[parameter]
         claims.append(
             Claim(
@@ -221,7 +221,7 @@ def _trials_claims(alone: Found, both: Found, trials: Sequence[Trial]) -> list[C
     for columns, result in (("setpoints alone", alone), ("positions, too", both)):
         off = {
             name: abs(value - TRUTH[name]) / margin
-            for name, (value, margin) in result.estimate.found.items()
+            for name, (value, margin) in result.estimate.intervals.items()
         }
         worst = max(off, key=lambda name: off[name])
         claims.append(
@@ -232,7 +232,7 @@ def _trials_claims(alone: Found, both: Found, trials: Sequence[Trial]) -> list[C
             )
         )
         claims.append(_white(f"The trial, {columns}", result))
-    pairs = [p for p in alone.judged.alike if {p.one, p.other} == {"delay", "x_lag"}]
+    pairs = [p for p in alone.judged.alike if {p.first, p.second} == {"delay", "x_lag"}]
     rho = abs(pairs[0].correlation) if pairs else 0.0
     claims.append(
         Claim(
@@ -268,7 +268,7 @@ def _trials(estimate: Estimate) -> list[Trial]:
     """Try strategies on the twin; none for a crane that is not this project's own, and none if a
     move of the comparison cannot be made.
     """
-    prior = estimate.model.known
+    prior = estimate.model.prior
     return try_strategies(estimate) if prior.urdf is None else []
 
 
@@ -278,7 +278,7 @@ def _parameters(result: Found) -> dict[str, object]:
         "drives": model.drives,
         "records": [record.name for record in model.records],
         "evaluations": result.estimate.evaluations,
-        "twin": result.twin.words,
+        "twin": result.twin.options,
     }
 
 

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from cranedyn.bridges.joints import described
+from cranedyn.bridges.joints import urdf_element
 from cranedyn.bridges.mjcf import mjcf
 from cranedyn.controllers import follow
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import DataError
-from cranedyn.identification import Known, Model, Record, identify
-from cranedyn.identification.motion import Rows
+from cranedyn.identification import Model, Prior, Record, identify
+from cranedyn.identification.motion import SampledMotion
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.simulation.simulate import simulate
@@ -52,13 +52,13 @@ _MOVES = {"x": (2, 2.0, 2.0, 6.0), "gamma": (1, 0.3, 3.0, 8.0), "l": (1, 3.0, 6.
 
 
 @cache
-def believed() -> Known:
+def believed() -> Prior:
     """Return the prior of all of them: the crane of its description."""
-    return Known()
+    return Prior()
 
 
 def synthetic(
-    seed: int, prior: Known | None = None, *, plant: str = "simulate"
+    seed: int, prior: Prior | None = None, *, plant: str = "simulate"
 ) -> tuple[Model, dict[str, float]]:
     """Record a crane that is not as one believes, and return what is true of it, too.
 
@@ -117,7 +117,7 @@ def _simulated(
     """Return coordinates, shape (rows, n), and logged efforts of drives that follow a motion."""
     run = simulate(
         crane,
-        follow(crane, Rows(_PERIOD, position, velocity), _PERIOD),
+        follow(crane, SampledMotion(_PERIOD, position, velocity), _PERIOD),
         start=start,
         duration=DURATION,
         dt=_PERIOD,
@@ -139,7 +139,7 @@ def _by_mujoco(
     except ImportError:
         raise DataError("mujoco is not installed: pip install 'cranedyn[mujoco]'.") from None
     dt = _PERIOD / _FINE
-    text = ET.tostring(mjcf(crane, described(crane), dt), encoding="unicode")
+    text = ET.tostring(mjcf(crane, urdf_element(crane), dt), encoding="unicode")
     model = mujoco.MjModel.from_xml_string(text)
     data, drives = mujoco.MjData(model), crane.layout.drives
     data.qpos[:], data.qvel[:] = start

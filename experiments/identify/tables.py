@@ -56,14 +56,14 @@ def values_table(result: Found, subject: str, truth: Mapping[str, float]) -> Tab
 
     def off(parameter: Parameter) -> float | None:
         name = parameter.name
-        return estimate.found[name][0] - truth[name] if name in truth else None
+        return estimate.intervals[name][0] - truth[name] if name in truth else None
 
     columns: list[Column] = [
         ("what", "", lambda p: p.name),
         ("unit", "", lambda p: p.unit),
         ("believed", ".6g", lambda p: p.start),
-        ("found", ".6g", lambda p: estimate.found[p.name][0]),
-        ("±", ".2g", lambda p: finite(estimate.found[p.name][1])),
+        ("found", ".6g", lambda p: estimate.intervals[p.name][0]),
+        ("±", ".2g", lambda p: finite(estimate.intervals[p.name][1])),
     ]
     if truth:
         columns += [("true", ".6g", lambda p: truth.get(p.name)), ("off", "+.2g", off)]
@@ -109,7 +109,7 @@ def doubts(result: Found, subject: str) -> list[Table]:
     """Return what records cannot tell, and which moves would."""
     judged = result.judged
     pairs = [
-        *((f"{pair.one} from {pair.other}", finite(pair.correlation)) for pair in judged.alike),
+        *((f"{pair.first} from {pair.second}", finite(pair.correlation)) for pair in judged.alike),
         *((f"{name}, next to nothing", None) for name in judged.blind),
     ]
     pairs_table = Table(
@@ -120,7 +120,7 @@ def doubts(result: Found, subject: str) -> list[Table]:
     if not judged.advice:
         return [pairs_table]
     doubtful = dict.fromkeys(
-        [*(name for pair in judged.alike for name in (pair.one, pair.other)), *judged.blind]
+        [*(name for pair in judged.alike for name in (pair.first, pair.second)), *judged.blind]
     )
 
     def margin(move: tuple[str, Mapping[str, float], float], name: str) -> float | None:
