@@ -50,10 +50,10 @@ class Rows(np.ndarray):
 
 def rows(table: np.ndarray) -> np.ndarray:
     """Return columns of a table, shape (n, k), as an array of k objects of n rows each."""
-    made = np.empty(table.shape[1], dtype=object)
+    columns = np.empty(table.shape[1], dtype=object)
     for i, column in enumerate(np.asarray(table, dtype=float).T):
-        made[i] = column.view(Rows)
-    return made
+        columns[i] = column.view(Rows)
+    return columns
 
 
 def chosen(condition: Any, yes: Any, no: Any) -> Any:
@@ -104,10 +104,10 @@ def rounded(value: Any) -> Any:
 
 def array(elements: Sequence[Any]) -> np.ndarray:
     """Return an object array, numbers among its elements as Python floats."""
-    made = np.empty(len(elements), dtype=object)
+    objects = np.empty(len(elements), dtype=object)
     for i, element in enumerate(elements):
-        made[i] = float(element) if isinstance(element, float | int) else element
-    return made
+        objects[i] = float(element) if isinstance(element, float | int) else element
+    return objects
 
 
 def is_zero(element: Any) -> bool:

@@ -85,14 +85,14 @@ def bounds(
             allowed.
     """
     for i, joint in enumerate(layout.joints):
-        words = (
+        message = (
             f"{joint.name} is at {{value:.6g}} {joint.unit}, its range is {{low:.6g}} to "
             f"{{high:.6g}} {joint.unit}"
         )
         if not joint.driven and joint.kind == "revolute":
-            yield Bound(i, swings.get(i, q[i]), -math.pi / 2, math.pi / 2, False, words)
+            yield Bound(i, swings.get(i, q[i]), -math.pi / 2, math.pi / 2, False, message)
         if not (joint.driven and buffers):
-            yield Bound(i, q[i], lower[i], upper[i], False, words)
+            yield Bound(i, q[i], lower[i], upper[i], False, message)
     if tension is not None:
         slack = "the rope would have to push, its tension is {value:.6g} N; a rope goes slack"
         yield Bound(layout.role("hoist", "The rope"), tension, 0.0, None, True, slack)

@@ -154,8 +154,10 @@ def loads_of_rows(
         columns |= _of_ring(crane, moving, columns["pull_N"], arms)
     foot = moving.through(None)
     if arms:
-        out, _ = _plan(moving, layout.role("trolley", "A jib that weighs where it lies"))
-        turning = np.cross(out, -_UP) * (crane.gravity * sum(arm.mass * arm.centre for arm in arms))
+        outward, _ = _plan(moving, layout.role("trolley", "A jib that weighs where it lies"))
+        turning = np.cross(outward, -_UP) * (
+            crane.gravity * sum(arm.mass * arm.centre for arm in arms)
+        )
         weight = _UP * (crane.gravity * sum(arm.mass for arm in arms))
         foot = foot._replace(force=foot.force - weight, moment=foot.moment + turning)
     still = 0.0 if base is None else base.mass * crane.gravity
@@ -251,9 +253,9 @@ def _of_rope(
     if (drive := layout.drive_of("hoist")) is not None:
         columns["snag_margin"] = 1.0 - tension / crane.effort_limit[drive]
     if layout.has("trolley"):
-        out, aside = _plan(moving, layout.role("trolley", "The plane of the jib"))
+        outward, aside = _plan(moving, layout.role("trolley", "The plane of the jib"))
         rope = moving.axis(joint)
-        columns["off_lead_rad"] = np.arctan2(_along(rope, out), -rope[:, 2])
+        columns["off_lead_rad"] = np.arctan2(_along(rope, outward), -rope[:, 2])
         columns["side_lead_rad"] = np.arctan2(_along(rope, aside), -rope[:, 2])
         columns["side_force_percent"] = 100.0 * _along(pull, aside) / weight
     return columns
@@ -263,9 +265,9 @@ def _of_ring(
     crane: Crane, moving: Moving, pull: np.ndarray, arms: Sequence[Arm]
 ) -> dict[str, np.ndarray]:
     slew, trolley = (crane.layout.role(name, "The slewing ring") for name in ("slew", "trolley"))
-    out, aside = _plan(moving, trolley)
+    outward, aside = _plan(moving, trolley)
     ring = moving.through(slew)
-    radius = _along(moving.origin(trolley) - ring.point, out)
+    radius = _along(moving.origin(trolley) - ring.point, outward)
     weights = crane.gravity * np.array([[arm.mass, arm.mass * arm.centre] for arm in arms]).sum(
         axis=0
     )
@@ -275,7 +277,7 @@ def _of_ring(
         "load_moment_Nm": pull * radius,
         "ring_vertical_N": -ring.force[:, 2] + weight,
         "ring_tilting_Nm": _along(ring.moment, aside) + turning,
-        "ring_lateral_Nm": _along(ring.moment, out),
+        "ring_lateral_Nm": _along(ring.moment, outward),
         "ring_torsion_Nm": ring.moment[:, 2],
     }
 
@@ -284,12 +286,12 @@ def _plan(moving: Moving, trolley: int) -> tuple[np.ndarray, np.ndarray]:
     """Return unit vectors along the jib and aside from it, a quarter turn on in the sense of
     positive slew, both level, shape (rows, 3).
     """
-    out = moving.axis(trolley) * np.array([1.0, 1.0, 0.0])
-    size = np.linalg.norm(out, axis=1)
+    outward = moving.axis(trolley) * np.array([1.0, 1.0, 0.0])
+    size = np.linalg.norm(outward, axis=1)
     if not (size > _BELOW).all():
         raise OutOfRange("horizontal part of the trolley's axis", float(size.min()), "> 0")
-    out = out / size[:, None]
-    return out, np.cross(_UP, out)
+    outward = outward / size[:, None]
+    return outward, np.cross(_UP, outward)
 
 
 def _along(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -220,9 +220,9 @@ def _recorded_urdf(record: Mapping[str, Any]) -> str:
     text, arguments = str(record["urdf"]), record.get("arguments")
     if arguments is not None:
         with contextlib.suppress(CraneError):
-            own = _own_urdf(arguments)
-            if bare(parse(own, XACRO)) == text:
-                return own
+            own_urdf = _own_urdf(arguments)
+            if bare(parse(own_urdf, XACRO)) == text:
+                return own_urdf
     return text
 
 

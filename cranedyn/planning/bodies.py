@@ -136,7 +136,9 @@ def shape_corners(crane: Crane) -> list[tuple[int, np.ndarray]]:
     """Return every shape in the URDF: the joint that carries it (0 for none), and its corners in
     the frame of that joint [m].
     """
-    return [(joint, _corners(one)) for joint, shapes in _shapes(crane).items() for one in shapes]
+    return [
+        (joint, _corners(shape)) for joint, shapes in _shapes(crane).items() for shape in shapes
+    ]
 
 
 def _shapes(crane: Crane) -> dict[int, list[Placed]]:

@@ -77,7 +77,7 @@ def search(
         return [ends]
     for cell in EDGES:
         points = best_on_grid(
-            clearance, ends, bounds, rates, cell=cell, most=CELLS, tight=_TIGHT
+            clearance, ends, bounds, rates, cell=cell, cell_limit=CELLS, tight=_TIGHT
         ).points
         if points is not None:
             generators = (np.random.default_rng(seed) for seed in range(_TRIES))

@@ -119,8 +119,8 @@ def solve(
     guess: Plan,
     *,
     equal: bool,
-    least: float = 0.0,
-    most: float = np.inf,
+    shortest: float = 0.0,
+    longest: float = np.inf,
     tolerance: float = TOLERANCE,
     iterations: int = ITERATIONS,
 ) -> Plan:
@@ -132,8 +132,8 @@ def solve(
             its intervals and steps.
         equal: Whether all intervals last alike, or each as long as suits, so that the control
             switches when it should.
-        least: Least duration of an interval [s].
-        most: Largest duration of an interval [s].
+        shortest: Least duration of an interval [s].
+        longest: Largest duration of an interval [s].
         tolerance: Relative error at which the optimiser ends.
         iterations: Most iterations of the optimiser.
 
@@ -146,7 +146,7 @@ def solve(
     scale = _pack(_alike(guess, 1.0, controls, states))
     bounds = [
         _alike(guess, *bound)
-        for bound in zip((least, most), problem.control_bounds, problem.bounds, strict=True)
+        for bound in zip((shortest, longest), problem.control_bounds, problem.bounds, strict=True)
     ]
     for bound in bounds:
         bound.states[[0, -1]] = guess.states[[0, -1]]
@@ -156,13 +156,13 @@ def solve(
     options = {"ipopt.tol": tolerance, "ipopt.max_iter": iterations, "iteration_callback": stop}
     solver = ca.nlpsol("plan", "ipopt", program, _OPTIONS | options)
     with defer_sigint() as stop.arrived:
-        found = solver(x0=_pack(guess) / scale, lbx=lower, ubx=upper, lbg=low, ubg=high)
+        solution = solver(x0=_pack(guess) / scale, lbx=lower, ubx=upper, lbg=low, ubg=high)
     if not solver.stats()["success"]:
         raise Unsolved(solver.stats()["return_status"])
-    parts = np.split(
-        found["x"].full().ravel() * scale, np.cumsum([part.size for part in guess])[:-1]
+    arrays = np.split(
+        solution["x"].full().ravel() * scale, np.cumsum([part.size for part in guess])[:-1]
     )
-    return Plan(*(part.reshape(like.shape) for part, like in zip(parts, guess, strict=True)))
+    return Plan(*(part.reshape(like.shape) for part, like in zip(arrays, guess, strict=True)))
 
 
 class _Stop(ca.Callback):  # type: ignore[misc]
@@ -191,7 +191,7 @@ class _Stop(ca.Callback):  # type: ignore[misc]
 
 
 def _pack(plan: Plan) -> np.ndarray:
-    return np.concatenate([part.ravel() for part in plan])
+    return np.concatenate([array.ravel() for array in plan])
 
 
 def _alike(plan: Plan, duration: float, control: np.ndarray, state: np.ndarray) -> Plan:
@@ -211,7 +211,7 @@ def _program(
     steps = points // (_POINTS * n)
     unknown = ca.MX.sym("unknown", scale.size)
     durations, controls, states = ca.vertsplit(
-        unknown * scale, np.cumsum([0, *(part.size for part in guess)]).tolist()
+        unknown * scale, np.cumsum([0, *(array.size for array in guess)]).tolist()
     )
     of_point = np.repeat(np.arange(n), steps * _POINTS).tolist()
     h = (durations.T / steps)[:, of_point]
