@@ -236,8 +236,8 @@ MUTATIONS = (
     Mutation(
         "a ramp gives its acceleration up as if steps had no length",
         "cranedyn/dynamics/converters.py",
-        "0.5 * (root(jump * jump + 8.0 * self.jerks[i] * distance) - jump)",
-        "0.5 * root(8.0 * self.jerks[i] * distance)",
+        "0.5 * (square_root(jump * jump + 8.0 * self.jerks[i] * distance) - jump)",
+        "0.5 * square_root(8.0 * self.jerks[i] * distance)",
         "converters::no_ramp_overshoots_or_exceeds_its_limits",
     ),
     Mutation(
@@ -714,8 +714,8 @@ MUTATIONS = (
     Mutation(
         "a cut of the crane forgets that what hangs beyond it is accelerated",
         "cranedyn/lifting/wrench.py",
-        "efforts = rigid_body.inverse_dynamics(tree, frames, rows(v), rows(a), beyond)",
-        "efforts = rigid_body.inverse_dynamics(tree, frames, rows(v), rows(0.0 * a), beyond)",
+        "efforts = rigid_body.tree_inverse_dynamics(tree, frames, rows(v), rows(a), beyond)",
+        "efforts = rigid_body.tree_inverse_dynamics(tree, frames, rows(v), rows(0.0 * a), beyond)",
         "chart::a_load_at_rest_takes_its_share_and_one_that_is_lifted_faster_more",
     ),
     Mutation(

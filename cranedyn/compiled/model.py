@@ -97,7 +97,7 @@ def _emit(code: Code, model: pin.Model) -> None:
         q = array([_coordinate(model, i, numbers) for i in range(1, model.njoints)])
         v, tau = (array(numbers[model.nq + k * model.nv :][: model.nv]) for k in (0, 1))
         where = rigid_body.frames(tree, q)
-        a = rigid_body.forward_dynamics(tree, where, v, tau)
+        a = rigid_body.tree_forward_dynamics(tree, where, v, tau)
         for i, part in enumerate(a):
             code.store(
                 part,

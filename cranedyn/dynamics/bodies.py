@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.dynamics.scalars import array, cross, is_zero, rows
+from cranedyn.dynamics.scalars import array, cross_product, is_zero, rows
 from cranedyn.errors import ModelError
 
 
@@ -150,7 +150,7 @@ def height(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> Any:
         level = about * array([about @ up])
         if not all(map(is_zero, up - level)):
             cosine, sine = np.cos(coordinate), np.sin(coordinate)
-            up = level + cosine * (up - level) - sine * cross(about, up)
+            up = level + cosine * (up - level) - sine * cross_product(about, up)
     return altitude + up @ point
 
 

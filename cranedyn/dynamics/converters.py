@@ -19,7 +19,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cranedyn.checks import finite, number, within
-from cranedyn.dynamics.scalars import array, chosen, clipped, flag, magnitude, root, rounded, solve
+from cranedyn.dynamics.scalars import (
+    array,
+    chosen,
+    clipped,
+    flag,
+    magnitude,
+    rounded,
+    solve_linear,
+    square_root,
+)
 from cranedyn.errors import OutOfRange, UnknownName
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
@@ -111,7 +120,7 @@ class Response(NamedTuple):
             jump = self.jerks[i] * dt
             error = target - reference[i]
             distance = magnitude(error)
-            curve = 0.5 * (root(jump * jump + 8.0 * self.jerks[i] * distance) - jump)
+            curve = 0.5 * (square_root(jump * jump + 8.0 * self.jerks[i] * distance) - jump)
             slope_limit = clipped(clipped(curve, 0.0, distance / dt), 0.0, self.accelerations[i])
             target_slope = chosen(error < 0.0, -slope_limit, slope_limit)
             new_slope = clipped(target_slope, slope[i] - jump, slope[i] + jump)
@@ -160,7 +169,7 @@ def within_efforts(
         right = np.array([saturated[i] * (goal[i] - needed[i]) for i in range(m)])
         for i in range(m):
             matrix[i, i] = matrix[i, i] + (1.0 - saturated[i])
-        correction = solve(matrix, right)
+        correction = solve_linear(matrix, right)
         gained, effort = target + correction, list(needed + inertia @ correction)
     cut = [
         chosen(saturated[i] > 0.5, goal[i], clipped(effort[i], -limit, limit))
@@ -198,8 +207,8 @@ def saturate_acceleration(
         a[drives], effort, needed = within_efforts(inertia, resisting_drives, target, limits)
         return a, effort, needed
     passive_mass, coupling = mass[np.ix_(passive, passive)], mass[np.ix_(passive, drives)]
-    falling = solve(passive_mass, resisting[passive])
-    carried = np.array([solve(passive_mass, coupling[:, i]) for i in range(len(drives))]).T
+    falling = solve_linear(passive_mass, resisting[passive])
+    carried = np.array([solve_linear(passive_mass, coupling[:, i]) for i in range(len(drives))]).T
     free = resisting_drives - coupling.T @ falling
     a[drives], effort, needed = within_efforts(inertia - coupling.T @ carried, free, target, limits)
     a[passive] = -(falling + carried @ a[drives])

@@ -238,7 +238,7 @@ def rope_tension(crane: Crane, state: State, effort: np.ndarray) -> float:
     """
     hoist = crane.layout.role("hoist", "The tension of the rope")
     return float(
-        joint_forces.rope_tension(
+        joint_forces.tension_from_hoist_force(
             crane.layout, crane.damping, crane.springs, *state, full(crane, effort)[hoist]
         )
     )

@@ -21,7 +21,7 @@ from cranedyn.checks import as_array
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.bodies import Bodies, bodies, heights
 from cranedyn.dynamics.drives import cable_buffers
-from cranedyn.dynamics.joint_forces import rope_tension
+from cranedyn.dynamics.joint_forces import tension_from_hoist_force
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 
@@ -259,7 +259,7 @@ def _conditions(
     q = as_array("q", q, ("rows", crane.layout.n))
     v, hoist = as_array("v", v, q.shape), as_array("hoist", hoist, q.shape[:1])
     height = heights(_tree(crane), q, crane.payload.body, crane.payload.lever)
-    tension = rope_tension(crane.layout, crane.damping, crane.springs, q.T, v.T, hoist)
+    tension = tension_from_hoist_force(crane.layout, crane.damping, crane.springs, q.T, v.T, hoist)
     swings = dict(zip(crane.swings.tolist(), crane.swing_angles(q).T, strict=True))
     yield from bounds(
         crane.layout, crane.lower, crane.upper, q.T, swings, tension, height, buffers=buffers

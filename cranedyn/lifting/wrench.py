@@ -114,7 +114,7 @@ class Moving:
         )
         frames = rigid_body.frames(tree, rows(q))
         beyond = [push._replace(body=_after(push.body, first)) for push in self.external]
-        efforts = rigid_body.inverse_dynamics(tree, frames, rows(v), rows(a), beyond)
+        efforts = rigid_body.tree_inverse_dynamics(tree, frames, rows(v), rows(a), beyond)
         last = first + _CUT - 1
         force, moment = efforts[first : first + 3], efforts[first + 3 : first + 6]
         return Wrench(

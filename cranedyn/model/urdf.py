@@ -77,7 +77,7 @@ class _Guarded(ET.TreeBuilder):
         return super().end(tag)
 
 
-def parse(text: str, source: object) -> ET.Element:
+def parse_urdf(text: str, source: object) -> ET.Element:
     """Return the root of an XML text; no entity is expanded and no other file is read.
 
     Args:
@@ -95,7 +95,7 @@ def parse(text: str, source: object) -> ET.Element:
         raise ModelError(f"{source} cannot be loaded: {error}.") from None
 
 
-def check(robot: ET.Element, source: object) -> None:
+def check_urdf(robot: ET.Element, source: object) -> None:
     """Check links, joints and materials of a URDF.
 
     Parsers of URDF silently drop an element with an unreadable number, take the first of two, and

@@ -22,7 +22,7 @@ import pinocchio as pin
 from cranedyn.checks import within
 from cranedyn.errors import quoted
 from cranedyn.model.crane import Crane
-from cranedyn.planning.bodies import Bodies, bodies
+from cranedyn.planning.bodies import CollisionBodies, collision_bodies
 from cranedyn.planning.fields import Body, Field, Placed, rope
 from cranedyn.planning.site import Site
 from cranedyn.planning.solids import Solid, hull
@@ -133,9 +133,9 @@ class Clearance:
         return self.site.seen_by_crane()
 
     @cached_property
-    def bodies(self) -> Bodies:
+    def bodies(self) -> CollisionBodies:
         """The bodies of the crane and its load."""
-        return bodies(self.crane, self.site.load)
+        return collision_bodies(self.crane, self.site.load)
 
     @cached_property
     def height(self) -> float:
@@ -374,15 +374,15 @@ class Clearance:
     @cached_property
     def _bodies(self) -> dict[str, dict[str, Body]]:
         """Bodies that hang, inflated by the required distance, and bare against zones."""
-        bodies, identity = {}, (np.eye(3), np.zeros(3))
+        variants, identity = {}, (np.eye(3), np.zeros(3))
         for kind, inflated in (("inflated", self.site.distance), ("bare", 0.0)):
             boxes = {"trolley": self.bodies.trolley, "hook": self.bodies.hook}
-            bodies[kind] = {
+            variants[kind] = {
                 name: Body((coal.Box(size), np.eye(3), centre), inflated)
                 for name, (centre, size) in boxes.items()
             }
-            bodies[kind]["load"] = Body((hull(self.bodies.load), *identity), inflated)
-        return bodies
+            variants[kind]["load"] = Body((hull(self.bodies.load), *identity), inflated)
+        return variants
 
     @cached_property
     def _above(self) -> float:

@@ -122,7 +122,7 @@ class Path:
         return self.derivatives(np.array([s]))[0][0]
 
     def reach(self, first: float, last: float) -> np.ndarray:
-        """See `cranedyn.planning.proof.Curve`.
+        """See `cranedyn.planning.proof.DriveCurve`.
 
         Within a corner the speed is a mean of the speeds before and after it.
         """
@@ -132,7 +132,7 @@ class Path:
         return np.abs(self._speeds[legs]).max(axis=0) * ((last - first) / 2.0)
 
 
-def rounded(clearance: Clearance, points: np.ndarray, rates: np.ndarray) -> Path | None:
+def rounded_path(clearance: Clearance, points: np.ndarray, rates: np.ndarray) -> Path | None:
     """Return a proven curve along proven straight lines, each corner rounded as widely as can be
     proven; None if a corner cannot be rounded.
 

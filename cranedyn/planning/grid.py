@@ -14,7 +14,7 @@ import numpy as np
 
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import leg_durations
-from cranedyn.planning.proof import Line, is_free
+from cranedyn.planning.proof import Line, is_proven_free
 
 CELL = 1.0
 """Edge of a cell [s]: as far as each drive gets in that time."""
@@ -149,7 +149,7 @@ class _Grid:
         return all(abs(goal - i) <= 1.0 + 1e-9 for goal, i in zip(self._goal, node, strict=True))
 
     def is_free_to_goal(self, node: Node) -> bool:
-        return is_free(self._clearance, self.place(node), self._ends[1])
+        return is_proven_free(self._clearance, self.place(node), self._ends[1])
 
     def margin(self, node: Node) -> float:
         if node not in self._margins:
@@ -166,4 +166,4 @@ class _Grid:
         line = Line(self.place(start), self.place(end))
         if self._clearance.travel(line.at(0.5), np.abs(line.end - line.start)) < sum(margins):
             return True
-        return is_free(self._clearance, line.start, line.end)
+        return is_proven_free(self._clearance, line.start, line.end)

@@ -14,7 +14,13 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.curve import Path, leg_durations, rest_to_rest_time, rounded, straight_time
+from cranedyn.planning.curve import (
+    Path,
+    leg_durations,
+    rest_to_rest_time,
+    rounded_path,
+    straight_time,
+)
 from cranedyn.planning.grid import best_on_grid
 from cranedyn.planning.proof import CLOSE, SlewRange, slew_range, unproven_row
 from cranedyn.planning.search import CELLS, search
@@ -274,7 +280,7 @@ def _way(
             continue
         wider = clearance.with_more_distance(extra) if extra else clearance
         for points in search(wider, ends, bounds, rates):
-            path = rounded(wider, points, rates)
+            path = rounded_path(wider, points, rates)
             if path is None:
                 continue
             motion = timed(

@@ -128,7 +128,7 @@ class Move:
         return positions
 
 
-def at_rest(crane: Crane, state: State) -> bool:
+def is_at_rest(crane: Crane, state: State) -> bool:
     """Return whether nothing moves, and gravity and springs balance at the passive joints."""
     off = np.abs(state.q - crane.hanging(state.q)).max(initial=0.0)
     return bool(not state.v.any() and off <= PLUMB)
@@ -157,7 +157,7 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
         rate,
         acceleration,
     )
-    full, effort = symbolic.prescribed_acceleration(crane, q, v, a)
+    full, effort = symbolic.hybrid_dynamics(crane, q, v, a)
     swings = np.isin(layout.passive, crane.swings)
     angle, angle_rate = (column[np.flatnonzero(swings).tolist()] for column in (free, free_rate))
     moved, moving = (column[layout.drives.tolist()] for column in (q, v))
@@ -266,7 +266,7 @@ def estimated_duration(move: Move, slowest: float) -> float:
     return max(slowest, float((trapezoids + changes).max()))
 
 
-def straight_plan(move: Move, duration: float, count: int) -> transcription.Plan:
+def straight_plan(move: Move, duration: float, count: int) -> transcription.CollocationPlan:
     """Return a polynomial of the drives over a count of intervals, with the swing interpolated
     between start and goal.
     """
@@ -284,7 +284,7 @@ def straight_plan(move: Move, duration: float, count: int) -> transcription.Plan
     return _plan(move, durations, swing, [curve(times, order) for order in range(3)])
 
 
-def plan_of_motion(move: Move, motion: Motion, count: int) -> transcription.Plan:
+def plan_of_motion(move: Move, motion: Motion, count: int) -> transcription.CollocationPlan:
     """Return a motion from the start to the goal of a move as a plan of a count of intervals."""
     durations = np.full(count, motion.arrival / count)
     times = transcription.times(durations)
@@ -300,9 +300,9 @@ def plan_of_motion(move: Move, motion: Motion, count: int) -> transcription.Plan
 
 def _plan(
     move: Move, durations: np.ndarray, swing: list[np.ndarray], drives: list[np.ndarray]
-) -> transcription.Plan:
+) -> transcription.CollocationPlan:
     """Return a plan of passive joints and drives, with their rates and accelerations."""
     ends = drives[2][::3] if move.jerk is not None else drives[1][::3]
     controls = np.diff(ends, axis=0) / durations[:, None]
     derivatives = drives if move.jerk is not None else drives[:2]
-    return transcription.Plan(durations, controls, np.hstack([*swing, *derivatives]))
+    return transcription.CollocationPlan(durations, controls, np.hstack([*swing, *derivatives]))

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from cranedyn.planning.bodies import bodies, shape_corners
+from cranedyn.planning.bodies import collision_bodies, shape_corners
 from cranedyn.planning.solids import Solid, convex_hull, rotation_z
 
 
@@ -60,7 +60,10 @@ def _parts(crane: Crane, q: np.ndarray) -> list[np.ndarray]:
         for joint, corners in shape_corners(crane)
     ]
     _, _, pivot, _, hoist = crane.layout.tower("A parked neighbour")
-    falls, ends = bodies(crane).falls, [data.oMi[joint + 1].translation for joint in (pivot, hoist)]
+    falls, ends = (
+        collision_bodies(crane).falls,
+        [data.oMi[joint + 1].translation for joint in (pivot, hoist)],
+    )
     rope = [
         end + np.array([x, y, 0.0])
         for end in ends

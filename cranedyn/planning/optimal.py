@@ -30,15 +30,15 @@ from cranedyn.planning.move import (
     USUAL,
     Move,
     Preference,
-    at_rest,
     estimated_duration,
+    is_at_rest,
     periods,
     plan_of_motion,
     problem,
     straight_plan,
 )
 from cranedyn.planning.proof import CLOSE, Unproven, slew_range, unproven_parameter
-from cranedyn.planning.transcription import Plan
+from cranedyn.planning.transcription import CollocationPlan
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
 
@@ -203,10 +203,10 @@ class _Search:
     clearance: Clearance | None
     options: dict[str, Any]
 
-    def best(self, first: Plan, shortest: float) -> Plan:
+    def best(self, first: CollocationPlan, shortest: float) -> CollocationPlan:
         """Return the best plan near a first one, of no less than a duration [s]."""
         move = self.move
-        if not (at_rest(move.crane, move.start) and at_rest(move.crane, move.goal)):
+        if not (is_at_rest(move.crane, move.start) and is_at_rest(move.crane, move.goal)):
             # Such a first plan is so far from a motion that the optimiser would give up time first.
             interval = max(shortest / len(first.durations), 0.7 * float(first.durations[0]))
             first = self._solved(first, interval, 2.0 * interval)
@@ -224,15 +224,15 @@ class _Search:
         assert failed is not None
         raise failed
 
-    def lasting(self, plan: Plan, duration: float) -> Plan:
+    def lasting(self, plan: CollocationPlan, duration: float) -> CollocationPlan:
         """Return the plan of least cost near one that lasts a duration [s]."""
         interval = duration / len(plan.durations)
         plan = plan._replace(durations=np.full_like(plan.durations, interval))
         return self._proven(plan, interval, interval, margin=_MARGINS[0] / 2.0)
 
     def _proven(
-        self, plan: Plan, shortest: float, longest: float = math.inf, *, margin: float
-    ) -> Plan:
+        self, plan: CollocationPlan, shortest: float, longest: float = math.inf, *, margin: float
+    ) -> CollocationPlan:
         """Return a solved plan, proven to touch no obstacle."""
         plan = self._solved(plan, shortest, longest, margin)
         if self.clearance is not None:
@@ -244,8 +244,8 @@ class _Search:
         return plan
 
     def _solved(
-        self, plan: Plan, shortest: float, longest: float = math.inf, margin: float = 0.0
-    ) -> Plan:
+        self, plan: CollocationPlan, shortest: float, longest: float = math.inf, margin: float = 0.0
+    ) -> CollocationPlan:
         spaces = None
         if self.clearance is not None:
             spaces = half_spaces(self.clearance, self.move.drives_of(plan.states[1:]), margin)
@@ -266,7 +266,7 @@ def _first_plan(
     interval: float | None,
     period: float,
     begin: Motion | None,
-) -> Plan:
+) -> CollocationPlan:
     """Return the plan with which the search begins."""
     if begin is not None:
         begin.check_fits("begin", move.crane.layout)

@@ -44,7 +44,7 @@ class Unproven(CraneError):
         )
 
 
-class Curve(Protocol):
+class DriveCurve(Protocol):
     """Places over a parameter."""
 
     def at(self, s: float) -> np.ndarray:
@@ -63,21 +63,21 @@ class Line(NamedTuple):
     end: np.ndarray
 
     def at(self, s: float) -> np.ndarray:
-        """See `Curve`."""
+        """See `DriveCurve`."""
         return self.start + s * (self.end - self.start)
 
     def reach(self, first: float, last: float) -> np.ndarray:
-        """See `Curve`."""
+        """See `DriveCurve`."""
         return np.abs(self.end - self.start) * ((last - first) / 2.0)
 
 
-def is_free(clearance: Clearance, start: np.ndarray, end: np.ndarray) -> bool:
+def is_proven_free(clearance: Clearance, start: np.ndarray, end: np.ndarray) -> bool:
     """Return whether the straight line between two places is proven free."""
     return unproven_parameter(clearance, Line(start, end), 0.0, 1.0) is None
 
 
 def unproven_parameter(
-    clearance: Clearance, curve: Curve, first: float, last: float
+    clearance: Clearance, curve: DriveCurve, first: float, last: float
 ) -> float | None:
     """Return a parameter about which a curve is not proven free; None if all of it is.
 

@@ -48,11 +48,13 @@ def rnea(model: pin.Model, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
     tree = tree.with_numbers(tree.numbers().tolist())
     angles, rates, accelerations = (array(ca.vertsplit(ca.densify(column))) for column in (q, v, a))
     return ca.vertcat(
-        *rigid_body.inverse_dynamics(tree, rigid_body.frames(tree, angles), rates, accelerations)
+        *rigid_body.tree_inverse_dynamics(
+            tree, rigid_body.frames(tree, angles), rates, accelerations
+        )
     )
 
 
-def prescribed_acceleration(
+def hybrid_dynamics(
     crane: Crane, q: ca.SX, v: ca.SX, drive_acceleration: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
     """Return accelerations of all joints when those of the drives are given, and the drive efforts

@@ -88,7 +88,7 @@ class Problem:
     values: np.ndarray | None = None
 
 
-class Plan(NamedTuple):
+class CollocationPlan(NamedTuple):
     """A motion at the points of its steps.
 
     Attributes:
@@ -116,14 +116,14 @@ def times(durations: np.ndarray, steps: int = 1) -> np.ndarray:
 
 def solve(
     problem: Problem,
-    guess: Plan,
+    guess: CollocationPlan,
     *,
     equal: bool,
     shortest: float = 0.0,
     longest: float = np.inf,
     tolerance: float = TOLERANCE,
     iterations: int = ITERATIONS,
-) -> Plan:
+) -> CollocationPlan:
     """Return the motion of least cost from the first to the last state of a guess.
 
     Args:
@@ -162,7 +162,9 @@ def solve(
     arrays = np.split(
         solution["x"].full().ravel() * scale, np.cumsum([part.size for part in guess])[:-1]
     )
-    return Plan(*(part.reshape(like.shape) for part, like in zip(arrays, guess, strict=True)))
+    return CollocationPlan(
+        *(part.reshape(like.shape) for part, like in zip(arrays, guess, strict=True))
+    )
 
 
 class _Stop(ca.Callback):  # type: ignore[misc]
@@ -190,13 +192,15 @@ class _Stop(ca.Callback):  # type: ignore[misc]
         return [int(self.arrived())]
 
 
-def _pack(plan: Plan) -> np.ndarray:
+def _pack(plan: CollocationPlan) -> np.ndarray:
     return np.concatenate([array.ravel() for array in plan])
 
 
-def _alike(plan: Plan, duration: float, control: np.ndarray, state: np.ndarray) -> Plan:
+def _alike(
+    plan: CollocationPlan, duration: float, control: np.ndarray, state: np.ndarray
+) -> CollocationPlan:
     """Return a plan of the same size with one duration, one control and one state throughout."""
-    return Plan(
+    return CollocationPlan(
         np.full_like(plan.durations, duration),
         np.tile(control, (len(plan.controls), 1)),
         np.tile(state, (len(plan.states), 1)),
@@ -204,7 +208,7 @@ def _alike(plan: Plan, duration: float, control: np.ndarray, state: np.ndarray) 
 
 
 def _program(
-    problem: Problem, guess: Plan, equal: bool, scale: np.ndarray
+    problem: Problem, guess: CollocationPlan, equal: bool, scale: np.ndarray
 ) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
     """Return scaled unknowns, cost and constraints, with the bounds of the constraints."""
     n, points = len(guess.durations), len(guess.states) - 1

@@ -13,8 +13,8 @@ import pinocchio as pin
 
 from cranedyn.dynamics.bodies import Bodies, blank, bodies, height
 from cranedyn.dynamics.converters import Response, saturate_acceleration
-from cranedyn.dynamics.joint_forces import JointForces, Stops, rope_tension
-from cranedyn.dynamics.scalars import array, clipped, solve
+from cranedyn.dynamics.joint_forces import JointForces, Stops, tension_from_hoist_force
+from cranedyn.dynamics.scalars import array, clipped, solve_linear
 from cranedyn.dynamics.validity import bounds, drive_bounds
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
@@ -189,9 +189,9 @@ class Plant:
             effort[drives] = effort[drives] + self.stops.effort(q, v)
         if self.drive == "effort":
             effort[drives] = effort[drives] + command
-            a = rigid_body.forward_dynamics(self.tree, frames, v, effort, external)
+            a = rigid_body.tree_forward_dynamics(self.tree, frames, v, effort, external)
             return a, command, command
-        resisting = rigid_body.inverse_dynamics(self.tree, frames, v, external_forces=external)
+        resisting = rigid_body.tree_inverse_dynamics(self.tree, frames, v, external_forces=external)
         resisting, mass = resisting - effort, rigid_body.mass_matrix(self.tree, frames)
         if self.response is not None:
             target = array(self.response.accelerations_at(command, v[drives]))
@@ -200,7 +200,7 @@ class Plant:
             )
         a = array([0.0] * len(q))
         a[drives] = command
-        a[passive] = solve(mass[np.ix_(passive, passive)], -(resisting + mass @ a)[passive])
+        a[passive] = solve_linear(mass[np.ix_(passive, passive)], -(resisting + mass @ a)[passive])
         effort = (mass @ a + resisting)[drives]
         return a, effort, effort
 
@@ -222,7 +222,9 @@ class Plant:
         rate.
         """
         layout = self.topology.layout
-        tension = rope_tension(layout, self.joint.damping, self.joint.springs, q, v, hoist_force)
+        tension = tension_from_hoist_force(
+            layout, self.joint.damping, self.joint.springs, q, v, hoist_force
+        )
         above = height(self.tree, q, self.topology.bodies[0], self.levers[0])
         state_bounds = [
             *bounds(

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cranedyn.dynamics.bodies import Bodies
-from cranedyn.dynamics.scalars import array, cross, is_zero, solve
+from cranedyn.dynamics.scalars import array, cross_product, is_zero, solve_linear
 
 _AGREEMENT = 1e-11
 """Relative difference of accelerations that is taken for round-off however well the mass matrix is
@@ -108,7 +108,7 @@ def frames(tree: Bodies, q: np.ndarray) -> list[Frame]:
     return joint_frames
 
 
-def inverse_dynamics(
+def tree_inverse_dynamics(
     tree: Bodies,
     poses: Sequence[Frame],
     v: np.ndarray,
@@ -139,7 +139,7 @@ def inverse_dynamics(
         sliding = 2.0 * (tree.rotation[i] @ (along * rate))
         gain = rotation.T @ (gain + _of_point(spin, turn, origin, sliding))
         spin, turn = rotation.T @ spin, rotation.T @ turn
-        turn = turn + cross(spin, about * rate)
+        turn = turn + cross_product(spin, about * rate)
         spin = spin + about * rate
         if a is not None:
             gain, turn = gain + along * a[i : i + 1], turn + about * a[i : i + 1]
@@ -148,12 +148,14 @@ def inverse_dynamics(
         force = tree.mass[i : i + 1] * (gain + _of_point(spin, turn, lever))
         unequal = inertia - np.diag(inertia[[2], [2]].repeat(3))
         forces.append(force)
-        torques.append(inertia @ turn + cross(spin, unequal @ spin) + cross(lever, force))
+        torques.append(
+            inertia @ turn + cross_product(spin, unequal @ spin) + cross_product(lever, force)
+        )
     for body_row, point, external in external_forces:
         local = into(tree, poses, body_row, external)
         forces[body_row], torques[body_row] = (
             forces[body_row] - local,
-            torques[body_row] - cross(point, local),
+            torques[body_row] - cross_product(point, local),
         )
     effort = array([0.0] * n) if a is None else tree.armature * a
     for i in range(n - 1, -1, -1):
@@ -163,7 +165,7 @@ def inverse_dynamics(
             force = array(
                 [f if is_zero(component) else component * pulled[1] for component, f in sides]
             )
-            torques[i] = torques[i] + cross(tree.lever[i], force - forces[i])
+            torques[i] = torques[i] + cross_product(tree.lever[i], force - forces[i])
             forces[i] = force
         if (parent := tree.parents[i]) >= 0:
             force, torque = _to_parent(poses[i], forces[i], torques[i])
@@ -189,7 +191,7 @@ def mass_matrix(tree: Bodies, poses: Sequence[Frame]) -> np.ndarray:
     return mass
 
 
-def forward_dynamics(
+def tree_forward_dynamics(
     tree: Bodies,
     poses: Sequence[Frame],
     v: np.ndarray,
@@ -210,9 +212,9 @@ def forward_dynamics(
     """
     last = len(tree) - 1
     if not _is_sliding_point(tree, last):
-        resisting = inverse_dynamics(tree, poses, v, external_forces=external_forces)
-        return solve(mass_matrix(tree, poses), effort - resisting)
-    resisting = inverse_dynamics(
+        resisting = tree_inverse_dynamics(tree, poses, v, external_forces=external_forces)
+        return solve_linear(mass_matrix(tree, poses), effort - resisting)
+    resisting = tree_inverse_dynamics(
         tree, poses, v, external_forces=external_forces, pulled=(last, effort[last])
     )
     masses = tree.mass.copy()
@@ -222,13 +224,13 @@ def forward_dynamics(
     for side, component in zip(np.eye(3), tree.axis[last, 0], strict=True):
         # What a unit force on the point exerts is how fast each coordinate moves it that way.
         unit = array(side.tolist())
-        moved = _exerted(tree, poses, last, unit, cross(tree.lever[last], unit))[:last]
+        moved = _exerted(tree, poses, last, unit, cross_product(tree.lever[last], unit))[:last]
         if is_zero(component):
             mass = mass + np.multiply.outer(moved, moved) * tree.mass[last]
         else:
             along = component * moved
     free = effort - resisting
-    a = solve(mass, free[:last])
+    a = solve_linear(mass, free[:last])
     return array([*a, free[last] / tree.mass[last] - along @ a])
 
 
@@ -310,7 +312,7 @@ def _of_point(
     """Return the acceleration of a point beyond that of the origin, in a frame that spins at a rate
     and turns up at an acceleration; sliding is twice the rate at which the point moves in it.
     """
-    return cross(turn, point) + cross(spin, cross(spin, point) + sliding)
+    return cross_product(turn, point) + cross_product(spin, cross_product(spin, point) + sliding)
 
 
 class _Body(NamedTuple):
@@ -322,7 +324,7 @@ class _Body(NamedTuple):
 
     def times(self, linear: np.ndarray, angular: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the momentum of a velocity, or the force of an acceleration."""
-        return self.mass * linear + cross(angular, self.first), cross(
+        return self.mass * linear + cross_product(angular, self.first), cross_product(
             self.first, linear
         ) + self.second @ angular
 
@@ -355,7 +357,7 @@ def _to_parent(
     frame: Frame, force: np.ndarray, torque: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     turned = frame.rotation @ force
-    return turned, frame.rotation @ torque + cross(frame.origin, turned)
+    return turned, frame.rotation @ torque + cross_product(frame.origin, turned)
 
 
 def _skew(a: np.ndarray) -> np.ndarray:

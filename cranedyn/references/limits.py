@@ -75,7 +75,9 @@ def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:
     }
 
 
-def check(crane: Crane, motion: Motion, limits: Limits, plan: Callable[[float], Motion]) -> None:
+def check_limits(
+    crane: Crane, motion: Motion, limits: Limits, plan: Callable[[float], Motion]
+) -> None:
     """Return if a motion keeps the limits.
 
     Raises:

@@ -19,7 +19,7 @@ from llvmlite import ir
 from cranedyn.compiled.code import INTEGER, Code, Value
 from cranedyn.compiled.horizon.dual import constants, slopes, variables
 from cranedyn.compiled.horizon.memory import BLOCK, Other, Shape, Work
-from cranedyn.dynamics.scalars import array, solve
+from cranedyn.dynamics.scalars import array, solve_linear
 from cranedyn.plant import rigid_body
 from cranedyn.plant.plant import Plant
 
@@ -53,7 +53,7 @@ def linear(plant: Plant, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> Linear:
     a, effort = plant.answer(q, v, u, None)
     at, moving = variables(q, v)
     where = rigid_body.frames(plant.tree, at)
-    forces = rigid_body.inverse_dynamics(
+    forces = rigid_body.tree_inverse_dynamics(
         plant.tree, where, moving, constants(a, 2 * n)
     ) - plant.joint.effort(at, moving)
     by_state = slopes(forces, 2 * n)
@@ -66,7 +66,7 @@ def linear(plant: Plant, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> Linear:
     block = mass[np.ix_(passive, passive)]
     for j in range(2 * n + m):
         if any(not _zero(part) for part in by_all[passive, j]):
-            rates[passive, j] = solve(block, -by_all[passive, j])
+            rates[passive, j] = solve_linear(block, -by_all[passive, j])
     efforts = by_all[drives] + mass[np.ix_(drives, passive)] @ rates[passive]
     return Linear(a, effort, rates, efforts)
 
@@ -87,12 +87,12 @@ def hanging(plant: Plant, drives: np.ndarray) -> np.ndarray:
         return q
     q[swings] = plant.hanging_angles(drives)
     (at,) = variables(q)
-    forces = rigid_body.inverse_dynamics(
+    forces = rigid_body.tree_inverse_dynamics(
         plant.tree, rigid_body.frames(plant.tree, at), still, constants(still, layout.n)
     )
     stiffness = slopes(forces[swings], layout.n)[:, swings]
     pull = array([force.value for force in forces[swings]])
-    q[swings] = q[swings] - solve(stiffness, pull)
+    q[swings] = q[swings] - solve_linear(stiffness, pull)
     return q
 
 
