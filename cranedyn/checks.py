@@ -63,14 +63,14 @@ def within(name: str, value: object, low: float, high: float, unit: str = "") ->
     return x
 
 
-def whole(name: str, value: object, least: int, unit: str = "") -> int:
-    """Return the value as an int if it is a whole number of at least `least`.
+def whole(name: str, value: object, minimum: int, unit: str = "") -> int:
+    """Return the value as an int if it is a whole number of at least `minimum`.
 
     Raises:
         OutOfRange: If it is not whole, less, or larger than `sys.maxsize`.
     """
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
-        raise OutOfRange(name, value, f"a whole number >= {least}", unit)
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < minimum:
+        raise OutOfRange(name, value, f"a whole number >= {minimum}", unit)
     if int(value) > sys.maxsize:
         raise OutOfRange(name, value, f"a whole number up to {sys.maxsize:g}", unit)
     return int(value)

@@ -92,7 +92,7 @@ def clocks(duration: float, dt: float, control_period: float) -> Clocks:
     )
 
 
-def soon_enough(own: float, control_period: float) -> None:
+def soon_enough(controller_period: float, control_period: float) -> None:
     """Return if a run calls a controller at least once in the controller's own period [s].
 
     A controller that is called less often overshoots.
@@ -100,11 +100,11 @@ def soon_enough(own: float, control_period: float) -> None:
     Raises:
         OutOfRange: If the control period of the run [s] is longer, by more than `SAME_PERIOD`.
     """
-    if control_period > own * (1.0 + SAME_PERIOD):
+    if control_period > controller_period * (1.0 + SAME_PERIOD):
         raise OutOfRange(
             "control period of the run",
             control_period,
-            f"that for which the controller was made, {own:g} s, or less",
+            f"that for which the controller was made, {controller_period:g} s, or less",
             "s",
         )
 

@@ -84,13 +84,13 @@ def defer_sigint() -> Iterator[Callable[[], bool]]:
             for number in (signal.SIGINT, signal.SIGTERM):
                 if callable(handler := signal.getsignal(number)):
                     handlers[number] = handler
-                    signal.signal(number, lambda *given: arrived.append(given))
+                    signal.signal(number, lambda *args: arrived.append(args))
         yield lambda: bool(arrived)
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-    for given in arrived[:1]:
-        handlers[given[0]](*given)  # type: ignore[index]
+    for args in arrived[:1]:
+        handlers[args[0]](*args)  # type: ignore[index]
 
 
 @contextmanager

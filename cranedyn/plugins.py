@@ -85,14 +85,14 @@ def _entry_points(kind: Kind) -> Mapping[str, EntryPoint]:
     group, project = f"cranedyn.{kind}s", _PACKAGE.with_name("pyproject.toml")
     installed = sorted(entry_points(group=group), key=lambda entry: entry.name)
     ours = [entry for entry in installed if entry.dist and entry.dist.name == "cranedyn"]
-    others = [entry for entry in installed if entry not in ours]
+    foreign = [entry for entry in installed if entry not in ours]
     if project.is_file():
         declared = tomllib.loads(project.read_text("utf-8"))["project"]
         if declared["name"] == "cranedyn":
             entries = declared["entry-points"][group].items()
             ours = [EntryPoint(name, value, group) for name, value in entries]
     named = {entry.name: entry for entry in ours}
-    return named | {entry.name: entry for entry in others if entry.name not in named}
+    return named | {entry.name: entry for entry in foreign if entry.name not in named}
 
 
 def _make_experiments_importable() -> None:

@@ -159,8 +159,8 @@ MUTATIONS = (
     Mutation(
         "a force on the payload acts on the trolley",
         "cranedyn/dynamics/pinocchio.py",
-        "part @ jacobian for part, jacobian in zip(force, ",
-        "part @ jacobian for part, jacobian in zip(force[::-1], ",
+        "point_force @ jacobian for point_force, jacobian in zip(force, ",
+        "point_force @ jacobian for point_force, jacobian in zip(force[::-1], ",
         "wind::a_force_does_the_work_of_its_way",
     ),
     Mutation(
@@ -194,8 +194,8 @@ MUTATIONS = (
     Mutation(
         "a table is read at the row before",
         "cranedyn/references/interpolation.py",
-        "return here + share * (table[row + 1] - here) if share else here",
-        "return here",
+        "return value + share * (table[row + 1] - value) if share else value",
+        "return value",
         "controllers::between_rows_tracking_goes_on_straight_lines",
     ),
     Mutation(
@@ -209,7 +209,7 @@ MUTATIONS = (
         "a drive that slows down obeys the joystick's next push besides",
         "cranedyn/planning/joystick.py",
         "            speed += lasts",
-        "            speed = 0.0 if not asked else lasts",
+        "            speed = 0.0 if not target else lasts",
         "control::an_operator_who_changes_his_mind_is_never_obeyed_beyond_the_limits",
     ),
     Mutation(
@@ -236,8 +236,8 @@ MUTATIONS = (
     Mutation(
         "a ramp gives its acceleration up as if steps had no length",
         "cranedyn/dynamics/converters.py",
-        "0.5 * (root(jump * jump + 8.0 * self.jerks[i] * distance) - jump)",
-        "0.5 * root(8.0 * self.jerks[i] * distance)",
+        "0.5 * (square_root(jump * jump + 8.0 * self.jerks[i] * distance) - jump)",
+        "0.5 * square_root(8.0 * self.jerks[i] * distance)",
         "converters::no_ramp_overshoots_or_exceeds_its_limits",
     ),
     Mutation(
@@ -250,8 +250,8 @@ MUTATIONS = (
     Mutation(
         "a drive that stalls is not felt by the others",
         "cranedyn/dynamics/converters.py",
-        "matrix = np.array([[held[i] * inertia[i, j] * held[j]",
-        "matrix = np.array([[held[i] * inertia[i, j] * held[j] * (i == j)",
+        "matrix = np.array([[saturated[i] * inertia[i, j] * saturated[j]",
+        "matrix = np.array([[saturated[i] * inertia[i, j] * saturated[j] * (i == j)",
         "converters::no_drive_exerts_more_than_it_can_and_the_others_do_as_they_want",
     ),
     Mutation(
@@ -271,8 +271,8 @@ MUTATIONS = (
     Mutation(
         "noise of the sensors does not make an observer less sure",
         "cranedyn/estimation/observer.py",
-        "left @ self.covariance @ left.T + self.gain @ self.noise @ self.gain.T",
-        "left @ self.covariance @ left.T",
+        "residual @ self.covariance @ residual.T + self.gain @ self.noise @ self.gain.T",
+        "residual @ self.covariance @ residual.T",
         "sensing::the_filters_gain_tends_to_that_of_the_dual_riccati_equation",
     ),
     Mutation(
@@ -285,8 +285,8 @@ MUTATIONS = (
     Mutation(
         "noise of the sensors does not make an observer of the load less sure",
         "cranedyn/estimation/load_filter.py",
-        "left @ self.covariance @ left.T + gain @ self._noise @ gain.T",
-        "left @ self.covariance @ left.T",
+        "residual @ self.covariance @ residual.T + gain @ self._noise @ gain.T",
+        "residual @ self.covariance @ residual.T",
         "load_estimate::a_correction_adds_what_the_sensors_tell_to_what_is_known",
     ),
     Mutation(
@@ -623,15 +623,15 @@ MUTATIONS = (
     Mutation(
         "a parked neighbour has no rope",
         "cranedyn/planning/neighbour.py",
-        "return [part.T for part in parts] + [np.array(rope)]",
-        "return [part.T for part in parts]",
+        "return [shape.T for shape in shapes] + [np.array(rope)]",
+        "return [shape.T for shape in shapes]",
         "clearance::the_rope_of_a_parked_neighbour_is_in_the_way",
     ),
     Mutation(
         "a run is proven by the lesser half of its way",
         "cranedyn/planning/proof.py",
-        "way = max(gone[middle] - gone[low], gone[high] - gone[middle]) + bend",
-        "way = min(gone[middle] - gone[low], gone[high] - gone[middle]) + bend",
+        "bound = max(moved[middle] - moved[low], moved[high] - moved[middle]) + bend",
+        "bound = min(moved[middle] - moved[low], moved[high] - moved[middle]) + bend",
         "proof::a_motion_that_rests_and_then_enters_a_wall_is_not_proven",
     ),
     Mutation(
@@ -714,8 +714,8 @@ MUTATIONS = (
     Mutation(
         "a cut of the crane forgets that what hangs beyond it is accelerated",
         "cranedyn/lifting/wrench.py",
-        "held = rigid_body.inverse_dynamics(tree, where, rows(v), rows(a), beyond)",
-        "held = rigid_body.inverse_dynamics(tree, where, rows(v), rows(0.0 * a), beyond)",
+        "efforts = rigid_body.tree_inverse_dynamics(tree, frames, rows(v), rows(a), beyond)",
+        "efforts = rigid_body.tree_inverse_dynamics(tree, frames, rows(v), rows(0.0 * a), beyond)",
         "chart::a_load_at_rest_takes_its_share_and_one_that_is_lifted_faster_more",
     ),
     Mutation(
@@ -735,8 +735,8 @@ MUTATIONS = (
     Mutation(
         "a load is as heavy as entered",
         "cranedyn/lifting/checks.py",
-        "most = (1.0 + more) * float(analysis.utilisation.max())",
-        "most = float(analysis.utilisation.max())",
+        "utilisation = (1.0 + spread) * float(analysis.utilisation.max())",
+        "utilisation = float(analysis.utilisation.max())",
         "judgement::a_lift_that_holds_goes_and_each_thing_that_does_not_stops_it",
     ),
     Mutation(
@@ -882,8 +882,8 @@ MUTATIONS = (
     Mutation(
         "an exporter of another package replaces one of ours",
         "cranedyn/plugins.py",
-        "for entry in others if entry.name not in named}",
-        "for entry in others}",
+        "for entry in foreign if entry.name not in named}",
+        "for entry in foreign}",
         "plugins::an_exporter_of_another_package_writes_what_it_says_and_replaces_none_of_ours",
     ),
 )

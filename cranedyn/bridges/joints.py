@@ -15,7 +15,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
 from cranedyn.model.layout import Joint
 from cranedyn.model.load import load_crane
-from cranedyn.model.urdf import parse
+from cranedyn.model.urdf import parse_urdf
 
 
 def crane_from_options(options: Namespace) -> Crane:
@@ -64,7 +64,7 @@ def urdf_element(crane: Crane) -> ET.Element:
         ModelError: If it has meshes, which are files of their own, or a rope whose stiffness
             changes with its length.
     """
-    robot = parse(crane.urdf, "the crane")
+    robot = parse_urdf(crane.urdf, "the crane")
     for mesh in robot.iter("mesh"):
         raise ModelError(
             f"The crane has the mesh {quoted(mesh.get('filename', ''))}; exports carry primitives "

@@ -99,7 +99,7 @@ def _emit(code: Code, model: pin.Model) -> None:
         q = array([_coordinate(model, i, numbers) for i in range(1, model.njoints)])
         v, tau = (array(numbers[model.nq + k * model.nv :][: model.nv]) for k in (0, 1))
         placements = rigid_body.frames(tree, q)
-        a = rigid_body.forward_dynamics(tree, placements, v, tau)
+        a = rigid_body.tree_forward_dynamics(tree, placements, v, tau)
         for i, acceleration in enumerate(a):
             code.store(
                 acceleration,

@@ -50,7 +50,7 @@ class Affine:
         names = ("feed_forward", "gain", "setpoint", "target", "integral_gain", "integral")
         return next((name for name in names if not np.isfinite(getattr(self, name)).all()), "")
 
-    def fitting(self, whose: str, instants: int, drives: int, width: int) -> Affine:
+    def fitting(self, owner: str, instants: int, drives: int, width: int) -> Affine:
         """Return the same with its shapes checked, for a number of control instants, of drives, and
         of coordinates and rates together.
 
@@ -59,14 +59,14 @@ class Affine:
         """
 
         def part(name: str, *shape: int | str) -> np.ndarray:
-            found = as_array(f"{name} in the common form of {whose}", getattr(self, name), shape)
-            if isinstance(shape[0], str) and not 0 < len(found) <= instants:
+            checked = as_array(f"{name} in the common form of {owner}", getattr(self, name), shape)
+            if isinstance(shape[0], str) and not 0 < len(checked) <= instants:
                 raise Misshapen(
-                    f"{name} in the common form of {whose}",
-                    f"an array of {len(found)} rows",
+                    f"{name} in the common form of {owner}",
+                    f"an array of {len(checked)} rows",
                     f"one of 1 to {instants}",
                 )
-            return found
+            return checked
 
         feed_forward, setpoint = (
             part("feed_forward", "rows", drives),
@@ -76,7 +76,7 @@ class Affine:
         limit = part("limit", drives)
         if np.isnan(limit).any():
             raise Misshapen(
-                f"limit in the common form of {whose}",
+                f"limit in the common form of {owner}",
                 "an array that holds nan",
                 "numbers, inf for none",
             )
@@ -136,24 +136,24 @@ def affine_form(
     )
     if not callable(vars(answers).get("affine")):
         return None
-    answer, whose = (
+    form, owner = (
         cast(AffineController, controller).affine(read_only(times), read_only(positions)),
         type(controller).__name__,
     )
-    if answer is not None and not isinstance(answer, Affine):
+    if form is not None and not isinstance(form, Affine):
         raise Misshapen(
-            f"the common form of {whose}",
-            type(answer).__name__,
+            f"the common form of {owner}",
+            type(form).__name__,
             "an Affine, or None where it is not affine",
         )
-    return None if answer is None else answer.fitting(whose, len(times), positions.shape[1], width)
+    return None if form is None else form.fitting(owner, len(times), positions.shape[1], width)
 
 
 def without_integral(feed_forward: np.ndarray, gain: np.ndarray, setpoint: np.ndarray) -> Affine:
     """Return the affine form of a controller that does not integrate."""
     none = np.zeros(feed_forward.shape[1])
-    most = np.full_like(none, np.inf)
-    return Affine(feed_forward, gain, setpoint, none[None], none, most, none)
+    unlimited = np.full_like(none, np.inf)
+    return Affine(feed_forward, gain, setpoint, none[None], none, unlimited, none)
 
 
 def at_drives(crane: Crane, positions: np.ndarray, rates: np.ndarray) -> np.ndarray:

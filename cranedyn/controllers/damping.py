@@ -54,8 +54,8 @@ class DampingController(ShortRepr):
         """Return the rates of the drives to reach within a control period [rad/s or m/s], shape
         (m,).
         """
-        (_, *places), slewing, trolley = self._layout
-        x, phi, theta, length = state.q[places].tolist()
+        (_, *joints), slewing, trolley = self._layout
+        x, phi, theta, length = state.q[joints].tolist()
         turned = theta / x if x != 0.0 else 0.0  # on the slew axis no slewing moves the pivot
         yielding = (
             2.0
@@ -113,6 +113,6 @@ def with_damping(
     pull = number("recovery", recovery, "1/s", ">= 0")
     number("control_period", control_period, "s", "> 0")
     crane.layout.tower("Drives that yield to the swing")
-    kept = limits.for_crane(crane)
-    rates, accelerations = np.array(kept.rates), np.array(kept.accelerations)
+    drive_limits = limits.for_crane(crane)
+    rates, accelerations = np.array(drive_limits.rates), np.array(drive_limits.accelerations)
     return DampingController(crane, reference, zeta, pull, rates, accelerations, control_period)

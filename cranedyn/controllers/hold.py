@@ -64,8 +64,13 @@ class Hold(ShortRepr):
             gains = as_array(name, getattr(self, name), (self.crane.layout.m,))
             object.__setattr__(self, name, gains)
         columns = (
-            part.tolist()
-            for part in (self.crane.layout.drives, self.feed_forward, self.stiffness, self.damping)
+            values.tolist()
+            for values in (
+                self.crane.layout.drives,
+                self.feed_forward,
+                self.stiffness,
+                self.damping,
+            )
         )
         object.__setattr__(self, "_plain", tuple(zip(count(), *columns, strict=False)))
 
@@ -125,8 +130,8 @@ def hold_controller(
         for role, inertia in zip(roles, moved, strict=True)
     ]
     k_p, k_d = (
-        _gains(crane, *given)
-        for given in (("stiffness", stiffness, stiff), ("damping", damping, damped))
+        _gains(crane, *gains)
+        for gains in (("stiffness", stiffness, stiff), ("damping", damping, damped))
     )
     return Hold(
         crane,
@@ -136,13 +141,13 @@ def hold_controller(
     )
 
 
-def _gains(crane: Crane, name: str, given: Gains, usual: list[float]) -> np.ndarray:
+def _gains(crane: Crane, name: str, gains: Gains, usual: list[float]) -> np.ndarray:
     """Return gains of all drives, the usual ones by default."""
-    if isinstance(given, Mapping):
-        for symbol, value in given.items():
+    if isinstance(gains, Mapping):
+        for symbol, value in gains.items():
             usual[crane.layout.drive(symbol)] = value
-        given = None
-    return crane.layout.for_drives(name, usual if given is None else given)
+        gains = None
+    return crane.layout.for_drives(name, usual if gains is None else gains)
 
 
 def _weight(crane: Crane, joint: int, gravity: float) -> float:

@@ -56,8 +56,8 @@ def linearised(
         OutOfRange: If the control period is not a multiple of `dt`, or `every` is not at least 1.
     """
     motion.check_fits("motion", crane.layout)
-    held = motion.period if control_period is None else control_period
-    steps = multiple("control period", held, "dt", dt)
+    hold_time = motion.period if control_period is None else control_period
+    steps = multiple("control period", hold_time, "dt", dt)
     every = min(whole("rows between linearisations", every, 1), len(motion.q))
     efforts = motion_efforts(crane, motion)
     last = len(motion.q) - 1

@@ -124,13 +124,13 @@ def _plane_gains(
     weights: tuple[np.ndarray, np.ndarray],
     period: float,
     n: int,
-    every: int,
+    stride: int,
 ) -> np.ndarray:
     """Return gains of the finite-horizon sweep for one plane, zero-order hold, shape (n, 4)."""
     block = np.zeros((len(planes), 5, 5))
     for slot, (a, b) in zip(block, planes, strict=True):
         slot[:4, :4], slot[:4, 4:] = a, b
-    held = scipy.linalg.expm(period * block)
-    a, b = held[:, :4, :4], held[:, :4, 4:]
-    nearest = np.arange(n) // every
+    discrete = scipy.linalg.expm(period * block)
+    a, b = discrete[:, :4, :4], discrete[:, :4, 4:]
+    nearest = np.arange(n) // stride
     return riccati(a[nearest], b[nearest], *weights, stationary(a[-1], b[-1], *weights)).gain[:, 0]

@@ -71,8 +71,8 @@ def riccati(
         for k in range(len(a) - 1, -1, -1):
             input_cost = b[k].T @ cost[k + 1]
             gain[k] = np.linalg.solve(effort_weight + input_cost @ b[k], input_cost @ a[k])
-            here = state_weight + a[k].T @ cost[k + 1] @ (a[k] - b[k] @ gain[k])
-            cost[k] = (here + here.T) / 2.0
+            cost_to_go = state_weight + a[k].T @ cost[k + 1] @ (a[k] - b[k] @ gain[k])
+            cost[k] = (cost_to_go + cost_to_go.T) / 2.0
         if not (np.isfinite(gain).all() and np.isfinite(cost).all()):
             raise ValueError("a gain is not finite")
     return Sweep(gain, cost)
@@ -107,11 +107,11 @@ def _solvable() -> Iterator[None]:
 
 
 def _check(name: str, weight: np.ndarray, *, definite: bool) -> None:
-    least = np.nextafter(0, 1) if definite else -1e-9 * np.abs(weight).max()
+    threshold = np.nextafter(0, 1) if definite else -1e-9 * np.abs(weight).max()
     if (
         not np.isfinite(weight).all()
         or not np.allclose(weight, weight.T)
-        or scipy.linalg.eigvalsh(weight).min() < least
+        or scipy.linalg.eigvalsh(weight).min() < threshold
     ):
         raise OutOfRange(
             name,

@@ -64,8 +64,8 @@ class _LagCompensation:
         """Return commands whose ramps pass the reference rates, given those a period later, shape
         (rows, m) each: a ramp that gains ρ per second at jerk J stays ρ²/(2 J) behind.
         """
-        most, jerk = self.converters.accelerations, self.converters.jerks
-        gaining = np.clip((later - now) / self.period, -most, most)
+        limit, jerk = self.converters.accelerations, self.converters.jerks
+        gaining = np.clip((later - now) / self.period, -limit, limit)
         return now + gaining * np.abs(gaining) / (2.0 * jerk)
 
 
@@ -92,8 +92,8 @@ class FollowVelocityCommand(ShortRepr):
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return rates of the drives [rad/s or m/s], shape (m,)."""
-        away = setpoint.position - state.q[self.crane.layout.drives]
-        return self._rates(np.array([t]))[0] + self.recovery * away
+        error = setpoint.position - state.q[self.crane.layout.drives]
+        return self._rates(np.array([t]))[0] + self.recovery * error
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
         """Return the affine form, see `cranedyn.controllers.affine`."""
@@ -109,8 +109,8 @@ class FollowVelocityCommand(ShortRepr):
     def _rates(self, times: np.ndarray) -> np.ndarray:
         lags, m = self.lead.converters.lags, self.crane.layout.m
         now, later = (
-            asked.velocity + lags * asked.acceleration
-            for asked in (
+            setpoint.velocity + lags * setpoint.acceleration
+            for setpoint in (
                 tabulated(self.reference, times + self.lead.ahead + wait, m)
                 for wait in (0.0, self.lead.period)
             )
@@ -150,10 +150,10 @@ class VelocityCommand(ShortRepr):
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return rates of the drives [rad/s or m/s], shape (m,)."""
-        drives, answer = self.crane.layout.drives, self.controller(t, state, setpoint)
+        drives, output = self.crane.layout.drives, self.controller(t, state, setpoint)
         if self.drive == "effort":
-            answer = acceleration(self.crane, state, answer)[drives]
-        return state.v[drives] + self.lead * answer
+            output = acceleration(self.crane, state, output)[drives]
+        return state.v[drives] + self.lead * output
 
 
 def as_velocity_command(
@@ -179,9 +179,9 @@ def as_velocity_command(
     """
     check_choice("drive", drive, DirectDrive)
     period = number("control_period", control_period, "s", "> 0")
-    made = fitting(crane, "velocity", converters)
-    assert made is not None
-    lead = _LagCompensation(made, made.ahead(period), period)
+    drive_converters = fitting(crane, "velocity", converters)
+    assert drive_converters is not None
+    lead = _LagCompensation(drive_converters, drive_converters.ahead(period), period)
     if isinstance(controller, Hold):
         for damping in controller.damping.tolist():
             number("damping of a hold controller for velocity drives", damping, "", "> 0")
@@ -190,19 +190,21 @@ def as_velocity_command(
     if isinstance(controller, Tracking):
         return _tracking(crane, controller, lead)[0]
     if isinstance(controller, HoistIntegral):
-        tracking, given = _tracking(crane, controller.tracking, lead)
+        tracking, rates_per_effort = _tracking(crane, controller.tracking, lead)
         hoist = int(np.flatnonzero(crane.layout.along("l"))[0])
         return replace(
             controller,
             tracking=tracking,
-            integral_gain=controller.integral_gain * float(given[hoist, hoist]),
-            limit=float(made.rates[hoist]),
+            integral_gain=controller.integral_gain * float(rates_per_effort[hoist, hoist]),
+            limit=float(drive_converters.rates[hoist]),
         )
     if isinstance(controller, Follow):
         return FollowVelocityCommand(crane, controller.reference, lead)
     if isinstance(controller, DampingController):
-        parts = {part.name: getattr(controller, part.name) for part in fields(DampingController)}
-        return DampingVelocityCommand(**parts)
+        settings = {
+            field.name: getattr(controller, field.name) for field in fields(DampingController)
+        }
+        return DampingVelocityCommand(**settings)
     return VelocityCommand(crane, controller, drive, lead.total)
 
 
@@ -227,5 +229,5 @@ def _tracking(
         interpolate_many(rates, *locate_many(times + wait, tracking.period, len(rates)))
         for wait in (0.0, lead.period)
     )
-    made = Tracking(tracking.period, lead.undone(now, later), gains, tracking.setpoint)
-    return made, total * by_effort[drives]
+    rate_tracking = Tracking(tracking.period, lead.undone(now, later), gains, tracking.setpoint)
+    return rate_tracking, total * by_effort[drives]

@@ -93,7 +93,7 @@ def columns_by_quantity(names: Sequence[str], path: str | Path) -> dict[str, tup
     joints = units["q"] | units["v"]
     joints |= {symbol: "m" for symbol in drives if symbol not in joints}
     columns = trajectory_columns(joints, drives, units["force"])
-    if missing := [name for own in columns.values() for name in own if name not in names]:
+    if missing := [name for group in columns.values() for name in group if name not in names]:
         raise DataError(
             f"{path} has no column {', '.join(missing)}; a complete record of these joints has it."
         )

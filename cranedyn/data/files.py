@@ -37,16 +37,16 @@ def open_file(path: str | Path) -> BinaryIO:
     raise DataError(f"Cannot read {path}: it is {_kind(mode)}.")
 
 
-def read_bytes(path: str | Path, most: int = MOST_TEXT) -> bytes:
+def read_bytes(path: str | Path, limit: int = MOST_TEXT) -> bytes:
     """Return the content of a file of at most so many bytes.
 
     Raises:
         DataError: If it cannot be read, is no regular file, or is larger.
     """
     with open_file(path) as file, _as_data_error("read", path):
-        content = file.read(most + 1) if os.fstat(file.fileno()).st_size <= most else None
-    if content is None or len(content) > most:
-        raise DataError(f"Cannot read {path}: it is larger than {most / 1e6:g} MB.")
+        content = file.read(limit + 1) if os.fstat(file.fileno()).st_size <= limit else None
+    if content is None or len(content) > limit:
+        raise DataError(f"Cannot read {path}: it is larger than {limit / 1e6:g} MB.")
     return content
 
 

@@ -166,13 +166,13 @@ def read(path: str | Path) -> Trajectory:
     from cranedyn.data.tables import column_names, read_table
 
     columns = columns_by_quantity(column_names(path), path)
-    values, metadata = read_table(path, [name for own in columns.values() for name in own])
+    values, metadata = read_table(path, [name for group in columns.values() for name in group])
     _check_times(values["t_s"], 1, path)
     arrays = {
-        quantity: values[own[0]]
+        quantity: values[group[0]]
         if quantity in _SCALARS
-        else np.stack([values[name] for name in own], axis=1)
-        for quantity, own in columns.items()
+        else np.stack([values[name] for name in group], axis=1)
+        for quantity, group in columns.items()
     }
     message = f"{path}: its parameters are not a JSON object of numbers and words."
     parameters = _metadata(metadata, b"cranedyn", message)
@@ -259,8 +259,8 @@ def join(pieces: Sequence[Trajectory]) -> Trajectory:
     first = pieces[0]
     return Trajectory(
         **{
-            name: np.concatenate([*(values[:-1] for values in parts[:-1]), parts[-1]])
-            for name, parts in arrays.items()
+            name: np.concatenate([*(values[:-1] for values in stacks[:-1]), stacks[-1]])
+            for name, stacks in arrays.items()
         },
         columns=first.columns,
         parameters=first.parameters,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.dynamics.scalars import array, cross, is_zero, rows
+from cranedyn.dynamics.scalars import array, cross_product, is_zero, rows
 from cranedyn.errors import ModelError
 
 
@@ -55,12 +55,12 @@ class Bodies:
 
     def with_numbers(self, numbers: Sequence[Any]) -> Bodies:
         """Return the same tree with other numbers or symbols, in the order of `numbers`."""
-        parts, first = [], 0
+        arrays, first = [], 0
         for field in fields(self)[1:]:
             old = getattr(self, field.name)
-            parts.append(array(numbers[first : first + old.size]).reshape(old.shape))
+            arrays.append(array(numbers[first : first + old.size]).reshape(old.shape))
             first += old.size
-        return Bodies(self.parents, *parts)
+        return Bodies(self.parents, *arrays)
 
     def in_steps(self, dt: Any, mass: Any) -> Bodies:
         """Return the same with time in units of `dt` [s] and mass in units of `mass` [kg]."""
@@ -89,7 +89,7 @@ def bodies(model: pin.Model) -> Bodies:
     rows: list[tuple[Any, ...]] = []
     neutral = pin.neutral(model)
     for i in range(1, model.njoints):
-        joint, place, body = model.joints[i], model.jointPlacements[i], model.inertias[i]
+        joint, placement, body = model.joints[i], model.jointPlacements[i], model.inertias[i]
         kind = joint.shortname()
         if (joint.nv, joint.idx_v) != (1, i - 1) or kind == "JointModelComposite":
             raise ModelError(
@@ -97,13 +97,13 @@ def bodies(model: pin.Model) -> Bodies:
                 "revolute, prismatic or helical, "
                 "with one degree of freedom each."
             )
-        at = joint.createData()
-        joint.calc(at, neutral)
+        joint_data = joint.createData()
+        joint.calc(joint_data, neutral)
         rows.append(
             (
-                place.rotation,
-                place.translation,
-                at.S.reshape(2, 3),
+                placement.rotation,
+                placement.translation,
+                joint_data.S.reshape(2, 3),
                 body.mass,
                 body.lever,
                 body.inertia,
@@ -140,18 +140,18 @@ def height(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> Any:
     chain = [body]
     while (parent := tree.parents[chain[-1]]) >= 0:
         chain.append(parent)
-    up, found = array([0.0, 0.0, 1.0]), 0.0
+    up, altitude = array([0.0, 0.0, 1.0]), 0.0
     for i in reversed(chain):
-        found, up = found + up @ tree.translation[i], tree.rotation[i].T @ up
+        altitude, up = altitude + up @ tree.translation[i], tree.rotation[i].T @ up
         (along, about), coordinate = tree.axis[i], q[i : i + 1]
-        found = found + up @ (along * coordinate)
+        altitude = altitude + up @ (along * coordinate)
         if all(map(is_zero, about)):
             continue
         level = about * array([about @ up])
         if not all(map(is_zero, up - level)):
             cosine, sine = np.cos(coordinate), np.sin(coordinate)
-            up = level + cosine * (up - level) - sine * cross(about, up)
-    return found + up @ point
+            up = level + cosine * (up - level) - sine * cross_product(about, up)
+    return altitude + up @ point
 
 
 def heights(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> np.ndarray:

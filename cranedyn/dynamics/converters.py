@@ -19,7 +19,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cranedyn.checks import finite, number, within
-from cranedyn.dynamics.scalars import array, chosen, clipped, flag, magnitude, root, rounded, solve
+from cranedyn.dynamics.scalars import (
+    array,
+    chosen,
+    clipped,
+    flag,
+    magnitude,
+    rounded,
+    solve_linear,
+    square_root,
+)
 from cranedyn.errors import OutOfRange, UnknownName
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
@@ -75,8 +84,8 @@ class Response(NamedTuple):
     def heard(self, command: Any) -> list[Any]:
         """Return commands cut to the largest rates and rounded to the resolution, m numbers."""
         rates = []
-        for w, most, step in zip(command, self.rates, self.resolutions, strict=True):
-            cut = clipped(w, -most, most)
+        for w, rate_limit, step in zip(command, self.rates, self.resolutions, strict=True):
+            cut = clipped(w, -rate_limit, rate_limit)
             if isinstance(step, float) and step == 0.0:
                 rates.append(cut)
                 continue
@@ -87,7 +96,7 @@ class Response(NamedTuple):
     def cuts(self, command: Any) -> list[Any]:
         """Return for each drive whether its command is beyond its largest rate."""
         pairs = zip(command, self.rates, strict=True)
-        return [magnitude(w) > most * (1.0 + 1e-9) for w, most in pairs]
+        return [magnitude(w) > rate_limit * (1.0 + 1e-9) for w, rate_limit in pairs]
 
     def ramped(
         self, heard: Any, reference: Any, slope: Any, rate: Any, dt: Any
@@ -107,14 +116,14 @@ class Response(NamedTuple):
             dt: Time step [s].
         """
         references, slopes = [], []
-        for i, asked in enumerate(heard):
+        for i, target in enumerate(heard):
             jump = self.jerks[i] * dt
-            away = asked - reference[i]
-            distance = magnitude(away)
-            curve = 0.5 * (root(jump * jump + 8.0 * self.jerks[i] * distance) - jump)
-            most = clipped(clipped(curve, 0.0, distance / dt), 0.0, self.accelerations[i])
-            wanted = chosen(away < 0.0, -most, most)
-            new_slope = clipped(wanted, slope[i] - jump, slope[i] + jump)
+            error = target - reference[i]
+            distance = magnitude(error)
+            curve = 0.5 * (square_root(jump * jump + 8.0 * self.jerks[i] * distance) - jump)
+            slope_limit = clipped(clipped(curve, 0.0, distance / dt), 0.0, self.accelerations[i])
+            target_slope = chosen(error < 0.0, -slope_limit, slope_limit)
+            new_slope = clipped(target_slope, slope[i] - jump, slope[i] + jump)
             lead = self.accelerations[i] * self.lags[i]
             slopes.append(new_slope)
             references.append(
@@ -129,7 +138,7 @@ class Response(NamedTuple):
 
 
 def within_efforts(
-    inertia: np.ndarray, resisting: np.ndarray, wanted: np.ndarray, limits: Any
+    inertia: np.ndarray, resisting: np.ndarray, target: np.ndarray, limits: Any
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return accelerations of m drives of limited effort.
 
@@ -139,40 +148,42 @@ def within_efforts(
     Args:
         inertia: Inertia of the drives with the passive joints free, shape (m, m).
         resisting: Efforts without acceleration [N m or N], shape (m,).
-        wanted: Wanted accelerations, shape (m,).
+        target: Wanted accelerations, shape (m,).
         limits: Largest efforts, m numbers.
 
     Returns:
         Accelerations, efforts, and the efforts that the wanted accelerations need, shape (m,) each.
     """
-    m = len(wanted)
-    needed = inertia @ wanted + resisting
-    effort, held, goal = list(needed), [0.0] * m, list(needed)
-    gained: Any = wanted
+    m = len(target)
+    needed = inertia @ target + resisting
+    effort, saturated, goal = list(needed), [0.0] * m, list(needed)
+    gained: Any = target
     for _ in range(m):
         for i, limit in enumerate(limits):
             over = flag(magnitude(effort[i]) > limit, effort[i])
             goal[i] = chosen(over > 0.5, clipped(effort[i], -limit, limit), goal[i])
-            held[i] = held[i] + over - held[i] * over
-        matrix = np.array([[held[i] * inertia[i, j] * held[j] for j in range(m)] for i in range(m)])
-        right = np.array([held[i] * (goal[i] - needed[i]) for i in range(m)])
+            saturated[i] = saturated[i] + over - saturated[i] * over
+        matrix = np.array(
+            [[saturated[i] * inertia[i, j] * saturated[j] for j in range(m)] for i in range(m)]
+        )
+        right = np.array([saturated[i] * (goal[i] - needed[i]) for i in range(m)])
         for i in range(m):
-            matrix[i, i] = matrix[i, i] + (1.0 - held[i])
-        more = solve(matrix, right)
-        gained, effort = wanted + more, list(needed + inertia @ more)
+            matrix[i, i] = matrix[i, i] + (1.0 - saturated[i])
+        correction = solve_linear(matrix, right)
+        gained, effort = target + correction, list(needed + inertia @ correction)
     cut = [
-        chosen(held[i] > 0.5, goal[i], clipped(effort[i], -limit, limit))
+        chosen(saturated[i] > 0.5, goal[i], clipped(effort[i], -limit, limit))
         for i, limit in enumerate(limits)
     ]
-    return gained, _like(wanted, cut), needed
+    return gained, _like(target, cut), needed
 
 
-def _like(other: np.ndarray, values: list[Any]) -> np.ndarray:
-    return array(values) if other.dtype == object else np.array(values)
+def _like(template: np.ndarray, values: list[Any]) -> np.ndarray:
+    return array(values) if template.dtype == object else np.array(values)
 
 
 def saturate_acceleration(
-    mass: np.ndarray, resisting: np.ndarray, wanted: np.ndarray, limits: np.ndarray, layout: Layout
+    mass: np.ndarray, resisting: np.ndarray, target: np.ndarray, limits: np.ndarray, layout: Layout
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return accelerations of all joints for drives of limited effort, in any kind of number.
 
@@ -181,7 +192,7 @@ def saturate_acceleration(
     Args:
         mass: Mass matrix, shape (n, n).
         resisting: Generalized forces without acceleration, shape (n,).
-        wanted: Wanted accelerations of the drives, shape (m,).
+        target: Wanted accelerations of the drives, shape (m,).
         limits: Their largest efforts, shape (m,).
         layout: The joints.
 
@@ -190,16 +201,16 @@ def saturate_acceleration(
         would need, shape (m,) each.
     """
     drives, passive = layout.drives, layout.passive
-    inertia, held = mass[np.ix_(drives, drives)], resisting[drives]
+    inertia, resisting_drives = mass[np.ix_(drives, drives)], resisting[drives]
     a = np.zeros_like(resisting) if resisting.dtype != object else array([0.0] * len(resisting))
     if not len(passive):
-        a[drives], effort, needed = within_efforts(inertia, held, wanted, limits)
+        a[drives], effort, needed = within_efforts(inertia, resisting_drives, target, limits)
         return a, effort, needed
-    own, coupling = mass[np.ix_(passive, passive)], mass[np.ix_(passive, drives)]
-    falling = solve(own, resisting[passive])
-    carried = np.array([solve(own, coupling[:, i]) for i in range(len(drives))]).T
-    free = held - coupling.T @ falling
-    a[drives], effort, needed = within_efforts(inertia - coupling.T @ carried, free, wanted, limits)
+    passive_mass, coupling = mass[np.ix_(passive, passive)], mass[np.ix_(passive, drives)]
+    falling = solve_linear(passive_mass, resisting[passive])
+    carried = np.array([solve_linear(passive_mass, coupling[:, i]) for i in range(len(drives))]).T
+    free = resisting_drives - coupling.T @ falling
+    a[drives], effort, needed = within_efforts(inertia - coupling.T @ carried, free, target, limits)
     a[passive] = -(falling + carried @ a[drives])
     return a, effort, needed
 
@@ -252,9 +263,9 @@ class Converters:
         within("shortest lag of the converters", float(self.lags.min()), dt, math.inf, "s")
         steps = math.ceil(self.delay / control_period - 1e-9)
         if steps > _LARGEST_DELAY:
-            most = _LARGEST_DELAY * control_period
+            longest = _LARGEST_DELAY * control_period
             raise OutOfRange(
-                "delay of converters", self.delay, f"{most:g} or less: 64 control periods", "s"
+                "delay of converters", self.delay, f"{longest:g} or less: 64 control periods", "s"
             )
         return steps
 
@@ -305,12 +316,12 @@ def converters(crane: Crane, *, delay: float = DELAY, **values: Mapping[str, flo
         usual = min(RATES.get(joint.role, math.inf), limit)
         number(f"velocity limit of {joint.name}", usual, f"{joint.unit}/s", "> 0")
         acceleration = usual / RAMP_TIMES.get(joint.role, RAMP_TIME)
-        most = min(HEADROOM * usual, limit)
-        columns["rates"].append(most)
+        rate = min(HEADROOM * usual, limit)
+        columns["rates"].append(rate)
         columns["accelerations"].append(acceleration)
         columns["jerks"].append(acceleration / ROUNDING)
         columns["lags"].append(LAGS.get(joint.role, LAG))
-        columns["resolutions"].append(most / STEPS)
+        columns["resolutions"].append(rate / STEPS)
     for name, of_drives in values.items():
         if name not in columns:
             raise UnknownName("number of converters", name, [*columns, "delay"])
@@ -320,7 +331,7 @@ def converters(crane: Crane, *, delay: float = DELAY, **values: Mapping[str, flo
     return Converters(**numbers, delay=delay)
 
 
-def fitting(crane: Crane, drive: str, given: Converters | None) -> Converters | None:
+def fitting(crane: Crane, drive: str, explicit: Converters | None) -> Converters | None:
     """Return the frequency converters of a run, typical ones where none are given to drives that
     take velocities.
 
@@ -328,7 +339,7 @@ def fitting(crane: Crane, drive: str, given: Converters | None) -> Converters | 
         OutOfRange: If some are given to drives that have none, or not one for each drive.
     """
     if drive == "velocity":
-        return converters(crane) if given is None else given.of(crane)
-    if given is not None:
+        return converters(crane) if explicit is None else explicit.of(crane)
+    if explicit is not None:
         raise OutOfRange("converters", "given", f"None where drive = {drive}")
     return None

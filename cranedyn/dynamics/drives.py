@@ -256,17 +256,17 @@ class VelocityDrives(_Drives):
         that they would need, shape (m,) each.
         """
         drives, model, data = self._layout.drives, self.model, self._data
-        wanted = np.zeros(len(v))
-        wanted[drives] = self._response.accelerations_at(reference, v[drives].tolist())
+        target = np.zeros(len(v))
+        target[drives] = self._response.accelerations_at(reference, v[drives].tolist())
         joint, external = self._passive_forces(q, v)
-        a = follow_drives(model, data, q, v, wanted, joint, self._layout.passive, external)
+        a = follow_drives(model, data, q, v, target, joint, self._layout.passive, external)
         needed = inverse_dynamics(model, data, q, v, a, joint, external)[drives]
         if (np.abs(needed) <= self._limit).all():
             return a, needed, needed
         mass = pin.crba(model, data, q)
         mass = np.triu(mass) + np.triu(mass, 1).T
         bias = inverse_dynamics(model, data, q, v, np.zeros(len(v)), joint, external)
-        return saturate_acceleration(mass, bias, wanted[drives], self._limit, self._layout)
+        return saturate_acceleration(mass, bias, target[drives], self._limit, self._layout)
 
 
 Drives = EffortDrives | MotionDrives | VelocityDrives

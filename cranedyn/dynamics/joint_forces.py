@@ -56,7 +56,7 @@ class JointForces:
         return resisting if self.springs is None else resisting + self.springs.effort(q)
 
 
-def rope_tension(
+def tension_from_hoist_force(
     layout: Layout,
     damping: np.ndarray,
     springs: Springs | None,

@@ -35,7 +35,7 @@ class Sampled:
     period: float
 
     def closed(self, gain: np.ndarray) -> np.ndarray:
-        """The loop closed with u = -gain z; gain has shape (m, 2 n), the answer (2 n, 2 n).
+        """Return the loop closed with u = -gain z, shape (2 n, 2 n); the gain has shape (m, 2 n).
 
         Raises:
             OutOfRange: If the gain is not m by 2 n finite numbers.
@@ -72,13 +72,14 @@ class Linear:
 def over_period(
     by_state: np.ndarray, by_effort: np.ndarray, dt: float, steps: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What physics steps of `dt` [s] make of states, as `Sampled` has it, for many cranes at once.
+    """Return the discrete model of several physics steps of `dt` [s], as in `Sampled`, for many
+    cranes at once.
 
     Args:
         by_state: Derivatives of the accelerations by coordinates and rates, shape (k, n, 2 n).
-        by_effort: The same by the efforts, which are held, shape (k, n, m).
+        by_effort: Derivatives by the efforts, which are held, shape (k, n, m).
         dt: Physics step [s].
-        steps: How many there are.
+        steps: Number of steps.
 
     Returns:
         States after these steps by those before, shape (k, 2 n, 2 n), and by the efforts, shape (k,
@@ -185,8 +186,8 @@ class FreeModes:
         Times the column of `shapes` it is the amplitude in each passive joint.
         """
         q, v = as_array("q", q, ("rows", len(self.rest))), as_array("v", v, q.shape)
-        away = (q - self.rest)[:, self.passive] @ self.weights.T
-        return np.hypot(away, v[:, self.passive] @ self.weights.T / self.frequencies)
+        modal = (q - self.rest)[:, self.passive] @ self.weights.T
+        return np.hypot(modal, v[:, self.passive] @ self.weights.T / self.frequencies)
 
 
 def free_modes(crane: Crane, state: State) -> FreeModes:
@@ -256,8 +257,8 @@ class Mode:
 
 
 def swing_mode(loop: np.ndarray, period: float, coordinate: int) -> Mode:
-    """The oscillation of a sampled closed loop, shape (2 n, 2 n), in which a coordinate, by its
-    place, has the largest share.
+    """Return the oscillation of a sampled closed loop, shape (2 n, 2 n), in which a coordinate, by
+    its index, has the largest share.
 
     Raises:
         OutOfRange: If the loop has another shape, the period is out of range, or the coordinate

@@ -75,8 +75,8 @@ def follow_drives(
     passive: np.ndarray,
     outside: np.ndarray | None = None,
 ) -> np.ndarray:
-    """All accelerations, shape (n,), when `a` holds those of the drives and zeros for the passive
-    joints; for any unit of time.
+    """Return the accelerations of all joints, shape (n,), from those of the drives; in any unit of
+    time.
 
     The passive rows of M a + b = joint + outside are as many equations as there are passive joints.
 
@@ -87,7 +87,7 @@ def follow_drives(
         v: Their rates, shape (n,).
         a: Accelerations of the drives among zeros, shape (n,).
         joint: Generalized forces of damping and springs, shape (n,).
-        passive: Where the passive joints stand among the coordinates.
+        passive: Indices of the passive joints.
         outside: Generalized forces from outside, shape (n,); None for none.
 
     Raises:
@@ -116,18 +116,18 @@ def follow_drives(
         )
         return solved
     upper = np.triu(mass[np.ix_(passive, passive)])
-    whole = upper + np.triu(upper, 1).T
-    if not (np.isfinite(whole).all() and np.linalg.eigvalsh(whole)[0] > 0.0):
-        raise _no_inertia(*whole.diagonal().tolist())
-    solved[passive] = -np.linalg.solve(whole, still_open[passive])
+    passive_mass = upper + np.triu(upper, 1).T
+    if not (np.isfinite(passive_mass).all() and np.linalg.eigvalsh(passive_mass)[0] > 0.0):
+        raise _no_inertia(*passive_mass.diagonal().tolist())
+    solved[passive] = -np.linalg.solve(passive_mass, still_open[passive])
     return solved
 
 
 def _no_inertia(*inertias: float) -> OutOfRange:
-    shown = " and ".join(f"{inertia:g}" for inertia in inertias)
+    values = " and ".join(f"{inertia:g}" for inertia in inertias)
     return OutOfRange(
         "inertia against swing",
-        shown,
+        values,
         "> 0; a load without rotational inertia needs a cable",
         "kg m²",
     )
@@ -162,8 +162,8 @@ def outside_effort(
         force: In the world [N], shape (points, 3).
     """
     return sum(
-        part @ jacobian
-        for part, jacobian in zip(force, _jacobians(points, model, data, q), strict=True)
+        point_force @ jacobian
+        for point_force, jacobian in zip(force, _jacobians(points, model, data, q), strict=True)
     )
 
 
@@ -172,13 +172,15 @@ def _jacobians(
 ) -> list[np.ndarray]:
     """Velocity of each point in the world per rate of the coordinates, shape (3, n) each."""
     pin.computeJointJacobians(model, data, q)
-    found = []
+    jacobians = []
     for _, body, lever in points:
         # Pinocchio gives a matrix of one column without its second dimension.
         jacobian = pin.getJointJacobian(model, data, body + 1, pin.LOCAL_WORLD_ALIGNED)
         jacobian = jacobian.reshape(6, model.nv)
-        found.append(jacobian[:3] - pin.skew(data.oMi[body + 1].rotation @ lever) @ jacobian[3:])
-    return found
+        jacobians.append(
+            jacobian[:3] - pin.skew(data.oMi[body + 1].rotation @ lever) @ jacobian[3:]
+        )
+    return jacobians
 
 
 def energy(crane: Crane, state: State) -> float:
@@ -188,13 +190,13 @@ def energy(crane: Crane, state: State) -> float:
 
 
 def point_positions(crane: Crane, q: np.ndarray) -> np.ndarray:
-    """Where the points of a crane are in the world [m], shape (points, 3)."""
+    """Return the positions of a crane's points in the world [m], shape (points, 3)."""
     pin.forwardKinematics(crane.model, crane.data, q)
     return np.array([crane.data.oMi[body + 1].act(lever) for _, body, lever in crane.points])
 
 
 def point_velocities(crane: Crane, state: State) -> np.ndarray:
-    """How the points of a crane move in the world [m/s], shape (points, 3)."""
+    """Return the velocities of a crane's points in the world [m/s], shape (points, 3)."""
     return np.array(
         [
             jacobian @ state.v
@@ -209,14 +211,16 @@ def payload_position(crane: Crane, q: np.ndarray) -> np.ndarray:
 
 
 def pivot_position(crane: Crane, q: np.ndarray) -> np.ndarray:
-    """The point above the payload in the world [m], shape (3,): the swing pivot at the trolley, if
-    there is one.
+    """Return the point above the payload in the world [m], shape (3,): the swing pivot at the
+    trolley, if there is one.
     """
     return point_positions(crane, q)[min(1, len(crane.points) - 1)]
 
 
 def payload_orientation(crane: Crane, q: np.ndarray) -> np.ndarray:
-    """How the payload is turned in the world, as a unit quaternion x, y, z, w, shape (4,)."""
+    """Return the orientation of the payload in the world, a unit quaternion x, y, z, w, shape
+    (4,).
+    """
     pin.forwardKinematics(crane.model, crane.data, q)
     return pin.Quaternion(crane.data.oMi[crane.payload.body + 1].rotation).coeffs()
 
@@ -234,7 +238,7 @@ def rope_tension(crane: Crane, state: State, effort: np.ndarray) -> float:
     """
     hoist = crane.layout.role("hoist", "The tension of the rope")
     return float(
-        joint_forces.rope_tension(
+        joint_forces.tension_from_hoist_force(
             crane.layout, crane.damping, crane.springs, *state, full(crane, effort)[hoist]
         )
     )
@@ -249,7 +253,7 @@ def holding_effort(crane: Crane, q: np.ndarray) -> np.ndarray:
 
 
 def linearise(crane: Crane, state: State, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of the accelerations, with damping and springs.
+    """Return the derivatives of the accelerations, with damping and springs.
 
     Returns:
         A, shape (n, 2 n): by coordinates then rates; B, shape (n, m): by drive efforts.
@@ -261,9 +265,9 @@ def linearise(crane: Crane, state: State, effort: np.ndarray) -> tuple[np.ndarra
 def by_state_and_force(
     crane: Crane, state: State, effort: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same by generalized forces, the inverse of the mass matrix, shape (n, n), in place of B.
+    """Return A as `linearise`, and the inverse of the mass matrix, shape (n, n), in place of B.
 
-    The accelerations themselves are in `crane.data.ddq` then.
+    The accelerations are in `crane.data.ddq` afterwards.
     """
     tau = full(crane, effort) + JointForces.of(crane).effort(*state)
     by_q, by_v, inverse_mass = pin.computeABADerivatives(crane.model, crane.data, *state, tau)

@@ -50,10 +50,10 @@ class Rows(np.ndarray):
 
 def rows(table: np.ndarray) -> np.ndarray:
     """Return columns of a table, shape (n, k), as an array of k objects of n rows each."""
-    made = np.empty(table.shape[1], dtype=object)
+    columns = np.empty(table.shape[1], dtype=object)
     for i, column in enumerate(np.asarray(table, dtype=float).T):
-        made[i] = column.view(Rows)
-    return made
+        columns[i] = column.view(Rows)
+    return columns
 
 
 def chosen(condition: Any, yes: Any, no: Any) -> Any:
@@ -92,7 +92,7 @@ def magnitude(value: Any) -> Any:
     return chosen(value < 0.0, -value, value)
 
 
-def root(value: Any) -> Any:
+def square_root(value: Any) -> Any:
     """Return the square root of a number that is not negative."""
     return value.choices.call("llvm.sqrt", value) if hasattr(value, "choices") else np.sqrt(value)
 
@@ -104,10 +104,10 @@ def rounded(value: Any) -> Any:
 
 def array(elements: Sequence[Any]) -> np.ndarray:
     """Return an object array, numbers among its elements as Python floats."""
-    made = np.empty(len(elements), dtype=object)
+    objects = np.empty(len(elements), dtype=object)
     for i, element in enumerate(elements):
-        made[i] = float(element) if isinstance(element, float | int) else element
-    return made
+        objects[i] = float(element) if isinstance(element, float | int) else element
+    return objects
 
 
 def is_zero(element: Any) -> bool:
@@ -115,12 +115,12 @@ def is_zero(element: Any) -> bool:
     return isinstance(element, float) and element == 0.0
 
 
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def cross_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the cross product, shape (3,)."""
     return array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-def solve(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
+def solve_linear(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve mass @ x = right for a symmetric positive definite matrix; zeros between branches of
     the tree are left out.
 

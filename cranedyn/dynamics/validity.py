@@ -21,7 +21,7 @@ from cranedyn.checks import as_array
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.bodies import Bodies, bodies, heights
 from cranedyn.dynamics.drives import cable_buffers
-from cranedyn.dynamics.joint_forces import rope_tension
+from cranedyn.dynamics.joint_forces import tension_from_hoist_force
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 
@@ -85,14 +85,14 @@ def bounds(
             allowed.
     """
     for i, joint in enumerate(layout.joints):
-        words = (
+        message = (
             f"{joint.name} is at {{value:.6g}} {joint.unit}, its range is {{low:.6g}} to "
             f"{{high:.6g}} {joint.unit}"
         )
         if not joint.driven and joint.kind == "revolute":
-            yield Bound(i, swings.get(i, q[i]), -math.pi / 2, math.pi / 2, False, words)
+            yield Bound(i, swings.get(i, q[i]), -math.pi / 2, math.pi / 2, False, message)
         if not (joint.driven and buffers):
-            yield Bound(i, q[i], lower[i], upper[i], False, words)
+            yield Bound(i, q[i], lower[i], upper[i], False, message)
     if tension is not None:
         slack = "the rope would have to push, its tension is {value:.6g} N; a rope goes slack"
         yield Bound(layout.role("hoist", "The rope"), tension, 0.0, None, True, slack)
@@ -259,7 +259,7 @@ def _conditions(
     q = as_array("q", q, ("rows", crane.layout.n))
     v, hoist = as_array("v", v, q.shape), as_array("hoist", hoist, q.shape[:1])
     height = heights(_tree(crane), q, crane.payload.body, crane.payload.lever)
-    tension = rope_tension(crane.layout, crane.damping, crane.springs, q.T, v.T, hoist)
+    tension = tension_from_hoist_force(crane.layout, crane.damping, crane.springs, q.T, v.T, hoist)
     swings = dict(zip(crane.swings.tolist(), crane.swing_angles(q).T, strict=True))
     yield from bounds(
         crane.layout, crane.lower, crane.upper, q.T, swings, tension, height, buffers=buffers

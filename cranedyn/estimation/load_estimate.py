@@ -58,9 +58,12 @@ class CableFamily:
     """
 
     def __init__(self, motions: Sequence[Motion], spread: float, hoist: int) -> None:
-        less, plan, more = (np.stack([m.q, m.v, m.a], axis=1) for m in motions)
+        shorter, plan, longer = (np.stack([m.q, m.v, m.a], axis=1) for m in motions)
         self.spread, self._hoist = spread, hoist
-        first, second = (more - less) / (2.0 * spread), (more - 2.0 * plan + less) / (spread**2)
+        first, second = (
+            (longer - shorter) / (2.0 * spread),
+            (longer - 2.0 * plan + shorter) / (spread**2),
+        )
         # q, v and a as planned, their first and their second derivatives, a row for each
         self._table = np.concatenate([plan, first, second], axis=1)
 
@@ -138,8 +141,8 @@ class LoadEstimateController(ShortRepr):
         self.estimate, self._t = now, t
         row = min(max(round(t / self.period), 0), len(self.efforts) - 1)
         planned, adapted = self.family.planned(row), self.family.row(row, *self.filter.cable)
-        shown = State(now.q - adapted.q + planned.q, now.v - adapted.v + planned.v)
-        command = np.asarray(self.controller(t, shown, setpoint), dtype=float)
+        equivalent = State(now.q - adapted.q + planned.q, now.v - adapted.v + planned.v)
+        command = np.asarray(self.controller(t, equivalent, setpoint), dtype=float)
         command = command + self._cost(adapted) - self.efforts[row]
         self._since.append(command.clip(-self.effort_limit, self.effort_limit))
         return command
@@ -211,7 +214,7 @@ def with_load_estimate(
     if disturbance is None:
         disturbance = [CALM[joint.kind, joint.driven] for joint in layout.joints]
     errors = _numbers("disturbance of the observer", disturbance, n, ">= 0")
-    seen = _numbers(
+    noise_std = _numbers(
         "noise of the observer", noise_of(crane) if noise is None else noise, 2 * n, "> 0"
     )
     begins = State(motion.q[0], motion.v[0]) if start is None else layout.as_state("start", start)
@@ -224,7 +227,7 @@ def with_load_estimate(
     covariance[hoist, -2:] = covariance[-2:, hoist] = unknown
     extra = crane.swings if sensors == "swing" else crane.swings[:0]
     measured = np.concatenate([layout.measured, extra])
-    deviations = [*seen[measured], *([GYROSCOPE] * 3 if sensors == "imu" else [])]
+    deviations = [*noise_std[measured], *([GYROSCOPE] * 3 if sensors == "imu" else [])]
     believed = LoadFilter(
         crane,
         motion.period,
@@ -260,21 +263,21 @@ def _family(
         return Motion(motion.period, q, motion.v, motion.a, motion.drives)
 
     outer = [on_cable(by) for by in (-spread, spread)]
-    for other in outer:
-        other.check_fits("motion on another cable", crane.layout)
-        if other.q.shape != motion.q.shape or other.period != motion.period:
+    for variant in outer:
+        variant.check_fits("motion on another cable", crane.layout)
+        if variant.q.shape != motion.q.shape or variant.period != motion.period:
             raise OutOfRange(
                 "motion on another cable",
-                f"one of {len(other.q)} rows every {other.period:g} s",
+                f"one of {len(variant.q)} rows every {variant.period:g} s",
                 f"one of {len(motion.q)} rows every {motion.period:g} s, as planned",
             )
     return CableFamily([outer[0], motion, outer[1]], spread, hoist)
 
 
 def _numbers(
-    name: str, given: Sequence[float] | np.ndarray, count: int, allowed: str
+    name: str, deviations: Sequence[float] | np.ndarray, count: int, allowed: str
 ) -> np.ndarray:
-    parts = np.asarray(given, dtype=object).ravel()
-    if len(parts) != count:
-        raise OutOfRange(name, given, f"{count} standard deviations")
-    return np.array([number(name, part, allowed=allowed) for part in parts])
+    elements = np.asarray(deviations, dtype=object).ravel()
+    if len(elements) != count:
+        raise OutOfRange(name, deviations, f"{count} standard deviations")
+    return np.array([number(name, element, allowed=allowed) for element in elements])

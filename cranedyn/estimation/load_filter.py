@@ -134,17 +134,17 @@ class LoadFilter:
         """Correct mean and covariance by a reading; only the measured part of it is used."""
         expected, by = self._expected(self.mean)
         innovation = self._measured(reading) - expected
-        seen = by @ self.covariance
-        gain = kalman_gain(seen, seen @ by.T + self._noise)
-        left = self._identity - gain @ by
+        cross = by @ self.covariance
+        gain = kalman_gain(cross, cross @ by.T + self._noise)
+        residual = self._identity - gain @ by
         self.mean = self.mean + gain @ innovation
         self.mean[-3] = min(max(self.mean[-3], 1.0 / HEAVIEST), 1.0 / LIGHTEST)
-        self.covariance = left @ self.covariance @ left.T + gain @ self._noise @ gain.T
+        self.covariance = residual @ self.covariance @ residual.T + gain @ self._noise @ gain.T
         self._believe()
 
     def _measured(self, reading: State) -> np.ndarray:
-        found = np.concatenate(reading)[self._direct]
-        return np.concatenate([found, self._turning(reading)]) if self.sensors == "imu" else found
+        direct = np.concatenate(reading)[self._direct]
+        return np.concatenate([direct, self._turning(reading)]) if self.sensors == "imu" else direct
 
     def _turning(self, state: State) -> np.ndarray:
         """Return the rates at a gyroscope on the load [rad/s], shape (3,), in its frame."""

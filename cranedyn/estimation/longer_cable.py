@@ -33,22 +33,22 @@ def with_longer_cable(crane: Crane, motion: Motion, by: float) -> Motion:
     motion.check_fits("motion", crane.layout)
     shortest = float(motion.q[:, hoist].min()) + number("by", by, "m")
     number("length of the shortest cable", shortest, "m", "> 0")
-    parts = [slew, trolley, radial, tangential, hoist]
+    columns = [slew, trolley, radial, tangential, hoist]
 
     def beyond(q: np.ndarray) -> np.ndarray:
-        found = np.zeros_like(q)
-        found[:, parts] = _beyond(q[:, parts], by)
-        return found
+        changes = np.zeros_like(q)
+        changes[:, columns] = _beyond(q[:, columns], by)
+        return changes
 
     # Differences along q + s v + s² a/2 about each row need no neighbouring rows.
-    here, behind, ahead = (
+    change, change_before, change_after = (
         beyond(motion.q + s * motion.v + s**2 / 2.0 * motion.a) for s in (0.0, -_ASIDE, _ASIDE)
     )
     return Motion(
         motion.period,
-        motion.q + here,
-        motion.v + (ahead - behind) / (2.0 * _ASIDE),
-        motion.a + (ahead - 2.0 * here + behind) / _ASIDE**2,
+        motion.q + change,
+        motion.v + (change_after - change_before) / (2.0 * _ASIDE),
+        motion.a + (change_after - 2.0 * change + change_before) / _ASIDE**2,
         motion.drives,
     )
 
@@ -58,8 +58,8 @@ def _beyond(q: np.ndarray, by: float) -> np.ndarray:
     gamma, x, phi, theta, _ = q.T
     along = np.stack([np.sin(gamma), -np.cos(gamma)], axis=1)
     across = np.stack([np.cos(gamma), np.sin(gamma)], axis=1)
-    out, side, up = np.sin(phi) * np.cos(theta), np.sin(theta), np.cos(phi) * np.cos(theta)
-    rope = out[:, None] * along + side[:, None] * across
+    outward, sideward, up = np.sin(phi) * np.cos(theta), np.sin(theta), np.cos(phi) * np.cos(theta)
+    rope = outward[:, None] * along + sideward[:, None] * across
     pivot = x[:, None] * along + (by / up)[:, None] * rope
     turned = np.arctan2((pivot * across).sum(axis=1), (pivot * along).sum(axis=1))
     cosine, sine = np.cos(turned), np.sin(turned)
@@ -67,8 +67,8 @@ def _beyond(q: np.ndarray, by: float) -> np.ndarray:
         [
             turned,
             np.hypot(*pivot.T) - x,
-            np.arctan2(out * cosine + side * sine, up) - phi,
-            np.arcsin(side * cosine - out * sine) - theta,
+            np.arctan2(outward * cosine + sideward * sine, up) - phi,
+            np.arcsin(sideward * cosine - outward * sine) - theta,
             by / up,
         ],
         axis=1,

@@ -119,28 +119,28 @@ class PredictiveController(ShortRepr):
         """Return the first correction of the best sequence."""
         stretches = np.minimum(np.arange(instant, instant + self.horizon), len(self.root) - 1)
         efforts, ahead = self._predicted(stretches, deviation)
-        least, most = (side[stretches].ravel() - efforts[:, 0] for side in self.correction_limits)
+        low, high = (side[stretches].ravel() - efforts[:, 0] for side in self.correction_limits)
         after = np.minimum(
             self.ratio * np.arange(instant + 1, instant + self.horizon + 1),
             len(self.model.setpoint) - 1,
         )
         setpoint = self.model.setpoint[after[:, None], self.bounded]
-        away = (setpoint / self.bound).ravel() + ahead[:, 0]
+        offset = (setpoint / self.bound).ravel() + ahead[:, 0]
         count, m = len(self.bound), self.root.shape[1]
-        slack, none = np.tile(np.eye(count), (self.horizon, 1)), np.full(len(away), np.inf)
+        slack, none = np.tile(np.eye(count), (self.horizon, 1)), np.full(len(offset), np.inf)
         slacks = np.concatenate([np.zeros((len(efforts), count)), -slack, slack])
         decided = np.concatenate([efforts[:, 1:], ahead[:, 1:], ahead[:, 1:]])
         rows = np.concatenate([slacks, decided], axis=1)
         size = rows.shape[1]
-        found, _, flag, about = self.solve(
+        solution, _, flag, details = self.solve(
             np.eye(size),
             np.concatenate([np.full(count, PENALTY), np.zeros(size - count)]),
             rows,
-            np.concatenate([np.full(count, np.inf), most, 1.0 - away, none]),
-            np.concatenate([np.zeros(count), least, -none, -1.0 - away]),
+            np.concatenate([np.full(count, np.inf), high, 1.0 - offset, none]),
+            np.concatenate([np.zeros(count), low, -none, -1.0 - offset]),
             np.zeros(count + len(rows), dtype=np.int32),
         )
-        self.last = Solution(t, int(flag), int(about["iterations"]), found[:count])
+        self.last = Solution(t, int(flag), int(details["iterations"]), solution[:count])
         if flag != 1:
             why = _FAILURES.get(self.last.flag, "the solver gave up")
             raise RunError(
@@ -149,7 +149,7 @@ class PredictiveController(ShortRepr):
                 t=t,
             )
         k = stretches[0]
-        return self.root[k] @ found[count : count + m] - self.sweep.gain[k] @ deviation
+        return self.root[k] @ solution[count : count + m] - self.sweep.gain[k] @ deviation
 
     def _predicted(
         self, stretches: np.ndarray, deviation: np.ndarray
@@ -233,8 +233,8 @@ def mpc(
     square = effort_weight + np.swapaxes(model.b, 1, 2) @ sweep.cost[1:] @ model.b
     root = np.array(
         [
-            scipy.linalg.solve_triangular(scipy.linalg.cholesky(part), np.eye(layout.m))
-            for part in square
+            scipy.linalg.solve_triangular(scipy.linalg.cholesky(matrix), np.eye(layout.m))
+            for matrix in square
         ]
     )
     bounded = np.concatenate([layout.n + layout.drives, crane.swings])
@@ -256,11 +256,11 @@ def _correction_limits(model: Linearised, limit: np.ndarray) -> np.ndarray:
     """Return the least and largest corrections that keep the effort limits in each stretch,
     feed-forward included, shape (2, stretches, m).
     """
-    parts = [model.efforts[model.stretch == k] for k in range(len(model.a))]
+    stretches = [model.efforts[model.stretch == k] for k in range(len(model.a))]
     limits = np.array(
         [
-            [-limit - part.min(axis=0) for part in parts],
-            [limit - part.max(axis=0) for part in parts],
+            [-limit - stretch.min(axis=0) for stretch in stretches],
+            [limit - stretch.max(axis=0) for stretch in stretches],
         ]
     )
     if (limits[0] > limits[1]).any():

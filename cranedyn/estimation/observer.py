@@ -59,17 +59,17 @@ def _each(crane: Crane, table: Mapping[tuple[str, bool], float]) -> np.ndarray:
     elastic = crane.springs.stiffness > 0.0
     return np.array(
         [
-            table[joint.kind, joint.driven or bool(held)]
-            for joint, held in zip(crane.layout.joints, elastic, strict=True)
+            table[joint.kind, joint.driven or bool(has_spring)]
+            for joint, has_spring in zip(crane.layout.joints, elastic, strict=True)
         ]
     )
 
 
-def kalman_gain(seen: np.ndarray, spread: np.ndarray) -> np.ndarray:
+def kalman_gain(cross: np.ndarray, spread: np.ndarray) -> np.ndarray:
     """Return the gain of a correction, shape (unknowns, measured).
 
     Args:
-        seen: Covariance of measurements and unknowns, shape (measured, unknowns).
+        cross: Covariance of measurements and unknowns, shape (measured, unknowns).
         spread: Covariance of the measurements, noise included, shape (measured, measured).
 
     Raises:
@@ -78,7 +78,7 @@ def kalman_gain(seen: np.ndarray, spread: np.ndarray) -> np.ndarray:
     # LAPACK itself: for so few numbers NumPy's checks take longer than the solution
     from scipy.linalg.lapack import dposv
 
-    _, solution, failed = dposv(spread, seen)
+    _, solution, failed = dposv(spread, cross)
     if failed:
         raise CraneError("What the observer believes of its errors is no covariance any more.")
     return solution.T
@@ -197,13 +197,15 @@ class ObserverController(ShortRepr):
         return self.model.a[k] @ deviation + self.model.b[k] @ correction
 
     def _correct(self, row: int, state: State) -> None:
-        which = self.measured
-        measured = np.concatenate(state)[which] - self.model.setpoint[row, which]
-        seen = self.covariance[which]
-        self.gain = kalman_gain(seen, seen[:, which] + self.noise)
-        self._deviation = self._deviation + self.gain @ (measured - self._deviation[which])
-        left = self._identity - self.gain @ self._identity[which]
-        self.covariance = left @ self.covariance @ left.T + self.gain @ self.noise @ self.gain.T
+        indices = self.measured
+        measured = np.concatenate(state)[indices] - self.model.setpoint[row, indices]
+        cross = self.covariance[indices]
+        self.gain = kalman_gain(cross, cross[:, indices] + self.noise)
+        self._deviation = self._deviation + self.gain @ (measured - self._deviation[indices])
+        residual = self._identity - self.gain @ self._identity[indices]
+        self.covariance = (
+            residual @ self.covariance @ residual.T + self.gain @ self.noise @ self.gain.T
+        )
 
 
 def with_observer(
@@ -265,9 +267,10 @@ def with_observer(
 def _covariance(
     name: str, deviations: Sequence[float] | np.ndarray, count: int, allowed: str = ">= 0"
 ) -> np.ndarray:
-    given = [
-        number(name, part, allowed=allowed) for part in np.asarray(deviations, dtype=object).ravel()
+    std = [
+        number(name, element, allowed=allowed)
+        for element in np.asarray(deviations, dtype=object).ravel()
     ]
-    if len(given) != count:
+    if len(std) != count:
         raise OutOfRange(name, deviations, f"{count} standard deviations")
-    return np.diag(given) ** 2
+    return np.diag(std) ** 2

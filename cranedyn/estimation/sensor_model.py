@@ -100,8 +100,8 @@ def with_sensor_model(
     """
     late = whole("delay of the sensors", delay, 0, "control periods")
     symbols = crane.layout.symbols
-    given = np.asarray(noise_of(crane) if noise is None else noise, dtype=object).ravel()
-    if given.shape != (2 * len(symbols),):
+    noise_std = np.asarray(noise_of(crane) if noise is None else noise, dtype=object).ravel()
+    if noise_std.shape != (2 * len(symbols),):
         raise OutOfRange(
             "noise of the sensors",
             noise,
@@ -110,8 +110,8 @@ def with_sensor_model(
     names = [*symbols, *(f"{c}_dot" for c in symbols)]
     deviations = np.array(
         [
-            number(f"noise of {name}", part, allowed=">= 0")
-            for name, part in zip(names, given, strict=True)
+            number(f"noise of {name}", std, allowed=">= 0")
+            for name, std in zip(names, noise_std, strict=True)
         ]
     )
     return SensorModelController(controller, deviations, rng, deque(maxlen=late + 1))

@@ -228,14 +228,14 @@ def read_chart(path: str | Path) -> Chart:
     return Chart(content["name"], content["source"], tuple(reevings))
 
 
-def _falls(path: str | Path, where: str, table: Any) -> Falls:
-    _check_fields(path, where, table, ("count", "radii", "loads"), ("least",))
+def _falls(path: str | Path, table_name: str, table: Any) -> Falls:
+    _check_fields(path, table_name, table, ("count", "radii", "loads"), ("least",))
     try:
         radii, rated = (_numbers(name, table[name]) for name in ("radii", "loads"))
-        least = number("smallest radius", table.get("least", 0.0), "m")
-        return Falls(whole("number of falls", table["count"], 1), radii, rated, least)
+        smallest = number("smallest radius", table.get("least", 0.0), "m")
+        return Falls(whole("number of falls", table["count"], 1), radii, rated, smallest)
     except CraneError as error:
-        raise DataError(f"{path}, {where}: {error}") from None
+        raise DataError(f"{path}, {table_name}: {error}") from None
 
 
 def _numbers(name: str, values: Any) -> np.ndarray:
@@ -245,13 +245,15 @@ def _numbers(name: str, values: Any) -> np.ndarray:
 
 
 def _check_fields(
-    path: str | Path, where: str, table: Any, needed: tuple[str, ...], allowed: tuple[str, ...]
+    path: str | Path, table_name: str, table: Any, needed: tuple[str, ...], allowed: tuple[str, ...]
 ) -> None:
     if not isinstance(table, Mapping):
-        raise DataError(f"{path}, {where}: it must be a table.")
+        raise DataError(f"{path}, {table_name}: it must be a table.")
     for name in needed:
         if name not in table:
-            raise DataError(f"{path}, {where}: {name} is missing.")
+            raise DataError(f"{path}, {table_name}: {name} is missing.")
     for name in table:
         if name not in (*needed, *allowed):
-            raise DataError(f"{path}, {where}: {UnknownName('field', name, (*needed, *allowed))}")
+            raise DataError(
+                f"{path}, {table_name}: {UnknownName('field', name, (*needed, *allowed))}"
+            )

@@ -52,27 +52,27 @@ def utilisation_below_warning(analysis: LiftAnalysis) -> Check:
     """Check that a load moment limiter gives no warning."""
     if analysis.utilisation is None:
         return Check(f"The chart does not reach: {analysis.chart_error}", False)
-    most = float(analysis.utilisation.max())
+    highest = float(analysis.utilisation.max())
     t = float(analysis.loads.t[int(analysis.utilisation.argmax())])
     first = analysis.cut_outs[:1]
     limiter = f"{first[0].kind} at {first[0].t:.1f} s" if first else "no warning"
     return Check(
-        f"Utilisation is {100.0 * most:.1f} % of the chart at most, at t = {t:.1f} s; a limiter "
+        f"Utilisation is {100.0 * highest:.1f} % of the chart at most, at t = {t:.1f} s; a limiter "
         f"warns at {100.0 * WARNING:g} % and cuts out at {100.0 * CUT_OUT:g} %: {limiter}.",
-        most < WARNING,
+        highest < WARNING,
     )
 
 
 def heavier_load(analysis: LiftAnalysis) -> Check:
     """Check that the chart bears a load heavier by the spread of the perturbed lifts."""
-    more = Spread().load
+    spread = Spread().load
     if analysis.utilisation is None:
         return Check("What a heavier load would use of the chart is not known.", None)
-    most = (1.0 + more) * float(analysis.utilisation.max())
+    utilisation = (1.0 + spread) * float(analysis.utilisation.max())
     return Check(
-        f"A load {100.0 * more:.0f} % heavier than entered uses {100.0 * most:.1f} % of the chart; "
-        f"a limiter cuts out at {100.0 * CUT_OUT:g} %.",
-        most < CUT_OUT,
+        f"A load {100.0 * spread:.0f} % heavier than entered uses {100.0 * utilisation:.1f} % of "
+        f"the chart; a limiter cuts out at {100.0 * CUT_OUT:g} %.",
+        utilisation < CUT_OUT,
     )
 
 
@@ -99,12 +99,12 @@ def corners_pressed(analysis: LiftAnalysis) -> Check:
             None,
         )
     forces = np.stack([analysis.loads[f"corner_{i}_N"] for i in range(1, 5)])
-    least, most, permitted = float(forces.min()), float(forces.max()), site.base.permitted
+    smallest, largest, permitted = float(forces.min()), float(forces.max()), site.base.permitted
     bears = "" if permitted is None else f"; the ground may bear {permitted / 1e3:.0f} kN"
     return Check(
-        f"All corners of the base press on the ground, by {least / 1e3:.0f} kN at least and "
-        f"{most / 1e3:.0f} kN at most{bears}.",
-        least > 0.0 and (permitted is None or most <= permitted),
+        f"All corners of the base press on the ground, by {smallest / 1e3:.0f} kN at least and "
+        f"{largest / 1e3:.0f} kN at most{bears}.",
+        smallest > 0.0 and (permitted is None or largest <= permitted),
     )
 
 

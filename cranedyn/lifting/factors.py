@@ -78,8 +78,8 @@ def phi_2(hoisting: HoistingClass, speed: float, drive: DriveClass = "HD1") -> f
     EN 1991-3, Table 2.4 (second hand). β2 is the frequency of an elastic hoist, see
     `hoist_frequency`.
     """
-    least = phi_2_least(hoisting, drive)
-    return least + HOISTING[hoisting].slope * number("hoisting speed", speed, "m/s", ">= 0")
+    minimum = phi_2_least(hoisting, drive)
+    return minimum + HOISTING[hoisting].slope * number("hoisting speed", speed, "m/s", ">= 0")
 
 
 def pick_up_speed(drive: DriveClass, largest: float, creep: float) -> float:
@@ -185,6 +185,6 @@ def buffer_stroke(speed: float, deceleration: float = BUFFER_MOST) -> float:
     """Return the way that a buffer needs for a crane of a speed [m/s], at 0.7 of it and a constant
     deceleration [m/s²]: (0.7 v)²/(2a) [m]. FEM 1.001 (second hand).
     """
-    most = within("deceleration", deceleration, 1e-3, BUFFER_MOST, "m/s²")
+    checked_deceleration = within("deceleration", deceleration, 1e-3, BUFFER_MOST, "m/s²")
     met = BUFFER_SHARE * number("speed", speed, "m/s")
-    return met * met / (2.0 * most)
+    return met * met / (2.0 * checked_deceleration)

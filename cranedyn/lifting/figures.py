@@ -101,9 +101,9 @@ def draw_chart(analysis: LiftAnalysis) -> Figure:
     rated.set(xlabel="radius [m]", ylabel="load [t]", ylim=(0.0, None))
     rated.legend(fontsize=9)
     stations = np.linspace(0.0, float(analysis.loads["radius_m"].max()), _STATIONS)
-    most = jib_moment(analysis.crane, analysis.certificate.run, stations).max(axis=0)
-    jib.fill_between(stations, 1e-3 * most, color=COLOURS["x"], alpha=0.3)
-    jib.plot(stations, 1e-3 * most, color=COLOURS["x"])
+    envelope = jib_moment(analysis.crane, analysis.certificate.run, stations).max(axis=0)
+    jib.fill_between(stations, 1e-3 * envelope, color=COLOURS["x"], alpha=0.3)
+    jib.plot(stations, 1e-3 * envelope, color=COLOURS["x"])
     jib.set(xlabel="along the jib [m]", ylabel="largest moment [kN m]")
     return figure
 

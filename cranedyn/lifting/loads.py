@@ -19,7 +19,7 @@ from cranedyn.checks import finite
 from cranedyn.data.time_series import TimeSeries
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.drives import cable_buffers
-from cranedyn.dynamics.joint_forces import rope_tension
+from cranedyn.dynamics.joint_forces import tension_from_hoist_force
 from cranedyn.dynamics.validity import hoisting
 from cranedyn.errors import OutOfRange, UnknownColumn
 from cranedyn.lifting.wrench import Moving, Wrench
@@ -154,8 +154,10 @@ def loads_of_rows(
         columns |= _of_ring(crane, moving, columns["pull_N"], arms)
     foot = moving.through(None)
     if arms:
-        out, _ = _plan(moving, layout.role("trolley", "A jib that weighs where it lies"))
-        turning = np.cross(out, -_UP) * (crane.gravity * sum(arm.mass * arm.centre for arm in arms))
+        outward, _ = _plan(moving, layout.role("trolley", "A jib that weighs where it lies"))
+        turning = np.cross(outward, -_UP) * (
+            crane.gravity * sum(arm.mass * arm.centre for arm in arms)
+        )
         weight = _UP * (crane.gravity * sum(arm.mass for arm in arms))
         foot = foot._replace(force=foot.force - weight, moment=foot.moment + turning)
     still = 0.0 if base is None else base.mass * crane.gravity
@@ -244,16 +246,18 @@ def _of_rope(
     hoist = hoisting(crane, effort)
     hoist = hoist + (cable_buffers(crane, moving.q, moving.v) if buffers else 0.0)
     tension = np.broadcast_to(
-        rope_tension(layout, crane.damping, crane.springs, moving.q.T, moving.v.T, hoist),
+        tension_from_hoist_force(
+            layout, crane.damping, crane.springs, moving.q.T, moving.v.T, hoist
+        ),
         len(hoist),
     )
     columns = {"rope_N": tension, "pull_N": -pull[:, 2], "slack_margin": tension / weight}
     if (drive := layout.drive_of("hoist")) is not None:
         columns["snag_margin"] = 1.0 - tension / crane.effort_limit[drive]
     if layout.has("trolley"):
-        out, aside = _plan(moving, layout.role("trolley", "The plane of the jib"))
+        outward, aside = _plan(moving, layout.role("trolley", "The plane of the jib"))
         rope = moving.axis(joint)
-        columns["off_lead_rad"] = np.arctan2(_along(rope, out), -rope[:, 2])
+        columns["off_lead_rad"] = np.arctan2(_along(rope, outward), -rope[:, 2])
         columns["side_lead_rad"] = np.arctan2(_along(rope, aside), -rope[:, 2])
         columns["side_force_percent"] = 100.0 * _along(pull, aside) / weight
     return columns
@@ -263,9 +267,9 @@ def _of_ring(
     crane: Crane, moving: Moving, pull: np.ndarray, arms: Sequence[Arm]
 ) -> dict[str, np.ndarray]:
     slew, trolley = (crane.layout.role(name, "The slewing ring") for name in ("slew", "trolley"))
-    out, aside = _plan(moving, trolley)
+    outward, aside = _plan(moving, trolley)
     ring = moving.through(slew)
-    radius = _along(moving.origin(trolley) - ring.point, out)
+    radius = _along(moving.origin(trolley) - ring.point, outward)
     weights = crane.gravity * np.array([[arm.mass, arm.mass * arm.centre] for arm in arms]).sum(
         axis=0
     )
@@ -275,7 +279,7 @@ def _of_ring(
         "load_moment_Nm": pull * radius,
         "ring_vertical_N": -ring.force[:, 2] + weight,
         "ring_tilting_Nm": _along(ring.moment, aside) + turning,
-        "ring_lateral_Nm": _along(ring.moment, out),
+        "ring_lateral_Nm": _along(ring.moment, outward),
         "ring_torsion_Nm": ring.moment[:, 2],
     }
 
@@ -284,12 +288,12 @@ def _plan(moving: Moving, trolley: int) -> tuple[np.ndarray, np.ndarray]:
     """Return unit vectors along the jib and aside from it, a quarter turn on in the sense of
     positive slew, both level, shape (rows, 3).
     """
-    out = moving.axis(trolley) * np.array([1.0, 1.0, 0.0])
-    size = np.linalg.norm(out, axis=1)
+    outward = moving.axis(trolley) * np.array([1.0, 1.0, 0.0])
+    size = np.linalg.norm(outward, axis=1)
     if not (size > _BELOW).all():
         raise OutOfRange("horizontal part of the trolley's axis", float(size.min()), "> 0")
-    out = out / size[:, None]
-    return out, np.cross(_UP, out)
+    outward = outward / size[:, None]
+    return outward, np.cross(_UP, outward)
 
 
 def _along(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:

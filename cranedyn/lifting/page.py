@@ -82,18 +82,19 @@ def html(
 def _verdict(title: str, checks: Sequence[Check]) -> str:
     """Return GO or NO GO and the checks, those first that do not hold."""
     today, crane = date.today(), load_crane()
-    held = [check for check in checks if check.holds is True]
-    others = [check for check in checks if check.holds is not True]
+    passed = [check for check in checks if check.holds is True]
+    not_passed = [check for check in checks if check.holds is not True]
     unknown = sum(check.holds is None for check in checks)
-    failed = len(others) - unknown
+    failed = len(not_passed) - unknown
     reason = f"All {len(checks)} checks hold."
-    if others:
+    if not_passed:
         does = "does" if failed == 1 else "do"
         reason = f"{failed} of {len(checks)} checks {does} not hold, {unknown} could not be judged:"
     listed = "".join(
-        f"<li>{mark_html(check.holds)}{escape(check.sentence)}</li>" for check in [*others, *held]
+        f"<li>{mark_html(check.holds)}{escape(check.sentence)}</li>"
+        for check in [*not_passed, *passed]
     )
-    style, verdict = ("fails", "NO GO") if others else ("held", "GO")
+    style, verdict = ("fails", "NO GO") if not_passed else ("held", "GO")
     return (
         f'<div class="first"><div><h1>{escape(title)}</h1><p class="lead">{today.day} '
         f"{today:%B %Y} · cranedyn {escape(__version__)}</p>"
@@ -115,15 +116,16 @@ def _limits_and_command(command: str) -> str:
     limits = "".join(f"<li>{escape(sentence)}</li>" for sentence in LIMITS)
     packages = ("cranedyn", "pin", "numpy", "scipy")
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in packages)
-    again = (
+    source_note = (
         f"Every number of this page: <code>{escape(command)}</code>; derivations"
         if command
         else "Derivations"
     )
     return (
         f"<section><h2>What these numbers do not say</h2><ul>{limits}</ul></section>"
-        f"<section><h2>Again</h2><p>{again} of the factors: <code>python -m experiments.factors"
-        "</code>. The experiment keeps the run and its loads beside the page as CSV and Parquet."
+        f"<section><h2>Again</h2><p>{source_note} of the factors: <code>python -m "
+        "experiments.factors</code>. The experiment keeps the run and its loads beside the page "
+        "as CSV and Parquet."
         f'</p><p class="note">python {platform.python_version()}, {versions}; '
         f"{platform.system()} {platform.machine()}</p></section>"
     )

@@ -133,24 +133,24 @@ def _spells(certificate: Certificate, name: str, mark: float) -> list[float]:
 
 def _swept(lift: Lift) -> dict[str, np.ndarray]:
     """Return boxes around the load with its envelope, some metres apart."""
-    clearance, places = lift.clearance, lift.timed.places
-    points = clearance.point(places)
+    clearance, drive_positions = lift.clearance, lift.timed.places
+    points = clearance.point(drive_positions)
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     rows = np.unique(np.searchsorted(arc, np.arange(0.0, arc[-1], _SPACED)))
     load = clearance.bodies.load
-    envelope = np.array([clearance.envelope(length) for length in places[rows, 2]])
+    envelope = np.array([clearance.envelope(length) for length in drive_positions[rows, 2]])
     return {
         "centres": points[rows] + (load.min(axis=0) + load.max(axis=0))[None] / 2.0,
         "sizes": np.ptp(load, axis=0) + 2.0 * envelope[:, None],
-        "yaw": places[rows, 0],
+        "yaw": drive_positions[rows, 0],
     }
 
 
 def _outlines(solid: Solid, i: int, j: int) -> PolyCollection:
     """Draw a solid along an axis."""
-    parts = solid.parts or tuple(solid.vertices[triangle] for triangle in solid.triangles)
+    faces = solid.parts or tuple(solid.vertices[triangle] for triangle in solid.triangles)
     shapes = []
-    for corners in parts:
+    for corners in faces:
         flat = np.unique(np.round(corners[:, [i, j]], 6), axis=0)
         if len(flat) > 2 and np.linalg.matrix_rank(flat - flat[0], tol=1e-5) == 2:
             shapes.append(flat[ConvexHull(flat).vertices])

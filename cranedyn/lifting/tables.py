@@ -57,17 +57,17 @@ def tables(analysis: LiftAnalysis, command: str = "") -> list[Table]:
         analysis: What was computed of the lift.
         command: The command that makes the numbers again, for the notes.
     """
-    again = f" Again: {command}." if command else ""
+    source_note = f" Again: {command}." if command else ""
     result = [
         _lift(analysis),
-        _loads(analysis, again),
-        _clearances(analysis, again),
+        _loads(analysis, source_note),
+        _clearances(analysis, source_note),
         _factors(analysis),
     ]
     if analysis.wind is not None:
-        result += [_wind(analysis.wind, again), _limits(analysis.wind)]
+        result += [_wind(analysis.wind, source_note), _limits(analysis.wind)]
     if analysis.perturbed is not None:
-        result.append(_robustness(analysis, analysis.perturbed, again))
+        result.append(_robustness(analysis, analysis.perturbed, source_note))
     return result
 
 
@@ -101,18 +101,18 @@ def _gross(analysis: LiftAnalysis) -> str:
     """Return the mass that hangs as the sum that it is."""
     gross, rigging = hanging_mass(analysis.crane) / 1e3, analysis.site.rigging
     load = gross - sum(rigging.values()) / 1e3
-    parts = [
+    terms = [
         f"load {load:.2f} t",
         *(f"{name} {mass / 1e3:.2f} t" for name, mass in rigging.items()),
     ]
-    return f"{gross:.2f} t" + (f" = {' + '.join(parts)}" if rigging else " with hook and slings")
+    return f"{gross:.2f} t" + (f" = {' + '.join(terms)}" if rigging else " with hook and slings")
 
 
 def _point(point: np.ndarray) -> str:
     return f"({', '.join(f'{coordinate:.1f}' for coordinate in point)})"
 
 
-def _loads(analysis: LiftAnalysis, again: str) -> Table:
+def _loads(analysis: LiftAnalysis, source_note: str) -> Table:
     """Extremes of the loads, and when."""
     carried, t = analysis.loads, analysis.loads.t
     rows: list[Row] = []
@@ -134,7 +134,7 @@ def _loads(analysis: LiftAnalysis, again: str) -> Table:
     add("slewing ring, torsion", carried["ring_torsion_Nm"], 1e-3, "kN m")
     add("foot, overturning", carried["overturning_Nm"], 1e-3, "kN m")
     add("foot, torsion", carried["torsion_Nm"], 1e-3, "kN m")
-    base, note = analysis.site.base, f"Formulas: {_MODEL}.{again}"
+    base, note = analysis.site.base, f"Formulas: {_MODEL}.{source_note}"
     if base is not None:
         corners = np.stack([carried[f"corner_{i}_N"] for i in range(1, 5)], axis=1)
         permitted = "-" if base.permitted is None else f"{base.permitted / 1e3:g}"
@@ -143,13 +143,13 @@ def _loads(analysis: LiftAnalysis, again: str) -> Table:
         rows.append(["corner, least [kN]", 1e-3 * float(corners.min()), float(t[k]), "> 0"])
         note = (
             f"Formulas: {_MODEL}. Corners: base {base.spacing:g} m wide, {base.mass / 1e3:g} t "
-            f"with mast and ballast, as entered.{again}"
+            f"with mast and ballast, as entered.{source_note}"
         )
     columns = [("largest", ""), ("value", ".2f"), ("at [s]", ".1f"), ("limit", "")]
     return Table("Loads of the run", columns, rows, note)
 
 
-def _clearances(analysis: LiftAnalysis, again: str) -> Table:
+def _clearances(analysis: LiftAnalysis, source_note: str) -> Table:
     certificate = analysis.certificate
     zones = {solid.name for solid in analysis.site.solids if solid.zone}
     rows: list[Row] = []
@@ -158,7 +158,7 @@ def _clearances(analysis: LiftAnalysis, again: str) -> Table:
         required = "kept out of" if name in zones else f"{analysis.site.distance:g}"
         rows.append([name, float(distance[k]), float(certificate.t[k]), required])
     columns = [("obstacle", ""), ("least [m]", ".2f"), ("at [s]", ".1f"), ("required [m]", "")]
-    note = f"Of all that hangs; proven between the instants (docs/lift.md).{again}"
+    note = f"Of all that hangs; proven between the instants (docs/lift.md).{source_note}"
     return Table("Clearances", columns, rows, note)
 
 
@@ -173,18 +173,18 @@ def _factors(analysis: LiftAnalysis) -> Table:
     pull = float(carried["rope_N"].max()) / weight
     mass, radius = hanging_mass(crane), float(carried["radius_m"].max())
     along, about = (limits.accelerations[crane.layout.drive(name)] for name in ("x", "gamma"))
-    out, aside = (
+    outward, aside = (
         float(np.abs(carried["pull_N"] * np.tan(carried[f"{side}_lead_rad"])).max())
         for side in ("off", "side")
     )
     psi = f"{factors.psi_h_regulated(1.0):.2f}"
-    least, most = factors.phi_1()
+    phi_low, phi_high = factors.phi_1()
     rows: list[Row] = [
-        ["φ1, own weight at lift-off", f"{least:g} to {most:g}", None, "EN 1991-3, T 2.4"],
+        ["φ1, own weight at lift-off", f"{phi_low:g} to {phi_high:g}", None, "EN 1991-3, T 2.4"],
         [f"v_h of {drive} [m/s]", f"{speed:.2f}", None, "AS 5221.1:2021"],
         [f"φ2 of {hoisting}, {drive}", f"{phi_2:.3f}", pull, "EN 1991-3, T 2.4, 2.5"],
         ["φ6, dynamic test load", f"{factors.phi_6(phi_2):.3f}", None, "EN 1991-3, 2.10"],
-        ["ψ_h of the trolley", psi, out / (mass * along), "FEM 1.001, A.2.2.3"],
+        ["ψ_h of the trolley", psi, outward / (mass * along), "FEM 1.001, A.2.2.3"],
         ["ψ_h of the slew", psi, aside / (mass * about * radius), "FEM 1.001, A.2.2.3"],
     ]
     columns = [("factor", ""), ("allowed", ""), ("needed here", ".3f"), ("clause", "")]
@@ -197,7 +197,7 @@ def _factors(analysis: LiftAnalysis) -> Table:
     return Table("Dynamic factors", columns, rows, note)
 
 
-def _wind(limit: WindLimit, again: str) -> Table:
+def _wind(limit: WindLimit, source_note: str) -> Table:
     worst = limit.worst
     rows: list[Row] = []
     for i, speed in enumerate(limit.speeds.tolist()):
@@ -227,7 +227,7 @@ def _wind(limit: WindLimit, again: str) -> Table:
     note = (
         f"The worst of {limit.lifts} lifts in all, from all sides and at all times, most of "
         "them in gusts about the worst; wind on the load alone. Clearance: at least. Pressure: "
-        f"0.625 v², AS 5222:2021, {_SECOND}.{again}"
+        f"0.625 v², AS 5222:2021, {_SECOND}.{source_note}"
     )
     return Table("Wind", columns, rows, note)
 
@@ -249,7 +249,7 @@ def _limits(limit: WindLimit) -> Table:
     return Table("Wind limits", columns, rows, note)
 
 
-def _robustness(analysis: LiftAnalysis, perturbed: Perturbed, again: str) -> Table:
+def _robustness(analysis: LiftAnalysis, perturbed: Perturbed, source_note: str) -> Table:
     count = len(perturbed.least)
     low, high = perturbed.interval()
     distances = perturbed.least[np.isfinite(perturbed.least)]
@@ -266,6 +266,6 @@ def _robustness(analysis: LiftAnalysis, perturbed: Perturbed, again: str) -> Tab
     ]
     note = (
         "Load ±30 %, cable ±0.5 m, mean wind to 4 m/s with gusts of 6 m/s more, sensors to 20 ms "
-        f"late; interval by Clopper and Pearson (docs/lift.md).{again}"
+        f"late; interval by Clopper and Pearson (docs/lift.md).{source_note}"
     )
     return Table("Perturbed lifts", [("", ""), ("value", "")], rows, note)

@@ -66,8 +66,8 @@ class WindLimit:
         """Return the strongest gust up to which all limits are kept by all lifts, and the weakest
         in which some lift does not [m/s], infinite if there is none.
         """
-        kept = np.all([self.kept(name) for name in self.allowed], axis=0)
-        broken = self.speeds[~kept]
+        all_kept = np.all([self.kept(name) for name in self.allowed], axis=0)
+        broken = self.speeds[~all_kept]
         return self.limit(), float(broken[0]) if len(broken) else math.inf
 
     @property

@@ -40,8 +40,8 @@ class Wrench(NamedTuple):
     def about(self, point: np.ndarray) -> Wrench:
         """Return the wrench about another point [m], shape (3,) or (rows, 3)."""
         arm = self.point - point
-        there = np.broadcast_to(np.asarray(point, dtype=float), self.point.shape)
-        return Wrench(self.force, self.moment + np.cross(arm, self.force), there)
+        points = np.broadcast_to(np.asarray(point, dtype=float), self.point.shape)
+        return Wrench(self.force, self.moment + np.cross(arm, self.force), points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,16 +88,18 @@ class Moving:
         q = as_array("q", q, ("rows", layout.n))
         v = as_array("v", v, q.shape)
         effort = as_array("effort", effort, (len(q), layout.m))
-        made = plant(topology, numbers(crane).tolist(), "effort", buffers)
+        crane_plant = plant(topology, numbers(crane).tolist(), "effort", buffers)
         acting = force is not None and bool(np.any(force))
         outside = None if not acting else rows(as_array("force", force, (len(q), _wide(crane))))
-        caused, _ = made.answer(rows(q), rows(v), rows(effort), outside)
+        caused, _ = crane_plant.answer(rows(q), rows(v), rows(effort), outside)
         external = [] if outside is None else list(outside.reshape(-1, 3))
-        points = zip(topology.bodies, made.levers, external, strict=bool(acting))
-        a = np.stack([np.broadcast_to(np.asarray(one, dtype=float), len(q)) for one in caused], 1)
+        points = zip(topology.bodies, crane_plant.levers, external, strict=bool(acting))
+        a = np.stack(
+            [np.broadcast_to(np.asarray(column, dtype=float), len(q)) for column in caused], 1
+        )
         tree = bodies(crane.model)  # that of the plant counts masses with their parents
         tree = tree.with_numbers(tree.numbers().tolist())
-        return cls(tree, q, v, a, tuple(ExternalForce(*one) for one in points))
+        return cls(tree, q, v, a, tuple(ExternalForce(*values) for values in points))
 
     def through(self, joint: int | None) -> Wrench:
         """Return the wrench through a joint; for None through the ground, about the world's origin.
@@ -108,31 +110,33 @@ class Moving:
         first = 0 if joint is None else joint
         tree = _with_cut(self.tree, joint)
         q, v, a = (
-            np.insert(part, [first] * _CUT, 0.0, axis=1) for part in (self.q, self.v, self.a)
+            np.insert(columns, [first] * _CUT, 0.0, axis=1) for columns in (self.q, self.v, self.a)
         )
-        where = rigid_body.frames(tree, rows(q))
-        beyond = [one._replace(body=_after(one.body, first)) for one in self.external]
-        held = rigid_body.inverse_dynamics(tree, where, rows(v), rows(a), beyond)
+        frames = rigid_body.frames(tree, rows(q))
+        beyond = [push._replace(body=_after(push.body, first)) for push in self.external]
+        efforts = rigid_body.tree_inverse_dynamics(tree, frames, rows(v), rows(a), beyond)
         last = first + _CUT - 1
-        force, moment = held[first : first + 3], held[first + 3 : first + 6]
+        force, moment = efforts[first : first + 3], efforts[first + 3 : first + 6]
         return Wrench(
-            -self._filled(_turned(tree, where, last, force)),
-            -self._filled(_turned(tree, where, last, moment)),
-            self._filled(_placed(tree, where, last)),
+            -self._filled(_turned(tree, frames, last, force)),
+            -self._filled(_turned(tree, frames, last, moment)),
+            self._filled(_placed(tree, frames, last)),
         )
 
     def axis(self, joint: int) -> np.ndarray:
         """Return the positive direction of a joint in the world, shape (rows, 3)."""
-        where = rigid_body.frames(self.tree, rows(self.q))
+        frames = rigid_body.frames(self.tree, rows(self.q))
         along, about = self.tree.axis[joint]
-        return self._filled(_turned(self.tree, where, joint, along + about))
+        return self._filled(_turned(self.tree, frames, joint, along + about))
 
     def origin(self, joint: int) -> np.ndarray:
         """Return the origin of a joint's frame in the world [m], shape (rows, 3)."""
         return self._filled(_placed(self.tree, rigid_body.frames(self.tree, rows(self.q)), joint))
 
     def _filled(self, vector: np.ndarray) -> np.ndarray:
-        columns = [np.broadcast_to(np.asarray(one, dtype=float), len(self.q)) for one in vector]
+        columns = [
+            np.broadcast_to(np.asarray(component, dtype=float), len(self.q)) for component in vector
+        ]
         return np.stack(columns, axis=1)
 
 
@@ -148,45 +152,45 @@ def _after(body: int, first: int) -> int:
 def _with_cut(tree: Bodies, joint: int | None) -> Bodies:
     """Return the tree with six joints, along and about three axes, before one joint or all."""
     first, n = joint or 0, len(tree)
-    whole = blank([0] * (n + _CUT))
-    arrays = whole.with_numbers(whole.numbers().tolist())
-    at = [_after(i, first) for i in range(n)]
+    template = blank([0] * (n + _CUT))
+    arrays = template.with_numbers(template.numbers().tolist())
+    new_rows = [_after(i, first) for i in range(n)]
     parents = [0] * (n + _CUT)
-    for i, place in enumerate(at):
-        parents[place] = _after(tree.parents[i], first) if tree.parents[i] >= 0 else -1
+    for i, new_row in enumerate(new_rows):
+        parents[new_row] = _after(tree.parents[i], first) if tree.parents[i] >= 0 else -1
     for i in range(_CUT):
         parents[first + i] = first + i - 1
     parents[first] = -1 if joint is None else tree.parents[joint]
     for name in ("rotation", "translation", "axis", "mass", "lever", "inertia", "armature"):
-        getattr(arrays, name)[at] = getattr(tree, name)
+        getattr(arrays, name)[new_rows] = getattr(tree, name)
     arrays.gravity[:] = tree.gravity
     eye, zero = np.eye(3).astype(object), np.zeros(3).astype(object)
     for i in range(_CUT):
         arrays.rotation[first + i] = eye
         arrays.axis[first + i, i // 3, i % 3] = 1.0
     if joint is None:
-        for i, place in enumerate(at):
-            parents[place] = parents[place] if tree.parents[i] >= 0 else _CUT - 1
+        for i, new_row in enumerate(new_rows):
+            parents[new_row] = parents[new_row] if tree.parents[i] >= 0 else _CUT - 1
     else:
-        parents[at[joint]] = first + _CUT - 1
+        parents[new_rows[joint]] = first + _CUT - 1
         arrays.rotation[first] = tree.rotation[joint]
         arrays.translation[first] = tree.translation[joint]
-        arrays.rotation[at[joint]], arrays.translation[at[joint]] = eye, zero
-    parts = ("rotation", "translation", "axis", "mass", "lever", "inertia", "armature", "gravity")
-    return Bodies(parents, *(getattr(arrays, name) for name in parts))
+        arrays.rotation[new_rows[joint]], arrays.translation[new_rows[joint]] = eye, zero
+    names = ("rotation", "translation", "axis", "mass", "lever", "inertia", "armature", "gravity")
+    return Bodies(parents, *(getattr(arrays, name) for name in names))
 
 
-def _turned(tree: Bodies, where: list[Frame], body: int, vector: np.ndarray) -> np.ndarray:
+def _turned(tree: Bodies, frames: list[Frame], body: int, vector: np.ndarray) -> np.ndarray:
     """Return a vector of the frame of a joint in the world, shape (3,)."""
     while body >= 0:
-        vector, body = where[body].rotation @ vector, tree.parents[body]
+        vector, body = frames[body].rotation @ vector, tree.parents[body]
     return vector
 
 
-def _placed(tree: Bodies, where: list[Frame], body: int) -> np.ndarray:
+def _placed(tree: Bodies, frames: list[Frame], body: int) -> np.ndarray:
     """Return the origin of a joint's frame in the world [m], shape (3,)."""
     point = rigid_body.array([0.0] * 3)
     while body >= 0:
-        frame = where[body]
+        frame = frames[body]
         point, body = frame.origin + frame.rotation @ point, tree.parents[body]
     return point

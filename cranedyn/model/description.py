@@ -24,7 +24,7 @@ from cranedyn.checks import number
 from cranedyn.command import Parser, command, interrupted
 from cranedyn.data.files import atomic_write, parse_json, read_text
 from cranedyn.errors import DataError, ModelError, UnknownName, quoted
-from cranedyn.model.urdf import parse
+from cranedyn.model.urdf import parse_urdf
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 XACRO = next(
@@ -200,7 +200,7 @@ def _twin_arguments(path: str) -> dict[str, str]:
 
 def _parse(path: str | Path) -> minidom.Document:
     text = read_text(path)
-    parse(text, path)
+    parse_urdf(text, path)
     return minidom.parseString(text)
 
 

@@ -41,7 +41,7 @@ from cranedyn.model.joints import (
 from cranedyn.model.layout import Layout
 from cranedyn.model.solvability import check_ranges, check_solvable
 from cranedyn.model.springs import read_springs
-from cranedyn.model.urdf import bare, check, parse, skeleton
+from cranedyn.model.urdf import bare, check_urdf, parse_urdf, skeleton
 from cranedyn.model.values import CraneValues
 
 _RECORD_TYPES = {
@@ -128,11 +128,11 @@ def load_crane(
     else:
         text = read_text(path)
     if urdf is not None:
-        return _crane(parse(text, path), path, partial(str, text), options)
+        return _crane(parse_urdf(text, path), path, partial(str, text), options)
     record: dict[str, Any] = {}
     with contextlib.suppress(TypeError, ValueError):  # a value that is text is not recorded
         record["arguments"] = {name: float(value) for name, value in values.items()}  # type: ignore[arg-type]
-    return _crane(parse(text, path), path, partial(_own_urdf, values), options, record)
+    return _crane(parse_urdf(text, path), path, partial(_own_urdf, values), options, record)
 
 
 def _crane(
@@ -143,7 +143,7 @@ def _crane(
     record: Mapping[str, Any] | None = None,
 ) -> Crane:
     """Return the crane of a URDF; `record` adds to what is recorded of it."""
-    check(robot, path)
+    check_urdf(robot, path)
     model = _build(skeleton(robot), path)
     check_joints(model, path)
     names = joint_names(model)
@@ -208,7 +208,7 @@ def _from_record(record: Mapping[str, Any], path: Path) -> Crane:
         content["check_axes"],
     )
     return _crane(
-        parse(content["urdf"], path), path, partial(_recorded_urdf, content), options, content
+        parse_urdf(content["urdf"], path), path, partial(_recorded_urdf, content), options, content
     )
 
 
@@ -220,16 +220,16 @@ def _recorded_urdf(record: Mapping[str, Any]) -> str:
     text, arguments = str(record["urdf"]), record.get("arguments")
     if arguments is not None:
         with contextlib.suppress(CraneError):
-            own = _own_urdf(arguments)
-            if bare(parse(own, XACRO)) == text:
-                return own
+            own_urdf = _own_urdf(arguments)
+            if bare(parse_urdf(own_urdf, XACRO)) == text:
+                return own_urdf
     return text
 
 
 def _own_urdf(arguments: Mapping[str, object]) -> str:
     """Return the URDF of the crane of this project, with its looks."""
     text = describe(XACRO, arguments)
-    check(parse(text, XACRO), XACRO)
+    check_urdf(parse_urdf(text, XACRO), XACRO)
     return text
 
 

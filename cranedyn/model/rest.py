@@ -68,11 +68,11 @@ def linearise_rest(
     there, shape (n, n), and the indices of the swings.
     """
     passive, drives = layout.passive, layout.drives
-    own = stiffness[np.ix_(passive, passive)]
-    curvature = np.linalg.eigvalsh(own)
+    passive_stiffness = stiffness[np.ix_(passive, passive)]
+    curvature = np.linalg.eigvalsh(passive_stiffness)
     if curvature.min(initial=0.0) < -1e-9 * np.abs(curvature).max(initial=0.0):
         return no_rest(q, layout, swings)  # unstable: it would fall
-    by_drives = -_compliance(own) @ stiffness[np.ix_(passive, drives)]
+    by_drives = -_compliance(passive_stiffness) @ stiffness[np.ix_(passive, drives)]
     slope = by_drives[np.isin(passive, swings)]
     slope[np.abs(slope) < _ROUND_OFF] = 0.0
     angle = q[swings] - slope @ q[drives]

@@ -56,7 +56,7 @@ def check_solvable(model: pin.Model, q: np.ndarray, layout: Layout, path: Path) 
         OutOfRange: If masses differ too much.
         ModelError: If numbers overflow, a joint moves nothing, or accelerations lose all digits.
     """
-    data, rest = model.createData(), np.zeros(layout.n)
+    data, zeros = model.createData(), np.zeros(layout.n)
     mass = np.triu(pin.crba(model, data, q))
     mass += np.triu(mass, 1).T
     diagonal = np.diag(mass)
@@ -68,18 +68,18 @@ def check_solvable(model: pin.Model, q: np.ndarray, layout: Layout, path: Path) 
         )
     scale = np.sqrt(diagonal)
     scaled = mass / scale / scale[:, None]
-    least = float(np.linalg.eigvalsh(scaled)[0])
-    if not least > _LEAST_EIGENVALUE:
+    smallest = float(np.linalg.eigvalsh(scaled)[0])
+    if not smallest > _LEAST_EIGENVALUE:
         raise OutOfRange(
             "smallest eigenvalue of the scaled mass matrix",
-            f"{least:.1e}",
+            f"{smallest:.1e}",
             f"> {_LEAST_EIGENVALUE:g}: masses differ too much",
         )
     effort = np.zeros(layout.n)
     effort[layout.drives] = model.effortLimit[layout.drives]
-    bias = pin.rnea(model, data, q, rest, rest)
+    bias = pin.rnea(model, data, q, zeros, zeros)
     expected = np.linalg.solve(scaled, (effort - bias) / scale)
-    acceleration = pin.aba(model, data, q, rest, effort, pin.Convention.WORLD) * scale
+    acceleration = pin.aba(model, data, q, zeros, effort, pin.Convention.WORLD) * scale
     if not np.abs(acceleration - expected).max() <= _LARGEST_DEVIATION * np.abs(expected).max():
         raise ModelError(
             f"{path} cannot be simulated: its masses and lengths differ so much that accelerations "

@@ -101,7 +101,7 @@ def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
             joint.
         OutOfRange: If a number is not finite, or a stiffness negative.
     """
-    stiffness, rest, rope = np.zeros(layout.n), np.zeros(layout.n), None
+    stiffness, rest_angles, rope = np.zeros(layout.n), np.zeros(layout.n), None
     names = [joint.name for joint in layout.joints]
     elements = [
         (block.get("reference", ""), tag)
@@ -121,7 +121,7 @@ def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
             unit = "N m/rad" if joint.kind == "revolute" else "N/m"
             stiffness[i] = number(f"spring stiffness of {name}", text, unit, ">= 0")
         elif tag.tag == "springReference":
-            rest[i] = number(f"rest position of the spring of {name}", text, joint.unit)
+            rest_angles[i] = number(f"rest position of the spring of {name}", text, joint.unit)
         elif joint.driven or joint.kind != "prismatic":
             raise ModelError(
                 f"{path} gives the rope's stretch to {name}; it must be a passive prismatic joint."
@@ -129,4 +129,4 @@ def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
         else:
             length = layout.role("hoist", "A rope that stretches")
             rope = Rope(i, length, number(f"EA of the rope at {name}", text, "N", "> 0"))
-    return Springs(stiffness, rest, rope)
+    return Springs(stiffness, rest_angles, rope)

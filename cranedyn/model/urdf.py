@@ -77,7 +77,7 @@ class _Guarded(ET.TreeBuilder):
         return super().end(tag)
 
 
-def parse(text: str, source: object) -> ET.Element:
+def parse_urdf(text: str, source: object) -> ET.Element:
     """Return the root of an XML text; no entity is expanded and no other file is read.
 
     Args:
@@ -95,7 +95,7 @@ def parse(text: str, source: object) -> ET.Element:
         raise ModelError(f"{source} cannot be loaded: {error}.") from None
 
 
-def check(robot: ET.Element, source: object) -> None:
+def check_urdf(robot: ET.Element, source: object) -> None:
     """Check links, joints and materials of a URDF.
 
     Parsers of URDF silently drop an element with an unreadable number, take the first of two, and
@@ -123,13 +123,13 @@ def check(robot: ET.Element, source: object) -> None:
         _check_inertial(link, f"link {quoted(link.get('name', ''))} in {source}")
 
 
-def _check_inertial(link: ET.Element, where: str) -> None:
+def _check_inertial(link: ET.Element, context: str) -> None:
     """Check that a body can have the mass and inertia of a link: a principal moment is an integral
     of squares of two coordinates, so that none exceeds the sum of the other two.
     """
     mass, tensor = link.find("inertial/mass"), link.find("inertial/inertia")
     assert mass is not None and tensor is not None  # see _check_element
-    number(f"mass of {where}", mass.get("value"), "kg", ">= 0")
+    number(f"mass of {context}", mass.get("value"), "kg", ">= 0")
     moments = np.linalg.eigvalsh(
         [[float(tensor.get("i" + "".join(sorted(a + b)), 0)) for b in "xyz"] for a in "xyz"]
     )
@@ -137,7 +137,7 @@ def _check_inertial(link: ET.Element, where: str) -> None:
         moments[0] >= -_NEGATIVE * moments[2] and moments[0] + moments[1] >= _FLAT * moments[2]
     ):
         raise OutOfRange(
-            f"principal moments of inertia of {where}",
+            f"principal moments of inertia of {context}",
             ", ".join(f"{moment:.6g}" for moment in moments),
             "positive semidefinite, the largest at most the sum of the others",
             "kg m²",
@@ -190,35 +190,35 @@ def _named(robot: ET.Element, tag: str, source: object) -> dict[str, ET.Element]
     return elements
 
 
-def _end(joint: ET.Element, tag: str, links: Mapping[str, ET.Element], where: str) -> str:
+def _end(joint: ET.Element, tag: str, links: Mapping[str, ET.Element], context: str) -> str:
     """Return the parent or child link of a joint."""
     ends = joint.findall(tag)
     if not ends or (link := ends[0].get("link")) is None:
-        raise ModelError(f"The {where} needs a {tag} link.")
+        raise ModelError(f"The {context} needs a {tag} link.")
     if link not in links:
-        raise ModelError(f"The {where} has the {tag} link {link!r}, which is not there.")
+        raise ModelError(f"The {context} has the {tag} link {link!r}, which is not there.")
     return link
 
 
-def _check_element(element: ET.Element, where: str) -> None:
+def _check_element(element: ET.Element, context: str) -> None:
     for name in _NAMES:
         if not (text := element.get(name, "")).isprintable():
             raise ModelError(
-                f"The {name} {quoted(text)} in {where} holds characters that cannot be printed."
+                f"The {name} {quoted(text)} in {context} holds characters that cannot be printed."
             )
     tags = Counter(child.tag for child in element if child.tag not in ("visual", "collision"))
     for tag, count in tags.items():
         if count > 1:
             raise ModelError(
                 f"There are {count} elements {quoted(tag)} in one {quoted(element.tag)} of "
-                f"{where}; allowed is one."
+                f"{context}; allowed is one."
             )
     if element.tag == "inertial" and not {"mass", "inertia"} <= tags.keys():
-        raise ModelError(f"The inertial of {where} needs a mass and an inertia.")
+        raise ModelError(f"The inertial of {context} needs a mass and an inertia.")
     if element.tag == "joint":
-        _check_joint(element, where)
+        _check_joint(element, context)
     if element.tag == "mimic":
-        raise ModelError(f"The {where} mimics another; a crane moves in all of its joints.")
+        raise ModelError(f"The {context} mimics another; a crane moves in all of its joints.")
     for name, count in _NUMBERS.get(element.tag, {}).items():
         default = "" if name in _NEEDED.get(element.tag, ()) else None
         numbers = element.get(name, default)
@@ -227,22 +227,22 @@ def _check_element(element: ET.Element, where: str) -> None:
                 f"{'a decimal number' if count == 1 else f'{count} decimal numbers'} up to "
                 f"{_MAX_NUMBER:g}"
             )
-            raise OutOfRange(f"{name} of {element.tag} in {where}", repr(numbers), allowed)
+            raise OutOfRange(f"{name} of {element.tag} in {context}", repr(numbers), allowed)
     if element.tag == "dynamics" and float(element.get("friction", "0")) != 0.0:
         raise OutOfRange(
-            f"friction of {where}", element.get("friction"), "0, since only viscous damping acts"
+            f"friction of {context}", element.get("friction"), "0, since only viscous damping acts"
         )
 
 
-def _check_joint(joint: ET.Element, where: str) -> None:
+def _check_joint(joint: ET.Element, context: str) -> None:
     kind = joint.get("type", "")
     if kind not in _TYPES:
-        raise ModelError(f"The {where} is of type {kind!r}; allowed are {', '.join(_TYPES)}.")
+        raise ModelError(f"The {context} is of type {kind!r}; allowed are {', '.join(_TYPES)}.")
     if kind in _TYPES[:2] and joint.find("limit") is None:
-        raise ModelError(f"The {where} is {kind} and has no limit.")
+        raise ModelError(f"The {context} is {kind} and has no limit.")
     dynamics = joint.find("dynamics")
     if dynamics is not None and not {*dynamics.keys()} & {"damping", "friction"}:
-        raise ModelError(f"The dynamics of {where} needs a damping.")
+        raise ModelError(f"The dynamics of {context} needs a damping.")
 
 
 def _are_numbers(texts: list[str], count: int) -> bool:

@@ -80,10 +80,10 @@ def _shapes(path: Path) -> dict[str, np.ndarray]:
     )
     try:
         guard(process)
-        content, said = process.communicate()
+        content, messages = process.communicate()
     finally:
         end(process)
-    last = printable((said.decode(errors="replace").splitlines() or [""])[-1])
+    last = printable((messages.decode(errors="replace").splitlines() or [""])[-1])
     if process.returncode < 0:
         name = signal.Signals(-process.returncode).name
         raise DataError(f"Cannot read {path}: ifcopenshell was ended by {name} at {quoted(last)}.")

@@ -21,7 +21,7 @@ Placed = tuple[coal.CollisionGeometry, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Bodies:
+class CollisionBodies:
     """Bodies of a crane, each in the frame of the joint that carries it.
 
     Attributes:
@@ -61,7 +61,7 @@ class Bodies:
         return float(np.linalg.norm(self.load, axis=1).max())
 
 
-def bodies(crane: Crane, load: np.ndarray | None = None) -> Bodies:
+def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionBodies:
     """Return the bodies of a crane from the boxes, cylinders and spheres in its URDF.
 
     The largest shape of the link at the hook is the load, those above it are the hook.
@@ -108,7 +108,7 @@ def bodies(crane: Crane, load: np.ndarray | None = None) -> Bodies:
     block = max(above, key=lambda points: float(points[:, 2].max()))
     carried = largest if load is None else load
     hook = np.concatenate(above) + np.array([0.0, 0.0, float(carried[:, 2].max()) - top])
-    return Bodies(
+    return CollisionBodies(
         mast=_mast(groups["mast"]),
         upper=groups["upper structure"],
         trolley=_box(np.concatenate([_corners(shape) for shape in groups["trolley"]])),
@@ -136,7 +136,9 @@ def shape_corners(crane: Crane) -> list[tuple[int, np.ndarray]]:
     """Return every shape in the URDF: the joint that carries it (0 for none), and its corners in
     the frame of that joint [m].
     """
-    return [(joint, _corners(one)) for joint, shapes in _shapes(crane).items() for one in shapes]
+    return [
+        (joint, _corners(shape)) for joint, shapes in _shapes(crane).items() for shape in shapes
+    ]
 
 
 def _shapes(crane: Crane) -> dict[int, list[Placed]]:

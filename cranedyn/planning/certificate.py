@@ -135,8 +135,8 @@ def certify(
     q, v = arrival.q[:1, passive], arrival.v[:1, passive]
     residual_swing = float(swing_amplitude(q, v, length, lift.crane.gravity)[0])
 
-    every = max(1, round(_MEASURED / motion.period))
-    rows = np.unique(np.append(np.arange(0, len(run), every), len(run) - 1))
+    stride = max(1, round(_MEASURED / motion.period))
+    rows = np.unique(np.append(np.arange(0, len(run), stride), len(run) - 1))
     pairs = [clearance.distances(run.q[k], jib=False) for k in rows]
     distances = {name: np.array([row[name].distance for row in pairs]) for name in pairs[0]}
     k = clearance.nearest_row(run.q)

@@ -22,7 +22,7 @@ import pinocchio as pin
 from cranedyn.checks import within
 from cranedyn.errors import quoted
 from cranedyn.model.crane import Crane
-from cranedyn.planning.bodies import Bodies, bodies
+from cranedyn.planning.bodies import CollisionBodies, collision_bodies
 from cranedyn.planning.fields import Body, Field, Placed, rope
 from cranedyn.planning.site import Site
 from cranedyn.planning.solids import Solid, hull
@@ -133,9 +133,9 @@ class Clearance:
         return self.site.seen_by_crane()
 
     @cached_property
-    def bodies(self) -> Bodies:
+    def bodies(self) -> CollisionBodies:
         """The bodies of the crane and its load."""
-        return bodies(self.crane, self.site.load)
+        return collision_bodies(self.crane, self.site.load)
 
     @cached_property
     def height(self) -> float:
@@ -163,12 +163,12 @@ class Clearance:
 
     # --- places -----------------------------------------------------------------------------------
 
-    def place(self, point: np.ndarray, what: str = "point") -> np.ndarray:
+    def place(self, point: np.ndarray, label: str = "point") -> np.ndarray:
         """Return the place at which the centre of the load is at a point of the site.
 
         Args:
             point: The point [m], shape (3,).
-            what: Name of the point, for errors.
+            label: Name of the point, for errors.
 
         Returns:
             The place, its slew from -π to π.
@@ -178,29 +178,29 @@ class Clearance:
                 range.
         """
         x, y, z = self.site.to_crane(point)
-        place = np.array([math.atan2(x, -y), math.hypot(x, y), self.height - z])
+        drive_position = np.array([math.atan2(x, -y), math.hypot(x, y), self.height - z])
         (_, low, _), (_, *high) = (
             ends[self.drive_joints].tolist() for ends in (self.crane.lower, self.crane.upper)
         )
         ranges = zip((low, self.shortest_cable), high, strict=True)
-        shown = quoted(np.round(point, 3).tolist())
+        coordinates = quoted(np.round(point, 3).tolist())
         for name, value, (low, high) in zip(
-            ("trolley radius", "cable length"), place[1:].tolist(), ranges, strict=True
+            ("trolley radius", "cable length"), drive_position[1:].tolist(), ranges, strict=True
         ):
-            within(f"{name} for the {what} {shown}", value, low, high, "m")
-        return place
+            within(f"{name} for the {label} {coordinates}", value, low, high, "m")
+        return drive_position
 
-    def point(self, place: np.ndarray) -> np.ndarray:
+    def point(self, drive_position: np.ndarray) -> np.ndarray:
         """Return the centre of the load in the frame of the crane [m], shape (..., 3), at places,
         shape (..., 3).
         """
-        gamma, x, length = np.moveaxis(place, -1, 0)
+        gamma, x, length = np.moveaxis(drive_position, -1, 0)
         return np.stack([x * np.sin(gamma), -x * np.cos(gamma), self.height - length], axis=-1)
 
-    def q(self, place: np.ndarray) -> np.ndarray:
+    def q(self, drive_position: np.ndarray) -> np.ndarray:
         """Return all coordinates at a place, shape (n,), the load plumb."""
         q = np.zeros(self.crane.layout.n)
-        q[self.drive_joints] = place
+        q[self.drive_joints] = drive_position
         return q
 
     def tilt(self, q: np.ndarray) -> np.ndarray:
@@ -217,11 +217,11 @@ class Clearance:
         """
         return 2.0 * (length + self.bodies.below) * math.sin(self.site.swing / 2.0)
 
-    def swing_margin(self, place: np.ndarray) -> float:
+    def swing_margin(self, drive_position: np.ndarray) -> float:
         """Return the margin of all that hangs with its envelope of swing at a place [m]."""
-        return self.margin(self.q(place)) - self.envelope(float(place[2]))
+        return self.margin(self.q(drive_position)) - self.envelope(float(drive_position[2]))
 
-    def travel(self, place: np.ndarray, reach: np.ndarray) -> float:
+    def travel(self, drive_position: np.ndarray, reach: np.ndarray) -> float:
         """Return an upper bound of the change of `swing_margin` between a place and one that is no
         farther from it than a reach in each coordinate [m].
 
@@ -229,7 +229,7 @@ class Clearance:
         most; the envelope grows with l.
         """
         gamma, x, length = reach.tolist()
-        across = (float(place[1]) + x + self.bodies.spread) * gamma + x
+        across = (float(drive_position[1]) + x + self.bodies.spread) * gamma + x
         return math.hypot(across, length) + 2.0 * math.sin(self.site.swing / 2.0) * length
 
     def margin(self, q: np.ndarray) -> float:
@@ -256,22 +256,22 @@ class Clearance:
         k = least(range(0, len(q), 4))
         return least(range(max(k - 3, 0), min(k + 4, len(q))))
 
-    def displacement(self, q: np.ndarray, other: np.ndarray) -> np.ndarray:
+    def displacement(self, q: np.ndarray, q_end: np.ndarray) -> np.ndarray:
         """Return an upper bound of the displacement of any point that hangs between coordinates,
         shape (..., n) each; in [m], shape (...).
 
         Drives move it one after the other: slew and trolley across, the hoist along a rope that
         leans and so takes it across, too.
         """
-        apart = np.abs(other - q)
-        swing = np.maximum(self.tilt(q), self.tilt(other))
-        slewed, out, hoisted = np.moveaxis(apart[..., self.drive_joints], -1, 0)
-        _, x, length = np.moveaxis(np.maximum(q, other)[..., self.drive_joints], -1, 0)
+        difference = np.abs(q_end - q)
+        swing = np.maximum(self.tilt(q), self.tilt(q_end))
+        slewed, outward, hoisted = np.moveaxis(difference[..., self.drive_joints], -1, 0)
+        _, x, length = np.moveaxis(np.maximum(q, q_end)[..., self.drive_joints], -1, 0)
         length = length + self.bodies.below
         aside = np.sin(np.minimum(swing, math.pi / 2.0))
-        across = (x + self.bodies.spread + length * aside) * slewed + out
+        across = (x + self.bodies.spread + length * aside) * slewed + outward
         driven = np.sqrt(across**2 + hoisted**2 + 2.0 * aside * across * hoisted)
-        return driven + length * self.tilt(apart)
+        return driven + length * self.tilt(difference)
 
     # --- what slews with the jib ------------------------------------------------------------------
 
@@ -325,16 +325,16 @@ class Clearance:
         required = self.site.distance
         return min(pairs, key=lambda pair: pair.distance - required * (pair.obstacle not in zones))
 
-    def touches(self, q: np.ndarray, far: float) -> Iterator[Touch]:
+    def touches(self, q: np.ndarray, margin_limit: float) -> Iterator[Touch]:
         """Yield the nearest points of each body that hangs and each obstacle.
 
         Args:
             q: Coordinates of all joints, shape (n,).
-            far: Margin from which on an obstacle is left out [m].
+            margin_limit: Margin from which on an obstacle is left out [m].
         """
         for body, kind, moving in self._placed(q):
             for distance, on_body, on_obstacle, normal in self._fields[kind].witnesses(moving):
-                if (margin := distance - moving.inflated) < far:
+                if (margin := distance - moving.inflated) < margin_limit:
                     yield Touch(margin, moving.inflated, body, on_body, on_obstacle, normal)
 
     # --- inside -----------------------------------------------------------------------------------
@@ -374,15 +374,15 @@ class Clearance:
     @cached_property
     def _bodies(self) -> dict[str, dict[str, Body]]:
         """Bodies that hang, inflated by the required distance, and bare against zones."""
-        bodies, identity = {}, (np.eye(3), np.zeros(3))
+        variants, identity = {}, (np.eye(3), np.zeros(3))
         for kind, inflated in (("inflated", self.site.distance), ("bare", 0.0)):
             boxes = {"trolley": self.bodies.trolley, "hook": self.bodies.hook}
-            bodies[kind] = {
+            variants[kind] = {
                 name: Body((coal.Box(size), np.eye(3), centre), inflated)
                 for name, (centre, size) in boxes.items()
             }
-            bodies[kind]["load"] = Body((hull(self.bodies.load), *identity), inflated)
-        return bodies
+            variants[kind]["load"] = Body((hull(self.bodies.load), *identity), inflated)
+        return variants
 
     @cached_property
     def _above(self) -> float:
@@ -399,22 +399,24 @@ class Clearance:
 
     def _margins(self, q: np.ndarray) -> tuple[float, float]:
         """Return the margins of all that hangs to everything but zones, and to zones [m]."""
-        least = [math.inf, math.inf]
+        margins = [math.inf, math.inf]
         for _, kind, moving in self._placed(q):
-            least[kind == "zones"] = min(least[kind == "zones"], self._fields[kind].least(moving))
-        return least[0] - ROUNDING, least[1] - ROUNDING
+            margins[kind == "zones"] = min(
+                margins[kind == "zones"], self._fields[kind].least(moving)
+            )
+        return margins[0] - ROUNDING, margins[1] - ROUNDING
 
     def _placed(self, q: np.ndarray) -> Iterator[tuple[str, str, Placed]]:
         """Yield each body that hangs with each kind of obstacle that it must keep away from."""
         trolley, load = self._frames(q, self.joints.trolley, self.joints.hoist)
         length = float(q[self.joints.hoist]) + self._above
-        for which, hanging in self._bodies.items():
-            for name, kinds in _KEEPS_FROM[which].items():
+        for variant, hanging in self._bodies.items():
+            for name, kinds in _KEEPS_FROM[variant].items():
                 kinds = [kind for kind in kinds if len(self._fields[kind])]
                 if not kinds:
                     continue
                 if name == "rope":
-                    inflated = self.site.distance if which == "inflated" else 0.0
+                    inflated = self.site.distance if variant == "inflated" else 0.0
                     moving = rope(load, self.bodies.falls, length, inflated)
                 else:
                     moving = hanging[name].put(trolley if name == "trolley" else load)

@@ -49,12 +49,14 @@ def leg_durations(points: np.ndarray, rates: np.ndarray) -> np.ndarray:
     return (np.abs(np.diff(points, axis=0)) / rates).max(axis=1)
 
 
-def rest_to_rest_time(ways: np.ndarray, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
+def rest_to_rest_time(
+    distances: np.ndarray, rates: np.ndarray, accelerations: np.ndarray
+) -> np.ndarray:
     """Return the times [s] in which drives get along ways from rest to rest by trapezoids of their
     rates, shape (m,) each.
     """
-    peak = np.minimum(rates, np.sqrt(ways * accelerations))
-    cruise = np.divide(ways, peak, out=np.zeros_like(ways), where=ways > 0.0)
+    peak = np.minimum(rates, np.sqrt(distances * accelerations))
+    cruise = np.divide(distances, peak, out=np.zeros_like(distances), where=distances > 0.0)
     return cruise + peak / accelerations
 
 
@@ -104,23 +106,23 @@ class Path:
         """
         s = np.asarray(s, dtype=float)
         leg = np.clip(np.searchsorted(self.knots, s, side="right") - 1, 0, len(self.points) - 2)
-        place = self.points[leg] + (s - self.knots[leg])[:, None] * self._speeds[leg]
-        first, second = self._speeds[leg].copy(), np.zeros_like(place)
+        position = self.points[leg] + (s - self.knots[leg])[:, None] * self._speeds[leg]
+        first, second = self._speeds[leg].copy(), np.zeros_like(position)
         for k, width in enumerate(self.widths):
             share = (s - self.knots[k + 1]) / width
             inside, bend = np.abs(share) < 1.0, self._speeds[k + 1] - self._speeds[k]
             u = share[inside]
-            place[inside] += (width * (_RAMP(u) - np.maximum(u, 0.0)))[:, None] * bend
+            position[inside] += (width * (_RAMP(u) - np.maximum(u, 0.0)))[:, None] * bend
             first[inside] += (_STEP(u) - (u >= 0.0))[:, None] * bend
             second[inside] += (_KERNEL(u) / width)[:, None] * bend
-        return place, first, second
+        return position, first, second
 
     def at(self, s: float) -> np.ndarray:
         """Return the place at a parameter [s], shape (3,)."""
         return self.derivatives(np.array([s]))[0][0]
 
     def reach(self, first: float, last: float) -> np.ndarray:
-        """See `cranedyn.planning.proof.Curve`.
+        """See `cranedyn.planning.proof.DriveCurve`.
 
         Within a corner the speed is a mean of the speeds before and after it.
         """
@@ -130,7 +132,7 @@ class Path:
         return np.abs(self._speeds[legs]).max(axis=0) * ((last - first) / 2.0)
 
 
-def rounded(clearance: Clearance, points: np.ndarray, rates: np.ndarray) -> Path | None:
+def rounded_path(clearance: Clearance, points: np.ndarray, rates: np.ndarray) -> Path | None:
     """Return a proven curve along proven straight lines, each corner rounded as widely as can be
     proven; None if a corner cannot be rounded.
 

@@ -15,7 +15,7 @@ from scipy.interpolate import PPoly
 from cranedyn.dynamics.pinocchio import prescribed_acceleration
 from cranedyn.interfaces import State
 from cranedyn.planning import transcription
-from cranedyn.planning.move import Move, at_rest
+from cranedyn.planning.move import Move, is_at_rest
 from cranedyn.references.motion import Motion
 
 SOON = 1e-6
@@ -23,14 +23,14 @@ SOON = 1e-6
 
 
 class DriveTrajectory:
-    """All drives over time by a plan; see `cranedyn.planning.proof.Curve`.
+    """All drives over time by a plan; see `cranedyn.planning.proof.DriveCurve`.
 
     Attributes:
         nodes: Times at which its intervals begin and end [s], shape (n + 1,).
         duration: Time at which it ends [s].
     """
 
-    def __init__(self, move: Move, plan: transcription.Plan) -> None:
+    def __init__(self, move: Move, plan: transcription.CollocationPlan) -> None:
         """Integrate the controls of a plan: jerks, or accelerations where there is no ramp."""
         layout = move.crane.layout
         self._move = move
@@ -84,7 +84,7 @@ class DriveTrajectory:
         for t, swing, k in _integrated(flow, nodes, times, y):
             rows.append((*state(t, swing, k), accelerations(t, swing, k)))
         still, end = np.zeros(layout.m), np.zeros(layout.n)
-        if not at_rest(move.crane, goal):
+        if not is_at_rest(move.crane, goal):
             end = prescribed_acceleration(move.crane, goal, still)[0]
         rows.append((goal.q, goal.v, end))
         q, v, a = (np.array(column) for column in zip(*rows, strict=True))

@@ -98,13 +98,13 @@ class Field:
         """Return the distance of an inflated body from the nearest obstacle [m], inf where there is
         none; zero or less where they touch.
         """
-        least = math.inf
+        nearest = math.inf
         for surfaces, manager in self._managers.items():
             callback = coal.DistanceCallBackDefault()
             manager.distance(body.bare if surfaces else body.moving, callback)
             distance = float(callback.data.result.min_distance)
-            least = min(least, distance - body.inflated if surfaces else distance)
-        return least
+            nearest = min(nearest, distance - body.inflated if surfaces else distance)
+        return nearest
 
     def each(self, body: Placed) -> dict[str, float]:
         """Return the distance of an inflated body from each obstacle, by name [m]."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import leg_durations
-from cranedyn.planning.proof import Line, is_free
+from cranedyn.planning.proof import Line, is_proven_free
 
 CELL = 1.0
 """Edge of a cell [s]: as far as each drive gets in that time."""
@@ -55,7 +55,7 @@ def best_on_grid(
     rates: np.ndarray,
     *,
     cell: float = CELL,
-    most: int = 400_000,
+    cell_limit: int = 400_000,
     tight: float = 0.0,
 ) -> GridSearch:
     """Return the shortest way by A* (Hart, Nilsson, Raphael 1968) over cells with 26 neighbours.
@@ -66,7 +66,7 @@ def best_on_grid(
         bounds: Least and largest slew, trolley radius and cable length, shape (2, 3).
         rates: Rates of the drives, shape (3,).
         cell: Edge of a cell [s].
-        most: Number of cells after which the search gives up.
+        cell_limit: Number of cells after which the search gives up.
         tight: Additional cost of a second without margin, less so up to a margin of a metre.
     """
     grid, start = _Grid(clearance, ends, bounds, rates, cell), (0, 0, 0)
@@ -76,7 +76,7 @@ def best_on_grid(
     best: float = math.inf
     last: Node = start
     # Edges are proven when their turn comes: most never are.
-    while queue and len(parents) < most:
+    while queue and len(parents) < cell_limit:
         guess, negative_cost, node, parent = heapq.heappop(queue)
         if guess >= best:
             break
@@ -101,13 +101,14 @@ def best_on_grid(
                 heapq.heappush(queue, item)
     if best == math.inf:
         names = Counter(
-            clearance.nearest(clearance.q(place), beside_zones=True).obstacle for place in blocked
+            clearance.nearest(clearance.q(drive_position), beside_zones=True).obstacle
+            for drive_position in blocked
         )
         return GridSearch(None, best, len(parents), [name for name, _ in names.most_common()])
-    way: list[Node] = [last]
-    while way[-1] != start:
-        way.append(parents[way[-1]])
-    points = np.array([*(grid.place(node) for node in reversed(way)), ends[1]])
+    nodes: list[Node] = [last]
+    while nodes[-1] != start:
+        nodes.append(parents[nodes[-1]])
+    points = np.array([*(grid.place(node) for node in reversed(nodes)), ends[1]])
     points = points[np.append(True, np.abs(np.diff(points, axis=0)).max(axis=1) > 1e-9)]
     return GridSearch(points, float(leg_durations(points, rates).sum()), len(parents), [])
 
@@ -140,15 +141,15 @@ class _Grid:
 
     def cost_to_goal(self, node: Node) -> float:
         """Return a lower bound of the cost of a way from a cell to the goal."""
-        apart = [abs(goal - i) for goal, i in zip(self._goal, node, strict=True)]
-        farthest = max(apart)
-        return self._cell * (farthest + _TIE * (sum(apart) - farthest))
+        differences = [abs(goal - i) for goal, i in zip(self._goal, node, strict=True)]
+        farthest = max(differences)
+        return self._cell * (farthest + _TIE * (sum(differences) - farthest))
 
     def beside_goal(self, node: Node) -> bool:
         return all(abs(goal - i) <= 1.0 + 1e-9 for goal, i in zip(self._goal, node, strict=True))
 
     def is_free_to_goal(self, node: Node) -> bool:
-        return is_free(self._clearance, self.place(node), self._ends[1])
+        return is_proven_free(self._clearance, self.place(node), self._ends[1])
 
     def margin(self, node: Node) -> float:
         if node not in self._margins:
@@ -165,4 +166,4 @@ class _Grid:
         line = Line(self.place(start), self.place(end))
         if self._clearance.travel(line.at(0.5), np.abs(line.end - line.start)) < sum(margins):
             return True
-        return is_free(self._clearance, line.start, line.end)
+        return is_proven_free(self._clearance, line.start, line.end)

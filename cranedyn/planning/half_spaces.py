@@ -64,32 +64,35 @@ class HalfSpaces:
         return (distance - envelope - CLOSE - self.margin).T
 
 
-def half_spaces(clearance: Clearance, places: np.ndarray, margin: float) -> HalfSpaces:
+def half_spaces(clearance: Clearance, drive_positions: np.ndarray, margin: float) -> HalfSpaces:
     """Return the half spaces about the points of a plan.
 
     Args:
         clearance: Crane and site.
-        places: Slew, trolley radius and cable length, shape (points, 3).
+        drive_positions: Slew, trolley radius and cable length, shape (points, 3).
         margin: Distance to keep beyond what a proof needs [m].
     """
-    nearest = [sorted(_at(clearance, place), key=lambda pair: pair[0])[:_MOST] for place in places]
+    nearest = [
+        sorted(_at(clearance, drive_position), key=lambda pair: pair[0])[:_MOST]
+        for drive_position in drive_positions
+    ]
     count = max(1, *map(len, nearest))
     unbounded = np.array([*np.zeros(_NUMBERS - 1), -1e3])
-    values = np.tile(unbounded, (len(places), count, 1))
+    values = np.tile(unbounded, (len(drive_positions), count, 1))
     for k, pairs in enumerate(nearest):
         for i, (_, numbers) in enumerate(pairs):
             values[k, i] = numbers
-    return HalfSpaces(clearance, values.reshape(len(places), -1).T, margin)
+    return HalfSpaces(clearance, values.reshape(len(drive_positions), -1).T, margin)
 
 
-def _at(clearance: Clearance, place: np.ndarray) -> list[tuple[float, np.ndarray]]:
+def _at(clearance: Clearance, drive_position: np.ndarray) -> list[tuple[float, np.ndarray]]:
     """Return margins [m], each with the numbers of a half space, at a place."""
-    gamma, x, length = place.tolist()
+    gamma, x, length = drive_position.tolist()
     c, s = math.cos(gamma), math.sin(gamma)
     rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     carriers = {hangs: np.array([x * s, -x * c, -hangs * length]) for hangs in (0.0, 1.0)}
     pairs = []
-    for touch in clearance.touches(clearance.q(place), _FAR):
+    for touch in clearance.touches(clearance.q(drive_position), _FAR):
         # A rope ends at both carriers.
         hangs = float(touch.normal[2] >= 0.0 if touch.body == "rope" else touch.body != "trolley")
         point = touch.on_body

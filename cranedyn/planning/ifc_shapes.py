@@ -15,7 +15,7 @@ _MOST_PRODUCTS = 5000
 _LONGEST_NAME = 200
 
 
-def shapes(path: str) -> dict[str, np.ndarray]:
+def extract_shapes(path: str) -> dict[str, np.ndarray]:
     """Read the products that have triangles.
 
     Returns:
@@ -55,7 +55,7 @@ def shapes(path: str) -> dict[str, np.ndarray]:
 
 if __name__ == "__main__":
     try:
-        arrays = shapes(sys.argv[1])
+        arrays = extract_shapes(sys.argv[1])
     except Exception as error:  # whatever a parser of a stranger's bytes raises
         sys.exit(f"it is no whole IFC file ({' '.join(str(error).split())})")
     content = io.BytesIO()  # a pipe cannot be sought in

@@ -27,14 +27,14 @@ class Leg:
         self.name, self.targets = name, targets
 
 
-def leg_target(crane: Crane, leg: Leg, here: np.ndarray) -> np.ndarray:
+def leg_target(crane: Crane, leg: Leg, origin: np.ndarray) -> np.ndarray:
     """Return the position of the drives after a leg, shape (m,).
 
     Raises:
         UnknownName: If it names no drive.
         OutOfRange: If a target is no finite number.
     """
-    target = here.copy()
+    target = origin.copy()
     for symbol, value in leg.targets.items():
         target[crane.layout.drive(symbol)] = number(f"{symbol} of leg {quoted(leg.name)}", value)
     return target
@@ -113,10 +113,10 @@ class Itinerary(Timetable):
     def __call__(self, t: float) -> Setpoint:
         """Return the setpoint at a time [s]."""
         stage, cycle = self.stage(t)
-        path, gone = stage.target - stage.origin, self.rates * (t - cycle - stage.begin)
-        moving = gone < np.abs(path)
+        path, travelled = stage.target - stage.origin, self.rates * (t - cycle - stage.begin)
+        moving = travelled < np.abs(path)
         return Setpoint(
-            stage.origin + np.sign(path) * np.minimum(gone, np.abs(path)),
+            stage.origin + np.sign(path) * np.minimum(travelled, np.abs(path)),
             np.sign(path) * self.rates * moving,
             np.zeros_like(path),
         )
@@ -131,11 +131,14 @@ class Itinerary(Timetable):
             np.array([stage.begin for stage in self.stages]),
             np.array([stage.end for stage in self.stages]),
         )
-        here = times - times // self.duration * self.duration
-        under_way = np.minimum(np.searchsorted(ends, here, side="right"), len(ends) - 1)
-        path, gone = (targets - origins)[under_way], np.outer(here - begins[under_way], self.rates)
-        moving = gone < np.abs(path)
-        position = origins[under_way] + np.sign(path) * np.minimum(gone, np.abs(path))
+        cycle_times = times - times // self.duration * self.duration
+        under_way = np.minimum(np.searchsorted(ends, cycle_times, side="right"), len(ends) - 1)
+        path, travelled = (
+            (targets - origins)[under_way],
+            np.outer(cycle_times - begins[under_way], self.rates),
+        )
+        moving = travelled < np.abs(path)
+        position = origins[under_way] + np.sign(path) * np.minimum(travelled, np.abs(path))
         return Setpoint(position, np.sign(path) * self.rates * moving, np.zeros_like(path))
 
 
@@ -160,20 +163,20 @@ def itinerary(
     limits = np.minimum(crane.layout.for_drives("rate", rates, "/s", "> 0"), crane.rate_limit)
     number("dwell", dwell, "s", ">= 0")
     stages: list[Stage] = []
-    here, t = start.q[crane.layout.drives], 0.0
+    position, t = start.q[crane.layout.drives], 0.0
     for leg in legs:
-        target = leg_target(crane, leg, here)
+        target = leg_target(crane, leg, position)
         with np.errstate(over="ignore"):
-            lasts = float(np.max(np.abs(target - here) / limits))
+            lasts = float(np.max(np.abs(target - position) / limits))
         arrival = t + number(f"time that leg {quoted(leg.name)} takes at these rates", lasts, "s")
-        stages.append(Stage(leg, here, target, t, arrival, arrival + dwell))
-        here, t = target, arrival + dwell
+        stages.append(Stage(leg, position, target, t, arrival, arrival + dwell))
+        position, t = target, arrival + dwell
     if not stages or t == 0.0:
         raise OutOfRange("tour", "empty", "one leg at least that moves or dwells")
-    if not np.allclose(here, start.q[crane.layout.drives]):
+    if not np.allclose(position, start.q[crane.layout.drives]):
         raise OutOfRange(
             "end of the tour",
-            here.tolist(),
+            position.tolist(),
             f"where it began, {start.q[crane.layout.drives].tolist()}",
             "rad or m",
         )

@@ -55,10 +55,10 @@ class Operator(Tabulating):
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (n, m) each."""
         since = np.maximum(times[:, None] - self.begins, 0.0)
-        rising, on = np.minimum(since, self.lasts), (since > 0.0) & (since < self.lasts)
-        parts = np.array([rising * (since - rising / 2.0), rising, on])
-        gone, velocity, acceleration = (parts[..., None] * self.accelerations).sum(axis=2)
-        return Setpoint(self.start + gone, velocity, acceleration)
+        rising, accelerating = np.minimum(since, self.lasts), (since > 0.0) & (since < self.lasts)
+        terms = np.array([rising * (since - rising / 2.0), rising, accelerating])
+        displacement, velocity, acceleration = (terms[..., None] * self.accelerations).sum(axis=2)
+        return Setpoint(self.start + displacement, velocity, acceleration)
 
 
 def joystick(
@@ -117,11 +117,11 @@ def _ramps(pulses: Sequence[JoystickPulse], limit: float) -> list[tuple[float, f
                 f"{end:g} or later, when the one before it ends",
                 "s",
             )
-        for begin, until, asked in (
+        for begin, until, target in (
             (pulse.at, pulse.hold, pulse.rate / limit),
             (end, following - end, 0.0),
         ):
-            lasts = math.copysign(min(abs(asked - speed), max(until, 0.0)), asked - speed)
+            lasts = math.copysign(min(abs(target - speed), max(until, 0.0)), target - speed)
             ramps.append((begin, lasts))
             speed += lasts
     return ramps
@@ -130,5 +130,5 @@ def _ramps(pulses: Sequence[JoystickPulse], limit: float) -> list[tuple[float, f
 def _checked(pulse: JoystickPulse, fastest: float) -> JoystickPulse:
     rate = number(f"rate of a push of {pulse.drive}", pulse.rate)
     within(f"rate of a push of {pulse.drive}", rate, -fastest, fastest, "rad/s or m/s")
-    at = number("start of a push", pulse.at, "s")
-    return JoystickPulse(pulse.drive, rate, at, number("hold of a push", pulse.hold, "s", "> 0"))
+    begin = number("start of a push", pulse.at, "s")
+    return JoystickPulse(pulse.drive, rate, begin, number("hold of a push", pulse.hold, "s", "> 0"))

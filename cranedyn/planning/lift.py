@@ -14,7 +14,13 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.curve import Path, leg_durations, rest_to_rest_time, rounded, straight_time
+from cranedyn.planning.curve import (
+    Path,
+    leg_durations,
+    rest_to_rest_time,
+    rounded_path,
+    straight_time,
+)
 from cranedyn.planning.grid import best_on_grid
 from cranedyn.planning.proof import CLOSE, SlewRange, slew_range, unproven_row
 from cranedyn.planning.search import CELLS, search
@@ -104,21 +110,25 @@ class Lift:
     def _reference(self) -> tuple[float, float]:
         rates = np.array(self.limits.rates)
         ramp = rates / np.array(self.limits.accelerations)
-        grid = least = math.inf
+        grid = fastest = math.inf
         for goal in _turns(self.ends[0], self.ends[1], self.slews):
             ends = np.array([self.ends[0], goal])
             straight = straight_time(ends, self.limits)
-            if straight < least:
+            if straight < fastest:
                 bounds = _bounds(self.clearance, ends, self.slews)
-                way = best_on_grid(self.clearance, ends, bounds, rates, cell=_FINE).duration
-                along = rest_to_rest_time(np.array(way - _FINE), np.array(1.0), 1.0 / ramp.min())
-                grid, least = min(grid, way), min(least, max(float(along), straight))
-        return grid, least
+                grid_duration = best_on_grid(
+                    self.clearance, ends, bounds, rates, cell=_FINE
+                ).duration
+                along = rest_to_rest_time(
+                    np.array(grid_duration - _FINE), np.array(1.0), 1.0 / ramp.min()
+                )
+                grid, fastest = min(grid, grid_duration), min(fastest, max(float(along), straight))
+        return grid, fastest
 
     def states(self) -> tuple[State, State]:
         """Return start and goal, at rest with the load plumb."""
-        rest = np.zeros(self.crane.layout.n)
-        start, goal = (State(self.clearance.q(end), rest) for end in self.ends)
+        zeros = np.zeros(self.crane.layout.n)
+        start, goal = (State(self.clearance.q(end), zeros) for end in self.ends)
         return start, goal
 
 
@@ -172,8 +182,8 @@ def plan_lift(
     crane = crane_of(site) if crane is None else crane
     clearance, limits = Clearance(crane, site), _with_reserve(limits.for_crane(crane), crane)
     first, last = (
-        _end(clearance, what, point if point is not None else default)
-        for what, point, default in (("start", start, site.start), ("goal", goal, site.goal))
+        _end(clearance, end_name, point if point is not None else default)
+        for end_name, point, default in (("start", start, site.start), ("goal", goal, site.goal))
     )
     slew = clearance.joints.slew
     slews = slew_range(
@@ -202,26 +212,26 @@ def _with_reserve(limits: Limits, crane: Crane) -> Limits:
     return replace(limits, rates=np.minimum(limits.rates, crane.rate_limit / RESERVE).tolist())
 
 
-def _end(clearance: Clearance, what: str, point: np.ndarray | None) -> np.ndarray:
+def _end(clearance: Clearance, name: str, point: np.ndarray | None) -> np.ndarray:
     """Return the place of an end of a lift, if the load may hang there."""
     if point is None:
-        raise CraneError(f"The site does not say where the {what} of the lift is; give it.")
-    place = clearance.place(finite(f"{what} of the load", point, (3,), unit="m"), what)
-    site, centre = clearance.site, clearance.point(place)
+        raise CraneError(f"The site does not say where the {name} of the lift is; give it.")
+    drive_position = clearance.place(finite(f"{name} of the load", point, (3,), unit="m"), name)
+    site, centre = clearance.site, clearance.point(drive_position)
     for solid in clearance.solids:
         if solid.holds(centre):
-            raise NoWay(f"At the {what} the load is inside of {solid.name}.")
-    if clearance.swing_margin(place) < CLOSE:
-        nearest = clearance.nearest(clearance.q(place), beside_zones=True)
+            raise NoWay(f"At the {name} the load is inside of {solid.name}.")
+    if clearance.swing_margin(drive_position) < CLOSE:
+        nearest = clearance.nearest(clearance.q(drive_position), beside_zones=True)
         zones = [solid.name for solid in clearance.solids if solid.zone]
         rule = "kept out of" if nearest.obstacle in zones else f"required are {site.distance:g} m"
         raise NoWay(
-            f"At the {what} the {nearest.body} is {max(nearest.distance, 0.0):.2f} m from "
+            f"At the {name} the {nearest.body} is {max(nearest.distance, 0.0):.2f} m from "
             f"{nearest.obstacle}; {rule}, and "
-            f"{clearance.envelope(float(place[2])):.2f} m for a swing of "
+            f"{clearance.envelope(float(drive_position[2])):.2f} m for a swing of "
             f"{math.degrees(site.swing):.2g}°."
         )
-    return place
+    return drive_position
 
 
 def _turns(first: np.ndarray, last: np.ndarray, slews: SlewRange) -> list[np.ndarray]:
@@ -237,17 +247,17 @@ def _bounds(clearance: Clearance, ends: np.ndarray, slews: SlewRange) -> np.ndar
     """Return the least and largest place of the search: a quarter turn beyond the ends, and the
     ranges of trolley and hoist.
     """
-    (_, near, _), (_, far, long) = (
+    (_, inner, _), (_, outer, long) = (
         ends_of_range[clearance.drive_joints].tolist()
         for ends_of_range in (clearance.crane.lower, clearance.crane.upper)
     )
     gammas = ends[:, 0].min() - math.pi / 2.0, ends[:, 0].max() + math.pi / 2.0
-    margin = clearance.site.swing * long / near
+    margin = clearance.site.swing * long / inner
     low = max(slews.low + min(margin, 0.1), gammas[0]) if slews.below else max(slews.low, gammas[0])
     high = (
         min(slews.high - min(margin, 0.1), gammas[1]) if slews.above else min(slews.high, gammas[1])
     )
-    return np.array([[low, near, clearance.shortest_cable], [high, far, long]])
+    return np.array([[low, inner, clearance.shortest_cable], [high, outer, long]])
 
 
 def _way(
@@ -260,17 +270,17 @@ def _way(
     period: float,
 ) -> Lift | None:
     """Return a lift between two places with a margin of `EXTRA`; None if none is found."""
-    least = min(clearance.swing_margin(end) for end in ends)
+    end_margin = min(clearance.swing_margin(end) for end in ends)
     bounds = _bounds(clearance, ends, slews)
     if not ((bounds[0] <= ends).all() and (ends <= bounds[1]).all()):
         return None
     best: Lift | None = None
     for extra in EXTRA:
-        if extra and least < extra + CLOSE:
+        if extra and end_margin < extra + CLOSE:
             continue
         wider = clearance.with_more_distance(extra) if extra else clearance
         for points in search(wider, ends, bounds, rates):
-            path = rounded(wider, points, rates)
+            path = rounded_path(wider, points, rates)
             if path is None:
                 continue
             motion = timed(
@@ -315,19 +325,19 @@ def _reason(
         )
     ends = np.array([first, turns[0]])
     bounds = _bounds(clearance, ends, slews)
-    for what, pair in (("start", ends), ("goal", ends[::-1])):
-        result = best_on_grid(clearance, pair, bounds, rates, most=CELLS)
+    for end_name, pair in (("start", ends), ("goal", ends[::-1])):
+        result = best_on_grid(clearance, pair, bounds, rates, cell_limit=CELLS)
         if result.points is None and result.blocked:
             small_load = replace(clearance.site, load=0.01 * clearance.bodies.load)
             small = Clearance(clearance.crane, small_load)
             hook = (
                 ""
-                if best_on_grid(small, pair, bounds, rates, most=CELLS).points is None
+                if best_on_grid(small, pair, bounds, rates, cell_limit=CELLS).points is None
                 else " The hook without a load could pass: every gap is narrower than the load "
                 "with its distance and swing."
             )
             return (
-                f"There is no way: the {what} is enclosed by {', '.join(result.blocked[:3])}; "
+                f"There is no way: the {end_name} is enclosed by {', '.join(result.blocked[:3])}; "
                 f"{result.reached} cells of 1 s can be reached from it.{hook}"
             )
     return "No way was found; one on a grid exists, but no motion along it could be proven."

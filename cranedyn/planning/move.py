@@ -122,13 +122,13 @@ class Move:
     def drives_of(self, states: np.ndarray) -> np.ndarray:
         """Return the positions of all drives, shape (n, drives), in states of a plan."""
         layout, m = self.crane.layout, len(self.drives)
-        places = np.tile(self.start.q[layout.drives], (len(states), 1))
+        positions = np.tile(self.start.q[layout.drives], (len(states), 1))
         first = 2 * len(layout.passive)
-        places[:, self.drives] = states[:, first : first + m]
-        return places
+        positions[:, self.drives] = states[:, first : first + m]
+        return positions
 
 
-def at_rest(crane: Crane, state: State) -> bool:
+def is_at_rest(crane: Crane, state: State) -> bool:
     """Return whether nothing moves, and gravity and springs balance at the passive joints."""
     off = np.abs(state.q - crane.hanging(state.q)).max(initial=0.0)
     return bool(not state.v.any() and off <= PLUMB)
@@ -145,8 +145,10 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
     m, p = len(move.drives), len(passive)
     sizes = [p, p, m, m, m][: 5 if ramp else 4]
     x, u, gap = ca.SX.sym("x", sum(sizes)), ca.SX.sym("u", m), ca.SX.sym("gap")
-    free, free_rate, position, rate, *rest = ca.vertsplit(x, np.cumsum([0, *sizes]).tolist())
-    acceleration = rest[0] if ramp else u
+    free, free_rate, position, rate, *drive_acceleration = ca.vertsplit(
+        x, np.cumsum([0, *sizes]).tolist()
+    )
+    acceleration = drive_acceleration[0] if ramp else u
     q, v, a = ca.SX(move.start.q), ca.SX(layout.n, 1), ca.SX(layout.m, 1)
     q[passive], v[passive], q[move.joints], v[move.joints], a[move.drives.tolist()] = (
         free,
@@ -155,10 +157,10 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
         rate,
         acceleration,
     )
-    full, effort = symbolic.prescribed_acceleration(crane, q, v, a)
+    full, effort = symbolic.hybrid_dynamics(crane, q, v, a)
     swings = np.isin(layout.passive, crane.swings)
-    angle, angle_rate = (part[np.flatnonzero(swings).tolist()] for part in (free, free_rate))
-    moved, moving = (part[layout.drives.tolist()] for part in (q, v))
+    angle, angle_rate = (column[np.flatnonzero(swings).tolist()] for column in (free, free_rate))
+    moved, moving = (column[layout.drives.tolist()] for column in (q, v))
     angle, angle_rate = (
         angle - crane.rest.angle - crane.rest.slope @ moved,
         angle_rate - crane.rest.slope @ moving,
@@ -166,18 +168,20 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
     # Between two points a parabola stays below the higher of them or the crossing of its tangents,
     # half a gap ahead.
     ahead = angle + gap / 2.0 * angle_rate
-    kept = [ahead / move.swing, effort / crane.effort_limit]
+    share_terms = [ahead / move.swing, effort / crane.effort_limit]
     if ramp:  # else rates are straight lines between points
-        kept.append((rate + gap / 2.0 * acceleration) / move.rate)
+        share_terms.append((rate + gap / 2.0 * acceleration) / move.rate)
     if move.tilt is not None:
-        kept += [ca.sumsqr(one) / (move.tilt * (1.0 - _WITHIN)) ** 2 for one in (angle, ahead)]
+        share_terms += [
+            ca.sumsqr(angles) / (move.tilt * (1.0 - _WITHIN)) ** 2 for angles in (angle, ahead)
+        ]
     lower, upper = move.ranges
     bound, any_rate = np.full(p, np.inf), np.full(p, np.inf)
     bound[swings] = move.swing
     if crane.rest.angle.any() or crane.rest.slope.any():
         bound[swings] = np.inf  # the bound moves with the drives
-        kept.append(angle / move.swing)
-    shares, hoist = ca.vertcat(*kept), layout.drive_of("hoist")
+        share_terms.append(angle / move.swing)
+    shares, hoist = ca.vertcat(*share_terms), layout.drive_of("hoist")
     nonnegative = [] if spaces is None else [spaces.margins(q)]
     if hoist is not None:
         cable = int(layout.drives[hoist])
@@ -188,23 +192,29 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
     high = [np.minimum(bound, upper[passive]), any_rate, upper[move.joints]]
     kinds = [move.rate, move.acceleration][: len(sizes) - 3]
     control = move.acceleration if move.jerk is None else move.jerk
-    ones, none = np.ones(shares.numel()), np.zeros(margins.numel())
-    way = [_SIZE[layout.driven[drive].kind] for drive in move.drives]
+    upper_shares, none = np.ones(shares.numel()), np.zeros(margins.numel())
+    drive_scale = [_SIZE[layout.driven[drive].kind] for drive in move.drives]
     return transcription.Problem(
         x=x,
         u=u,
         gap=gap,
-        rates=ca.vertcat(free_rate, full[passive], rate, *rest, u),
+        rates=ca.vertcat(free_rate, full[passive], rate, *drive_acceleration, u),
         cost=1.0 + move.worth * _cost(move, angle, acceleration, u),
         path=ca.vertcat(shares, margins),
         bounds=np.array(
-            [np.concatenate([*low, *(-one for one in kinds)]), np.concatenate([*high, *kinds])]
+            [
+                np.concatenate([*low, *(-angles for angles in kinds)]),
+                np.concatenate([*high, *kinds]),
+            ]
         ),
         control_bounds=np.array([-control, control]),
         path_bounds=np.array(
-            [np.concatenate([-ones, none]), np.concatenate([ones, np.full(len(none), np.inf)])]
+            [
+                np.concatenate([-upper_shares, none]),
+                np.concatenate([upper_shares, np.full(len(none), np.inf)]),
+            ]
         ),
-        scale=np.concatenate([np.full(2 * p, 0.1), way, *kinds]),
+        scale=np.concatenate([np.full(2 * p, 0.1), drive_scale, *kinds]),
         parameters=None if spaces is None else spaces.symbols,
         values=None if spaces is None else spaces.values,
     )
@@ -231,7 +241,7 @@ def periods(move: Move) -> tuple[float, float]:
         return 0.0, math.inf
     still = np.zeros(move.crane.layout.n)
     rests = (State(move.crane.hanging(end.q), still) for end in (move.start, move.goal))
-    rates = np.concatenate([free_modes(move.crane, rest).frequencies for rest in rests])
+    rates = np.concatenate([free_modes(move.crane, state).frequencies for state in rests])
     return 2.0 * math.pi / float(rates.min()), 2.0 * math.pi / float(rates.max())
 
 
@@ -243,7 +253,7 @@ def estimated_duration(move: Move, slowest: float) -> float:
     reach = max(
         float(np.hypot(*payload_position(crane, end.q)[:2])) for end in (move.start, move.goal)
     )
-    way = np.abs(move.goal.q - move.start.q)[move.joints]
+    distance = np.abs(move.goal.q - move.start.q)[move.joints]
     gentle = crane.gravity * move.swing
     joints = [layout.driven[drive] for drive in move.drives]
     swing_limits = [
@@ -251,12 +261,12 @@ def estimated_duration(move: Move, slowest: float) -> float:
         for joint in joints
     ]
     acceleration = np.minimum(move.acceleration, swing_limits)
-    trapezoids = rest_to_rest_time(way, move.rate, acceleration)
+    trapezoids = rest_to_rest_time(distance, move.rate, acceleration)
     changes = np.abs(move.goal.v - move.start.v)[move.joints] / acceleration
     return max(slowest, float((trapezoids + changes).max()))
 
 
-def straight_plan(move: Move, duration: float, count: int) -> transcription.Plan:
+def straight_plan(move: Move, duration: float, count: int) -> transcription.CollocationPlan:
     """Return a polynomial of the drives over a count of intervals, with the swing interpolated
     between start and goal.
     """
@@ -274,7 +284,7 @@ def straight_plan(move: Move, duration: float, count: int) -> transcription.Plan
     return _plan(move, durations, swing, [curve(times, order) for order in range(3)])
 
 
-def plan_of_motion(move: Move, motion: Motion, count: int) -> transcription.Plan:
+def plan_of_motion(move: Move, motion: Motion, count: int) -> transcription.CollocationPlan:
     """Return a motion from the start to the goal of a move as a plan of a count of intervals."""
     durations = np.full(count, motion.arrival / count)
     times = transcription.times(durations)
@@ -290,9 +300,9 @@ def plan_of_motion(move: Move, motion: Motion, count: int) -> transcription.Plan
 
 def _plan(
     move: Move, durations: np.ndarray, swing: list[np.ndarray], drives: list[np.ndarray]
-) -> transcription.Plan:
+) -> transcription.CollocationPlan:
     """Return a plan of passive joints and drives, with their rates and accelerations."""
     ends = drives[2][::3] if move.jerk is not None else drives[1][::3]
     controls = np.diff(ends, axis=0) / durations[:, None]
     derivatives = drives if move.jerk is not None else drives[:2]
-    return transcription.Plan(durations, controls, np.hstack([*swing, *derivatives]))
+    return transcription.CollocationPlan(durations, controls, np.hstack([*swing, *derivatives]))

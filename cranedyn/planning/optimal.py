@@ -30,15 +30,15 @@ from cranedyn.planning.move import (
     USUAL,
     Move,
     Preference,
-    at_rest,
     estimated_duration,
+    is_at_rest,
     periods,
     plan_of_motion,
     problem,
     straight_plan,
 )
 from cranedyn.planning.proof import CLOSE, Unproven, slew_range, unproven_parameter
-from cranedyn.planning.transcription import Plan
+from cranedyn.planning.transcription import CollocationPlan
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
 
@@ -171,11 +171,11 @@ def optimal(
     )
     if clearance is not None:
         move = _among_obstacles(move, clearance)
-    least = 0.0 if duration is None else number("duration", duration, "s", "> 0")
-    first = _first_plan(move, least, ramp, interval, period, begin)
+    shortest_duration = 0.0 if duration is None else number("duration", duration, "s", "> 0")
+    first = _first_plan(move, shortest_duration, ramp, interval, period, begin)
     search = _Search(move, clearance, {"tolerance": tolerance, "iterations": iterations})
     with _ALONE:
-        plan = search.best(first, least)
+        plan = search.best(first, shortest_duration)
         if duration is not None and plan.durations.sum() > duration + SOON:
             shortest = math.ceil(100.0 * plan.durations.sum()) / 100.0
             raise OutOfRange(
@@ -203,36 +203,38 @@ class _Search:
     clearance: Clearance | None
     options: dict[str, Any]
 
-    def best(self, first: Plan, least: float) -> Plan:
+    def best(self, first: CollocationPlan, shortest: float) -> CollocationPlan:
         """Return the best plan near a first one, of no less than a duration [s]."""
         move = self.move
-        if not (at_rest(move.crane, move.start) and at_rest(move.crane, move.goal)):
+        if not (is_at_rest(move.crane, move.start) and is_at_rest(move.crane, move.goal)):
             # Such a first plan is so far from a motion that the optimiser would give up time first.
-            each = max(least / len(first.durations), 0.7 * float(first.durations[0]))
-            first = self._solved(first, each, 2.0 * each)
-            inside = 1.001 * each < first.durations[0] < 1.999 * each
+            interval = max(shortest / len(first.durations), 0.7 * float(first.durations[0]))
+            first = self._solved(first, interval, 2.0 * interval)
+            inside = 1.001 * interval < first.durations[0] < 1.999 * interval
             if inside and self.clearance is None:
                 return first
         if self.clearance is None:
-            return self._solved(first, least / len(first.durations))
+            return self._solved(first, shortest / len(first.durations))
         failed: CraneError | None = None
         for margin in _MARGINS:
             try:
-                return self._proven(first, least / len(first.durations), margin=margin)
+                return self._proven(first, shortest / len(first.durations), margin=margin)
             except (transcription.Unsolved, Unproven) as error:
                 failed = error
         assert failed is not None
         raise failed
 
-    def lasting(self, plan: Plan, duration: float) -> Plan:
+    def lasting(self, plan: CollocationPlan, duration: float) -> CollocationPlan:
         """Return the plan of least cost near one that lasts a duration [s]."""
         interval = duration / len(plan.durations)
         plan = plan._replace(durations=np.full_like(plan.durations, interval))
         return self._proven(plan, interval, interval, margin=_MARGINS[0] / 2.0)
 
-    def _proven(self, plan: Plan, least: float, most: float = math.inf, *, margin: float) -> Plan:
+    def _proven(
+        self, plan: CollocationPlan, shortest: float, longest: float = math.inf, *, margin: float
+    ) -> CollocationPlan:
         """Return a solved plan, proven to touch no obstacle."""
-        plan = self._solved(plan, least, most, margin)
+        plan = self._solved(plan, shortest, longest, margin)
         if self.clearance is not None:
             drives = DriveTrajectory(self.move, plan)
             t = unproven_parameter(self.clearance, drives, 0.0, drives.duration)
@@ -242,29 +244,29 @@ class _Search:
         return plan
 
     def _solved(
-        self, plan: Plan, least: float, most: float = math.inf, margin: float = 0.0
-    ) -> Plan:
+        self, plan: CollocationPlan, shortest: float, longest: float = math.inf, margin: float = 0.0
+    ) -> CollocationPlan:
         spaces = None
         if self.clearance is not None:
             spaces = half_spaces(self.clearance, self.move.drives_of(plan.states[1:]), margin)
         return transcription.solve(
             problem(self.move, spaces),
             plan,
-            equal=least < most,
-            least=least,
-            most=most,
+            equal=shortest < longest,
+            shortest=shortest,
+            longest=longest,
             **self.options,
         )
 
 
 def _first_plan(
     move: Move,
-    least: float,
+    shortest: float,
     ramp: float,
     interval: float | None,
     period: float,
     begin: Motion | None,
-) -> Plan:
+) -> CollocationPlan:
     """Return the plan with which the search begins."""
     if begin is not None:
         begin.check_fits("begin", move.crane.layout)
@@ -278,9 +280,9 @@ def _first_plan(
         longest = number("interval", interval, "s", "> 0")
     longest = min(longest, _SHARE * fastest)
     duration = (
-        max(least, estimated_duration(move, slowest) + ramp)
+        max(shortest, estimated_duration(move, slowest) + ramp)
         if begin is None
-        else max(least, begin.arrival)
+        else max(shortest, begin.arrival)
     )
     intervals("duration", duration, period)
     if duration / longest > _MOST:
@@ -298,20 +300,26 @@ def _first_plan(
 
 def _check_ends(crane: Crane, start: State, goal: State, rate: np.ndarray, swing: float) -> None:
     layout = crane.layout
-    for where, state in (("start", start), ("goal", goal)):
-        most = np.full(layout.n, np.inf)
-        most[layout.drives] = rate
+    for end, state in (("start", start), ("goal", goal)):
+        rate_limit = np.full(layout.n, np.inf)
+        rate_limit[layout.drives] = rate
         moves = bool(state.v.any() or crane.swing_angles(state.q).any())
-        rest = crane.hanging(state.q)
+        hanging = crane.hanging(state.q)
         for i, joint in enumerate(layout.joints):
-            place, unit = f"{joint.symbol} at the {where}", joint.unit
-            within(place, state.q[i], crane.lower[i], crane.upper[i], unit)
+            name, unit = f"{joint.symbol} at the {end}", joint.unit
+            within(name, state.q[i], crane.lower[i], crane.upper[i], unit)
             if i in crane.swings:
-                within(place, state.q[i], rest[i] - swing, rest[i] + swing, unit)
+                within(name, state.q[i], hanging[i] - swing, hanging[i] + swing, unit)
             if not joint.driven and not moves:
-                if abs(state.q[i] - rest[i]) > PLUMB:
-                    raise OutOfRange(place, state.q[i], f"{rest[i]:g}: it hangs at rest", unit)
-            within(f"{joint.symbol}_dot at the {where}", state.v[i], -most[i], most[i], f"{unit}/s")
+                if abs(state.q[i] - hanging[i]) > PLUMB:
+                    raise OutOfRange(name, state.q[i], f"{hanging[i]:g}: it hangs at rest", unit)
+            within(
+                f"{joint.symbol}_dot at the {end}",
+                state.v[i],
+                -rate_limit[i],
+                rate_limit[i],
+                f"{unit}/s",
+            )
     if np.array_equal(start.q, goal.q) and np.array_equal(start.v, goal.v):
         raise OutOfRange("goal", "the start itself", "another place")
     hoist = layout.drive_of("hoist")
@@ -340,11 +348,11 @@ def _among_obstacles(move: Move, clearance: Clearance) -> Move:
     rope within the swing of the site.
     """
     crane, joints, drive_joints = move.crane, clearance.joints, clearance.drive_joints
-    for where, state in (("start", move.start), ("goal", move.goal)):
+    for end, state in (("start", move.start), ("goal", move.goal)):
         margin = clearance.swing_margin(state.q[drive_joints])
-        number(f"clearance margin at the {where}", margin - CLOSE, "m", ">= 0")
+        number(f"clearance margin at the {end}", margin - CLOSE, "m", ">= 0")
         within(
-            f"tilt of the rope at the {where}",
+            f"tilt of the rope at the {end}",
             float(clearance.tilt(state.q)),
             0.0,
             clearance.site.swing,

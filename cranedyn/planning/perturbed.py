@@ -155,10 +155,10 @@ def perturb(
         "direction_rad": rng.uniform(-math.pi, math.pi, count),
         "late_s": rng.choice(spread.late, count),
     }
-    least, swing = np.empty(count), np.empty(count)
+    distance, swing = np.empty(count), np.empty(count)
     for chunk in simulate_perturbed(certificate, drawn, dt=dt, threads=threads):
-        least[chunk.rows], swing[chunk.rows] = chunk.least, chunk.batch.residual_swing
-    return Perturbed(least, lift.clearance.site.distance, drawn, swing)
+        distance[chunk.rows], swing[chunk.rows] = chunk.least, chunk.batch.residual_swing
+    return Perturbed(distance, lift.clearance.site.distance, drawn, swing)
 
 
 class PerturbedBatch(NamedTuple):
@@ -213,16 +213,16 @@ def simulate_perturbed(
                 running.append(pool.submit(simulate_chunk, chunks[i]))
             if i >= workers:
                 chunk, (batch, force) = chunks[i - workers], running.popleft().result()
-                least = _least(lift.clearance, planned, margins, batch)
+                distances = _least(lift.clearance, planned, margins, batch)
                 crane = cranes[float(drawn["load"][chunk[0]])]
-                yield PerturbedBatch(chunk, crane, batch, force, least)
+                yield PerturbedBatch(chunk, crane, batch, force, distances)
 
 
-def _chunks(loads: np.ndarray, most: int = 200) -> list[np.ndarray]:
+def _chunks(loads: np.ndarray, largest: int = 200) -> list[np.ndarray]:
     """Return the indices of lifts of the same load, at most so many at once."""
     levels = [np.flatnonzero(loads == level) for level in np.unique(loads)]
     return [
-        rows for level in levels for rows in np.array_split(level, math.ceil(len(level) / most))
+        rows for level in levels for rows in np.array_split(level, math.ceil(len(level) / largest))
     ]
 
 
@@ -375,11 +375,11 @@ def _least(
     between = clearance.displacement(batch.q[:, :-1, :], batch.q[:, 1:, :]) / 2.0
     step = np.maximum(np.pad(between, ((0, 0), (1, 0))), np.pad(between, ((0, 0), (0, 1))))
     at_least = margins - clearance.displacement(planned, batch.q) - step
-    least = np.full(len(batch.q), np.nan)
+    distances = np.full(len(batch.q), np.nan)
     for i in np.flatnonzero(np.isfinite(at_least).all(axis=1) & ~np.isfinite(batch.valid_until)):
         bounds, measured = at_least[i], set[int]()
         while (k := int(np.argmin(bounds))) not in measured and bounds[k] < 0.0:
             bounds[k] = clearance.margin(batch.q[i, k]) - step[i, k]
             measured.add(k)
-        least[i] = bounds[k] + clearance.site.distance
-    return least
+        distances[i] = bounds[k] + clearance.site.distance
+    return distances

@@ -44,7 +44,7 @@ class Unproven(CraneError):
         )
 
 
-class Curve(Protocol):
+class DriveCurve(Protocol):
     """Places over a parameter."""
 
     def at(self, s: float) -> np.ndarray:
@@ -63,21 +63,21 @@ class Line(NamedTuple):
     end: np.ndarray
 
     def at(self, s: float) -> np.ndarray:
-        """See `Curve`."""
+        """See `DriveCurve`."""
         return self.start + s * (self.end - self.start)
 
     def reach(self, first: float, last: float) -> np.ndarray:
-        """See `Curve`."""
+        """See `DriveCurve`."""
         return np.abs(self.end - self.start) * ((last - first) / 2.0)
 
 
-def is_free(clearance: Clearance, start: np.ndarray, end: np.ndarray) -> bool:
+def is_proven_free(clearance: Clearance, start: np.ndarray, end: np.ndarray) -> bool:
     """Return whether the straight line between two places is proven free."""
     return unproven_parameter(clearance, Line(start, end), 0.0, 1.0) is None
 
 
 def unproven_parameter(
-    clearance: Clearance, curve: Curve, first: float, last: float
+    clearance: Clearance, curve: DriveCurve, first: float, last: float
 ) -> float | None:
     """Return a parameter about which a curve is not proven free; None if all of it is.
 
@@ -91,15 +91,18 @@ def unproven_parameter(
     while stretches:
         low, high = stretches.popleft()
         middle = (low + high) / 2.0
-        place = curve.at(middle)
-        margin, examined = clearance.swing_margin(place), examined + 1
+        drive_position = curve.at(middle)
+        margin, examined = clearance.swing_margin(drive_position), examined + 1
         if margin < CLOSE or examined > _MOST:
             return middle
-        change = clearance.travel(place, curve.reach(low, high))
+        change = clearance.travel(drive_position, curve.reach(low, high))
         if margin < change:
             # The part about the middle that is proven need not be examined again.
             radius = 0.99 * (high - low) / 2.0 * margin / change
-            if clearance.travel(place, curve.reach(middle - radius, middle + radius)) > margin:
+            if (
+                clearance.travel(drive_position, curve.reach(middle - radius, middle + radius))
+                > margin
+            ):
                 radius = 0.0
             stretches += [(low, middle - radius), (middle + radius, high)]
     return None
@@ -123,13 +126,13 @@ def unproven_row(
     envelope = clearance.envelope(q[:, clearance.joints.hoist]) * swinging
     before, after = (np.delete(q, end, axis=0) for end in (-1, 0))
     steps = clearance.displacement(before, after) + np.abs(np.diff(envelope))
-    gone = np.concatenate([[0.0], np.cumsum(steps)])
+    moved = np.concatenate([[0.0], np.cumsum(steps)])
     bend, stretches = _FASTEST * period**2 / 8.0, [(0, len(q) - 1)]
     while stretches:
         low, high = stretches.pop()
         middle = (low + high) // 2
-        way = max(gone[middle] - gone[low], gone[high] - gone[middle]) + bend
-        if clearance.margin(q[middle]) - envelope[middle] > way:
+        bound = max(moved[middle] - moved[low], moved[high] - moved[middle]) + bend
+        if clearance.margin(q[middle]) - envelope[middle] > bound:
             continue
         if high - low <= 1:
             return middle

@@ -10,7 +10,7 @@ import numpy as np
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import leg_durations
 from cranedyn.planning.grid import best_on_grid
-from cranedyn.planning.proof import is_free
+from cranedyn.planning.proof import is_proven_free
 
 EDGES, CELLS = (1.0, 0.5), 50_000
 """Edges of the cells of the grids to try, one after the other [s], and the most cells of each."""
@@ -52,7 +52,7 @@ class Proofs:
         """Return whether the line between two places is proven free."""
         key = (*start.tolist(), *end.tolist())
         if key not in self._free:
-            self._free[key] = is_free(self.clearance, start, end)
+            self._free[key] = is_proven_free(self.clearance, start, end)
         return self._free[key]
 
 
@@ -77,7 +77,7 @@ def search(
         return [ends]
     for cell in EDGES:
         points = best_on_grid(
-            clearance, ends, bounds, rates, cell=cell, most=CELLS, tight=_TIGHT
+            clearance, ends, bounds, rates, cell=cell, cell_limit=CELLS, tight=_TIGHT
         ).points
         if points is not None:
             generators = (np.random.default_rng(seed) for seed in range(_TRIES))

@@ -220,8 +220,8 @@ def _arguments(
 
 def _of_drives(drives: _Table, name: str) -> list[float]:
     """Return numbers of slew, trolley and hoist, those of the slew in radians."""
-    slew, *others = drives.numbers(name, 3, "> 0")
-    return [slew if name == "efforts" else math.radians(slew), *others]
+    slew, *trolley_and_hoist = drives.numbers(name, 3, "> 0")
+    return [slew if name == "efforts" else math.radians(slew), *trolley_and_hoist]
 
 
 def _limits(drives: _Table) -> Limits | None:
@@ -307,13 +307,13 @@ def _ifc(entry: _Table, ground: float) -> list[Solid]:
 
 def _neighbour(entry: _Table, ground: float) -> list[Solid]:
     position = np.array(entry.numbers("position", 3, default=[0.0, 0.0, ground]))
-    place = {
+    drive_position = {
         name: entry.number(name, 0.0, unit)
         for name, unit in (("slew", "degrees"), ("trolley", "m"), ("cable", "m"))
     }
     values = entry.take("values", _values, {})
     heading = entry.angle("heading", -math.pi / 2.0)
-    return neighbour(entry.text("name"), position, heading, place, values)
+    return neighbour(entry.text("name"), position, heading, drive_position, values)
 
 
 _SOLIDS: dict[str, tuple[list[str], Callable[[_Table, float], list[Solid]]]] = {
@@ -335,9 +335,9 @@ def _number(name: str, value: Any, unit: str, allowed: str) -> float:
     return number(name, value, unit, allowed)
 
 
-def _list(name: str, value: Any, least: int) -> list[Any]:
-    if not isinstance(value, list) or not least <= len(value) <= _MOST:
-        raise OutOfRange(name, quoted(value), f"a list of {least} or more")
+def _list(name: str, value: Any, shortest: int) -> list[Any]:
+    if not isinstance(value, list) or not shortest <= len(value) <= _MOST:
+        raise OutOfRange(name, quoted(value), f"a list of {shortest} or more")
     return value
 
 

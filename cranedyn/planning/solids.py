@@ -70,15 +70,19 @@ class Solid:
 
     def moved(self, rotation: np.ndarray, translation: np.ndarray) -> Solid:
         """Return the body, rotated and then translated [m]."""
-        parts = tuple(part @ rotation.T + translation for part in self.parts)
+        convex_parts = tuple(corners @ rotation.T + translation for corners in self.parts)
         return Solid(
-            self.name, parts, self.vertices @ rotation.T + translation, self.triangles, self.zone
+            self.name,
+            convex_parts,
+            self.vertices @ rotation.T + translation,
+            self.triangles,
+            self.zone,
         )
 
     def geometries(self) -> list[coal.CollisionGeometry]:
         """Return shapes for `coal`, in the frame of the corners."""
         if self.parts:
-            return [hull(part) for part in self.parts]
+            return [hull(corners) for corners in self.parts]
         surface = coal.BVHModelOBBRSS()
         surface.beginModel(len(self.triangles), len(self.vertices))
         surface.addVertices(self.vertices)
@@ -177,9 +181,9 @@ def hull(points: np.ndarray) -> coal.Convex:
     """
     corners, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     vertices, faces = convex_hull(points)
-    if (most := _most_neighbours(faces)) > _MOST_NEIGHBOURS:
+    if (edges := _most_neighbours(faces)) > _MOST_NEIGHBOURS:
         raise DataError(
-            f"a corner of a convex body has {most} edges; allowed are {_MOST_NEIGHBOURS}."
+            f"a corner of a convex body has {edges} edges; allowed are {_MOST_NEIGHBOURS}."
         )
     for vertex in vertices:
         corners.append(vertex)
@@ -240,13 +244,13 @@ def prism(
     if not convex:
         points, triangles = trimesh.creation.triangulate_polygon(polygon)
         cuts = [np.asarray(points)[triangle] for triangle in triangles]
-    parts = tuple(
+    convex_parts = tuple(
         np.concatenate(
             [np.column_stack([cut, np.full(len(cut), z)]) for z in (base, base + height)]
         )
         for cut in cuts
     )
-    return Solid(name, parts, np.array(mesh.vertices), np.array(mesh.faces), zone)
+    return Solid(name, convex_parts, np.array(mesh.vertices), np.array(mesh.faces), zone)
 
 
 def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: bool = False) -> Solid:
@@ -282,8 +286,8 @@ def _as_parts(corners: np.ndarray) -> tuple[np.ndarray, ...]:
     """Return the parts of a convex body; none, for its surface, if a corner has more neighbours
     than `coal` takes, as the top of a cone may have.
     """
-    few = _most_neighbours(convex_hull(corners)[1]) <= _MOST_NEIGHBOURS
-    return (corners,) if few else ()
+    few_neighbours = _most_neighbours(convex_hull(corners)[1]) <= _MOST_NEIGHBOURS
+    return (corners,) if few_neighbours else ()
 
 
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -46,13 +46,15 @@ def rnea(model: pin.Model, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
             "needs one for each."
         )
     tree = tree.with_numbers(tree.numbers().tolist())
-    angles, rates, accelerations = (array(ca.vertsplit(ca.densify(part))) for part in (q, v, a))
+    angles, rates, accelerations = (array(ca.vertsplit(ca.densify(column))) for column in (q, v, a))
     return ca.vertcat(
-        *rigid_body.inverse_dynamics(tree, rigid_body.frames(tree, angles), rates, accelerations)
+        *rigid_body.tree_inverse_dynamics(
+            tree, rigid_body.frames(tree, angles), rates, accelerations
+        )
     )
 
 
-def prescribed_acceleration(
+def hybrid_dynamics(
     crane: Crane, q: ca.SX, v: ca.SX, drive_acceleration: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
     """Return accelerations of all joints when those of the drives are given, and the drive efforts
@@ -64,8 +66,8 @@ def prescribed_acceleration(
     drives, passive = crane.layout.drives.tolist(), crane.layout.passive.tolist()
     a, free = ca.SX(crane.layout.n, 1), ca.SX.sym("free", len(passive))
     a[drives], a[passive] = drive_acceleration, free
-    at, moving = (array(ca.vertsplit(ca.densify(part))) for part in (q, v))
-    force = rnea(crane.model, q, v, a) - ca.vertcat(*JointForces.of(crane).effort(at, moving))
+    angles, rates = (array(ca.vertsplit(ca.densify(column))) for column in (q, v))
+    force = rnea(crane.model, q, v, a) - ca.vertcat(*JointForces.of(crane).effort(angles, rates))
     mass, force = ca.jacobian(force, free), ca.substitute(force, free, np.zeros(len(passive)))
     solved = -ca.solve(mass[passive, :], force[passive])
     a[passive] = solved

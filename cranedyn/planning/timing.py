@@ -128,13 +128,13 @@ def timed(
             across = crane.gravity * math.tan(clearance.site.swing) / slower
             bounds = Bounds(rates, accelerations / slower, across)
             for round_ in range(_ROUNDS):
-                places = _averaged(*_fastest(path, bounds), average)
-                duration = STEP * (len(places) - 1)
+                drive_positions = _averaged(*_fastest(path, bounds), average)
+                duration = STEP * (len(drive_positions) - 1)
                 if round_ > 1 and best is not None and duration >= best.motion.arrival - STEP:
                     break
-                motion = load_motion(clearance, places, STEP)
+                motion = load_motion(clearance, drive_positions, STEP)
                 shares = limit_shares(clearance, motion, limits, ramp)
-                candidate = TimedMotion(places, motion, bound, shares)
+                candidate = TimedMotion(drive_positions, motion, bound, shares)
                 if max(shares.values()) <= _KEPT:
                     if not proven(candidate):
                         break
@@ -188,10 +188,10 @@ def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
             self.discretization_type = constraint.DiscretizationType.Interpolation
 
         def compute_constraint_params(self, path: Any, gridpoints: np.ndarray) -> Any:
-            place, first, second = (path(gridpoints, order) for order in range(3))
+            drive_position, first, second = (path(gridpoints, order) for order in range(3))
             a, b = (
-                _accelerations(place, np.zeros_like(first), first),
-                _accelerations(place, first, second),
+                _accelerations(drive_position, np.zeros_like(first), first),
+                _accelerations(drive_position, first, second),
             )
             rows, upper = _polygon(bounds)
             return constraint.linear_constraint.canlinear_colloc_to_interpolate(
@@ -220,13 +220,13 @@ def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
     )[0]
 
 
-def _accelerations(place: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _accelerations(drive_position: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return accelerations of slew, trolley and hoist, and of the load outward and along the
     circle, shape (n, 5).
     """
-    (_, x, _), (slew, out, _) = place.T, first.T
+    (_, x, _), (slew, outward, _) = drive_position.T, first.T
     return np.column_stack(
-        [second, second[:, 1] - x * slew**2, x * second[:, 0] + 2.0 * out * slew]
+        [second, second[:, 1] - x * slew**2, x * second[:, 0] + 2.0 * outward * slew]
     )
 
 
@@ -257,12 +257,12 @@ def _gridpoints(path: Path) -> np.ndarray:
     )
 
 
-def _averaged(t: np.ndarray, places: np.ndarray, average: float) -> np.ndarray:
+def _averaged(t: np.ndarray, drive_positions: np.ndarray, average: float) -> np.ndarray:
     """Return places a `STEP` apart, averaged three times; the average lasts longer by the times
     that are averaged over.
     """
     rows = STEP * np.arange(math.ceil(t[-1] / STEP) + 1)
-    averaged = interpolate_columns(rows, t, places)
+    averaged = interpolate_columns(rows, t, drive_positions)
     for share in _SHARES:
         count = max(1, round(share * average / STEP))
         padded = np.concatenate(
@@ -278,7 +278,7 @@ def _averaged(t: np.ndarray, places: np.ndarray, average: float) -> np.ndarray:
     return averaged[moving[0] : moving[-1] + 2]
 
 
-def load_motion(clearance: Clearance, places: np.ndarray, period: float) -> Motion:
+def load_motion(clearance: Clearance, drive_positions: np.ndarray, period: float) -> Motion:
     """Return the motion of all joints in which the load is at places a `STEP` apart, at rest at
     both ends, with rows a period [s] apart.
 
@@ -289,23 +289,23 @@ def load_motion(clearance: Clearance, places: np.ndarray, period: float) -> Moti
     """
     crane = clearance.crane
     inertia = (crane.payload_inertia[0, 0] + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass
-    first, last = (np.repeat(places[[k]], _PADDING, axis=0) for k in (0, -1))
-    padded = np.concatenate([first, places, last])
+    first, last = (np.repeat(drive_positions[[k]], _PADDING, axis=0) for k in (0, -1))
+    padded = np.concatenate([first, drive_positions, last])
     t = STEP * (np.arange(len(padded)) - _PADDING)
     point = clearance.point(padded) - np.array([0.0, 0.0, inertia]) / padded[:, 2:]
     acceleration = scipy.interpolate.make_interp_spline(t, point, k=7).derivative(2)(t)
     rope = acceleration / crane.gravity + np.array([0.0, 0.0, 1.0])
-    if not (least := float(rope[:, 2].min())) > 0.0:
-        raise OutOfRange("least tension of the rope", least, "> 0", "of its weight")
+    if not (tension := float(rope[:, 2].min())) > 0.0:
+        raise OutOfRange("least tension of the rope", tension, "> 0", "of its weight")
     q = recover(point, rope / np.linalg.norm(rope, axis=1)[:, None], clearance.height, inertia)
     slew = clearance.joints.slew
-    q[:, slew] += places[0, 0] - q[0, slew]
+    q[:, slew] += drive_positions[0, 0] - q[0, slew]
     curve = scipy.interpolate.make_interp_spline(t, q, k=7)
-    rows = period * np.arange(math.ceil((len(places) - 1) * STEP / period - 1e-9) + 1)
-    place, v, a = (curve.derivative(order)(rows) for order in range(3))
+    rows = period * np.arange(math.ceil((len(drive_positions) - 1) * STEP / period - 1e-9) + 1)
+    positions, v, a = (curve.derivative(order)(rows) for order in range(3))
     for k in (0, -1):
-        place[k], v[k], a[k] = clearance.q(places[k]), 0.0, 0.0
-    return Motion(period, place, v, a, crane.layout.drives)
+        positions[k], v[k], a[k] = clearance.q(drive_positions[k]), 0.0, 0.0
+    return Motion(period, positions, v, a, crane.layout.drives)
 
 
 def limit_shares(

@@ -54,36 +54,39 @@ def tour(
     """
     number("dwell", dwell, "s", ">= 0")
     stages: list[Stage] = []
-    parts: list[np.ndarray] = []
-    here, row, period, drives = crane.start, 0, 0.0, crane.layout.drives
+    samples: list[np.ndarray] = []
+    state, row, period, drives = crane.start, 0, 0.0, crane.layout.drives
     for leg in legs:
-        target = leg_target(crane, leg, here.q[drives])
+        target = leg_target(crane, leg, state.q[drives])
         goal = crane.state(
             **{
                 joint.symbol: float(aim)
                 for joint, aim in zip(crane.layout.driven, target, strict=True)
             }
         )
-        motion = plan(here, goal)
+        motion = plan(state, goal)
         motion.check_fits("motion that was planned", crane.layout)
         period, rows, still = (
             motion.period,
             len(motion.q) - 1,
             intervals("dwell", dwell, motion.period) if dwell > 0.0 else 0,
         )
-        rest = np.stack([goal.q, goal.v, goal.v])[:, None]
-        parts += [np.stack([motion.q, motion.v, motion.a])[:, :-1], np.repeat(rest, still, axis=1)]
+        standing = np.stack([goal.q, goal.v, goal.v])[:, None]
+        samples += [
+            np.stack([motion.q, motion.v, motion.a])[:, :-1],
+            np.repeat(standing, still, axis=1),
+        ]
         begin, arrival, end = (period * k for k in (row, row + rows, row + rows + still))
-        stages.append(Stage(leg, here.q[drives], goal.q[drives], begin, arrival, end))
-        here, row = goal, row + rows + still
+        stages.append(Stage(leg, state.q[drives], goal.q[drives], begin, arrival, end))
+        state, row = goal, row + rows + still
     if not stages:
         raise OutOfRange("tour", "empty", "one leg at least")
-    if not np.allclose(here.q, crane.start.q):
+    if not np.allclose(state.q, crane.start.q):
         raise OutOfRange(
             "end of the tour",
-            here.q[drives].tolist(),
+            state.q[drives].tolist(),
             f"where it began, {crane.start.q[drives].tolist()}",
             "rad or m",
         )
-    q, v, a = np.concatenate([*parts, np.stack([here.q, here.v, here.v])[:, None]], axis=1)
+    q, v, a = np.concatenate([*samples, np.stack([state.q, state.v, state.v])[:, None]], axis=1)
     return Tour(tuple(stages), Motion(period, q, v, a, drives))

@@ -88,7 +88,7 @@ class Problem:
     values: np.ndarray | None = None
 
 
-class Plan(NamedTuple):
+class CollocationPlan(NamedTuple):
     """A motion at the points of its steps.
 
     Attributes:
@@ -116,14 +116,14 @@ def times(durations: np.ndarray, steps: int = 1) -> np.ndarray:
 
 def solve(
     problem: Problem,
-    guess: Plan,
+    guess: CollocationPlan,
     *,
     equal: bool,
-    least: float = 0.0,
-    most: float = np.inf,
+    shortest: float = 0.0,
+    longest: float = np.inf,
     tolerance: float = TOLERANCE,
     iterations: int = ITERATIONS,
-) -> Plan:
+) -> CollocationPlan:
     """Return the motion of least cost from the first to the last state of a guess.
 
     Args:
@@ -132,8 +132,8 @@ def solve(
             its intervals and steps.
         equal: Whether all intervals last alike, or each as long as suits, so that the control
             switches when it should.
-        least: Least duration of an interval [s].
-        most: Largest duration of an interval [s].
+        shortest: Least duration of an interval [s].
+        longest: Largest duration of an interval [s].
         tolerance: Relative error at which the optimiser ends.
         iterations: Most iterations of the optimiser.
 
@@ -146,7 +146,7 @@ def solve(
     scale = _pack(_alike(guess, 1.0, controls, states))
     bounds = [
         _alike(guess, *bound)
-        for bound in zip((least, most), problem.control_bounds, problem.bounds, strict=True)
+        for bound in zip((shortest, longest), problem.control_bounds, problem.bounds, strict=True)
     ]
     for bound in bounds:
         bound.states[[0, -1]] = guess.states[[0, -1]]
@@ -156,13 +156,15 @@ def solve(
     options = {"ipopt.tol": tolerance, "ipopt.max_iter": iterations, "iteration_callback": stop}
     solver = ca.nlpsol("plan", "ipopt", program, _OPTIONS | options)
     with defer_sigint() as stop.arrived:
-        found = solver(x0=_pack(guess) / scale, lbx=lower, ubx=upper, lbg=low, ubg=high)
+        solution = solver(x0=_pack(guess) / scale, lbx=lower, ubx=upper, lbg=low, ubg=high)
     if not solver.stats()["success"]:
         raise Unsolved(solver.stats()["return_status"])
-    parts = np.split(
-        found["x"].full().ravel() * scale, np.cumsum([part.size for part in guess])[:-1]
+    arrays = np.split(
+        solution["x"].full().ravel() * scale, np.cumsum([part.size for part in guess])[:-1]
     )
-    return Plan(*(part.reshape(like.shape) for part, like in zip(parts, guess, strict=True)))
+    return CollocationPlan(
+        *(part.reshape(like.shape) for part, like in zip(arrays, guess, strict=True))
+    )
 
 
 class _Stop(ca.Callback):  # type: ignore[misc]
@@ -190,13 +192,15 @@ class _Stop(ca.Callback):  # type: ignore[misc]
         return [int(self.arrived())]
 
 
-def _pack(plan: Plan) -> np.ndarray:
-    return np.concatenate([part.ravel() for part in plan])
+def _pack(plan: CollocationPlan) -> np.ndarray:
+    return np.concatenate([array.ravel() for array in plan])
 
 
-def _alike(plan: Plan, duration: float, control: np.ndarray, state: np.ndarray) -> Plan:
+def _alike(
+    plan: CollocationPlan, duration: float, control: np.ndarray, state: np.ndarray
+) -> CollocationPlan:
     """Return a plan of the same size with one duration, one control and one state throughout."""
-    return Plan(
+    return CollocationPlan(
         np.full_like(plan.durations, duration),
         np.tile(control, (len(plan.controls), 1)),
         np.tile(state, (len(plan.states), 1)),
@@ -204,14 +208,14 @@ def _alike(plan: Plan, duration: float, control: np.ndarray, state: np.ndarray) 
 
 
 def _program(
-    problem: Problem, guess: Plan, equal: bool, scale: np.ndarray
+    problem: Problem, guess: CollocationPlan, equal: bool, scale: np.ndarray
 ) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
     """Return scaled unknowns, cost and constraints, with the bounds of the constraints."""
     n, points = len(guess.durations), len(guess.states) - 1
     steps = points // (_POINTS * n)
     unknown = ca.MX.sym("unknown", scale.size)
     durations, controls, states = ca.vertsplit(
-        unknown * scale, np.cumsum([0, *(part.size for part in guess)]).tolist()
+        unknown * scale, np.cumsum([0, *(array.size for array in guess)]).tolist()
     )
     of_point = np.repeat(np.arange(n), steps * _POINTS).tolist()
     h = (durations.T / steps)[:, of_point]

@@ -9,5 +9,5 @@ Public names:
     `plant.Topology`, `plant.numbers`: what cranes have in common, and what tells them apart.
     `cranes.load_cranes`: thousands of cranes for a batch, from a few that are loaded.
 
-Begin with `rigid_body.inverse_dynamics`, then `plant.Plant`.
+Begin with `rigid_body.tree_inverse_dynamics`, then `plant.Plant`.
 """

@@ -41,21 +41,21 @@ class Cranes:
     def __init__(
         self,
         base: Crane,
-        made: Mapping[str, Any],
+        arguments: Mapping[str, Any],
         varied: Mapping[str, np.ndarray],
         rows: np.ndarray,
         start: State,
     ) -> None:
-        """Keep what makes them.
+        """Keep the numbers of the cranes and the arguments that make them.
 
         Args:
-            base: One of them.
-            made: What `load_crane` is given for all.
-            varied: The arguments of each, shape (cranes,) each.
-            rows: Their numbers.
-            start: Where each starts.
+            base: Crane with the middle of each argument.
+            arguments: Arguments of `load_crane` that all cranes share.
+            varied: Arguments that vary, shape (cranes,) each.
+            rows: Numbers of the cranes.
+            start: Starts of the cranes.
         """
-        self._base, self._made, self._varied = base, made, varied
+        self._base, self._made, self._varied = base, arguments, varied
         self.numbers, self.start = rows, start
 
     @property
@@ -101,7 +101,10 @@ def load_cranes(urdf: str | Path | None = None, **values: Any) -> Cranes:
             they must be loaded one by one; or if they are elastic and it is not said where they
             start.
     """
-    known = {*inspect.signature(load_crane).parameters, *_arguments(urdf)} - {"values", "numbers"}
+    parameters = {*inspect.signature(load_crane).parameters, *_arguments(urdf)} - {
+        "values",
+        "numbers",
+    }
     arrays = {
         name: np.asarray(value, dtype=float)
         for name, value in values.items()
@@ -109,22 +112,26 @@ def load_cranes(urdf: str | Path | None = None, **values: Any) -> Cranes:
     }
     shapes = {name: array.shape for name, array in arrays.items()}
     if any(len(shape) != 1 for shape in shapes.values()) or len(set(shapes.values())) != 1:
-        shown = ", ".join(f"{name} of shape {shape}" for name, shape in shapes.items()) or "none"
-        raise OutOfRange("arrays of values", shown, "one or more of one length")
+        lengths = ", ".join(f"{name} of shape {shape}" for name, shape in shapes.items()) or "none"
+        raise OutOfRange("arrays of values", lengths, "one or more of one length")
     for name, array in arrays.items():
         finite(name, array, shapes[name])
-    made = {
+    arguments = {
         "urdf": urdf,
-        **{name: value for name, value in values.items() if name in known and name not in arrays},
+        **{
+            name: value
+            for name, value in values.items()
+            if name in parameters and name not in arrays
+        },
     }
-    varied = {name: array for name, array in arrays.items() if name in known}
-    rows, base = _numbers(made, varied, next(iter(shapes.values()))[0])
+    varied = {name: array for name, array in arrays.items() if name in parameters}
+    rows, base = _numbers(arguments, varied, next(iter(shapes.values()))[0])
     start = _start(
         base,
         rows[:, -base.layout.n :],
-        {name: value for name, value in values.items() if name not in known},
+        {name: value for name, value in values.items() if name not in parameters},
     )
-    return Cranes(base, made, varied, rows[:, : -base.layout.n], start)
+    return Cranes(base, arguments, varied, rows[:, : -base.layout.n], start)
 
 
 def _arguments(urdf: str | Path | None) -> list[str]:
@@ -139,7 +146,7 @@ def _row(crane: Crane) -> np.ndarray:
 
 
 def _numbers(
-    made: Mapping[str, Any], varied: Mapping[str, np.ndarray], count: int
+    arguments: Mapping[str, Any], varied: Mapping[str, np.ndarray], count: int
 ) -> tuple[np.ndarray, Crane]:
     """Return the numbers and starts of all cranes, shape (count, k + n), and the crane in the
     middle.
@@ -150,12 +157,14 @@ def _numbers(
     }
     names = [name for name, (low, _, high) in nodes.items() if high > low]
 
-    def at(**places: int) -> Crane:
+    def at(**node_index: int) -> Crane:
         """Return the crane with some arguments at their first or last node, all others in the
         middle.
         """
-        values: dict[str, Any] = {name: float(nodes[name][places.get(name, 1)]) for name in nodes}
-        return load_crane(**made, **values)
+        values: dict[str, Any] = {
+            name: float(nodes[name][node_index.get(name, 1)]) for name in nodes
+        }
+        return load_crane(**arguments, **values)
 
     base = at()
     middle, shares = _row(base), {name: _lagrange(nodes[name], varied[name]) for name in names}
@@ -163,48 +172,52 @@ def _numbers(
     rows = np.tile(middle, (count, 1))
     for (name, k), change in alone.items():
         rows += np.outer(shares[name][k], change)
-    for one, other in itertools.combinations(names, 2):
+    for first, second in itertools.combinations(names, 2):
         for k, m in itertools.product((0, 2), repeat=2):
-            change = _row(at(**{one: k, other: m})) - middle - alone[one, k] - alone[other, m]
-            rows += np.outer(shares[one][k] * shares[other][m], change)
+            change = _row(at(**{first: k, second: m})) - middle - alone[first, k] - alone[second, m]
+            rows += np.outer(shares[first][k] * shares[second][m], change)
     size, certain = np.abs(rows).max(axis=0), np.ones(rows.shape[1], dtype=bool)
     if base.springs.any:  # where an elastic crane hangs is no polynomial
         certain[-base.layout.n :] = False
     for i in np.unique(np.random.default_rng(0).integers(0, count, _LOOKED_AT)).tolist():
         values: dict[str, Any] = {name: float(array[i]) for name, array in varied.items()}
-        own = _row(load_crane(**made, **values))
-        if not (np.abs(own - rows[i]) <= _AGREES * size)[certain].all():
-            shown = ", ".join(names)
+        expected = _row(load_crane(**arguments, **values))
+        if not (np.abs(expected - rows[i]) <= _AGREES * size)[certain].all():
+            argument_names = ", ".join(names)
             raise ModelError(
-                f"The numbers of this crane depend on {shown} in another way than load_cranes "
-                "knows; load them one by one."
+                f"The numbers of this crane depend on {argument_names} in another way than "
+                "load_cranes knows; load them one by one."
             )
     return rows, base
 
 
 def _lagrange(nodes: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return Lagrange's polynomials of three nodes at values, shape (3, cranes)."""
-    found = []
+    polynomials = []
     for k in range(3):
-        others = np.delete(nodes, k)
-        found.append(np.prod([(values - other) / (nodes[k] - other) for other in others], axis=0))
-    return np.array(found)
+        other_nodes = np.delete(nodes, k)
+        polynomials.append(
+            np.prod([(values - node) / (nodes[k] - node) for node in other_nodes], axis=0)
+        )
+    return np.array(polynomials)
 
 
-def _start(base: Crane, places: np.ndarray, given: Mapping[str, Any]) -> State:
+def _start(base: Crane, coordinates: np.ndarray, start_values: Mapping[str, Any]) -> State:
     """Return the starts of the cranes: given coordinates, or those of the description."""
     layout = base.layout
     if base.springs.any and (
         missing := [
-            symbol for symbol in (layout.symbols[i] for i in layout.passive) if symbol not in given
+            symbol
+            for symbol in (layout.symbols[i] for i in layout.passive)
+            if symbol not in start_values
         ]
     ):
         raise ModelError(
             f"These cranes are elastic, each hangs otherwise; give {', '.join(missing)} at the "
             "start to load_cranes."
         )
-    q, v = places.copy(), np.zeros_like(places)
-    for name, value in given.items():
+    q, v = coordinates.copy(), np.zeros_like(coordinates)
+    for name, value in start_values.items():
         symbol = name.removesuffix("_dot")
         (q if name == symbol else v)[:, layout.index(symbol)] = value
     # Out of a range is one of these.

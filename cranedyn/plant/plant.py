@@ -13,8 +13,8 @@ import pinocchio as pin
 
 from cranedyn.dynamics.bodies import Bodies, blank, bodies, height
 from cranedyn.dynamics.converters import Response, saturate_acceleration
-from cranedyn.dynamics.joint_forces import JointForces, Stops, rope_tension
-from cranedyn.dynamics.scalars import array, clipped, solve
+from cranedyn.dynamics.joint_forces import JointForces, Stops, tension_from_hoist_force
+from cranedyn.dynamics.scalars import array, clipped, solve_linear
 from cranedyn.dynamics.validity import bounds, drive_bounds
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
@@ -68,10 +68,10 @@ class Topology:
 
 def _above(parents: Sequence[int], joint: int) -> list[int]:
     """Return the joints between the world and a joint."""
-    found = []
+    ancestors = []
     while (joint := parents[joint]) >= 0:
-        found.append(joint)
-    return found
+        ancestors.append(joint)
+    return ancestors
 
 
 class Units(NamedTuple):
@@ -141,7 +141,7 @@ class Plant:
         load = self.tree.mass[self.topology.bodies[0]]
         mass = 1.0 if isinstance(load, float) and load == 0.0 else load
         force, response = dt * dt / mass, self.response
-        made = replace(
+        scaled = replace(
             self,
             tree=self.tree.in_steps(dt, mass),
             joint=self.joint.in_steps(dt, mass),
@@ -150,7 +150,7 @@ class Plant:
             response=None if response is None else response._replace(lags=response.lags / dt),
         )
         commands = {"effort": force, "motion": dt * dt, "velocity": dt}
-        return made, Units(dt, commands[self.drive], force, 1.0 / force)
+        return scaled, Units(dt, commands[self.drive], force, 1.0 / force)
 
     def answer(
         self, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: np.ndarray | None
@@ -176,7 +176,7 @@ class Plant:
         command, shape (m,).
         """
         drives, passive = self.topology.layout.drives, self.topology.layout.passive
-        where = rigid_body.frames(self.tree, q)
+        frames = rigid_body.frames(self.tree, q)
         acting = zip(
             self.topology.bodies,
             self.levers,
@@ -189,18 +189,18 @@ class Plant:
             effort[drives] = effort[drives] + self.stops.effort(q, v)
         if self.drive == "effort":
             effort[drives] = effort[drives] + command
-            a = rigid_body.forward_dynamics(self.tree, where, v, effort, external)
+            a = rigid_body.tree_forward_dynamics(self.tree, frames, v, effort, external)
             return a, command, command
-        resisting = rigid_body.inverse_dynamics(self.tree, where, v, external_forces=external)
-        resisting, mass = resisting - effort, rigid_body.mass_matrix(self.tree, where)
+        resisting = rigid_body.tree_inverse_dynamics(self.tree, frames, v, external_forces=external)
+        resisting, mass = resisting - effort, rigid_body.mass_matrix(self.tree, frames)
         if self.response is not None:
-            wanted = array(self.response.accelerations_at(command, v[drives]))
+            target = array(self.response.accelerations_at(command, v[drives]))
             return saturate_acceleration(
-                mass, resisting, wanted, self.effort_limit, self.topology.layout
+                mass, resisting, target, self.effort_limit, self.topology.layout
             )
         a = array([0.0] * len(q))
         a[drives] = command
-        a[passive] = solve(mass[np.ix_(passive, passive)], -(resisting + mass @ a)[passive])
+        a[passive] = solve_linear(mass[np.ix_(passive, passive)], -(resisting + mass @ a)[passive])
         effort = (mass @ a + resisting)[drives]
         return a, effort, effort
 
@@ -222,9 +222,11 @@ class Plant:
         rate.
         """
         layout = self.topology.layout
-        tension = rope_tension(layout, self.joint.damping, self.joint.springs, q, v, hoist_force)
+        tension = tension_from_hoist_force(
+            layout, self.joint.damping, self.joint.springs, q, v, hoist_force
+        )
         above = height(self.tree, q, self.topology.bodies[0], self.levers[0])
-        found = [
+        state_bounds = [
             *bounds(
                 layout,
                 self.lower,
@@ -243,7 +245,7 @@ class Plant:
                 None if self.drive == "velocity" else self.rate_limit,
             ),
         ]
-        return [condition for bound in found for condition in bound.conditions]
+        return [condition for bound in state_bounds for condition in bound.conditions]
 
     def within(self, command: np.ndarray) -> np.ndarray:
         """Return efforts cut to the limits of the drives, accelerations as they are, shape (m,)."""
@@ -255,16 +257,16 @@ class Plant:
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> Any:
         """Return the mechanical energy with that of springs [J], zero of height at the ground."""
-        where = rigid_body.frames(self.tree, q)
+        frames = rigid_body.frames(self.tree, q)
         rigid = 0.5 * (
-            v @ (rigid_body.mass_matrix(self.tree, where) @ v)
-        ) + rigid_body.potential_energy(self.tree, where)
+            v @ (rigid_body.mass_matrix(self.tree, frames) @ v)
+        ) + rigid_body.potential_energy(self.tree, frames)
         return rigid if self.joint.springs is None else rigid + self.joint.springs.energy(q)
 
     @property
     def plumb_at_zero(self) -> bool:
         """Whether the load hangs plumb where the swing joints are at zero."""
-        return not any(np.any(part) for part in self.rest)
+        return not any(np.any(term) for term in self.rest)
 
     def hanging_angles(self, drives: np.ndarray) -> np.ndarray:
         """Return where the swing joints hang for coordinates of the drives, to first order about
@@ -278,20 +280,25 @@ class Plant:
         coordinates.
         """
         hanging = self.hanging_angles(q[self.topology.layout.drives])
-        return {i: q[i] - at for (i, _), at in zip(self.topology.swings, hanging, strict=True)}
+        return {
+            i: q[i] - rest_angle
+            for (i, _), rest_angle in zip(self.topology.swings, hanging, strict=True)
+        }
 
     def swing(self, q: np.ndarray, v: np.ndarray) -> tuple[Any, Any]:
         """Return the square of the swing, and that of its amplitude if the pendulums below each
         joint swung alone [rad²].
         """
         swings = self.topology.swings
-        angle: Any = sum((one * one for one in self.swing_angles(q).values()), 0.0)
+        angle: Any = sum(
+            (component * component for component in self.swing_angles(q).values()), 0.0
+        )
         gravity = -self.tree.gravity[2]
-        rest: Any = 0.0
+        kinetic: Any = 0.0
         for (i, hangs), arm in zip(swings, self.arms, strict=True):
             length = arm + q[self.topology.layout.role("hoist", "The cable")] if hangs else arm
-            rest = rest + v[i] * v[i] * length
-        return angle, angle + rest / gravity
+            kinetic = kinetic + v[i] * v[i] * length
+        return angle, angle + kinetic / gravity
 
 
 def numbers(crane: Crane) -> np.ndarray:
@@ -354,7 +361,7 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
     count = len(tree.numbers())
     swings = len(topology.swings)
     counts = [n, n, n, 1, n, n, m, m, 3 * len(topology.bodies), swings, swings, swings * m, m, m]
-    parts = np.split(array(values[count:]), np.cumsum(counts)[:-1])
+    groups = np.split(array(values[count:]), np.cumsum(counts)[:-1])
     (
         damping,
         stiffness,
@@ -370,7 +377,7 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
         rest_slope,
         stop_stiffness,
         stop_damping,
-    ) = parts
+    ) = groups
     rope = None if topology.rope is None else Rope(*topology.rope, ea[0])
     springs = Springs(stiffness, rest, rope) if topology.springs else None
     stops = Stops(

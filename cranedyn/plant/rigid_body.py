@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cranedyn.dynamics.bodies import Bodies
-from cranedyn.dynamics.scalars import array, cross, is_zero, solve
+from cranedyn.dynamics.scalars import array, cross_product, is_zero, solve_linear
 
 _AGREEMENT = 1e-11
 """Relative difference of accelerations that is taken for round-off however well the mass matrix is
@@ -38,29 +38,34 @@ def regrouped(tree: Bodies) -> Bodies:
     mass, lever, inertia = tree.mass.copy(), tree.lever.copy(), tree.inertia.copy()
     for i in range(len(tree) - 1, -1, -1):
         parent, (_, about), turn = tree.parents[i], tree.axis[i], tree.rotation[i]
-        axes = [k for k, part in enumerate(about) if not is_zero(part)]
+        axes = [k for k, component in enumerate(about) if not is_zero(component)]
         if parent < 0 or len(axes) > 1:
             continue
         if not axes:
             inertia[parent] = inertia[parent] + turn @ inertia[i] @ turn.T
             inertia[i] = 0.0
-        elif all(is_zero(part) for part in np.delete(lever[i], axes)):
+        elif all(is_zero(component) for component in np.delete(lever[i], axes)):
             _add_mass(mass, lever, inertia, parent, mass[i], tree.translation[i] + turn @ lever[i])
             mass[i], lever[i] = 0.0, 0.0
     return replace(tree, mass=mass, lever=lever, inertia=inertia)
 
 
 def _add_mass(
-    mass: np.ndarray, lever: np.ndarray, inertia: np.ndarray, i: int, more: Any, at: np.ndarray
+    mass: np.ndarray,
+    lever: np.ndarray,
+    inertia: np.ndarray,
+    i: int,
+    point_mass: Any,
+    point: np.ndarray,
 ) -> None:
     """Put a point mass [kg] somewhere on a body [m]."""
-    if is_zero(more):
+    if is_zero(point_mass):
         return
-    whole = mass[i] + more
-    apart, share = at - lever[i], more / whole
-    arm = _skew(apart)
+    total = mass[i] + point_mass
+    offset, share = point - lever[i], point_mass / total
+    arm = _skew(offset)
     inertia[i] = inertia[i] - arm @ arm * (mass[i] * share)
-    mass[i], lever[i] = whole, lever[i] + apart * share
+    mass[i], lever[i] = total, lever[i] + offset * share
 
 
 class Frame(NamedTuple):
@@ -86,24 +91,26 @@ class ExternalForce(NamedTuple):
 
 def frames(tree: Bodies, q: np.ndarray) -> list[Frame]:
     """Return each joint's frame at coordinates q, shape (n,)."""
-    found = []
+    joint_frames = []
     for i in range(len(tree)):
         (along, about), rotation, coordinate = tree.axis[i], tree.rotation[i], q[i : i + 1]
-        if any(not is_zero(part) for part in about):
-            out = np.multiply.outer(about, about)
+        if any(not is_zero(component) for component in about):
+            projection = np.multiply.outer(about, about)
             turn = (
-                np.cos(coordinate) * (np.eye(3).astype(object) - out)
-                + out
+                np.cos(coordinate) * (np.eye(3).astype(object) - projection)
+                + projection
                 + np.sin(coordinate) * _skew(about)
             )
             rotation = rotation @ turn
-        found.append(Frame(rotation, tree.translation[i] + tree.rotation[i] @ (along * coordinate)))
-    return found
+        joint_frames.append(
+            Frame(rotation, tree.translation[i] + tree.rotation[i] @ (along * coordinate))
+        )
+    return joint_frames
 
 
-def inverse_dynamics(
+def tree_inverse_dynamics(
     tree: Bodies,
-    where: Sequence[Frame],
+    poses: Sequence[Frame],
     v: np.ndarray,
     a: np.ndarray | None = None,
     external_forces: Sequence[ExternalForce] = (),
@@ -114,7 +121,7 @@ def inverse_dynamics(
 
     Args:
         tree: The bodies.
-        where: Their frames.
+        poses: Their frames.
         v: Rates of the coordinates, shape (n,).
         a: Their accelerations, shape (n,); None for zero.
         external_forces: What pushes from outside.
@@ -125,14 +132,14 @@ def inverse_dynamics(
     motions: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     forces, torques = [], []
     for i in range(n):
-        (along, about), rate, (rotation, origin) = tree.axis[i], v[i : i + 1], where[i]
+        (along, about), rate, (rotation, origin) = tree.axis[i], v[i : i + 1], poses[i]
         spin, turn, gain = (
             motions[tree.parents[i]] if tree.parents[i] >= 0 else (zero, zero, -tree.gravity)
         )
         sliding = 2.0 * (tree.rotation[i] @ (along * rate))
         gain = rotation.T @ (gain + _of_point(spin, turn, origin, sliding))
         spin, turn = rotation.T @ spin, rotation.T @ turn
-        turn = turn + cross(spin, about * rate)
+        turn = turn + cross_product(spin, about * rate)
         spin = spin + about * rate
         if a is not None:
             gain, turn = gain + along * a[i : i + 1], turn + about * a[i : i + 1]
@@ -141,28 +148,32 @@ def inverse_dynamics(
         force = tree.mass[i : i + 1] * (gain + _of_point(spin, turn, lever))
         unequal = inertia - np.diag(inertia[[2], [2]].repeat(3))
         forces.append(force)
-        torques.append(inertia @ turn + cross(spin, unequal @ spin) + cross(lever, force))
+        torques.append(
+            inertia @ turn + cross_product(spin, unequal @ spin) + cross_product(lever, force)
+        )
     for body_row, point, external in external_forces:
-        local = into(tree, where, body_row, external)
+        local = into(tree, poses, body_row, external)
         forces[body_row], torques[body_row] = (
             forces[body_row] - local,
-            torques[body_row] - cross(point, local),
+            torques[body_row] - cross_product(point, local),
         )
     effort = array([0.0] * n) if a is None else tree.armature * a
     for i in range(n - 1, -1, -1):
         effort[i] = effort[i] + tree.axis[i, 0] @ forces[i] + tree.axis[i, 1] @ torques[i]
         if pulled is not None and i == pulled[0]:
             sides = zip(tree.axis[i, 0], forces[i], strict=True)
-            force = array([f if is_zero(one) else one * pulled[1] for one, f in sides])
-            torques[i] = torques[i] + cross(tree.lever[i], force - forces[i])
+            force = array(
+                [f if is_zero(component) else component * pulled[1] for component, f in sides]
+            )
+            torques[i] = torques[i] + cross_product(tree.lever[i], force - forces[i])
             forces[i] = force
         if (parent := tree.parents[i]) >= 0:
-            force, torque = _to_parent(where[i], forces[i], torques[i])
+            force, torque = _to_parent(poses[i], forces[i], torques[i])
             forces[parent], torques[parent] = forces[parent] + force, torques[parent] + torque
     return effort
 
 
-def mass_matrix(tree: Bodies, where: Sequence[Frame]) -> np.ndarray:
+def mass_matrix(tree: Bodies, poses: Sequence[Frame]) -> np.ndarray:
     """Return the mass matrix, as `pin.crba`, both triangles, shape (n, n)."""
     n = len(tree)
     composites = [
@@ -172,17 +183,17 @@ def mass_matrix(tree: Bodies, where: Sequence[Frame]) -> np.ndarray:
     mass = np.empty((n, n), dtype=object)
     mass[:] = 0.0
     for i in range(n - 1, -1, -1):
-        row = _exerted(tree, where, i, *composites[i].times(*tree.axis[i]))
+        row = _exerted(tree, poses, i, *composites[i].times(*tree.axis[i]))
         row[i] = row[i] + tree.armature[i]
         mass[i, : i + 1] = mass[: i + 1, i] = row[: i + 1]
         if (parent := tree.parents[i]) >= 0:
-            composites[parent] = composites[parent].plus(composites[i].seen_from_parent(where[i]))
+            composites[parent] = composites[parent].plus(composites[i].seen_from_parent(poses[i]))
     return mass
 
 
-def forward_dynamics(
+def tree_forward_dynamics(
     tree: Bodies,
-    where: Sequence[Frame],
+    poses: Sequence[Frame],
     v: np.ndarray,
     effort: np.ndarray,
     external_forces: Sequence[ExternalForce] = (),
@@ -194,32 +205,32 @@ def forward_dynamics(
 
     Args:
         tree: The bodies.
-        where: Their frames.
+        poses: Their frames.
         v: Rates of the coordinates, shape (n,).
         effort: Generalized forces, damping and springs among them, shape (n,).
         external_forces: What pushes from outside.
     """
     last = len(tree) - 1
     if not _is_sliding_point(tree, last):
-        resisting = inverse_dynamics(tree, where, v, external_forces=external_forces)
-        return solve(mass_matrix(tree, where), effort - resisting)
-    resisting = inverse_dynamics(
-        tree, where, v, external_forces=external_forces, pulled=(last, effort[last])
+        resisting = tree_inverse_dynamics(tree, poses, v, external_forces=external_forces)
+        return solve_linear(mass_matrix(tree, poses), effort - resisting)
+    resisting = tree_inverse_dynamics(
+        tree, poses, v, external_forces=external_forces, pulled=(last, effort[last])
     )
-    others = tree.mass.copy()
-    others[last] = 0.0
-    mass = mass_matrix(replace(tree, mass=others), where)[:last, :last]
+    masses = tree.mass.copy()
+    masses[last] = 0.0
+    mass = mass_matrix(replace(tree, mass=masses), poses)[:last, :last]
     along = array([0.0] * last)
-    for side, one in zip(np.eye(3), tree.axis[last, 0], strict=True):
+    for side, component in zip(np.eye(3), tree.axis[last, 0], strict=True):
         # What a unit force on the point exerts is how fast each coordinate moves it that way.
         unit = array(side.tolist())
-        moved = _exerted(tree, where, last, unit, cross(tree.lever[last], unit))[:last]
-        if is_zero(one):
+        moved = _exerted(tree, poses, last, unit, cross_product(tree.lever[last], unit))[:last]
+        if is_zero(component):
             mass = mass + np.multiply.outer(moved, moved) * tree.mass[last]
         else:
-            along = one * moved
+            along = component * moved
     free = effort - resisting
-    a = solve(mass, free[:last])
+    a = solve_linear(mass, free[:last])
     return array([*a, free[last] / tree.mass[last] - along @ a])
 
 
@@ -230,23 +241,23 @@ def _is_sliding_point(tree: Bodies, i: int) -> bool:
     return (
         tree.parents[i] >= 0
         and all(map(is_zero, nothing))
-        and all(isinstance(part, float) for part in along)
+        and all(isinstance(component, float) for component in along)
         and sorted(map(abs, along)) == [0.0, 0.0, 1.0]
         and not is_zero(tree.mass[i])
     )
 
 
 def _exerted(
-    tree: Bodies, where: Sequence[Frame], body: int, force: np.ndarray, torque: np.ndarray
+    tree: Bodies, poses: Sequence[Frame], body: int, force: np.ndarray, torque: np.ndarray
 ) -> np.ndarray:
     """Return the generalized force of a force and a torque on a body, shape (n,)."""
-    found = array([0.0] * len(tree))
-    found[body] = tree.axis[body, 0] @ force + tree.axis[body, 1] @ torque
+    effort = array([0.0] * len(tree))
+    effort[body] = tree.axis[body, 0] @ force + tree.axis[body, 1] @ torque
     while (parent := tree.parents[body]) >= 0:
-        force, torque = _to_parent(where[body], force, torque)
+        force, torque = _to_parent(poses[body], force, torque)
         body = parent
-        found[body] = tree.axis[body, 0] @ force + tree.axis[body, 1] @ torque
-    return found
+        effort[body] = tree.axis[body, 0] @ force + tree.axis[body, 1] @ torque
+    return effort
 
 
 def lost_digits(mass: np.ndarray) -> float:
@@ -256,42 +267,42 @@ def lost_digits(mass: np.ndarray) -> float:
     Args:
         mass: The matrix, or its upper triangle, in numbers; it is scaled to a unit diagonal first.
     """
-    whole = np.triu(mass) + np.triu(mass, 1).T
-    root = np.sqrt(np.diag(whole))
-    return float(1e3 * np.finfo(float).eps * np.linalg.cond(whole / root / root[:, None]))
+    full = np.triu(mass) + np.triu(mass, 1).T
+    root = np.sqrt(np.diag(full))
+    return float(1e3 * np.finfo(float).eps * np.linalg.cond(full / root / root[:, None]))
 
 
-def disagreement(found: np.ndarray, expected: np.ndarray, mass: np.ndarray) -> float:
+def disagreement(computed: np.ndarray, expected: np.ndarray, mass: np.ndarray) -> float:
     """Return the largest difference of accelerations from expected ones over the largest of these;
     0 if it is round-off.
 
     Args:
-        found: One state or the same in each row, shape (n,) or (m, n).
+        computed: One state or the same in each row, shape (n,) or (m, n).
         expected: By Pinocchio, shape (n,).
         mass: The mass matrix there, or its upper triangle, shape (n, n).
     """
-    off = float(np.abs(found - expected).max() / np.abs(expected).max())
+    off = float(np.abs(computed - expected).max() / np.abs(expected).max())
     return 0.0 if off <= _AGREEMENT or off <= lost_digits(mass) else off
 
 
-def potential_energy(tree: Bodies, where: Sequence[Frame]) -> Any:
+def potential_energy(tree: Bodies, poses: Sequence[Frame]) -> Any:
     """Return the potential energy in gravity [J], zero at the origin of the world."""
     fallen: list[tuple[np.ndarray, Any]] = []
     energy: Any = 0.0
-    for i, (rotation, origin) in enumerate(where):
+    for i, (rotation, origin) in enumerate(poses):
         gravity, depth = fallen[tree.parents[i]] if tree.parents[i] >= 0 else (tree.gravity, 0.0)
         fallen.append((rotation.T @ gravity, depth + gravity @ origin))
         energy = energy - tree.mass[i] * (fallen[i][1] + fallen[i][0] @ tree.lever[i])
     return energy
 
 
-def into(tree: Bodies, where: Sequence[Frame], body: int, vector: np.ndarray) -> np.ndarray:
+def into(tree: Bodies, poses: Sequence[Frame], body: int, vector: np.ndarray) -> np.ndarray:
     """Return a vector of the world in the frame of a joint, shape (3,)."""
     chain = [body]
     while (parent := tree.parents[chain[-1]]) >= 0:
         chain.append(parent)
     for i in reversed(chain):
-        vector = where[i].rotation.T @ vector
+        vector = poses[i].rotation.T @ vector
     return vector
 
 
@@ -301,7 +312,7 @@ def _of_point(
     """Return the acceleration of a point beyond that of the origin, in a frame that spins at a rate
     and turns up at an acceleration; sliding is twice the rate at which the point moves in it.
     """
-    return cross(turn, point) + cross(spin, cross(spin, point) + sliding)
+    return cross_product(turn, point) + cross_product(spin, cross_product(spin, point) + sliding)
 
 
 class _Body(NamedTuple):
@@ -313,12 +324,12 @@ class _Body(NamedTuple):
 
     def times(self, linear: np.ndarray, angular: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the momentum of a velocity, or the force of an acceleration."""
-        return self.mass * linear + cross(angular, self.first), cross(
+        return self.mass * linear + cross_product(angular, self.first), cross_product(
             self.first, linear
         ) + self.second @ angular
 
-    def plus(self, other: _Body) -> _Body:
-        return _Body(self.mass + other.mass, self.first + other.first, self.second + other.second)
+    def plus(self, body: _Body) -> _Body:
+        return _Body(self.mass + body.mass, self.first + body.first, self.second + body.second)
 
     def seen_from_parent(self, frame: Frame) -> _Body:
         first = frame.rotation @ self.first
@@ -346,7 +357,7 @@ def _to_parent(
     frame: Frame, force: np.ndarray, torque: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     turned = frame.rotation @ force
-    return turned, frame.rotation @ torque + cross(frame.origin, turned)
+    return turned, frame.rotation @ torque + cross_product(frame.origin, turned)
 
 
 def _skew(a: np.ndarray) -> np.ndarray:

@@ -51,8 +51,8 @@ def table_html(
     )
     width = 2 * len(columns)
     for i, (header, is_text) in enumerate(columns):
-        words = [word for row in rows for word in (row[i].split() if is_text else [row[i]])]
-        width += max(map(len, [*header.split(), *words]), default=1)
+        texts = [word for row in rows for word in (row[i].split() if is_text else [row[i]])]
+        width += max(map(len, [*header.split(), *texts]), default=1)
     note = f'<p class="note">{escape(note)}</p>' if note else ""
     return (
         f'<div class="table"><table style="--letters: {width}"><caption>{escape(title)}</caption>'

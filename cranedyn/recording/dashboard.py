@@ -11,7 +11,7 @@ from cranedyn.dynamics.pinocchio import payload_position, point_positions
 from cranedyn.plotting.style import rgb
 from cranedyn.recording.run import SCENE, TIMELINE, Run
 from cranedyn.recording.scene import BACKGROUND, payload_entity
-from cranedyn.recording.series import Table, plot, plots
+from cranedyn.recording.series import Table, plots, time_series_view
 from cranedyn.recording.shapes import visible_points
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -29,11 +29,15 @@ def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
     efforts.insert(0, efforts.pop(busiest))
     efforts += [name for name in ("speeds", "angular speeds") if name in names]
     energies = [
-        plot("energy", [run], tables[i : i + 1], f"Energy [J] · {run.name}" * (len(runs) > 1))
+        time_series_view(
+            "energy", [run], tables[i : i + 1], f"Energy [J] · {run.name}" * (len(runs) > 1)
+        )
         for i, run in enumerate(runs)
     ]
-    drives_and_speeds = [plot(name, runs, tables) for name in efforts]
-    passive = [plot(name, runs, tables) for name in ("swing", "stretch") if name in names]
+    drives_and_speeds = [time_series_view(name, runs, tables) for name in efforts]
+    passive = [
+        time_series_view(name, runs, tables) for name in ("swing", "stretch") if name in names
+    ]
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
@@ -42,7 +46,9 @@ def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
                 row_shares=[7, 2],
             ),
             rrb.Vertical(
-                rrb.Tabs(*(plot(name, runs, tables) for name in symbols), active_tab=busiest),
+                rrb.Tabs(
+                    *(time_series_view(name, runs, tables) for name in symbols), active_tab=busiest
+                ),
                 rrb.Tabs(*passive) if len(passive) > 1 else (passive or energies)[0],
                 rrb.Tabs(energies[0], *drives_and_speeds, *energies[1:], active_tab=0),
                 row_shares=[3, 4, 4],

@@ -19,7 +19,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.recording.dashboard import dashboard
 from cranedyn.recording.run import Run, utf8
 from cranedyn.recording.scene import PATH_SECONDS, Scene, looks
-from cranedyn.recording.series import Table, log_series, table
+from cranedyn.recording.series import Table, log_series, series_table
 
 _FLUSH_SECONDS = 10.0
 
@@ -41,7 +41,8 @@ def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "")
     """Write runs into one ``.rrd`` file with its layout.
 
     The scene has 50 rows a second in single precision. The numbers have all rows in double
-    precision, angles in degrees, energy since the start: see `cranedyn.recording.series.table`.
+    precision, angles in degrees, energy since the start: see
+    `cranedyn.recording.series.series_table`.
 
     Args:
         path: The file, ending in ``.rrd``.
@@ -139,7 +140,7 @@ class Live:
             (self._scene,) = _log_static(self._recording, [run], [], self._title, self._text)
             self._start_energy = float(piece.energy[0])
         self._scene.move(recent, t_start)
-        log_series(self._recording, run, table(run, self._start_energy))
+        log_series(self._recording, run, series_table(run, self._start_energy))
         self._past = recent.since(float(piece.t[-1]) - PATH_SECONDS)
         try:
             self._recording.flush(timeout_sec=_FLUSH_SECONDS)
@@ -165,7 +166,7 @@ class Live:
         self.close()
 
 
-def describe(runs: Sequence[Run], title: str, text: str) -> str:
+def describe_runs(runs: Sequence[Run], title: str, text: str) -> str:
     """Return the text beside the scene, in Markdown: title, description, where the model does not
     hold, parameters of the runs, and how to read the scene.
     """
@@ -213,7 +214,7 @@ def _log_static(
     """Log layout, text and all that does not move; return the scene of each run."""
     recording.send_blueprint(dashboard(runs, tables), make_active=True, make_default=True)
     recording.send_recording_name(title)
-    document = rr.TextDocument(describe(runs, title, text), media_type="text/markdown")
+    document = rr.TextDocument(describe_runs(runs, title, text), media_type="text/markdown")
     recording.log("text", document, static=True)
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     return [Scene(recording, run, look) for run, look in zip(runs, looks(runs), strict=True)]
@@ -226,7 +227,7 @@ def _cell(value: float | str) -> str:
 def _finite_table(run: Run) -> Table:
     if not len(run.trajectory):
         raise OutOfRange(f"number of rows of run {quoted(run.name)}", 0, ">= 1")
-    columns = table(run)
+    columns = series_table(run)
     for name, values in columns.items():
         if not np.isfinite(values).all():
             value = values[~np.isfinite(values)][0]

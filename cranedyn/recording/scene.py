@@ -24,7 +24,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import payload_orientation, point_positions
 from cranedyn.errors import printable
 from cranedyn.model.crane import Crane
-from cranedyn.model.urdf import parse, skeleton
+from cranedyn.model.urdf import parse_urdf, skeleton
 from cranedyn.plotting.style import COLOURS, mixed, rgb
 from cranedyn.recording.run import Run, Scenery, clock, colours
 from cranedyn.recording.shapes import Shape, shapes
@@ -283,7 +283,7 @@ def _urdf_tree(run: Run) -> UrdfTree:
     """Load the checked skeleton of the URDF, which names no files; Rerun reads files only."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "crane.urdf")
-        file.write_text(skeleton(parse(run.crane.urdf, "the crane")), encoding="utf-8")
+        file.write_text(skeleton(parse_urdf(run.crane.urdf, "the crane")), encoding="utf-8")
         return UrdfTree.from_file_path(file, frame_prefix=run.frame(""))
 
 

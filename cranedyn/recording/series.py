@@ -106,7 +106,7 @@ def _joint_plot(name: str, joints: Sequence[Joint]) -> Plot:
     return Plot(f"Speed [{unit}/s]", least_span, tuple(curves))
 
 
-def table(run: Run, start_energy: float | None = None) -> Table:
+def series_table(run: Run, start_energy: float | None = None) -> Table:
     """Return the recorded columns of a run: angles in degrees, energy since the start, limits.
 
     Args:
@@ -137,7 +137,7 @@ def log_series(recording: rr.RecordingStream, run: Run, columns: Table) -> None:
     recording.send_columns(run.entity("numbers"), clock(run.trajectory.t), component)
 
 
-def plot(
+def time_series_view(
     name: str, runs: Sequence[Run], tables: Sequence[Table], title: str = ""
 ) -> rrb.TimeSeriesView:
     """Return the view of one plot, with the curves of each run whose crane has it.

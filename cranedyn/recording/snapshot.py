@@ -19,7 +19,7 @@ from cranedyn.data.files import atomic_write, check_writable, make_folder
 from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.recording.process import end, free_port, start
 from cranedyn.recording.run import SCENE, TIMELINE
-from cranedyn.recording.viewer import check, data_address
+from cranedyn.recording.viewer import check_recording, data_address
 
 _BARS = {True: (0, 36), False: (7, 71)}
 """Width and height [pixels] of the viewer's own bars, for the dashboard and for a single view."""
@@ -146,7 +146,7 @@ def _pictures(
     """Open a recording in a viewer without a window and yield its pictures, one by one."""
     for t in times:
         number("time of a picture", t, "s")
-    path, port = check(recording), free_port()
+    path, port = check_recording(recording), free_port()
     width, height = (pixels + bar for pixels, bar in zip(size, _BARS[dashboard], strict=True))
     window = ["--headless", "--hide-welcome-screen", "--window-size", f"{width}x{height}"]
     renderer = ["--renderer", "vulkan"] if sys.platform == "linux" else []

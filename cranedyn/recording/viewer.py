@@ -73,7 +73,7 @@ def view(
     return path
 
 
-def check(path: str | Path) -> Path:
+def check_recording(path: str | Path) -> Path:
     """Return the path of a recording that this version of Rerun shows.
 
     Raises:
@@ -136,7 +136,7 @@ def open_viewer(path: str | Path | None = None) -> str:
         DataError: If the path is no recording.
         CraneError: If there is no display, or the viewer cannot be started.
     """
-    files = [] if path is None else [str(check(path).resolve())]
+    files = [] if path is None else [str(check_recording(path).resolve())]
     check_display()
     port = free_port()
     hint = f"Instead, {_INSTEAD}."
@@ -156,7 +156,7 @@ def serve(path: str | Path | None = None, *, port: int = 9090) -> Server:
         OutOfRange: If there is no such port.
         CraneError: If a port is in use, or the viewer cannot be started.
     """
-    files = [] if path is None else [str(check(path).resolve())]
+    files = [] if path is None else [str(check_recording(path).resolve())]
     check_port(port)
     web_port, data_port = free_port(), port + 1
     options = ["--serve-web", "--web-viewer-port", str(web_port), "--port", str(data_port)]

@@ -92,8 +92,8 @@ def flat(
     last = intervals("duration", duration, period)
     if ramp is not None:
         within("ramp", ramp, period, duration / 2.0, "s")
-    for where, state in (("start", start), ("goal", goal)):
-        number(f"l at the {where}", state.q[hoist], "m", "> 0")
+    for end, state in (("start", start), ("goal", goal)):
+        number(f"l at the {end}", state.q[hoist], "m", "> 0")
     inertia = (crane.payload_inertia[0, 0] + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass
     height = float(pivot_position(crane, start.q)[2])
     ends = np.array(
@@ -102,11 +102,11 @@ def flat(
             for s in (start, goal)
         ]
     )
-    each = max(1, math.ceil(_CLOSEST / period - 1e-9))  # rows from one sample to the next
+    stride = max(1, math.ceil(_CLOSEST / period - 1e-9))  # rows from one sample to the next
     t = (
         period
-        * each
-        * np.arange(-_MARGIN, math.ceil(duration / (period * each) - 1e-9) + 1 + _MARGIN)
+        * stride
+        * np.arange(-_MARGIN, math.ceil(duration / (period * stride) - 1e-9) + 1 + _MARGIN)
     )
     share, speed, growth = (
         smoothstep(t / duration, order) / duration**order
@@ -114,8 +114,8 @@ def flat(
         else cruise(t, duration, ramp, order)
         for order in range(3)
     )
-    way = ends[1] - ends[0]
-    gamma, radius, z = (ends[0] + way * share[:, None]).T
+    displacement = ends[1] - ends[0]
+    gamma, radius, z = (ends[0] + displacement * share[:, None]).T
     outward = np.stack([np.sin(gamma), -np.cos(gamma), np.zeros_like(gamma)], axis=1)
     tangent = np.stack([np.cos(gamma), np.sin(gamma), np.zeros_like(gamma)], axis=1)
     up = np.array([0.0, 0.0, 1.0])
@@ -124,9 +124,12 @@ def flat(
     # The acceleration in cylindrical coordinates, since second differences of the path would
     # magnify rounding to 1e-4 m/s² in the acceleration of the drives.
     rope = (
-        (way[1] * growth - radius * (way[0] * speed) ** 2)[:, None] * outward
-        + (radius * way[0] * growth + 2.0 * way[1] * way[0] * speed**2)[:, None] * tangent
-        + (way[2] * growth + crane.gravity)[:, None] * up
+        (displacement[1] * growth - radius * (displacement[0] * speed) ** 2)[:, None] * outward
+        + (radius * displacement[0] * growth + 2.0 * displacement[1] * displacement[0] * speed**2)[
+            :, None
+        ]
+        * tangent
+        + (displacement[2] * growth + crane.gravity)[:, None] * up
     )
     if rope[:, 2].min() <= 0.0:
         raise OutOfRange(
@@ -138,11 +141,11 @@ def flat(
     q = recover(path, rope / np.linalg.norm(rope, axis=1)[:, None], height, inertia)
     curve = scipy.interpolate.make_interp_spline(t, q, k=7)
     rows = period * np.arange(last + 1)
-    place, v, a = (curve.derivative(order)(rows) for order in range(3))
-    place[::each] = q[_MARGIN:][: len(rows[::each])]
+    position, v, a = (curve.derivative(order)(rows) for order in range(3))
+    position[::stride] = q[_MARGIN:][: len(rows[::stride])]
     for rates in (v, a):
         rates[[0, -1]] = 0.0
-    return Motion(period, place, v, a, crane.layout.drives)
+    return Motion(period, position, v, a, crane.layout.drives)
 
 
 def recover(path: np.ndarray, rope: np.ndarray, height: float, inertia: float = 0.0) -> np.ndarray:

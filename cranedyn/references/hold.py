@@ -21,12 +21,17 @@ class Still:
     setpoint: Setpoint
 
     def __call__(self, t: float) -> Setpoint:
-        """The setpoint at a time [s]."""
+        """Return the setpoint at a time [s]."""
         return self.setpoint
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Setpoints at many times [s], shape (n, m) each."""
-        return Setpoint(*(np.broadcast_to(part, (len(times), len(part))) for part in self.setpoint))
+        return Setpoint(
+            *(
+                np.broadcast_to(component, (len(times), len(component)))
+                for component in self.setpoint
+            )
+        )
 
 
 def hold(crane: Crane, state: State | None = None) -> Reference:
@@ -35,6 +40,6 @@ def hold(crane: Crane, state: State | None = None) -> Reference:
         crane.layout.drives
     ]
     setpoint = Setpoint(position, np.zeros_like(position), np.zeros_like(position))
-    for part in setpoint:
-        part.flags.writeable = False  # one for the whole run, and handed to whoever asks
+    for component in setpoint:
+        component.flags.writeable = False  # one for the whole run, and handed to whoever asks
     return Still(setpoint)

@@ -22,36 +22,36 @@ def locate(t: float, period: float, rows: int) -> tuple[int, float]:
         period: Time between rows [s].
         rows: Number of rows.
     """
-    where = min(max(t / period, 0.0), rows - 1.0)
-    nearest = round(where)
-    if abs(where - nearest) <= ROW_TOLERANCE:
+    index = min(max(t / period, 0.0), rows - 1.0)
+    nearest = round(index)
+    if abs(index - nearest) <= ROW_TOLERANCE:
         return nearest, 0.0
-    before = math.floor(where)
-    return before, where - before
+    before = math.floor(index)
+    return before, index - before
 
 
 def locate_many(times: np.ndarray, period: float, rows: int) -> tuple[np.ndarray, np.ndarray]:
     """Return rows and shares as `locate` for many times [s], shape (n,) each."""
-    where = np.clip(times / period, 0.0, rows - 1.0)
-    nearest = np.round(where)
-    where = np.where(np.abs(where - nearest) <= ROW_TOLERANCE, nearest, where)
-    before = np.floor(where)
-    return before.astype(int), where - before
+    index = np.clip(times / period, 0.0, rows - 1.0)
+    nearest = np.round(index)
+    index = np.where(np.abs(index - nearest) <= ROW_TOLERANCE, nearest, index)
+    before = np.floor(index)
+    return before.astype(int), index - before
 
 
 def interpolate(table: np.ndarray, row: int, share: float) -> np.ndarray:
     """Return the values of a table, shape (rows, ...), at a row and a share of the way to the next;
     with share 0 the row itself, whatever the next one holds.
     """
-    here = table[row]
-    return here + share * (table[row + 1] - here) if share else here
+    value = table[row]
+    return value + share * (table[row + 1] - value) if share else value
 
 
 def interpolate_many(table: np.ndarray, row: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Return values as `interpolate` at many rows and shares, shape (n, ...)."""
-    found = table[row]
+    values = table[row]
     between = share > 0.0
     if between.any():
-        before, way = row[between], share[between].reshape(-1, *[1] * (table.ndim - 1))
-        found[between] += way * (table[before + 1] - table[before])
-    return found
+        before, fraction = row[between], share[between].reshape(-1, *[1] * (table.ndim - 1))
+        values[between] += fraction * (table[before + 1] - table[before])
+    return values

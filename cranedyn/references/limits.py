@@ -60,11 +60,11 @@ def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:
     """Return the largest share of each limit that a motion uses, by the name of the limit; 1 is
     all of it.
     """
-    layout, kept = crane.layout, limits.for_crane(crane)
+    layout, bounds = crane.layout, limits.for_crane(crane)
     motion.check_fits("motion", layout)
     shares = {
-        "rate": np.abs(motion.v[:, layout.drives]).max(axis=0) / kept.rates,
-        "acceleration": np.abs(motion.a[:, layout.drives]).max(axis=0) / kept.accelerations,
+        "rate": np.abs(motion.v[:, layout.drives]).max(axis=0) / bounds.rates,
+        "acceleration": np.abs(motion.a[:, layout.drives]).max(axis=0) / bounds.accelerations,
         "effort": np.abs(motion_efforts(crane, motion)).max(axis=0) / crane.effort_limit,
     }
     names = [joint.role or joint.symbol for joint in layout.driven]
@@ -75,7 +75,9 @@ def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:
     }
 
 
-def check(crane: Crane, motion: Motion, limits: Limits, plan: Callable[[float], Motion]) -> None:
+def check_limits(
+    crane: Crane, motion: Motion, limits: Limits, plan: Callable[[float], Motion]
+) -> None:
     """Return if a motion keeps the limits.
 
     Raises:

@@ -71,8 +71,8 @@ class Motion(ShortRepr):
         """
         n, drives = self.q.shape[1], self.drives.tolist()
         if n != layout.n or drives != layout.drives.tolist():
-            own = f"one of {layout.n}, the drives {layout.drives.tolist()}"
-            raise OutOfRange(name, f"a motion of {n} coordinates, the drives {drives}", own)
+            expected = f"one of {layout.n}, the drives {layout.drives.tolist()}"
+            raise OutOfRange(name, f"a motion of {n} coordinates, the drives {drives}", expected)
 
     @property
     def arrival(self) -> float:
@@ -83,7 +83,7 @@ class Motion(ShortRepr):
         """Return the setpoint of the drives at a time [s]."""
         row, share = locate(t, self.period, len(self.q))
         position, velocity, acceleration = (
-            interpolate(part, row, share)[self.drives] for part in (self.q, self.v, self.a)
+            interpolate(samples, row, share)[self.drives] for samples in (self.q, self.v, self.a)
         )
         return (
             Setpoint(position, velocity, acceleration)
@@ -95,10 +95,13 @@ class Motion(ShortRepr):
         """Return setpoints at many times [s], shape (rows, m) each."""
         row, share = locate_many(times, self.period, len(self.q))
         position, *derivatives = (
-            interpolate_many(part, row, share)[:, self.drives] for part in (self.q, self.v, self.a)
+            interpolate_many(samples, row, share)[:, self.drives]
+            for samples in (self.q, self.v, self.a)
         )
         moving = self._moves(times)[:, None]
-        return Setpoint(position, *(np.where(moving, part, 0.0) for part in derivatives))
+        return Setpoint(
+            position, *(np.where(moving, derivative, 0.0) for derivative in derivatives)
+        )
 
     def _moves(self, t: Any) -> Any:
         """Return whether a time, or each of many [s], lies between the first and the last row."""
@@ -119,12 +122,12 @@ def hanging_reference(
     intervals("duration", duration, period)
     times = period * np.arange(round(duration / period) + 1)
     drives = crane.layout.drives
-    parts = np.zeros((3, len(times), crane.layout.n))
-    parts[0] = crane.start.q
-    parts[:, :, drives] = tabulated(reference, times, crane.layout.m)
-    parts[1:, -1] = 0.0
-    parts[0] = [crane.resting(q) for q in parts[0]]
-    q, v, a = parts
+    samples = np.zeros((3, len(times), crane.layout.n))
+    samples[0] = crane.start.q
+    samples[:, :, drives] = tabulated(reference, times, crane.layout.m)
+    samples[1:, -1] = 0.0
+    samples[0] = [crane.resting(q) for q in samples[0]]
+    q, v, a = samples
     return Motion(period, q, v, a, drives)
 
 

@@ -28,7 +28,7 @@ class Pulse:
     last: float
 
     def __call__(self, t: float) -> Setpoint:
-        """The setpoint at a time [s]."""
+        """Return the setpoint at a time [s]."""
         setpoint = as_setpoint(self.base(t), self.step.shape)
         return (
             setpoint._replace(position=setpoint.position + self.step)

@@ -29,7 +29,7 @@ class Ramp:
     last: float
 
     def __call__(self, t: float) -> Setpoint:
-        """The setpoint at a time [s]."""
+        """Return the setpoint at a time [s]."""
         setpoint = as_setpoint(self.base(t), self.rates.shape)
         if t < self.first:
             return setpoint
@@ -41,12 +41,12 @@ class Ramp:
     def at(self, times: np.ndarray) -> Setpoint:
         """Setpoints at many times [s], shape (n, m) each."""
         setpoint = tabulated(self.base, times, len(self.rates))
-        gone, moving = (
+        elapsed, moving = (
             np.clip(times, self.first, self.last) - self.first,
             (self.first <= times) & (times < self.last),
         )
         position, velocity = (
-            setpoint.position + np.outer(gone, self.rates),
+            setpoint.position + np.outer(elapsed, self.rates),
             setpoint.velocity + np.outer(moving, self.rates),
         )
         return Setpoint(position, velocity, setpoint.acceleration)

@@ -93,9 +93,9 @@ class Shaped(Tabulating):
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Setpoints at many times [s], shape (n, m) each."""
-        parts = tabulated(self.base, np.subtract.outer(times, self.delays).ravel())
+        delayed = tabulated(self.base, np.subtract.outer(times, self.delays).ravel())
         shape = len(times), len(self.delays), -1
-        return Setpoint(*(self.amplitudes @ part.reshape(shape) for part in parts))
+        return Setpoint(*(self.amplitudes @ derivative.reshape(shape) for derivative in delayed))
 
 
 def shaped(base: Reference, shaper: Shaper, period: float | Sequence[float]) -> Reference:
@@ -112,8 +112,8 @@ def shaped(base: Reference, shaper: Shaper, period: float | Sequence[float]) -> 
     if not periods:
         raise OutOfRange("swing periods", "none", "one or more", "s")
     delays, amplitudes = np.zeros(1), np.ones(1)
-    for each in periods:
-        later = number("swing period", each, "s", "> 0") * shaper.fractions
+    for swing_period in periods:
+        later = number("swing period", swing_period, "s", "> 0") * shaper.fractions
         delays, amplitudes = (
             np.add.outer(delays, later).ravel(),
             np.multiply.outer(amplitudes, shaper.amplitudes).ravel(),
@@ -148,11 +148,11 @@ class ShapedHoisting(Tabulating):
         inside = np.clip(times, 0.0, self.end)
         position, *derivatives = (curve(inside) for curve in self.curves)
         moving = ((times >= 0.0) & (times < self.end))[:, None]
-        parts = [position, *(np.where(moving, derivative, 0.0) for derivative in derivatives)]
-        found = Setpoint(*map(np.array, tabulated(self.base, times)))  # what the base has stays
-        for whole, part in zip(found, parts, strict=True):
-            whole[:, self.others] = part
-        return found
+        columns = [position, *(np.where(moving, derivative, 0.0) for derivative in derivatives)]
+        setpoint = Setpoint(*map(np.array, tabulated(self.base, times)))  # what the base has stays
+        for target, column in zip(setpoint, columns, strict=True):
+            target[:, self.others] = column
+        return setpoint
 
 
 def shaped_hoisting(
@@ -183,7 +183,7 @@ def shaped_hoisting(
     hoist = crane.layout.drive(
         crane.layout.joints[crane.layout.role("hoist", "Shaped hoisting")].symbol
     )
-    others, gravity = np.delete(np.arange(crane.layout.m), hoist), crane.gravity
+    other_drives, gravity = np.delete(np.arange(crane.layout.m), hoist), crane.gravity
     intervals("duration", duration, step)
     within("step of the shaped reference", step, 0.0, duration / 4.0, "s")
     count = round(duration / step)
@@ -198,17 +198,17 @@ def shaped_hoisting(
     length = setpoint.position[:, hoist]
     number("shortest cable that the reference wants", length.min(), "m", "> 0")
     phase = scipy.integrate.cumulative_trapezoid(np.sqrt(gravity / length), t, initial=0.0)
-    parts = (
+    weights = (
         shaper.amplitudes[:, None]
         * np.interp(phase + 2.0 * math.pi * shaper.fractions[:, None], phase, length) ** 0.25
     )
-    velocities = (parts / parts.sum(axis=0))[:, :, None] * setpoint.velocity[:, others]
-    ways = scipy.integrate.cumulative_trapezoid(velocities, t, axis=1, initial=0.0)
-    moved = np.zeros((len(t), len(others)))
-    for fraction, way in zip(shaper.fractions, ways, strict=True):
-        asked = np.interp(phase - 2.0 * math.pi * fraction, phase, t)
-        moved += np.stack([np.interp(asked, t, column) for column in way.T], axis=1)
-    curve = scipy.interpolate.make_interp_spline(t, setpoint.position[0, others] + moved, k=3)
+    velocities = (weights / weights.sum(axis=0))[:, :, None] * setpoint.velocity[:, other_drives]
+    displacements = scipy.integrate.cumulative_trapezoid(velocities, t, axis=1, initial=0.0)
+    moved = np.zeros((len(t), len(other_drives)))
+    for fraction, displacement in zip(shaper.fractions, displacements, strict=True):
+        commanded = np.interp(phase - 2.0 * math.pi * fraction, phase, t)
+        moved += np.stack([np.interp(commanded, t, column) for column in displacement.T], axis=1)
+    curve = scipy.interpolate.make_interp_spline(t, setpoint.position[0, other_drives] + moved, k=3)
     return ShapedHoisting(
-        base, others, float(t[-1]), (curve, curve.derivative(), curve.derivative(2))
+        base, other_drives, float(t[-1]), (curve, curve.derivative(), curve.derivative(2))
     )

@@ -39,9 +39,9 @@ class Spline:
         points = finite("points", self.points, (times.size, "m"))
         if len(times) < 2 or not (np.diff(times) > 0.0).all():
             raise OutOfRange("times", short_repr(times), "two or more that increase", "s")
-        rest = np.zeros_like(points)
+        zeros = np.zeros_like(points)
         curve = scipy.interpolate.BPoly.from_derivatives(
-            times, np.stack([points, rest, rest], axis=1)
+            times, np.stack([points, zeros, zeros], axis=1)
         )
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "points", points)
@@ -53,7 +53,7 @@ class Spline:
         return float(self.times[-1])
 
     def __call__(self, t: float) -> Setpoint:
-        """The setpoint at a time [s]."""
+        """Return the setpoint at a time [s]."""
         inside = min(max(t, self.times[0]), self.times[-1])
         return Setpoint(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
 
@@ -71,7 +71,7 @@ def spline(
     *,
     at: float = 0.0,
 ) -> Spline:
-    """A spline from where the drives are through waypoints.
+    """Return a spline from the position of the drives through waypoints.
 
     Args:
         crane: The crane.

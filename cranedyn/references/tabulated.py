@@ -17,65 +17,65 @@ from cranedyn.interfaces import Reference, Setpoint
 _PARTS = ("position", "velocity", "acceleration")
 
 
-def as_setpoint(answer: Any, shape: tuple[int | str, ...] = ("m",)) -> Setpoint:
-    """Return the answer of a reference as positions, rates and accelerations of one shape.
+def as_setpoint(setpoint: Any, shape: tuple[int | str, ...] = ("m",)) -> Setpoint:
+    """Check the setpoint of a reference.
 
     Args:
-        answer: The answer.
-        shape: The shape that they must have; a letter stands for any length.
+        setpoint: The setpoint.
+        shape: Shape of positions, rates and accelerations; a letter stands for any length.
 
     Raises:
         Misshapen: If it is not a setpoint of arrays of this shape.
         OutOfRange: If a number is not finite.
     """
-    if len(shape) == 1 and _sound(answer, shape[0]):
-        return answer
-    if not isinstance(answer, Setpoint):
+    if len(shape) == 1 and _sound(setpoint, shape[0]):
+        return setpoint
+    if not isinstance(setpoint, Setpoint):
         raise Misshapen(
             "answer of the reference",
-            short_repr(answer),
+            short_repr(setpoint),
             "a cranedyn.Setpoint: position, velocity, acceleration",
         )
-    parts = []
-    for name, part in zip(_PARTS, answer, strict=True):
-        parts.append(finite(f"{name} of the setpoint", part, shape))
-        shape = parts[0].shape
-    return Setpoint(*parts)
+    arrays = []
+    for name, component in zip(_PARTS, setpoint, strict=True):
+        arrays.append(finite(f"{name} of the setpoint", component, shape))
+        shape = arrays[0].shape
+    return Setpoint(*arrays)
 
 
-def _sound(answer: Any, drives: int | str) -> bool:
-    """Whether these are three times as many finite numbers as there are drives, seen quickly: it is
-    asked at every control instant.
+def _sound(setpoint: Any, drives: int | str) -> bool:
+    """Return whether a setpoint holds finite numbers for all drives; quick, for every control
+    instant.
     """
     try:
         position, velocity, acceleration = (
-            answer.position.tolist(),
-            answer.velocity.tolist(),
-            answer.acceleration.tolist(),
+            setpoint.position.tolist(),
+            setpoint.velocity.tolist(),
+            setpoint.acceleration.tolist(),
         )
         alike = len(position) == len(velocity) == len(acceleration) == drives
         return (
             alike
             and math.isfinite(sum(position) + sum(velocity) + sum(acceleration))
-            and type(answer) is Setpoint
+            and type(setpoint) is Setpoint
         )
     except (AttributeError, TypeError, ValueError):
         return False
 
 
 def tabulated(reference: Reference, times: np.ndarray, drives: int | None = None) -> Setpoint:
-    """The setpoints of a reference at many times [s], shape (rows, m) each; by its own `at` if it
-    has one, which takes all at once.
+    """Return the setpoints of a reference at many times [s], shape (rows, m) each, by its method
+    `at` if it has one.
 
     Args:
         reference: The reference.
         times: The times [s].
-        drives: How many drives it must speak of; None for any number.
+        drives: Number of drives; None for any number.
 
     Raises:
-        Misshapen: If it answers with anything but arrays of that shape.
+        Misshapen: If a setpoint has another shape.
         OutOfRange: If a number is not finite.
-        CraneError: If it raises an error, which is then its cause.
+        CraneError: If the reference raises an error, which is its cause.
     """
     columns = "m" if drives is None else drives
     at_once = getattr(reference, "at", None)
@@ -89,18 +89,18 @@ def tabulated(reference: Reference, times: np.ndarray, drives: int | None = None
 
 
 @contextmanager
-def owned(whose: str) -> Iterator[None]:
-    """Where a caller's own function is asked: what it raises becomes a sentence that says where.
+def owned(role: str) -> Iterator[None]:
+    """Turn errors of a caller's function into a `CraneError` that names its role.
 
     Raises:
-        CraneError: If it raises anything else; that is its cause.
+        CraneError: If the block raises any other error, which is its cause.
     """
     try:
         yield
     except CraneError:
         raise
     except Exception as error:
-        raise CraneError(f"The {whose} raised {format_error(error)}") from error
+        raise CraneError(f"The {role} raised {format_error(error)}") from error
 
 
 class Tabulating(ABC):
@@ -111,5 +111,5 @@ class Tabulating(ABC):
         """Setpoints at many times [s], shape (rows, m) each."""
 
     def __call__(self, t: float) -> Setpoint:
-        """The setpoint at a time [s]."""
-        return Setpoint(*(part[0] for part in self.at(np.array([t]))))
+        """Return the setpoint at a time [s]."""
+        return Setpoint(*(component[0] for component in self.at(np.array([t]))))

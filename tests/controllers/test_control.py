@@ -37,7 +37,7 @@ from cranedyn.interfaces import State
 from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.references import hold, ramp
 from cranedyn.references.flat import flat, smoothstep
-from cranedyn.references.limits import Limits, check, fastest, use
+from cranedyn.references.limits import Limits, check_limits, fastest, use
 from cranedyn.references.motion import hanging_reference
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.spline import shortest, spline
@@ -504,8 +504,8 @@ def test_a_duration_too_short_names_the_limit_and_the_shortest_possible() -> Non
         match=r"duration is 15\.0 s; allowed is at least \d+\.\d\d s to keep the rate of the "
         r"trolley",
     ):
-        check(crane(), plan(15.0), limits, plan)
-    check(crane(), plan(60.0), limits, plan)
+        check_limits(crane(), plan(15.0), limits, plan)
+    check_limits(crane(), plan(60.0), limits, plan)
 
 
 def test_limits_that_no_duration_keeps_are_refused() -> None:

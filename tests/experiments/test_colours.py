@@ -16,7 +16,7 @@ from cranedyn.recording import Run
 from cranedyn.recording.dashboard import payload_view, scene_view
 from cranedyn.recording.run import colours
 from cranedyn.recording.scene import looks, payload_entity
-from cranedyn.recording.series import plot, plots, table
+from cranedyn.recording.series import plots, series_table, time_series_view
 from experiments import harness
 from experiments.demo import in_step
 from experiments.scenarios.colours import strategy_colour
@@ -32,7 +32,7 @@ def moving() -> Trajectory:
 
 def _inks(runs: list[Run], name: str) -> list[list[int]]:
     """Packed colours of the curves of each run of a plot."""
-    view = plot(name, runs, [table(run) for run in runs])
+    view = time_series_view(name, runs, [series_table(run) for run in runs])
     found = []
     for visualizers in view.visualizer_overrides.values():
         found.append([int(one.overrides[0].as_arrow_array()[0].as_py()) for one in visualizers])
@@ -68,7 +68,7 @@ def test_a_run_can_bring_its_colour(moving: Trajectory) -> None:
 
 def test_every_curve_of_several_runs_is_named_with_its_run(moving: Trajectory) -> None:
     runs = [Run(name, crane(), moving) for name in ("one", "two")]
-    view = plot("swing", runs, [table(run) for run in runs])
+    view = time_series_view("swing", runs, [series_table(run) for run in runs])
     names = [
         str(batch.as_arrow_array()[0].as_py())
         for visualizers in view.visualizer_overrides.values()

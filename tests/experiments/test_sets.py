@@ -321,7 +321,7 @@ def test_a_live_recording_has_its_name_when_its_first_row_stands(tmp_path: Path)
     assert (path.read_text(), files(tmp_path)) == ("old", ["a.rrd"])
     with Live(crane(), "r", title="t", file=path) as live:
         live.append(run)
-        recording.viewer.check(path)
+        recording.viewer.check_recording(path)
         first = path.stat()
         assert (files(tmp_path), first.st_mode & 0o777) == (["a.rrd"], 0o640)
         live.append(

@@ -40,7 +40,7 @@ def durations(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     found: list[float] = []
     solve = transcription.solve
 
-    def solved(*given: Any, **also: Any) -> transcription.Plan:
+    def solved(*given: Any, **also: Any) -> transcription.CollocationPlan:
         plan = solve(*given, **also)
         found.append(float(plan.durations.sum()))
         return plan
@@ -321,7 +321,9 @@ def test_drives_reach_no_farther_between_two_times_than_is_said(seed: int) -> No
     move = Move(point, point.start, point.start, np.arange(3), ones, ones, jerk, 0.1, USUAL, 1e-3)
     driven = DriveTrajectory(
         move,
-        transcription.Plan(rng.uniform(0.1, 1.0, 8), rng.normal(size=(8, 3)), np.zeros((25, 13))),
+        transcription.CollocationPlan(
+            rng.uniform(0.1, 1.0, 8), rng.normal(size=(8, 3)), np.zeros((25, 13))
+        ),
     )
     low, high = np.sort(rng.uniform(0.0, driven.duration, 2))
     there = np.array([driven.at(t) for t in np.linspace(low, high, 101)])

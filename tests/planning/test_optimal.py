@@ -113,7 +113,7 @@ def test_symbolic_swing_under_prescribed_drives_is_that_of_the_dynamics_with_dam
 ) -> None:
     damped = crane(damp_slew=3e4, damp_trolley=200.0, damp_swing=5e3, damp_hoist=700.0)
     q, v, a = ca.SX.sym("q", 5), ca.SX.sym("v", 5), ca.SX.sym("a", 3)
-    ours = ca.Function("prescribed", [q, v, a], symbolic.prescribed_acceleration(damped, q, v, a))(
+    ours = ca.Function("prescribed", [q, v, a], symbolic.hybrid_dynamics(damped, q, v, a))(
         *state, drives
     )
     for one, other in zip(
@@ -145,7 +145,7 @@ def test_without_casadi_a_sentence_says_what_to_install(monkeypatch: pytest.Monk
 
 def bridge(
     intervals: int, steps: int, *, equal: bool = False, way: float = 15.0
-) -> transcription.Plan:
+) -> transcription.CollocationPlan:
     """Minimum-time bridge crane from a smooth guess of 10 s without swing."""
     x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
     free = np.full(4, np.inf)
@@ -167,7 +167,9 @@ def bridge(
         [way * s**2 * (3.0 - 2.0 * s), way * 0.6 * s * (1.0 - s), 0.0 * s, 0.0 * s], axis=1
     )
     return transcription.solve(
-        problem, transcription.Plan(durations, np.zeros((intervals, 1)), states), equal=equal
+        problem,
+        transcription.CollocationPlan(durations, np.zeros((intervals, 1)), states),
+        equal=equal,
     )
 
 
@@ -211,7 +213,7 @@ def test_what_cannot_be_reached_is_unsolved_and_the_status_is_told() -> None:
         np.zeros((2, 0)),
         one,
     )
-    backward = transcription.Plan(
+    backward = transcription.CollocationPlan(
         np.ones(2), np.zeros((2, 1)), -transcription.times(np.ones(2))[:, None]
     )
     with pytest.raises(
@@ -276,7 +278,7 @@ def linear_time(
 def test_the_least_time_of_a_small_trolley_move_is_that_of_a_linear_program(
     monkeypatch: pytest.MonkeyPatch, swing: float, parts: int, excess: float
 ) -> None:
-    plans: list[transcription.Plan] = []
+    plans: list[transcription.CollocationPlan] = []
     solve = transcription.solve
     monkeypatch.setattr(
         transcription,

@@ -17,10 +17,17 @@ from cranedyn.planning import curve, proof
 from cranedyn.planning import lift as planned
 from cranedyn.planning.certificate import certify
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.curve import Path, rounded
+from cranedyn.planning.curve import Path, rounded_path
 from cranedyn.planning.grid import best_on_grid
 from cranedyn.planning.lift import plan_lift
-from cranedyn.planning.proof import CLOSE, Curve, Line, slew_range, unproven_parameter, unproven_row
+from cranedyn.planning.proof import (
+    CLOSE,
+    DriveCurve,
+    Line,
+    slew_range,
+    unproven_parameter,
+    unproven_row,
+)
 from cranedyn.planning.solids import box
 from cranedyn.planning.timing import STEP, load_motion
 from cranedyn.references.flat import smoothstep
@@ -30,7 +37,7 @@ PLATE = box("plate", (13.4, 0.0), (6.0, 0.02, 20.0), 0.0)
 """Two centimetres thick, across the arc at 13.4 m that is the straight way of the drives."""
 
 
-def sampled(asked: Clearance, line: Curve, first: float, last: float) -> float | None:
+def sampled(asked: Clearance, line: DriveCurve, first: float, last: float) -> float | None:
     """What a library does if one does not say otherwise: look at places a hundredth of the way
     apart, each without its envelope.
     """
@@ -186,7 +193,7 @@ def test_rounding_a_corner_over_a_wall_is_proven_and_sharper_where_there_is_less
     widths = []
     for over in (16.0, 12.0):
         corner = asked.place(np.array([10.0, 0.01, over]))
-        path = rounded(asked, np.array([ends[0], corner, ends[1]]), RATES)
+        path = rounded_path(asked, np.array([ends[0], corner, ends[1]]), RATES)
         if path is not None:
             assert unproven_parameter(asked, path, 0.0, path.duration) is None or over == 12.0
             widths.append(float(path.widths[0]))

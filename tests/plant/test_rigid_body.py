@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.dynamics.bodies import Bodies, blank, bodies
-from cranedyn.dynamics.scalars import array, solve
+from cranedyn.dynamics.scalars import array, solve_linear
 from cranedyn.interfaces import State
 from cranedyn.plant import rigid_body
 from cranedyn.plant.rigid_body import ExternalForce, Frame
@@ -70,7 +70,7 @@ def _plain(values: np.ndarray) -> np.ndarray:
 def test_forces_that_cause_accelerations_are_those_of_pinocchio(
     q: np.ndarray, v: np.ndarray, a: np.ndarray
 ) -> None:
-    found = rigid_body.inverse_dynamics(*_at(q), v, a)
+    found = rigid_body.tree_inverse_dynamics(*_at(q), v, a)
     expected = pin.rnea(ARM, ARM.createData(), q, v, a)
     assert_allclose(_plain(found), expected, atol=1e-12 * np.abs(expected).max() + 1e-10)
 
@@ -88,7 +88,7 @@ def test_height_energy_and_its_slope_are_those_of_gravity(q: np.ndarray) -> None
     data = ARM.createData()
     energy = rigid_body.potential_energy(*_at(q))
     assert energy == pytest.approx(pin.computePotentialEnergy(ARM, data, q), abs=1e-11)
-    resting = rigid_body.inverse_dynamics(*_at(q), np.zeros(7))
+    resting = rigid_body.tree_inverse_dynamics(*_at(q), np.zeros(7))
     h = 1e-5
     slope = [
         (rigid_body.potential_energy(*_at(q + d)) - rigid_body.potential_energy(*_at(q - d)))
@@ -104,7 +104,7 @@ def test_a_push_does_the_work_of_its_point(q: np.ndarray, body: int, strength: f
     tree, where = _at(q)
     point, force = np.array([0.3, -0.5, 0.7]), strength * np.array([0.5, 1.0, -2.0])
     pushed, free = (
-        rigid_body.inverse_dynamics(tree, where, np.zeros(7), external_forces=external_forces)
+        rigid_body.tree_inverse_dynamics(tree, where, np.zeros(7), external_forces=external_forces)
         for external_forces in ([ExternalForce(body, point, force)], [])
     )
     data = ARM.createData()
@@ -119,7 +119,7 @@ def test_a_push_does_the_work_of_its_point(q: np.ndarray, body: int, strength: f
 def test_solving_with_the_mass_matrix_leaves_nothing_over(q: np.ndarray, right: np.ndarray) -> None:
     mass = rigid_body.mass_matrix(*_at(q))
     before = mass.tolist()
-    x = solve(mass, array(right.tolist()))
+    x = solve_linear(mass, array(right.tolist()))
     assert mass.tolist() == before
     # backward stable: what is left over is rounding of the sizes that go in
     assert_allclose(
@@ -133,7 +133,7 @@ def test_solving_with_the_mass_matrix_leaves_nothing_over(q: np.ndarray, right: 
 def test_accelerations_are_those_of_pinocchio(
     q: np.ndarray, v: np.ndarray, effort: np.ndarray
 ) -> None:
-    found = _plain(rigid_body.forward_dynamics(*_at(q), v, array(effort.tolist())))
+    found = _plain(rigid_body.tree_forward_dynamics(*_at(q), v, array(effort.tolist())))
     expected = pin.aba(ARM, ARM.createData(), q, v, effort)
     mass = pin.crba(ARM, ARM.createData(), q)
     assert not rigid_body.disagreement(found, expected, mass)
@@ -150,10 +150,10 @@ def test_a_load_on_its_rope_moves_as_in_pinocchio_wherever_its_centre_is(state: 
     where = rigid_body.frames(tree, state.q)
     assert rigid_body._is_sliding_point(tree, 4)
     found = _plain(
-        rigid_body.forward_dynamics(tree, where, state.v, array(effort.tolist()), [force])
+        rigid_body.tree_forward_dynamics(tree, where, state.v, array(effort.tolist()), [force])
     )
     pushed, free = (
-        _plain(rigid_body.inverse_dynamics(tree, where, np.zeros(5), external_forces=some))
+        _plain(rigid_body.tree_inverse_dynamics(tree, where, np.zeros(5), external_forces=some))
         for some in ([force], [])
     )
     expected = pin.aba(model, data, state.q, state.v, effort + free - pushed)
@@ -171,7 +171,7 @@ def test_a_payload_that_turns_is_pushed_at_its_centre(state: State) -> None:
         ExternalForce(2, np.zeros(3), force[1]),
     ]
     pushed, free = (
-        rigid_body.inverse_dynamics(tree, where, np.zeros(5), external_forces=some)
+        rigid_body.tree_inverse_dynamics(tree, where, np.zeros(5), external_forces=some)
         for some in (external_forces, [])
     )
     expected = dynamics.outside_effort(c.points, c.model, c.data, state.q, force)
@@ -208,8 +208,8 @@ def test_counting_with_the_parent_what_moves_with_it_anyway_changes_nothing(
             rtol=1e-12,
             atol=1e-9,
         )
-        expected = _plain(rigid_body.inverse_dynamics(tree, where, v[:n]))
-        found = _plain(rigid_body.inverse_dynamics(less, where, v[:n]))
+        expected = _plain(rigid_body.tree_inverse_dynamics(tree, where, v[:n]))
+        found = _plain(rigid_body.tree_inverse_dynamics(less, where, v[:n]))
         assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
         energies = [float(rigid_body.potential_energy(one, where)) for one in (tree, less)]
         assert_allclose(*energies, rtol=1e-12, atol=1e-9)

@@ -29,7 +29,7 @@ from cranedyn.dynamics.integrators import Integrator
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange
 from cranedyn.model.description import describe, parse_values
 from cranedyn.model.load import load_crane
-from cranedyn.model.urdf import parse, skeleton
+from cranedyn.model.urdf import parse_urdf, skeleton
 from cranedyn.recording import snapshot as pictures
 from cranedyn.simulation.simulate import simulate
 from experiments import a1, a2, a3, energy, harness, mass_ratio, report
@@ -167,7 +167,7 @@ def test_nothing_that_a_description_names_is_opened_or_fetched(urdf: str, tmp_pa
     opened, fetched = run.stdout.splitlines()
     assert opened == str([str(path)])
     assert fetched == "[]"
-    handed_on = skeleton(parse(path.read_text(), path))  # to parsers that no audit hook sees
+    handed_on = skeleton(parse_urdf(path.read_text(), path))  # to parsers that no audit hook sees
     assert "mesh" not in handed_on and "secret" not in handed_on
     assert load_crane(path).payload_mass == 1000.0
 

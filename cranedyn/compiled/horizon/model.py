@@ -18,7 +18,7 @@ from llvmlite import ir
 from cranedyn.compiled.code import INTEGER, Code, Value
 from cranedyn.compiled.horizon.dual import constants, slopes, variables
 from cranedyn.compiled.horizon.memory import BLOCK, HorizonShape, LaneView, Work
-from cranedyn.dynamics.scalars import array, solve
+from cranedyn.dynamics.scalars import array, solve_linear
 from cranedyn.plant import rigid_body
 from cranedyn.plant.plant import Plant
 
@@ -54,7 +54,7 @@ def crane_derivatives(
     a, effort = plant.answer(q, v, u, None)
     q_dual, moving = variables(q, v)
     placements = rigid_body.frames(plant.tree, q_dual)
-    forces = rigid_body.inverse_dynamics(
+    forces = rigid_body.tree_inverse_dynamics(
         plant.tree, placements, moving, constants(a, 2 * n)
     ) - plant.joint.effort(q_dual, moving)
     by_state = slopes(forces, 2 * n)
@@ -67,7 +67,7 @@ def crane_derivatives(
     block = mass[np.ix_(passive, passive)]
     for j in range(2 * n + m):
         if any(not _zero(x) for x in by_all[passive, j]):
-            rates[passive, j] = solve(block, -by_all[passive, j])
+            rates[passive, j] = solve_linear(block, -by_all[passive, j])
     efforts = by_all[drives] + mass[np.ix_(drives, passive)] @ rates[passive]
     return CraneDerivatives(a, effort, rates, efforts)
 
@@ -88,12 +88,12 @@ def hanging(plant: Plant, drives: np.ndarray) -> np.ndarray:
         return q
     q[swings] = plant.hanging_angles(drives)
     (q_dual,) = variables(q)
-    forces = rigid_body.inverse_dynamics(
+    forces = rigid_body.tree_inverse_dynamics(
         plant.tree, rigid_body.frames(plant.tree, q_dual), still, constants(still, layout.n)
     )
     stiffness = slopes(forces[swings], layout.n)[:, swings]
     pull = array([force.value for force in forces[swings]])
-    q[swings] = q[swings] - solve(stiffness, pull)
+    q[swings] = q[swings] - solve_linear(stiffness, pull)
     return q
 
 

@@ -143,7 +143,7 @@ HEAVY = {
     "Live": 0.1,
     "sweep": 0.3,
     "fastest": 0.3,
-    "check": 0.3,
+    "check_limits": 0.3,
     "in_least_time": 0.01,
     "plan_lift": 0.03,
     "certify": 0.03,

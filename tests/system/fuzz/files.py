@@ -32,7 +32,7 @@ from cranedyn.errors import CraneError
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from cranedyn.recording import Run, record
-from cranedyn.recording.viewer import check
+from cranedyn.recording.viewer import check_recording
 from cranedyn.simulation.simulate import simulate
 from cranedyn.sweep import grid, results, sweep
 from experiments import a1, a2, a3, harness, report
@@ -564,7 +564,7 @@ def _recording() -> bytes:
 def _recorded(content: bytes, which: int, folder: Path) -> str:
     path = folder / "a.rrd"
     path.write_bytes(content)
-    return ended(lambda: check(path))
+    return ended(lambda: check_recording(path))
 
 
 _DOCUMENT = (

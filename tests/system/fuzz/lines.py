@@ -449,7 +449,7 @@ def _pictures(
     path: str | Path, times: Sequence[float], size: tuple[int, int], dashboard: bool
 ) -> Iterator[Iterator[Image.Image]]:
     """In the place of a viewer without a window."""
-    cranedyn.recording.viewer.check(path)
+    cranedyn.recording.viewer.check_recording(path)
     for t in times:
         number("time of a picture", t, "s", "0 to 10")
     yield (Image.new("RGB", size) for _ in times)
