@@ -84,9 +84,9 @@ def reference(case: Case, duration: float) -> tuple[np.ndarray, np.ndarray]:
             + hold.stiffness * (rows[0, drives] - q[drives])
             - hold.damping * v[drives]
         )
-        span, held = (0.0, case.period), (effort.clip(-limit, limit),)
+        span, arguments = (0.0, case.period), (effort.clip(-limit, limit),)
         rows[k + 1] = solve_ivp(
-            rates, span, rows[k], method="DOP853", args=held, rtol=1e-13, atol=1e-15
+            rates, span, rows[k], method="DOP853", args=arguments, rtol=1e-13, atol=1e-15
         ).y[:, -1]
     return times, rows[:, :5]
 
@@ -107,16 +107,16 @@ def swung(case: Case, integrator: Integrator, duration: float) -> Trajectory:
 
 def errors(crane: Crane, run: Trajectory, times: np.ndarray, exact: np.ndarray) -> Errors:
     """How far a run is off the exact coordinates at its control instants, shape (n, 5)."""
-    place = max(
+    distance = max(
         float(
             np.linalg.norm(
-                dynamics.payload_position(crane, one) - dynamics.payload_position(crane, other)
+                dynamics.payload_position(crane, q) - dynamics.payload_position(crane, reference_q)
             )
         )
-        for one, other in zip(run.q, exact, strict=True)
+        for q, reference_q in zip(run.q, exact, strict=True)
     )
     period = _period(times, run["phi_rad"]) - _period(times, exact[:, 2])
-    return Errors(place, abs(period), float(np.abs(run.unexplained).max()))
+    return Errors(distance, abs(period), float(np.abs(run.unexplained).max()))
 
 
 def _period(t: np.ndarray, swing: np.ndarray) -> float:
@@ -174,17 +174,21 @@ def start_up(
     """Wall time of fresh processes until a first control period is done, of those that come so far;
     each starts once before it counts.
     """
-    names = [one.name for one in contestants if one.missing() is None and _comes(one.name)]
+    names = [
+        contestant.name
+        for contestant in contestants
+        if contestant.missing() is None and _comes(contestant.name)
+    ]
     tasks = [partial(fresh, "pass"), *(partial(fresh, _FIRST_STEP, name) for name in names)]
-    taken = np.median(race(tasks, rounds, rng), axis=1)
+    times = np.median(race(tasks, rounds, rng), axis=1)
     note = (
         "Wall time of a process from the start of Python until one control period is simulated, "
         f"median of {rounds} shuffled rounds. "
         f"All but the first import cranedyn, load the crane and make its controller; C is compiled."
     )
     rows = [
-        (name, 1e3 * float(one))
-        for name, one in zip(["Python, nothing else", *names], taken, strict=True)
+        (name, 1e3 * float(contestant))
+        for name, contestant in zip(["Python, nothing else", *names], times, strict=True)
     ]
     return Table("To the first step", [("strategy", ""), ("ms", ".0f")], rows, note)
 
@@ -216,8 +220,8 @@ def accuracy_figure(table: Table) -> Figure:
 def benchmark(rounds: int, quick: bool) -> tuple[Sequence[Table], Callable[[], Figure]]:
     """Both tables and the figure; quick leaves out the finest steps."""
     rng = np.random.default_rng(0)
-    found = integrators(rounds, rng, steps=STEPS[:5] if quick else STEPS)
-    return [found, start_up(rounds, rng)], lambda: accuracy_figure(found)
+    table = integrators(rounds, rng, steps=STEPS[:5] if quick else STEPS)
+    return [table, start_up(rounds, rng)], lambda: accuracy_figure(table)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -52,8 +52,8 @@ class Truth:
         if many:
             got, expected = run(self._starts, STRETCH), self._results
             ends, peaks = (
-                np.concatenate([one.ends for one in expected]),
-                np.concatenate([one.peaks for one in expected]),
+                np.concatenate([result.ends for result in expected]),
+                np.concatenate([result.peaks for result in expected]),
             )
             return max(_largest(got.ends, ends), _largest(got.peaks, peaks))
         return max(
@@ -71,11 +71,11 @@ class Truth:
         )
 
 
-def _largest(one: np.ndarray, other: np.ndarray) -> float:
+def _largest(a: np.ndarray, b: np.ndarray) -> float:
     """Infinite where the shapes differ or there is a number that is none."""
-    if one.shape != other.shape:
+    if a.shape != b.shape:
         return np.inf
-    return float(np.nan_to_num(np.abs(one - other), nan=np.inf).max())
+    return float(np.nan_to_num(np.abs(a - b), nan=np.inf).max())
 
 
 def sort(

@@ -80,17 +80,17 @@ class Bar:
 def bars() -> list[Bar]:
     """All of them, each some 20 ms of work but for the processes."""
     case, hook = Case(), Case(load_crane(hook_mass=200.0))
-    calls = Work(partial(bare, case.crane, 6000), 6000)
-    others = Work(partial(fresh, _OTHERS), 1.0, _ROUNDS // 6, _of_children)
+    aba_calls = Work(partial(bare, case.crane, 6000), 6000)
+    imports = Work(partial(fresh, _OTHERS), 1.0, _ROUNDS // 6, _of_children)
     first = Work(partial(fresh, _FIRST_STEP), 1.0, _ROUNDS // 6, _of_children)
     return [
-        Bar("plain loop", _loop(case, 1.0), calls, 0.39),
-        Bar("Python controller, compiled steps", _stepping(case, 10.0), calls, 2.35),
-        Bar("compiled closed loop", _closed(case, 70.0), calls, 18.5),
-        Bar("compiled batch, 1 thread", _batch(case, 1.0), calls, 205.0),
-        Bar("double pendulum: plain loop", _loop(hook, 1.0), calls, 0.33),
-        Bar("double pendulum: compiled closed loop", _closed(hook, 35.0), calls, 11.8),
-        Bar("first compiled step of a process", first, others, 0.35),
+        Bar("plain loop", _loop(case, 1.0), aba_calls, 0.39),
+        Bar("Python controller, compiled steps", _stepping(case, 10.0), aba_calls, 2.35),
+        Bar("compiled closed loop", _closed(case, 70.0), aba_calls, 18.5),
+        Bar("compiled batch, 1 thread", _batch(case, 1.0), aba_calls, 205.0),
+        Bar("double pendulum: plain loop", _loop(hook, 1.0), aba_calls, 0.33),
+        Bar("double pendulum: compiled closed loop", _closed(hook, 35.0), aba_calls, 11.8),
+        Bar("first compiled step of a process", first, imports, 0.35),
     ]
 
 
@@ -106,8 +106,8 @@ def _closed(case: Case, duration: float) -> Work:
     return _ran(case, duration, engine="compiled")
 
 
-def _ran(case: Case, duration: float, **how: object) -> Work:
-    run = partial(plain, case, case.starts(1)[0], duration, **how)  # type: ignore[arg-type]
+def _ran(case: Case, duration: float, **options: object) -> Work:
+    run = partial(plain, case, case.starts(1)[0], duration, **options)  # type: ignore[arg-type]
     return Work(run, case.periods(duration) * case.steps)
 
 
@@ -124,19 +124,21 @@ def _of_children() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def measure(found: Sequence[Bar], seconds: float, share: float = SHARE) -> list[float]:
+def measure(all_bars: Sequence[Bar], seconds: float, share: float = SHARE) -> list[float]:
     """The ratios, once each is at its bar or the time is over.
 
     Everything takes turns in shuffled rounds, and its least processor time counts: it is the same
     work every time, and whatever else the machine does only adds to it.
 
     Args:
-        found: What to measure.
+        all_bars: What to measure.
         seconds: Wall time to give up after.
         share: Of the usual ratios, where the bars are.
     """
-    works = list({id(work): work for bar in found for work in (bar.work, bar.yardstick)}.values())
-    least = {id(work): float("inf") for work in works}
+    works = list(
+        {id(work): work for bar in all_bars for work in (bar.work, bar.yardstick)}.values()
+    )
+    least_times = {id(work): float("inf") for work in works}
     end, shuffled, k = monotonic() + seconds, random.Random(0), 0
     for work in works:
         work.run()
@@ -145,24 +147,26 @@ def measure(found: Sequence[Bar], seconds: float, share: float = SHARE) -> list[
             if k % work.every == 0:
                 before = work.clock()
                 work.run()
-                least[id(work)] = min(least[id(work)], work.clock() - before)
+                least_times[id(work)] = min(least_times[id(work)], work.clock() - before)
         k += 1
         ratios = [
-            least[id(bar.yardstick)]
+            least_times[id(bar.yardstick)]
             / bar.yardstick.amount
-            / (least[id(bar.work)] / bar.work.amount)
-            for bar in found
+            / (least_times[id(bar.work)] / bar.work.amount)
+            for bar in all_bars
         ]
-        passed = all(ratio >= share * bar.usual for ratio, bar in zip(ratios, found, strict=True))
+        passed = all(
+            ratio >= share * bar.usual for ratio, bar in zip(ratios, all_bars, strict=True)
+        )
         if (k % _ROUNDS == 0 and passed) or monotonic() >= end:
             return ratios
 
 
-def judge(found: Sequence[Bar], seconds: float, share: float = SHARE) -> int:
+def judge(all_bars: Sequence[Bar], seconds: float, share: float = SHARE) -> int:
     """Measure and print; 0 if each reaches its bar, 1 if one does not; arguments as `measure`."""
     rows = [
         (bar.name, ratio, bar.usual, share * bar.usual)
-        for bar, ratio in zip(found, measure(found, seconds, share), strict=True)
+        for bar, ratio in zip(all_bars, measure(all_bars, seconds, share), strict=True)
     ]
     columns = [("workload", ""), *((name, ".3g") for name in ("ratio", "usual", "bar"))]
     note = (

@@ -120,11 +120,11 @@ def _mcap(written: Path, crane: Crane, run: Trajectory) -> Found:
         for kind in (u, f"dot_{u}_s")
     ]
     began = time.process_time()
-    found = bags.read_columns(written, columns)
+    values = bags.read_columns(written, columns)
     speed = len(run) / (time.process_time() - began)
     return Found(
         "coordinates and rates, read back",
-        max(float(np.abs(found[c] - run[c]).max()) for c in columns),
+        max(float(np.abs(values[c] - run[c]).max()) for c in columns),
         speed,
     )
 
@@ -132,10 +132,10 @@ def _mcap(written: Path, crane: Crane, run: Trajectory) -> Found:
 def _ros2(written: Path, crane: Crane, run: Trajectory) -> Found:
     """The package's URDF loaded: its mass matrix."""
     same = load_crane(written / "urdf" / "crane.urdf", gravity=crane.gravity)
-    apart = np.abs(
+    difference = np.abs(
         pin.crba(same.model, same.data, run.q[0]) - pin.crba(crane.model, crane.data, run.q[0])
     ).max()
-    return Found("mass matrix of its URDF [kg, kg m, kg m²]", float(apart), None)
+    return Found("mass matrix of its URDF [kg, kg m, kg m²]", float(difference), None)
 
 
 Exporter = tuple[
@@ -179,7 +179,7 @@ def table() -> harness.Table:
                 began = time.process_time()
                 write(path, crane, run)
                 spent = time.process_time() - began
-                found = look(path, crane, run)
+                result = look(path, crane, run)
             except (CraneError, ImportError) as error:
                 rows.append((name, None, None, f"not here: {error}", None, None))
                 continue
@@ -191,9 +191,9 @@ def table() -> harness.Table:
                     name,
                     1e3 * spent,
                     size / 1e3,
-                    found.compared,
-                    found.apart,
-                    found.speed and found.speed / 1e3,
+                    result.compared,
+                    result.apart,
+                    result.speed and result.speed / 1e3,
                 )
             )
     columns = [
@@ -224,10 +224,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(options: argparse.Namespace) -> int:
     document = read_document(options.document, "bridges") if options.document else None
-    made = table()
-    print(made.markdown())
+    result = table()
+    print(result.markdown())
     if document is not None:
-        document.write([made])
+        document.write([result])
     return 0
 
 

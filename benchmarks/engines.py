@@ -54,12 +54,12 @@ def measure(
         rng: Shuffles the rounds.
     """
     entries = [
-        (one, cranes) for one in ready for cranes in (CRANES if one.contestant.many else (1,))
+        (entry, cranes) for entry in ready for cranes in (CRANES if entry.contestant.many else (1,))
     ]
-    lengths = [stretch(case, one.run, cranes, budget) for one, cranes in entries]
+    lengths = [stretch(case, entry.run, cranes, budget) for entry, cranes in entries]
     tasks = [
-        partial(one.run, case.starts(cranes), length)
-        for (one, cranes), length in zip(entries, lengths, strict=True)
+        partial(entry.run, case.starts(cranes), length)
+        for (entry, cranes), length in zip(entries, lengths, strict=True)
     ]
     steps = [
         cranes * case.steps * case.periods(length)
@@ -67,16 +67,16 @@ def measure(
     ]
     rates = np.array(steps)[:, None] / race(tasks, rounds, rng)
     (plain,) = (
-        rate for rate, (one, _) in zip(rates, entries, strict=True) if one.contestant is PLAIN
+        rate for rate, (entry, _) in zip(rates, entries, strict=True) if entry.contestant is PLAIN
     )
     return [
         [
-            one.contestant.name,
+            entry.contestant.name,
             cranes,
             *_numbers(case, rate, plain),
-            None if one.contestant is PLAIN else one.max_deviation,
+            None if entry.contestant is PLAIN else entry.max_deviation,
         ]
-        for (one, cranes), rate in zip(entries, rates, strict=True)
+        for (entry, cranes), rate in zip(entries, rates, strict=True)
     ]
 
 
@@ -95,16 +95,16 @@ def tables(
     """One crane, many cranes, and who is not shown."""
     note = _note(rounds)
     single = [row for row in rows if row[1] == 1]
-    made = [
+    result = [
         Table(f"One crane for {DURATION:g} s, or as much of them as fits", COLUMNS, single, note)
     ]
     if len(single) < len(rows):
-        made.append(
+        result.append(
             Table("Many cranes at once", COLUMNS, [row for row in rows if row[1] != 1], note)
         )
     if refused:
-        made.append(Table("Not shown", (("strategy", ""), ("why", "")), refused))
-    return made
+        result.append(Table("Not shown", (("strategy", ""), ("why", "")), refused))
+    return result
 
 
 def _note(rounds: int) -> str:
@@ -128,20 +128,20 @@ def benchmark(
     """
     case, rng = Case(), np.random.default_rng(0)
     ready, refused = sort(case, contestants)
-    if not any(one.contestant is PLAIN for one in ready):
+    if not any(entry.contestant is PLAIN for entry in ready):
         raise CraneError(
             f"Nothing can be compared without the {PLAIN.name}: "
             f"{dict(refused).get(PLAIN.name, 'it does not take part')}."
         )
     budget = 0.05 if quick else 1.0
-    found = tables(measure(case, ready, rounds, budget, rng), refused, rounds)
-    able = [one for one in contestants if one.any_crane]
+    result = tables(measure(case, ready, rounds, budget, rng), refused, rounds)
+    able = [entry for entry in contestants if entry.any_crane]
     if len(able) > 1:
         hook = Case(load_crane(hook_mass=HOOK_MASS))
         able_ready, _ = sort(hook, able)
         rows = measure(hook, able_ready, rounds, budget, rng)
-        found.append(Table("Double pendulum: hook and slung load", COLUMNS, rows, _note(rounds)))
-    return found, lambda: engines_figure(case, ready, rng, quick=quick)
+        result.append(Table("Double pendulum: hook and slung load", COLUMNS, rows, _note(rounds)))
+    return result, lambda: engines_figure(case, ready, rng, quick=quick)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -59,9 +59,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     print("cranes   best [M/s]   median [M/s]   in a second of one processor [M]")
     best = []
     for count in options.counts:
-        found = [1e-6 * rate for rate in measure(count, max(options.rounds, 1), options.seconds)]
-        best.append(found[0])
-        print(f"{count:6}   {found[0]:10.3f}   {found[1]:12.3f}   {found[2]:32.3f}")
+        rates = [1e-6 * rate for rate in measure(count, max(options.rounds, 1), options.seconds)]
+        best.append(rates[0])
+        print(f"{count:6}   {rates[0]:10.3f}   {rates[1]:12.3f}   {rates[2]:32.3f}")
     return 0 if max(best) >= options.least else 1
 
 

@@ -79,12 +79,12 @@ KINDS = {
 
 def text(description: dict[str, Any], kind: str) -> str:
     """The PTX of one kind of code for a crane."""
-    crane, (made, differ) = load_crane(**description), KINDS[kind]
+    crane, (recipe_of_kind, differ) = load_crane(**description), KINDS[kind]
     constants: list[float | None] = numbers(crane).tolist()
     if differ:
-        other = numbers(load_crane(**description, payload_mass=crane.payload_mass / 2.0))
-        constants = [one if one == two else None for one, two in zip(constants, other, strict=True)]
-    return ptx(Topology.of(crane), constants, made)
+        half_loaded = numbers(load_crane(**description, payload_mass=crane.payload_mass / 2.0))
+        constants = [a if a == b else None for a, b in zip(constants, half_loaded, strict=True)]
+    return ptx(Topology.of(crane), constants, recipe_of_kind)
 
 
 class Assembled(NamedTuple):
@@ -101,9 +101,11 @@ class Assembled(NamedTuple):
 
 def assembler() -> Path | None:
     """NVIDIA's ptxas from its package on PyPI, None where it is not installed."""
-    found = find_spec("nvidia.cuda_nvcc") if find_spec("nvidia") else None
-    places = [Path(place) for place in (found.submodule_search_locations or ())] if found else []
-    return next((file for place in places for file in place.glob("bin/ptxas*")), None)
+    package = find_spec("nvidia.cuda_nvcc") if find_spec("nvidia") else None
+    folders = (
+        [Path(folder) for folder in (package.submodule_search_locations or ())] if package else []
+    )
+    return next((file for folder in folders for file in folder.glob("bin/ptxas*")), None)
 
 
 def assembled(assembler: Path, text: str, chip: str) -> Assembled:
@@ -140,10 +142,13 @@ def assembly() -> Table:
     rows: list[list[float | str | None]] = []
     for name, description in CRANES.items():
         for kind in KINDS:
-            made = text(description, kind)
-            found = [assembled(program, made, chip) for chip in CHIPS]
-            most = max(one.registers for one in found), max(one.spilled for one in found)
-            rows.append([name, kind, len(made.splitlines()), *most])
+            code = text(description, kind)
+            reports = [assembled(program, code, chip) for chip in CHIPS]
+            worst = (
+                max(report.registers for report in reports),
+                max(report.spilled for report in reports),
+            )
+            rows.append([name, kind, len(code.splitlines()), *worst])
     columns = (
         ("crane", ""),
         ("code", ""),
@@ -194,19 +199,19 @@ def measured(count: int, device: Device, duration: float, rounds: int) -> float:
 
 def tables() -> list[Table]:
     """What can be said on this machine."""
-    found = [assembly()]
+    result = [assembly()]
     try:
         cuda.check_there()
     except CraneError as error:
         print(f"Not measured: {error}")
-        return found
+        return result
     columns = (
         ("cranes", ",d"),
         ("GPU [million steps/s]", ",.6g"),
         ("processor [million steps/s]", ",.6g"),
         ("ratio", ".3g"),
     )
-    return [*found, Table("On a GPU", columns, list(speed()), "Copies to and fro included.")]
+    return [*result, Table("On a GPU", columns, list(speed()), "Copies to and fro included.")]
 
 
 def main(argv: Sequence[str] | None = None) -> int:

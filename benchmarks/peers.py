@@ -40,11 +40,12 @@ def peers() -> tuple[Contestant, ...]:
     here.
     """
     best = ("compiled batch, all cores", "plain loop", f"C by hand, {os.cpu_count()} threads")
-    own = {one.name for one in ours.CONTESTANTS} - {*best}
+    slower = {contestant.name for contestant in ours.CONTESTANTS} - {*best}
     return tuple(
-        one
-        for one in (*CONTESTANTS, *jax.CONTESTANTS)
-        if one.name not in own and not (one.name.startswith("C by hand") and one.name not in best)
+        contestant
+        for contestant in (*CONTESTANTS, *jax.CONTESTANTS)
+        if contestant.name not in slower
+        and not (contestant.name.startswith("C by hand") and contestant.name not in best)
     )
 
 
@@ -61,11 +62,13 @@ def measure(case: Case, ready: Sequence[Ready], rounds: int, budget: float) -> R
         rounds: How often; each number is the median.
         budget: How long each takes in a round [s].
     """
-    sizes = [CRANES if one.contestant.many else 1 for one in ready]
-    lengths = [stretch(case, one.run, size, budget) for one, size in zip(ready, sizes, strict=True)]
+    sizes = [CRANES if entry.contestant.many else 1 for entry in ready]
+    lengths = [
+        stretch(case, entry.run, size, budget) for entry, size in zip(ready, sizes, strict=True)
+    ]
     tasks = [
-        partial(one.run, case.starts(size), length)
-        for one, size, length in zip(ready, sizes, lengths, strict=True)
+        partial(entry.run, case.starts(size), length)
+        for entry, size, length in zip(ready, sizes, lengths, strict=True)
     ]
     times = np.median(race(tasks, rounds, np.random.default_rng(0)), axis=1)
     steps = [
@@ -73,13 +76,13 @@ def measure(case: Case, ready: Sequence[Ready], rounds: int, budget: float) -> R
         for size, length in zip(sizes, lengths, strict=True)
     ]
     rates = 1e-6 * np.array(steps) / times
-    names = [one.contestant.name for one in ready]
+    names = [entry.contestant.name for entry in ready]
     if "compiled batch, all cores" not in names:
         raise CraneError("Nothing can be compared: the compiled batch cannot run here.")
-    own = rates[names.index("compiled batch, all cores")]
+    batch_rate = rates[names.index("compiled batch, all cores")]
     rows: Rows = [
-        [name, size, float(f"{rate:.3g}"), float(f"{rate / own:.3g}"), one.max_deviation]
-        for name, size, rate, one in zip(names, sizes, rates.tolist(), ready, strict=True)
+        [name, size, float(f"{rate:.3g}"), float(f"{rate / batch_rate:.3g}"), entry.max_deviation]
+        for name, size, rate, entry in zip(names, sizes, rates.tolist(), ready, strict=True)
     ]
     return sorted(rows, key=lambda row: -float(row[2] or 0.0))
 
@@ -122,10 +125,10 @@ def benchmark(
         f"largest difference from the plain loop over {STRETCH:g} s; who differs by more than "
         f"{ALLOWED:g} is not shown."
     )
-    made = [Table(f"{CRANES:,} cranes, or one where an engine runs one", COLUMNS, rows, note)]
+    result = [Table(f"{CRANES:,} cranes, or one where an engine runs one", COLUMNS, rows, note)]
     if refused:
-        made.append(Table("Not shown", (("strategy", ""), ("why", "")), refused))
-    return made, lambda: chart(rows)
+        result.append(Table("Not shown", (("strategy", ""), ("why", "")), refused))
+    return result, lambda: chart(rows)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

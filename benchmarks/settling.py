@@ -85,13 +85,13 @@ def trials(count: int, seed: int, any_crane: bool = False) -> list[Trial]:
     def end(slew: float) -> tuple[float, float, float]:
         return slew, size * rng.uniform(*RADIUS), size * rng.uniform(*LENGTH)
 
-    found = []
+    drawn = []
     for i in range(count):
         if any_crane:
             size, quick = math.exp(rng.uniform(*np.log(SIZE))), 2.0 ** rng.uniform(-1.0, 1.0, 3)
         move = Move(f"{i + 1}", end(0.0), end(rng.uniform(*SLEW)), 0.0)
-        found.append(Trial(size, alike(size, quick), move))
-    return found
+        drawn.append(Trial(size, alike(size, quick), move))
+    return drawn
 
 
 def scaled(size: float) -> Crane:
@@ -102,8 +102,8 @@ def scaled(size: float) -> Crane:
     powers = {
         **{f"trolley_{end}": 1 for end in ("min", "max", "init")},
         **{f"hoist_{end}": 1 for end in ("min", "max", "init")},
-        **{f"{part}_mass": 3 for part in ("payload", "upper", "trolley", "dummy")},
-        **{f"{part}_inertia": 5 for part in ("payload", "slewing", "trolley", "dummy")},
+        **{f"{body}_mass": 3 for body in ("payload", "upper", "trolley", "dummy")},
+        **{f"{body}_inertia": 5 for body in ("payload", "slewing", "trolley", "dummy")},
         **{"slew_effort": 4, "trolley_effort": 3, "hoist_effort": 3, "damp_swing": 4.5},
         **{"mast_height": 1, "pivot_height": 1, "total_height": 1, "slew_velocity": -0.5},
     }
@@ -124,7 +124,7 @@ def alike(size: float, quick: np.ndarray) -> Limits:
 
 def settle(drawn: Sequence[Trial]) -> list[Settled]:
     """Make moves by predictive control with its defaults, and plan each in the least time."""
-    found = []
+    settled = []
     for size, limits, move in drawn:
         crane, time = scaled(size), math.sqrt(size)
         start, goal = move.ends(crane)
@@ -137,20 +137,27 @@ def settle(drawn: Sequence[Trial]) -> list[Settled]:
             engine="compiled",
             validity="mark",
         )
-        there = payload_position(crane, goal.q)
-        away = np.array([np.linalg.norm(payload_position(crane, q) - there) for q in run.q])
-        least = optimal(
+        goal_position = payload_position(crane, goal.q)
+        distances = np.array(
+            [np.linalg.norm(payload_position(crane, q) - goal_position) for q in run.q]
+        )
+        least_time = optimal(
             crane, start, goal, limits, swing=SWING, ramp=time * RAMP, interval=time * INTERVAL
         ).arrival
-        found.append(Settled(move, least, settling_time(run.t, away, size * CLOSE)))
-    return found
+        settled.append(Settled(move, least_time, settling_time(run.t, distances, size * CLOSE)))
+    return settled
 
 
-def judged(found: Sequence[Settled], allowed: float) -> Outcome:
+def judged(moves: Sequence[Settled], allowed: float) -> Outcome:
     """The moves in a table, and the claim, judged on the worst of them."""
     rows = [
-        (*_place(one.move), one.least, one.taken if math.isfinite(one.taken) else None, one.ratio)
-        for one in found
+        (
+            *_place(settled.move),
+            settled.least,
+            settled.taken if math.isfinite(settled.taken) else None,
+            settled.ratio,
+        )
+        for settled in moves
     ]
     table = Table(
         "Random moves by predictive control to the goal, and in the least time",
@@ -167,10 +174,10 @@ def judged(found: Sequence[Settled], allowed: float) -> Outcome:
         f"{1e3 * SWING:g} mrad of swing. For a crane of another size distances go with that, times "
         "with its root.",
     )
-    worst = max(one.ratio for one in found)
+    worst = max(settled.ratio for settled in moves)
     sentence = (
         f"Predictive control to a goal settles within {allowed:g} times the least time in each of "
-        f"{len(found)} random moves ({worst:.2f} at most)."
+        f"{len(moves)} random moves ({worst:.2f} at most)."
     )
     return Outcome([table], [Claim(sentence, worst <= allowed)])
 

@@ -37,11 +37,11 @@ def swinging(cases: Columns) -> Columns:
 
     before = time.process_time()
     crane, controller = _crane()
-    q, v = (np.tile(part, (len(cases["x"]), 1)) for part in crane.start)
+    q, v = (np.tile(values, (len(cases["x"]), 1)) for values in crane.start)
     q[:, crane.swings[0]] = 0.3 * cases["x"]
-    found = simulate_batch(crane, controller, start=State(q, v), duration=SWING, threads=1)
+    batch = simulate_batch(crane, controller, start=State(q, v), duration=SWING, threads=1)
     spent = (time.process_time() - before) / len(q)
-    return {"peak_rad": found.peak_swing, "spent_s": np.full(len(q), spent)}
+    return {"peak_rad": batch.peak_swing, "spent_s": np.full(len(q), spent)}
 
 
 @cache

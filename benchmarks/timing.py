@@ -33,7 +33,7 @@ def fresh(script: str, *arguments: str) -> str:
     Raises:
         CraneError: If it fails.
     """
-    usual = {name: what for name, what in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    usual = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     done = subprocess.run(
         [sys.executable, "-c", script, *arguments],
         cwd=Path(__file__).parents[1],
@@ -53,11 +53,11 @@ def race(
     """Wall time of each task in each round [s], shape (tasks, rounds); every round in an order of
     its own.
     """
-    taken = np.empty((len(tasks), rounds))
+    times = np.empty((len(tasks), rounds))
     for k in range(rounds):
         for i in rng.permutation(len(tasks)):
-            taken[i, k] = seconds(tasks[i])
-    return taken
+            times[i, k] = seconds(tasks[i])
+    return times
 
 
 def stretch(case: Case, run: Run, cranes: int, budget: float) -> float:
@@ -67,16 +67,19 @@ def stretch(case: Case, run: Run, cranes: int, budget: float) -> float:
     It is longer where a run has fixed costs, such as laying out many cranes, so that these are
     about a tenth of it.
     """
-    starts, whole = case.starts(cranes), case.periods(DURATION)
+    starts, most_periods = case.starts(cranes), case.periods(DURATION)
     run(starts, case.period)
     periods, fixed = 1, seconds(lambda: run(starts, case.period))
-    taken = fixed
-    while taken < 0.1 * budget + fixed and periods < whole:
-        periods = min(10 * periods, whole)
-        taken = seconds(partial(run, starts, periods * case.period))
-    each = (
-        max(taken - fixed, 0.0) / (periods - 1)
-        if periods > 1 and taken > fixed
-        else taken / periods
+    elapsed = fixed
+    while elapsed < 0.1 * budget + fixed and periods < most_periods:
+        periods = min(10 * periods, most_periods)
+        elapsed = seconds(partial(run, starts, periods * case.period))
+    period_time = (
+        max(elapsed - fixed, 0.0) / (periods - 1)
+        if periods > 1 and elapsed > fixed
+        else elapsed / periods
     )
-    return min(max(round(max(budget, 10.0 * (fixed - each)) / each), 1), whole) * case.period
+    return (
+        min(max(round(max(budget, 10.0 * (fixed - period_time)) / period_time), 1), most_periods)
+        * case.period
+    )

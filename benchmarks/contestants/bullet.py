@@ -61,13 +61,13 @@ def _stepped(case: Case, at_once: int) -> Run:
     bullet.setPhysicsEngineParameter(
         fixedTimeStep=at_once * case.dt, numSubSteps=substeps, physicsClientId=setup
     )
-    places = {
+    joint_index = {
         bullet.getJointInfo(robot, i, physicsClientId=setup)[1].decode(): i
         for i in range(bullet.getNumJoints(robot, setup))
     }
-    joints = [places[joint.name] for joint in case.crane.layout.joints]
+    joints = [joint_index[joint.name] for joint in case.crane.layout.joints]
     drives = [joints[i] for i in case.crane.layout.drives]
-    for i in range(-1, len(places)):
+    for i in range(-1, len(joint_index)):
         bullet.changeDynamics(
             robot,
             i,

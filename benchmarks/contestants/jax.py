@@ -39,13 +39,13 @@ def _looped(case: Case, step: Step) -> Run:
         case.crane.effort_limit[:, None],
     )
     swings = case.crane.swings
-    gains = [part[:, None] for part in (hold.feed_forward, hold.stiffness, hold.damping)]
+    gains = [gain[:, None] for gain in (hold.feed_forward, hold.stiffness, hold.damping)]
 
     def period(setpoint: Any, _: Any, carried: Any) -> Any:
         q, v, peak = carried
         feed, stiffness, damping = gains
-        asked = feed + stiffness * (setpoint - q[drives]) - damping * v[drives]
-        effort = jnp.clip(asked, -limit, limit)
+        command = feed + stiffness * (setpoint - q[drives]) - damping * v[drives]
+        effort = jnp.clip(command, -limit, limit)
 
         def stepped(_: Any, state: tuple[Any, Any]) -> tuple[Any, Any]:
             return step(state[0], state[1], effort)

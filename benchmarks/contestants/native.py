@@ -61,7 +61,7 @@ def numbers(case: Case) -> dict[str, float]:
                 f"The {name} has a centre beside its joint or an inertia that differs by axis; the "
                 "C crane knows neither."
             )
-    found = {
+    constants = {
         "PAYLOAD": payload.mass,
         "TROLLEY": trolley.mass + outer.mass + inner.mass,
         "INNER": payload.inertia[0, 0] + inner.inertia[0, 0],
@@ -70,7 +70,7 @@ def numbers(case: Case) -> dict[str, float]:
         "GRAVITY": crane.gravity,
         "DT": case.dt,
     }
-    found |= dict(
+    constants |= dict(
         zip(
             ("DAMP_SLEW", "DAMP_TROLLEY", "DAMP_PHI", "DAMP_THETA", "DAMP_HOIST"),
             crane.damping,
@@ -83,10 +83,10 @@ def numbers(case: Case) -> dict[str, float]:
         ("FF", hold.feed_forward),
         ("MAX", crane.effort_limit),
     ):
-        found |= dict(
+        constants |= dict(
             zip((f"{letters}_SLEW", f"{letters}_TROLLEY", f"{letters}_HOIST"), values, strict=True)
         )
-    return found
+    return constants
 
 
 def compiled(case: Case, lanes: int, groups: int) -> ctypes.CDLL:
@@ -114,10 +114,10 @@ def compiled(case: Case, lanes: int, groups: int) -> ctypes.CDLL:
             str(library),
             str(SOURCE),
         ]
-        made = subprocess.run(command, capture_output=True, text=True, check=False)
-        if made.returncode:
+        result = subprocess.run(command, capture_output=True, text=True, check=False)
+        if result.returncode:
             raise CraneError(
-                f"{command[0]} cannot compile {SOURCE.name}: {made.stderr.strip().splitlines()[-1]}"
+                f"{command[0]} cannot compile {SOURCE.name}: {result.stderr.strip().splitlines()[-1]}"
             )
         loaded = ctypes.CDLL(str(library))
     loaded.run.argtypes = [ctypes.c_long, ctypes.c_long, *4 * [ctypes.c_void_p]]

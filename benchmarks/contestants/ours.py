@@ -57,7 +57,7 @@ def _batch(
     def prepare(case: Case) -> Run:
         from cranedyn.compiled.batch import simulate_batch
 
-        together = partial(
+        simulate_cranes = partial(
             simulate_batch,
             case.crane,
             case.controller,
@@ -67,10 +67,10 @@ def _batch(
         )
 
         def run(starts: np.ndarray, duration: float) -> Result:
-            found = together(
+            batch = simulate_cranes(
                 start=State(*np.split(starts, 2, axis=1)), duration=duration, integrator=integrator
             )
-            return Result(np.hstack(found.end), found.peak_swing)
+            return Result(np.hstack(batch.end), batch.peak_swing)
 
         run(case.starts(1), case.period)
         return run

@@ -42,11 +42,13 @@ BESIDE = ("spline alone", "spline + PD", "flat + LQR", "operator")
 """Strategies of `compare` that are shown beside what was learned."""
 
 
-def scaled(seen: np.ndarray) -> np.ndarray:
+def scaled(observation: np.ndarray) -> np.ndarray:
     """Observations as the network takes them, shape (n, 19): ways to go and swings also by cube
     roots, which tell small ones apart.
     """
-    return np.hstack([seen * SCALE, np.cbrt(seen[:, :3]), np.cbrt(seen[:, 6:10])])
+    return np.hstack(
+        [observation * SCALE, np.cbrt(observation[:, :3]), np.cbrt(observation[:, 6:10])]
+    )
 
 
 class ForStableBaselines(VecEnv):
@@ -55,8 +57,8 @@ class ForStableBaselines(VecEnv):
     def __init__(self, env: TowerCraneVectorEnv) -> None:
         self.env, self.actions = env, np.zeros((env.num_envs, 3))
         self.returns, self.finished = np.zeros(env.num_envs), list[float]()
-        seen = gym.spaces.Box(-np.inf, np.inf, (len(SCALE) + 7,), np.float32)
-        super().__init__(env.num_envs, seen, env.single_action_space)
+        observations = gym.spaces.Box(-np.inf, np.inf, (len(SCALE) + 7,), np.float32)
+        super().__init__(env.num_envs, observations, env.single_action_space)
 
     def reset(self) -> np.ndarray:
         return scaled(self.env.reset(seed=self._seeds[0])[0])
@@ -65,16 +67,16 @@ class ForStableBaselines(VecEnv):
         self.actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        seen, reward, terminated, truncated, found = self.env.step(self.actions)
+        observation, reward, terminated, truncated, info = self.env.step(self.actions)
         infos: list[dict[str, Any]] = [{} for _ in reward]
         self.returns += reward
-        last = scaled(found["final_obs"]) if "final_obs" in found else seen
+        last = scaled(info["final_obs"]) if "final_obs" in info else observation
         for i in np.flatnonzero(terminated | truncated):
             infos[i] = {"terminal_observation": last[i], "TimeLimit.truncated": bool(truncated[i])}
             self.finished.append(self.returns[i])
             self.returns[i] = 0.0
         shaped = np.maximum(FACTOR * (reward + STANDING), WORST).astype(np.float32)
-        return scaled(seen), shaped, terminated | truncated, infos
+        return scaled(observation), shaped, terminated | truncated, infos
 
     def close(self) -> None:
         self.env.close()
@@ -99,10 +101,10 @@ class Curve(BaseCallback):
     since.
     """
 
-    def __init__(self, many: ForStableBaselines) -> None:
+    def __init__(self, envs: ForStableBaselines) -> None:
         super().__init__()
         self.many, self.rows, self.began = (
-            many,
+            envs,
             list[tuple[int, float, float]](),
             time.perf_counter(),
         )
@@ -134,16 +136,16 @@ def controller_of(model: PPO, task: Task, goal: np.ndarray) -> Controller:
     """What was learned as a controller of ours, which commands accelerations and looks every 0.1
     s.
     """
-    known: dict[str, Any] = {"from": -np.inf, "command": np.zeros(3)}
+    memory: dict[str, Any] = {"from": -np.inf, "command": np.zeros(3)}
 
     def controller(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        if t - known["from"] > task.fleet.control_period - 1e-6:
+        if t - memory["from"] > task.fleet.control_period - 1e-6:
             z = np.concatenate(state)[:, None]
             action, _ = model.predict(scaled(task.observed(z, goal[:, None])), deterministic=True)
-            known.update(
+            memory.update(
                 {"from": t, "command": task.accelerations(action.T.astype(float), z)[:, 0]}
             )
-        return known["command"]
+        return memory["command"]
 
     return controller
 
