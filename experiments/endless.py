@@ -53,13 +53,13 @@ class Record:
         self._pieces = [_with_sums_from_zero(run.since(end))]
         self.parts.append(file)
 
-    def last(self, *more: Trajectory) -> Trajectory:
+    def last(self, *pieces: Trajectory) -> Trajectory:
         """Return the pieces in memory, followed by more.
 
         Raises:
             DataError: If there is nothing.
         """
-        return join([*self._pieces, *more])
+        return join([*self._pieces, *pieces])
 
 
 def _with_sums_from_zero(run: Trajectory) -> Trajectory:

@@ -163,14 +163,21 @@ def _figure(factors_derived: Sequence[Derived]) -> Figure:
     ratio.plot(RATIOS, derived_at, "o", color=COLOURS["phi"], label="worst braking, simulated")
     ratio.set(xlabel="load over carriage", ylabel="ψ_h")
     slopes = [factor for factor in factors_derived if factor.name.startswith("β2")]
-    places = range(len(slopes))
+    positions = range(len(slopes))
     slope.bar(
-        places, [factor.formula for factor in slopes], color=COLOURS["setpoint"], label="EN 1991-3"
+        positions,
+        [factor.formula for factor in slopes],
+        color=COLOURS["setpoint"],
+        label="EN 1991-3",
     )
     slope.plot(
-        places, [factor.simulated for factor in slopes], "o", color=COLOURS["phi"], label="pick-up"
+        positions,
+        [factor.simulated for factor in slopes],
+        "o",
+        color=COLOURS["phi"],
+        label="pick-up",
     )
-    slope.set(xlabel="hoisting class", ylabel="β2 [s/m]", xticks=places)
+    slope.set(xlabel="hoisting class", ylabel="β2 [s/m]", xticks=positions)
     slope.set_xticklabels(list(factors.HOISTING))
     for ax in (ratio, slope):
         ax.legend()

@@ -85,7 +85,8 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             "sites": list(results),
             "lifts": count,
             "limits": {
-                name: [list(kept.rates), list(kept.accelerations)] for name, kept in limits.items()
+                name: [list(limit.rates), list(limit.accelerations)]
+                for name, limit in limits.items()
             },
         },
         trajectories=trajectories,
@@ -134,10 +135,12 @@ def _result(
         perturb(certificate, count, dt=2.0 * setup.dt) if count and certificate.holds else None
     )
     seconds = planned - started, certified - planned, time.monotonic() - certified
-    least, started = None, time.monotonic()
+    shortest_lift, started = None, time.monotonic()
     if options.least_time and certificate.holds:
-        least = certify(_shortened(lift), dt=setup.dt, engine=setup.engine)
-    return SiteResult(site, certificate, perturbed, seconds, least, time.monotonic() - started)
+        shortest_lift = certify(_shortened(lift), dt=setup.dt, engine=setup.engine)
+    return SiteResult(
+        site, certificate, perturbed, seconds, shortest_lift, time.monotonic() - started
+    )
 
 
 def _shortened(lift: Lift) -> Lift:
@@ -189,8 +192,8 @@ def _perturbed(results: dict[str, Perturbed]) -> harness.Table:
     for name, perturbed in results.items():
         count, failures = len(perturbed.least), perturbed.failures
         shares = [100.0 * share for share in (failures / count, *perturbed.interval())]
-        least, swing = float(np.nanmin(perturbed.least)), 1e3 * float(perturbed.swing.max())
-        rows.append([name, count, failures, *shares, least, swing])
+        clearance, swing = float(np.nanmin(perturbed.least)), 1e3 * float(perturbed.swing.max())
+        rows.append([name, count, failures, *shares, clearance, swing])
     columns = [
         ("site", ""),
         ("lifts", "d"),
@@ -215,11 +218,14 @@ def _least_time(results: dict[str, SiteResult]) -> list[harness.Table]:
     for name, result in results.items():
         if result.least is not None and result.least.holds:
             timed, bound = result.least.lift.timed, result.certificate.lift.least
-            planned, least = result.certificate.lift.timed.motion.arrival, timed.motion.arrival
-            times = [planned, least, planned / bound, least / bound]
+            planned, shortest_time = (
+                result.certificate.lift.timed.motion.arrival,
+                timed.motion.arrival,
+            )
+            times = [planned, shortest_time, planned / bound, shortest_time / bound]
             swing = 1e3 * timed.shares["swing"] * result.site.swing
-            nearest, left = result.least.nearest.distance, 1e3 * result.least.residual_swing
-            rows.append([name, *times, nearest, swing, left, result.least_seconds])
+            nearest, residual = result.least.nearest.distance, 1e3 * result.least.residual_swing
+            rows.append([name, *times, nearest, swing, residual, result.least_seconds])
     columns = [
         ("site", ""),
         ("planned [s]", ".2f"),
@@ -254,24 +260,24 @@ def _claims(name: str, result: SiteResult) -> Iterator[harness.Claim]:
     for check in result.certificate.checks:
         yield harness.Claim(f"{name}: {check.sentence}", check.holds)
     if result.certificate.holds:
-        for phrase, duration, most in (
+        for phrase, duration, ratio in (
             ("along the way the drives need", lift.timed.bound, OF_BOUND),
             ("the motion lasts", lift.timed.motion.arrival, OF_LEAST),
         ):
             yield harness.Claim(
                 f"{name}: {phrase} {duration / lift.least:.3f} times what drives need at "
-                f"least, whichever way round; at most {most:g}.",
-                duration <= most * lift.least,
+                f"least, whichever way round; at most {ratio:g}.",
+                duration <= ratio * lift.least,
             )
     if result.least is None:
         return
     for check in result.least.checks:
         yield harness.Claim(f"{name} in least time: {check.sentence}", check.holds)
-    least = result.least.lift.timed.motion.arrival
+    shortest_time = result.least.lift.timed.motion.arrival
     yield harness.Claim(
-        f"{name}: in least time it lasts {least / lift.least:.3f} times what drives need at "
-        f"least, at most {IN_LEAST_TIME:g}, and less than planned.",
-        lift.least * IN_LEAST_TIME >= least < lift.timed.motion.arrival,
+        f"{name}: in least time it lasts {shortest_time / lift.least:.3f} times what drives need "
+        f"at least, at most {IN_LEAST_TIME:g}, and less than planned.",
+        lift.least * IN_LEAST_TIME >= shortest_time < lift.timed.motion.arrival,
     )
 
 

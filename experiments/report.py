@@ -87,14 +87,14 @@ def _first(results: Sequence[dict[str, Any]]) -> str:
         f"<td>{escape(_entry(r).line)}</td><td>{_of_total(r['claims'])}</td></tr>"
         for r in results
     )
-    words = summary(claims).partition(f"of {len(claims)} ")[2]
+    counts = summary(claims).partition(f"of {len(claims)} ")[2]
     verdict = "held" if holding == len(claims) else "fails" if failed else "open"
     crane = load_crane()
     picture = sketch(crane, crane.state(phi=0.06))
     return (
         '<div class="first"><div><h1>cranedyn: what it claims, and what was found</h1>'
         f'<p class="lead">{today.day} {today:%B %Y} · cranedyn {escape(__version__)}</p>'
-        f'<p class="count {verdict}">{holding} of {len(claims)}</p><p>{escape(words)}</p></div>'
+        f'<p class="count {verdict}">{holding} of {len(claims)}</p><p>{escape(counts)}</p></div>'
         f'<figure><img alt="The crane from the side" src="{svg_address(picture)}">'
         "<figcaption>The crane of the experiments, from the side.</figcaption></figure></div>"
         '<div class="table"><table class="summary"><thead><tr><th>experiment</th><th>what it '
@@ -213,9 +213,9 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
     )
 
 
-def _table(kept: dict[str, Any]) -> str:
+def _table(entry: dict[str, Any]) -> str:
     """Return a table of a ``result.json`` as HTML."""
-    table = harness.Table.of(kept)
+    table = harness.Table.of(entry)
     columns = [(header, not form) for header, form in table.columns]
     return table_html(table.title, columns, table.shown(), table.note)
 

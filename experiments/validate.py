@@ -70,13 +70,13 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         for name, (crane, start, end) in telling.items()
     }
     results = checks(bench, halvings)
-    every = list(itertools.chain(*results.values()))
+    all_checks = list(itertools.chain(*results.values()))
     tables = [table(title, rows) for title, rows in results.items()]
     return Outcome(
         tables=tables,
-        claims=[*map(_claim, every), _order(every)],
+        claims=[*map(_claim, all_checks), _order(all_checks)],
         parameters={
-            "closed_forms": len(every),
+            "closed_forms": len(all_checks),
             "gravity_m_s2": G,
             "coarsest_dt_s": STEP,
             "halvings": halvings,
@@ -85,7 +85,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         },
         trajectories={name.replace(" ", "_"): run for name, (_, run) in runs.items()},
         figures={
-            "convergence": convergence_figure(every),
+            "convergence": convergence_figure(all_checks),
             "ripple": ripple_figure(bench, build()),
             "oval": oval_figure(runs["oval swing"][1]),
         },
@@ -136,9 +136,9 @@ def _order(checks_run: Sequence[Check]) -> Claim:
     orders = [c.order for c in checks_run if c.order is not None]
     first, second = ([order for order in orders if round(order) == power] for power in (1, 2))
     spans = [
-        f"{min(some):.3f} to {max(some):.3f} in {len(some)} rows"
-        for some in (first, second)
-        if some
+        f"{min(group):.3f} to {max(group):.3f} in {len(group)} rows"
+        for group in (first, second)
+        if group
     ]
     return Claim(
         "The error goes with the first power of the step, or where the step is symmetric with the "

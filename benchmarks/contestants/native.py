@@ -116,9 +116,8 @@ def compiled(case: Case, lanes: int, groups: int) -> ctypes.CDLL:
         ]
         result = subprocess.run(command, capture_output=True, text=True, check=False)
         if result.returncode:
-            raise CraneError(
-                f"{command[0]} cannot compile {SOURCE.name}: {result.stderr.strip().splitlines()[-1]}"
-            )
+            message = result.stderr.strip().splitlines()[-1]
+            raise CraneError(f"{command[0]} cannot compile {SOURCE.name}: {message}")
         loaded = ctypes.CDLL(str(library))
     loaded.run.argtypes = [ctypes.c_long, ctypes.c_long, *4 * [ctypes.c_void_p]]
     loaded.run.restype = None

@@ -102,12 +102,14 @@ def _claims(setup: Setup, cases: Sequence[Case], soft: Case) -> list[Claim]:
         "damping ratio": [case.fit.damping_ratio - p.zeta for case, p in listed if p.zeta],
         "amplitude": [case.fit.amplitude - p.amplitude for case, p in listed if p.amplitude],
     }
-    every = [*cases, soft]
-    explained, budget = _within([c.unexplained for c in every], [c.second_order for c in every])
+    all_cases = [*cases, soft]
+    explained, budget = _within(
+        [c.unexplained for c in all_cases], [c.second_order for c in all_cases]
+    )
     # The prediction is of lowest order in the swing.
-    small = all(case.predicted.amplitude < 1.1 * SWING for case in every)
+    small = all(case.predicted.amplitude < 1.1 * SWING for case in all_cases)
     agree, finite = _within(
-        [case.prediction_error for case in every], [case.finite_swing for case in every]
+        [case.prediction_error for case in all_cases], [case.finite_swing for case in all_cases]
     )
     return [
         *(_published_claim(setup, column, values) for column, values in misses.items()),

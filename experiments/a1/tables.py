@@ -60,7 +60,7 @@ def budget_table(cases: Sequence[Case]) -> Table:
     ]
 
     def total(case: Case) -> float:
-        return sum(100 * part for part in case.budget.values())
+        return sum(100 * share for share in case.budget.values())
 
     return tabulate(
         "Error budget [% of the point pendulum's period]",

@@ -69,8 +69,8 @@ def run(
     return setup.simulate(crane, controller, reference, start=start, duration=DURATION, label=label)
 
 
-def _hoist(crane: Crane, base: Reference, at: float) -> Reference:
-    return ramp(crane, base, "l", TARGET - LENGTH, rate=RATE, at=at)
+def _hoist(crane: Crane, base: Reference, t_start: float) -> Reference:
+    return ramp(crane, base, "l", TARGET - LENGTH, rate=RATE, at=t_start)
 
 
 def exact_drives_law(setup: Setup, crane: Crane, start: State) -> PowerLaw:
@@ -105,8 +105,8 @@ def exponents(setup: Setup, ours: Reading, stiff: Trajectory) -> dict[str, Power
     slow = theory.adiabatic_amplitude(lengths, LENGTH, amplitude)
     point = setup.variant(payload_inertia=0, dummy_inertia=0, dummy_mass=0, damp_swing=0)
 
-    def law(crane: Crane, part: float = 1.0) -> PowerLaw:
-        start = crane.state(l=LENGTH, phi=phi / part, phi_dot=rate / part)
+    def law(crane: Crane, factor: float = 1.0) -> PowerLaw:
+        start = crane.state(l=LENGTH, phi=phi / factor, phi_dot=rate / factor)
         return exact_drives_law(setup, crane, start)
 
     return {

@@ -97,8 +97,8 @@ def left_there(crane: Crane, data: dict[str, np.ndarray]) -> float:
         np.array([data[f"{symbol}_{kind.format(unit)}"][row] for symbol, unit in JOINTS])
         for kind, row in (("{}", 0), ("{}", -1), ("dot_{}_s", -1))
     )
-    rest = first * [symbol not in ("phi", "theta") for symbol, _ in JOINTS]
-    return energy(crane, State(last, rates)) - energy(crane, State(rest, np.zeros(len(rest))))
+    hanging = first * [symbol not in ("phi", "theta") for symbol, _ in JOINTS]
+    return energy(crane, State(last, rates)) - energy(crane, State(hanging, np.zeros(len(hanging))))
 
 
 def experiment(setup: Setup, swing: float, length: float) -> Outcome:

@@ -67,7 +67,7 @@ class Document:
 
         return _BLOCK.sub(fill, self.text)
 
-    def stale(self, tables: Sequence[Table], *, part: bool = False) -> list[str]:
+    def stale(self, tables: Sequence[Table], *, subset: bool = False) -> list[str]:
         """Return a sentence for each cell or row that differs from newly computed tables.
 
         A number may be off by one of its last digit: half of it is rounding, and the other half is
@@ -75,7 +75,7 @@ class Document:
 
         Args:
             tables: The tables of the experiment.
-            part: Whether rows may be missing in them.
+            subset: Whether rows may be missing in them.
 
         Raises:
             DataError: If a block asks for a table that is missing.
@@ -85,7 +85,7 @@ class Document:
             for block in _BLOCK.finditer(self.text)
             if block["experiment"] == self.experiment
             for table in self._tables(block, tables)
-            for sentence in _differences(table, _rows(block["content"], table.title), part)
+            for sentence in _differences(table, _rows(block["content"], table.title), subset)
         ]
 
     def _tables(self, block: re.Match[str], tables: Sequence[Table]) -> list[Table]:
@@ -134,7 +134,7 @@ def _rows(content: str, title: str) -> list[list[str]]:
     return [*rows[:1], *rows[2:]]
 
 
-def _differences(table: Table, rows: Sequence[Sequence[str]], part: bool) -> Iterator[str]:
+def _differences(table: Table, rows: Sequence[Sequence[str]], subset: bool) -> Iterator[str]:
     """Yield how rows of a document differ from a table."""
     headers = [header.strip() for header, _ in table.columns]
     if not rows or list(rows[0]) != headers:
@@ -142,7 +142,7 @@ def _differences(table: Table, rows: Sequence[Sequence[str]], part: bool) -> Ite
         return
     old_rows = _by_name(rows[1:])
     new_rows = _by_name([(*cells, table.rows[i]) for i, cells in enumerate(table.shown())])
-    if not part:
+    if not subset:
         yield from (f"its row {name!r} was not made" for name in old_rows if name not in new_rows)
     yield from (f"a row {name!r} is not there" for name in new_rows if name not in old_rows)
     for name, (*cells, values) in new_rows.items():

@@ -77,6 +77,6 @@ def show(outcome: Outcome) -> None:
 
 def summary(claims: Sequence[Claim]) -> str:
     """Return how many claims hold, and how many were not judged, which counts as neither."""
-    held = sum(bool(claim.holds) for claim in claims)
+    count = sum(bool(claim.holds) for claim in claims)
     unknown = sum(claim.holds is None for claim in claims)
-    return f"{held} of {len(claims)} claims hold, {unknown} not judged."
+    return f"{count} of {len(claims)} claims hold, {unknown} not judged."

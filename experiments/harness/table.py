@@ -28,11 +28,11 @@ def cell(value: float | str | None, form: str) -> str:
     """Return a value as a column with a format shows it."""
     if value is None:
         return "-"
-    plain, _, least = form.partition(">")
-    if least:
-        if abs(float(value)) < float(least):
-            return f"< {least}"
-        value = round(float(value), -round(math.log10(float(least))))
+    plain, _, step = form.partition(">")
+    if step:
+        if abs(float(value)) < float(step):
+            return f"< {step}"
+        value = round(float(value), -round(math.log10(float(step))))
     return printable(format(value, plain))
 
 

@@ -52,9 +52,9 @@ def blocks(table: Table, width: int) -> Iterator[RichTable]:
     """Yield the table in one or several blocks that fit a terminal of a width [columns], the title
     over the first and the note under the last.
     """
-    parts = _split(columns_of(table), width)
-    for i, columns in enumerate(parts):
-        last = i == len(parts) - 1
+    groups = _split(columns_of(table), width)
+    for i, columns in enumerate(groups):
+        last = i == len(groups) - 1
         yield _block(columns, width, "" if i else table.title, table.note if last else "")
 
 
@@ -118,12 +118,12 @@ def _lines(head: str, width: int) -> int:
 def _widths(columns: Sequence[TextColumn], width: int) -> list[int]:
     """Return the widths of columns: the least ones, and what is left goes to text first."""
     widths = [column.least for column in columns]
-    left = width - _total(widths)
+    spare = width - _total(widths)
     for is_text in (True, False):
         for i, column in enumerate(columns):
             if column.is_text is is_text:
-                more = max(0, min(left, column.natural - widths[i]))
-                widths[i], left = widths[i] + more, left - more
+                extra = max(0, min(spare, column.natural - widths[i]))
+                widths[i], spare = widths[i] + extra, spare - extra
     return widths
 
 

@@ -140,11 +140,11 @@ def files(options: argparse.Namespace, setup: Setup, prior: Known) -> Outcome:
 
 def _white(subject: str, result: Found) -> Claim:
     """Judge what every interval presumes."""
-    coloured, said = ", ".join(result.estimate.not_white), "all"
+    coloured, verdict = ", ".join(result.estimate.not_white), "all"
     if coloured:
-        said = f"not {coloured}: the model lacks something, and intervals may not hold the truth"
+        verdict = f"not {coloured}: the model lacks something, and intervals may not hold the truth"
     return Claim(
-        f"{subject}: what the twin leaves of each column is white noise ({said}).", not coloured
+        f"{subject}: what the twin leaves of each column is white noise ({verdict}).", not coloured
     )
 
 

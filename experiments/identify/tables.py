@@ -81,9 +81,9 @@ def values_table(result: Found, subject: str, truth: Mapping[str, float]) -> Tab
 def _residual_table(result: Found, subject: str) -> Table:
     """Return the residual of each channel."""
     estimate = result.estimate
-    left, model, white = estimate.residuals, estimate.model, estimate.white
+    residuals, model, white = estimate.residuals, estimate.model, estimate.white
     channels = [
-        (record, channel, left[i][c], model.measured(i)[c], white[i][c])
+        (record, channel, residuals[i][c], model.measured(i)[c], white[i][c])
         for i, record in enumerate(model.records)
         for c, channel in enumerate(model.channels[i])
     ]

@@ -146,8 +146,8 @@ def dropped(run: Trajectory) -> tuple[float, dict[str, float]]:
         "γ̇² lθ": [slew_rate**2 * length * theta],
         "2l̇φ̇, 2l̇θ̇": [2.0 * length_rate * phi_rate, 2.0 * length_rate * theta_rate],
     }
-    kept = float(max(np.abs(trolley).max(), np.abs(x * slew).max()))
-    return kept, {
-        name: float(max(np.abs(term).max() for term in parts)) / kept
-        for name, parts in terms.items()
+    largest = float(max(np.abs(trolley).max(), np.abs(x * slew).max()))
+    return largest, {
+        name: float(max(np.abs(term).max() for term in components)) / largest
+        for name, components in terms.items()
     }

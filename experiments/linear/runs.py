@@ -90,11 +90,11 @@ def run_cases(setup: Setup, site: Site, crane: Crane) -> list[LinearCase]:
     return cases
 
 
-def scan(setup: Setup, crane: Crane, some: Sequence[Job]) -> list[float]:
+def scan(setup: Setup, crane: Crane, jobs_of_crane: Sequence[Job]) -> list[float]:
     """Return the error of the paper's equations in each of some moves, root mean square over the
     largest swing.
     """
-    trajectories = [move(setup, crane, job, job.name) for job in some]
+    trajectories = [move(setup, crane, job, job.name) for job in jobs_of_crane]
     return [miss(run, integrate(run, paper, setup.gravity)).rms for run in trajectories]
 
 

@@ -110,7 +110,7 @@ def jobs(site: Site, crane: Crane) -> list[Job]:
         2.0 / 3.0 * site.height,
         0.9 * site.height,
     )
-    out, slew = (
+    outward, slew = (
         JoystickPulse("x", site.trolley, 0.0, 0.4 * site.jib / site.trolley),
         JoystickPulse("gamma", site.slew, 0.0, QUARTER / site.slew),
     )
@@ -123,13 +123,13 @@ def jobs(site: Site, crane: Crane) -> list[Job]:
     )
     return [
         _splined("trolley, spline", site, crane, inside, (0.0, tip, high)),
-        _joystick_job("trolley", site, crane, inside, out),
+        _joystick_job("trolley", site, crane, inside, outward),
         _splined("slew, spline", site, crane, outside, (QUARTER, tip, high)),
         _joystick_job("slew", site, crane, outside, slew),
-        _joystick_job("slew, trolley", site, crane, inside, slew, out),
-        _joystick_job("trolley, slow hoist", site, crane, below, out, slow),
-        _joystick_job("trolley, fast hoist", site, crane, below, out, fast),
-        _joystick_job("slew, trolley, fast hoist", site, crane, below, slew, out, fast),
+        _joystick_job("slew, trolley", site, crane, inside, slew, outward),
+        _joystick_job("trolley, slow hoist", site, crane, below, outward, slow),
+        _joystick_job("trolley, fast hoist", site, crane, below, outward, fast),
+        _joystick_job("slew, trolley, fast hoist", site, crane, below, slew, outward, fast),
     ]
 
 

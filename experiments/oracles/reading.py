@@ -48,7 +48,7 @@ class Bench:
         dt: float,
         controller: Controller | None = None,
         *,
-        every: int = EVERY,
+        substeps: int = EVERY,
         drive: Drive = "motion",
     ) -> Trajectory:
         """Run a crane, by default with drives in prescribed motion; the run goes on where a rope or
@@ -60,7 +60,7 @@ class Bench:
             start=start,
             duration=duration,
             dt=dt,
-            control_period=every * dt,
+            control_period=substeps * dt,
             drive=drive,
             validity="mark",
             engine=self.engine,
@@ -74,11 +74,11 @@ class Bench:
         duration: float,
         dt: float,
         *,
-        every: int = EVERY,
+        substeps: int = EVERY,
     ) -> Trajectory:
         """Run a crane whose drives follow a reference."""
         return self.run(
-            crane, start, duration, dt, follow(crane, reference, every * dt), every=every
+            crane, start, duration, dt, follow(crane, reference, substeps * dt), substeps=substeps
         )
 
 

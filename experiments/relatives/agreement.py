@@ -70,13 +70,13 @@ def _start(crane: Crane) -> State:
     return moved(crane, **{crane.layout.symbols[i]: SWING for i in crane.swings})
 
 
-def _moved(crane: Crane, start: State, **how: object) -> Trajectory:
+def _moved(crane: Crane, start: State, **options: object) -> Trajectory:
     """Move trolley and hoist, with whatever turns or carries the jib."""
     reference = hold(crane, start)
-    ways = {"gamma": 0.2, "bridge": 1.0, "x": 1.0, "l": -0.5}
+    distances = {"gamma": 0.2, "bridge": 1.0, "x": 1.0, "l": -0.5}
     for symbol in (joint.symbol for joint in crane.layout.driven):
         reference = ramp(
-            crane, reference, symbol, ways[symbol], rate=abs(ways[symbol]) / 3.0, at=0.5
+            crane, reference, symbol, distances[symbol], rate=abs(distances[symbol]) / 3.0, at=0.5
         )
     return simulate(
         crane,
@@ -85,5 +85,5 @@ def _moved(crane: Crane, start: State, **how: object) -> Trajectory:
         start=start,
         duration=DURATION,
         validity="mark",
-        **how,  # type: ignore[arg-type]
+        **options,  # type: ignore[arg-type]
     )

@@ -182,12 +182,12 @@ def of_robots(robots_run: Sequence[robots.Robot]) -> list[Claim]:
     engines = max(max(r.engines.values()) for r in robots_run)
     orders = {rule.name: [r.order(rule) for r in robots_run] for rule in (semi_implicit_euler, rk4)}
     orders_text = ", ".join(
-        f"{name} {min(some):.3f} to {max(some):.3f}" for name, some in orders.items()
+        f"{name} {min(values):.3f} to {max(values):.3f}" for name, values in orders.items()
     )
     off = max(
         abs(order - power)
-        for some, power in zip(orders.values(), (1.0, 4.0), strict=True)
-        for order in some
+        for values, power in zip(orders.values(), (1.0, 4.0), strict=True)
+        for order in values
     )
     return [
         Claim(

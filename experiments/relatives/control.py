@@ -86,20 +86,20 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
     """Control one crane by each controller, with an engine."""
     crane = crane_of(relative)
     start = moved(crane, **{crane.layout.symbols[i]: SWING for i in crane.swings})
-    rest = hanging_reference(crane, hold(crane, crane.start), 2 * _PERIOD, _PERIOD)
-    regulator = lqr(crane, rest, dt=_DT)
+    reference = hanging_reference(crane, hold(crane, crane.start), 2 * _PERIOD, _PERIOD)
+    regulator = lqr(crane, reference, dt=_DT)
 
     def run(controller: Controller) -> Trajectory:
         clocks = {"duration": DURATION, "dt": _DT, "control_period": _PERIOD}
-        return simulate(crane, controller, rest, start=start, engine=engine, **clocks)  # type: ignore[arg-type]
+        return simulate(crane, controller, reference, start=start, engine=engine, **clocks)  # type: ignore[arg-type]
 
     brake = hold_controller(crane)
-    held, damped, observed = (
+    with_hold, damped, observed = (
         run(brake),
         run(regulator),
-        run(with_observer(regulator, crane, rest, dt=_DT)),
+        run(with_observer(regulator, crane, reference, dt=_DT)),
     )
-    ahead = run(mpc(crane, rest, dt=_DT, period=10 * _PERIOD, horizon=20))
+    ahead = run(mpc(crane, reference, dt=_DT, period=10 * _PERIOD, horizon=20))
     motion, move = _least_time(relative, crane, engine)
     goal = State(motion.q[-1], motion.v[-1])
     drive = crane.layout.drive("x")
@@ -109,8 +109,8 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
     return Control(
         relative,
         2.0 * weight * SWING / float(brake.stiffness[drive]),
-        float(np.abs(held["x_m"] - held["x_m"][0]).max()),
-        swing_left(crane, crane.start, held),
+        float(np.abs(with_hold["x_m"] - with_hold["x_m"][0]).max()),
+        swing_left(crane, crane.start, with_hold),
         swing_left(crane, crane.start, damped),
         swing_left(crane, crane.start, observed),
         swing_left(crane, crane.start, ahead),
@@ -122,7 +122,7 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
         max(use(crane, motion, relative.limits).values()),
         blown,
         missing,
-        _lanes(crane, regulator, rest, start),
+        _lanes(crane, regulator, reference, start),
         move,
     )
 
@@ -193,8 +193,8 @@ def _blown(crane: Crane, engine: EngineName) -> tuple[float, float]:
         integrator=rk4,
         engine=engine,
     )
-    away = point_positions(crane, run.q[-1])[0] - point_positions(crane, run.q[0])[0]
-    return float(np.linalg.norm(away)), float(
+    offset = point_positions(crane, run.q[-1])[0] - point_positions(crane, run.q[0])[0]
+    return float(np.linalg.norm(offset)), float(
         np.abs(run.unexplained).max() / np.abs(run["W_force_J"]).max()
     )
 
@@ -204,7 +204,7 @@ def _lanes(crane: Crane, regulator: Controller, motion: Motion, start: State) ->
     shares = np.linspace(0.2, 1.0, _COPIES)
     starts = [State(crane.start.q + share * (start.q - crane.start.q), start.v) for share in shares]
     times = {"duration": 2.0, "dt": _DT, "control_period": _PERIOD}
-    many = simulate_batch(crane, regulator, motion, start=starts, **times)  # type: ignore[arg-type]
+    batch = simulate_batch(crane, regulator, motion, start=starts, **times)  # type: ignore[arg-type]
     worst = 0.0
     for i in (0, _COPIES - 1):
         alone = simulate(crane, regulator, motion, start=starts[i], engine="compiled", **times)  # type: ignore[arg-type]
@@ -212,7 +212,7 @@ def _lanes(crane: Crane, regulator: Controller, motion: Motion, start: State) ->
             worst,
             *(
                 float(np.abs(a - b[-1]).max())
-                for a, b in zip((many.end.q[i], many.end.v[i]), (alone.q, alone.v), strict=True)
+                for a, b in zip((batch.end.q[i], batch.end.v[i]), (alone.q, alone.v), strict=True)
             ),
         )
     return worst

@@ -77,12 +77,12 @@ class Left(NamedTuple):
     run: Trajectory
 
 
-def mode_amplitudes(crane: Crane, goal: State, run: Trajectory, at: float) -> tuple[float, float]:
+def mode_amplitudes(crane: Crane, goal: State, run: Trajectory, t: float) -> tuple[float, float]:
     """Return the amplitude of the slow and of the fast mode at a time [rad], radial and tangential
     together.
     """
     modes = free_modes(crane, goal)
-    row = int(np.searchsorted(run.t, at - 1e-9))
+    row = int(np.searchsorted(run.t, t - 1e-9))
     sizes = (
         np.abs(modes.shapes).max(axis=0)
         * modes.amplitudes(run.q[row : row + 1], run.v[row : row + 1])[0]

@@ -115,15 +115,15 @@ def robustness(cases: Cases) -> dict[str, np.ndarray]:
     kinds = list(
         zip(cases["strategy"].tolist(), cases["duration_s"].tolist(), drives.tolist(), strict=True)
     )
-    found: dict[str, np.ndarray] = {}
+    columns: dict[str, np.ndarray] = {}
     for kind in dict.fromkeys(kinds):
-        rows = np.array([row for row, other in enumerate(kinds) if other == kind])
-        parts = math.ceil(len(rows) / _TOGETHER) if "noise" in cases else 1
-        for part in np.array_split(rows, parts):
-            mine = {name: column[part] for name, column in cases.items()}
+        rows = np.array([row for row, kind_of_case in enumerate(kinds) if kind_of_case == kind])
+        batches = math.ceil(len(rows) / _TOGETHER) if "noise" in cases else 1
+        for chunk in np.array_split(rows, batches):
+            mine = {name: column[chunk] for name, column in cases.items()}
             for name, values in _made(setup, *_planned(gravity, dt, control_period, *kind), mine):
-                found.setdefault(name, np.ma.masked_all(count))[part] = values
-    return found
+                columns.setdefault(name, np.ma.masked_all(count))[chunk] = values
+    return columns
 
 
 @lru_cache(maxsize=64)
@@ -154,9 +154,9 @@ def _made(
     arrives = arrival(setup, plan, move)
     ends = strategies.instant(setup, arrives + AFTER)
     times = setup.control_period * np.arange(round(ends / setup.control_period) + 1)
-    every = max(1, round(_ROWS / setup.control_period))
+    stride = max(1, round(_ROWS / setup.control_period))
     if plan.drive == "motion":  # drives that follow exactly know where they are
-        cases = {name: part for name, part in cases.items() if name not in _SENSORS}
+        cases = {name: column for name, column in cases.items() if name not in _SENSORS}
     batch = simulate_batch(
         cranes,
         plan.controller(),
@@ -170,29 +170,29 @@ def _made(
         sensor_offset=readings(setup.crane, cases, len(times)),
         sensor_delay=cases["delay"].astype(int).tolist() if "delay" in cases else 0,
         converters=lagging(setup.crane, cases) if drawn and plan.drive == "velocity" else None,
-        record=every if drawn else 0,
+        record=stride if drawn else 0,
         residual_from=ends,
         threads=1,
     )
-    found = [
+    result = [
         ("peak_swing_rad", batch.peak_swing),
         ("residual_swing_rad", batch.residual_swing),
         ("off_goal_m", _away(cranes, batch.end.q, goal.q)),
     ]
     shares = batch.largest_effort / setup.crane.effort_limit
-    found += [(f"{drive}_effort_share", shares[:, i]) for i, drive in enumerate(_DRIVES)]
-    found.append(("valid_until_s", batch.valid_until))
+    result += [(f"{drive}_effort_share", shares[:, i]) for i, drive in enumerate(_DRIVES)]
+    result.append(("valid_until_s", batch.valid_until))
     if drawn:
         row = int(np.searchsorted(batch.t, arrives - 1e-9))
         spent = (time.process_time() - began) / len(masses)
-        found += [
+        result += [
             ("arrival_swing_rad", _amplitudes(setup.crane, batch, row)),
             ("broken", 1.0 - _whole(setup.crane, batch)),
             ("spent_s", np.full(len(masses), spent)),
         ]
     return [
         (name, np.ma.masked_invalid(values) if drawn or name == "valid_until_s" else values)
-        for name, values in found
+        for name, values in result
     ]
 
 
@@ -224,9 +224,9 @@ def readings(crane: Crane, cases: Cases, rows: int) -> np.ndarray:
     else:
         sizes = noise_of(crane)
         added = np.empty((len(errors), rows, len(sizes)))
-        for place, seed, number in zip(added, cases["seed"], cases["number"], strict=True):
+        for noise, seed, number in zip(added, cases["seed"], cases["number"], strict=True):
             bits = np.random.SFC64([int(seed), int(number)])
-            np.random.Generator(bits).standard_normal(out=place)
+            np.random.Generator(bits).standard_normal(out=noise)
         added *= cases["noise"][:, None, None] * sizes
     added[..., hoist] -= errors.reshape(-1, *[1] * (added.ndim - 2))
     return added
@@ -262,10 +262,12 @@ def _whole(crane: Crane, batch: Batch) -> np.ndarray:
     else 0, shape (cranes,).
     """
     rows = batch.q.shape[:2]
-    q, v, effort = (part.reshape(-1, part.shape[-1]) for part in (batch.q, batch.v, batch.effort))
+    q, v, effort = (
+        values.reshape(-1, values.shape[-1]) for values in (batch.q, batch.v, batch.effort)
+    )
     with np.errstate(invalid="ignore"):
-        held = valid(crane, q, v, hoisting(crane, effort)).reshape(rows)
-    return held.all(axis=1).astype(float)
+        holds = valid(crane, q, v, hoisting(crane, effort)).reshape(rows)
+    return holds.all(axis=1).astype(float)
 
 
 def _longer(crane: Crane, state: State, by: np.ndarray) -> State:

@@ -215,7 +215,7 @@ def test_the_command_compares_the_ways_asked_for(done: Path) -> None:
 @pytest.mark.parametrize("document", ["docs/control.md"])
 def test_documents_show_the_ways_asked_for_as_printed(document: str, done: Path) -> None:
     tables = [Table.of(kept) for kept in json.loads((done / "result.json").read_text())["tables"]]
-    assert read_document(ROOT / document, "compare").stale(tables, part=True) == []
+    assert read_document(ROOT / document, "compare").stale(tables, subset=True) == []
 
 
 def test_the_readme_tells_what_flat_paths_leave_of_the_tour(done: Path) -> None:

@@ -62,7 +62,7 @@ def test_the_page_on_drives_shows_it_as_printed(found: dict[str, Results]) -> No
     made += tables.case_tables(found[MOVES[-1].name], "velocity")
     made.append(tables.drives_table(SWINGING, found[SWINGING.name], beyond=True))
     document = read_document(ROOT / "docs/drives.md", "compare_velocity")
-    assert document.stale(made, part=True) == []
+    assert document.stale(made, subset=True) == []
 
 
 @pytest.mark.parametrize("strategy", [name for name in STRATEGIES if not name.startswith("least")])

@@ -77,7 +77,7 @@ def test_a_cell_that_is_not_what_is_made_now_is_named(
     table = Table("Move", columns, rows)  # type: ignore[arg-type]
     document = Document(tmp_path / "page.md", "trial", SHOWN)
     for part in (False, True):
-        assert document.stale([table], part=part) == [
+        assert document.stale([table], subset=part) == [
             f"{tmp_path / 'page.md'}, Move: {sentence}."
             for sentence in stale
             if not (part and "was not made" in sentence)
