@@ -26,7 +26,7 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import panels
 from cranedyn.simulation.simulate import simulate
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 
 INTEGRATORS = (semi_implicit_euler, rk4)
 """Those that are compared."""
@@ -130,7 +130,7 @@ def integrators(
     *,
     steps: Sequence[float] = STEPS,
     duration: float = DURATION,
-) -> Table:
+) -> ResultTable:
     """Cost and errors of each stepping rule at each step."""
     crane = Case().crane
     times, exact = reference(Case(crane, period=PERIOD), duration)
@@ -165,12 +165,12 @@ def integrators(
         "Payload off: its largest distance from where "
         f"it should be. Energy off: the most that the ledger does not explain."
     )
-    return Table("Error against cost", columns, rows, note)
+    return ResultTable("Error against cost", columns, rows, note)
 
 
 def start_up(
     rounds: int, rng: np.random.Generator, contestants: Sequence[Contestant] = CONTESTANTS
-) -> Table:
+) -> ResultTable:
     """Wall time of fresh processes until a first control period is done, of those that come so far;
     each starts once before it counts.
     """
@@ -190,7 +190,7 @@ def start_up(
         (name, 1e3 * float(contestant))
         for name, contestant in zip(["Python, nothing else", *names], times, strict=True)
     ]
-    return Table("To the first step", [("strategy", ""), ("ms", ".0f")], rows, note)
+    return ResultTable("To the first step", [("strategy", ""), ("ms", ".0f")], rows, note)
 
 
 def _comes(name: str) -> bool:
@@ -202,7 +202,7 @@ def _comes(name: str) -> bool:
     return True
 
 
-def accuracy_figure(table: Table) -> Figure:
+def accuracy_figure(table: ResultTable) -> Figure:
     """Distance of the payload from where it should be, against the step and against the cost."""
     figure, (left, right) = panels(1, 2, height=4.0, sharey=True)
     for k, name in enumerate(dict.fromkeys(row[0] for row in table.rows)):
@@ -217,7 +217,9 @@ def accuracy_figure(table: Table) -> Figure:
     return figure
 
 
-def benchmark(rounds: int, quick: bool) -> tuple[Sequence[Table], Callable[[], Figure]]:
+def accuracy_benchmark(
+    rounds: int, quick: bool
+) -> tuple[Sequence[ResultTable], Callable[[], Figure]]:
     """Both tables and the figure; quick leaves out the finest steps."""
     rng = np.random.default_rng(0)
     table = integrators(rounds, rng, steps=STEPS[:5] if quick else STEPS)
@@ -226,7 +228,7 @@ def benchmark(rounds: int, quick: bool) -> tuple[Sequence[Table], Callable[[], F
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    return conduct("accuracy", __doc__, benchmark, argv, rounds=3)
+    return conduct("accuracy", __doc__, accuracy_benchmark, argv, rounds=3)
 
 
 if __name__ == "__main__":

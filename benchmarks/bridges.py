@@ -33,7 +33,7 @@ from experiments.scenarios import programs
 SETUP = harness.Setup(9.8, engine="compiled")
 
 
-class Found(NamedTuple):
+class Comparison(NamedTuple):
     """What the other side was seen to do.
 
     Attributes:
@@ -47,14 +47,14 @@ class Found(NamedTuple):
     speed: float | None
 
 
-def _gazebo(written: Path, crane: Crane, run: Trajectory) -> Found:
+def _gazebo(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     """Recordings: whoever has Gazebo makes them again, see the tests."""
     pairs = recordings.pairs(SETUP).values()
     worst = max(pair.largest() for pair in pairs)
-    return Found("swing angles, A1 at four lengths and soft, A2, A3", worst, None)
+    return Comparison("swing angles, A1 at four lengths and soft, A2, A3", worst, None)
 
 
-def _mjcf(written: Path, crane: Crane, run: Trajectory) -> Found:
+def _mjcf(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     """The run again, by MuJoCo's own motors and step."""
     import mujoco
 
@@ -69,14 +69,14 @@ def _mjcf(written: Path, crane: Crane, run: Trajectory) -> Found:
         data.ctrl[:] = brake(t, state, setpoint)
         mujoco.mj_step(model, data, 10)
     speed = 10 * len(run) / (time.process_time() - began)
-    return Found(
+    return Comparison(
         "coordinates and rates, 20 s of swing, hold",
         float(np.abs(np.array(rows) - np.hstack([run.q, run.v])).max()),
         speed,
     )
 
 
-def _fmu(written: Path, crane: Crane, run: Trajectory) -> Found:
+def _fmu(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     """The run again, by the unit in FMPy's hands under the same brake."""
     import fmpy
     from fmpy.fmi3 import FMU3Slave
@@ -105,14 +105,14 @@ def _fmu(written: Path, crane: Crane, run: Trajectory) -> Found:
     speed = 10 * len(run) / (time.process_time() - began)
     unit.terminate()
     unit.freeInstance()
-    return Found(
+    return Comparison(
         "coordinates and rates, 20 s of swing, hold",
         float(np.abs(np.array(rows) - np.hstack([run.q, run.v])).max()),
         speed,
     )
 
 
-def _mcap(written: Path, crane: Crane, run: Trajectory) -> Found:
+def _mcap(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     """All coordinates and rates read back."""
     columns = [
         f"{s}_{kind}"
@@ -122,27 +122,27 @@ def _mcap(written: Path, crane: Crane, run: Trajectory) -> Found:
     began = time.process_time()
     values = bags.read_columns(written, columns)
     speed = len(run) / (time.process_time() - began)
-    return Found(
+    return Comparison(
         "coordinates and rates, read back",
         max(float(np.abs(values[c] - run[c]).max()) for c in columns),
         speed,
     )
 
 
-def _ros2(written: Path, crane: Crane, run: Trajectory) -> Found:
+def _ros2(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     """The package's URDF loaded: its mass matrix."""
     same = load_crane(written / "urdf" / "crane.urdf", gravity=crane.gravity)
     difference = np.abs(
         pin.crba(same.model, same.data, run.q[0]) - pin.crba(crane.model, crane.data, run.q[0])
     ).max()
-    return Found("mass matrix of its URDF [kg, kg m, kg m²]", float(difference), None)
+    return Comparison("mass matrix of its URDF [kg, kg m, kg m²]", float(difference), None)
 
 
 Exporter = tuple[
     str,
     str,
     Callable[[Path, Crane, Trajectory], object],
-    Callable[[Path, Crane, Trajectory], Found],
+    Callable[[Path, Crane, Trajectory], Comparison],
 ]
 
 EXPORTERS: tuple[Exporter, ...] = (
@@ -160,7 +160,7 @@ EXPORTERS: tuple[Exporter, ...] = (
 """By the word of the command line: where it writes, how, and what the other side does."""
 
 
-def table() -> harness.Table:
+def exporter_table() -> harness.ResultTable:
     """Measure every exporter once."""
     crane = SETUP.crane
     run = SETUP.simulate(
@@ -208,7 +208,7 @@ def table() -> harness.Table:
         "Processor time. Apart: the largest difference [rad, m, per second] unless said "
         "otherwise. Thousand steps or rows a second."
     )
-    return harness.Table("Exporters on this machine", columns, rows, note)
+    return harness.ResultTable("Exporters on this machine", columns, rows, note)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -224,7 +224,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(options: argparse.Namespace) -> int:
     document = read_document(options.document, "bridges") if options.document else None
-    result = table()
+    result = exporter_table()
     print(result.markdown())
     if document is not None:
         document.write([result])

@@ -12,9 +12,9 @@ from cranedyn.command import command
 from cranedyn.data.files import make_folder
 from cranedyn.plotting.figures import save
 from experiments.harness.document import read_document
-from experiments.harness.outcome import Outcome, Table, show
+from experiments.harness.outcome import Outcome, ResultTable, show
 
-Benchmark = Callable[[int, bool], tuple[Sequence[Table], Callable[[], Figure]]]
+Benchmark = Callable[[int, bool], tuple[Sequence[ResultTable], Callable[[], Figure]]]
 """From the number of rounds and whether to be quick to the tables, and to what measures and draws
 the figure if one is asked for."""
 
@@ -60,7 +60,7 @@ def add_document(parser: argparse.ArgumentParser, name: str) -> None:
     )
 
 
-def teller(name: str, options: argparse.Namespace) -> Callable[[Sequence[Table]], None]:
+def teller(name: str, options: argparse.Namespace) -> Callable[[Sequence[ResultTable]], None]:
     """What prints tables, and puts them into the page that the command line names, if any.
 
     Raises:
@@ -68,7 +68,7 @@ def teller(name: str, options: argparse.Namespace) -> Callable[[Sequence[Table]]
     """
     document = read_document(options.document, name) if options.document else None
 
-    def tell(tables: Sequence[Table]) -> None:
+    def tell(tables: Sequence[ResultTable]) -> None:
         show(Outcome(tables, ()))
         if document is not None:
             document.write(tables)

@@ -21,7 +21,7 @@ from benchmarks.timing import race, stretch
 from benchmarks.workload import DURATION, Case, Contestant
 from cranedyn.errors import CraneError
 from cranedyn.model.load import load_crane
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 
 CRANES = (64, 1024)
 """How many cranes run together."""
@@ -39,7 +39,7 @@ COLUMNS = (
 )
 
 
-def measure(
+def measure_engines(
     case: Case, ready: Sequence[Ready], rounds: int, budget: float, rng: np.random.Generator
 ) -> list[list[float | str | None]]:
     """A row for each way and number of cranes: steps a second, times real time, ratio to the plain
@@ -89,21 +89,23 @@ def _numbers(case: Case, rate: np.ndarray, plain: np.ndarray) -> tuple[float, fl
     return million, real_time, ratio
 
 
-def tables(
+def engine_tables(
     rows: Sequence[Sequence[float | str | None]], refused: Sequence[tuple[str, str]], rounds: int
-) -> list[Table]:
+) -> list[ResultTable]:
     """One crane, many cranes, and who is not shown."""
     note = _note(rounds)
     single = [row for row in rows if row[1] == 1]
     result = [
-        Table(f"One crane for {DURATION:g} s, or as much of them as fits", COLUMNS, single, note)
+        ResultTable(
+            f"One crane for {DURATION:g} s, or as much of them as fits", COLUMNS, single, note
+        )
     ]
     if len(single) < len(rows):
         result.append(
-            Table("Many cranes at once", COLUMNS, [row for row in rows if row[1] != 1], note)
+            ResultTable("Many cranes at once", COLUMNS, [row for row in rows if row[1] != 1], note)
         )
     if refused:
-        result.append(Table("Not shown", (("strategy", ""), ("why", "")), refused))
+        result.append(ResultTable("Not shown", (("strategy", ""), ("why", "")), refused))
     return result
 
 
@@ -118,9 +120,9 @@ def _note(rounds: int) -> str:
     )
 
 
-def benchmark(
+def engines_benchmark(
     rounds: int, quick: bool, contestants: Sequence[Contestant] = CONTESTANTS
-) -> tuple[Sequence[Table], Callable[[], Figure]]:
+) -> tuple[Sequence[ResultTable], Callable[[], Figure]]:
     """The tables, and what measures and draws the figure.
 
     Raises:
@@ -134,19 +136,21 @@ def benchmark(
             f"{dict(refused).get(PLAIN.name, 'it does not take part')}."
         )
     budget = 0.05 if quick else 1.0
-    result = tables(measure(case, ready, rounds, budget, rng), refused, rounds)
+    result = engine_tables(measure_engines(case, ready, rounds, budget, rng), refused, rounds)
     able = [entry for entry in contestants if entry.any_crane]
     if len(able) > 1:
         hook = Case(load_crane(hook_mass=HOOK_MASS))
         able_ready, _ = sort(hook, able)
-        rows = measure(hook, able_ready, rounds, budget, rng)
-        result.append(Table("Double pendulum: hook and slung load", COLUMNS, rows, _note(rounds)))
+        rows = measure_engines(hook, able_ready, rounds, budget, rng)
+        result.append(
+            ResultTable("Double pendulum: hook and slung load", COLUMNS, rows, _note(rounds))
+        )
     return result, lambda: engines_figure(case, ready, rng, quick=quick)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    return conduct("engines", __doc__, benchmark, argv)
+    return conduct("engines", __doc__, engines_benchmark, argv)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from cranedyn.bridges.task import cranes_between
 COUNTS = (1024, 4096, 16_384, 65_536)
 
 
-def measure(count: int, rounds: int, seconds: float) -> tuple[float, float, float]:
+def measure_environment(count: int, rounds: int, seconds: float) -> tuple[float, float, float]:
     """Steps a second of wall time, the best and the median round, and steps in a second of
     processor time.
     """
@@ -59,7 +59,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     print("cranes   best [M/s]   median [M/s]   in a second of one processor [M]")
     best = []
     for count in options.counts:
-        rates = [1e-6 * rate for rate in measure(count, max(options.rounds, 1), options.seconds)]
+        rates = [
+            1e-6 * rate
+            for rate in measure_environment(count, max(options.rounds, 1), options.seconds)
+        ]
         best.append(rates[0])
         print(f"{count:6}   {rates[0]:10.3f}   {rates[1]:12.3f}   {rates[2]:32.3f}")
     return 0 if max(best) >= options.least else 1

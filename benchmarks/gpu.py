@@ -31,7 +31,7 @@ from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.load import load_crane
 from cranedyn.plant.plant import Topology, numbers
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 
 CRANES: dict[str, dict[str, Any]] = {
     "tower crane": {},
@@ -77,7 +77,7 @@ KINDS = {
 """What the code can do, and whether the cranes differ in their loads."""
 
 
-def text(description: dict[str, Any], kind: str) -> str:
+def ptx_text(description: dict[str, Any], kind: str) -> str:
     """The PTX of one kind of code for a crane."""
     crane, (recipe_of_kind, differ) = load_crane(**description), KINDS[kind]
     constants: list[float | None] = numbers(crane).tolist()
@@ -87,7 +87,7 @@ def text(description: dict[str, Any], kind: str) -> str:
     return ptx(Topology.of(crane), constants, recipe_of_kind)
 
 
-class Assembled(NamedTuple):
+class AssemblerReport(NamedTuple):
     """What the assembler says of the loop.
 
     Attributes:
@@ -108,7 +108,7 @@ def assembler() -> Path | None:
     return next((file for folder in folders for file in folder.glob("bin/ptxas*")), None)
 
 
-def assembled(assembler: Path, text: str, chip: str) -> Assembled:
+def assemble(assembler: Path, ptx_source: str, chip: str) -> AssemblerReport:
     """What it makes of PTX for a kind of chip, such as "sm_90".
 
     Raises:
@@ -116,7 +116,7 @@ def assembled(assembler: Path, text: str, chip: str) -> Assembled:
     """
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "crane.ptx"
-        file.write_text(text, encoding="ascii")
+        file.write_text(ptx_source, encoding="ascii")
         done = subprocess.run(
             [str(assembler), "-v", f"-arch={chip}", str(file), "-o", str(file) + ".cubin"],
             capture_output=True,
@@ -130,10 +130,10 @@ def assembled(assembler: Path, text: str, chip: str) -> Assembled:
     )
     if done.returncode or not loop:
         raise CraneError(f"ptxas does not assemble it: {done.stderr}")
-    return Assembled(int(loop[3]), max(int(loop[1]), int(loop[2])))
+    return AssemblerReport(int(loop[3]), max(int(loop[1]), int(loop[2])))
 
 
-def assembly() -> Table:
+def assembly_table() -> ResultTable:
     """A row for each crane and kind of code."""
     if (program := assembler()) is None:
         raise CraneError(
@@ -142,8 +142,8 @@ def assembly() -> Table:
     rows: list[list[float | str | None]] = []
     for name, description in CRANES.items():
         for kind in KINDS:
-            code = text(description, kind)
-            reports = [assembled(program, code, chip) for chip in CHIPS]
+            code = ptx_text(description, kind)
+            reports = [assemble(program, code, chip) for chip in CHIPS]
             worst = (
                 max(report.registers for report in reports),
                 max(report.spilled for report in reports),
@@ -160,10 +160,12 @@ def assembly() -> Table:
         f"By NVIDIA's ptxas for {' and '.join(CHIPS)}, the worse of both. A thread has 255 "
         "registers of 32 bits at most, and a double takes two."
     )
-    return Table("Assembled for a GPU", columns, rows, note)
+    return ResultTable("Assembled for a GPU", columns, rows, note)
 
 
-def speed(simulated: float = 1e5, rounds: int = 3) -> Iterator[tuple[int, float, float, float]]:
+def measure_speed(
+    simulated: float = 1e5, rounds: int = 3
+) -> Iterator[tuple[int, float, float, float]]:
     """For each number of cranes million steps a second on the GPU and on the processor, copies to
     and fro included, the best of some rounds.
 
@@ -197,9 +199,9 @@ def measured(count: int, device: Device, duration: float, rounds: int) -> float:
     return float(f"{1e-6 * count * case.steps * case.periods(duration) / best:.3g}")
 
 
-def tables() -> list[Table]:
+def gpu_tables() -> list[ResultTable]:
     """What can be said on this machine."""
-    result = [assembly()]
+    result = [assembly_table()]
     try:
         cuda.check_there()
     except CraneError as error:
@@ -211,7 +213,10 @@ def tables() -> list[Table]:
         ("processor [million steps/s]", ",.6g"),
         ("ratio", ".3g"),
     )
-    return [*result, Table("On a GPU", columns, list(speed()), "Copies to and fro included.")]
+    return [
+        *result,
+        ResultTable("On a GPU", columns, list(measure_speed()), "Copies to and fro included."),
+    ]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -222,7 +227,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def run() -> int:
         tell = teller("gpu", options)
-        tell(tables())
+        tell(gpu_tables())
         return 0
 
     return command(run)

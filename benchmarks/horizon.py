@@ -18,7 +18,7 @@ Solve = Callable[[], np.ndarray]
 """Answers states and inputs by stage, what is bounded besides included."""
 
 
-class Problem(NamedTuple):
+class HorizonProblem(NamedTuple):
     """States follow next = a state + b input + c; e (state, input) + d is bounded besides them. To
     exceed a bound costs its price.
     """
@@ -94,7 +94,7 @@ class Sparse(NamedTuple):
         return (self.bounded @ x[: self.bounded.shape[1]] + self.apart).reshape(stages, -1)
 
 
-def sparse(problem: Problem) -> Sparse:
+def sparse(problem: HorizonProblem) -> Sparse:
     """With states and inputs as variables, and the excess of each bound at a price of one."""
     shape = problem.shape
     z, w, n = shape.states, shape.both, shape.stages
@@ -135,7 +135,7 @@ def sparse(problem: Problem) -> Sparse:
     )
 
 
-def by_clarabel(problem: Problem) -> Solve:
+def by_clarabel(problem: HorizonProblem) -> Solve:
     """Clarabel's interior point, to 1e-10."""
     import clarabel
 
@@ -155,7 +155,7 @@ def by_clarabel(problem: Problem) -> Solve:
     return solve
 
 
-def by_osqp(problem: Problem) -> Solve:
+def by_osqp(problem: HorizonProblem) -> Solve:
     """OSQP's splitting, to 1e-4."""
     import osqp
 
@@ -173,7 +173,7 @@ def by_osqp(problem: Problem) -> Solve:
     return solve
 
 
-def by_piqp(problem: Problem) -> Solve:
+def by_piqp(problem: HorizonProblem) -> Solve:
     """PIQP's proximal interior point, as it comes."""
     import piqp
 
@@ -189,7 +189,7 @@ def by_piqp(problem: Problem) -> Solve:
     return solve
 
 
-def by_daqp(problem: Problem) -> Solve:
+def by_daqp(problem: HorizonProblem) -> Solve:
     """DAQP's active set, dense in the inputs; a bound has a twin that may be exceeded as little as
     its price says.
     """
@@ -239,7 +239,7 @@ def by_daqp(problem: Problem) -> Solve:
     return answer
 
 
-SOLVERS: dict[str, Callable[[Problem], Solve]] = {
+SOLVERS: dict[str, Callable[[HorizonProblem], Solve]] = {
     "DAQP": by_daqp,
     "Clarabel": by_clarabel,
     "PIQP": by_piqp,

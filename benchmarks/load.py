@@ -28,7 +28,7 @@ print(json.dumps([imported - start, first - imported, (others - first) / 10, las
 """
 
 
-def measure(rounds: int) -> list[float]:
+def measure_loading(rounds: int) -> list[float]:
     """Medians [s]: the imports, the first crane after them, each of ten other cranes, the whole
     URDF.
     """
@@ -45,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--most", type=float, default=0.15, help="time for the first crane [s] (default 0.15)"
     )
     options = parser.parse_args(argv)
-    times = measure(max(options.rounds, 1))
+    times = measure_loading(max(options.rounds, 1))
     for name, seconds in zip(
         ("imports", "first crane", "another crane", "its whole URDF"), times, strict=True
     ):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.horizon import SOLVERS, Problem
+from benchmarks.horizon import SOLVERS, HorizonProblem
 from cranedyn.command import command
 from cranedyn.compiled.horizon.receding import Receding, receding
 from cranedyn.interfaces import Setpoint, State
@@ -21,9 +21,9 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import flat, hold
 from cranedyn.simulation.simulate import simulate
-from experiments.harness import Outcome, Table
+from experiments.harness import Outcome, ResultTable
 from experiments.harness.outcome import show
-from experiments.scenarios.moves import AFTER, LIMITS, MOVES, Move
+from experiments.scenarios.moves import AFTER, LIMITS, MOVES, RestToRest
 
 MODULES = {"DAQP": "daqp", "Clarabel": "clarabel", "PIQP": "piqp", "OSQP": "osqp"}
 
@@ -40,11 +40,11 @@ class Optimised(NamedTuple):
 
     taken: float
     iterations: int
-    problem: Problem | None
+    problem: HorizonProblem | None
     found: np.ndarray
 
 
-def run(crane: Crane, move: Move, along: bool, stride: int) -> list[Optimised]:
+def optimisations_of(crane: Crane, move: RestToRest, along: bool, stride: int) -> list[Optimised]:
     """All optimisations of a move, along its flat path or to its goal, and each so manieth
     programme with bounds in the way.
     """
@@ -78,7 +78,7 @@ def run(crane: Crane, move: Move, along: bool, stride: int) -> list[Optimised]:
     return optimisations
 
 
-def problem_of(controller: Receding) -> tuple[Problem, np.ndarray]:
+def problem_of(controller: Receding) -> tuple[HorizonProblem, np.ndarray]:
     """The last programme of a controller, and what it found."""
     shape, work = controller.programme.shape, controller.memory_of_optimisation()
     z, w, m = shape.states, shape.both, shape.inputs
@@ -94,7 +94,7 @@ def problem_of(controller: Receding) -> tuple[Problem, np.ndarray]:
         return block.reshape(len(stages), rows, -1)[:, :, :columns].copy()
 
     forward, weight, end = each("forward", z, w), common("weight", w, w), common("end", z, z)
-    problem = Problem(
+    problem = HorizonProblem(
         forward[:, :, :z],
         forward[:, :, z:],
         each("shift", 1, z)[:, 0],
@@ -113,25 +113,27 @@ def problem_of(controller: Receding) -> tuple[Problem, np.ndarray]:
     return problem, each("here", 1, w + m)[:, 0]
 
 
-def seconds(task: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
+def timed_call(task: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
     """Processor time of one call, and its answer."""
     began = time.thread_time()
     solution = task()
     return time.thread_time() - began, solution
 
 
-def repeated(crane: Crane, move: Move, along: bool, stride: int, rounds: int) -> list[Optimised]:
+def repeated(
+    crane: Crane, move: RestToRest, along: bool, stride: int, rounds: int
+) -> list[Optimised]:
     """A move several times over; the shortest time of each optimisation counts: it is the same work
     every time, and whatever else the machine does only adds to it.
     """
-    runs = [run(crane, move, along, stride) for _ in range(rounds)]
+    runs = [optimisations_of(crane, move, along, stride) for _ in range(rounds)]
     return [
         first._replace(taken=min(repetition.taken for repetition in repetitions))
         for first, *repetitions in zip(runs[0], *runs, strict=True)
     ]
 
 
-def measure(stride: int, rounds: int) -> list[Table]:
+def measure_mpc(stride: int, rounds: int) -> list[ResultTable]:
     """All moves along their paths and to their goals, then their programmes by all solvers."""
     crane = load_crane()
     rows, programmes = [], list[Optimised]()
@@ -152,7 +154,7 @@ def measure(stride: int, rounds: int) -> list[Table]:
                 max(optimised.iterations for optimised in optimisations),
             )
         )
-    ours = Table(
+    ours = ResultTable(
         "A control instant with an optimisation, 10 states, 3 inputs, 40 stages",
         [
             ("moves", ""),
@@ -174,7 +176,7 @@ def _taken(measured: tuple[float, np.ndarray]) -> float:
     return measured[0]
 
 
-def _beside(programmes: Sequence[Optimised]) -> Table:
+def _beside(programmes: Sequence[Optimised]) -> ResultTable:
     entries = [
         (optimised, optimised.problem) for optimised in programmes if optimised.problem is not None
     ]
@@ -189,7 +191,7 @@ def _beside(programmes: Sequence[Optimised]) -> Table:
         if find_spec(MODULES[name]) is None:
             continue
         tasks = [(solver(problem), problem) for _, problem in entries]
-        pairs = [(min(map(seconds, [task] * 3), key=_taken), problem) for task, problem in tasks]
+        pairs = [(min(map(timed_call, [task] * 3), key=_taken), problem) for task, problem in tasks]
         columns[name] = (
             np.array([times for (times, _), _ in pairs]),
             np.array([problem.value(solution) for (_, solution), problem in pairs]),
@@ -205,7 +207,7 @@ def _beside(programmes: Sequence[Optimised]) -> Table:
         )
         for name, (times, cost) in columns.items()
     ]
-    return Table(
+    return ResultTable(
         f"The same {len(entries)} quadratic programmes, all with bounds in the way",
         [
             ("solver", ""),
@@ -234,7 +236,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
 
     def run() -> int:
-        show(Outcome(measure(max(options.every, 1), max(options.rounds, 1)), ()))
+        show(Outcome(measure_mpc(max(options.every, 1), max(options.rounds, 1)), ()))
         return 0
 
     return command(run)

@@ -19,7 +19,7 @@ from benchmarks.timing import race, stretch
 from benchmarks.workload import Case, Contestant
 from cranedyn.errors import CraneError
 from cranedyn.plotting.figures import panels
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 
 CRANES = 1024
 """How many cranes run together, where an engine runs many."""
@@ -52,7 +52,7 @@ def peers() -> tuple[Contestant, ...]:
 Rows = list[list[float | str | None]]
 
 
-def measure(case: Case, ready: Sequence[Ready], rounds: int, budget: float) -> Rows:
+def measure_peers(case: Case, ready: Sequence[Ready], rounds: int, budget: float) -> Rows:
     """A row for each engine, the fastest first: steps a second, its share of this engine's, how far
     it is from the plain loop.
 
@@ -112,28 +112,30 @@ def chart(rows: Rows) -> Figure:
     return figure
 
 
-def benchmark(
+def peers_benchmark(
     rounds: int, quick: bool, contestants: Sequence[Contestant] | None = None
-) -> tuple[Sequence[Table], Callable[[], Figure]]:
+) -> tuple[Sequence[ResultTable], Callable[[], Figure]]:
     """The table, who is not shown and why, and the chart of it."""
     case = Case()
     ready, refused = sort(case, peers() if contestants is None else contestants)
-    rows = measure(case, ready, rounds, 0.05 if quick else 0.5)
+    rows = measure_peers(case, ready, rounds, 0.05 if quick else 0.5)
     note = (
         f"Median of {rounds} shuffled rounds on {os.cpu_count()} processors that had "
         f"{os.getloadavg()[1]:.0f} processes to run on average; compiling not counted. Apart: "
         f"largest difference from the plain loop over {STRETCH:g} s; who differs by more than "
         f"{ALLOWED:g} is not shown."
     )
-    result = [Table(f"{CRANES:,} cranes, or one where an engine runs one", COLUMNS, rows, note)]
+    result = [
+        ResultTable(f"{CRANES:,} cranes, or one where an engine runs one", COLUMNS, rows, note)
+    ]
     if refused:
-        result.append(Table("Not shown", (("strategy", ""), ("why", "")), refused))
+        result.append(ResultTable("Not shown", (("strategy", ""), ("why", "")), refused))
     return result, lambda: chart(rows)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    return conduct("peers", __doc__, benchmark, argv, rounds=5)
+    return conduct("peers", __doc__, peers_benchmark, argv, rounds=5)
 
 
 if __name__ == "__main__":

@@ -25,9 +25,9 @@ from cranedyn.planning.timing import RAMP
 from cranedyn.references import hold
 from cranedyn.references.limits import Limits
 from cranedyn.simulation.simulate import simulate
-from experiments.harness import Claim, Outcome, Table
+from experiments.harness import Claim, Outcome, ResultTable
 from experiments.harness.outcome import show
-from experiments.scenarios.moves import CLOSE, LIMITS, Move
+from experiments.scenarios.moves import CLOSE, LIMITS, RestToRest
 
 SLEW, RADIUS, LENGTH = (-1.0, 1.0), (5.0, 20.0), (6.0, 22.0)
 """Between which moves are drawn: slew of the goal [rad]; trolley radius and cable length of start
@@ -47,20 +47,20 @@ RATIO = {False: 1.5, True: 2.0}
 their own, of which some have drives that suit each other worse."""
 
 
-class Trial(NamedTuple):
+class SettlingTrial(NamedTuple):
     """A move of a crane of some size, as a multiple of the default crane's, under limits of its
     drives.
     """
 
     size: float
     limits: Limits
-    move: Move
+    move: RestToRest
 
 
-class Settled(NamedTuple):
+class SettlingTimes(NamedTuple):
     """What a move took [s]: at least, and by predictive control."""
 
-    move: Move
+    move: RestToRest
     least: float
     taken: float
 
@@ -70,7 +70,7 @@ class Settled(NamedTuple):
         return self.taken / self.least
 
 
-def trials(count: int, seed: int, any_crane: bool = False) -> list[Trial]:
+def trials(count: int, seed: int, any_crane: bool = False) -> list[SettlingTrial]:
     """Random moves from rest to rest; fewer of one seed are the first of more.
 
     Args:
@@ -89,12 +89,12 @@ def trials(count: int, seed: int, any_crane: bool = False) -> list[Trial]:
     for i in range(count):
         if any_crane:
             size, quick = math.exp(rng.uniform(*np.log(SIZE))), 2.0 ** rng.uniform(-1.0, 1.0, 3)
-        move = Move(f"{i + 1}", end(0.0), end(rng.uniform(*SLEW)), 0.0)
-        drawn.append(Trial(size, alike(size, quick), move))
+        move = RestToRest(f"{i + 1}", end(0.0), end(rng.uniform(*SLEW)), 0.0)
+        drawn.append(SettlingTrial(size, alike(size, quick), move))
     return drawn
 
 
-def scaled(size: float) -> Crane:
+def scaled_crane(size: float) -> Crane:
     """The default crane with all its lengths multiplied, of the same density."""
     if size == 1.0:
         return load_crane()
@@ -122,11 +122,11 @@ def alike(size: float, quick: np.ndarray) -> Limits:
     )
 
 
-def settle(drawn: Sequence[Trial]) -> list[Settled]:
+def settle(drawn: Sequence[SettlingTrial]) -> list[SettlingTimes]:
     """Make moves by predictive control with its defaults, and plan each in the least time."""
     settled = []
     for size, limits, move in drawn:
-        crane, time = scaled(size), math.sqrt(size)
+        crane, time = scaled_crane(size), math.sqrt(size)
         start, goal = move.ends(crane)
         run = simulate(
             crane,
@@ -144,11 +144,13 @@ def settle(drawn: Sequence[Trial]) -> list[Settled]:
         least_time = optimal(
             crane, start, goal, limits, swing=SWING, ramp=time * RAMP, interval=time * INTERVAL
         ).arrival
-        settled.append(Settled(move, least_time, settling_time(run.t, distances, size * CLOSE)))
+        settled.append(
+            SettlingTimes(move, least_time, settling_time(run.t, distances, size * CLOSE))
+        )
     return settled
 
 
-def judged(moves: Sequence[Settled], allowed: float) -> Outcome:
+def judge_moves(moves: Sequence[SettlingTimes], allowed: float) -> Outcome:
     """The moves in a table, and the claim, judged on the worst of them."""
     rows = [
         (
@@ -159,7 +161,7 @@ def judged(moves: Sequence[Settled], allowed: float) -> Outcome:
         )
         for settled in moves
     ]
-    table = Table(
+    table = ResultTable(
         "Random moves by predictive control to the goal, and in the least time",
         [
             ("x, l from [m]", ""),
@@ -182,7 +184,7 @@ def judged(moves: Sequence[Settled], allowed: float) -> Outcome:
     return Outcome([table], [Claim(sentence, worst <= allowed)])
 
 
-def _place(move: Move) -> tuple[str, str]:
+def _place(move: RestToRest) -> tuple[str, str]:
     (_, x, length), (slew, radius, end) = move.start, move.goal
     return f"{x:.1f}, {length:.1f}", f"{slew:.2f}, {radius:.1f}, {end:.1f}"
 
@@ -199,7 +201,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def run() -> int:
         drawn = trials(options.moves, options.seed, options.any_crane)
-        outcome = judged(settle(drawn), RATIO[options.any_crane])
+        outcome = judge_moves(settle(drawn), RATIO[options.any_crane])
         show(outcome)
         return 0 if all(claim.holds for claim in outcome.claims) else 1
 

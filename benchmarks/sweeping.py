@@ -21,7 +21,7 @@ from benchmarks.sweep_studies import PAUSE, SWING, nothing, swinging, waiting
 from cranedyn.command import command
 from cranedyn.errors import CraneError
 from cranedyn.sweep import Design, Progress, Study, results, sweep
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 
 WORKERS = (2, 4, 8)
 CRANES = 256
@@ -130,7 +130,7 @@ def overhead(by: Way, chunks: int, chunk: int) -> Overhead:
     return Overhead(small.first, small.busy, (large.busy - small.busy) / (chunk - 1))
 
 
-def growth(by: Way, chunks: int) -> tuple[float, float, float]:
+def scaling(by: Way, chunks: int) -> tuple[float, float, float]:
     """Share of the ideal with chunks that only wait, swings a second, and processor time of a swing
     [s].
     """
@@ -147,7 +147,7 @@ def bytes_a_case(chunks: int = 2, chunk: int = 1000) -> float:
         return sum(file.stat().st_size for file in files) / (chunks * chunk)
 
 
-def plan(measured: Overhead, spent: float, size: float, workers: int) -> Table:
+def billion_case_table(measured: Overhead, spent: float, size: float, workers: int) -> ResultTable:
     """What a billion cases would take at the measured numbers: a calculation, nothing was run.
 
     Args:
@@ -179,10 +179,10 @@ def plan(measured: Overhead, spent: float, size: float, workers: int) -> Table:
         ]
     else:
         note += " What a case adds was lost in the noise, so nothing is said of many processors."
-    return Table("A billion cases, on paper", (("what", ""), ("how much", "")), rows, note)
+    return ResultTable("A billion cases, on paper", (("what", ""), ("how much", "")), rows, note)
 
 
-def tables(workers: Sequence[int], chunks: int, chunk: int) -> list[Table]:
+def sweeping_tables(workers: Sequence[int], chunks: int, chunk: int) -> list[ResultTable]:
     """Overhead, growth, and the plan."""
     alone = 0.0
     costs: list[list[float | str | None]] = []
@@ -193,7 +193,7 @@ def tables(workers: Sequence[int], chunks: int, chunk: int) -> list[Table]:
         with way(kind, count) as by:
             costs_of_sweep, (share, rate, spent) = (
                 overhead(by, chunks, chunk),
-                growth(by, 6 * count),
+                scaling(by, 6 * count),
             )
         alone = alone or rate
         costs.append(
@@ -206,7 +206,7 @@ def tables(workers: Sequence[int], chunks: int, chunk: int) -> list[Table]:
         f"sweeps, by sweeps that compute nothing, of {chunks} parts of one case and of {chunk:,}."
     )
     return [
-        Table(
+        ResultTable(
             "What a sweep adds",
             (
                 ("by", ""),
@@ -217,7 +217,7 @@ def tables(workers: Sequence[int], chunks: int, chunk: int) -> list[Table]:
             costs,
             note,
         ),
-        Table(
+        ResultTable(
             "Growth",
             (
                 ("by", ""),
@@ -231,7 +231,7 @@ def tables(workers: Sequence[int], chunks: int, chunk: int) -> list[Table]:
             f"processor. Swings: of {SWING:g} s, in chunks of {CRANES}, and the ratio to one "
             f"process, on {os.cpu_count()} processors; a swing: processor time of one.",
         ),
-        plan(costs_of_sweep, spent, bytes_a_case(), count),
+        billion_case_table(costs_of_sweep, spent, bytes_a_case(), count),
     ]
 
 
@@ -244,7 +244,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def run() -> int:
         tell = teller("sweeping", options)
-        tell(tables((1,), 24, 100) if options.quick else tables(WORKERS, 128, 4000))
+        tell(
+            sweeping_tables((1,), 24, 100) if options.quick else sweeping_tables(WORKERS, 128, 4000)
+        )
         return 0
 
     return command(run)

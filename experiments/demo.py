@@ -27,7 +27,7 @@ from cranedyn.planning.itinerary import Stage, Timetable
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references.limits import Limits
 from experiments import harness
-from experiments.endless import PART, Dwell, Dwells, Record, part_of
+from experiments.endless import PART, Dwell, Dwells, EndlessRecord, part_of
 from experiments.scenarios.moves import CLOSE, DWELL, TOUR_LIMITS, of_sampling
 from experiments.scenarios.tours import CONTROLS
 
@@ -174,7 +174,7 @@ class Bare:
 
 def _table(
     rows: Sequence[Dwell], control: str, t_start: float = 0.0, earlier_files: Sequence[str] = ()
-) -> harness.Table:
+) -> harness.ResultTable:
     columns = [
         ("leg", ""),
         ("arrives [s]", ".1f"),
@@ -191,7 +191,7 @@ def _table(
         )
         note += f" What happened before t = {t_start:.0f} s is in {names}."
     title = f"Swing that is left in the dwells, {strategy}"
-    return harness.Table(title, columns, rows[-MAX_ROWS:], note)
+    return harness.ResultTable(title, columns, rows[-MAX_ROWS:], note)
 
 
 def _bare(setup: harness.Setup, tour: Timetable, dwells: Dwells) -> list[harness.Claim]:
@@ -309,7 +309,7 @@ class _Show:
         if options.pace is not None:
             self._pace = number("pace", options.pace, "", PACES)
         self._console = Console(highlight=False)
-        self.record = Record(options.folder / "demo.parquet")
+        self.record = EndlessRecord(options.folder / "demo.parquet")
         self.dwells = Dwells(tour, setup.control_period)
 
     def run(self, pieces: Iterator[Trajectory]) -> Trajectory:

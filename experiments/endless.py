@@ -20,7 +20,7 @@ def part_of(file: Path, begin: float) -> Path:
     return file.with_name(f"{file.stem}_from_{begin:.0f}s{file.suffix}")
 
 
-class Record:
+class EndlessRecord:
     """The pieces of a run in their order.
 
     Attributes:

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from cranedyn.lifting import factors
 from cranedyn.plotting.figures import COLOURS, panels
 from experiments import harness
-from experiments.harness import Claim, Outcome, Setup, Table, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
 from experiments.standards.derived import AGREES, RATIOS, Derived, derived
 from experiments.standards.formulas import DIGITS, FORMULAS
 from experiments.standards.needed import Need, across, upwards
@@ -38,7 +38,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     )
 
 
-def _formulas() -> Table:
+def _formulas() -> ResultTable:
     return tabulate(
         "Formulas of the standards",
         FORMULAS,
@@ -52,7 +52,7 @@ def _formulas() -> Table:
     )
 
 
-def _derived(factors: Sequence[Derived]) -> Table:
+def _derived(factors: Sequence[Derived]) -> ResultTable:
     return tabulate(
         "The same by mechanics alone",
         factors,
@@ -70,7 +70,7 @@ def _derived(factors: Sequence[Derived]) -> Table:
     )
 
 
-def _moves(needs: Sequence[Need]) -> Table:
+def _moves(needs: Sequence[Need]) -> ResultTable:
     return tabulate(
         "What a move needs of ψ_h",
         needs,
@@ -88,7 +88,7 @@ def _moves(needs: Sequence[Need]) -> Table:
     )
 
 
-def _hoists(needs: Sequence[Need]) -> Table:
+def _hoists(needs: Sequence[Need]) -> ResultTable:
     return tabulate(
         "What taking up a load needs of φ2",
         needs,

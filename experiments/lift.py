@@ -149,14 +149,14 @@ def _shortened(lift: Lift) -> Lift:
     return in_least_time(lift)
 
 
-def _tables(results: dict[str, SiteResult]) -> list[harness.Table]:
+def _tables(results: dict[str, SiteResult]) -> list[harness.ResultTable]:
     """Return the certified lifts and the perturbed ones."""
     tables = [_certified(results)]
     perturbed = {name: result.perturbed for name, result in results.items() if result.perturbed}
     return [*tables, _perturbed(perturbed)] if perturbed else tables
 
 
-def _certified(results: dict[str, SiteResult]) -> harness.Table:
+def _certified(results: dict[str, SiteResult]) -> harness.ResultTable:
     rows: Rows = []
     for name, result in results.items():
         lift, nearest = result.certificate.lift, result.certificate.nearest
@@ -184,10 +184,10 @@ def _certified(results: dict[str, SiteResult]) -> harness.Table:
         "of the load; motion: with the load at rest at the end. Clearance: the least in the "
         "simulation."
     )
-    return harness.Table("Certified lifts", columns, rows, note)
+    return harness.ResultTable("Certified lifts", columns, rows, note)
 
 
-def _perturbed(results: dict[str, Perturbed]) -> harness.Table:
+def _perturbed(results: dict[str, Perturbed]) -> harness.ResultTable:
     rows: Rows = []
     for name, perturbed in results.items():
         count, failures = len(perturbed.least), perturbed.failures
@@ -209,10 +209,10 @@ def _perturbed(results: dict[str, Perturbed]) -> harness.Table:
         "Pearson). Load ±30 %, cable ±0.5 m off its measure, wind up to 4 m/s with a gust of up to "
         "6 m/s more, sensors up to 20 ms late. Least: negative where something is run into."
     )
-    return harness.Table("Perturbed lifts", columns, rows, note)
+    return harness.ResultTable("Perturbed lifts", columns, rows, note)
 
 
-def _least_time(results: dict[str, SiteResult]) -> list[harness.Table]:
+def _least_time(results: dict[str, SiteResult]) -> list[harness.ResultTable]:
     """Return the lifts in least time beside the planned ones."""
     rows: Rows = []
     for name, result in results.items():
@@ -241,10 +241,10 @@ def _least_time(results: dict[str, SiteResult]) -> list[harness.Table]:
         "The same lifts with motions of least time near the planned ones, as proven and as "
         "certified. Bound: what drives need at least, whichever way round."
     )
-    return [harness.Table("In least time", columns, rows, note)] if rows else []
+    return [harness.ResultTable("In least time", columns, rows, note)] if rows else []
 
 
-def _times(results: dict[str, SiteResult]) -> harness.Table:
+def _times(results: dict[str, SiteResult]) -> harness.ResultTable:
     columns = [
         ("site", ""),
         ("planned [s]", ".1f"),
@@ -252,7 +252,7 @@ def _times(results: dict[str, SiteResult]) -> harness.Table:
         ("perturbed [s]", ".1f"),
     ]
     rows = [(name, *result.seconds) for name, result in results.items()]
-    return harness.Table("How long it took on this machine", columns, rows)
+    return harness.ResultTable("How long it took on this machine", columns, rows)
 
 
 def _claims(name: str, result: SiteResult) -> Iterator[harness.Claim]:

@@ -39,7 +39,7 @@ _LOAD = np.array([[x, y, z] for x in (-0.75, 0.75) for y in (-1.0, 1.0) for z in
 
 
 @dataclass(frozen=True, eq=False)
-class Tried:
+class SiteLift:
     """What came of a site.
 
     Attributes:
@@ -101,7 +101,7 @@ def _ends(rng: np.random.Generator) -> list[tuple[float, float, float]]:
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Plan and certify a lift on each site."""
     count = whole("sites", options.sites, 1)
-    update, tried = setup.reporter.count("sites", count), list[Tried]()
+    update, tried = setup.reporter.count("sites", count), list[SiteLift]()
     for site in sites(setup.crane, count):
         tried.append(_tried(setup, site, options.least_time))
         update(len(tried))
@@ -112,12 +112,12 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     )
 
 
-def _tried(setup: harness.Setup, site: Site, least_time: bool) -> Tried:
+def _tried(setup: harness.Setup, site: Site, least_time: bool) -> SiteLift:
     begun = time.monotonic()
     try:
         lift = plan_lift(site, LIMITS, crane=setup.crane, period=setup.control_period)
     except NoWay as error:
-        return Tried(None, str(error), time.monotonic() - begun, math.nan, {})
+        return SiteLift(None, str(error), time.monotonic() - begun, math.nan, {})
     certificate = certify(lift, dt=setup.dt)
     seconds = time.monotonic() - begun
     lacking = "; ".join(check.sentence for check in certificate.checks if not check.holds)
@@ -127,7 +127,7 @@ def _tried(setup: harness.Setup, site: Site, least_time: bool) -> Tried:
     if least_time and not lacking:
         shortest_lift, measures = _in_least_time(setup, lift)
         means["in least time"] = measures
-    return Tried(lift, lacking, seconds, certificate.nearest.distance, means, shortest_lift)
+    return SiteLift(lift, lacking, seconds, certificate.nearest.distance, means, shortest_lift)
 
 
 def _in_least_time(
@@ -230,11 +230,11 @@ def _run(
     return arrives, clearance, float(swing[0])
 
 
-def _held(tried: Sequence[Tried]) -> list[tuple[Tried, Lift]]:
+def _held(tried: Sequence[SiteLift]) -> list[tuple[SiteLift, Lift]]:
     return [(result, result.lift) for result in tried if result.lift is not None and not result.why]
 
 
-def _summary(tried: Sequence[Tried]) -> harness.Table:
+def _summary(tried: Sequence[SiteLift]) -> harness.ResultTable:
     """Median and worst of all that was certified."""
     certified = _held(tried)
     measured: dict[str, list[float]] = {
@@ -263,10 +263,10 @@ def _summary(tried: Sequence[Tried]) -> harness.Table:
         ("worst", ".3f"),
     ]
     note = f"{len(certified)} of {len(tried)} sites certified, every segment proven."
-    return harness.Table("Random sites", columns, rows, note)
+    return harness.ResultTable("Random sites", columns, rows, note)
 
 
-def _beside(tried: Sequence[Tried]) -> harness.Table:
+def _beside(tried: Sequence[SiteLift]) -> harness.ResultTable:
     """What else one might do, along the same ways."""
     certified = _held(tried)
     rows: list[list[float | str | None]] = []
@@ -292,15 +292,17 @@ def _beside(tried: Sequence[Tried]) -> harness.Table:
         ("below required clearance", "d"),
         ("swing at arrival [mrad]", ".3g"),
     ]
-    return harness.Table("Beside other means", columns, rows)
+    return harness.ResultTable("Beside other means", columns, rows)
 
 
-def _failed(tried: Sequence[Tried]) -> harness.Table:
+def _failed(tried: Sequence[SiteLift]) -> harness.ResultTable:
     rows = [(f"site {i + 1}", result.why) for i, result in enumerate(tried) if result.why]
-    return harness.Table("Sites without a certified lift", [("site", ""), ("because", "")], rows)
+    return harness.ResultTable(
+        "Sites without a certified lift", [("site", ""), ("because", "")], rows
+    )
 
 
-def _claims(tried: Sequence[Tried]) -> list[harness.Claim]:
+def _claims(tried: Sequence[SiteLift]) -> list[harness.Claim]:
     certified = _held(tried)
     refused = [result for result in tried if result.lift is None]
     planned = sum(result.lift is not None for result in tried)

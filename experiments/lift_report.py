@@ -69,7 +69,7 @@ def _outcome(judgement: Judgement, setup: harness.Setup, command: str) -> harnes
     lift, required = judgement.analysis, judgement.analysis.requirements
     run = lift.certificate.run
     return harness.Outcome(
-        tables=[harness.Table(*table) for table in judgement.tables(command)],
+        tables=[harness.ResultTable(*table) for table in judgement.tables(command)],
         claims=[harness.Claim(*check) for check in judgement.checks],
         parameters=setup.parameters()
         | {

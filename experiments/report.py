@@ -215,7 +215,7 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
 
 def _table(entry: dict[str, Any]) -> str:
     """Return a table of a ``result.json`` as HTML."""
-    table = harness.Table.of(entry)
+    table = harness.ResultTable.of(entry)
     columns = [(header, not form) for header, form in table.columns]
     return table_html(table.title, columns, table.shown(), table.note)
 

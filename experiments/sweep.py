@@ -113,7 +113,7 @@ def _cases(options: argparse.Namespace, setup: harness.Setup) -> Design:
     return design(setup, options.points, options.durations, options.drive)
 
 
-def _table(columns: Columns, drive: str) -> harness.Table:
+def _table(columns: Columns, drive: str) -> harness.ResultTable:
     rows = []
     for strategy in SWEPT:
         of_strategy = columns["strategy"] == strategy
@@ -146,7 +146,7 @@ def _table(columns: Columns, drive: str) -> harness.Table:
     )
     title = f"Swing left by {len(columns['case']):,} moves"
     suffix = "" if drive == IDEAL else " on velocity drives"
-    return harness.Table(title + suffix, headings, rows, note + drives)
+    return harness.ResultTable(title + suffix, headings, rows, note + drives)
 
 
 def _claims(columns: Columns, errors: int) -> list[harness.Claim]:

@@ -29,7 +29,7 @@ MANY = 100_000
 Columns = Mapping[str, np.ndarray]
 
 
-def drawn_tables(columns: Columns, drive: str) -> list[harness.Table]:
+def drawn_tables(columns: Columns, drive: str) -> list[harness.ResultTable]:
     """Return the tables of swing, failures and time of each strategy."""
     drives = f"on {drive} drives"
     return [_swings(columns, drives), _failures(columns, drives), _costs(columns, drives)]
@@ -72,7 +72,7 @@ def _quantiles(swings: np.ndarray, *shares: float) -> list[float | None]:
     return [float(value) if math.isfinite(value) else None for value in quantiles]
 
 
-def _swings(columns: Columns, drives: str) -> harness.Table:
+def _swings(columns: Columns, drives: str) -> harness.ResultTable:
     rows = [
         (
             strategy,
@@ -105,10 +105,10 @@ def _swings(columns: Columns, drives: str) -> harness.Table:
         + "; ".join(f"{name}, as {why}" for name, why in UNBATCHED.items())
         + "."
     )
-    return harness.Table(f"Swing of moves that are drawn, {drives}", headings, rows, note)
+    return harness.ResultTable(f"Swing of moves that are drawn, {drives}", headings, rows, note)
 
 
-def _failures(columns: Columns, drives: str) -> harness.Table:
+def _failures(columns: Columns, drives: str) -> harness.ResultTable:
     failed, much = failures(columns), ~(columns["residual_swing_rad"] <= MOST_LEFT)
     rows = []
     for strategy, selected in _each(columns):
@@ -140,10 +140,12 @@ def _failures(columns: Columns, drives: str) -> harness.Table:
         "(Clopper and Pearson 1934). Beyond: broken, or a drive that follows a motion or a rate is "
         "asked at an instant for more than it has."
     )
-    return harness.Table(f"How often moves fail that are drawn, {drives}", headings, rows, note)
+    return harness.ResultTable(
+        f"How often moves fail that are drawn, {drives}", headings, rows, note
+    )
 
 
-def _costs(columns: Columns, drives: str) -> harness.Table:
+def _costs(columns: Columns, drives: str) -> harness.ResultTable:
     rows = []
     for strategy, selected in _each(columns):
         spent = float(np.median(columns["spent_s"][selected]))
@@ -154,4 +156,4 @@ def _costs(columns: Columns, drives: str) -> harness.Table:
         (f"{MANY:,} cases [min]", ".1f"),
     ]
     note = "Processor time on this machine, the median of batches; n processors share it."
-    return harness.Table(f"What moves cost that are drawn, {drives}", headings, rows, note)
+    return harness.ResultTable(f"What moves cost that are drawn, {drives}", headings, rows, note)

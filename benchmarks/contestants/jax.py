@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.contestants.mujoco import twin
-from benchmarks.contestants.native import numbers
+from benchmarks.contestants.native import c_constants
 from benchmarks.workload import Case, Contestant, Result, Run
 
 Step = Callable[[Any, Any, Any], tuple[Any, Any]]
@@ -70,7 +70,7 @@ def _by_hand(case: Case) -> Run:
     """The equations of `crane.c`, an array of JAX for each number."""
     import jax.numpy as jnp
 
-    n = numbers(case)
+    n = c_constants(case)
     dt, payload, inner, outer = case.dt, n["PAYLOAD"], n["INNER"], n["OUTER"]
     damping = [n[f"DAMP_{name}"] for name in ("SLEW", "TROLLEY", "PHI", "THETA", "HOIST")]
 

@@ -41,7 +41,7 @@ def compiler() -> str | None:
     return shutil.which(os.environ.get("CC", "cc"))
 
 
-def numbers(case: Case) -> dict[str, float]:
+def c_constants(case: Case) -> dict[str, float]:
     """The numbers of a crane as the C source names them, from its loaded model.
 
     Raises:
@@ -89,14 +89,14 @@ def numbers(case: Case) -> dict[str, float]:
     return constants
 
 
-def compiled(case: Case, lanes: int, groups: int) -> ctypes.CDLL:
+def load_library(case: Case, lanes: int, groups: int) -> ctypes.CDLL:
     """The source made for a case and loaded.
 
     Raises:
         CraneError: If the compiler refuses it.
     """
     values = {
-        **{name: repr(float(value)) for name, value in numbers(case).items()},
+        **{name: repr(float(value)) for name, value in c_constants(case).items()},
         "STEPS": case.steps,
         "LANES": lanes,
         "GROUPS": groups,
@@ -125,7 +125,7 @@ def compiled(case: Case, lanes: int, groups: int) -> ctypes.CDLL:
 
 
 def _one(case: Case) -> Run:
-    library = compiled(case, 1, 1)
+    library = load_library(case, 1, 1)
 
     def run(starts: np.ndarray, duration: float) -> Result:
         periods = case.periods(duration)
@@ -142,7 +142,7 @@ def _one(case: Case) -> Run:
 
 
 def _many(threads: int, case: Case) -> Run:
-    library = compiled(case, LANES, GROUPS)
+    library = load_library(case, LANES, GROUPS)
     pool = ThreadPoolExecutor(threads)
 
     def run(starts: np.ndarray, duration: float) -> Result:

@@ -29,7 +29,7 @@ from cranedyn.references import hold
 from experiments.harness import Setup
 from experiments.scenarios.moves import MOVES, SWINGING, Score
 from experiments.scenarios.perturbations import make
-from experiments.scenarios.strategies import STRATEGIES, Plan
+from experiments.scenarios.strategies import STRATEGIES, MovePlan
 
 SCALE = np.array([1.0, 0.1, 0.1, 10.0, 1.0, 1.0, 5.0, 5.0, 5.0, 5.0, 0.05, 0.05], dtype=np.float32)
 """Brings what is observed to numbers of about one."""
@@ -42,7 +42,7 @@ BESIDE = ("spline alone", "spline + PD", "flat + LQR", "operator")
 """Strategies of `compare` that are shown beside what was learned."""
 
 
-def scaled(observation: np.ndarray) -> np.ndarray:
+def network_inputs(observation: np.ndarray) -> np.ndarray:
     """Observations as the network takes them, shape (n, 19): ways to go and swings also by cube
     roots, which tell small ones apart.
     """
@@ -61,7 +61,7 @@ class ForStableBaselines(VecEnv):
         super().__init__(env.num_envs, observations, env.single_action_space)
 
     def reset(self) -> np.ndarray:
-        return scaled(self.env.reset(seed=self._seeds[0])[0])
+        return network_inputs(self.env.reset(seed=self._seeds[0])[0])
 
     def step_async(self, actions: np.ndarray) -> None:
         self.actions = actions
@@ -70,13 +70,13 @@ class ForStableBaselines(VecEnv):
         observation, reward, terminated, truncated, info = self.env.step(self.actions)
         infos: list[dict[str, Any]] = [{} for _ in reward]
         self.returns += reward
-        last = scaled(info["final_obs"]) if "final_obs" in info else observation
+        last = network_inputs(info["final_obs"]) if "final_obs" in info else observation
         for i in np.flatnonzero(terminated | truncated):
             infos[i] = {"terminal_observation": last[i], "TimeLimit.truncated": bool(truncated[i])}
             self.finished.append(self.returns[i])
             self.returns[i] = 0.0
         shaped = np.maximum(FACTOR * (reward + STANDING), WORST).astype(np.float32)
-        return scaled(observation), shaped, terminated | truncated, infos
+        return network_inputs(observation), shaped, terminated | truncated, infos
 
     def close(self) -> None:
         self.env.close()
@@ -96,7 +96,7 @@ class ForStableBaselines(VecEnv):
         return [False] * self.num_envs
 
 
-class Curve(BaseCallback):
+class LearningCurve(BaseCallback):
     """Keeps the learning curve: steps, seconds and the mean return of the episodes that have ended
     since.
     """
@@ -132,7 +132,7 @@ class Learned(NamedTuple):
     scores: dict[str, Score]
 
 
-def controller_of(model: PPO, task: Task, goal: np.ndarray) -> Controller:
+def learned_controller(model: PPO, task: Task, goal: np.ndarray) -> Controller:
     """What was learned as a controller of ours, which commands accelerations and looks every 0.1
     s.
     """
@@ -141,7 +141,9 @@ def controller_of(model: PPO, task: Task, goal: np.ndarray) -> Controller:
     def controller(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         if t - memory["from"] > task.fleet.control_period - 1e-6:
             z = np.concatenate(state)[:, None]
-            action, _ = model.predict(scaled(task.observed(z, goal[:, None])), deterministic=True)
+            action, _ = model.predict(
+                network_inputs(task.observed(z, goal[:, None])), deterministic=True
+            )
             memory.update(
                 {"from": t, "command": task.accelerations(action.T.astype(float), z)[:, 0]}
             )
@@ -191,7 +193,7 @@ def main(arguments: Sequence[str] | None = None) -> Learned:
         seed=options.seed,
         device="cpu",
     )
-    curve = Curve(env)
+    curve = LearningCurve(env)
     model.learn(options.steps, callback=curve)
     model.save(options.out / "model")
     rows = np.array(curve.rows).reshape(-1, 3)
@@ -211,16 +213,16 @@ def main(arguments: Sequence[str] | None = None) -> Learned:
     )
     figure.savefig(options.out / "curve.png", dpi=110)
     plt.close(figure)
-    return Learned(rows, place(model, options.beside))
+    return Learned(rows, compare_learned(model, options.beside))
 
 
-def place(model: PPO, beside: Sequence[str]) -> dict[str, Score]:
+def compare_learned(model: PPO, beside: Sequence[str]) -> dict[str, Score]:
     """Its place in the table of `compare`, for the combined move."""
     setup, move = Setup(engine="compiled"), MOVES[-1]
     task = Task(setup.crane, 1, Rules(), 0.1, setup.dt, 1)
     plans = {name: STRATEGIES[name](setup, move) for name in beside}
-    plans["learned"] = Plan(
-        lambda: controller_of(model, task, np.array(move.goal)),
+    plans["learned"] = MovePlan(
+        lambda: learned_controller(model, task, np.array(move.goal)),
         hold(setup.crane, move.ends(setup.crane)[1]),
         "motion",
         move.duration,

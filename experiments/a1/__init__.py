@@ -24,13 +24,13 @@ from experiments.a1.case import (
     ROUNDING,
     SOFT,
     SWING,
-    Case,
     Published,
+    SwingCase,
     run,
 )
 from experiments.harness import Claim, Outcome, Setup
 
-__all__ = ["PUBLISHED", "ROUNDING", "SOFT", "Case", "Published", "experiment", "main", "run"]
+__all__ = ["PUBLISHED", "ROUNDING", "SOFT", "Published", "SwingCase", "experiment", "main", "run"]
 
 COLUMNS = ("t_s", "phi_rad", "l_m")
 """Columns that a recorded file must have."""
@@ -45,9 +45,9 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     if options.files:
         return _from_files(options.files, options.columns, options.joints, setup.crane)
     if options.identify:
-        from experiments.a1.identify import identify
+        from experiments.a1.identify import identify_hoist
 
-        return identify(setup)
+        return identify_hoist(setup)
     if len({f"{length:g}" for length in options.length}) < len(options.length):
         raise OutOfRange(
             "length", options.length, "each length once, as far as six digits tell", "m"
@@ -61,7 +61,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     return outcome(setup, cases, soft)
 
 
-def outcome(setup: Setup, cases: Sequence[Case], soft: Case) -> Outcome:
+def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Outcome:
     """Return tables, claims, figures and files of the cable lengths and the soft trolley."""
     from cranedyn.recording import Run
     from experiments.a1 import figures, tables
@@ -95,7 +95,7 @@ def outcome(setup: Setup, cases: Sequence[Case], soft: Case) -> Outcome:
     )
 
 
-def _claims(setup: Setup, cases: Sequence[Case], soft: Case) -> list[Claim]:
+def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> list[Claim]:
     listed = [(case, case.published) for case in cases]
     misses = {
         "error": [100 * case.error - p.point for case, p in listed if p.point],

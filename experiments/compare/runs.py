@@ -18,13 +18,13 @@ from cranedyn.command import interrupted
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.sweep.workers import end_with_parent
-from experiments.compare.result import IDEAL, PREDICTIVE, UNSEEING, Result, Tour
+from experiments.compare.result import IDEAL, PREDICTIVE, UNSEEING, StrategyResult, TourResult
 from experiments.harness import Setup
 from experiments.scenarios.moves import (
     AFTER,
     DWELL,
     TOUR_LIMITS,
-    Move,
+    RestToRest,
     residual,
 )
 from experiments.scenarios.perturbations import (
@@ -62,8 +62,8 @@ def processes(jobs: int | None) -> Iterator[ProcessPoolExecutor]:
 
 
 def strategy_results(
-    setup: Setup, move: Move, strategy: str, all_cases: bool, drive: str = IDEAL
-) -> dict[str, Result]:
+    setup: Setup, move: RestToRest, strategy: str, all_cases: bool, drive: str = IDEAL
+) -> dict[str, StrategyResult]:
     """Return the results of a move by one strategy, as planned and perhaps under every case; an
     error becomes the reason of a result.
     """
@@ -72,12 +72,12 @@ def strategy_results(
         if drive != IDEAL:
             plan = on_converters(setup, plan)
     except CraneError as error:
-        return {NOMINAL.name: Result(None, str(error))}
+        return {NOMINAL.name: StrategyResult(None, str(error))}
     results = {}
     cases = (*PERTURBATIONS, *(UNTOLD if drive == IDEAL else ())) if all_cases else (NOMINAL,)
     for case in cases:
         if case.sensors_only and not plan.uses_swing_sensor:
-            results[case.name] = Result(None, UNSEEING)
+            results[case.name] = StrategyResult(None, UNSEEING)
             continue
         calls: list[float] = []
         timed = strategy in PREDICTIVE and case not in UNTOLD
@@ -89,11 +89,11 @@ def strategy_results(
             with collector_waits(timed):
                 run, score = make(setup, move, case_plan, case, after=after)
             nominal_run = run if case == NOMINAL and all_cases else None
-            results[case.name] = Result(score, "", nominal_run, np.array(calls))
+            results[case.name] = StrategyResult(score, "", nominal_run, np.array(calls))
         except CraneError as error:
             if interrupted(error):
                 raise KeyboardInterrupt from None
-            results[case.name] = Result(None, str(error))
+            results[case.name] = StrategyResult(None, str(error))
     return results
 
 
@@ -127,7 +127,7 @@ def _timed(make_controller: Callable[[], Controller], calls: list[float]) -> Con
     return timed
 
 
-def tour_results(setup: Setup, control: str) -> Tour | str:
+def tour_results(setup: Setup, control: str) -> TourResult | str:
     """Return the seven legs under one control, or why there are none."""
     try:
         return _tour(setup, control)
@@ -137,7 +137,7 @@ def tour_results(setup: Setup, control: str) -> Tour | str:
         return str(error)
 
 
-def _tour(setup: Setup, control: str) -> Tour:
+def _tour(setup: Setup, control: str) -> TourResult:
     reference, controller = CONTROLS[control](setup, TOUR_LIMITS, DWELL)
     duration = setup.control_period * round(reference.duration / setup.control_period)
     crane = setup.crane
@@ -148,4 +148,4 @@ def _tour(setup: Setup, control: str) -> Tour:
     swings = [1000.0 * residual(dwell) for dwell in dwells]
     hook = max(swing * float(dwell["l_m"][-1]) for swing, dwell in zip(swings, dwells, strict=True))
     peak = 1000.0 * float(np.linalg.norm(run.coordinates("phi", "theta"), axis=1).max())
-    return Tour(duration, max(swings), float(np.mean(swings)), hook, peak)
+    return TourResult(duration, max(swings), float(np.mean(swings)), hook, peak)

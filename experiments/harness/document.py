@@ -19,7 +19,7 @@ from typing import Any
 from cranedyn.command import FAILED, Parser, command
 from cranedyn.data.files import check_writable, parse_json, read_bytes, read_text, write_text
 from cranedyn.errors import DataError, quoted
-from experiments.harness.table import Table, resolution
+from experiments.harness.table import ResultTable, resolution
 
 _BLOCK = re.compile(
     r"(<!-- (?P<experiment>\w+): ?(?P<title>[^\n]*?) ?-->\n)(?P<content>.*?)(<!-- end -->\n)",
@@ -44,7 +44,7 @@ class Document:
     experiment: str
     text: str
 
-    def write(self, tables: Sequence[Table]) -> None:
+    def write(self, tables: Sequence[ResultTable]) -> None:
         """Write the document with these tables in place of those of the same titles.
 
         Raises:
@@ -52,7 +52,7 @@ class Document:
         """
         write_text(self.path, self.filled(tables))
 
-    def filled(self, tables: Sequence[Table]) -> str:
+    def filled(self, tables: Sequence[ResultTable]) -> str:
         """Return the text with these tables in place of those of the same titles.
 
         Raises:
@@ -67,7 +67,7 @@ class Document:
 
         return _BLOCK.sub(fill, self.text)
 
-    def stale(self, tables: Sequence[Table], *, subset: bool = False) -> list[str]:
+    def stale(self, tables: Sequence[ResultTable], *, subset: bool = False) -> list[str]:
         """Return a sentence for each cell or row that differs from newly computed tables.
 
         A number may be off by one of its last digit: half of it is rounding, and the other half is
@@ -88,7 +88,7 @@ class Document:
             for sentence in _differences(table, _rows(block["content"], table.title), subset)
         ]
 
-    def _tables(self, block: re.Match[str], tables: Sequence[Table]) -> list[Table]:
+    def _tables(self, block: re.Match[str], tables: Sequence[ResultTable]) -> list[ResultTable]:
         """Return the tables that a block asks for."""
         result = [table for table in tables if table.title.startswith(block["title"])]
         if not result:
@@ -134,7 +134,7 @@ def _rows(content: str, title: str) -> list[list[str]]:
     return [*rows[:1], *rows[2:]]
 
 
-def _differences(table: Table, rows: Sequence[Sequence[str]], subset: bool) -> Iterator[str]:
+def _differences(table: ResultTable, rows: Sequence[Sequence[str]], subset: bool) -> Iterator[str]:
     """Yield how rows of a document differ from a table."""
     headers = [header.strip() for header, _ in table.columns]
     if not rows or list(rows[0]) != headers:
@@ -220,11 +220,11 @@ def _main(options: argparse.Namespace) -> int:
     return FAILED if stale and not options.write else 0
 
 
-def _stored(file: Path) -> list[Table]:
+def _stored(file: Path) -> list[ResultTable]:
     """Return the tables of a result."""
     text = read_text(file)
     try:
-        return [Table.of(table) for table in parse_json(text)["tables"]]
+        return [ResultTable.of(table) for table in parse_json(text)["tables"]]
     except (LookupError, TypeError, ValueError, RecursionError) as error:
         raise DataError(
             f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: "

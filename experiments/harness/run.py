@@ -24,7 +24,7 @@ from cranedyn.data.files import (
     write_text,
 )
 from cranedyn.errors import CraneError, DataError, RunError
-from experiments.harness.arguments import command_name, parse
+from experiments.harness.arguments import command_name, parse_arguments
 from experiments.harness.document import read_document
 from experiments.harness.events import with_events
 from experiments.harness.outcome import MARKS, Outcome, show
@@ -54,7 +54,7 @@ def run_experiment(
 def _run(
     parser: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None
 ) -> int:
-    options = parse(parser, argv)
+    options = parse_arguments(parser, argv)
     options.about, options.argv = parser.description, sys.argv[1:] if argv is None else argv
     with lock_folder(options.folder):
         for file in (options.folder / "result.json", options.recording):

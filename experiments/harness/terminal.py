@@ -11,7 +11,7 @@ from rich.cells import cell_len
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from experiments.harness.table import Table
+from experiments.harness.table import ResultTable
 
 _FRAME = 3
 """Width of the frame of a column: two spaces and a line."""
@@ -48,7 +48,7 @@ class TextColumn(NamedTuple):
         return max((cell_len(word) for word in (*self.head.split(), *cells)), default=1)
 
 
-def blocks(table: Table, width: int) -> Iterator[RichTable]:
+def blocks(table: ResultTable, width: int) -> Iterator[RichTable]:
     """Yield the table in one or several blocks that fit a terminal of a width [columns], the title
     over the first and the note under the last.
     """
@@ -58,7 +58,7 @@ def blocks(table: Table, width: int) -> Iterator[RichTable]:
         yield _block(columns, width, "" if i else table.title, table.note if last else "")
 
 
-def columns_of(table: Table) -> list[TextColumn]:
+def columns_of(table: ResultTable) -> list[TextColumn]:
     """Return the columns of a table as text."""
     rows = table.shown()
     return [

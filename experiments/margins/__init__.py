@@ -26,7 +26,7 @@ from cranedyn.estimation import with_observer
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references.motion import Motion
 from experiments import harness
-from experiments.harness import Claim, Column, Outcome, Setup, Table, finite, tabulate
+from experiments.harness import Claim, Column, Outcome, ResultTable, Setup, finite_or_none, tabulate
 from experiments.margins.figures import margin_values, margins_figure
 from experiments.scenarios.strategies import LQR, PAPER, PD, with_integral
 
@@ -54,7 +54,7 @@ Mapped = list[list["Margins"]]
 """Margins by cable length, then by radius."""
 
 
-def at_rest(setup: Setup, equilibrium: State) -> Motion:
+def standstill(setup: Setup, equilibrium: State) -> Motion:
     """Return a motion that stands still."""
     still = np.zeros((1, setup.crane.layout.n))
     return Motion(
@@ -64,7 +64,7 @@ def at_rest(setup: Setup, equilibrium: State) -> Motion:
 
 def integrating(setup: Setup, equilibrium: State) -> HoistIntegral:
     """Return the full-model LQR with an integrator on the hoist, made for a rest."""
-    return with_integral(setup, at_rest(setup, equilibrium))
+    return with_integral(setup, standstill(setup, equilibrium))
 
 
 def _linear(setup: Setup, controller: Controller, equilibrium: State) -> Regulator:
@@ -78,7 +78,9 @@ def _held(setup: Setup, equilibrium: State) -> Regulator:
 
 
 def _paper(setup: Setup, equilibrium: State) -> Regulator:
-    return _linear(setup, paper_controller(setup.crane, at_rest(setup, equilibrium)), equilibrium)
+    return _linear(
+        setup, paper_controller(setup.crane, standstill(setup, equilibrium)), equilibrium
+    )
 
 
 def _scheduled(setup: Setup, equilibrium: State) -> Regulator:
@@ -96,9 +98,9 @@ def _blind(setup: Setup, equilibrium: State) -> Regulator:
     crane = setup.crane
     plant = _plant(setup, equilibrium)
     observer = with_observer(
-        lqr(crane, at_rest(setup, equilibrium), dt=setup.dt),
+        lqr(crane, standstill(setup, equilibrium), dt=setup.dt),
         crane,
-        at_rest(setup, equilibrium),
+        standstill(setup, equilibrium),
         dt=setup.dt,
     )
     output = np.eye(len(plant.a))[observer.measured]
@@ -192,7 +194,7 @@ def grows(
         run = setup.simulate(
             crane,
             disturbed,
-            at_rest(setup, equilibrium),
+            standstill(setup, equilibrium),
             start=State(q, equilibrium.v),
             duration=WATCHED,
             label=f"{factor:g} times the effort, {periods} periods late",
@@ -246,7 +248,7 @@ def _first(value: np.ndarray, extreme: float) -> tuple[int, int]:
     return divmod(index, value.shape[1])
 
 
-def _table(maps: Mapping[str, Mapped], points: int, note: str) -> Table:
+def _table(maps: Mapping[str, Mapped], points: int, note: str) -> ResultTable:
     radii, cables = axes(points)
 
     def least(strategy: str, name: str, scale: float, item: int) -> float:
@@ -275,7 +277,7 @@ def _table(maps: Mapping[str, Mapped], points: int, note: str) -> Table:
     )
 
 
-def _met(setup: Setup, margins_of: Mapped, points: int) -> tuple[Table, list[Claim]]:
+def _met(setup: Setup, margins_of: Mapped, points: int) -> tuple[ResultTable, list[Claim]]:
     """Simulate the place where the full-model LQR bears the least delay."""
     radii, cables = axes(points)
     borne = margin_values(margins_of, "late")
@@ -304,11 +306,11 @@ def _met(setup: Setup, margins_of: Mapped, points: int) -> tuple[Table, list[Cla
         limits,
         [
             ("full-model LQR", "", lambda limit: limit[0]),
-            ("predicted", ".4g", lambda limit: finite(limit[1])),
-            ("below it", ".4g", lambda limit: finite(limit[2][0][0])),
-            ("growth", ".3g", lambda limit: finite(limit[2][0][1])),
-            ("beyond it", ".4g", lambda limit: finite(limit[2][1][0])),
-            ("growth there", ".3g", lambda limit: finite(limit[2][1][1])),
+            ("predicted", ".4g", lambda limit: finite_or_none(limit[1])),
+            ("below it", ".4g", lambda limit: finite_or_none(limit[2][0][0])),
+            ("growth", ".3g", lambda limit: finite_or_none(limit[2][0][1])),
+            ("beyond it", ".4g", lambda limit: finite_or_none(limit[2][1][0])),
+            ("growth there", ".3g", lambda limit: finite_or_none(limit[2][1][1])),
         ],
         "Growth: largest deviation of that drive in the last quarter of "
         f"{WATCHED:g} s over that in the second; a dash where the run breaks off.",

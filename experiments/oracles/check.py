@@ -75,7 +75,7 @@ class Oracle:
 
 
 @dataclass(frozen=True)
-class Check:
+class OracleCheck:
     """An oracle and its runs.
 
     Attributes:
@@ -162,7 +162,7 @@ def _richardson(values: Sequence[float]) -> list[float]:
     return best
 
 
-def check(oracle: Oracle, halvings: int) -> Check:
+def check_oracle(oracle: Oracle, halvings: int) -> OracleCheck:
     """Run an oracle with the coarsest step, half of it, and so on."""
     steps = [STEP / 2**k for k in range(halvings + 1)]
-    return Check(oracle, steps, [oracle.read(dt) for dt in steps])
+    return OracleCheck(oracle, steps, [oracle.read(dt) for dt in steps])

@@ -13,7 +13,7 @@ from cranedyn.dynamics.pinocchio import prescribed_acceleration
 from cranedyn.interfaces import Controller, Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from experiments.oracles.check import MASS, G, Oracle
-from experiments.oracles.reading import Bench, crossing, curve, payload, speed
+from experiments.oracles.reading import Bench, crossing, curve, payload_from_pivot, rate_along
 
 LENGTH, TROLLEY, STRUCTURE = 20.0, 500.0, 2e5 + 50.0
 """Cable length [m]; mass of the trolley [kg]; inertia about the slew axis of the upper structure
@@ -61,8 +61,9 @@ def _locked(bench: Bench, crane: Crane) -> list[Oracle]:
     def momentum(dt: float) -> float:
         run = swing(dt)
         arm, rate = (
-            payload(run.q)[[0, -1]] - payload(run.q * [1, 1, 0, 0, 0])[[0, -1]],
-            speed(payload, run)[[0, -1]],
+            payload_from_pivot(run.q)[[0, -1]]
+            - payload_from_pivot(run.q * [1, 1, 0, 0, 0])[[0, -1]],
+            rate_along(payload_from_pivot, run)[[0, -1]],
         )
         first, last = (arm[:, 0] * rate[:, 1] - arm[:, 1] * rate[:, 0]).tolist()
         return last / first
@@ -102,7 +103,7 @@ def _slewing(bench: Bench, crane: Crane) -> Oracle:
         """Return the angular momentum about the slew axis of structure, trolley and load [kg
         m²/s].
         """
-        load, rate = payload(run.q), speed(payload, run)
+        load, rate = payload_from_pivot(run.q), rate_along(payload_from_pivot, run)
         structure = STRUCTURE + TROLLEY * run["x_m"] ** 2
         return structure * run["gamma_dot_rad_s"] + MASS * (
             load[:, 0] * rate[:, 1] - load[:, 1] * rate[:, 0]
@@ -124,7 +125,9 @@ def _rolling(bench: Bench, crane: Crane) -> list[Oracle]:
     def along_the_jib(dt: float) -> float:
         """Return the momentum of trolley and load; at zero slew the jib points along -Y."""
         run = bench.run(crane, start, FREE, dt, free(crane, 1), substeps=1)
-        return float(TROLLEY * run["x_dot_m_s"][-1] - MASS * speed(payload, run)[-1, 1])
+        return float(
+            TROLLEY * run["x_dot_m_s"][-1] - MASS * rate_along(payload_from_pivot, run)[-1, 1]
+        )
 
     def period(dt: float) -> float:
         run = bench.run(

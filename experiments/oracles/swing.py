@@ -12,7 +12,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from experiments.oracles.check import MASS, G, Oracle
-from experiments.oracles.reading import Bench, crossing, curve, payload, root
+from experiments.oracles.reading import Bench, crossing, curve, payload_from_pivot, zero_between
 
 LENGTH, SHORT = 20.0, 5.0
 """Cable lengths [m]: of a point load, and of a load with inertia, which shows on a short cable."""
@@ -110,12 +110,13 @@ def apse(trajectory: Trajectory) -> tuple[float, float]:
     """
     t, offset = (
         trajectory.t,
-        payload(trajectory.q)[:, :2] - payload(trajectory.q * [1, 1, 0, 0, 0])[:, :2],
+        payload_from_pivot(trajectory.q)[:, :2]
+        - payload_from_pivot(trajectory.q * [1, 1, 0, 0, 0])[:, :2],
     )
     square, angle = (offset**2).sum(axis=1), np.unwrap(np.arctan2(offset[:, 1], offset[:, 0]))
     late = t > 0.7 * theory.point_period(LENGTH, G)
     row = int(np.argmax(np.where(late, square, 0.0)))
-    t_apse = root(curve(t, square, row).derivative(), t[row - 1], t[row + 1])
+    t_apse = zero_between(curve(t, square, row).derivative(), t[row - 1], t[row + 1])
     return t_apse, float(curve(t, angle, row)(t_apse)) - float(angle[0]) - 2.0 * math.pi
 
 

@@ -66,7 +66,7 @@ RELATIVES = (HOOK, ROPE, TWIST, BEND, JIB, BRIDGE)
 
 
 @cache
-def crane_of(relative: Relative) -> Crane:
+def relative_crane(relative: Relative) -> Crane:
     """Return the crane of the catalogue, loaded once."""
     return relative.crane()
 

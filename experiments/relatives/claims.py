@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from experiments.harness import Claim
 from experiments.relatives import modes, pendulum, robots, rope
-from experiments.relatives.agreement import OPEN, ROUNDING, Agreement
-from experiments.relatives.control import Control
+from experiments.relatives.agreement import OPEN, ROUNDING, EngineAgreement
+from experiments.relatives.control import ControlResult
 
 HALF = 0.5
 """A controller that damps leaves at most this share of what the hold controller leaves in the same
@@ -56,7 +56,7 @@ def of_jumps(jumps: Sequence[rope.Jump]) -> list[Claim]:
     ]
 
 
-def of_agreement(agreements: Sequence[Agreement]) -> list[Claim]:
+def of_agreement(agreements: Sequence[EngineAgreement]) -> list[Claim]:
     """Claim that three engines and the ledger agree."""
     engines, deviations = (
         max(a.engines for a in agreements),
@@ -83,7 +83,7 @@ def of_agreement(agreements: Sequence[Agreement]) -> list[Claim]:
     ]
 
 
-def of_control(controls: Sequence[Control]) -> list[Claim]:
+def of_control(controls: Sequence[ControlResult]) -> list[Claim]:
     """Claim how controllers do on the worst of the cranes."""
     damped = max(
         max(c.left_by_lqr, c.left_by_observer, c.left_by_mpc) / c.left_by_hold for c in controls
@@ -133,8 +133,8 @@ def of_control(controls: Sequence[Control]) -> list[Claim]:
 
 
 def of_pendulum(
-    shaped: Sequence[pendulum.Left],
-    moved: Sequence[pendulum.Left],
+    shaped: Sequence[pendulum.ModeResidual],
+    moved: Sequence[pendulum.ModeResidual],
     growth: tuple[float, float],
     stirred: float,
 ) -> list[Claim]:

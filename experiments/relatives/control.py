@@ -26,7 +26,7 @@ from cranedyn.references import hold
 from cranedyn.references.limits import use
 from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import Relative, crane_of, moved, rest_at
+from experiments.relatives.catalogue import Relative, moved, relative_crane, rest_at
 from experiments.scenarios.moves import of_sampling
 
 SWING, DURATION = 0.05, 10.0
@@ -41,7 +41,7 @@ GUST, AREA = 15.0, 4.0
 _DT, _PERIOD, _COPIES = 1e-3, 5e-3, 8
 
 
-class Control(NamedTuple):
+class ControlResult(NamedTuple):
     """What became of one crane.
 
     Attributes:
@@ -82,9 +82,9 @@ class Control(NamedTuple):
     run: Trajectory
 
 
-def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
+def run_controllers(relative: Relative, engine: EngineName = "pinocchio") -> ControlResult:
     """Control one crane by each controller, with an engine."""
-    crane = crane_of(relative)
+    crane = relative_crane(relative)
     start = moved(crane, **{crane.layout.symbols[i]: SWING for i in crane.swings})
     reference = hanging_reference(crane, hold(crane, crane.start), 2 * _PERIOD, _PERIOD)
     regulator = lqr(crane, reference, dt=_DT)
@@ -106,7 +106,7 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
     hanging = list(crane.model.inertias)[crane.layout.index("phi") + 1 :]
     weight = sum(float(body.mass) for body in hanging) * crane.gravity
     blown, missing = _blown(crane, engine)
-    return Control(
+    return ControlResult(
         relative,
         2.0 * weight * SWING / float(brake.stiffness[drive]),
         float(np.abs(with_hold["x_m"] - with_hold["x_m"][0]).max()),

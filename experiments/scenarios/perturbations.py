@@ -18,8 +18,8 @@ from cranedyn.interfaces import Disturbance, State
 from cranedyn.model.crane import Crane
 from experiments.harness import Setup
 from experiments.scenarios.misread import Misread
-from experiments.scenarios.moves import AFTER, DRAG, Move, Score, score
-from experiments.scenarios.strategies import Plan, instant
+from experiments.scenarios.moves import AFTER, DRAG, RestToRest, Score, score
+from experiments.scenarios.strategies import MovePlan, instant
 
 
 @dataclass(frozen=True)
@@ -105,8 +105,8 @@ AFTER_UNTOLD = 0.1
 
 def make(
     setup: Setup,
-    move: Move,
-    plan: Plan,
+    move: RestToRest,
+    plan: MovePlan,
     perturbation: Perturbation = NOMINAL,
     *,
     label: str = "",

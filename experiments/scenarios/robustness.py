@@ -26,7 +26,7 @@ from cranedyn.references.spline import spline
 from cranedyn.theory import point_period
 from experiments.harness.setup import Setup
 from experiments.scenarios import strategies as strategies
-from experiments.scenarios.moves import DRAG, MOVES, Move
+from experiments.scenarios.moves import DRAG, MOVES, RestToRest
 
 COMBINED = MOVES[-1]
 
@@ -37,12 +37,12 @@ CLOCKS = ("gravity_m_s2", "dt_s", "control_period_s")
 """Columns of a design that say in which world it takes place, the same in every case."""
 
 
-def _shaped_spline(shaper: Shaper) -> Callable[[Setup, Move], strategies.Plan]:
+def _shaped_spline(shaper: Shaper) -> Callable[[Setup, RestToRest], strategies.MovePlan]:
     """The spline in less time, shaped for the mean cable length, so that it ends when the move
     should.
     """
 
-    def plan(setup: Setup, move: Move) -> strategies.Plan:
+    def plan(setup: Setup, move: RestToRest) -> strategies.MovePlan:
         period = strategies.mean_period(setup, move)
         base = spline(
             setup.crane,
@@ -56,7 +56,7 @@ def _shaped_spline(shaper: Shaper) -> Callable[[Setup, Move], strategies.Plan]:
     return plan
 
 
-def _shaped_for_moving_cable(setup: Setup, move: Move) -> strategies.Plan:
+def _shaped_for_moving_cable(setup: Setup, move: RestToRest) -> strategies.MovePlan:
     """The same by the shaper that knows how the cable moves."""
     shorter = move.duration - float(point_period(move.goal[2], setup.crane.gravity)) / 2.0
     base = spline(setup.crane, move.ends(setup.crane)[0], [move.goal], [shorter])
@@ -64,7 +64,7 @@ def _shaped_for_moving_cable(setup: Setup, move: Move) -> strategies.Plan:
     return strategies.followed(setup, reference, move.duration)
 
 
-SWEPT: dict[str, Callable[[Setup, Move], strategies.Plan]] = {
+SWEPT: dict[str, Callable[[Setup, RestToRest], strategies.MovePlan]] = {
     strategies.PD: strategies.STRATEGIES[strategies.PD],
     "spline alone": strategies.STRATEGIES["spline alone"],
     "spline + ZV": _shaped_spline(zv()),
@@ -129,7 +129,7 @@ def robustness(cases: Cases) -> dict[str, np.ndarray]:
 @lru_cache(maxsize=64)
 def _planned(
     gravity: float, dt: float, control_period: float, strategy: str, duration: float, drive: str
-) -> tuple[strategies.Plan, Move]:
+) -> tuple[strategies.MovePlan, RestToRest]:
     """What a strategy plans, once for all chunks of a process."""
     setup = Setup(gravity, dt=dt, control_period=control_period)
     move = replace(COMBINED, duration=duration)
@@ -137,13 +137,13 @@ def _planned(
     return (plan if drive == IDEAL else strategies.on_converters(setup, plan)), move
 
 
-def arrival(setup: Setup, plan: strategies.Plan, move: Move) -> float:
+def arrival(setup: Setup, plan: strategies.MovePlan, move: RestToRest) -> float:
     """When a move counts as arrived [s]: in the time given for it where the plan says none."""
     return strategies.instant(setup, plan.arrives or move.duration)
 
 
 def _made(
-    setup: Setup, plan: strategies.Plan, move: Move, cases: Cases
+    setup: Setup, plan: strategies.MovePlan, move: RestToRest, cases: Cases
 ) -> list[tuple[str, np.ndarray]]:
     """Moves by one plan, all at once: columns of what came of them."""
     began = time.process_time()
