@@ -63,8 +63,8 @@ class Errors:
 
 
 def reference(case: Case, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and coordinates at the control instants, shapes (n,) and (n, 5), without the error
-    of a step.
+    """Return times [s] and coordinates at the control instants, shapes (n,) and (n, 5), without
+    integration error.
 
     Dormand and Prince's method of order 8 on `pin.aba`, started anew at each control instant
     because the efforts jump there.
@@ -92,7 +92,7 @@ def reference(case: Case, duration: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def swung(case: Case, integrator: Integrator, duration: float) -> Trajectory:
-    """The same run by a stepping rule, with the step of the case."""
+    """Simulate the same run with an integrator, with the step of the case."""
     q, v = np.split(case.starts(1)[0], 2)
     return simulate(
         case.crane,
@@ -106,7 +106,7 @@ def swung(case: Case, integrator: Integrator, duration: float) -> Trajectory:
 
 
 def errors(crane: Crane, run: Trajectory, times: np.ndarray, exact: np.ndarray) -> Errors:
-    """How far a run is off the exact coordinates at its control instants, shape (n, 5)."""
+    """Return the errors of a run against exact coordinates at control instants, shape (n, 5)."""
     distance = max(
         float(
             np.linalg.norm(
@@ -131,7 +131,7 @@ def integrators(
     steps: Sequence[float] = STEPS,
     duration: float = DURATION,
 ) -> ResultTable:
-    """Cost and errors of each stepping rule at each step."""
+    """Return cost and errors of each integrator at each step."""
     crane = Case().crane
     times, exact = reference(Case(crane, period=PERIOD), duration)
     strategies = [
@@ -171,8 +171,8 @@ def integrators(
 def start_up(
     rounds: int, rng: np.random.Generator, contestants: Sequence[Contestant] = CONTESTANTS
 ) -> ResultTable:
-    """Wall time of fresh processes until a first control period is done, of those that come so far;
-    each starts once before it counts.
+    """Return the wall time of fresh processes until the first control period is done. Each process
+    starts once before it counts; contestants that fail are left out.
     """
     names = [
         contestant.name
@@ -194,7 +194,7 @@ def start_up(
 
 
 def _comes(name: str) -> bool:
-    """Whether a way comes to its first step."""
+    """Return whether a contestant reaches its first step."""
     try:
         fresh(_FIRST_STEP, name)
     except CraneError:
@@ -203,7 +203,7 @@ def _comes(name: str) -> bool:
 
 
 def accuracy_figure(table: ResultTable) -> Figure:
-    """Distance of the payload from where it should be, against the step and against the cost."""
+    """Plot the largest payload error against the step and against the cost."""
     figure, (left, right) = panels(1, 2, height=4.0, sharey=True)
     for k, name in enumerate(dict.fromkeys(row[0] for row in table.rows)):
         steps, cost, off = zip(*(row[1:4] for row in table.rows if row[0] == name), strict=True)
@@ -220,7 +220,7 @@ def accuracy_figure(table: ResultTable) -> Figure:
 def accuracy_benchmark(
     rounds: int, quick: bool
 ) -> tuple[Sequence[ResultTable], Callable[[], Figure]]:
-    """Both tables and the figure; quick leaves out the finest steps."""
+    """Return both tables and the figure; quick leaves out the finest steps."""
     rng = np.random.default_rng(0)
     table = integrators(rounds, rng, steps=STEPS[:5] if quick else STEPS)
     return [table, start_up(rounds, rng)], lambda: accuracy_figure(table)

@@ -78,7 +78,7 @@ class Bar:
 
 
 def all_bars() -> list[Bar]:
-    """All of them, each some 20 ms of work but for the processes."""
+    """Return all bars; each workload takes about 20 ms, except the processes."""
     case, hook = Case(), Case(load_crane(hook_mass=200.0))
     aba_calls = Workload(partial(bare_calls, case.crane, 6000), 6000)
     imports = Workload(partial(fresh, _OTHERS), 1.0, _ROUNDS // 6, _of_children)
@@ -125,7 +125,7 @@ def _of_children() -> float:
 
 
 def measure_bars(bars: Sequence[Bar], seconds: float, share: float = SHARE) -> list[float]:
-    """The ratios, once each is at its bar or the time is over.
+    """Return the ratios, once each is at its bar or the time is over.
 
     Everything takes turns in shuffled rounds, and its least processor time counts: it is the same
     work every time, and whatever else the machine does only adds to it.

@@ -48,14 +48,14 @@ class Comparison(NamedTuple):
 
 
 def _gazebo(written: Path, crane: Crane, run: Trajectory) -> Comparison:
-    """Recordings: whoever has Gazebo makes them again, see the tests."""
+    """Compare recordings from Gazebo; the tests say how to record them again."""
     pairs = recordings.pairs(SETUP).values()
     worst = max(pair.largest() for pair in pairs)
     return Comparison("swing angles, A1 at four lengths and soft, A2, A3", worst, None)
 
 
 def _mjcf(written: Path, crane: Crane, run: Trajectory) -> Comparison:
-    """The run again, by MuJoCo's own motors and step."""
+    """Run the model with MuJoCo's own motors and step."""
     import mujoco
 
     model = mujoco.MjModel.from_xml_path(str(written))
@@ -77,7 +77,7 @@ def _mjcf(written: Path, crane: Crane, run: Trajectory) -> Comparison:
 
 
 def _fmu(written: Path, crane: Crane, run: Trajectory) -> Comparison:
-    """The run again, by the unit in FMPy's hands under the same brake."""
+    """Run the unit in FMPy under the same hold controller."""
     import fmpy
     from fmpy.fmi3 import FMU3Slave
 
@@ -113,7 +113,7 @@ def _fmu(written: Path, crane: Crane, run: Trajectory) -> Comparison:
 
 
 def _mcap(written: Path, crane: Crane, run: Trajectory) -> Comparison:
-    """All coordinates and rates read back."""
+    """Read all coordinates and rates back."""
     columns = [
         f"{s}_{kind}"
         for s, u in (("gamma", "rad"), ("x", "m"), ("phi", "rad"), ("l", "m"))
@@ -130,7 +130,7 @@ def _mcap(written: Path, crane: Crane, run: Trajectory) -> Comparison:
 
 
 def _ros2(written: Path, crane: Crane, run: Trajectory) -> Comparison:
-    """The package's URDF loaded: its mass matrix."""
+    """Compare the mass matrix of the package's URDF."""
     same = load_crane(written / "urdf" / "crane.urdf", gravity=crane.gravity)
     difference = np.abs(
         pin.crba(same.model, same.data, run.q[0]) - pin.crba(crane.model, crane.data, run.q[0])

@@ -61,7 +61,7 @@ def add_document(parser: argparse.ArgumentParser, name: str) -> None:
 
 
 def teller(name: str, options: argparse.Namespace) -> Callable[[Sequence[ResultTable]], None]:
-    """What prints tables, and puts them into the page that the command line names, if any.
+    """Return a function that prints tables and writes them to the page named on the command line.
 
     Raises:
         DataError: At once if that is no such page, before anything is measured.

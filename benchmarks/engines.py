@@ -42,8 +42,8 @@ COLUMNS = (
 def measure_engines(
     case: Case, ready: Sequence[Ready], rounds: int, budget: float, rng: np.random.Generator
 ) -> list[list[float | str | None]]:
-    """A row for each way and number of cranes: steps a second, times real time, ratio to the plain
-    loop of the same round.
+    """Return a row for each contestant and number of cranes: steps a second, times real time, ratio
+    to the plain loop of the same round.
 
     Args:
         case: What to run.
@@ -81,7 +81,7 @@ def measure_engines(
 
 
 def _numbers(case: Case, rate: np.ndarray, plain: np.ndarray) -> tuple[float, float, float]:
-    """To three digits."""
+    """Return million steps a second, real-time factor and ratio to the plain loop, to 3 digits."""
     middle = float(np.median(rate))
     million, real_time, ratio = (
         float(f"{value:.3g}") for value in (middle / 1e6, middle * case.dt, np.median(rate / plain))
@@ -92,7 +92,7 @@ def _numbers(case: Case, rate: np.ndarray, plain: np.ndarray) -> tuple[float, fl
 def engine_tables(
     rows: Sequence[Sequence[float | str | None]], refused: Sequence[tuple[str, str]], rounds: int
 ) -> list[ResultTable]:
-    """One crane, many cranes, and who is not shown."""
+    """Return the tables of one crane, of many cranes, and of contestants that are not shown."""
     note = _note(rounds)
     single = [row for row in rows if row[1] == 1]
     result = [
@@ -123,7 +123,7 @@ def _note(rounds: int) -> str:
 def engines_benchmark(
     rounds: int, quick: bool, contestants: Sequence[Contestant] = CONTESTANTS
 ) -> tuple[Sequence[ResultTable], Callable[[], Figure]]:
-    """The tables, and what measures and draws the figure.
+    """Return the tables, and the function that measures and draws the figure.
 
     Raises:
         CraneError: If the plain loop itself cannot be shown.

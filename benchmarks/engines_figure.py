@@ -27,8 +27,7 @@ _MARKS = "osD^vP*X"
 def engines_figure(
     case: Case, ready: Sequence[Ready], rng: np.random.Generator, *, quick: bool
 ) -> Figure:
-    """Both as measured, in three shuffled rounds; runs of few steps are repeated until they are
-    worth measuring.
+    """Measure in three shuffled rounds and plot both costs; short runs are repeated.
 
     Args:
         case: What is run.

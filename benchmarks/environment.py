@@ -19,8 +19,8 @@ COUNTS = (1024, 4096, 16_384, 65_536)
 
 
 def measure_environment(count: int, rounds: int, seconds: float) -> tuple[float, float, float]:
-    """Steps a second of wall time, the best and the median round, and steps in a second of
-    processor time.
+    """Return steps a second of wall time, in the best and the median round, and steps in a second
+    of processor time.
     """
     env = TowerCraneVectorEnv(
         count,

@@ -48,8 +48,8 @@ def recipe(
     buffers: bool = False,
     everything: bool = False,
 ) -> Recipe:
-    """Code of threads; with everything, each crane has its own controller, forces, wrong sensors
-    and rows.
+    """Return a recipe of code for threads; with `everything`, each crane has its own controller,
+    forces, sensor errors and rows.
     """
     shared = (not everything,) * (3 + everything)
     return Recipe(
@@ -78,7 +78,7 @@ KINDS = {
 
 
 def ptx_text(description: dict[str, Any], kind: str) -> str:
-    """The PTX of one kind of code for a crane."""
+    """Return the PTX of one kind of code for a crane."""
     crane, (recipe_of_kind, differ) = load_crane(**description), KINDS[kind]
     constants: list[float | None] = numbers(crane).tolist()
     if differ:
@@ -100,7 +100,7 @@ class AssemblerReport(NamedTuple):
 
 
 def assembler() -> Path | None:
-    """NVIDIA's ptxas from its package on PyPI, None where it is not installed."""
+    """Return the path of NVIDIA's ptxas from its package on PyPI, None if it is not installed."""
     package = find_spec("nvidia.cuda_nvcc") if find_spec("nvidia") else None
     folders = (
         [Path(folder) for folder in (package.submodule_search_locations or ())] if package else []
@@ -109,7 +109,7 @@ def assembler() -> Path | None:
 
 
 def assemble(assembler: Path, ptx_source: str, chip: str) -> AssemblerReport:
-    """What it makes of PTX for a kind of chip, such as "sm_90".
+    """Assemble PTX for a kind of chip, such as "sm_90".
 
     Raises:
         CraneError: If it cannot assemble it.
@@ -134,7 +134,7 @@ def assemble(assembler: Path, ptx_source: str, chip: str) -> AssemblerReport:
 
 
 def assembly_table() -> ResultTable:
-    """A row for each crane and kind of code."""
+    """Return a row for each crane and kind of code."""
     if (program := assembler()) is None:
         raise CraneError(
             "ptxas, NVIDIA's assembler, is not installed: pip install 'cranedyn[ptxas]'"
@@ -166,8 +166,8 @@ def assembly_table() -> ResultTable:
 def measure_speed(
     simulated: float = 1e5, rounds: int = 3
 ) -> Iterator[tuple[int, float, float, float]]:
-    """For each number of cranes million steps a second on the GPU and on the processor, copies to
-    and fro included, the best of some rounds.
+    """Yield for each number of cranes million steps a second on the GPU and on the processor, and
+    their ratio. Copies to and fro are included; the best of several rounds counts.
 
     Args:
         simulated: Time of all cranes together [s], 1 to 70 s of each.
@@ -182,7 +182,7 @@ def measure_speed(
 
 
 def measured(count: int, device: Device, duration: float, rounds: int) -> float:
-    """Million steps a second of so many cranes for a time [s], to three digits."""
+    """Return million steps a second of many cranes for a time [s], to three digits."""
     case = Case()
     task = partial(
         simulate_batch,
@@ -200,7 +200,7 @@ def measured(count: int, device: Device, duration: float, rounds: int) -> float:
 
 
 def gpu_tables() -> list[ResultTable]:
-    """What can be said on this machine."""
+    """Return the tables that can be measured on this machine."""
     result = [assembly_table()]
     try:
         cuda.check_there()

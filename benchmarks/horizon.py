@@ -49,7 +49,7 @@ class HorizonProblem(NamedTuple):
         return scipy.linalg.block_diag(self.q, self.r)
 
     def value(self, solution: np.ndarray) -> float:
-        """Cost of what is found, what exceeding bounds costs among it."""
+        """Return the cost of a solution, penalties for exceeded bounds included."""
         z, w = self.shape.states, self.shape.both
         last = self.a[-1] @ solution[-1, :z] + self.b[-1] @ solution[-1, z:w] + self.c[-1]
         both = solution[:, :w]
@@ -59,7 +59,7 @@ class HorizonProblem(NamedTuple):
         return float(cost + (over @ self.price).sum())
 
     def gap(self, solution: np.ndarray) -> float:
-        """How far from the model what is found is."""
+        """Return the largest residual of the model equations."""
         z, w = self.shape.states, self.shape.both
         coming = (
             np.einsum("kij,kj->ki", self.a, solution[:, :z])
@@ -95,7 +95,9 @@ class Sparse(NamedTuple):
 
 
 def sparse(problem: HorizonProblem) -> Sparse:
-    """With states and inputs as variables, and the excess of each bound at a price of one."""
+    """Return the programme with states and inputs as variables, and the excess of each bound at a
+    price of one.
+    """
     shape = problem.shape
     z, w, n = shape.states, shape.both, shape.stages
     size, both = n * w + z, w + shape.inputs
@@ -136,7 +138,7 @@ def sparse(problem: HorizonProblem) -> Sparse:
 
 
 def by_clarabel(problem: HorizonProblem) -> Solve:
-    """Clarabel's interior point, to 1e-10."""
+    """Solve by Clarabel's interior-point method, to 1e-10."""
     import clarabel
 
     form, n = sparse(problem), problem.shape.stages
@@ -156,7 +158,7 @@ def by_clarabel(problem: HorizonProblem) -> Solve:
 
 
 def by_osqp(problem: HorizonProblem) -> Solve:
-    """OSQP's splitting, to 1e-4."""
+    """Solve by OSQP's operator splitting, to 1e-4."""
     import osqp
 
     form, n = sparse(problem), problem.shape.stages
@@ -174,7 +176,7 @@ def by_osqp(problem: HorizonProblem) -> Solve:
 
 
 def by_piqp(problem: HorizonProblem) -> Solve:
-    """PIQP's proximal interior point, as it comes."""
+    """Solve by PIQP's proximal interior-point method, with its defaults."""
     import piqp
 
     form, n = sparse(problem), problem.shape.stages
@@ -190,8 +192,8 @@ def by_piqp(problem: HorizonProblem) -> Solve:
 
 
 def by_daqp(problem: HorizonProblem) -> Solve:
-    """DAQP's active set, dense in the inputs; a bound has a twin that may be exceeded as little as
-    its price says.
+    """Solve by DAQP's active-set method, condensed to the inputs; a soft bound has a twin with its
+    price as slack.
     """
     from daqp import solve
 

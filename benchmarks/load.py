@@ -29,9 +29,7 @@ print(json.dumps([imported - start, first - imported, (others - first) / 10, las
 
 
 def measure_loading(rounds: int) -> list[float]:
-    """Medians [s]: the imports, the first crane after them, each of ten other cranes, the whole
-    URDF.
-    """
+    """Return medians [s]: imports, the first crane, each of ten other cranes, the whole URDF."""
     fresh(_PROGRAM)  # its modules are translated then
     runs = (fresh(_PROGRAM) for _ in range(rounds))
     return [statistics.median(column) for column in zip(*map(json.loads, runs), strict=True)]

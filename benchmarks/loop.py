@@ -22,7 +22,7 @@ DURATION, STEPS = 20.0, 40_000
 
 
 def bare_calls(crane: Crane, calls: int = STEPS) -> None:
-    """Calls of the articulated-body algorithm, as many as a round has steps, and nothing else."""
+    """Call the articulated-body algorithm as often as a round has steps."""
     aba, model, data, tau = (
         pin.aba,
         crane.model,
@@ -35,22 +35,21 @@ def bare_calls(crane: Crane, calls: int = STEPS) -> None:
 
 
 def plain_swing(crane: Crane) -> None:
-    """A round of free swing: hold control at 200 Hz, every control instant logged, the energy
-    ledger made.
+    """Simulate free swing under hold control at 200 Hz, with every control instant logged and the
+    energy ledger.
     """
     simulate(crane, hold_controller(crane), start=crane.state(phi=0.1), duration=DURATION)
 
 
 def processor_time(task: Callable[[Crane], None], crane: Crane) -> float:
-    """Processor time of one call."""
+    """Return the processor time of one call [s]."""
     before = time.process_time()
     task(crane)
     return time.process_time() - before
 
 
 def measure_loop(rounds: int) -> tuple[float, float, float]:
-    """Steps a second of bare calls and of the plain loop, and the ratio of the two, measured in
-    turn.
+    """Return steps a second of bare calls and of the plain loop, measured in turn, and their ratio.
 
     The shortest time of each counts: it is the same work every time, and whatever else the machine
     does only adds to it.

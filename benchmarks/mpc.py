@@ -45,8 +45,8 @@ class Optimised(NamedTuple):
 
 
 def optimisations_of(crane: Crane, move: RestToRest, along: bool, stride: int) -> list[Optimised]:
-    """All optimisations of a move, along its flat path or to its goal, and each so manieth
-    programme with bounds in the way.
+    """Return all optimisations of a move, along its flat path or to its goal; every n-th programme
+    with active bounds is kept.
     """
     start, goal = move.ends(crane)
     motion = flat(crane, start, goal, move.duration) if along else None
@@ -79,7 +79,7 @@ def optimisations_of(crane: Crane, move: RestToRest, along: bool, stride: int) -
 
 
 def problem_of(controller: Receding) -> tuple[HorizonProblem, np.ndarray]:
-    """The last programme of a controller, and what it found."""
+    """Return the last programme of a controller and its solution."""
     shape, work = controller.programme.shape, controller.memory_of_optimisation()
     z, w, m = shape.states, shape.both, shape.inputs
     stages = work[shape.first :].reshape(shape.padded, shape.stride)[: shape.stages]
@@ -114,7 +114,7 @@ def problem_of(controller: Receding) -> tuple[HorizonProblem, np.ndarray]:
 
 
 def timed_call(task: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
-    """Processor time of one call, and its answer."""
+    """Return the processor time of one call [s] and its result."""
     began = time.thread_time()
     solution = task()
     return time.thread_time() - began, solution
@@ -123,8 +123,8 @@ def timed_call(task: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
 def repeated(
     crane: Crane, move: RestToRest, along: bool, stride: int, rounds: int
 ) -> list[Optimised]:
-    """A move several times over; the shortest time of each optimisation counts: it is the same work
-    every time, and whatever else the machine does only adds to it.
+    """Run a move several times and return the shortest time of each optimisation. The work is the
+    same every time; other load of the machine only adds to it.
     """
     runs = [optimisations_of(crane, move, along, stride) for _ in range(rounds)]
     return [
@@ -134,7 +134,7 @@ def repeated(
 
 
 def measure_mpc(stride: int, rounds: int) -> list[ResultTable]:
-    """All moves along their paths and to their goals, then their programmes by all solvers."""
+    """Measure all moves along their paths and to their goals, and all solvers on their programmes."""
     crane = load_crane()
     rows, programmes = [], list[Optimised]()
     for name, along in (("along a flat path", True), ("to the goal", False)):

@@ -36,8 +36,8 @@ _OURS, _LIMIT, _OTHER = "#1f77b4", "#444444", "#bbbbbb"
 
 
 def peers() -> tuple[Contestant, ...]:
-    """Everybody, less those of this project and C on one thread that are no faster than another
-    here.
+    """Return all contestants, less those of this project and C on one thread that a faster variant
+    replaces.
     """
     best = ("compiled batch, all cores", "plain loop", f"C by hand, {os.cpu_count()} threads")
     slower = {contestant.name for contestant in ours.CONTESTANTS} - {*best}
@@ -53,8 +53,8 @@ Rows = list[list[float | str | None]]
 
 
 def measure_peers(case: Case, ready: Sequence[Ready], rounds: int, budget: float) -> Rows:
-    """A row for each engine, the fastest first: steps a second, its share of this engine's, how far
-    it is from the plain loop.
+    """Return a row for each engine, the fastest first: steps a second, ratio to the compiled batch,
+    deviation from the plain loop.
 
     Args:
         case: What to run.
@@ -88,7 +88,7 @@ def measure_peers(case: Case, ready: Sequence[Ready], rounds: int, budget: float
 
 
 def chart(rows: Rows) -> Figure:
-    """A bar for each engine with its number, the fastest on top."""
+    """Draw a bar for each engine with its number, the fastest on top."""
     figure, (ax,) = panels(height=0.4 * len(rows) + 1.2, width=9.0)
     names = [
         f"{name}{'' if cranes == CRANES else ' (one crane)'}".replace(
@@ -115,7 +115,7 @@ def chart(rows: Rows) -> Figure:
 def peers_benchmark(
     rounds: int, quick: bool, contestants: Sequence[Contestant] | None = None
 ) -> tuple[Sequence[ResultTable], Callable[[], Figure]]:
-    """The table, who is not shown and why, and the chart of it."""
+    """Return the tables of engines and of those not shown, and the chart."""
     case = Case()
     ready, refused = sort(case, peers() if contestants is None else contestants)
     rows = measure_peers(case, ready, rounds, 0.05 if quick else 0.5)

@@ -71,7 +71,8 @@ class SettlingTimes(NamedTuple):
 
 
 def trials(count: int, seed: int, any_crane: bool = False) -> list[SettlingTrial]:
-    """Random moves from rest to rest; fewer of one seed are the first of more.
+    """Return random moves from rest to rest; a shorter list of the same seed is the start of a
+    longer one.
 
     Args:
         count: How many.
@@ -95,7 +96,7 @@ def trials(count: int, seed: int, any_crane: bool = False) -> list[SettlingTrial
 
 
 def scaled_crane(size: float) -> Crane:
-    """The default crane with all its lengths multiplied, of the same density."""
+    """Return the default crane with all its lengths multiplied, at the same density."""
     if size == 1.0:
         return load_crane()
     usual = arguments()
@@ -112,8 +113,8 @@ def scaled_crane(size: float) -> Crane:
 
 
 def alike(size: float, quick: np.ndarray) -> Limits:
-    """Limits under which a scaled crane moves alike, with accelerations multiplied by drive and
-    rates by the root of that.
+    """Return limits under which a scaled crane moves alike, with accelerations multiplied by drive
+    and rates by the square root.
     """
     rates, accelerations = np.array(LIMITS.rates), np.array(LIMITS.accelerations)
     return Limits(
@@ -151,7 +152,7 @@ def settle(drawn: Sequence[SettlingTrial]) -> list[SettlingTimes]:
 
 
 def judge_moves(moves: Sequence[SettlingTimes], allowed: float) -> Outcome:
-    """The moves in a table, and the claim, judged on the worst of them."""
+    """Return the table of moves and the claim on the worst of them."""
     rows = [
         (
             *_place(settled.move),

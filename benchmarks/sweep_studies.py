@@ -20,18 +20,20 @@ Columns = Mapping[str, np.ndarray]
 
 
 def nothing(cases: Columns) -> Columns:
-    """A number for each case, at no cost."""
+    """Return a number for each case, at no cost."""
     return {"y": cases["x"]}
 
 
 def waiting(cases: Columns) -> Columns:
-    """The same, after a while in which no processor is needed."""
+    """Return a number for each case after a pause without processor load."""
     time.sleep(PAUSE)
     return nothing(cases)
 
 
 def swinging(cases: Columns) -> Columns:
-    """Free swings of the crane, eight in a vector, on one thread; and what each costs."""
+    """Simulate free swings of the crane, eight in a vector, on one thread, and return the cost of
+    each.
+    """
     from cranedyn.compiled.batch import simulate_batch
     from cranedyn.interfaces import State
 

@@ -49,7 +49,7 @@ def _counted(count: int, word: str) -> str:
 
 @contextmanager
 def way(kind: str, workers: int) -> Iterator[Way]:
-    """Processes, or workers of Dask that are there for as long as the context."""
+    """Yield processes, or workers of Dask that live as long as the context."""
     if kind == "processes":
         yield Way(_counted(workers, "process"), workers, None)
         return
@@ -85,8 +85,8 @@ class Pace(NamedTuple):
 
 
 def pace(study: Study, by: Way, chunks: int, chunk: int) -> Pace:
-    """Of a sweep of so many parts of so many cases; from the third part of each worker on, when all
-    have what they need, and up to where workers run out of parts.
+    """Measure a sweep of equal chunks, from the third chunk of each worker until workers run out of
+    chunks.
     """
     design = Design({"x": np.linspace(0.0, 1.0, chunks * chunk)})
     stamps = [(time.perf_counter(), time.process_time())]
@@ -125,21 +125,21 @@ class Overhead(NamedTuple):
 
 
 def overhead(by: Way, chunks: int, chunk: int) -> Overhead:
-    """From sweeps that compute nothing, of many small parts and of large ones."""
+    """Return the overhead from sweeps that compute nothing, of single cases and of large chunks."""
     small, large = pace(nothing, by, chunks, 1), pace(nothing, by, chunks, chunk)
     return Overhead(small.first, small.busy, (large.busy - small.busy) / (chunk - 1))
 
 
 def scaling(by: Way, chunks: int) -> tuple[float, float, float]:
-    """Share of the ideal with chunks that only wait, swings a second, and processor time of a swing
-    [s].
+    """Return the efficiency with chunks that only wait, swings a second, and processor time of a
+    swing [s].
     """
     waited, swung = pace(waiting, by, chunks, 1), pace(swinging, by, chunks, CRANES)
     return PAUSE / by.workers / waited.each, CRANES / swung.each, swung.spent
 
 
 def bytes_a_case(chunks: int = 2, chunk: int = 1000) -> float:
-    """Of a part on disk, with a parameter and a result that no compression makes smaller."""
+    """Return the bytes of a case on disk, with a parameter and an incompressible result."""
     design = Design({"x": np.random.default_rng(0).uniform(size=chunks * chunk)})
     with tempfile.TemporaryDirectory() as folder:
         sweep(nothing, design, Path(folder) / "sweep", chunk=chunk, workers=1)
@@ -148,7 +148,7 @@ def bytes_a_case(chunks: int = 2, chunk: int = 1000) -> float:
 
 
 def billion_case_table(measured: Overhead, spent: float, size: float, workers: int) -> ResultTable:
-    """What a billion cases would take at the measured numbers: a calculation, nothing was run.
+    """Extrapolate the measured numbers to a billion cases; nothing is run.
 
     Args:
         measured: Of a sweep by Dask.
@@ -183,7 +183,7 @@ def billion_case_table(measured: Overhead, spent: float, size: float, workers: i
 
 
 def sweeping_tables(workers: Sequence[int], chunks: int, chunk: int) -> list[ResultTable]:
-    """Overhead, growth, and the plan."""
+    """Return the tables of overhead, scaling, and a billion cases."""
     alone = 0.0
     costs: list[list[float | str | None]] = []
     grown: list[list[float | str | None]] = []

@@ -24,8 +24,8 @@ def seconds(task: Callable[[], object]) -> float:
 
 
 def fresh(script: str, *arguments: str) -> str:
-    """Run a script in a process of its own, as users start them: from the second time on Python
-    finds the modules translated, also where this environment keeps it from writing that down.
+    """Run a script in a fresh process, as users start it. From the second time on Python finds the
+    modules compiled, also where this environment forbids bytecode files.
 
     Returns:
         What it printed.
@@ -50,8 +50,8 @@ def fresh(script: str, *arguments: str) -> str:
 def race(
     tasks: Sequence[Callable[[], object]], rounds: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Wall time of each task in each round [s], shape (tasks, rounds); every round in an order of
-    its own.
+    """Return the wall time of each task in each round [s], shape (tasks, rounds); the order is
+    shuffled in every round.
     """
     times = np.empty((len(tasks), rounds))
     for k in range(rounds):
@@ -61,8 +61,8 @@ def race(
 
 
 def stretch(case: Case, run: Run, cranes: int, budget: float) -> float:
-    """Simulated time [s] that takes a way about so many seconds, 70 s at most and a control period
-    at least.
+    """Return the simulated time [s] that takes a contestant about a wall time [s], between a
+    control period and 70 s.
 
     It is longer where a run has fixed costs, such as laying out many cranes, so that these are
     about a tenth of it.

@@ -35,7 +35,7 @@ class EndlessRecord:
         self.parts: list[Path] = []
 
     def __bool__(self) -> bool:
-        """Whether there is a piece."""
+        """Return whether there is a piece."""
         return bool(self._pieces)
 
     def append(self, piece: Trajectory) -> None:

@@ -133,7 +133,7 @@ def _tried(setup: harness.Setup, site: Site, least_time: bool) -> SiteLift:
 def _in_least_time(
     setup: harness.Setup, lift: Lift
 ) -> tuple[Lift | None, tuple[float, float, float]]:
-    """The lift as short as it can be, if it is certified, and what is told of it."""
+    """Return the lift in least time, None if it is not certified, and its measures."""
     from cranedyn.planning.least_time import in_least_time
 
     shorter = in_least_time(lift)
@@ -147,8 +147,8 @@ def _in_least_time(
 
 
 def _others(setup: harness.Setup, lift: Lift) -> dict[str, tuple[float, float, float]]:
-    """The same way by other means: stopping at every corner, by splines under PD, and by an
-    operator one drive after the other.
+    """Run the same path by other means: stopping at every corner, splines under PD, and an
+    operator.
     """
     start, _ = lift.states()
     corners = lift.points[1:].tolist()
@@ -169,8 +169,8 @@ def _others(setup: harness.Setup, lift: Lift) -> dict[str, tuple[float, float, f
 
 
 def _operated(lift: Lift) -> tuple[Reference, float]:
-    """An operator who goes from corner to corner, all drives at full rate, and waits for the
-    slowest at each.
+    """Return an operator's reference and its duration [s]: from corner to corner with all drives at
+    full rate, waiting for the slowest at each.
     """
     pulses, t_start, drives = [], 0.0, [joint.symbol for joint in lift.crane.layout.driven]
     limits = lift.limits
@@ -267,7 +267,7 @@ def _summary(tried: Sequence[SiteLift]) -> harness.ResultTable:
 
 
 def _beside(tried: Sequence[SiteLift]) -> harness.ResultTable:
-    """What else one might do, along the same ways."""
+    """Return the table of other means along the same paths."""
     certified = _held(tried)
     rows: list[list[float | str | None]] = []
     for name in certified[0][0].means if certified else ():

@@ -227,7 +227,7 @@ def best_figure(name: str, files: Mapping[str, str]) -> str:
 
 
 def figure_html(folder: Path, name: str) -> str:
-    """A figure of a folder of results, as HTML that holds it."""
+    """Return a figure of a folder of results as HTML with the image embedded."""
     if Path(name).name != name or Path(name).suffix not in IMAGE_TYPES:
         raise ValueError(f"{name!r} is no figure in its folder")
     content = read_bytes(folder / name, _LARGEST_FIGURE)

@@ -22,8 +22,8 @@ def _missing() -> str | None:
 
 
 def _weighed(urdf: str) -> str:
-    """A URDF whose fixed links without mass say that they have none, where Bullet would take 1 kg
-    and warn of it.
+    """Return the URDF with explicit zero masses for massless links; Bullet would assume 1 kg and
+    warn.
     """
     robot = ET.fromstring(urdf)
     for link in robot.iterfind("link"):
@@ -39,7 +39,7 @@ def _weighed(urdf: str) -> str:
 
 
 def _stepped(case: Case, at_once: int) -> Run:
-    """One crane, with so many physics steps in each call of `stepSimulation`.
+    """Return a run of one crane with several physics steps in each call of `stepSimulation`.
 
     Bullet forgets torques after each call. With several steps in a call it holds the damping of the
     joints over all of them, too.

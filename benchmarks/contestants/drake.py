@@ -21,8 +21,8 @@ def _missing() -> str | None:
 
 
 def _advanced(case: Case, *, discrete: bool) -> Run:
-    """One crane, advanced over a control period at a time under efforts that are written into its
-    input port.
+    """Return a run of one crane, advanced by a control period at a time, with efforts at its input
+    port.
     """
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import MultibodyPlant

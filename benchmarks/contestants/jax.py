@@ -67,7 +67,7 @@ def _looped(case: Case, step: Step) -> Run:
 
 
 def _by_hand(case: Case) -> Run:
-    """The equations of `crane.c`, an array of JAX for each number."""
+    """Return a run by the equations of `crane.c` on JAX arrays, one array for each variable."""
     import jax.numpy as jnp
 
     n = c_constants(case)
@@ -114,7 +114,7 @@ def _by_hand(case: Case) -> Run:
 
 
 def _mjx(case: Case) -> Run:
-    """The same model as MuJoCo's, put into MJX."""
+    """Return a run of MuJoCo's model in MJX."""
     import jax
     from mujoco import mjx
 

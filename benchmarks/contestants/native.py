@@ -37,12 +37,12 @@ _CHUNKS = 4
 
 
 def compiler() -> str | None:
-    """The C compiler: $CC, or cc."""
+    """Return the C compiler: $CC, or cc."""
     return shutil.which(os.environ.get("CC", "cc"))
 
 
 def c_constants(case: Case) -> dict[str, float]:
-    """The numbers of a crane as the C source names them, from its loaded model.
+    """Return the parameters of a crane under the names of the C source, from its loaded model.
 
     Raises:
         ModelError: If the crane is not one the equations were written for: inertias the same about
@@ -90,7 +90,7 @@ def c_constants(case: Case) -> dict[str, float]:
 
 
 def load_library(case: Case, lanes: int, groups: int) -> ctypes.CDLL:
-    """The source made for a case and loaded.
+    """Compile the source for a case and load it.
 
     Raises:
         CraneError: If the compiler refuses it.

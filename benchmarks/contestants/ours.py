@@ -13,7 +13,7 @@ from cranedyn.interfaces import Setpoint, State
 
 
 def _no_need() -> None:
-    """Always there."""
+    """Return None: it is always installed."""
 
 
 def _llvm() -> str | None:
@@ -32,12 +32,12 @@ def _loop(case: Case) -> Run:
 
 
 def _stepping(case: Case) -> Run:
-    """A controller in Python, compiled steps in between."""
+    """Return a run with a controller in Python and compiled steps."""
     return _compiled(case, partial(case.controller))
 
 
 def _closed(case: Case) -> Run:
-    """Control and steps compiled."""
+    """Return a run with control and steps compiled."""
     return _compiled(case, case.controller)
 
 
@@ -52,7 +52,7 @@ def _compiled(case: Case, controller: Callable[[float, State, Setpoint], np.ndar
 def _batch(
     threads: int | None, integrator: Integrator = semi_implicit_euler
 ) -> Callable[[Case], Run]:
-    """Eight cranes in a vector, control and steps compiled."""
+    """Return a run of eight cranes in a vector, with control and steps compiled."""
 
     def prepare(case: Case) -> Run:
         from cranedyn.compiled.batch import simulate_batch

@@ -43,8 +43,8 @@ BESIDE = ("spline alone", "spline + PD", "flat + LQR", "operator")
 
 
 def network_inputs(observation: np.ndarray) -> np.ndarray:
-    """Observations as the network takes them, shape (n, 19): ways to go and swings also by cube
-    roots, which tell small ones apart.
+    """Return observations as inputs of the network, shape (n, 19): distances and swings also as
+    cube roots, which tell small values apart.
     """
     return np.hstack(
         [observation * SCALE, np.cbrt(observation[:, :3]), np.cbrt(observation[:, 6:10])]
@@ -133,9 +133,7 @@ class Learned(NamedTuple):
 
 
 def learned_controller(model: PPO, task: Task, goal: np.ndarray) -> Controller:
-    """What was learned as a controller of ours, which commands accelerations and looks every 0.1
-    s.
-    """
+    """Return the learned policy as a controller that commands accelerations every 0.1 s."""
     memory: dict[str, Any] = {"from": -np.inf, "command": np.zeros(3)}
 
     def controller(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
@@ -217,7 +215,7 @@ def main(arguments: Sequence[str] | None = None) -> Learned:
 
 
 def compare_learned(model: PPO, beside: Sequence[str]) -> dict[str, Score]:
-    """Its place in the table of `compare`, for the combined move."""
+    """Score the learned controller beside strategies of `compare`, for the combined move."""
     setup, move = Setup(engine="compiled"), MOVES[-1]
     task = Task(setup.crane, 1, Rules(), 0.1, setup.dt, 1)
     plans = {name: STRATEGIES[name](setup, move) for name in beside}

@@ -38,9 +38,7 @@ CLOCKS = ("gravity_m_s2", "dt_s", "control_period_s")
 
 
 def _shaped_spline(shaper: Shaper) -> Callable[[Setup, RestToRest], strategies.MovePlan]:
-    """The spline in less time, shaped for the mean cable length, so that it ends when the move
-    should.
-    """
+    """Return a plan of a shorter spline, shaped for the mean cable length, ending with the move."""
 
     def plan(setup: Setup, move: RestToRest) -> strategies.MovePlan:
         period = strategies.mean_period(setup, move)
@@ -57,7 +55,7 @@ def _shaped_spline(shaper: Shaper) -> Callable[[Setup, RestToRest], strategies.M
 
 
 def _shaped_for_moving_cable(setup: Setup, move: RestToRest) -> strategies.MovePlan:
-    """The same by the shaper that knows how the cable moves."""
+    """Plan a shorter spline, shaped for a cable of varying length."""
     shorter = move.duration - float(point_period(move.goal[2], setup.crane.gravity)) / 2.0
     base = spline(setup.crane, move.ends(setup.crane)[0], [move.goal], [shorter])
     reference = shaped_hoisting(setup.crane, base, zv(), shorter, step=setup.control_period)
@@ -130,7 +128,7 @@ def robustness(cases: Cases) -> dict[str, np.ndarray]:
 def _planned(
     gravity: float, dt: float, control_period: float, strategy: str, duration: float, drive: str
 ) -> tuple[strategies.MovePlan, RestToRest]:
-    """What a strategy plans, once for all chunks of a process."""
+    """Plan a move by a strategy, once for all chunks of a process."""
     setup = Setup(gravity, dt=dt, control_period=control_period)
     move = replace(COMBINED, duration=duration)
     plan = STRATEGIES[strategy](setup, move)
@@ -138,14 +136,14 @@ def _planned(
 
 
 def arrival(setup: Setup, plan: strategies.MovePlan, move: RestToRest) -> float:
-    """When a move counts as arrived [s]: in the time given for it where the plan says none."""
+    """Return the arrival time of a move [s]; its duration where the plan states none."""
     return strategies.instant(setup, plan.arrives or move.duration)
 
 
 def _made(
     setup: Setup, plan: strategies.MovePlan, move: RestToRest, cases: Cases
 ) -> list[tuple[str, np.ndarray]]:
-    """Moves by one plan, all at once: columns of what came of them."""
+    """Simulate moves by one plan as a batch and return the columns of results."""
     began = time.process_time()
     masses = (cases["load"] * setup.crane.payload_mass).tolist()
     cranes = [_crane(setup.gravity, mass) for mass in masses]
@@ -215,8 +213,8 @@ def gusts(crane: Crane, cases: Cases, times: np.ndarray) -> np.ndarray:
 
 
 def readings(crane: Crane, cases: Cases, rows: int) -> np.ndarray:
-    """What sensors add to coordinates and rates: the error of the cable, shape (cranes, 2 n), and
-    noise if there is any, shape (cranes, rows, 2 n).
+    """Return the sensor errors of coordinates and rates: cable error, shape (cranes, 2 n), and with
+    noise, shape (cranes, rows, 2 n).
     """
     errors, hoist = cases["cable_error_m"], crane.layout.index("l")
     if "noise" not in cases:
@@ -233,13 +231,13 @@ def readings(crane: Crane, cases: Cases, rows: int) -> np.ndarray:
 
 
 def lagging(crane: Crane, cases: Cases) -> list[Converters]:
-    """Typical frequency converters with other lags, for each crane."""
+    """Return typical frequency converters with a lag of its own for each crane."""
     typical = converters(crane)
     return [replace(typical, lags=lag * typical.lags) for lag in cases["lag"].tolist()]
 
 
 def _away(cranes: list[Crane], ends: np.ndarray, goals: np.ndarray) -> np.ndarray:
-    """How far loads are from their goals [m]; not finite where a crane diverged."""
+    """Return the distances of loads from their goals [m]; NaN where a crane diverged."""
     return np.array(
         [
             np.linalg.norm(payload_position(crane, q) - payload_position(crane, goal))
@@ -251,7 +249,7 @@ def _away(cranes: list[Crane], ends: np.ndarray, goals: np.ndarray) -> np.ndarra
 
 
 def _amplitudes(crane: Crane, batch: Batch, row: int) -> np.ndarray:
-    """Amplitudes of the swing at a recorded row [rad], shape (cranes,)."""
+    """Return amplitudes of the swing at a recorded row [rad], shape (cranes,)."""
     q, v, swings = batch.q[:, row], batch.v[:, row], crane.swings
     length = q[:, crane.layout.index("l")]
     return swing_amplitude(q[:, swings], v[:, swings], length, crane.gravity)
@@ -271,7 +269,7 @@ def _whole(crane: Crane, batch: Batch) -> np.ndarray:
 
 
 def _longer(crane: Crane, state: State, by: np.ndarray) -> State:
-    """Many states with cables longer by so much [m]."""
+    """Return copies of a state with longer cables [m]."""
     q = np.tile(state.q, (len(by), 1))
     q[:, crane.layout.index("l")] += by
     return State(q, np.zeros_like(q))
@@ -279,5 +277,5 @@ def _longer(crane: Crane, state: State, by: np.ndarray) -> State:
 
 @lru_cache(maxsize=4096)
 def _crane(gravity: float, payload_mass: float) -> Crane:
-    """The crane with another load, the same object for the same load."""
+    """Return the crane with another load, cached by load."""
     return Setup(gravity).variant(payload_mass=payload_mass)
