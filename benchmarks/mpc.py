@@ -134,7 +134,7 @@ def repeated(
 
 
 def measure_mpc(stride: int, rounds: int) -> list[ResultTable]:
-    """Measure all moves along their paths and to their goals, and all solvers on their programmes."""
+    """Measure all moves along their paths and to their goals, and all solvers of programmes."""
     crane = load_crane()
     rows, programmes = [], list[Optimised]()
     for name, along in (("along a flat path", True), ("to the goal", False)):
