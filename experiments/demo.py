@@ -298,11 +298,7 @@ class _Show:
     """Simulates, prints and streams the pieces, and keeps them until the end or an interruption."""
 
     def __init__(
-        self,
-        options: argparse.Namespace,
-        setup: harness.Setup,
-        tour: Timetable,
-        bare: Bare | None,
+        self, options: argparse.Namespace, setup: harness.Setup, tour: Timetable, bare: Bare | None
     ) -> None:
         self._options, self._setup, self._bare = options, setup, bare
         self._pace = 1.0 if options.view or options.serve else None

@@ -153,11 +153,7 @@ def _others(setup: harness.Setup, lift: Lift) -> dict[str, tuple[float, float, f
     start, _ = lift.states()
     corners = lift.points[1:].tolist()
     durations = shortest(
-        lift.crane,
-        start,
-        corners,
-        rates=lift.limits.rates,
-        accelerations=lift.limits.accelerations,
+        lift.crane, start, corners, rates=lift.limits.rates, accelerations=lift.limits.accelerations
     )
     splines = spline(lift.crane, start, corners, durations)
     joystick, end = _operated(lift)

@@ -150,10 +150,6 @@ def _costs(columns: Columns, drives: str) -> harness.ResultTable:
     for strategy, selected in _each(columns):
         spent = float(np.median(columns["spent_s"][selected]))
         rows.append((strategy, 1e3 * spent, spent * MANY / 60.0))
-    headings = [
-        ("strategy", ""),
-        ("a case [ms]", ".2f"),
-        (f"{MANY:,} cases [min]", ".1f"),
-    ]
+    headings = [("strategy", ""), ("a case [ms]", ".2f"), (f"{MANY:,} cases [min]", ".1f")]
     note = "Processor time on this machine, the median of batches; n processors share it."
     return harness.ResultTable(f"What moves cost that are drawn, {drives}", headings, rows, note)

@@ -20,24 +20,9 @@ from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.sweep.workers import end_with_parent
 from experiments.compare.result import IDEAL, PREDICTIVE, UNSEEING, StrategyResult, TourResult
 from experiments.harness import Setup
-from experiments.scenarios.moves import (
-    AFTER,
-    DWELL,
-    TOUR_LIMITS,
-    RestToRest,
-    residual,
-)
-from experiments.scenarios.perturbations import (
-    AFTER_UNTOLD,
-    NOMINAL,
-    PERTURBATIONS,
-    UNTOLD,
-    make,
-)
-from experiments.scenarios.strategies import (
-    STRATEGIES,
-    on_converters,
-)
+from experiments.scenarios.moves import AFTER, DWELL, TOUR_LIMITS, RestToRest, residual
+from experiments.scenarios.perturbations import AFTER_UNTOLD, NOMINAL, PERTURBATIONS, UNTOLD, make
+from experiments.scenarios.strategies import STRATEGIES, on_converters
 from experiments.scenarios.tours import CONTROLS
 
 

@@ -15,14 +15,8 @@ from experiments.compare.result import (
     score_of,
 )
 from experiments.harness import Column, ResultTable, finite_or_none, tabulate
-from experiments.scenarios.moves import (
-    RestToRest,
-    Score,
-)
-from experiments.scenarios.perturbations import (
-    NOMINAL,
-    PERTURBATIONS,
-)
+from experiments.scenarios.moves import RestToRest, Score
+from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS
 
 RESOLUTION = {IDEAL: (">0.001", ">0.01"), "velocity": (">0.1", ">1")}
 """Least swing [mrad] and way of the hook [mm] that are told apart, by drives. Rates of converters

@@ -45,11 +45,7 @@ def dropped_table(site: SiteCrane, cases: Sequence[LinearCase]) -> ResultTable:
     return tabulate(
         f"{site.name}: largest of each dropped term over the larger of ẍ and x γ̈",
         cases,
-        [
-            ("move", "", lambda c: c.job.name),
-            ("kept [m/s²]", ".3f", lambda c: c.kept),
-            *terms,
-        ],
+        [("move", "", lambda c: c.job.name), ("kept [m/s²]", ".3f", lambda c: c.kept), *terms],
     )
 
 

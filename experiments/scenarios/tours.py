@@ -117,8 +117,7 @@ class Repeated:
 
 
 def _tracked(
-    plan: Callable[[Setup, Limits, float], Tour],
-    design: Callable[[Setup, Motion], HoistIntegral],
+    plan: Callable[[Setup, Limits, float], Tour], design: Callable[[Setup, Motion], HoistIntegral]
 ) -> Callable[[Setup, Limits, float], Way]:
     """Return the control that tracks a planned tour."""
 
