@@ -5,7 +5,7 @@ Python to its first step.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
-from benchmarks.conduct import conduct
+from benchmarks.conduct import Results, conduct
 from benchmarks.contestants import CONTESTANTS
 from benchmarks.timing import fresh, race
 from benchmarks.workload import Case, Contestant
@@ -63,8 +63,7 @@ class Errors:
 
 
 def reference(case: Case, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return times [s] and coordinates at the control instants, shapes (n,) and (n, 5), without
-    integration error.
+    """Return times [s] and exact coordinates at the control instants, shapes (n,) and (n, 5).
 
     Dormand and Prince's method of order 8 on `pin.aba`, started anew at each control instant
     because the efforts jump there.
@@ -171,14 +170,8 @@ def integrators(
 def start_up(
     rounds: int, rng: np.random.Generator, contestants: Sequence[Contestant] = CONTESTANTS
 ) -> ResultTable:
-    """Return the wall time of fresh processes until the first control period is done. Each process
-    starts once before it counts; contestants that fail are left out.
-    """
-    names = [
-        contestant.name
-        for contestant in contestants
-        if contestant.missing() is None and _comes(contestant.name)
-    ]
+    """Return the wall time of fresh processes until the first control period is done."""
+    names = [c.name for c in contestants if c.missing() is None and _comes(c.name)]
     tasks = [partial(fresh, "pass"), *(partial(fresh, _FIRST_STEP, name) for name in names)]
     times = np.median(race(tasks, rounds, rng), axis=1)
     note = (
@@ -187,14 +180,13 @@ def start_up(
         f"All but the first import cranedyn, load the crane and make its controller; C is compiled."
     )
     rows = [
-        (name, 1e3 * float(contestant))
-        for name, contestant in zip(["Python, nothing else", *names], times, strict=True)
+        (name, 1e3 * float(seconds))
+        for name, seconds in zip(["Python, nothing else", *names], times, strict=True)
     ]
     return ResultTable("To the first step", [("strategy", ""), ("ms", ".0f")], rows, note)
 
 
 def _comes(name: str) -> bool:
-    """Return whether a contestant reaches its first step."""
     try:
         fresh(_FIRST_STEP, name)
     except CraneError:
@@ -217,9 +209,7 @@ def accuracy_figure(table: ResultTable) -> Figure:
     return figure
 
 
-def accuracy_benchmark(
-    rounds: int, quick: bool
-) -> tuple[Sequence[ResultTable], Callable[[], Figure]]:
+def accuracy_benchmark(rounds: int, quick: bool) -> Results:
     """Return both tables and the figure; quick leaves out the finest steps."""
     rng = np.random.default_rng(0)
     table = integrators(rounds, rng, steps=STEPS[:5] if quick else STEPS)

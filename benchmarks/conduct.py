@@ -14,7 +14,10 @@ from cranedyn.plotting.figures import save
 from experiments.harness.document import read_document
 from experiments.harness.outcome import Outcome, ResultTable, show
 
-Benchmark = Callable[[int, bool], tuple[Sequence[ResultTable], Callable[[], Figure]]]
+Results = tuple[Sequence[ResultTable], Callable[[], Figure]]
+"""Tables of a benchmark, and the function that measures and draws its figure."""
+
+Benchmark = Callable[[int, bool], Results]
 """From the number of rounds and whether to be quick to the tables, and to what measures and draws
 the figure if one is asked for."""
 

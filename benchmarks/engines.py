@@ -6,14 +6,13 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from benchmarks.agreement import ALLOWED, STRETCH, Ready, sort
-from benchmarks.conduct import conduct
+from benchmarks.conduct import Results, conduct
 from benchmarks.contestants import CONTESTANTS
 from benchmarks.contestants.ours import PLAIN
 from benchmarks.engines_figure import engines_figure
@@ -42,8 +41,7 @@ COLUMNS = (
 def measure_engines(
     case: Case, ready: Sequence[Ready], rounds: int, budget: float, rng: np.random.Generator
 ) -> list[list[float | str | None]]:
-    """Return a row for each contestant and number of cranes: steps a second, times real time, ratio
-    to the plain loop of the same round.
+    """Return a row for each contestant and number of cranes: steps/s, real time, ratio.
 
     Args:
         case: What to run.
@@ -53,35 +51,30 @@ def measure_engines(
             period.
         rng: Shuffles the rounds.
     """
-    entries = [
-        (entry, cranes) for entry in ready for cranes in (CRANES if entry.contestant.many else (1,))
-    ]
-    lengths = [stretch(case, entry.run, cranes, budget) for entry, cranes in entries]
+    entries = [(e, cranes) for e in ready for cranes in (CRANES if e.contestant.many else (1,))]
+    lengths = [stretch(case, e.run, cranes, budget) for e, cranes in entries]
     tasks = [
-        partial(entry.run, case.starts(cranes), length)
-        for (entry, cranes), length in zip(entries, lengths, strict=True)
+        partial(e.run, case.starts(cranes), length)
+        for (e, cranes), length in zip(entries, lengths, strict=True)
     ]
     steps = [
         cranes * case.steps * case.periods(length)
         for (_, cranes), length in zip(entries, lengths, strict=True)
     ]
     rates = np.array(steps)[:, None] / race(tasks, rounds, rng)
-    (plain,) = (
-        rate for rate, (entry, _) in zip(rates, entries, strict=True) if entry.contestant is PLAIN
-    )
+    (plain,) = (rate for rate, (e, _) in zip(rates, entries, strict=True) if e.contestant is PLAIN)
     return [
         [
-            entry.contestant.name,
+            e.contestant.name,
             cranes,
             *_numbers(case, rate, plain),
-            None if entry.contestant is PLAIN else entry.max_deviation,
+            None if e.contestant is PLAIN else e.max_deviation,
         ]
-        for (entry, cranes), rate in zip(entries, rates, strict=True)
+        for (e, cranes), rate in zip(entries, rates, strict=True)
     ]
 
 
 def _numbers(case: Case, rate: np.ndarray, plain: np.ndarray) -> tuple[float, float, float]:
-    """Return million steps a second, real-time factor and ratio to the plain loop, to 3 digits."""
     middle = float(np.median(rate))
     million, real_time, ratio = (
         float(f"{value:.3g}") for value in (middle / 1e6, middle * case.dt, np.median(rate / plain))
@@ -122,7 +115,7 @@ def _note(rounds: int) -> str:
 
 def engines_benchmark(
     rounds: int, quick: bool, contestants: Sequence[Contestant] = CONTESTANTS
-) -> tuple[Sequence[ResultTable], Callable[[], Figure]]:
+) -> Results:
     """Return the tables, and the function that measures and draws the figure.
 
     Raises:

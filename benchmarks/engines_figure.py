@@ -38,45 +38,40 @@ def engines_figure(
     sizes, lengths = (SIZES[:4], LENGTHS[:3]) if quick else (SIZES, LENGTHS)
     budget, fewest = (0.02, 1_000) if quick else (0.6, 10_000)
     batches = [
-        (entry, size, stretch(case, entry.run, size, budget))
-        for entry in ready
-        if entry.contestant.many
+        (e, size, stretch(case, e.run, size, budget))
+        for e in ready
+        if e.contestant.many
         for size in sizes
     ]
     single = [
-        (entry, 1, length * case.dt)
-        for entry in ready
-        if not entry.contestant.many
-        for length in lengths
+        (e, 1, length * case.dt) for e in ready if not e.contestant.many for length in lengths
     ]
     runs = [*batches, *single]
     steps = [cranes * case.steps * case.periods(length) for _, cranes, length in runs]
     times = [max(fewest // count, 1) for count in steps]
     tasks = [
-        partial(_repeat, entry.run, case.starts(cranes), length, n)
-        for (entry, cranes, length), n in zip(runs, times, strict=True)
+        partial(_repeat, e.run, case.starts(cranes), length, n)
+        for (e, cranes, length), n in zip(runs, times, strict=True)
     ]
     costs = 1e9 * np.median(race(tasks, 3, rng), axis=1) / np.multiply(steps, times)
     figure, (left, right) = panels(1, 2, height=5.2, width=11.0, sharey=True)
-    for k, entry in enumerate(ready):
-        ax, sizes_or_lengths = (left, sizes) if entry.contestant.many else (right, lengths)
-        cost = [
-            cost for (candidate, _, _), cost in zip(runs, costs, strict=True) if candidate is entry
-        ]
+    for k, e in enumerate(ready):
+        ax, x = (left, sizes) if e.contestant.many else (right, lengths)
+        cost = [cost for (other, _, _), cost in zip(runs, costs, strict=True) if other is e]
         colour = (
             "black"
-            if entry.contestant is PLAIN
+            if e.contestant is PLAIN
             else mpl.colormaps["turbo"](0.05 + 0.9 * k / max(len(ready) - 1, 1))
         )
         ax.plot(
-            sizes_or_lengths,
+            x,
             cost,
             marker=_MARKS[k % len(_MARKS)],
             markersize=5.0,
             color=colour,
-            label=entry.contestant.name,
+            label=e.contestant.name,
         )
-        if entry.contestant is PLAIN:
+        if e.contestant is PLAIN:
             left.axhline(cost[-1], linestyle=":", color="black", label=f"{PLAIN.name}, one crane")
     left.set(xlabel="cranes at once", ylabel="time per physics step [ns]")
     right.set(xlabel="physics steps of one crane")

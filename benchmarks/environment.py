@@ -19,9 +19,7 @@ COUNTS = (1024, 4096, 16_384, 65_536)
 
 
 def measure_environment(count: int, rounds: int, seconds: float) -> tuple[float, float, float]:
-    """Return steps a second of wall time, in the best and the median round, and steps in a second
-    of processor time.
-    """
+    """Return steps a second, best and median round, and steps in a second of processor time."""
     env = TowerCraneVectorEnv(
         count,
         crane=cranes_between(4, payload_mass=(500.0, 3000.0)),

@@ -79,12 +79,12 @@ KINDS = {
 
 def ptx_text(description: dict[str, Any], kind: str) -> str:
     """Return the PTX of one kind of code for a crane."""
-    crane, (recipe_of_kind, differ) = load_crane(**description), KINDS[kind]
+    crane, (variant, differ) = load_crane(**description), KINDS[kind]
     constants: list[float | None] = numbers(crane).tolist()
     if differ:
         half_loaded = numbers(load_crane(**description, payload_mass=crane.payload_mass / 2.0))
         constants = [a if a == b else None for a, b in zip(constants, half_loaded, strict=True)]
-    return ptx(Topology.of(crane), constants, recipe_of_kind)
+    return ptx(Topology.of(crane), constants, variant)
 
 
 class AssemblerReport(NamedTuple):
@@ -102,10 +102,8 @@ class AssemblerReport(NamedTuple):
 def assembler() -> Path | None:
     """Return the path of NVIDIA's ptxas from its package on PyPI, None if it is not installed."""
     package = find_spec("nvidia.cuda_nvcc") if find_spec("nvidia") else None
-    folders = (
-        [Path(folder) for folder in (package.submodule_search_locations or ())] if package else []
-    )
-    return next((file for folder in folders for file in folder.glob("bin/ptxas*")), None)
+    folders = [Path(p) for p in (package.submodule_search_locations or ())] if package else []
+    return next((file for path in folders for file in path.glob("bin/ptxas*")), None)
 
 
 def assemble(assembler: Path, ptx_source: str, chip: str) -> AssemblerReport:
@@ -144,10 +142,7 @@ def assembly_table() -> ResultTable:
         for kind in KINDS:
             code = ptx_text(description, kind)
             reports = [assemble(program, code, chip) for chip in CHIPS]
-            worst = (
-                max(report.registers for report in reports),
-                max(report.spilled for report in reports),
-            )
+            worst = max(r.registers for r in reports), max(r.spilled for r in reports)
             rows.append([name, kind, len(code.splitlines()), *worst])
     columns = (
         ("crane", ""),
@@ -166,8 +161,7 @@ def assembly_table() -> ResultTable:
 def measure_speed(
     simulated: float = 1e5, rounds: int = 3
 ) -> Iterator[tuple[int, float, float, float]]:
-    """Yield for each number of cranes million steps a second on the GPU and on the processor, and
-    their ratio. Copies to and fro are included; the best of several rounds counts.
+    """Yield crane count, million steps a second on GPU and processor with copies, and their ratio.
 
     Args:
         simulated: Time of all cranes together [s], 1 to 70 s of each.
@@ -213,10 +207,8 @@ def gpu_tables() -> list[ResultTable]:
         ("processor [million steps/s]", ",.6g"),
         ("ratio", ".3g"),
     )
-    return [
-        *result,
-        ResultTable("On a GPU", columns, list(measure_speed()), "Copies to and fro included."),
-    ]
+    rows, note = list(measure_speed()), "Copies to and fro included."
+    return [*result, ResultTable("On a GPU", columns, rows, note)]
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -95,9 +95,7 @@ class Sparse(NamedTuple):
 
 
 def sparse(problem: HorizonProblem) -> Sparse:
-    """Return the programme with states and inputs as variables, and the excess of each bound at a
-    price of one.
-    """
+    """Return the programme in states, inputs and slacks of bounds."""
     shape = problem.shape
     z, w, n = shape.states, shape.both, shape.stages
     size, both = n * w + z, w + shape.inputs
@@ -192,9 +190,7 @@ def by_piqp(problem: HorizonProblem) -> Solve:
 
 
 def by_daqp(problem: HorizonProblem) -> Solve:
-    """Solve by DAQP's active-set method, condensed to the inputs; a soft bound has a twin with its
-    price as slack.
-    """
+    """Solve by DAQP's active-set method, condensed to the inputs, with soft bounds."""
     from daqp import solve
 
     shape = problem.shape

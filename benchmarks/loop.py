@@ -35,9 +35,7 @@ def bare_calls(crane: Crane, calls: int = STEPS) -> None:
 
 
 def plain_swing(crane: Crane) -> None:
-    """Simulate free swing under hold control at 200 Hz, with every control instant logged and the
-    energy ledger.
-    """
+    """Simulate free swing under hold control at 200 Hz, logged at every control instant."""
     simulate(crane, hold_controller(crane), start=crane.state(phi=0.1), duration=DURATION)
 
 
@@ -49,7 +47,7 @@ def processor_time(task: Callable[[Crane], None], crane: Crane) -> float:
 
 
 def measure_loop(rounds: int) -> tuple[float, float, float]:
-    """Return steps a second of bare calls and of the plain loop, measured in turn, and their ratio.
+    """Return steps a second of bare calls and of the plain loop, and their ratio.
 
     The shortest time of each counts: it is the same work every time, and whatever else the machine
     does only adds to it.

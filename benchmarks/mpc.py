@@ -45,9 +45,7 @@ class Optimised(NamedTuple):
 
 
 def optimisations_of(crane: Crane, move: RestToRest, along: bool, stride: int) -> list[Optimised]:
-    """Return all optimisations of a move, along its flat path or to its goal; every n-th programme
-    with active bounds is kept.
-    """
+    """Return all optimisations of a move; keep every n-th programme with active bounds."""
     start, goal = move.ends(crane)
     motion = flat(crane, start, goal, move.duration) if along else None
     controller = receding(crane, LIMITS, motion=motion)
@@ -123,9 +121,7 @@ def timed_call(task: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
 def repeated(
     crane: Crane, move: RestToRest, along: bool, stride: int, rounds: int
 ) -> list[Optimised]:
-    """Run a move several times and return the shortest time of each optimisation. The work is the
-    same every time; other load of the machine only adds to it.
-    """
+    """Run a move several times and return the shortest time of each optimisation."""
     runs = [optimisations_of(crane, move, along, stride) for _ in range(rounds)]
     return [
         first._replace(taken=min(repetition.taken for repetition in repetitions))
@@ -139,10 +135,10 @@ def measure_mpc(stride: int, rounds: int) -> list[ResultTable]:
     rows, programmes = [], list[Optimised]()
     for name, along in (("along a flat path", True), ("to the goal", False)):
         moves = (repeated(crane, move, along, stride, rounds) for move in MOVES)
-        optimisations = [optimised for move in moves for optimised in move]
-        programmes += [optimised for optimised in optimisations if optimised.problem is not None]
-        times = 1e3 * np.array([optimised.taken for optimised in optimisations])
-        bound = np.array([optimised.iterations > 0 for optimised in optimisations])
+        optimisations = [o for move in moves for o in move]
+        programmes += [o for o in optimisations if o.problem is not None]
+        times = 1e3 * np.array([o.taken for o in optimisations])
+        bound = np.array([o.iterations > 0 for o in optimisations])
         rows.append(
             (
                 name,
@@ -151,7 +147,7 @@ def measure_mpc(stride: int, rounds: int) -> list[ResultTable]:
                 float(np.median(times[bound])) if bound.any() else None,
                 float(times.max()),
                 100.0 * float(bound.mean()),
-                max(optimised.iterations for optimised in optimisations),
+                max(o.iterations for o in optimisations),
             )
         )
     ours = ResultTable(
@@ -177,23 +173,16 @@ def _taken(measured: tuple[float, np.ndarray]) -> float:
 
 
 def _beside(programmes: Sequence[Optimised]) -> ResultTable:
-    entries = [
-        (optimised, optimised.problem) for optimised in programmes if optimised.problem is not None
-    ]
-    values = np.array([problem.value(optimised.found) for optimised, problem in entries])
-    columns = {
-        "ours, all of the instant": (
-            np.array([optimised.taken for optimised, _ in entries]),
-            values,
-        )
-    }
+    entries = [(o, o.problem) for o in programmes if o.problem is not None]
+    values = np.array([problem.value(o.found) for o, problem in entries])
+    columns = {"ours, all of the instant": (np.array([o.taken for o, _ in entries]), values)}
     for name, solver in SOLVERS.items():
         if find_spec(MODULES[name]) is None:
             continue
         tasks = [(solver(problem), problem) for _, problem in entries]
         pairs = [(min(map(timed_call, [task] * 3), key=_taken), problem) for task, problem in tasks]
         columns[name] = (
-            np.array([times for (times, _), _ in pairs]),
+            np.array([spent for (spent, _), _ in pairs]),
             np.array([problem.value(solution) for (_, solution), problem in pairs]),
         )
     best = np.nanmin([cost for _, cost in columns.values()], axis=0)

@@ -6,14 +6,14 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.agreement import ALLOWED, STRETCH, Ready, sort
-from benchmarks.conduct import conduct
+from benchmarks.conduct import Results, conduct
 from benchmarks.contestants import CONTESTANTS, jax, ours
 from benchmarks.timing import race, stretch
 from benchmarks.workload import Case, Contestant
@@ -36,16 +36,13 @@ _OURS, _LIMIT, _OTHER = "#1f77b4", "#444444", "#bbbbbb"
 
 
 def peers() -> tuple[Contestant, ...]:
-    """Return all contestants, less those of this project and C on one thread that a faster variant
-    replaces.
-    """
+    """Return all contestants, less slower variants of this project and of C on one thread."""
     best = ("compiled batch, all cores", "plain loop", f"C by hand, {os.cpu_count()} threads")
-    slower = {contestant.name for contestant in ours.CONTESTANTS} - {*best}
+    slower = {c.name for c in ours.CONTESTANTS} - {*best}
     return tuple(
-        contestant
-        for contestant in (*CONTESTANTS, *jax.CONTESTANTS)
-        if contestant.name not in slower
-        and not (contestant.name.startswith("C by hand") and contestant.name not in best)
+        c
+        for c in (*CONTESTANTS, *jax.CONTESTANTS)
+        if c.name not in slower and not (c.name.startswith("C by hand") and c.name not in best)
     )
 
 
@@ -53,8 +50,7 @@ Rows = list[list[float | str | None]]
 
 
 def measure_peers(case: Case, ready: Sequence[Ready], rounds: int, budget: float) -> Rows:
-    """Return a row for each engine, the fastest first: steps a second, ratio to the compiled batch,
-    deviation from the plain loop.
+    """Return a row for each engine, the fastest first: steps/s, ratio, deviation.
 
     Args:
         case: What to run.
@@ -62,13 +58,11 @@ def measure_peers(case: Case, ready: Sequence[Ready], rounds: int, budget: float
         rounds: How often; each number is the median.
         budget: How long each takes in a round [s].
     """
-    sizes = [CRANES if entry.contestant.many else 1 for entry in ready]
-    lengths = [
-        stretch(case, entry.run, size, budget) for entry, size in zip(ready, sizes, strict=True)
-    ]
+    sizes = [CRANES if e.contestant.many else 1 for e in ready]
+    lengths = [stretch(case, e.run, size, budget) for e, size in zip(ready, sizes, strict=True)]
     tasks = [
-        partial(entry.run, case.starts(size), length)
-        for entry, size, length in zip(ready, sizes, lengths, strict=True)
+        partial(e.run, case.starts(size), length)
+        for e, size, length in zip(ready, sizes, lengths, strict=True)
     ]
     times = np.median(race(tasks, rounds, np.random.default_rng(0)), axis=1)
     steps = [
@@ -76,13 +70,13 @@ def measure_peers(case: Case, ready: Sequence[Ready], rounds: int, budget: float
         for size, length in zip(sizes, lengths, strict=True)
     ]
     rates = 1e-6 * np.array(steps) / times
-    names = [entry.contestant.name for entry in ready]
+    names = [e.contestant.name for e in ready]
     if "compiled batch, all cores" not in names:
         raise CraneError("Nothing can be compared: the compiled batch cannot run here.")
     batch_rate = rates[names.index("compiled batch, all cores")]
     rows: Rows = [
-        [name, size, float(f"{rate:.3g}"), float(f"{rate / batch_rate:.3g}"), entry.max_deviation]
-        for name, size, rate, entry in zip(names, sizes, rates.tolist(), ready, strict=True)
+        [name, size, float(f"{rate:.3g}"), float(f"{rate / batch_rate:.3g}"), e.max_deviation]
+        for name, size, rate, e in zip(names, sizes, rates.tolist(), ready, strict=True)
     ]
     return sorted(rows, key=lambda row: -float(row[2] or 0.0))
 
@@ -114,7 +108,7 @@ def chart(rows: Rows) -> Figure:
 
 def peers_benchmark(
     rounds: int, quick: bool, contestants: Sequence[Contestant] | None = None
-) -> tuple[Sequence[ResultTable], Callable[[], Figure]]:
+) -> Results:
     """Return the tables of engines and of those not shown, and the chart."""
     case = Case()
     ready, refused = sort(case, peers() if contestants is None else contestants)

@@ -71,8 +71,7 @@ class SettlingTimes(NamedTuple):
 
 
 def trials(count: int, seed: int, any_crane: bool = False) -> list[SettlingTrial]:
-    """Return random moves from rest to rest; a shorter list of the same seed is the start of a
-    longer one.
+    """Return random moves from rest to rest; fewer of one seed are the first of more.
 
     Args:
         count: How many.

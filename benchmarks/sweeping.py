@@ -85,9 +85,7 @@ class Pace(NamedTuple):
 
 
 def pace(study: Study, by: Way, chunks: int, chunk: int) -> Pace:
-    """Measure a sweep of equal chunks, from the third chunk of each worker until workers run out of
-    chunks.
-    """
+    """Measure a sweep of equal chunks while all workers are busy."""
     design = Design({"x": np.linspace(0.0, 1.0, chunks * chunk)})
     stamps = [(time.perf_counter(), time.process_time())]
 
@@ -131,9 +129,7 @@ def overhead(by: Way, chunks: int, chunk: int) -> Overhead:
 
 
 def scaling(by: Way, chunks: int) -> tuple[float, float, float]:
-    """Return the efficiency with chunks that only wait, swings a second, and processor time of a
-    swing [s].
-    """
+    """Return efficiency of chunks that only wait, swings a second, processor time of a swing [s]."""
     waited, swung = pace(waiting, by, chunks, 1), pace(swinging, by, chunks, CRANES)
     return PAUSE / by.workers / waited.each, CRANES / swung.each, swung.spent
 
@@ -191,14 +187,9 @@ def sweeping_tables(workers: Sequence[int], chunks: int, chunk: int) -> list[Res
     for kind, count in kinds:
         print(f"measuring: {kind}, {count}", file=sys.stderr)
         with way(kind, count) as by:
-            costs_of_sweep, (share, rate, spent) = (
-                overhead(by, chunks, chunk),
-                scaling(by, 6 * count),
-            )
+            cost, (share, rate, spent) = (overhead(by, chunks, chunk), scaling(by, 6 * count))
         alone = alone or rate
-        costs.append(
-            [by.name, costs_of_sweep.once, 1e3 * costs_of_sweep.part, 1e6 * costs_of_sweep.case]
-        )
+        costs.append([by.name, cost.once, 1e3 * cost.part, 1e6 * cost.case])
         grown.append([by.name, 100.0 * share, rate, rate / alone, 1e3 * spent])
     note = (
         f"On {os.cpu_count()} processors that had {os.getloadavg()[1]:.0f} processes to run on "
@@ -231,7 +222,7 @@ def sweeping_tables(workers: Sequence[int], chunks: int, chunk: int) -> list[Res
             f"processor. Swings: of {SWING:g} s, in chunks of {CRANES}, and the ratio to one "
             f"process, on {os.cpu_count()} processors; a swing: processor time of one.",
         ),
-        billion_case_table(costs_of_sweep, spent, bytes_a_case(), count),
+        billion_case_table(cost, spent, bytes_a_case(), count),
     ]
 
 
@@ -244,9 +235,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def run() -> int:
         tell = teller("sweeping", options)
-        tell(
-            sweeping_tables((1,), 24, 100) if options.quick else sweeping_tables(WORKERS, 128, 4000)
-        )
+        sizes = ((1,), 24, 100) if options.quick else (WORKERS, 128, 4000)
+        tell(sweeping_tables(*sizes))
         return 0
 
     return command(run)

@@ -123,9 +123,7 @@ def plain(
     controller: Controller | None = None,
     engine: EngineName = "pinocchio",
 ) -> Result:
-    """Run the loop of cranedyn from one start, shape (2 n,), by default under the case's
-    controller.
-    """
+    """Run the loop of cranedyn from a start, shape (2 n,); the case's controller is the default."""
     run = simulate(
         case.crane,
         case.controller if controller is None else controller,
@@ -141,9 +139,7 @@ def plain(
 def brake(
     case: Case, start: np.ndarray
 ) -> Callable[[Sequence[float], Sequence[float]], tuple[float, float, float]]:
-    """Return the hold controller within the limits of the drives on Python floats, the fastest form
-    for one crane in a Python loop.
-    """
+    """Return the hold controller within the limits of the drives, on plain Python floats."""
     hold, drives = case.controller, case.crane.layout.drives
     slew, trolley, hoist = drives.tolist()
     (a, b, c), (d, e, f), (i, j, k) = (

@@ -71,8 +71,7 @@ def _stepped(case: Case, at_once: int) -> Run:
 
 
 def _rolled_out(case: Case) -> Run:
-    """Return a run of many cranes, rolled out over one control period at a time, with efforts
-    computed by NumPy in between.
+    """Return a run of many cranes, rolled out by one control period at a time.
 
     A controller inside the model would be asked at every physics step, which is another controller.
     """

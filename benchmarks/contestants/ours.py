@@ -32,12 +32,10 @@ def _loop(case: Case) -> Run:
 
 
 def _stepping(case: Case) -> Run:
-    """Return a run with a controller in Python and compiled steps."""
     return _compiled(case, partial(case.controller))
 
 
 def _closed(case: Case) -> Run:
-    """Return a run with control and steps compiled."""
     return _compiled(case, case.controller)
 
 
