@@ -129,7 +129,7 @@ def overhead(by: Way, chunks: int, chunk: int) -> Overhead:
 
 
 def scaling(by: Way, chunks: int) -> tuple[float, float, float]:
-    """Return efficiency of chunks that only wait, swings a second, processor time of a swing [s]."""
+    """Return efficiency of waiting chunks, swings a second, processor time of a swing [s]."""
     waited, swung = pace(waiting, by, chunks, 1), pace(swinging, by, chunks, CRANES)
     return PAUSE / by.workers / waited.each, CRANES / swung.each, swung.spent
 

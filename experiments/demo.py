@@ -195,9 +195,7 @@ def _table(
 
 
 def _bare(setup: harness.Setup, tour: Timetable, dwells: Dwells) -> list[harness.Claim]:
-    """Claim that without swing control the load swings on, after the first leg as the closed form
-    predicts.
-    """
+    """Claim that the load swings on, after the first leg as the closed form predicts."""
     swing, hook = min(row.swing for row in dwells.rows), min(row.deviation for row in dwells.rows)
     row, length = dwells.first, dwells.first["l_m"]
     angles, rates = row.coordinates("phi", "theta"), row.rates("phi", "theta")

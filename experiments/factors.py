@@ -185,7 +185,6 @@ def _figure(factors_derived: Sequence[Derived]) -> Figure:
 
 
 def _needed(moves: Sequence[Need]) -> Figure:
-    """Draw the ψ_h that each strategy needs."""
     figure, axes = panels(1, 2, height=3.0, width=10.0)
     for ax, name in zip(axes, dict.fromkeys(need.move for need in moves), strict=True):
         of_move = [need for need in moves if need.move == name]

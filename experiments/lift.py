@@ -105,7 +105,6 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
 
 
 def _sites(options: argparse.Namespace) -> list[tuple[str, Site]]:
-    """Return the sites by name."""
     files = options.site or [SITES / f"{name}.toml" for name in EXAMPLES]
     names = [Path(file).stem for file in files]
     if len(set(names)) < len(names):
@@ -150,7 +149,6 @@ def _shortened(lift: Lift) -> Lift:
 
 
 def _tables(results: dict[str, SiteResult]) -> list[harness.ResultTable]:
-    """Return the certified lifts and the perturbed ones."""
     tables = [_certified(results)]
     perturbed = {name: result.perturbed for name, result in results.items() if result.perturbed}
     return [*tables, _perturbed(perturbed)] if perturbed else tables
@@ -213,7 +211,6 @@ def _perturbed(results: dict[str, Perturbed]) -> harness.ResultTable:
 
 
 def _least_time(results: dict[str, SiteResult]) -> list[harness.ResultTable]:
-    """Return the lifts in least time beside the planned ones."""
     rows: Rows = []
     for name, result in results.items():
         if result.least is not None and result.least.holds:

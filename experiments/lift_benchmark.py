@@ -147,9 +147,7 @@ def _in_least_time(
 
 
 def _others(setup: harness.Setup, lift: Lift) -> dict[str, tuple[float, float, float]]:
-    """Run the same path by other means: stopping at every corner, splines under PD, and an
-    operator.
-    """
+    """Run the same path stopping at every corner, by splines under PD, and by an operator."""
     start, _ = lift.states()
     corners = lift.points[1:].tolist()
     durations = shortest(
@@ -165,9 +163,7 @@ def _others(setup: harness.Setup, lift: Lift) -> dict[str, tuple[float, float, f
 
 
 def _operated(lift: Lift) -> tuple[Reference, float]:
-    """Return an operator's reference and its duration [s]: from corner to corner with all drives at
-    full rate, waiting for the slowest at each.
-    """
+    """Return an operator's reference from corner to corner at full rate, and its duration [s]."""
     pulses, t_start, drives = [], 0.0, [joint.symbol for joint in lift.crane.layout.driven]
     limits = lift.limits
     for corner, next_corner in itertools.pairwise(lift.points):
@@ -192,9 +188,7 @@ def _operated(lift: Lift) -> tuple[Reference, float]:
 def _run(
     setup: harness.Setup, lift: Lift, reference: Reference, arrives: float, exact: bool
 ) -> tuple[float, float, float]:
-    """Duration [s], least distance [m] and swing at the arrival [rad] of a lift by a reference,
-    drives exact or under PD.
-    """
+    """Return duration [s], least distance [m] and swing at the arrival [rad] of a run."""
     controller = (
         follow(lift.crane, reference, setup.control_period)
         if exact
@@ -231,7 +225,7 @@ def _held(tried: Sequence[SiteLift]) -> list[tuple[SiteLift, Lift]]:
 
 
 def _summary(tried: Sequence[SiteLift]) -> harness.ResultTable:
-    """Median and worst of all that was certified."""
+    """Return median and worst values of certified lifts."""
     certified = _held(tried)
     measured: dict[str, list[float]] = {
         "plan and certificate [s]": [result.seconds for result, _ in certified],

@@ -162,7 +162,6 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 
 def _spread(runs: dict[float, Trajectory]) -> float:
-    """Return the largest difference in swing between any two runs [rad]."""
     swings = np.stack([r.coordinates("phi", "theta") for r in runs.values()])
     return float(np.ptp(swings, axis=0).max())
 

@@ -74,9 +74,7 @@ def page(folders: Sequence[Path]) -> str:
 
 
 def _first(results: Sequence[dict[str, Any]]) -> str:
-    """Return the first screen: date, crane, number of claims that hold, a line for each
-    experiment.
-    """
+    """Return the first screen: date, crane, claims that hold, a line for each experiment."""
     today = date.today()
     claims = [
         harness.Claim(c["sentence"], c["holds"]) for result in results for c in result["claims"]
@@ -113,7 +111,6 @@ def _of_total(claims: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _entry(result: Mapping[str, Any]) -> Entry:
-    """Return the catalogue's entry of an experiment, or one made of its result."""
     name = str(result["experiment"])
     return EXPERIMENTS.get(name) or Entry(name, str(result["about"]))
 
@@ -161,9 +158,7 @@ def _none(file: Path, error: Exception) -> DataError:
 
 
 def _made(folder: Path) -> bool:
-    """Return whether a result and every file that it lists exist; other errors are raised when it
-    is read.
-    """
+    """Return whether a result and every file that it lists exist."""
     file = folder / "result.json"
     try:
         return os.path.isfile(file) and all(
@@ -289,7 +284,6 @@ def _main(options: argparse.Namespace) -> int:
 
 
 def _words(name: str, options: argparse.Namespace, folder: Path) -> list[str]:
-    """Return the arguments of an experiment."""
     entry = EXPERIMENTS[name]
     engine = [] if options.engine == "pinocchio" else ["--engine", options.engine]
     return [*(entry.quick if options.quick else entry.words), *engine, f"--out={folder / name}"]

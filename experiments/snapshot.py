@@ -89,7 +89,6 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _write(options: argparse.Namespace) -> list[Path]:
-    """Write the pictures, the moving one first, and return their paths."""
     paths: list[Path] = []
     arguments: Any = {"size": tuple(options.size), "dashboard": options.view == "dashboard"}
     with Progress(

@@ -68,7 +68,6 @@ class _Map(NamedTuple):
 
 
 def _maps(maps: Mapping[str, _Map], label: str) -> Figure:
-    """Plot a panel per strategy, all on one scale."""
     swings = np.concatenate([panel.left[np.isfinite(panel.left)] for panel in maps.values()])
     norm = LogNorm(swings.min(), swings.max()) if len(swings) else LogNorm(1.0, 10.0)
     rows = -(-len(maps) // 4)

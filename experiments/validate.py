@@ -114,7 +114,6 @@ def oracle_table(title: str, checks: Sequence[OracleCheck]) -> ResultTable:
 
 
 def _named(check_run: OracleCheck) -> str:
-    """Return the name of an oracle with its unit."""
     return (
         f"{check_run.oracle.name} [{check_run.oracle.unit}]"
         if check_run.oracle.unit

@@ -140,9 +140,7 @@ def _published_claim(setup: Setup, column: str, misses: Sequence[float]) -> Clai
 
 
 def _within(misses: Sequence[float], allowed: Sequence[float]) -> tuple[bool, str]:
-    """Return whether all misses are smaller than allowed, and a text with the largest miss and the
-    one nearest to its bound [%].
-    """
+    """Return whether all misses are within their bounds, and a text with the extremes [%]."""
     pairs = list(zip(map(abs, misses), allowed, strict=True))
     largest, nearest = max(pairs), max(pairs, key=lambda pair: pair[0] / pair[1])
     texts = [
@@ -168,9 +166,7 @@ def _from_files(
 
 
 def _length(file: str, data: Mapping[str, np.ndarray], late: np.ndarray) -> float:
-    """Return the cable length [m]: the setpoint of the hoist in a record of ours, which has one,
-    else the mean of what was measured.
-    """
+    """Return the cable length [m]: setpoint of the hoist if recorded, else the measured mean."""
     try:
         return float(read_columns(file, ["l_setpoint_m"])["l_setpoint_m"][late].mean())
     except DataError:

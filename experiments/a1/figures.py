@@ -46,7 +46,6 @@ def waveform_figure(cases: Sequence[SwingCase]) -> Figure:
 
 
 def _errors(cases: Sequence[SwingCase]) -> tuple[list[float], list[float]]:
-    """Return the simulated and the published errors [%]."""
     published = [case.published.point or np.nan for case in cases]
     return [100 * case.error for case in cases], published
 

@@ -105,9 +105,7 @@ def identify_hoist(setup: Setup) -> Outcome:
 
 
 def _optimum(k_d: np.ndarray, differences: np.ndarray) -> float:
-    """Return the k_d with the least sum of squares over the lengths, differences taken as linear in
-    it.
-    """
+    """Return the k_d of the least sum of squares, with differences taken as linear in it."""
     slope, level = np.polyfit(k_d, differences, 1)
     return float(-(slope @ level) / (slope @ slope))
 

@@ -39,12 +39,10 @@ def article_table(crane: Crane, cases: Sequence[SwingCase]) -> ResultTable:
 
 
 def _point(length: float) -> float:
-    """Return the period of the point pendulum in standard gravity [s]."""
     return float(theory.point_period(length, STANDARD_GRAVITY))
 
 
 def _rigid(crane: Crane, length: float) -> float:
-    """Return the period of the rigid pendulum in standard gravity [s]."""
     inertia = crane.payload_inertia[0, 0]
     return theory.rigid_period(length, STANDARD_GRAVITY, crane.payload_mass, inertia)
 

@@ -98,9 +98,7 @@ def collector_waits(timed: bool) -> Iterator[None]:
 
 
 def _timed(make_controller: Callable[[], Controller], calls: list[float]) -> Controller:
-    """Return a controller that notes the processor time of each call [s], to which other work of
-    the machine adds nothing.
-    """
+    """Return a controller that records the processor time of each call [s]."""
     controller = make_controller()
 
     def timed(t: float, state: State, setpoint: Setpoint) -> np.ndarray:

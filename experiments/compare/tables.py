@@ -65,7 +65,6 @@ def move_table(move: RestToRest, results: Results, drive: str) -> ResultTable:
 
 
 def _effort(row: tuple[str, StrategyResult], name: str, drive: int) -> float | None:
-    """Return an effort of a strategy [kN m, kN]."""
     return 1e-3 * float(getattr(row[1].score, name)[drive]) if row[1].score else None
 
 

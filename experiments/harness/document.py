@@ -89,7 +89,6 @@ class Document:
         ]
 
     def _tables(self, block: re.Match[str], tables: Sequence[ResultTable]) -> list[ResultTable]:
-        """Return the tables that a block asks for."""
         result = [table for table in tables if table.title.startswith(block["title"])]
         if not result:
             raise DataError(
@@ -135,7 +134,6 @@ def _rows(content: str, title: str) -> list[list[str]]:
 
 
 def _differences(table: ResultTable, rows: Sequence[Sequence[str]], subset: bool) -> Iterator[str]:
-    """Yield how rows of a document differ from a table."""
     headers = [header.strip() for header, _ in table.columns]
     if not rows or list(rows[0]) != headers:
         yield "it is not there, or has other columns"
@@ -163,7 +161,6 @@ def _by_name(rows: Sequence[Sequence[Any]]) -> dict[str, Sequence[Any]]:
 
 
 def _rounds(cell: str, value: float | str | None, form: str) -> bool:
-    """Return whether a cell is a rounded value."""
     if value is None or isinstance(value, str) or cell == "-":
         return False
     number = resolution(form) / 2.0 if cell[0] == "<" else float(cell.replace(",", ""))
@@ -221,7 +218,6 @@ def _main(options: argparse.Namespace) -> int:
 
 
 def _stored(file: Path) -> list[ResultTable]:
-    """Return the tables of a result."""
     text = read_text(file)
     try:
         return [ResultTable.of(table) for table in parse_json(text)["tables"]]

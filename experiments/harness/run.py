@@ -75,7 +75,6 @@ def _run(
 
 
 def _outcome(experiment: Experiment, options: argparse.Namespace) -> Outcome:
-    """Run the experiment, write its files, and return its outcome."""
     file = getattr(options, "document", None)
     document = None if file is None else read_document(file, options.experiment)
     with reporting() as reporter:
@@ -92,9 +91,7 @@ def _outcome(experiment: Experiment, options: argparse.Namespace) -> Outcome:
 
 
 def _write(outcome: Outcome, options: argparse.Namespace) -> None:
-    """Write the files of a run as one set; ``result.json``, the last, lists the others beside it
-    with their digests.
-    """
+    """Write the files of a run as one set; ``result.json`` lists the others with digests."""
     from cranedyn.data.tables import write_table
     from cranedyn.plotting.figures import save
 
@@ -162,7 +159,6 @@ def _record(outcome: Outcome, options: argparse.Namespace) -> None:
 
 
 def _view(options: argparse.Namespace) -> None:
-    """Show the recording as asked for."""
     from cranedyn import recording
 
     if options.view:

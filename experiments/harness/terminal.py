@@ -68,9 +68,7 @@ def columns_of(table: ResultTable) -> list[TextColumn]:
 
 
 def _split(columns: list[TextColumn], width: int) -> list[list[TextColumn]]:
-    """Return all columns side by side if they fit, else turned if that fits, else in blocks that
-    repeat the first ones.
-    """
+    """Return all columns, turned ones, or blocks that repeat the first columns, whichever fits."""
     if _total(column.natural for column in columns) <= width or (
         _total(column.least for column in columns) <= width
         and max(_lines(column.head, column.least) for column in columns) <= _LINES

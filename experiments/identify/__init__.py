@@ -276,9 +276,7 @@ def _trials_claims(
 
 
 def _trials(estimate: Estimate) -> list[Trial]:
-    """Try strategies on the twin; none for a crane that is not this project's own, and none if a
-    move of the comparison cannot be made.
-    """
+    """Try strategies on the twin of this project's crane; none if a move cannot be planned."""
     prior = estimate.model.known
     return try_strategies(estimate) if prior.urdf is None else []
 

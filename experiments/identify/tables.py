@@ -81,7 +81,6 @@ def values_table(result: Identification, subject: str, truth: Mapping[str, float
 
 
 def _residual_table(result: Identification, subject: str) -> ResultTable:
-    """Return the residual of each channel."""
     estimate = result.estimate
     residuals, model, white = estimate.residuals, estimate.model, estimate.white
     channels = [

@@ -241,9 +241,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 
 def _first(value: np.ndarray, extreme: float) -> tuple[int, int]:
-    """Return the first place with an extreme value, up to rounding between places that are
-    alike.
-    """
+    """Return the first index of an extreme value, up to rounding."""
     index = int(np.flatnonzero(np.isclose(value, extreme, rtol=1e-6, atol=0.0))[0])
     return divmod(index, value.shape[1])
 

@@ -150,9 +150,7 @@ class OracleCheck:
 
 
 def _richardson(values: Sequence[float]) -> list[float]:
-    """Return extrapolations of values at steps h, h/2, h/4, ... to none, each with one power of the
-    step less.
-    """
+    """Return Richardson extrapolations of values at steps h, h/2, h/4, ..., by rising power."""
     row, best = list(values), [values[-1]]
     for power in range(1, len(values)):
         row = [

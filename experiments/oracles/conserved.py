@@ -117,9 +117,7 @@ def _slewing(bench: Bench, crane: Crane) -> Oracle:
 
 
 def _rolling(bench: Bench, crane: Crane) -> list[Oracle]:
-    """Return the oracles of a free trolley, under a load that is thrown, and one that swings a
-    little.
-    """
+    """Return the oracles of a free trolley under a thrown load and under a small swing."""
     start = crane.state(l=LENGTH, phi=0.5, x_dot=0.2)
 
     def along_the_jib(dt: float) -> float:

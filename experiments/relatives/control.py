@@ -138,7 +138,6 @@ def swing_left(crane: Crane, goal: State, run: Trajectory, since: float | None =
 
 
 def _least_time(relative: Relative, crane: Crane, engine: EngineName) -> tuple[Motion, Trajectory]:
-    """Plan, and run under LQR."""
     x = float(crane.start.q[crane.layout.index("x")])
     goal = rest_at(crane, x=x + WAY)
     still = [joint.symbol for joint in crane.layout.driven if joint.symbol != "x"]
@@ -153,9 +152,7 @@ def _least_time(relative: Relative, crane: Crane, engine: EngineName) -> tuple[M
 
 
 def _sampling(crane: Crane, goal: State, motion: Motion) -> float:
-    """Return the bound of `of_sampling` by the fastest mode that swings, as if all the swing were
-    its own.
-    """
+    """Return the bound of `of_sampling` for the fastest mode that swings."""
     modes = free_modes(crane, goal)
     swinging = np.abs(modes.shapes[np.isin(modes.passive, crane.swings)]).max(
         axis=0
@@ -167,7 +164,7 @@ def _sampling(crane: Crane, goal: State, motion: Motion) -> float:
 
 
 def _predicted(crane: Crane, regulator: Tracking, start: State) -> float:
-    """Swing that the linear closed loop leaves at the end [rad]."""
+    """Return the swing that the linear closed loop leaves at the end [rad]."""
     loop = sampled(crane, crane.start, dt=_DT, control_period=_PERIOD).closed(regulator.gain[-1])
     z = np.linalg.matrix_power(loop, round(DURATION / _PERIOD)) @ np.concatenate(
         [start.q - crane.start.q, start.v]
@@ -179,9 +176,7 @@ def _predicted(crane: Crane, regulator: Tracking, start: State) -> float:
 
 
 def _blown(crane: Crane, engine: EngineName) -> tuple[float, float]:
-    """Return how far a steady wind across moves the load [m], and the share of the wind's work that
-    is missing from the ledger.
-    """
+    """Return the offset of the load in a steady wind [m], and the relative error of its work."""
     breeze = wind(crane, steady(GUST), direction=0.0, payload_area=AREA)
     run = simulate(
         crane,

@@ -57,9 +57,7 @@ class Perturbation:
 
 
 def _gust(crane: Crane, arrives: float) -> Disturbance:
-    """Return a gust of 12 m/s square to the jib at zero slew, in the last ten seconds before the
-    arrival, on 5 m² of load.
-    """
+    """Return a gust of 12 m/s across the jib in the last ten seconds, on 5 m² of load."""
     return wind(
         crane,
         cosine_gust(steady(0.0), 12.0, at=arrives - 10.0, lasts=10.0),

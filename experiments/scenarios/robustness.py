@@ -256,9 +256,7 @@ def _amplitudes(crane: Crane, batch: Batch, row: int) -> np.ndarray:
 
 
 def _whole(crane: Crane, batch: Batch) -> np.ndarray:
-    """1 where all recorded rows are within the ranges, the rope taut and the load above the ground,
-    else 0, shape (cranes,).
-    """
+    """Return 1 where joints are in range, rope taut and load above ground, shape (cranes,)."""
     rows = batch.q.shape[:2]
     q, v, effort = (
         values.reshape(-1, values.shape[-1]) for values in (batch.q, batch.v, batch.effort)
