@@ -123,7 +123,7 @@ def plain(
     controller: Controller | None = None,
     engine: EngineName = "pinocchio",
 ) -> Result:
-    """Run the loop of cranedyn from a start, shape (2 n,); the controller defaults to the case."""
+    """Simulate a start, shape (2 n,), by default with the case's controller."""
     run = simulate(
         case.crane,
         case.controller if controller is None else controller,

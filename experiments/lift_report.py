@@ -42,8 +42,8 @@ def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
     values: dict[str, Any] = {}
     if options.load is not None:  # instead of the mass in the site's file
         values["payload_mass"] = number("load", options.load, "kg", "> 0")
-        kept = {name: value for name, value in site.crane.items() if name != "payload_mass"}
-        site = replace(site, crane=kept, rigging={})
+        crane_values = {name: value for name, value in site.crane.items() if name != "payload_mass"}
+        site = replace(site, crane=crane_values, rigging={})
     if options.crane is not None:
         values["urdf"] = Path(options.crane)
     chart.on(options.falls)

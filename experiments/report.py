@@ -286,7 +286,7 @@ def _main(options: argparse.Namespace) -> int:
 def _words(name: str, options: argparse.Namespace, folder: Path) -> list[str]:
     entry = EXPERIMENTS[name]
     engine = [] if options.engine == "pinocchio" else ["--engine", options.engine]
-    return [*(entry.quick if options.quick else entry.words), *engine, f"--out={folder / name}"]
+    return [*(entry.quick if options.quick else entry.arguments), *engine, f"--out={folder / name}"]
 
 
 if __name__ == "__main__":

@@ -90,12 +90,15 @@ def of_control(controls: Sequence[ControlResult]) -> list[Claim]:
     )
     predicted = max(abs(c.left_by_lqr / c.predicted - 1.0) for c in controls)
     alike = max(abs(c.left_by_mpc / c.left_by_lqr - 1.0) for c in controls)
-    gives, late = max(c.held / c.pull for c in controls), max(c.rest / c.sampling for c in controls)
+    gives, late = (
+        max(c.deflection / c.pull for c in controls),
+        max(c.residual / c.sampling for c in controls),
+    )
     return [
         Claim(
             f"Hold: the trolley gives way by {100 * gives:.0f} % at most of what a pull at once, 2 "
             "m g φ, allows.",
-            all(c.held < c.pull for c in controls),
+            all(c.deflection < c.pull for c in controls),
         ),
         Claim(
             "LQR, LQR with an observer that sees the drives alone, and MPC leave "
@@ -115,7 +118,7 @@ def of_control(controls: Sequence[ControlResult]) -> list[Claim]:
         ),
         Claim(
             "Moves of least time keep all limits and end at rest in all modes: "
-            f"{1e3 * max(c.rest for c in controls):.3f} mrad, "
+            f"{1e3 * max(c.residual for c in controls):.3f} mrad, "
             f"{100 * late:.0f} % at most of what efforts held for 5 ms may leave.",
             late < 1.0 and all(c.limits < 1.0 + 1e-6 for c in controls),
         ),

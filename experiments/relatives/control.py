@@ -48,12 +48,12 @@ class ControlResult(NamedTuple):
         relative: Which.
         pull: How far the trolley may give way to the load under the hold controller: twice m g
             φ/k_p, as at once [m].
-        held: How far it does at most [m].
+        deflection: How far it does at most [m].
         left_by_hold, left_by_lqr, left_by_observer, left_by_mpc: Swing left by each [rad].
         predicted: Left by the LQR in the linear closed loop, from the same start [rad].
         efforts: Largest share of an effort limit that the MPC uses.
         arrival: Of the move of least time [s].
-        rest: Swing left from there on, all modes together [rad].
+        residual: Swing left from there on, all modes together [rad].
         sampling: What it may leave, since efforts are held for a control period, see
             `experiments.scenarios.moves.of_sampling` [rad].
         limits: Largest share of a limit of rate, acceleration or effort that the move uses.
@@ -65,7 +65,7 @@ class ControlResult(NamedTuple):
 
     relative: Relative
     pull: float
-    held: float
+    deflection: float
     left_by_hold: float
     left_by_lqr: float
     left_by_observer: float
@@ -73,7 +73,7 @@ class ControlResult(NamedTuple):
     predicted: float
     efforts: float
     arrival: float
-    rest: float
+    residual: float
     sampling: float
     limits: float
     blown: float

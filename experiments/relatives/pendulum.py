@@ -45,15 +45,15 @@ class Unaware:
 
     Attributes:
         controller: The controller; its drives are those of this crane.
-        known: Where the joints of its crane stand among the coordinates of this one.
+        indices: Where the joints of its crane stand among the coordinates of this one.
     """
 
     controller: Controller
-    known: list[int]
+    indices: list[int]
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return the command, shape (m,)."""
-        return self.controller(t, State(state.q[self.known], state.v[self.known]), setpoint)
+        return self.controller(t, State(state.q[self.indices], state.v[self.indices]), setpoint)
 
 
 class ModeResidual(NamedTuple):
