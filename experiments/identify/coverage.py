@@ -76,15 +76,15 @@ def synthetic(
     first["l"] += truth["l_offset"]
     swing = {name: float(rng.uniform(-SWING, SWING)) for name in ("phi", "theta")}
     q, effort = PLANTS[plant](crane, crane.state(**first, **swing), position, velocity)
-    every = round(INTERVAL / _PERIOD)
-    columns = {"t_s": t[::every]}
+    stride = round(INTERVAL / _PERIOD)
+    columns = {"t_s": t[::stride]}
     for i, joint in enumerate(crane.layout.driven):
         symbol, index = joint.symbol, int(crane.layout.drives[i])
-        columns[joint.columns[0]] = (q[:, index] - truth.get(f"{symbol}_offset", 0.0))[::every]
+        columns[joint.columns[0]] = (q[:, index] - truth.get(f"{symbol}_offset", 0.0))[::stride]
         noise = NOISE["effort"] * rng.standard_normal(len(columns["t_s"]))
         friction = truth.get(f"{symbol}_friction", 0.0) * np.sign(velocity[:, i])
         if symbol != "gamma":
-            columns[joint.effort_column] = (effort[:, i] + friction)[::every] + noise
+            columns[joint.effort_column] = (effort[:, i] + friction)[::stride] + noise
     for joint in (crane.layout.joints[i] for i in crane.swings.tolist()):
         signal = CubicSpline(t, q[:, crane.layout.index(joint.symbol)])
         late = signal(np.maximum(columns["t_s"] - truth["delay"], 0.0))
@@ -99,13 +99,13 @@ def _motion(crane: Crane, rng: np.random.Generator, t: np.ndarray) -> tuple[np.n
     start = {"x": rng.uniform(6.0, 16.0), "gamma": 0.0, "l": rng.uniform(8.0, 16.0)}
     position, velocity = np.zeros((2, len(t), crane.layout.m))
     for i, joint in enumerate(crane.layout.driven):
-        times, far, shortest, longest = _MOVES[joint.symbol]
+        times, distance, shortest, longest = _MOVES[joint.symbol]
         position[:, i] = start[joint.symbol]
         for k in range(times):
             begins = rng.uniform(k, k + 0.8) * (DURATION - longest) / times
             lasts = rng.uniform(shortest, longest)
             phase = np.clip((t - begins) / lasts, 0.0, 1.0)
-            size = rng.choice([-1.0, 1.0]) * rng.uniform(0.4, 1.0) * far
+            size = rng.choice([-1.0, 1.0]) * rng.uniform(0.4, 1.0) * distance
             position[:, i] += size * phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
             velocity[:, i] += size / lasts * 30.0 * (phase * (1.0 - phase)) ** 2
     return position, velocity

@@ -154,9 +154,7 @@ def try_strategies(estimate: Estimate) -> list[Trial]:
 
 
 def _draws(estimate: Estimate) -> dict[str, np.ndarray]:
-    """Draw values of the parameters from the estimate's distribution, by name, shape (draws,)
-    each.
-    """
+    """Draw parameters from the estimate's distribution, by name, shape (draws,) each."""
     parameters = estimate.model.own
     count = len(parameters)
     rng = np.random.default_rng(0)
@@ -178,7 +176,7 @@ def _left(
     draws: Mapping[str, np.ndarray],
     corrected: Mapping[str, float],
 ) -> np.ndarray:
-    """Swing that a plan leaves where the sensors are off by what is not corrected."""
+    """Return the swing that a plan leaves with uncorrected sensor offsets."""
     move, layout = MOVES[-1], setup.crane.layout
     plan = strategies.STRATEGIES[strategy](setup, move)
     start = move.ends(setup.crane)[0]

@@ -51,7 +51,7 @@ def test_the_page_has_a_command_for_every_door() -> None:
 def test_the_table_of_the_page_is_what_the_benchmark_prints() -> None:
     for package in ("mujoco", "mcap_ros2", "rosbags", "llvmlite", "fmpy"):
         pytest.importorskip(package)
-    made = bridges.table()
+    made = bridges.exporter_table()
     assert {row[0] for row in made.rows} == set(EXPORTERS)
     for shown in made.shown():
         exporter, *_, compared, apart, _ = shown

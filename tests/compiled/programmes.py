@@ -7,20 +7,20 @@ from typing import NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from benchmarks.horizon import Problem
+from benchmarks.horizon import HorizonProblem
 from cranedyn.compiled.horizon import interior, riccati
 from cranedyn.compiled.horizon.memory import REPORT, HorizonShape
 from cranedyn.compiled.machine import Machine, translate
 
 
-def random(rng: np.random.Generator, tight: float, shape: HorizonShape) -> Problem:
+def random(rng: np.random.Generator, tight: float, shape: HorizonShape) -> HorizonProblem:
     """A stable model of any numbers, with bounds that are met the more, the tighter they are."""
     z, m, n = shape.states, shape.inputs, shape.stages
     a = rng.normal(size=(z, z))
     a *= 0.99 / np.abs(np.linalg.eigvals(a)).max()
     both = shape.both + m
     q = np.diag(rng.uniform(0.1, 2.0, z))
-    return Problem(
+    return HorizonProblem(
         a + 0.01 * rng.normal(size=(n, z, z)),
         0.3 * rng.normal(size=(z, m)) + 0.01 * rng.normal(size=(n, z, m)),
         0.05 * rng.normal(size=(n, z)),
@@ -53,7 +53,7 @@ class Solved(NamedTuple):
     report: dict[str, float]
 
 
-def solved(machine: Machine, problem: Problem) -> Solved:
+def solved(machine: Machine, problem: HorizonProblem) -> Solved:
     """By our solver."""
     shape, work = problem.shape, np.zeros(problem.shape.size)
     z, w, m = shape.states, shape.both, shape.inputs

@@ -7,7 +7,7 @@ import importlib.util
 import numpy as np
 import pytest
 
-from benchmarks.horizon import Problem, by_clarabel, by_daqp
+from benchmarks.horizon import HorizonProblem, by_clarabel, by_daqp
 from cranedyn.compiled.horizon.memory import HorizonShape
 from cranedyn.compiled.machine import Machine
 from tests.compiled.programmes import Solved, made, random, solved
@@ -38,7 +38,7 @@ def test_what_it_finds_costs_no_more_than_what_clarabel_finds(tight: float) -> N
         assert best - 1e-7 * (1.0 + abs(best)) < problem.value(ours.found) < best + gap + 1e-7
 
 
-def check_against_daqp(machine: Machine, problem: Problem) -> Solved:
+def check_against_daqp(machine: Machine, problem: HorizonProblem) -> Solved:
     """Keep bounds, at the cost of DAQP's answer, which cannot exceed them."""
     ours, theirs = solved(machine, problem), by_daqp(problem)()
     shape = problem.shape
@@ -53,7 +53,7 @@ def check_against_daqp(machine: Machine, problem: Problem) -> Solved:
     return ours
 
 
-def keepable(rng: np.random.Generator, shape: HorizonShape) -> Problem:
+def keepable(rng: np.random.Generator, shape: HorizonShape) -> HorizonProblem:
     """A problem whose bounds can be kept, at a price for which it pays to keep them."""
     problem = random(rng, 1.0, shape)
     inside = np.clip(problem.start, problem.low[: shape.states], problem.high[: shape.states])
