@@ -84,11 +84,11 @@ def bars() -> list[Bar]:
     others = Work(partial(fresh, _OTHERS), 1.0, _ROUNDS // 6, _of_children)
     first = Work(partial(fresh, _FIRST_STEP), 1.0, _ROUNDS // 6, _of_children)
     return [
-        Bar("plain loop", _loop(case, 1.0), calls, 0.39),
-        Bar("Python controller, compiled steps", _stepping(case, 10.0), calls, 2.35),
+        Bar("plain loop", _loop(case, 1.0), calls, 0.33),
+        Bar("Python controller, compiled steps", _stepping(case, 10.0), calls, 2.0),
         Bar("compiled closed loop", _closed(case, 70.0), calls, 18.5),
         Bar("compiled batch, 1 thread", _batch(case, 1.0), calls, 205.0),
-        Bar("double pendulum: plain loop", _loop(hook, 1.0), calls, 0.33),
+        Bar("double pendulum: plain loop", _loop(hook, 1.0), calls, 0.285),
         Bar("double pendulum: compiled closed loop", _closed(hook, 35.0), calls, 11.8),
         Bar("first compiled step of a process", first, others, 0.35),
     ]

@@ -196,7 +196,7 @@ def tables() -> list[Table]:
     """What can be said on this machine."""
     found = [assembly()]
     try:
-        cuda.check_there()
+        cuda.check_available()
     except CraneError as error:
         print(f"Not measured: {error}")
         return found

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from cranedyn.compiled.horizon.memory import Shape
+from cranedyn.compiled.horizon.memory import HorizonShape
 
 NONE = 1e8
 """From here on a bound is none."""
@@ -39,9 +39,9 @@ class Problem(NamedTuple):
     end_gradient: np.ndarray
 
     @property
-    def shape(self) -> Shape:
+    def shape(self) -> HorizonShape:
         """How large it is."""
-        return Shape(self.a.shape[1], self.b.shape[2], len(self.a))
+        return HorizonShape(self.a.shape[1], self.b.shape[2], len(self.a))
 
     @property
     def weight(self) -> np.ndarray:

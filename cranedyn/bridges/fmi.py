@@ -100,8 +100,8 @@ def export(
     check_free(final)
     check_choice("drive", drive, DirectDrive)
     clocks(dt, dt, dt)
-    from cranedyn.compiled.checked import elsewhere  # other exporters need no llvmlite
     from cranedyn.compiled.kernel import Recipe
+    from cranedyn.compiled.verify import object_file  # other exporters need no llvmlite
 
     recipe = Recipe(
         lanes=1,
@@ -116,7 +116,7 @@ def export(
         summary=True,
         turns=1,
     )
-    variables, code = _variables(crane, drive), elsewhere(crane, recipe)
+    variables, code = _variables(crane, drive), object_file(crane, recipe)
     token = (
         "{"
         + hashlib.sha256(code + repr((variables, dt)).encode() + _wrapper()).hexdigest()[:32]
@@ -265,10 +265,10 @@ _BASE = {
 
 def _header(crane: Crane, variables: Sequence[FmiVariable], token: str, dt: float) -> str:
     """Return unit.h for `fmi.c`: indices and offsets of the buffers."""
-    from cranedyn.compiled.call import SLOTS, Sizes, places, size
+    from cranedyn.compiled.layout import SLOTS, BufferLayout, size, slices
 
-    sizes = Sizes.of(crane.layout)
-    gains, row, summary = places(sizes.gain_table), places(sizes.row), places(sizes.summary)
+    sizes = BufferLayout.of(crane.layout)
+    gains, row, summary = slices(sizes.gain_table), slices(sizes.row), slices(sizes.summary)
     names = [variable.name for variable in variables]
     first = {
         kind: next(i for i, variable in enumerate(variables) if variable.causality == kind)

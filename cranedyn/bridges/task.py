@@ -279,7 +279,7 @@ class SwingTask:
         if n <= _AT_ONCE:
             work(slice(n), self.fleet.step)
         else:
-            slices, advance = self.fleet.parts, self.fleet.advance
+            slices, advance = self.fleet.chunks, self.fleet.advance
             self.fleet.spread(lambda i: work(slices[i], partial(advance, i)))
         return reward, over, observations
 

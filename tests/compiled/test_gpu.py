@@ -134,7 +134,7 @@ def _apart(one: Batch, other: Batch) -> float:
 @pytest.fixture
 def one_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
     """The threads of a GPU run on this processor."""
-    monkeypatch.setattr(cuda, "check_there", lambda: None)
+    monkeypatch.setattr(cuda, "check_available", lambda: None)
     monkeypatch.setattr(cuda, "run", lambda loop, *_: memory.run(loop, 1))
 
 
@@ -283,7 +283,7 @@ def test_nvidias_functions_take_what_they_are_given() -> None:
     assert {one or other for one, other in called} == {*given, launch}
     assert int(driver.CUdeviceptr(5)) == 5
     try:
-        cuda.check_there()
+        cuda.check_available()
     except CraneError:
         given[launch] = (driver.CUfunction(0), 1, 1, 1, 32, 1, 1, 0, 0, arguments, 0)
     for name, values in given.items():
@@ -329,7 +329,7 @@ def test_words_and_threads_that_mean_nothing_are_refused() -> None:
 
 def test_a_gpu_does_what_the_processor_does() -> None:
     try:
-        cuda.check_there()
+        cuda.check_available()
     except CraneError as error:
         pytest.skip(str(error))
     for study in STUDIES.values():
