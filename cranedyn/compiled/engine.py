@@ -222,7 +222,7 @@ class CompiledEngine(Engine):
         runs it instant by instant.
 
         Raises:
-            Misshapen: If the arrays of the controller's affine form or of the reference have another
+            Misshapen: If an array of the controller's affine form or of the reference has another
                 shape.
         """
         if self._setting.forces:

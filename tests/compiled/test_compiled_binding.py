@@ -1,6 +1,4 @@
-"""What goes to compiled code: looked at once, at one door, so that no call of ours touches memory
-that is not its own.
-"""
+"""Binding of compiled code to arrays: checks keep every call within its own memory."""
 
 from __future__ import annotations
 
@@ -297,10 +295,10 @@ def test_who_is_asked_for_a_table_cannot_change_what_it_is_asked_for(
         assert found.q.tobytes() == plain.q.tobytes()
 
 
-# --- the door itself ------------------------------------------------------------------------------
+# --- the binding itself ---------------------------------------------------------------------------
 
 
-def test_only_the_door_takes_addresses_and_calls_compiled_code() -> None:
+def test_only_the_binding_takes_addresses_and_calls_compiled_code() -> None:
     texts = {
         path.relative_to(ROOT).as_posix(): path.read_text()
         for path in (ROOT / "cranedyn").rglob("*.py")
@@ -393,7 +391,7 @@ _CHANGES: dict[str, Callable[[np.ndarray], Any]] = {
 @pytest.mark.parametrize(
     "name", ["state", "numbers", "starts", "delay", "readings", "summary", "log"]
 )
-def test_the_door_opens_for_arrays_of_the_right_shape_and_kind_only(name: str, change: str) -> None:
+def test_only_arrays_of_the_right_shape_and_type_are_bound(name: str, change: str) -> None:
     with pytest.raises(Misshapen, match="allowed is"):
         _loop(
             **_with(name, _CHANGES[change])
@@ -403,7 +401,7 @@ def test_the_door_opens_for_arrays_of_the_right_shape_and_kind_only(name: str, c
 
 
 @pytest.mark.parametrize("name", ["state", "readings", "summary", "log"])
-def test_the_door_opens_for_arrays_that_can_be_written_to_where_code_writes(name: str) -> None:
+def test_arrays_to_which_code_writes_are_bound_only_if_writeable(name: str) -> None:
     with pytest.raises(Misshapen, match=f"{name} is .*; allowed is .* that can be written to"):
         _loop(**_with(name, _read_only))
 
@@ -436,14 +434,14 @@ def test_the_door_opens_for_arrays_that_can_be_written_to_where_code_writes(name
         "log short, no instant, no row, no end, half an instant"
     ).split(", "),
 )
-def test_the_door_opens_for_counts_that_stay_within_the_arrays_only(
+def test_only_counts_within_the_arrays_are_bound(
     changed: dict[str, Any],
 ) -> None:
     with pytest.raises(OutOfRange, match="allowed is"):
         _loop(**changed)
 
 
-def test_the_door_knows_its_groups() -> None:
+def test_a_group_out_of_range_is_refused() -> None:
     _loop().run_groups(range(2))
     for group in (-1, 2):
         with pytest.raises(OutOfRange, match=f"group is {group}; allowed is 0 to 1"):
