@@ -311,7 +311,7 @@ def test_only_the_binding_takes_addresses_and_calls_compiled_code() -> None:
 
 _LANES, _CRANES, _PERIODS = 8, 11, 20
 _SIZES = BufferLayout.of(crane().layout)
-_LAW, _AIM, _FORCE, _OFFSET = map(
+_GAINS, _SETPOINTS, _FORCE, _OFFSET = map(
     size, (_SIZES.gain_table, _SIZES.setpoint_table, _SIZES.force, _SIZES.offset)
 )
 _RECIPE = Recipe(
@@ -344,11 +344,15 @@ def _loop(**changed: Any) -> Loop:
         "summary": np.zeros((groups, size(_SIZES.summary), _LANES)),
         "log": np.zeros((groups, (_PERIODS + 1) * size(_SIZES.row), _LANES)),
     }
-    law, aim, force = np.zeros((6, _LAW)), np.zeros((4, _AIM)), np.zeros((1, _FORCE))
+    gains, setpoints, force = (
+        np.zeros((6, _GAINS)),
+        np.zeros((4, _SETPOINTS)),
+        np.zeros((1, _FORCE)),
+    )
     offset = np.zeros((2, _OFFSET))
     tables = [
-        RowTable(law, 3, starts[0, 0]),
-        RowTable(aim, 4, starts[0, 1]),
+        RowTable(gains, 3, starts[0, 0]),
+        RowTable(setpoints, 4, starts[0, 1]),
         RowTable(force, 1, starts[0, 2]),
         RowTable(offset, 2, starts[0, 3]),
     ]
@@ -411,9 +415,9 @@ def test_arrays_to_which_code_writes_are_bound_only_if_writeable(name: str) -> N
     [
         {"starts": np.full((2, 4, _LANES), 4, dtype=np.int64)},
         {"starts": np.full((2, 4, _LANES), -1, dtype=np.int64)},
-        {"gain_table": RowTable(np.zeros((2, _LAW)), 3, np.zeros(1, int))},
-        {"setpoint_table": RowTable(np.zeros((4, _AIM)), 5, np.zeros(1, int))},
-        {"setpoint_table": RowTable(np.zeros((0, _AIM)), 0, np.zeros(1, int))},
+        {"gain_table": RowTable(np.zeros((2, _GAINS)), 3, np.zeros(1, int))},
+        {"setpoint_table": RowTable(np.zeros((4, _SETPOINTS)), 5, np.zeros(1, int))},
+        {"setpoint_table": RowTable(np.zeros((0, _SETPOINTS)), 0, np.zeros(1, int))},
         {"force": RowTable(np.zeros((1, 5)), 1, np.zeros(1, int))},
         {"force": RowTable(np.full((1, 6), math.nan), 1, np.zeros(1, int))},
         {"offset": RowTable(np.full((1, 10), math.inf), 1, np.zeros(1, int))},
