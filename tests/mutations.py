@@ -484,7 +484,7 @@ MUTATIONS = (
         "cranedyn/compiled/binding.py",
         "final + length > total",
         "final > total",
-        "compiled_binding::the_door_opens_for_counts_that_stay_within_the_arrays_only",
+        "compiled_binding::only_counts_within_the_arrays_are_bound",
     ),
     Mutation(
         "cranes of a fleet have the effort limits of the first",

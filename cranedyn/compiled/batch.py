@@ -200,8 +200,8 @@ def simulate_batch(
         offset=len(offsets) > 0,
         forces=force is not None,
         shared=tuple(
-            rows_of.shared
-            for rows_of in (control.gain_table, control.setpoint_table, forces, *offsets)
+            row_table.shared
+            for row_table in (control.gain_table, control.setpoint_table, forces, *offsets)
         ),
         log=rows > 0,
         summary=True,

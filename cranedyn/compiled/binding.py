@@ -141,7 +141,7 @@ class Instant:
         Raises:
             Misshapen: If it is of another size, or no contiguous doubles.
         """
-        layout, size = programme.topology.layout, programme.parts(1).size
+        layout, size = programme.topology.layout, programme.offsets(1).size
         self._numbers = 2 * layout.n + layout.m
         self._given, self._command = np.zeros(self._numbers + 2), np.zeros(layout.m)
         self._counts = self._given[self._numbers :].view(np.int64)
@@ -263,7 +263,7 @@ class Loop:
             self._bind(
                 "horizon",
                 memory["horizon"],
-                (self._groups, recipe.programme.parts(lanes).size),
+                (self._groups, recipe.programme.offsets(lanes).size),
                 written=True,
             )
         if not all(recipe.shared):

@@ -215,7 +215,7 @@ class CompiledEngine(Engine):
         runs it instant by instant.
 
         Raises:
-            Misshapen: If the arrays of the controller's affine form or of the reference have another
+            Misshapen: If an array of the controller's affine form or of the reference has another
                 shape.
         """
         if self._setting.forces:
@@ -312,11 +312,11 @@ class CompiledEngine(Engine):
                 np.empty((instants, size(self._sizes.row))),
                 np.zeros(size(self._sizes.summary)),
             )
-            code, (laws_of, aims_of) = (
+            code, (gains, setpoints) = (
                 self._code(integral=integral, log=True),
                 map(single_table, tables),
             )
-            run = self._loop(code, laws_of, aims_of, instants, end, log=rows, summary=summary)
+            run = self._loop(code, gains, setpoints, instants, end, log=rows, summary=summary)
             invalid = summary[slices(self._sizes.summary)["invalid"]]
             self._blocks[size_of_it] = _Block(*tables, rows, invalid, run.bind_call())
         return self._blocks[size_of_it]

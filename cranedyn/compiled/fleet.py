@@ -191,8 +191,8 @@ class Fleet:
 
         Args:
             indices: Indices of the cranes, shape (k,).
-            force: Force in the world [N] on the points of each crane, the payload first, shape (k, 3
-                points).
+            force: Force in the world [N] on the points of each crane, the payload first, shape
+                (k, 3 points).
 
         Raises:
             OutOfRange: If a number is not finite, an index is out of range, or the fleet has no

@@ -143,9 +143,9 @@ def control_tables(
         OutOfRange: If an affine form is not finite, or the tables do not fit into 4 GB.
     """
     cranes, sizes = len(start.q), BufferLayout.of(crane.layout)
-    aims_of, references = _references(crane, reference, start, used)
-    laws_of, controllers = distinct_objects(controller, cranes)
-    pairs, pair_of = np.unique(laws_of * len(references) + aims_of, return_inverse=True)
+    reference_of, references = _references(crane, reference, start, used)
+    controller_of, controllers = distinct_objects(controller, cranes)
+    pairs, pair_of = np.unique(controller_of * len(references) + reference_of, return_inverse=True)
     used += _PAIR * len(pairs)
     gain_tables: list[np.ndarray] = []
     setpoint_tables, integrals, gain_table_of_pair, integrates = [], [], [], False

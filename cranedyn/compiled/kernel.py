@@ -224,7 +224,7 @@ class _Loop:
             StackVariable(code, code.load(self.call_values[name], i * code.stride))
             for i in range(size(sections))
         ]
-        return {name_: variables[section] for name_, section in slices(sections).items()}
+        return {key: variables[section] for key, section in slices(sections).items()}
 
     def _keep(self, name: str, variables: dict[str, list[StackVariable]]) -> None:
         for i, variable in enumerate(

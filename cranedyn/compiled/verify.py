@@ -135,7 +135,7 @@ def verify_crane(
         crane.layout,
         JointForces.of(crane),
     )
-    lanes_of_numbers = np.repeat(varied[:, None], lanes, axis=1)
+    lane_numbers = np.repeat(varied[:, None], lanes, axis=1)
     for _ in range(8):
         q = rng.uniform(crane.lower, crane.upper)
         q[crane.swings] = rng.uniform(-1.4, 1.4, len(crane.swings))
@@ -181,7 +181,7 @@ def verify_crane(
                 external,
             )
         query = np.repeat(np.concatenate([q, v, command, force])[:, None], lanes, axis=1)
-        if off := rigid_body.disagreement(answers(code, query, lanes_of_numbers).T, expected, mass):
+        if off := rigid_body.disagreement(answers(code, query, lane_numbers).T, expected, mass):
             raise ModelError(
                 "The compiled crane moves otherwise than Pinocchio's: accelerations differ by "
                 f"{off:.1e} of the largest."

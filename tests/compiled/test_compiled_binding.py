@@ -1,6 +1,4 @@
-"""What goes to compiled code: looked at once, at one door, so that no call of ours touches memory
-that is not its own.
-"""
+"""Binding of compiled code to arrays: checks keep every call within its own memory."""
 
 from __future__ import annotations
 
@@ -297,10 +295,10 @@ def test_who_is_asked_for_a_table_cannot_change_what_it_is_asked_for(
         assert found.q.tobytes() == plain.q.tobytes()
 
 
-# --- the door itself ------------------------------------------------------------------------------
+# --- the binding itself ---------------------------------------------------------------------------
 
 
-def test_only_the_door_takes_addresses_and_calls_compiled_code() -> None:
+def test_only_the_binding_takes_addresses_and_calls_compiled_code() -> None:
     texts = {
         path.relative_to(ROOT).as_posix(): path.read_text()
         for path in (ROOT / "cranedyn").rglob("*.py")
@@ -313,7 +311,7 @@ def test_only_the_door_takes_addresses_and_calls_compiled_code() -> None:
 
 _LANES, _CRANES, _PERIODS = 8, 11, 20
 _SIZES = BufferLayout.of(crane().layout)
-_LAW, _AIM, _FORCE, _OFFSET = map(
+_GAINS, _SETPOINTS, _FORCE, _OFFSET = map(
     size, (_SIZES.gain_table, _SIZES.setpoint_table, _SIZES.force, _SIZES.offset)
 )
 _RECIPE = Recipe(
@@ -346,11 +344,15 @@ def _loop(**changed: Any) -> Loop:
         "summary": np.zeros((groups, size(_SIZES.summary), _LANES)),
         "log": np.zeros((groups, (_PERIODS + 1) * size(_SIZES.row), _LANES)),
     }
-    law, aim, force = np.zeros((6, _LAW)), np.zeros((4, _AIM)), np.zeros((1, _FORCE))
+    gains, setpoints, force = (
+        np.zeros((6, _GAINS)),
+        np.zeros((4, _SETPOINTS)),
+        np.zeros((1, _FORCE)),
+    )
     offset = np.zeros((2, _OFFSET))
     tables = [
-        RowTable(law, 3, starts[0, 0]),
-        RowTable(aim, 4, starts[0, 1]),
+        RowTable(gains, 3, starts[0, 0]),
+        RowTable(setpoints, 4, starts[0, 1]),
         RowTable(force, 1, starts[0, 2]),
         RowTable(offset, 2, starts[0, 3]),
     ]
@@ -393,7 +395,7 @@ _CHANGES: dict[str, Callable[[np.ndarray], Any]] = {
 @pytest.mark.parametrize(
     "name", ["state", "numbers", "starts", "delay", "readings", "summary", "log"]
 )
-def test_the_door_opens_for_arrays_of_the_right_shape_and_kind_only(name: str, change: str) -> None:
+def test_only_arrays_of_the_right_shape_and_type_are_bound(name: str, change: str) -> None:
     with pytest.raises(Misshapen, match="allowed is"):
         _loop(
             **_with(name, _CHANGES[change])
@@ -403,7 +405,7 @@ def test_the_door_opens_for_arrays_of_the_right_shape_and_kind_only(name: str, c
 
 
 @pytest.mark.parametrize("name", ["state", "readings", "summary", "log"])
-def test_the_door_opens_for_arrays_that_can_be_written_to_where_code_writes(name: str) -> None:
+def test_arrays_to_which_code_writes_are_bound_only_if_writeable(name: str) -> None:
     with pytest.raises(Misshapen, match=f"{name} is .*; allowed is .* that can be written to"):
         _loop(**_with(name, _read_only))
 
@@ -413,9 +415,9 @@ def test_the_door_opens_for_arrays_that_can_be_written_to_where_code_writes(name
     [
         {"starts": np.full((2, 4, _LANES), 4, dtype=np.int64)},
         {"starts": np.full((2, 4, _LANES), -1, dtype=np.int64)},
-        {"gain_table": RowTable(np.zeros((2, _LAW)), 3, np.zeros(1, int))},
-        {"setpoint_table": RowTable(np.zeros((4, _AIM)), 5, np.zeros(1, int))},
-        {"setpoint_table": RowTable(np.zeros((0, _AIM)), 0, np.zeros(1, int))},
+        {"gain_table": RowTable(np.zeros((2, _GAINS)), 3, np.zeros(1, int))},
+        {"setpoint_table": RowTable(np.zeros((4, _SETPOINTS)), 5, np.zeros(1, int))},
+        {"setpoint_table": RowTable(np.zeros((0, _SETPOINTS)), 0, np.zeros(1, int))},
         {"force": RowTable(np.zeros((1, 5)), 1, np.zeros(1, int))},
         {"force": RowTable(np.full((1, 6), math.nan), 1, np.zeros(1, int))},
         {"offset": RowTable(np.full((1, 10), math.inf), 1, np.zeros(1, int))},
@@ -436,14 +438,14 @@ def test_the_door_opens_for_arrays_that_can_be_written_to_where_code_writes(name
         "log short, no instant, no row, no end, half an instant"
     ).split(", "),
 )
-def test_the_door_opens_for_counts_that_stay_within_the_arrays_only(
+def test_only_counts_within_the_arrays_are_bound(
     changed: dict[str, Any],
 ) -> None:
     with pytest.raises(OutOfRange, match="allowed is"):
         _loop(**changed)
 
 
-def test_the_door_knows_its_groups() -> None:
+def test_a_group_out_of_range_is_refused() -> None:
     _loop().run_groups(range(2))
     for group in (-1, 2):
         with pytest.raises(OutOfRange, match=f"group is {group}; allowed is 0 to 1"):

@@ -1,3 +1,3 @@
-"""Predictive control in code: a crane predicted over a horizon, the quadratic programme that comes
-of it, and its solution by an interior-point method whose linear algebra is Riccati's.
+"""Predictive control in code: a crane model over a horizon, its quadratic programme, and an
+interior-point method with Riccati recursion.
 """

@@ -36,23 +36,23 @@ class Programme:
     """Parameters of a predictive controller that its code depends on.
 
     Attributes:
-        topology: What its crane has in common with others.
-        numbers: Of the crane that it believes in, see `cranedyn.plant.plant.numbers`.
-        drive: What it commands, "effort", "motion" or "velocity".
-        stages: Of the horizon.
-        length: Of a stage [s].
+        topology: Topology of its crane model.
+        numbers: Parameters of its crane model, see `cranedyn.plant.plant.numbers`.
+        drive: Kind of command, "effort", "motion" or "velocity".
+        stages: Number of stages of the horizon.
+        length: Length of a stage [s].
         period: Control period [s].
         ratio: Control periods from one optimisation to the next.
-        rows: Of the path that it tracks; 0 for the setpoint of the moment.
-        share: Of what an estimate of disturbances is wrong by that is corrected at each instant.
-        swing_share: The same of the swing.
-        rate_share: The same of the rates of drives to which rates are commanded.
-        swing: Largest angle of each swing joint from where it hangs [rad].
+        rows: Rows of the path that it tracks; 0 for the present setpoint.
+        share: Share of the error of the disturbance estimate that is corrected at each instant.
+        swing_share: Share of the error of the filtered swing that is corrected.
+        rate_share: Share of the error of planned rates that is corrected, for velocity commands.
+        swing: Largest angle of each swing joint from its rest [rad].
         taut: Least tension of the rope [N].
-        errors: Of coordinates and rates of each joint that weigh alike, in a row; none if weights
-            are given.
-        payload_errors: Of the payload's place [m] and rate [m/s] that weigh alike.
-        lead: Where it commands rates, by how long each drive is told ahead [s]; else none.
+        errors: Errors of coordinates and rates of each joint with equal weight; empty for explicit
+            weights.
+        payload_errors: Errors of the payload's position [m] and rate [m/s] with equal weight.
+        lead: Lead of the command of each drive [s], for velocity commands; else empty.
     """
 
     topology: Topology
@@ -78,7 +78,7 @@ class Programme:
         layout = self.topology.layout
         return HorizonShape(2 * layout.n, layout.m, self.stages)
 
-    def parts(self, lanes: int) -> MemoryOffsets:
+    def offsets(self, lanes: int) -> MemoryOffsets:
         """Return the offsets of the sections in the memory of a group of lanes."""
         return MemoryOffsets.of(self, lanes)
 
@@ -103,13 +103,13 @@ class MemoryOffsets(NamedTuple):
     """Offsets of the sections in the memory of a group of lanes [doubles].
 
     Attributes:
-        query: See `cranedyn.compiled.horizon.planning`.
-        counts: Whole numbers: control instants up to now, and up to the run's beginning.
-        lanes: What each lane remembers, see `lane_memory`.
-        plans: The plan of each lane.
-        path: The path.
+        query: State and whole numbers, see `cranedyn.compiled.horizon.planning`.
+        counts: Whole numbers: control instants up to now, and up to the start of the run.
+        lanes: Memory of each lane, see `lane_memory`.
+        plans: Plan of each lane.
+        path: Rows of the path.
         work: Memory of the optimisation.
-        size: Of all.
+        size: Total size.
     """
 
     query: int
@@ -186,7 +186,7 @@ def emit_instant(module: ir.Module, programme: Programme) -> None:
     optimise to the command.
     """
     code = Code(module, "instant", ["memory", "given", "command"], 1)
-    code.function.attributes.add("noinline")  # rounded alike wherever it is called from
+    code.function.attributes.add("noinline")  # same rounding for all callers
     layout, query = programme.topology.layout, code.argument["given"]
     z = 2 * layout.n
     state = array([code.load(query, i) for i in range(z)])
@@ -210,17 +210,20 @@ class PredictiveControl:
 
     def __init__(self, code: Code, programme: Programme, memory: ir.Value) -> None:
         self.code, self.programme, self.memory = code, programme, memory
-        self.parts, self.layout = MemoryOffsets.of(programme, code.lanes), programme.topology.layout
+        self.offsets, self.layout = (
+            MemoryOffsets.of(programme, code.lanes),
+            programme.topology.layout,
+        )
         self._slots = lane_memory(self.layout)
 
     def count_instant(self) -> tuple[ir.Value, ir.Value]:
         """Count an instant; return the row of the path and whether to optimise."""
         code = self.code
-        count = code.load_one(self.memory, self.parts.counts, INTEGER)
-        address = pointer(code, self.memory, self.parts.counts)
+        count = code.load_one(self.memory, self.offsets.counts, INTEGER)
+        address = pointer(code, self.memory, self.offsets.counts)
         code.builder.store(code.builder.add(count, code.integer(1)), address, align=8)
         turn = code.builder.srem(count, code.integer(self.programme.ratio))
-        first = code.load_one(self.memory, self.parts.counts + 1, INTEGER)
+        first = code.load_one(self.memory, self.offsets.counts + 1, INTEGER)
         due = code.builder.or_(
             code.builder.icmp_signed("==", turn, code.integer(0)),
             code.builder.icmp_signed("==", count, first),
@@ -235,9 +238,9 @@ class PredictiveControl:
         Args:
             q: Coordinates.
             v: Rates.
-            position: Setpoint of the drives; of no account where there is a path.
-            row: Of the path now.
-            due: Whether it is time for an optimisation.
+            position: Setpoint of the drives; unused with a path.
+            row: Present row of the path.
+            due: Whether to optimise.
         """
         code = self.code
         before, begun = self._load_memory("read"), self._load_memory("begun")[0]
@@ -291,7 +294,7 @@ class PredictiveControl:
         row: ir.Value,
         plausible: Value,
     ) -> None:
-        code, offsets, shape = self.code, self.parts, self.programme.shape
+        code, offsets, shape = self.code, self.offsets, self.programme.shape
         query, path = (
             pointer(code, self.memory, offset) for offset in (offsets.query, offsets.path)
         )
@@ -303,7 +306,7 @@ class PredictiveControl:
         else:
             numbers = code.integer(0), code.integer(0), code.integer(0)
             for i, value in enumerate(goal):
-                if isinstance(value, Value):  # of other kinds are the zeros that stand there
+                if isinstance(value, Value):  # constants are zeros, already in memory
                     self._store_one(element(code, value, lane), path, i)
         for i, number in enumerate(numbers):
             code.builder.store(number, pointer(code, query, shape.lanes + i), align=8)
@@ -321,7 +324,7 @@ class PredictiveControl:
         self.code.builder.store(value.register, pointer(self.code, base, offset), align=8)
 
     def _place(self, i: int) -> int:
-        return self.parts.lanes + i * self.code.lanes
+        return self.offsets.lanes + i * self.code.lanes
 
     def _load_memory(self, name: str) -> np.ndarray:
         return array([self.code.load(self.memory, self._place(i)) for i in self._slots[name]])
@@ -335,7 +338,7 @@ class PredictiveControl:
         plausible ones, and 0.
         """
         code, shape = self.code, self.programme.shape
-        low, high = (self.parts.work + shape.place(name) for name in ("least", "most"))
+        low, high = (self.offsets.work + shape.place(name) for name in ("least", "most"))
         read = np.concatenate([q, v])
         holds = code.both(
             *(x >= code.spread(self.memory, low + i) for i, x in enumerate(read)),

@@ -15,7 +15,7 @@ class Dual:
 
     Attributes:
         value: The number.
-        slopes: Its derivatives; those that are the float 0 cost nothing.
+        slopes: Its derivatives; products with a float 0 are not computed.
     """
 
     __slots__ = ("slopes", "value")

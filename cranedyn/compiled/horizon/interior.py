@@ -1,8 +1,8 @@
-"""A primal-dual interior-point method in code, for bounds that may be exceeded at a price.
+"""Primal-dual interior-point method in code, for bounds that may be exceeded at a price.
 
 Each number y of a stage has bounds low <= y <= high. To exceed one by s costs price s, so that
-there always is a solution, and a bound is kept wherever keeping it costs less than that. With the
-room g up to a bound, slack t - s = g, multiplier of the bound λ and price - λ of s >= 0, the
+there is always a solution, and a bound holds wherever this costs less than the price. With the
+margin g to a bound, slack t - s = g, multiplier of the bound λ and price - λ of s >= 0, the
 central path is t λ = s (price - λ) = μ. Predictor and corrector after Mehrotra (1992), "On the
 implementation of a primal-dual interior point method"; the linear algebra is that of
 `cranedyn.compiled.horizon.riccati`.
@@ -29,20 +29,20 @@ from cranedyn.compiled.horizon.memory import (
 from cranedyn.compiled.horizon.riccati import call, total
 
 _MOST = 20
-"""Iterations."""
+"""Largest number of iterations."""
 
 _SHORT = 0.995
-"""Share of the way to where a slack or a multiplier would be zero that a step takes."""
+"""Largest step, as a share of the step at which a slack or a multiplier would be zero."""
 
 _GAP, _OPEN = 1e-8, 1e-9
-"""Where it ends: mean product of slacks and multipliers, as a share of the barrier that it began
-with, and share of the gradient's residual at the beginning."""
+"""Tolerances: mean product of slacks and multipliers, as a share of the initial barrier, and
+residual of the gradient, as a share of the initial one."""
 
 _SIDES = {"high": 1.0, "low": -1.0}
 
 
 def emit(module: ir.Module, shape: HorizonShape) -> None:
-    """Add the function `solve`, from the stages' model, gradient and bounds to what is best."""
+    """Add the function `solve`, from the stages' model, gradient and bounds to the optimum."""
     _Solve(Work(Code(module, "solve", ["work"], shape.lanes), shape)).emit()
 
 

@@ -134,10 +134,12 @@ class HorizonShape:
 
 
 REPORT = ("barrier", "flag", "iterations", "gap", "open", "excess", "first")
-"""What stands in the first lanes of the report. Given: the barrier to begin with; last, a constant,
-that of an optimisation after one that succeeded. Found: 1 if
-solved, 0 if not; iterations; mean product of slacks and multipliers; what is left of the gradient
-at the beginning; largest share by which a bound is exceeded without bounds in the way."""
+"""First lanes of the report.
+
+Inputs are barrier, the initial barrier, and first, a constant, the initial barrier after a
+successful optimisation. Outputs are flag, 1 if solved, else 0; iterations; gap, the mean product of
+slacks and multipliers; open, the residual of the gradient as a share of the initial one; and
+excess, the largest excess of a bound at the optimum without bounds."""
 
 
 class LaneView(Code):

@@ -25,7 +25,7 @@ from cranedyn.plant.plant import Plant
 _ORDER = 4
 
 Entries = list[tuple[str, int, int, Any]]
-"""Numbers of a stage: name of the row, its number, lane, what stands there."""
+"""Entries of a stage: name of the row, its number, lane, value."""
 
 
 class CraneDerivatives(NamedTuple):
@@ -33,10 +33,10 @@ class CraneDerivatives(NamedTuple):
 
     Attributes:
         a: Accelerations, shape (n,).
-        effort: Of the drives, shape (m,).
+        effort: Efforts of the drives, shape (m,).
         rates: Derivatives of the accelerations by coordinates, rates and inputs, shape (n, 2 n +
             m).
-        efforts: The same of the efforts, shape (m, 2 n + m).
+        efforts: Derivatives of the efforts by the same, shape (m, 2 n + m).
     """
 
     a: np.ndarray
@@ -104,8 +104,8 @@ def stage(plant: Plant, length: float, q: np.ndarray, v: np.ndarray, u: np.ndarr
     z, w = 2 * n, 2 * n + m
     derivatives = crane_derivatives(plant, q, v, u)
     node = np.concatenate([q, v, u])
-    # Derivatives of the motion by time, each a linear function of coordinates, rates and inputs,
-    # with its value at the node last.
+    # Time derivatives of the motion as linear functions of coordinates, rates and inputs, with the
+    # value at the node in the last column.
     faster = np.hstack([derivatives.rates, derivatives.a[:, None]])
     moved = np.zeros((n, w + 1), dtype=object)
     moved[:] = 0.0

@@ -15,21 +15,21 @@ from cranedyn.dynamics.scalars import array
 from cranedyn.plant.plant import Plant
 
 _HUGE = 1e300
-"""What no number of a plan exceeds."""
+"""Bound of all numbers of a finite plan."""
 
 _WIDER, _WIDEST = 10.0, 100.0
-"""By what the barrier is wider for the first optimisation, and for the next when one fails, and by
-what at most."""
+"""Factor on the barrier for the first optimisation and after each failure, and its largest
+value."""
 
 QUERY = ("row", "last", "hop")
-"""Whole numbers that follow the state in a query: row of the path now, its last row, rows from one
-stage to the next. After them stands 1, or 0 where the state is one that the crane cannot be in."""
+"""Whole numbers after the state in a query: present row of the path, its last row, rows from one
+stage to the next. The last number of a query is 1, or 0 for an implausible state."""
 
 MARKS = ("begun", "failures", "flag", "iterations", "excess", "barrier")
-"""What stands in the first lanes of the row that ends a plan: 1 once there is one; optimisations
-that failed; of the last one, whether it succeeded, its iterations, and how far a bound would be
-exceeded if there were none; the barrier with which the next begins. A plan is all that passes from
-one optimisation to the next: cranes in lanes share the memory of the optimisation."""
+"""First lanes of the last row of a plan: 1 after the first optimisation; number of failures;
+success, iterations, and excess of the optimum without bounds of the last one; initial barrier of
+the next. Only the plan passes from one optimisation to the next: lanes share the memory of the
+optimisation."""
 
 
 def emit(
@@ -42,12 +42,12 @@ def emit(
     rates where to be.
 
     Args:
-        module: Where to add it.
-        shape: Of the problem.
-        plant: The crane.
-        length: Of a stage [s].
-        period: From one optimisation to the next [s].
-        swing: Largest angle of each swing joint from where it hangs [rad].
+        module: Module to extend.
+        shape: Dimensions of the problem.
+        plant: Crane model.
+        length: Length of a stage [s].
+        period: Time from one optimisation to the next [s].
+        swing: Largest angle of each swing joint from its rest [rad].
     """
     code = Code(module, "plan", ["work", "plan", "query", "path"], shape.lanes)
     _Plan(Work(code, shape), plant, length, period, swing).emit()

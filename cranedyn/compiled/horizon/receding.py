@@ -39,29 +39,29 @@ from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
 
 PRICE = 1e6
-"""Cost of exceeding a bound by as much as its own size, in one stage."""
+"""Cost of exceeding a bound by its own size in one stage."""
 
 _BARRIER = 0.02
-"""Share of a bound's size by which the first iterate is away from it."""
+"""Distance of the first iterate from a bound, as a share of the bound's size."""
 
 _NONE = 1e9
-"""A bound that nothing meets."""
+"""Bound that is never active."""
 
 _STAGES = 200
 
 _RIGHT = math.pi / 2.0
-"""Angle from where it hangs that no swing exceeds [rad]."""
+"""Largest plausible swing from rest [rad]."""
 
 _FASTEST = 10.0
-"""Multiple of its limit that no rate of a drive can be, ours; and twice what a load that falls from
-the height of its pivot reaches, no rate of a swing."""
+"""Largest plausible rate of a drive as a multiple of its limit, ours; that of a swing is twice the
+rate of a load that falls from the height of its pivot."""
 
 TAUT = 0.1
 """Least tension of the rope, as a share of the payload's weight."""
 
 INPUT = 10.0
-"""Accelerations of the drives that weigh as much as the errors of `Tuning`, as a multiple of their
-limits."""
+"""Accelerations of the drives with the same weight as the errors of `Tuning`, as a multiple of
+their limits."""
 
 PENDULUM = 7.75356
 """Period of the pendulum [s] for which the numbers of `Tuning` were chosen: of the default crane
@@ -77,16 +77,15 @@ class Tuning:
 
     Attributes:
         period: Time between optimisations [s].
-        to_goal: Length of a stage [s] on the way to a goal: the horizon should hold the whole of a
-            swing and of the way that a drive needs to stop.
-        on_path: The same along a motion, which is followed more closely by shorter ones.
-        settling: Time in which it learns what disturbs the drives [s].
-        smoothing: Time over which it averages what is measured of the swing [s].
-        recalled: Time in which a plan believes the rates that it commanded more than those measured
-            [s].
-        payload: Errors of the payload's place [m] and rate [m/s] that weigh alike.
-        revolute: The same of each revolute joint by itself [rad, rad/s].
-        prismatic: The same of each prismatic joint [m, m/s].
+        to_goal: Length of a stage [s] on the way to a goal: the horizon should cover a period of
+            the swing and the stopping time of a drive.
+        on_path: Length of a stage [s] along a motion; shorter stages follow it more closely.
+        settling: Time constant of the disturbance estimate [s].
+        smoothing: Time constant of the swing filter [s].
+        recalled: Time constant with which measured rates correct commanded ones [s].
+        payload: Errors of the payload's position [m] and rate [m/s] with equal weight.
+        revolute: Errors of each revolute joint with that weight [rad, rad/s].
+        prismatic: Errors of each prismatic joint with that weight [m, m/s].
     """
 
     period: float = 0.05
@@ -126,12 +125,12 @@ class Marks(NamedTuple):
     """Outcome of the optimisations so far.
 
     Attributes:
-        begun: 1 once there was one.
-        failures: How many failed; the plan before went on.
-        flag: Of the last one, 1 if it succeeded.
-        iterations: Of the last one; 0 where no bound was in the way.
-        excess: How far the optimum without bounds would exceed one, negative if it would not.
-        barrier: With which the next one begins.
+        begun: 1 after the first one.
+        failures: Number of failures, after which the last plan continues.
+        flag: 1 if the last one succeeded.
+        iterations: Iterations of the last one; 0 if no bound was active.
+        excess: Largest excess of a bound at the optimum without bounds, negative for none.
+        barrier: Initial barrier of the next one.
     """
 
     begun: float
@@ -147,10 +146,10 @@ class Receding(ShortRepr):
     """Predictive controller with memory: create a new one for each run.
 
     Attributes:
-        programme: What its code is made from.
+        programme: Parameters of its code.
         table: Memory of an optimisation before the first, shape (doubles,).
-        path: Coordinates and rates to be at by control instant, shape (rows, 2 n); none where it
-            goes by the setpoint.
+        path: Coordinates and rates to track by control instant, shape (rows, 2 n); no rows for a
+            setpoint.
     """
 
     programme: Programme
@@ -201,7 +200,7 @@ class Receding(ShortRepr):
 
     def _of_lanes(self, memory: np.ndarray, lanes: int, name: str) -> np.ndarray:
         """Return a view of a section of the lanes' memory, shape (numbers, lanes)."""
-        offsets, slots = self.programme.parts(lanes), lane_memory(self.programme.topology.layout)
+        offsets, slots = self.programme.offsets(lanes), lane_memory(self.programme.topology.layout)
         return memory[offsets.lanes : offsets.plans].reshape(-1, lanes)[slots[name]]
 
     def refusals(self, memory: np.ndarray, lanes: int) -> np.ndarray:
@@ -211,7 +210,7 @@ class Receding(ShortRepr):
     def initial_memory(self, t: float, lanes: int) -> np.ndarray:
         """Return memory as `memory`, for a compiled loop that begins at a time [s]."""
         memory = self.memory(lanes)
-        memory[self.programme.parts(lanes).counts :][:2].view(np.int64)[:] = self._count(t)
+        memory[self.programme.offsets(lanes).counts :][:2].view(np.int64)[:] = self._count(t)
         return memory
 
     @property
@@ -223,7 +222,7 @@ class Receding(ShortRepr):
         """Return a copy of the memory of the last optimisation, see
         `cranedyn.compiled.horizon.memory`.
         """
-        return self._memory[self.programme.parts(1).work :].copy()
+        return self._memory[self.programme.offsets(1).work :].copy()
 
     def notes(self) -> dict[str, object]:
         """Return notes for a run, see `cranedyn.simulation.record.Noting`."""
@@ -240,7 +239,7 @@ class Receding(ShortRepr):
     def marks_by_lane(self, memory: np.ndarray, lanes: int) -> list[Marks]:
         """Return the outcome of the optimisations in each lane of a memory."""
         size, shape = plan_size(self.programme.shape), self.programme.shape
-        first = self.programme.parts(lanes).plans - shape.lanes
+        first = self.programme.offsets(lanes).plans - shape.lanes
         ends = [first + (lane + 1) * size for lane in range(lanes)]
         return [Marks(*memory[end : end + len(MARKS)].tolist()) for end in ends]
 
@@ -283,7 +282,7 @@ class Receding(ShortRepr):
         """
         if t < self._last:
             self._begin()
-        counts = self._memory[self.programme.parts(1).counts :][:2].view(np.int64)
+        counts = self._memory[self.programme.offsets(1).counts :][:2].view(np.int64)
         counts[:] = self._count(t), self._count(t) if self._when is None else -1
         return self._memory[None]
 
@@ -327,34 +326,33 @@ def receding(
 ) -> Receding:
     """Create a model predictive controller on the nonlinear crane, from any state.
 
-    Kept are, where they can be, the ranges of the joints, rates and accelerations of the drives,
-    their effort limits, a bound of the swing, and a least tension of the rope; what cannot be kept
-    is exceeded as little as possible. Whatever is found, efforts are cut to their limits and the
-    hoist never slackens the rope.
+    The soft constraints are the ranges of the joints, the rates, accelerations and efforts of the
+    drives, a bound of the swing, and a least tension of the rope; an infeasible one is exceeded as
+    little as possible. Efforts are always clipped to their limits, and the hoist never slackens the
+    rope.
 
-    Times and errors that are not given follow from the pendulum of the crane, see `Tuning`.
+    Default times and errors follow from the pendulum of the crane, see `Tuning`.
 
     Args:
         crane: The crane, rigid.
-        limits: Of the rates and accelerations of the drives, beside the crane's own rate limits.
-        motion: What to track; None to go to the setpoint of the reference.
-        drive: What it commands: "effort", "motion", or "velocity", the rates at which frequency
+        limits: Limits of the rates and accelerations of the drives, beside the crane's rate limits.
+        motion: Motion to track; None to go to the setpoint of the reference.
+        drive: Kind of command: "effort", "motion", or "velocity", the rates at which frequency
             converters accelerate the drives as planned, see
             `cranedyn.controllers.velocity_command`.
-        converters: Of drives that take velocities; None for typical ones.
-        swing_limit: Largest size of each swing from where the load hangs [rad], below π/2.
-        control_period: Of the run [s].
+        converters: Converters of drives that take velocities; None for typical ones.
+        swing_limit: Largest size of each swing from rest [rad], below π/2.
+        control_period: Control period of the run [s].
         period: Time between optimisations [s], a multiple of the control period.
-        stages: How many the horizon has.
-        stage: Length of each [s], a multiple of the control period.
-        state_weight: Q for coordinates and rates, shape (2 n, 2 n); None for errors that weigh
-            alike.
+        stages: Number of stages of the horizon.
+        stage: Length of a stage [s], a multiple of the control period.
+        state_weight: Q for coordinates and rates, shape (2 n, 2 n); None for the errors
+            of `Tuning`.
         input_weight: R for the accelerations of the drives, shape (m, m); None for the same.
-        payload_errors: Errors of the payload's place [m] and rate [m/s] that weigh alike, where
-            no Q is given.
-        settling: Time in which it learns what disturbs the drives [s].
-        smoothing: Time over which it averages what is measured of the swing [s]; no longer than
-            the control period where the sensors have no noise.
+        payload_errors: Errors of the payload's position [m] and rate [m/s] with equal weight, for
+            the default Q.
+        settling: Time constant of the disturbance estimate [s].
+        smoothing: Time constant of the swing filter [s]; up to the control period for no filter.
 
     Raises:
         OutOfRange: If a number is out of range, times do not divide, or a weight is not symmetric
