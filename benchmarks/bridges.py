@@ -33,7 +33,7 @@ from experiments.scenarios import programs
 SETUP = harness.Setup(9.8, engine="compiled")
 
 
-class Found(NamedTuple):
+class Comparison(NamedTuple):
     """What the other side was seen to do.
 
     Attributes:
@@ -47,15 +47,15 @@ class Found(NamedTuple):
     speed: float | None
 
 
-def _gazebo(written: Path, crane: Crane, run: Trajectory) -> Found:
-    """Recordings: whoever has Gazebo makes them again, see the tests."""
+def _gazebo(written: Path, crane: Crane, run: Trajectory) -> Comparison:
+    """Compare recordings from Gazebo; the tests say how to record them again."""
     pairs = recordings.pairs(SETUP).values()
     worst = max(pair.largest() for pair in pairs)
-    return Found("swing angles, A1 at four lengths and soft, A2, A3", worst, None)
+    return Comparison("swing angles, A1 at four lengths and soft, A2, A3", worst, None)
 
 
-def _mjcf(written: Path, crane: Crane, run: Trajectory) -> Found:
-    """The run again, by MuJoCo's own motors and step."""
+def _mjcf(written: Path, crane: Crane, run: Trajectory) -> Comparison:
+    """Run the model with MuJoCo's own motors and step."""
     import mujoco
 
     model = mujoco.MjModel.from_xml_path(str(written))
@@ -69,15 +69,15 @@ def _mjcf(written: Path, crane: Crane, run: Trajectory) -> Found:
         data.ctrl[:] = brake(t, state, setpoint)
         mujoco.mj_step(model, data, 10)
     speed = 10 * len(run) / (time.process_time() - began)
-    return Found(
+    return Comparison(
         "coordinates and rates, 20 s of swing, hold",
         float(np.abs(np.array(rows) - np.hstack([run.q, run.v])).max()),
         speed,
     )
 
 
-def _fmu(written: Path, crane: Crane, run: Trajectory) -> Found:
-    """The run again, by the unit in FMPy's hands under the same brake."""
+def _fmu(written: Path, crane: Crane, run: Trajectory) -> Comparison:
+    """Run the unit in FMPy under the same hold controller."""
     import fmpy
     from fmpy.fmi3 import FMU3Slave
 
@@ -105,44 +105,44 @@ def _fmu(written: Path, crane: Crane, run: Trajectory) -> Found:
     speed = 10 * len(run) / (time.process_time() - began)
     unit.terminate()
     unit.freeInstance()
-    return Found(
+    return Comparison(
         "coordinates and rates, 20 s of swing, hold",
         float(np.abs(np.array(rows) - np.hstack([run.q, run.v])).max()),
         speed,
     )
 
 
-def _mcap(written: Path, crane: Crane, run: Trajectory) -> Found:
-    """All coordinates and rates read back."""
+def _mcap(written: Path, crane: Crane, run: Trajectory) -> Comparison:
+    """Read all coordinates and rates back."""
     columns = [
         f"{s}_{kind}"
         for s, u in (("gamma", "rad"), ("x", "m"), ("phi", "rad"), ("l", "m"))
         for kind in (u, f"dot_{u}_s")
     ]
     began = time.process_time()
-    found = bags.read_columns(written, columns)
+    values = bags.read_joint_states(written, columns)
     speed = len(run) / (time.process_time() - began)
-    return Found(
+    return Comparison(
         "coordinates and rates, read back",
-        max(float(np.abs(found[c] - run[c]).max()) for c in columns),
+        max(float(np.abs(values[c] - run[c]).max()) for c in columns),
         speed,
     )
 
 
-def _ros2(written: Path, crane: Crane, run: Trajectory) -> Found:
-    """The package's URDF loaded: its mass matrix."""
+def _ros2(written: Path, crane: Crane, run: Trajectory) -> Comparison:
+    """Compare the mass matrix of the package's URDF."""
     same = load_crane(written / "urdf" / "crane.urdf", gravity=crane.gravity)
-    apart = np.abs(
+    difference = np.abs(
         pin.crba(same.model, same.data, run.q[0]) - pin.crba(crane.model, crane.data, run.q[0])
     ).max()
-    return Found("mass matrix of its URDF [kg, kg m, kg m²]", float(apart), None)
+    return Comparison("mass matrix of its URDF [kg, kg m, kg m²]", float(difference), None)
 
 
 Exporter = tuple[
     str,
     str,
     Callable[[Path, Crane, Trajectory], object],
-    Callable[[Path, Crane, Trajectory], Found],
+    Callable[[Path, Crane, Trajectory], Comparison],
 ]
 
 EXPORTERS: tuple[Exporter, ...] = (
@@ -160,7 +160,7 @@ EXPORTERS: tuple[Exporter, ...] = (
 """By the word of the command line: where it writes, how, and what the other side does."""
 
 
-def table() -> harness.Table:
+def exporter_table() -> harness.ResultTable:
     """Measure every exporter once."""
     crane = SETUP.crane
     run = SETUP.simulate(
@@ -179,7 +179,7 @@ def table() -> harness.Table:
                 began = time.process_time()
                 write(path, crane, run)
                 spent = time.process_time() - began
-                found = look(path, crane, run)
+                result = look(path, crane, run)
             except (CraneError, ImportError) as error:
                 rows.append((name, None, None, f"not here: {error}", None, None))
                 continue
@@ -191,9 +191,9 @@ def table() -> harness.Table:
                     name,
                     1e3 * spent,
                     size / 1e3,
-                    found.compared,
-                    found.apart,
-                    found.speed and found.speed / 1e3,
+                    result.compared,
+                    result.apart,
+                    result.speed and result.speed / 1e3,
                 )
             )
     columns = [
@@ -208,7 +208,7 @@ def table() -> harness.Table:
         "Processor time. Apart: the largest difference [rad, m, per second] unless said "
         "otherwise. Thousand steps or rows a second."
     )
-    return harness.Table("Exporters on this machine", columns, rows, note)
+    return harness.ResultTable("Exporters on this machine", columns, rows, note)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -224,10 +224,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(options: argparse.Namespace) -> int:
     document = read_document(options.document, "bridges") if options.document else None
-    made = table()
-    print(made.markdown())
+    result = exporter_table()
+    print(result.markdown())
     if document is not None:
-        document.write([made])
+        document.write([result])
     return 0
 
 

@@ -12,9 +12,12 @@ from cranedyn.command import command
 from cranedyn.data.files import make_folder
 from cranedyn.plotting.figures import save
 from experiments.harness.document import read_document
-from experiments.harness.outcome import Outcome, Table, show
+from experiments.harness.outcome import Outcome, ResultTable, show
 
-Benchmark = Callable[[int, bool], tuple[Sequence[Table], Callable[[], Figure]]]
+Results = tuple[Sequence[ResultTable], Callable[[], Figure]]
+"""Tables of a benchmark, and the function that measures and draws its figure."""
+
+Benchmark = Callable[[int, bool], Results]
 """From the number of rounds and whether to be quick to the tables, and to what measures and draws
 the figure if one is asked for."""
 
@@ -60,15 +63,15 @@ def add_document(parser: argparse.ArgumentParser, name: str) -> None:
     )
 
 
-def teller(name: str, options: argparse.Namespace) -> Callable[[Sequence[Table]], None]:
-    """What prints tables, and puts them into the page that the command line names, if any.
+def teller(name: str, options: argparse.Namespace) -> Callable[[Sequence[ResultTable]], None]:
+    """Return a function that prints tables and writes them to the page named on the command line.
 
     Raises:
         DataError: At once if that is no such page, before anything is measured.
     """
     document = read_document(options.document, name) if options.document else None
 
-    def tell(tables: Sequence[Table]) -> None:
+    def tell(tables: Sequence[ResultTable]) -> None:
         show(Outcome(tables, ()))
         if document is not None:
             document.write(tables)

@@ -6,14 +6,13 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from benchmarks.agreement import ALLOWED, STRETCH, Ready, sort
-from benchmarks.conduct import conduct
+from benchmarks.conduct import Results, conduct
 from benchmarks.contestants import CONTESTANTS
 from benchmarks.contestants.ours import PLAIN
 from benchmarks.engines_figure import engines_figure
@@ -21,7 +20,7 @@ from benchmarks.timing import race, stretch
 from benchmarks.workload import DURATION, Case, Contestant
 from cranedyn.errors import CraneError
 from cranedyn.model.load import load_crane
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 
 CRANES = (64, 1024)
 """How many cranes run together."""
@@ -39,11 +38,10 @@ COLUMNS = (
 )
 
 
-def measure(
+def measure_engines(
     case: Case, ready: Sequence[Ready], rounds: int, budget: float, rng: np.random.Generator
 ) -> list[list[float | str | None]]:
-    """A row for each way and number of cranes: steps a second, times real time, ratio to the plain
-    loop of the same round.
+    """Return a row for each contestant and number of cranes: steps/s, real time, ratio.
 
     Args:
         case: What to run.
@@ -53,35 +51,30 @@ def measure(
             period.
         rng: Shuffles the rounds.
     """
-    entries = [
-        (one, cranes) for one in ready for cranes in (CRANES if one.contestant.many else (1,))
-    ]
-    lengths = [stretch(case, one.run, cranes, budget) for one, cranes in entries]
+    entries = [(e, cranes) for e in ready for cranes in (CRANES if e.contestant.many else (1,))]
+    lengths = [stretch(case, e.run, cranes, budget) for e, cranes in entries]
     tasks = [
-        partial(one.run, case.starts(cranes), length)
-        for (one, cranes), length in zip(entries, lengths, strict=True)
+        partial(e.run, case.starts(cranes), length)
+        for (e, cranes), length in zip(entries, lengths, strict=True)
     ]
     steps = [
         cranes * case.steps * case.periods(length)
         for (_, cranes), length in zip(entries, lengths, strict=True)
     ]
     rates = np.array(steps)[:, None] / race(tasks, rounds, rng)
-    (plain,) = (
-        rate for rate, (one, _) in zip(rates, entries, strict=True) if one.contestant is PLAIN
-    )
+    (plain,) = (rate for rate, (e, _) in zip(rates, entries, strict=True) if e.contestant is PLAIN)
     return [
         [
-            one.contestant.name,
+            e.contestant.name,
             cranes,
             *_numbers(case, rate, plain),
-            None if one.contestant is PLAIN else one.max_deviation,
+            None if e.contestant is PLAIN else e.max_deviation,
         ]
-        for (one, cranes), rate in zip(entries, rates, strict=True)
+        for (e, cranes), rate in zip(entries, rates, strict=True)
     ]
 
 
 def _numbers(case: Case, rate: np.ndarray, plain: np.ndarray) -> tuple[float, float, float]:
-    """To three digits."""
     middle = float(np.median(rate))
     million, real_time, ratio = (
         float(f"{value:.3g}") for value in (middle / 1e6, middle * case.dt, np.median(rate / plain))
@@ -89,22 +82,24 @@ def _numbers(case: Case, rate: np.ndarray, plain: np.ndarray) -> tuple[float, fl
     return million, real_time, ratio
 
 
-def tables(
+def engine_tables(
     rows: Sequence[Sequence[float | str | None]], refused: Sequence[tuple[str, str]], rounds: int
-) -> list[Table]:
-    """One crane, many cranes, and who is not shown."""
+) -> list[ResultTable]:
+    """Return the tables of one crane, of many cranes, and of contestants that are not shown."""
     note = _note(rounds)
     single = [row for row in rows if row[1] == 1]
-    made = [
-        Table(f"One crane for {DURATION:g} s, or as much of them as fits", COLUMNS, single, note)
+    result = [
+        ResultTable(
+            f"One crane for {DURATION:g} s, or as much of them as fits", COLUMNS, single, note
+        )
     ]
     if len(single) < len(rows):
-        made.append(
-            Table("Many cranes at once", COLUMNS, [row for row in rows if row[1] != 1], note)
+        result.append(
+            ResultTable("Many cranes at once", COLUMNS, [row for row in rows if row[1] != 1], note)
         )
     if refused:
-        made.append(Table("Not shown", (("strategy", ""), ("why", "")), refused))
-    return made
+        result.append(ResultTable("Not shown", (("strategy", ""), ("why", "")), refused))
+    return result
 
 
 def _note(rounds: int) -> str:
@@ -118,35 +113,37 @@ def _note(rounds: int) -> str:
     )
 
 
-def benchmark(
+def engines_benchmark(
     rounds: int, quick: bool, contestants: Sequence[Contestant] = CONTESTANTS
-) -> tuple[Sequence[Table], Callable[[], Figure]]:
-    """The tables, and what measures and draws the figure.
+) -> Results:
+    """Return the tables, and the function that measures and draws the figure.
 
     Raises:
         CraneError: If the plain loop itself cannot be shown.
     """
     case, rng = Case(), np.random.default_rng(0)
     ready, refused = sort(case, contestants)
-    if not any(one.contestant is PLAIN for one in ready):
+    if not any(entry.contestant is PLAIN for entry in ready):
         raise CraneError(
             f"Nothing can be compared without the {PLAIN.name}: "
             f"{dict(refused).get(PLAIN.name, 'it does not take part')}."
         )
     budget = 0.05 if quick else 1.0
-    found = tables(measure(case, ready, rounds, budget, rng), refused, rounds)
-    able = [one for one in contestants if one.any_crane]
+    result = engine_tables(measure_engines(case, ready, rounds, budget, rng), refused, rounds)
+    able = [entry for entry in contestants if entry.any_crane]
     if len(able) > 1:
         hook = Case(load_crane(hook_mass=HOOK_MASS))
         able_ready, _ = sort(hook, able)
-        rows = measure(hook, able_ready, rounds, budget, rng)
-        found.append(Table("Double pendulum: hook and slung load", COLUMNS, rows, _note(rounds)))
-    return found, lambda: engines_figure(case, ready, rng, quick=quick)
+        rows = measure_engines(hook, able_ready, rounds, budget, rng)
+        result.append(
+            ResultTable("Double pendulum: hook and slung load", COLUMNS, rows, _note(rounds))
+        )
+    return result, lambda: engines_figure(case, ready, rng, quick=quick)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    return conduct("engines", __doc__, benchmark, argv)
+    return conduct("engines", __doc__, engines_benchmark, argv)
 
 
 if __name__ == "__main__":

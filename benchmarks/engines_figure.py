@@ -27,8 +27,7 @@ _MARKS = "osD^vP*X"
 def engines_figure(
     case: Case, ready: Sequence[Ready], rng: np.random.Generator, *, quick: bool
 ) -> Figure:
-    """Both as measured, in three shuffled rounds; runs of few steps are repeated until they are
-    worth measuring.
+    """Measure in three shuffled rounds and plot both costs; short runs are repeated.
 
     Args:
         case: What is run.
@@ -38,41 +37,41 @@ def engines_figure(
     """
     sizes, lengths = (SIZES[:4], LENGTHS[:3]) if quick else (SIZES, LENGTHS)
     budget, fewest = (0.02, 1_000) if quick else (0.6, 10_000)
-    many = [
-        (one, size, stretch(case, one.run, size, budget))
-        for one in ready
-        if one.contestant.many
+    batches = [
+        (e, size, stretch(case, e.run, size, budget))
+        for e in ready
+        if e.contestant.many
         for size in sizes
     ]
     single = [
-        (one, 1, length * case.dt) for one in ready if not one.contestant.many for length in lengths
+        (e, 1, length * case.dt) for e in ready if not e.contestant.many for length in lengths
     ]
-    runs = [*many, *single]
+    runs = [*batches, *single]
     steps = [cranes * case.steps * case.periods(length) for _, cranes, length in runs]
     times = [max(fewest // count, 1) for count in steps]
     tasks = [
-        partial(_repeat, one.run, case.starts(cranes), length, n)
-        for (one, cranes, length), n in zip(runs, times, strict=True)
+        partial(_repeat, e.run, case.starts(cranes), length, n)
+        for (e, cranes, length), n in zip(runs, times, strict=True)
     ]
     costs = 1e9 * np.median(race(tasks, 3, rng), axis=1) / np.multiply(steps, times)
     figure, (left, right) = panels(1, 2, height=5.2, width=11.0, sharey=True)
-    for k, one in enumerate(ready):
-        ax, at = (left, sizes) if one.contestant.many else (right, lengths)
-        cost = [cost for (other, _, _), cost in zip(runs, costs, strict=True) if other is one]
+    for k, e in enumerate(ready):
+        ax, x = (left, sizes) if e.contestant.many else (right, lengths)
+        cost = [cost for (other, _, _), cost in zip(runs, costs, strict=True) if other is e]
         colour = (
             "black"
-            if one.contestant is PLAIN
+            if e.contestant is PLAIN
             else mpl.colormaps["turbo"](0.05 + 0.9 * k / max(len(ready) - 1, 1))
         )
         ax.plot(
-            at,
+            x,
             cost,
             marker=_MARKS[k % len(_MARKS)],
             markersize=5.0,
             color=colour,
-            label=one.contestant.name,
+            label=e.contestant.name,
         )
-        if one.contestant is PLAIN:
+        if e.contestant is PLAIN:
             left.axhline(cost[-1], linestyle=":", color="black", label=f"{PLAIN.name}, one crane")
     left.set(xlabel="cranes at once", ylabel="time per physics step [ns]")
     right.set(xlabel="physics steps of one crane")

@@ -18,10 +18,8 @@ from cranedyn.bridges.task import cranes_between
 COUNTS = (1024, 4096, 16_384, 65_536)
 
 
-def measure(count: int, rounds: int, seconds: float) -> tuple[float, float, float]:
-    """Steps a second of wall time, the best and the median round, and steps in a second of
-    processor time.
-    """
+def measure_environment(count: int, rounds: int, seconds: float) -> tuple[float, float, float]:
+    """Return steps a second, best and median round, and steps in a second of processor time."""
     env = TowerCraneVectorEnv(
         count,
         crane=cranes_between(4, payload_mass=(500.0, 3000.0)),
@@ -59,9 +57,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     print("cranes   best [M/s]   median [M/s]   in a second of one processor [M]")
     best = []
     for count in options.counts:
-        found = [1e-6 * rate for rate in measure(count, max(options.rounds, 1), options.seconds)]
-        best.append(found[0])
-        print(f"{count:6}   {found[0]:10.3f}   {found[1]:12.3f}   {found[2]:32.3f}")
+        rates = [
+            1e-6 * rate
+            for rate in measure_environment(count, max(options.rounds, 1), options.seconds)
+        ]
+        best.append(rates[0])
+        print(f"{count:6}   {rates[0]:10.3f}   {rates[1]:12.3f}   {rates[2]:32.3f}")
     return 0 if max(best) >= options.least else 1
 
 

@@ -31,7 +31,7 @@ from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.load import load_crane
 from cranedyn.plant.plant import Topology, numbers
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 
 CRANES: dict[str, dict[str, Any]] = {
     "tower crane": {},
@@ -48,8 +48,8 @@ def recipe(
     buffers: bool = False,
     everything: bool = False,
 ) -> Recipe:
-    """Code of threads; with everything, each crane has its own controller, forces, wrong sensors
-    and rows.
+    """Return a recipe of code for threads; with `everything`, each crane has its own controller,
+    forces, sensor errors and rows.
     """
     shared = (not everything,) * (3 + everything)
     return Recipe(
@@ -77,17 +77,17 @@ KINDS = {
 """What the code can do, and whether the cranes differ in their loads."""
 
 
-def text(description: dict[str, Any], kind: str) -> str:
-    """The PTX of one kind of code for a crane."""
-    crane, (made, differ) = load_crane(**description), KINDS[kind]
+def ptx_text(description: dict[str, Any], kind: str) -> str:
+    """Return the PTX of one kind of code for a crane."""
+    crane, (variant, differ) = load_crane(**description), KINDS[kind]
     constants: list[float | None] = numbers(crane).tolist()
     if differ:
-        other = numbers(load_crane(**description, payload_mass=crane.payload_mass / 2.0))
-        constants = [one if one == two else None for one, two in zip(constants, other, strict=True)]
-    return ptx(Topology.of(crane), constants, made)
+        half_loaded = numbers(load_crane(**description, payload_mass=crane.payload_mass / 2.0))
+        constants = [a if a == b else None for a, b in zip(constants, half_loaded, strict=True)]
+    return ptx(Topology.of(crane), constants, variant)
 
 
-class Assembled(NamedTuple):
+class AssemblerReport(NamedTuple):
     """What the assembler says of the loop.
 
     Attributes:
@@ -100,21 +100,21 @@ class Assembled(NamedTuple):
 
 
 def assembler() -> Path | None:
-    """NVIDIA's ptxas from its package on PyPI, None where it is not installed."""
-    found = find_spec("nvidia.cuda_nvcc") if find_spec("nvidia") else None
-    places = [Path(place) for place in (found.submodule_search_locations or ())] if found else []
-    return next((file for place in places for file in place.glob("bin/ptxas*")), None)
+    """Return the path of NVIDIA's ptxas from its package on PyPI, None if it is not installed."""
+    package = find_spec("nvidia.cuda_nvcc") if find_spec("nvidia") else None
+    folders = [Path(p) for p in (package.submodule_search_locations or ())] if package else []
+    return next((file for path in folders for file in path.glob("bin/ptxas*")), None)
 
 
-def assembled(assembler: Path, text: str, chip: str) -> Assembled:
-    """What it makes of PTX for a kind of chip, such as "sm_90".
+def assemble(assembler: Path, ptx_source: str, chip: str) -> AssemblerReport:
+    """Assemble PTX for a kind of chip, such as "sm_90".
 
     Raises:
         CraneError: If it cannot assemble it.
     """
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "crane.ptx"
-        file.write_text(text, encoding="ascii")
+        file.write_text(ptx_source, encoding="ascii")
         done = subprocess.run(
             [str(assembler), "-v", f"-arch={chip}", str(file), "-o", str(file) + ".cubin"],
             capture_output=True,
@@ -128,11 +128,11 @@ def assembled(assembler: Path, text: str, chip: str) -> Assembled:
     )
     if done.returncode or not loop:
         raise CraneError(f"ptxas does not assemble it: {done.stderr}")
-    return Assembled(int(loop[3]), max(int(loop[1]), int(loop[2])))
+    return AssemblerReport(int(loop[3]), max(int(loop[1]), int(loop[2])))
 
 
-def assembly() -> Table:
-    """A row for each crane and kind of code."""
+def assembly_table() -> ResultTable:
+    """Return a row for each crane and kind of code."""
     if (program := assembler()) is None:
         raise CraneError(
             "ptxas, NVIDIA's assembler, is not installed: pip install 'cranedyn[ptxas]'"
@@ -140,10 +140,10 @@ def assembly() -> Table:
     rows: list[list[float | str | None]] = []
     for name, description in CRANES.items():
         for kind in KINDS:
-            made = text(description, kind)
-            found = [assembled(program, made, chip) for chip in CHIPS]
-            most = max(one.registers for one in found), max(one.spilled for one in found)
-            rows.append([name, kind, len(made.splitlines()), *most])
+            code = ptx_text(description, kind)
+            reports = [assemble(program, code, chip) for chip in CHIPS]
+            worst = max(r.registers for r in reports), max(r.spilled for r in reports)
+            rows.append([name, kind, len(code.splitlines()), *worst])
     columns = (
         ("crane", ""),
         ("code", ""),
@@ -155,12 +155,13 @@ def assembly() -> Table:
         f"By NVIDIA's ptxas for {' and '.join(CHIPS)}, the worse of both. A thread has 255 "
         "registers of 32 bits at most, and a double takes two."
     )
-    return Table("Assembled for a GPU", columns, rows, note)
+    return ResultTable("Assembled for a GPU", columns, rows, note)
 
 
-def speed(simulated: float = 1e5, rounds: int = 3) -> Iterator[tuple[int, float, float, float]]:
-    """For each number of cranes million steps a second on the GPU and on the processor, copies to
-    and fro included, the best of some rounds.
+def measure_speed(
+    simulated: float = 1e5, rounds: int = 3
+) -> Iterator[tuple[int, float, float, float]]:
+    """Yield crane count, million steps a second on GPU and processor with copies, and their ratio.
 
     Args:
         simulated: Time of all cranes together [s], 1 to 70 s of each.
@@ -175,7 +176,7 @@ def speed(simulated: float = 1e5, rounds: int = 3) -> Iterator[tuple[int, float,
 
 
 def measured(count: int, device: Device, duration: float, rounds: int) -> float:
-    """Million steps a second of so many cranes for a time [s], to three digits."""
+    """Return million steps a second of many cranes for a time [s], to three digits."""
     case = Case()
     task = partial(
         simulate_batch,
@@ -192,21 +193,22 @@ def measured(count: int, device: Device, duration: float, rounds: int) -> float:
     return float(f"{1e-6 * count * case.steps * case.periods(duration) / best:.3g}")
 
 
-def tables() -> list[Table]:
-    """What can be said on this machine."""
-    found = [assembly()]
+def gpu_tables() -> list[ResultTable]:
+    """Return the tables that can be measured on this machine."""
+    result = [assembly_table()]
     try:
-        cuda.check_there()
+        cuda.check_available()
     except CraneError as error:
         print(f"Not measured: {error}")
-        return found
+        return result
     columns = (
         ("cranes", ",d"),
         ("GPU [million steps/s]", ",.6g"),
         ("processor [million steps/s]", ",.6g"),
         ("ratio", ".3g"),
     )
-    return [*found, Table("On a GPU", columns, list(speed()), "Copies to and fro included.")]
+    rows, note = list(measure_speed()), "Copies to and fro included."
+    return [*result, ResultTable("On a GPU", columns, rows, note)]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -217,7 +219,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def run() -> int:
         tell = teller("gpu", options)
-        tell(tables())
+        tell(gpu_tables())
         return 0
 
     return command(run)

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from cranedyn.compiled.horizon.memory import Shape
+from cranedyn.compiled.horizon.memory import HorizonShape
 
 NONE = 1e8
 """From here on a bound is none."""
@@ -18,7 +18,7 @@ Solve = Callable[[], np.ndarray]
 """Answers states and inputs by stage, what is bounded besides included."""
 
 
-class Problem(NamedTuple):
+class HorizonProblem(NamedTuple):
     """States follow next = a state + b input + c; e (state, input) + d is bounded besides them. To
     exceed a bound costs its price.
     """
@@ -39,36 +39,40 @@ class Problem(NamedTuple):
     end_gradient: np.ndarray
 
     @property
-    def shape(self) -> Shape:
+    def shape(self) -> HorizonShape:
         """How large it is."""
-        return Shape(self.a.shape[1], self.b.shape[2], len(self.a))
+        return HorizonShape(self.a.shape[1], self.b.shape[2], len(self.a))
 
     @property
     def weight(self) -> np.ndarray:
         """Of states and inputs together."""
         return scipy.linalg.block_diag(self.q, self.r)
 
-    def value(self, found: np.ndarray) -> float:
-        """Cost of what is found, what exceeding bounds costs among it."""
+    def value(self, solution: np.ndarray) -> float:
+        """Return the cost of a solution, penalties for exceeded bounds included."""
         z, w = self.shape.states, self.shape.both
-        last = self.a[-1] @ found[-1, :z] + self.b[-1] @ found[-1, z:w] + self.c[-1]
-        both = found[:, :w]
-        over = np.maximum(found - self.high, 0.0) + np.maximum(self.low - found, 0.0)
+        last = self.a[-1] @ solution[-1, :z] + self.b[-1] @ solution[-1, z:w] + self.c[-1]
+        both = solution[:, :w]
+        over = np.maximum(solution - self.high, 0.0) + np.maximum(self.low - solution, 0.0)
         cost = 0.5 * np.einsum("ki,ij,kj", both, self.weight, both) + (self.gradient * both).sum()
         cost += 0.5 * last @ self.end @ last + self.end_gradient @ last
         return float(cost + (over @ self.price).sum())
 
-    def gap(self, found: np.ndarray) -> float:
-        """How far from the model what is found is."""
+    def gap(self, solution: np.ndarray) -> float:
+        """Return the largest residual of the model equations."""
         z, w = self.shape.states, self.shape.both
         coming = (
-            np.einsum("kij,kj->ki", self.a, found[:, :z])
-            + np.einsum("kij,kj->ki", self.b, found[:, z:w])
+            np.einsum("kij,kj->ki", self.a, solution[:, :z])
+            + np.einsum("kij,kj->ki", self.b, solution[:, z:w])
             + self.c
         )
-        besides = np.einsum("kij,kj->ki", self.e, found[:, :w]) + self.d
-        apart = found[0, :z] - self.start, coming[:-1] - found[1:, :z], besides - found[:, w:]
-        return max(float(np.abs(part).max()) for part in apart)
+        besides = np.einsum("kij,kj->ki", self.e, solution[:, :w]) + self.d
+        gaps = (
+            solution[0, :z] - self.start,
+            coming[:-1] - solution[1:, :z],
+            besides - solution[:, w:],
+        )
+        return max(float(np.abs(gap).max()) for gap in gaps)
 
 
 class Sparse(NamedTuple):
@@ -90,29 +94,29 @@ class Sparse(NamedTuple):
         return (self.bounded @ x[: self.bounded.shape[1]] + self.apart).reshape(stages, -1)
 
 
-def sparse(problem: Problem) -> Sparse:
-    """With states and inputs as variables, and the excess of each bound at a price of one."""
+def sparse(problem: HorizonProblem) -> Sparse:
+    """Return the programme in states, inputs and slacks of bounds."""
     shape = problem.shape
     z, w, n = shape.states, shape.both, shape.stages
     size, both = n * w + z, w + shape.inputs
     follow, right = np.zeros((z * (n + 1), size)), np.zeros(z * (n + 1))
     follow[:z, :z], right[:z] = np.eye(z), problem.start
-    bounded, apart = np.zeros((n * both, size)), np.zeros(n * both)
+    bounded, offset = np.zeros((n * both, size)), np.zeros(n * both)
     for k in range(n):
-        rows, here = slice(z * (k + 1), z * (k + 2)), slice(k * w, (k + 1) * w)
-        follow[rows, here] = -np.hstack([problem.a[k], problem.b[k]])
+        rows, columns = slice(z * (k + 1), z * (k + 2)), slice(k * w, (k + 1) * w)
+        follow[rows, columns] = -np.hstack([problem.a[k], problem.b[k]])
         follow[rows, (k + 1) * w : (k + 1) * w + z] = np.eye(z)
         right[rows] = problem.c[k]
-        bounded[k * both : k * both + w, here] = np.eye(w)
-        bounded[k * both + w : (k + 1) * both, here] = problem.e[k]
-        apart[k * both + w : (k + 1) * both] = problem.d[k]
+        bounded[k * both : k * both + w, columns] = np.eye(w)
+        bounded[k * both + w : (k + 1) * both, columns] = problem.e[k]
+        offset[k * both + w : (k + 1) * both] = problem.d[k]
     high, low = (np.tile(bound, n) for bound in (problem.high, problem.low))
     above, below = np.flatnonzero(high < NONE), np.flatnonzero(low > -NONE)
     price = np.tile(problem.price, n)
     scale = np.concatenate([price[above], price[below]]) / problem.price.max()
     count = len(scale)
     weight = [*[problem.weight] * n, problem.end, sp.csc_matrix((count, count))]
-    limits = np.concatenate([(high - apart)[above], (apart - low)[below]]) * scale
+    limits = np.concatenate([(high - offset)[above], (offset - low)[below]]) * scale
     rows_of: list[list[Any]] = [
         [sp.diags(scale) @ np.vstack([bounded[above], -bounded[below]]), -sp.eye(count)],
         [None, -sp.eye(count)],
@@ -127,12 +131,12 @@ def sparse(problem: Problem) -> Sparse:
         sp.csc_matrix(sp.bmat(rows_of)),
         np.concatenate([limits, np.zeros(count)]),
         bounded,
-        apart,
+        offset,
     )
 
 
-def by_clarabel(problem: Problem) -> Solve:
-    """Clarabel's interior point, to 1e-10."""
+def by_clarabel(problem: HorizonProblem) -> Solve:
+    """Solve by Clarabel's interior-point method, to 1e-10."""
     import clarabel
 
     form, n = sparse(problem), problem.shape.stages
@@ -151,8 +155,8 @@ def by_clarabel(problem: Problem) -> Solve:
     return solve
 
 
-def by_osqp(problem: Problem) -> Solve:
-    """OSQP's splitting, to 1e-4."""
+def by_osqp(problem: HorizonProblem) -> Solve:
+    """Solve by OSQP's operator splitting, to 1e-4."""
     import osqp
 
     form, n = sparse(problem), problem.shape.stages
@@ -169,8 +173,8 @@ def by_osqp(problem: Problem) -> Solve:
     return solve
 
 
-def by_piqp(problem: Problem) -> Solve:
-    """PIQP's proximal interior point, as it comes."""
+def by_piqp(problem: HorizonProblem) -> Solve:
+    """Solve by PIQP's proximal interior-point method, with its defaults."""
     import piqp
 
     form, n = sparse(problem), problem.shape.stages
@@ -185,10 +189,8 @@ def by_piqp(problem: Problem) -> Solve:
     return solve
 
 
-def by_daqp(problem: Problem) -> Solve:
-    """DAQP's active set, dense in the inputs; a bound has a twin that may be exceeded as little as
-    its price says.
-    """
+def by_daqp(problem: HorizonProblem) -> Solve:
+    """Solve by DAQP's active-set method, condensed to the inputs, with soft bounds."""
     from daqp import solve
 
     shape = problem.shape
@@ -235,7 +237,7 @@ def by_daqp(problem: Problem) -> Solve:
     return answer
 
 
-SOLVERS: dict[str, Callable[[Problem], Solve]] = {
+SOLVERS: dict[str, Callable[[HorizonProblem], Solve]] = {
     "DAQP": by_daqp,
     "Clarabel": by_clarabel,
     "PIQP": by_piqp,

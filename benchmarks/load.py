@@ -28,10 +28,8 @@ print(json.dumps([imported - start, first - imported, (others - first) / 10, las
 """
 
 
-def measure(rounds: int) -> list[float]:
-    """Medians [s]: the imports, the first crane after them, each of ten other cranes, the whole
-    URDF.
-    """
+def measure_loading(rounds: int) -> list[float]:
+    """Return medians [s]: imports, the first crane, each of ten other cranes, the whole URDF."""
     fresh(_PROGRAM)  # its modules are translated then
     runs = (fresh(_PROGRAM) for _ in range(rounds))
     return [statistics.median(column) for column in zip(*map(json.loads, runs), strict=True)]
@@ -45,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--most", type=float, default=0.15, help="time for the first crane [s] (default 0.15)"
     )
     options = parser.parse_args(argv)
-    times = measure(max(options.rounds, 1))
+    times = measure_loading(max(options.rounds, 1))
     for name, seconds in zip(
         ("imports", "first crane", "another crane", "its whole URDF"), times, strict=True
     ):

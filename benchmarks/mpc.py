@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.horizon import SOLVERS, Problem
+from benchmarks.horizon import SOLVERS, HorizonProblem
 from cranedyn.command import command
 from cranedyn.compiled.horizon.receding import Receding, receding
 from cranedyn.interfaces import Setpoint, State
@@ -21,9 +21,9 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import flat, hold
 from cranedyn.simulation.simulate import simulate
-from experiments.harness import Outcome, Table
+from experiments.harness import Outcome, ResultTable
 from experiments.harness.outcome import show
-from experiments.scenarios.moves import AFTER, LIMITS, MOVES, Move
+from experiments.scenarios.moves import AFTER, LIMITS, MOVES, RestToRest
 
 MODULES = {"DAQP": "daqp", "Clarabel": "clarabel", "PIQP": "piqp", "OSQP": "osqp"}
 
@@ -40,31 +40,29 @@ class Optimised(NamedTuple):
 
     taken: float
     iterations: int
-    problem: Problem | None
+    problem: HorizonProblem | None
     found: np.ndarray
 
 
-def run(crane: Crane, move: Move, along: bool, every: int) -> list[Optimised]:
-    """All optimisations of a move, along its flat path or to its goal, and each so manieth
-    programme with bounds in the way.
-    """
+def optimisations_of(crane: Crane, move: RestToRest, along: bool, stride: int) -> list[Optimised]:
+    """Return all optimisations of a move; keep every n-th programme with active bounds."""
     start, goal = move.ends(crane)
     motion = flat(crane, start, goal, move.duration) if along else None
-    made = receding(crane, LIMITS, motion=motion)
-    found: list[Optimised] = []
-    kept = 0
+    controller = receding(crane, LIMITS, motion=motion)
+    optimisations: list[Optimised] = []
+    bounded = 0
 
     def timed(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        nonlocal kept
+        nonlocal bounded
         began = time.thread_time()
-        command = made(t, state, setpoint)
-        taken = time.thread_time() - began
-        if round(t / made.programme.period) % made.programme.ratio == 0:
-            iterations = int(made.marks.iterations)
-            kept += iterations > 0
-            keeps = iterations > 0 and kept % every == 0
-            problem, answer = problem_of(made) if keeps else (None, np.empty(0))
-            found.append(Optimised(taken, iterations, problem, answer))
+        command = controller(t, state, setpoint)
+        seconds_spent = time.thread_time() - began
+        if round(t / controller.programme.period) % controller.programme.ratio == 0:
+            iterations = int(controller.marks.iterations)
+            bounded += iterations > 0
+            keeps = iterations > 0 and bounded % stride == 0
+            problem, solution = problem_of(controller) if keeps else (None, np.empty(0))
+            optimisations.append(Optimised(seconds_spent, iterations, problem, solution))
         return command
 
     simulate(
@@ -75,12 +73,12 @@ def run(crane: Crane, move: Move, along: bool, every: int) -> list[Optimised]:
         duration=move.duration + AFTER,
         engine="compiled",
     )
-    return found
+    return optimisations
 
 
-def problem_of(made: Receding) -> tuple[Problem, np.ndarray]:
-    """The last programme of a controller, and what it found."""
-    shape, work = made.programme.shape, made.memory_of_optimisation()
+def problem_of(controller: Receding) -> tuple[HorizonProblem, np.ndarray]:
+    """Return the last programme of a controller and its solution."""
+    shape, work = controller.programme.shape, controller.memory_of_optimisation()
     z, w, m = shape.states, shape.both, shape.inputs
     stages = work[shape.first :].reshape(shape.padded, shape.stride)[: shape.stages]
 
@@ -90,11 +88,11 @@ def problem_of(made: Receding) -> tuple[Problem, np.ndarray]:
 
     def each(name: str, rows: int, columns: int) -> np.ndarray:
         first = shape.place(name)
-        part = stages[:, first : first + rows * shape.lanes]
-        return part.reshape(len(stages), rows, -1)[:, :, :columns].copy()
+        block = stages[:, first : first + rows * shape.lanes]
+        return block.reshape(len(stages), rows, -1)[:, :, :columns].copy()
 
     forward, weight, end = each("forward", z, w), common("weight", w, w), common("end", z, z)
-    problem = Problem(
+    problem = HorizonProblem(
         forward[:, :, :z],
         forward[:, :, z:],
         each("shift", 1, z)[:, 0],
@@ -113,46 +111,46 @@ def problem_of(made: Receding) -> tuple[Problem, np.ndarray]:
     return problem, each("here", 1, w + m)[:, 0]
 
 
-def seconds(task: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
-    """Processor time of one call, and its answer."""
+def timed_call(task: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
+    """Return the processor time of one call [s] and its result."""
     began = time.thread_time()
-    answer = task()
-    return time.thread_time() - began, answer
+    solution = task()
+    return time.thread_time() - began, solution
 
 
-def repeated(crane: Crane, move: Move, along: bool, every: int, rounds: int) -> list[Optimised]:
-    """A move several times over; the shortest time of each optimisation counts: it is the same work
-    every time, and whatever else the machine does only adds to it.
-    """
-    runs = [run(crane, move, along, every) for _ in range(rounds)]
+def repeated(
+    crane: Crane, move: RestToRest, along: bool, stride: int, rounds: int
+) -> list[Optimised]:
+    """Run a move several times and return the shortest time of each optimisation."""
+    runs = [optimisations_of(crane, move, along, stride) for _ in range(rounds)]
     return [
-        one._replace(taken=min(other.taken for other in same))
-        for one, *same in zip(runs[0], *runs, strict=True)
+        first._replace(taken=min(repetition.taken for repetition in repetitions))
+        for first, *repetitions in zip(runs[0], *runs, strict=True)
     ]
 
 
-def measure(every: int, rounds: int) -> list[Table]:
-    """All moves along their paths and to their goals, then their programmes by all solvers."""
+def measure_mpc(stride: int, rounds: int) -> list[ResultTable]:
+    """Measure all moves along their paths and to their goals, and all solvers of programmes."""
     crane = load_crane()
     rows, programmes = [], list[Optimised]()
     for name, along in (("along a flat path", True), ("to the goal", False)):
-        moves = (repeated(crane, move, along, every, rounds) for move in MOVES)
-        found = [one for move in moves for one in move]
-        programmes += [one for one in found if one.problem is not None]
-        taken = 1e3 * np.array([one.taken for one in found])
-        bound = np.array([one.iterations > 0 for one in found])
+        moves = (repeated(crane, move, along, stride, rounds) for move in MOVES)
+        optimisations = [o for move in moves for o in move]
+        programmes += [o for o in optimisations if o.problem is not None]
+        times = 1e3 * np.array([o.taken for o in optimisations])
+        bound = np.array([o.iterations > 0 for o in optimisations])
         rows.append(
             (
                 name,
-                len(found),
-                float(np.median(taken)),
-                float(np.median(taken[bound])) if bound.any() else None,
-                float(taken.max()),
+                len(optimisations),
+                float(np.median(times)),
+                float(np.median(times[bound])) if bound.any() else None,
+                float(times.max()),
                 100.0 * float(bound.mean()),
-                max(one.iterations for one in found),
+                max(o.iterations for o in optimisations),
             )
         )
-    ours = Table(
+    ours = ResultTable(
         "A control instant with an optimisation, 10 states, 3 inputs, 40 stages",
         [
             ("moves", ""),
@@ -174,32 +172,32 @@ def _taken(measured: tuple[float, np.ndarray]) -> float:
     return measured[0]
 
 
-def _beside(programmes: Sequence[Optimised]) -> Table:
-    kept = [(one, one.problem) for one in programmes if one.problem is not None]
-    values = np.array([problem.value(one.found) for one, problem in kept])
-    columns = {"ours, all of the instant": (np.array([one.taken for one, _ in kept]), values)}
+def _beside(programmes: Sequence[Optimised]) -> ResultTable:
+    entries = [(o, o.problem) for o in programmes if o.problem is not None]
+    values = np.array([problem.value(o.found) for o, problem in entries])
+    columns = {"ours, all of the instant": (np.array([o.taken for o, _ in entries]), values)}
     for name, solver in SOLVERS.items():
         if find_spec(MODULES[name]) is None:
             continue
-        tasks = [(solver(problem), problem) for _, problem in kept]
-        pairs = [(min(map(seconds, [task] * 3), key=_taken), problem) for task, problem in tasks]
+        tasks = [(solver(problem), problem) for _, problem in entries]
+        pairs = [(min(map(timed_call, [task] * 3), key=_taken), problem) for task, problem in tasks]
         columns[name] = (
-            np.array([taken for (taken, _), _ in pairs]),
-            np.array([problem.value(answer) for (_, answer), problem in pairs]),
+            np.array([spent for (spent, _), _ in pairs]),
+            np.array([problem.value(solution) for (_, solution), problem in pairs]),
         )
     best = np.nanmin([cost for _, cost in columns.values()], axis=0)
     rows = [
         (
             name,
-            1e3 * float(np.median(taken)),
-            1e3 * float(taken.max()),
+            1e3 * float(np.median(times)),
+            1e3 * float(times.max()),
             float(np.nanmax((cost - best) / np.abs(best))) if np.isfinite(cost).any() else None,
             int((~np.isfinite(cost)).sum()),
         )
-        for name, (taken, cost) in columns.items()
+        for name, (times, cost) in columns.items()
     ]
-    return Table(
-        f"The same {len(kept)} quadratic programmes, all with bounds in the way",
+    return ResultTable(
+        f"The same {len(entries)} quadratic programmes, all with bounds in the way",
         [
             ("solver", ""),
             ("median [ms]", ".3f"),
@@ -227,7 +225,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
 
     def run() -> int:
-        show(Outcome(measure(max(options.every, 1), max(options.rounds, 1)), ()))
+        show(Outcome(measure_mpc(max(options.every, 1), max(options.rounds, 1)), ()))
         return 0
 
     return command(run)

@@ -6,20 +6,20 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.agreement import ALLOWED, STRETCH, Ready, sort
-from benchmarks.conduct import conduct
+from benchmarks.conduct import Results, conduct
 from benchmarks.contestants import CONTESTANTS, jax, ours
 from benchmarks.timing import race, stretch
 from benchmarks.workload import Case, Contestant
 from cranedyn.errors import CraneError
 from cranedyn.plotting.figures import panels
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 
 CRANES = 1024
 """How many cranes run together, where an engine runs many."""
@@ -36,24 +36,21 @@ _OURS, _LIMIT, _OTHER = "#1f77b4", "#444444", "#bbbbbb"
 
 
 def peers() -> tuple[Contestant, ...]:
-    """Everybody, less those of this project and C on one thread that are no faster than another
-    here.
-    """
+    """Return all contestants, less slower variants of this project and of C on one thread."""
     best = ("compiled batch, all cores", "plain loop", f"C by hand, {os.cpu_count()} threads")
-    own = {one.name for one in ours.CONTESTANTS} - {*best}
+    slower = {c.name for c in ours.CONTESTANTS} - {*best}
     return tuple(
-        one
-        for one in (*CONTESTANTS, *jax.CONTESTANTS)
-        if one.name not in own and not (one.name.startswith("C by hand") and one.name not in best)
+        c
+        for c in (*CONTESTANTS, *jax.CONTESTANTS)
+        if c.name not in slower and not (c.name.startswith("C by hand") and c.name not in best)
     )
 
 
 Rows = list[list[float | str | None]]
 
 
-def measure(case: Case, ready: Sequence[Ready], rounds: int, budget: float) -> Rows:
-    """A row for each engine, the fastest first: steps a second, its share of this engine's, how far
-    it is from the plain loop.
+def measure_peers(case: Case, ready: Sequence[Ready], rounds: int, budget: float) -> Rows:
+    """Return a row for each engine, the fastest first: steps/s, ratio, deviation.
 
     Args:
         case: What to run.
@@ -61,11 +58,11 @@ def measure(case: Case, ready: Sequence[Ready], rounds: int, budget: float) -> R
         rounds: How often; each number is the median.
         budget: How long each takes in a round [s].
     """
-    sizes = [CRANES if one.contestant.many else 1 for one in ready]
-    lengths = [stretch(case, one.run, size, budget) for one, size in zip(ready, sizes, strict=True)]
+    sizes = [CRANES if e.contestant.many else 1 for e in ready]
+    lengths = [stretch(case, e.run, size, budget) for e, size in zip(ready, sizes, strict=True)]
     tasks = [
-        partial(one.run, case.starts(size), length)
-        for one, size, length in zip(ready, sizes, lengths, strict=True)
+        partial(e.run, case.starts(size), length)
+        for e, size, length in zip(ready, sizes, lengths, strict=True)
     ]
     times = np.median(race(tasks, rounds, np.random.default_rng(0)), axis=1)
     steps = [
@@ -73,19 +70,19 @@ def measure(case: Case, ready: Sequence[Ready], rounds: int, budget: float) -> R
         for size, length in zip(sizes, lengths, strict=True)
     ]
     rates = 1e-6 * np.array(steps) / times
-    names = [one.contestant.name for one in ready]
+    names = [e.contestant.name for e in ready]
     if "compiled batch, all cores" not in names:
         raise CraneError("Nothing can be compared: the compiled batch cannot run here.")
-    own = rates[names.index("compiled batch, all cores")]
+    batch_rate = rates[names.index("compiled batch, all cores")]
     rows: Rows = [
-        [name, size, float(f"{rate:.3g}"), float(f"{rate / own:.3g}"), one.max_deviation]
-        for name, size, rate, one in zip(names, sizes, rates.tolist(), ready, strict=True)
+        [name, size, float(f"{rate:.3g}"), float(f"{rate / batch_rate:.3g}"), e.max_deviation]
+        for name, size, rate, e in zip(names, sizes, rates.tolist(), ready, strict=True)
     ]
     return sorted(rows, key=lambda row: -float(row[2] or 0.0))
 
 
 def chart(rows: Rows) -> Figure:
-    """A bar for each engine with its number, the fastest on top."""
+    """Draw a bar for each engine with its number, the fastest on top."""
     figure, (ax,) = panels(height=0.4 * len(rows) + 1.2, width=9.0)
     names = [
         f"{name}{'' if cranes == CRANES else ' (one crane)'}".replace(
@@ -109,28 +106,30 @@ def chart(rows: Rows) -> Figure:
     return figure
 
 
-def benchmark(
+def peers_benchmark(
     rounds: int, quick: bool, contestants: Sequence[Contestant] | None = None
-) -> tuple[Sequence[Table], Callable[[], Figure]]:
-    """The table, who is not shown and why, and the chart of it."""
+) -> Results:
+    """Return the tables of engines and of those not shown, and the chart."""
     case = Case()
     ready, refused = sort(case, peers() if contestants is None else contestants)
-    rows = measure(case, ready, rounds, 0.05 if quick else 0.5)
+    rows = measure_peers(case, ready, rounds, 0.05 if quick else 0.5)
     note = (
         f"Median of {rounds} shuffled rounds on {os.cpu_count()} processors that had "
         f"{os.getloadavg()[1]:.0f} processes to run on average; compiling not counted. Apart: "
         f"largest difference from the plain loop over {STRETCH:g} s; who differs by more than "
         f"{ALLOWED:g} is not shown."
     )
-    made = [Table(f"{CRANES:,} cranes, or one where an engine runs one", COLUMNS, rows, note)]
+    result = [
+        ResultTable(f"{CRANES:,} cranes, or one where an engine runs one", COLUMNS, rows, note)
+    ]
     if refused:
-        made.append(Table("Not shown", (("strategy", ""), ("why", "")), refused))
-    return made, lambda: chart(rows)
+        result.append(ResultTable("Not shown", (("strategy", ""), ("why", "")), refused))
+    return result, lambda: chart(rows)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    return conduct("peers", __doc__, benchmark, argv, rounds=5)
+    return conduct("peers", __doc__, peers_benchmark, argv, rounds=5)
 
 
 if __name__ == "__main__":

@@ -25,9 +25,9 @@ from cranedyn.planning.timing import RAMP
 from cranedyn.references import hold
 from cranedyn.references.limits import Limits
 from cranedyn.simulation.simulate import simulate
-from experiments.harness import Claim, Outcome, Table
+from experiments.harness import Claim, Outcome, ResultTable
 from experiments.harness.outcome import show
-from experiments.scenarios.moves import CLOSE, LIMITS, Move
+from experiments.scenarios.moves import CLOSE, LIMITS, RestToRest
 
 SLEW, RADIUS, LENGTH = (-1.0, 1.0), (5.0, 20.0), (6.0, 22.0)
 """Between which moves are drawn: slew of the goal [rad]; trolley radius and cable length of start
@@ -47,20 +47,20 @@ RATIO = {False: 1.5, True: 2.0}
 their own, of which some have drives that suit each other worse."""
 
 
-class Trial(NamedTuple):
+class SettlingTrial(NamedTuple):
     """A move of a crane of some size, as a multiple of the default crane's, under limits of its
     drives.
     """
 
     size: float
     limits: Limits
-    move: Move
+    move: RestToRest
 
 
-class Settled(NamedTuple):
+class SettlingTimes(NamedTuple):
     """What a move took [s]: at least, and by predictive control."""
 
-    move: Move
+    move: RestToRest
     least: float
     taken: float
 
@@ -70,8 +70,8 @@ class Settled(NamedTuple):
         return self.taken / self.least
 
 
-def trials(count: int, seed: int, any_crane: bool = False) -> list[Trial]:
-    """Random moves from rest to rest; fewer of one seed are the first of more.
+def trials(count: int, seed: int, any_crane: bool = False) -> list[SettlingTrial]:
+    """Return random moves from rest to rest; fewer of one seed are the first of more.
 
     Args:
         count: How many.
@@ -85,25 +85,25 @@ def trials(count: int, seed: int, any_crane: bool = False) -> list[Trial]:
     def end(slew: float) -> tuple[float, float, float]:
         return slew, size * rng.uniform(*RADIUS), size * rng.uniform(*LENGTH)
 
-    found = []
+    drawn = []
     for i in range(count):
         if any_crane:
             size, quick = math.exp(rng.uniform(*np.log(SIZE))), 2.0 ** rng.uniform(-1.0, 1.0, 3)
-        move = Move(f"{i + 1}", end(0.0), end(rng.uniform(*SLEW)), 0.0)
-        found.append(Trial(size, alike(size, quick), move))
-    return found
+        move = RestToRest(f"{i + 1}", end(0.0), end(rng.uniform(*SLEW)), 0.0)
+        drawn.append(SettlingTrial(size, alike(size, quick), move))
+    return drawn
 
 
-def scaled(size: float) -> Crane:
-    """The default crane with all its lengths multiplied, of the same density."""
+def scaled_crane(size: float) -> Crane:
+    """Return the default crane with all its lengths multiplied, at the same density."""
     if size == 1.0:
         return load_crane()
     usual = arguments()
     powers = {
         **{f"trolley_{end}": 1 for end in ("min", "max", "init")},
         **{f"hoist_{end}": 1 for end in ("min", "max", "init")},
-        **{f"{part}_mass": 3 for part in ("payload", "upper", "trolley", "dummy")},
-        **{f"{part}_inertia": 5 for part in ("payload", "slewing", "trolley", "dummy")},
+        **{f"{body}_mass": 3 for body in ("payload", "upper", "trolley", "dummy")},
+        **{f"{body}_inertia": 5 for body in ("payload", "slewing", "trolley", "dummy")},
         **{"slew_effort": 4, "trolley_effort": 3, "hoist_effort": 3, "damp_swing": 4.5},
         **{"mast_height": 1, "pivot_height": 1, "total_height": 1, "slew_velocity": -0.5},
     }
@@ -112,8 +112,8 @@ def scaled(size: float) -> Crane:
 
 
 def alike(size: float, quick: np.ndarray) -> Limits:
-    """Limits under which a scaled crane moves alike, with accelerations multiplied by drive and
-    rates by the root of that.
+    """Return limits under which a scaled crane moves alike, with accelerations multiplied by drive
+    and rates by the square root.
     """
     rates, accelerations = np.array(LIMITS.rates), np.array(LIMITS.accelerations)
     return Limits(
@@ -122,11 +122,11 @@ def alike(size: float, quick: np.ndarray) -> Limits:
     )
 
 
-def settle(drawn: Sequence[Trial]) -> list[Settled]:
+def settle(drawn: Sequence[SettlingTrial]) -> list[SettlingTimes]:
     """Make moves by predictive control with its defaults, and plan each in the least time."""
-    found = []
+    settled = []
     for size, limits, move in drawn:
-        crane, time = scaled(size), math.sqrt(size)
+        crane, time = scaled_crane(size), math.sqrt(size)
         start, goal = move.ends(crane)
         run = simulate(
             crane,
@@ -137,22 +137,31 @@ def settle(drawn: Sequence[Trial]) -> list[Settled]:
             engine="compiled",
             validity="mark",
         )
-        there = payload_position(crane, goal.q)
-        away = np.array([np.linalg.norm(payload_position(crane, q) - there) for q in run.q])
-        least = optimal(
+        goal_position = payload_position(crane, goal.q)
+        distances = np.array(
+            [np.linalg.norm(payload_position(crane, q) - goal_position) for q in run.q]
+        )
+        least_time = optimal(
             crane, start, goal, limits, swing=SWING, ramp=time * RAMP, interval=time * INTERVAL
         ).arrival
-        found.append(Settled(move, least, settling_time(run.t, away, size * CLOSE)))
-    return found
+        settled.append(
+            SettlingTimes(move, least_time, settling_time(run.t, distances, size * CLOSE))
+        )
+    return settled
 
 
-def judged(found: Sequence[Settled], allowed: float) -> Outcome:
-    """The moves in a table, and the claim, judged on the worst of them."""
+def judge_moves(moves: Sequence[SettlingTimes], allowed: float) -> Outcome:
+    """Return the table of moves and the claim on the worst of them."""
     rows = [
-        (*_place(one.move), one.least, one.taken if math.isfinite(one.taken) else None, one.ratio)
-        for one in found
+        (
+            *_place(settled.move),
+            settled.least,
+            settled.taken if math.isfinite(settled.taken) else None,
+            settled.ratio,
+        )
+        for settled in moves
     ]
-    table = Table(
+    table = ResultTable(
         "Random moves by predictive control to the goal, and in the least time",
         [
             ("x, l from [m]", ""),
@@ -167,15 +176,15 @@ def judged(found: Sequence[Settled], allowed: float) -> Outcome:
         f"{1e3 * SWING:g} mrad of swing. For a crane of another size distances go with that, times "
         "with its root.",
     )
-    worst = max(one.ratio for one in found)
+    worst = max(settled.ratio for settled in moves)
     sentence = (
         f"Predictive control to a goal settles within {allowed:g} times the least time in each of "
-        f"{len(found)} random moves ({worst:.2f} at most)."
+        f"{len(moves)} random moves ({worst:.2f} at most)."
     )
     return Outcome([table], [Claim(sentence, worst <= allowed)])
 
 
-def _place(move: Move) -> tuple[str, str]:
+def _place(move: RestToRest) -> tuple[str, str]:
     (_, x, length), (slew, radius, end) = move.start, move.goal
     return f"{x:.1f}, {length:.1f}", f"{slew:.2f}, {radius:.1f}, {end:.1f}"
 
@@ -192,7 +201,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def run() -> int:
         drawn = trials(options.moves, options.seed, options.any_crane)
-        outcome = judged(settle(drawn), RATIO[options.any_crane])
+        outcome = judge_moves(settle(drawn), RATIO[options.any_crane])
         show(outcome)
         return 0 if all(claim.holds for claim in outcome.claims) else 1
 

@@ -20,28 +20,30 @@ Columns = Mapping[str, np.ndarray]
 
 
 def nothing(cases: Columns) -> Columns:
-    """A number for each case, at no cost."""
+    """Return a number for each case, at no cost."""
     return {"y": cases["x"]}
 
 
 def waiting(cases: Columns) -> Columns:
-    """The same, after a while in which no processor is needed."""
+    """Return a number for each case after a pause without processor load."""
     time.sleep(PAUSE)
     return nothing(cases)
 
 
 def swinging(cases: Columns) -> Columns:
-    """Free swings of the crane, eight in a vector, on one thread; and what each costs."""
+    """Simulate free swings of the crane, eight in a vector, on one thread, and return the cost of
+    each.
+    """
     from cranedyn.compiled.batch import simulate_batch
     from cranedyn.interfaces import State
 
     before = time.process_time()
     crane, controller = _crane()
-    q, v = (np.tile(part, (len(cases["x"]), 1)) for part in crane.start)
+    q, v = (np.tile(values, (len(cases["x"]), 1)) for values in crane.start)
     q[:, crane.swings[0]] = 0.3 * cases["x"]
-    found = simulate_batch(crane, controller, start=State(q, v), duration=SWING, threads=1)
+    batch = simulate_batch(crane, controller, start=State(q, v), duration=SWING, threads=1)
     spent = (time.process_time() - before) / len(q)
-    return {"peak_rad": found.peak_swing, "spent_s": np.full(len(q), spent)}
+    return {"peak_rad": batch.peak_swing, "spent_s": np.full(len(q), spent)}
 
 
 @cache

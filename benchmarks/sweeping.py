@@ -21,7 +21,7 @@ from benchmarks.sweep_studies import PAUSE, SWING, nothing, swinging, waiting
 from cranedyn.command import command
 from cranedyn.errors import CraneError
 from cranedyn.sweep import Design, Progress, Study, results, sweep
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 
 WORKERS = (2, 4, 8)
 CRANES = 256
@@ -49,7 +49,7 @@ def _counted(count: int, word: str) -> str:
 
 @contextmanager
 def way(kind: str, workers: int) -> Iterator[Way]:
-    """Processes, or workers of Dask that are there for as long as the context."""
+    """Yield processes, or workers of Dask that live as long as the context."""
     if kind == "processes":
         yield Way(_counted(workers, "process"), workers, None)
         return
@@ -84,11 +84,9 @@ class Pace(NamedTuple):
     spent: float
 
 
-def pace(study: Study, by: Way, parts: int, chunk: int) -> Pace:
-    """Of a sweep of so many parts of so many cases; from the third part of each worker on, when all
-    have what they need, and up to where workers run out of parts.
-    """
-    design = Design({"x": np.linspace(0.0, 1.0, parts * chunk)})
+def pace(study: Study, by: Way, chunks: int, chunk: int) -> Pace:
+    """Measure a sweep of equal chunks while all workers are busy."""
+    design = Design({"x": np.linspace(0.0, 1.0, chunks * chunk)})
     stamps = [(time.perf_counter(), time.process_time())]
 
     def stamp(progress: Progress) -> None:
@@ -109,7 +107,7 @@ def pace(study: Study, by: Way, parts: int, chunk: int) -> Pace:
         )
         table = results(Path(folder) / "sweep")
     spent = table["spent_s"].to_numpy() if "spent_s" in table.column_names else np.zeros(1)
-    begin, end = 2 * by.workers, parts + 1 - by.workers
+    begin, end = 2 * by.workers, chunks + 1 - by.workers
     wall, busy = (np.array(stamps[end]) - np.array(stamps[begin])) / (end - begin)
     return Pace(stamps[1][0] - stamps[0][0], float(wall), float(busy), float(np.median(spent)))
 
@@ -124,31 +122,29 @@ class Overhead(NamedTuple):
     case: float
 
 
-def overhead(by: Way, parts: int, chunk: int) -> Overhead:
-    """From sweeps that compute nothing, of many small parts and of large ones."""
-    small, large = pace(nothing, by, parts, 1), pace(nothing, by, parts, chunk)
+def overhead(by: Way, chunks: int, chunk: int) -> Overhead:
+    """Return the overhead from sweeps that compute nothing, of single cases and of large chunks."""
+    small, large = pace(nothing, by, chunks, 1), pace(nothing, by, chunks, chunk)
     return Overhead(small.first, small.busy, (large.busy - small.busy) / (chunk - 1))
 
 
-def growth(by: Way, parts: int) -> tuple[float, float, float]:
-    """Share of the ideal with chunks that only wait, swings a second, and processor time of a swing
-    [s].
-    """
-    waited, swung = pace(waiting, by, parts, 1), pace(swinging, by, parts, CRANES)
+def scaling(by: Way, chunks: int) -> tuple[float, float, float]:
+    """Return efficiency of waiting chunks, swings a second, processor time of a swing [s]."""
+    waited, swung = pace(waiting, by, chunks, 1), pace(swinging, by, chunks, CRANES)
     return PAUSE / by.workers / waited.each, CRANES / swung.each, swung.spent
 
 
-def bytes_a_case(parts: int = 2, chunk: int = 1000) -> float:
-    """Of a part on disk, with a parameter and a result that no compression makes smaller."""
-    design = Design({"x": np.random.default_rng(0).uniform(size=parts * chunk)})
+def bytes_a_case(chunks: int = 2, chunk: int = 1000) -> float:
+    """Return the bytes of a case on disk, with a parameter and an incompressible result."""
+    design = Design({"x": np.random.default_rng(0).uniform(size=chunks * chunk)})
     with tempfile.TemporaryDirectory() as folder:
         sweep(nothing, design, Path(folder) / "sweep", chunk=chunk, workers=1)
         files = (Path(folder) / "sweep").glob("*.parquet")
-        return sum(file.stat().st_size for file in files) / (parts * chunk)
+        return sum(file.stat().st_size for file in files) / (chunks * chunk)
 
 
-def plan(measured: Overhead, spent: float, size: float, workers: int) -> Table:
-    """What a billion cases would take at the measured numbers: a calculation, nothing was run.
+def billion_case_table(measured: Overhead, spent: float, size: float, workers: int) -> ResultTable:
+    """Extrapolate the measured numbers to a billion cases; nothing is run.
 
     Args:
         measured: Of a sweep by Dask.
@@ -157,12 +153,12 @@ def plan(measured: Overhead, spent: float, size: float, workers: int) -> Table:
         workers: Of the sweep that was measured.
     """
     cases, chunk, at_once = 1e9, 1e5, 1e7
-    parts, sweeps = cases / chunk, cases / at_once
-    writing = sweeps * measured.once + parts * measured.part + cases * measured.case
+    chunks, sweeps = cases / chunk, cases / at_once
+    writing = sweeps * measured.once + chunks * measured.part + cases * measured.case
     computing = cases * spent
     rows: list[list[float | str | None]] = [
         ["sweeps, each a folder that goes on by itself", f"{sweeps:,.0f} of {at_once:,.0f} cases"],
-        ["parts of a sweep, of 100,000 cases each", f"{parts / sweeps:,.0f}"],
+        ["parts of a sweep, of 100,000 cases each", f"{chunks / sweeps:,.0f}"],
         ["memory of a design with three parameters", f"{at_once * 3 * 8 / 1e9:.2g} GB"],
         ["disk, a parameter and a result of a case", f"{cases * size / 1e9:,.0f} GB"],
         ["computing on one processor", f"{computing / 86400:,.1f} days"],
@@ -179,11 +175,11 @@ def plan(measured: Overhead, spent: float, size: float, workers: int) -> Table:
         ]
     else:
         note += " What a case adds was lost in the noise, so nothing is said of many processors."
-    return Table("A billion cases, on paper", (("what", ""), ("how much", "")), rows, note)
+    return ResultTable("A billion cases, on paper", (("what", ""), ("how much", "")), rows, note)
 
 
-def tables(workers: Sequence[int], parts: int, chunk: int) -> list[Table]:
-    """Overhead, growth, and the plan."""
+def sweeping_tables(workers: Sequence[int], chunks: int, chunk: int) -> list[ResultTable]:
+    """Return the tables of overhead, scaling, and a billion cases."""
     alone = 0.0
     costs: list[list[float | str | None]] = []
     grown: list[list[float | str | None]] = []
@@ -191,17 +187,17 @@ def tables(workers: Sequence[int], parts: int, chunk: int) -> list[Table]:
     for kind, count in kinds:
         print(f"measuring: {kind}, {count}", file=sys.stderr)
         with way(kind, count) as by:
-            found, (share, rate, spent) = overhead(by, parts, chunk), growth(by, 6 * count)
+            cost, (share, rate, spent) = (overhead(by, chunks, chunk), scaling(by, 6 * count))
         alone = alone or rate
-        costs.append([by.name, found.once, 1e3 * found.part, 1e6 * found.case])
+        costs.append([by.name, cost.once, 1e3 * cost.part, 1e6 * cost.case])
         grown.append([by.name, 100.0 * share, rate, rate / alone, 1e3 * spent])
     note = (
         f"On {os.cpu_count()} processors that had {os.getloadavg()[1]:.0f} processes to run on "
         "average. First part: by the clock; a part, a case: processor time of the program that "
-        f"sweeps, by sweeps that compute nothing, of {parts} parts of one case and of {chunk:,}."
+        f"sweeps, by sweeps that compute nothing, of {chunks} parts of one case and of {chunk:,}."
     )
     return [
-        Table(
+        ResultTable(
             "What a sweep adds",
             (
                 ("by", ""),
@@ -212,7 +208,7 @@ def tables(workers: Sequence[int], parts: int, chunk: int) -> list[Table]:
             costs,
             note,
         ),
-        Table(
+        ResultTable(
             "Growth",
             (
                 ("by", ""),
@@ -226,7 +222,7 @@ def tables(workers: Sequence[int], parts: int, chunk: int) -> list[Table]:
             f"processor. Swings: of {SWING:g} s, in chunks of {CRANES}, and the ratio to one "
             f"process, on {os.cpu_count()} processors; a swing: processor time of one.",
         ),
-        plan(found, spent, bytes_a_case(), count),
+        billion_case_table(cost, spent, bytes_a_case(), count),
     ]
 
 
@@ -239,7 +235,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def run() -> int:
         tell = teller("sweeping", options)
-        tell(tables((1,), 24, 100) if options.quick else tables(WORKERS, 128, 4000))
+        sizes = ((1,), 24, 100) if options.quick else (WORKERS, 128, 4000)
+        tell(sweeping_tables(*sizes))
         return 0
 
     return command(run)

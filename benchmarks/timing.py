@@ -24,8 +24,8 @@ def seconds(task: Callable[[], object]) -> float:
 
 
 def fresh(script: str, *arguments: str) -> str:
-    """Run a script in a process of its own, as users start them: from the second time on Python
-    finds the modules translated, also where this environment keeps it from writing that down.
+    """Run a script in a fresh process, as users start it. From the second time on Python finds the
+    modules compiled, also where this environment forbids bytecode files.
 
     Returns:
         What it printed.
@@ -33,7 +33,7 @@ def fresh(script: str, *arguments: str) -> str:
     Raises:
         CraneError: If it fails.
     """
-    usual = {name: what for name, what in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    usual = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     done = subprocess.run(
         [sys.executable, "-c", script, *arguments],
         cwd=Path(__file__).parents[1],
@@ -50,33 +50,36 @@ def fresh(script: str, *arguments: str) -> str:
 def race(
     tasks: Sequence[Callable[[], object]], rounds: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Wall time of each task in each round [s], shape (tasks, rounds); every round in an order of
-    its own.
+    """Return the wall time of each task in each round [s], shape (tasks, rounds); the order is
+    shuffled in every round.
     """
-    taken = np.empty((len(tasks), rounds))
+    times = np.empty((len(tasks), rounds))
     for k in range(rounds):
         for i in rng.permutation(len(tasks)):
-            taken[i, k] = seconds(tasks[i])
-    return taken
+            times[i, k] = seconds(tasks[i])
+    return times
 
 
 def stretch(case: Case, run: Run, cranes: int, budget: float) -> float:
-    """Simulated time [s] that takes a way about so many seconds, 70 s at most and a control period
-    at least.
+    """Return the simulated time [s] that takes a contestant about a wall time [s], between a
+    control period and 70 s.
 
     It is longer where a run has fixed costs, such as laying out many cranes, so that these are
     about a tenth of it.
     """
-    starts, whole = case.starts(cranes), case.periods(DURATION)
+    starts, most_periods = case.starts(cranes), case.periods(DURATION)
     run(starts, case.period)
     periods, fixed = 1, seconds(lambda: run(starts, case.period))
-    taken = fixed
-    while taken < 0.1 * budget + fixed and periods < whole:
-        periods = min(10 * periods, whole)
-        taken = seconds(partial(run, starts, periods * case.period))
-    each = (
-        max(taken - fixed, 0.0) / (periods - 1)
-        if periods > 1 and taken > fixed
-        else taken / periods
+    elapsed = fixed
+    while elapsed < 0.1 * budget + fixed and periods < most_periods:
+        periods = min(10 * periods, most_periods)
+        elapsed = seconds(partial(run, starts, periods * case.period))
+    period_time = (
+        max(elapsed - fixed, 0.0) / (periods - 1)
+        if periods > 1 and elapsed > fixed
+        else elapsed / periods
     )
-    return min(max(round(max(budget, 10.0 * (fixed - each)) / each), 1), whole) * case.period
+    return (
+        min(max(round(max(budget, 10.0 * (fixed - period_time)) / period_time), 1), most_periods)
+        * case.period
+    )

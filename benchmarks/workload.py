@@ -51,11 +51,11 @@ class Case:
         return round(self.period / self.dt)
 
     def periods(self, duration: float) -> int:
-        """Control periods in a run of some time [s]."""
+        """Return the number of control periods in a run of a duration [s]."""
         return round(duration / self.period)
 
     def starts(self, cranes: int) -> np.ndarray:
-        """Coordinates and rates of cranes at rest that differ in swing, shape (cranes, 2 n).
+        """Return coordinates and rates of cranes at rest that differ in swing, shape (cranes, 2 n).
 
         The first swings by 0.1 rad radially, the last by 0.2 rad radially and 0.1 rad tangentially.
         """
@@ -66,11 +66,11 @@ class Case:
         return rows
 
     def swing(self, rows: np.ndarray) -> np.ndarray:
-        """√(φ² + θ²) of rows that begin with coordinates [rad]."""
+        """Return √(φ² + θ²) of rows that begin with coordinates [rad]."""
         return np.linalg.norm(rows[..., self.crane.swings], axis=-1)
 
     def logged(self, log: np.ndarray) -> Result:
-        """The result of a single crane from its log, shape (rows, 2 n + 3)."""
+        """Return the result of a single crane from its log, shape (rows, 2 n + 3)."""
         return Result(log[-1:, : 2 * self.n].copy(), self.swing(log).max(keepdims=True), log)
 
 
@@ -123,9 +123,7 @@ def plain(
     controller: Controller | None = None,
     engine: EngineName = "pinocchio",
 ) -> Result:
-    """The loop of cranedyn from one start, shape (2 n,), under the case's controller if no other is
-    given.
-    """
+    """Simulate a start, shape (2 n,), by default with the case's controller."""
     run = simulate(
         case.crane,
         case.controller if controller is None else controller,
@@ -141,9 +139,7 @@ def plain(
 def brake(
     case: Case, start: np.ndarray
 ) -> Callable[[Sequence[float], Sequence[float]], tuple[float, float, float]]:
-    """The hold controller within the limits of the drives on plain numbers, the fastest that a loop
-    in Python has for one crane.
-    """
+    """Return the hold controller within the limits of the drives, on plain Python floats."""
     hold, drives = case.controller, case.crane.layout.drives
     slew, trolley, hoist = drives.tolist()
     (a, b, c), (d, e, f), (i, j, k) = (

@@ -1,7 +1,7 @@
-"""Closed forms to hold the simulation against. SI units, radians, gravity positive.
+"""Closed forms to validate the simulation. SI units, radians, gravity positive.
 
-Swing angles are positive when the load lags behind the pivot. Each raises `OutOfRange` where it has
-no finite answer.
+Swing angles are positive when the load lags behind the pivot. Each function raises `OutOfRange`
+where its result is not finite.
 """
 
 from __future__ import annotations
@@ -20,57 +20,57 @@ from cranedyn.errors import OutOfRange
 _Any = TypeVar("_Any", bound=Callable[..., Any])
 
 
-def _answered(form: _Any) -> _Any:
-    """Make a closed form raise `OutOfRange` where its answer is not finite."""
+def _finite(form: _Any) -> _Any:
+    """Make a closed form raise `OutOfRange` where its result is not finite."""
 
     @wraps(form)
-    def answering(*args: Any, **named: Any) -> Any:
+    def checked(*args: Any, **named: Any) -> Any:
         try:
             with np.errstate(all="ignore"):
-                answer = form(*args, **named)
-            # The first is much quicker.
-            if math.isfinite(answer) if isinstance(answer, float) else np.isfinite(answer).all():
-                return answer
+                result = form(*args, **named)
+            # math.isfinite is much faster.
+            if math.isfinite(result) if isinstance(result, float) else np.isfinite(result).all():
+                return result
         except (ArithmeticError, ValueError):  # np.linalg.LinAlgError among them
             pass
-        given = ", ".join(
+        call = ", ".join(
             [
                 *map(short_repr, args),
                 *(f"{name}={short_repr(value)}" for name, value in named.items()),
             ]
         )
         raise OutOfRange(
-            f"the answer of {form.__name__}({given})", "not finite", "what has a finite one"
+            f"the answer of {form.__name__}({call})", "not finite", "what has a finite one"
         )
 
-    return answering  # type: ignore[return-value]
+    return checked  # type: ignore[return-value]
 
 
-@_answered
+@_finite
 def point_period(length: float | np.ndarray, gravity: float) -> float | np.ndarray:
-    """Small swings of a point load on a cable [s]: 2π√(l/g)."""
+    """Return the period of small swings of a point load on a cable [s]: 2π√(l/g)."""
     return 2.0 * math.pi * np.sqrt(length / gravity)
 
 
-@_answered
+@_finite
 def rigid_period(length: float, gravity: float, mass: float, inertia: float) -> float:
-    """Small swings of a load with rotational inertia I about its own centre [s]: 2π√((m l² + I)/(m
-    g l)), the compound pendulum.
+    """Return the period of small swings of a load with rotational inertia I about its own centre
+    [s]: 2π√((m l² + I)/(m g l)), the compound pendulum.
     """
     return 2.0 * math.pi * math.sqrt((mass * length**2 + inertia) / (mass * gravity * length))
 
 
-@_answered
+@_finite
 def amplitude_factor(amplitude: float | np.ndarray) -> float | np.ndarray:
-    """Period of a swing of finite amplitude [rad] over that of a small one: (2/π) K(sin²(A/2)),
-    about 1 + A²/16.
+    """Return the period of a swing of finite amplitude [rad] over that of a small one: (2/π)
+    K(sin²(A/2)), about 1 + A²/16.
 
     Landau & Lifshitz, Mechanics, §11.
     """
     return 2.0 / math.pi * scipy.special.ellipk(np.sin(np.asarray(amplitude) / 2.0) ** 2)
 
 
-@_answered
+@_finite
 def pivot_compliance(
     length: float,
     gravity: float,
@@ -79,7 +79,7 @@ def pivot_compliance(
     damping: float = 0.0,
     trolley_mass: float = 0.0,
 ) -> tuple[float, float]:
-    """What a trolley held by k_p [N/m] and k_d [N s/m] does to a small swing.
+    """Return the effect of a trolley held by k_p [N/m] and k_d [N s/m] on a small swing.
 
     The pivot gives by the horizontal rope force times the trolley's compliance at the swing's
     frequency. Without damping and mass the gain is m g/(2 k_p l): the pendulum turns about a point
@@ -94,15 +94,16 @@ def pivot_compliance(
     return scale * compliance.real, -scale * compliance.imag
 
 
-@_answered
+@_finite
 def hoist_compliance(
     amplitude: float, length: float, gravity: float, mass: float, stiffness: float, damping: float
 ) -> tuple[float, float]:
-    """What a hoist held by k_p [N/m] and k_d [N s/m] does to a swing of a given amplitude [rad].
+    """Return the effect of a hoist held by k_p [N/m] and k_d [N s/m] on a swing of an amplitude
+    [rad].
 
     The rope force of a swing A cos ωt varies by m g A² (1/4 - 3/4 cos 2ωt). The hoist gives by that
-    force times its compliance: the mean lengthens the pendulum, the part at 2ω pumps and damps it.
-    Averaging the Lagrangian over a swing gives both, to order A².
+    force times its compliance: the mean lengthens the pendulum, the component at 2ω pumps and damps
+    it. Averaging the Lagrangian over a swing gives both, to order A².
 
     Returns:
         Relative gain in period, and damping ratio.
@@ -115,12 +116,12 @@ def hoist_compliance(
     ), -9.0 / 16.0 * scale * compliance.imag
 
 
-@_answered
+@_finite
 def constant_hoisting(
     t: np.ndarray, length: float, rate: float, gravity: float, swing: float, swing_rate: float
 ) -> np.ndarray:
-    """Small swing of a point load while the cable runs at constant speed [rad]: (l0 + v t) φ̈ + 2 v
-    φ̇ + g φ = 0.
+    """Return the small swing of a point load while the cable runs at constant speed [rad]: (l0 + v
+    t) φ̈ + 2 v φ̇ + g φ = 0.
 
     φ = [A J1(u) + B Y1(u)]/u with u = 2√(g l)/|v| (Watson, Theory of Bessel Functions; A and B from
     the start).
@@ -128,7 +129,7 @@ def constant_hoisting(
     Args:
         t: Times since the start [s], shape (n,).
         length: Cable length at the start [m].
-        rate: Its speed v, positive downward [m/s], not zero.
+        rate: Speed v of the cable, positive downward [m/s], not zero.
         gravity: Gravity [m/s²].
         swing: φ at the start [rad].
         swing_rate: φ̇ at the start [rad/s].
@@ -138,12 +139,12 @@ def constant_hoisting(
     return (a * scipy.special.jv(1, u) + b * scipy.special.yv(1, u)) / u
 
 
-@_answered
+@_finite
 def constant_hoisting_envelope(
     t: np.ndarray, length: float, rate: float, gravity: float, swing: float, swing_rate: float
 ) -> np.ndarray:
-    """Amplitude of `constant_hoisting` [rad]: √((A² + B²)(J1² + Y1²))/u, the modulus in which the
-    swing oscillates.
+    """Return the amplitude of `constant_hoisting` [rad]: √((A² + B²)(J1² + Y1²))/u, the modulus
+    within which the swing oscillates.
     """
     a, b = _hoisting_constants(length, rate, gravity, swing, swing_rate)
     u = 2.0 * np.sqrt(gravity * (length + rate * np.asarray(t))) / abs(rate)
@@ -166,23 +167,23 @@ def _hoisting_constants(
     return float(a), float(b)
 
 
-@_answered
+@_finite
 def radial_paper(phi: float, *, length: float, gravity: float, excitation: float) -> float:
-    """φ̈ [rad/s²] by Eq. (8) of Muddassir et al., ISARC 2024: l φ̈ + g φ - ẍ = 0, where push is ẍ
-    [m/s²].
+    """Return φ̈ [rad/s²] by Eq. (8) of Muddassir et al., ISARC 2024: l φ̈ + g φ - ẍ = 0, where the
+    excitation is ẍ [m/s²].
     """
     return (excitation - gravity * phi) / length
 
 
-@_answered
+@_finite
 def tangential_paper(theta: float, *, length: float, gravity: float, excitation: float) -> float:
-    """θ̈ [rad/s²] by Eq. (10) of Muddassir et al., ISARC 2024: l θ̈ + g θ - x γ̈ = 0, where push is
-    x γ̈ [m/s²].
+    """Return θ̈ [rad/s²] by Eq. (10) of Muddassir et al., ISARC 2024: l θ̈ + g θ - x γ̈ = 0, where
+    the excitation is x γ̈ [m/s²].
     """
     return (excitation - gravity * theta) / length
 
 
-@_answered
+@_finite
 def small_swing(
     swing: np.ndarray,
     rates: np.ndarray,
@@ -196,8 +197,8 @@ def small_swing(
     slew_rate: float,
     slew_acceleration: float,
 ) -> np.ndarray:
-    """φ̈, θ̈ [rad/s²] of a point load for small angles but full drive motion, everything that is
-    linear in the swing kept.
+    """Return φ̈, θ̈ [rad/s²] of a point load for small angles and arbitrary motion of the drives,
+    to first order in the swing.
 
     l φ̈ + 2 l̇ φ̇ + g φ = ẍ - γ̇² (x - l φ) + 2 γ̇ (lθ)˙ + γ̈ l θ
     l θ̈ + 2 l̇ θ̇ + g θ = γ̈ (x - l φ) + 2 γ̇ (ẋ - (lφ)˙) + γ̇² l θ
@@ -236,9 +237,9 @@ def small_swing(
     ) / length
 
 
-@_answered
+@_finite
 def adiabatic_amplitude(lengths: np.ndarray, length: float, amplitude: float) -> np.ndarray:
-    """Amplitude that a swing [rad] keeps when the cable is run slowly from one length [m] to
+    """Return the amplitude of a swing [rad] after the cable has run slowly from one length [m] to
     others, of any size below 180°.
 
     The action l^(3/2) [E(k) - (1-k²) K(k)] with k = sin(A/2) stays constant (Landau & Lifshitz,
@@ -261,10 +262,10 @@ def adiabatic_amplitude(lengths: np.ndarray, length: float, amplitude: float) ->
     )
 
 
-@_answered
+@_finite
 def apsidal_precession(length: float, far: float, near: float) -> float:
-    """Angle by which the orbit of a spherical pendulum turns in one revolution [rad], from 4 times
-    the apsidal angle ψ.
+    """Return the angle by which the orbit of a spherical pendulum turns in a revolution [rad], from
+    4 times the apsidal angle ψ.
 
     The load is let go at the distance a from the vertical [m], with a horizontal speed across of b
     √(g/l). With u the cosine of the angle from the vertical, ψ = ∫ h du / ((1-u²) √f) between two
@@ -296,51 +297,55 @@ def apsidal_precession(length: float, far: float, near: float) -> float:
     )
 
 
-@_answered
+@_finite
 def airy_precession(length: float, far: float, near: float) -> float:
-    """The same to lowest order in the half axes a and b of the orbit [rad]: 3π a b/(4 l²) (Airy,
-    Memoirs of the RAS 20, 1851).
+    """Return `apsidal_precession` to lowest order in the half axes a and b of the orbit [rad]: 3π a
+    b/(4 l²) (Airy, Memoirs of the RAS 20, 1851).
     """
     return 3.0 * math.pi * far * near / (4.0 * length**2)
 
 
-@_answered
+@_finite
 def slewing_swing(radius: float, length: float, rate: float, gravity: float) -> float:
-    """φ [rad] at which a point load hangs while the jib turns steadily [rad/s]; negative, because
-    the load swings out.
+    """Return φ [rad] at which a point load hangs while the jib turns steadily [rad/s]; negative,
+    because the load swings out.
 
     tan|φ| = Ω² (x + l sin|φ|)/g, the balance of weight, rope and circular motion at the radius x +
     l sin|φ|.
     """
 
-    def short(out: float) -> float:
-        return gravity * math.sin(out) - rate**2 * (radius + length * math.sin(out)) * math.cos(out)
+    def imbalance(angle: float) -> float:
+        return gravity * math.sin(angle) - rate**2 * (radius + length * math.sin(angle)) * math.cos(
+            angle
+        )
 
-    return -float(scipy.optimize.brentq(short, 0.0, math.pi / 2.0, xtol=1e-15))
+    return -float(scipy.optimize.brentq(imbalance, 0.0, math.pi / 2.0, xtol=1e-15))
 
 
-@_answered
+@_finite
 def slewing_tension(
     radius: float, length: float, rate: float, gravity: float, mass: float
 ) -> float:
-    """Tension of the rope then [N]: m √(g² + Ω⁴ r²) with r the radius of the load."""
+    """Return the tension of the rope at `slewing_swing` [N]: m √(g² + Ω⁴ r²) with r the radius of
+    the load.
+    """
     return mass * math.hypot(
         gravity,
         rate**2 * (radius - length * math.sin(slewing_swing(radius, length, rate, gravity))),
     )
 
 
-@_answered
+@_finite
 def rolling_period(length: float, gravity: float, mass: float, trolley: float) -> float:
-    """Small swings under a trolley that rolls without drive or friction [s]: 2π √(l M/((M + m) g)),
-    M the trolley's mass.
+    """Return the period of small swings under a trolley that rolls without drive or friction [s]:
+    2π √(l M/((M + m) g)), M the trolley's mass.
     """
     return 2.0 * math.pi * math.sqrt(length * trolley / ((trolley + mass) * gravity))
 
 
-@_answered
+@_finite
 def pulse_residual(acceleration: float, pulse: float, length: float, gravity: float) -> float:
-    """Amplitude that a trolley leaves when it accelerates for a time and then runs on [rad], small
+    """Return the amplitude after a trolley has accelerated for a time and runs on [rad], small
     angles: (2a/g) |sin(ω t_p/2)|.
 
     Each step of the acceleration starts a swing of a/g about its own lag, and the two add as
@@ -358,20 +363,20 @@ def pulse_residual(acceleration: float, pulse: float, length: float, gravity: fl
     )
 
 
-@_answered
+@_finite
 def coast_residual(
     acceleration: float, pulse: float, coast: float, length: float, gravity: float
 ) -> float:
-    """The same after it has also coasted for t_c and braked as it accelerated [rad]: the above
-    times 2 |sin(ω (t_p + t_c)/2)|.
+    """Return the amplitude after the trolley has accelerated, coasted for t_c and braked as it
+    accelerated [rad]: `pulse_residual` times 2 |sin(ω (t_p + t_c)/2)|.
     """
     later = math.sin(math.sqrt(gravity / length) * (pulse + coast) / 2.0)
     return 2.0 * pulse_residual(acceleration, pulse, length, gravity) * abs(later)
 
 
-@_answered
+@_finite
 def quintic_residual(distance: float, duration: float, length: float, gravity: float) -> float:
-    """Amplitude that a quintic spline of the trolley leaves, rest to rest [rad], small angles.
+    """Return the amplitude after a quintic spline of the trolley, rest to rest [rad], small angles.
 
     The Fourier transform of the trolley's acceleration at the frequency of the swing, over √(g l);
     with w = ω T it is D/(T l ω) · |120 (w² sin(w/2) + 6 w cos(w/2) - 12 sin(w/2))/w⁴|.
@@ -388,12 +393,12 @@ def quintic_residual(distance: float, duration: float, length: float, gravity: f
     return abs(distance) / (duration * length * omega) * abs(120.0 * shape / w**4)
 
 
-@_answered
+@_finite
 def double_pendulum(
     cable: float, sling: float, hook: float, load: float, gravity: float
 ) -> tuple[float, float]:
-    """Small swings of a point load slung below a point hook, whose trolley stands still: slow and
-    fast [rad/s].
+    """Return the slow and fast frequency of a point load slung below a point hook, small swings,
+    trolley at rest [rad/s].
 
     ω² = (g/2) [(1 + R)(1/l₁ + 1/l₂) ∓ √((1 + R)² (1/l₁ + 1/l₂)² - 4 (1 + R)/(l₁ l₂))] with R the
     load's mass over the hook's (Singhose, Kim & Kenison, J. Dyn. Sys. Meas. Control 130, 2008).
@@ -413,10 +418,10 @@ def double_pendulum(
     return math.sqrt(gravity * heavier / (cable * sling) / fast), math.sqrt(gravity * fast)
 
 
-@_answered
+@_finite
 def rope_bounce(stiffness: float, length: float, mass: float) -> float:
-    """How fast a load bounces on a rope whose drum stands still [rad/s]: √(k/m) with k = EA/l of
-    the cable, without its own mass.
+    """Return the frequency of a load that bounces on a rope whose drum stands still [rad/s]: √(k/m)
+    with k = EA/l of the cable, without its own mass.
 
     Args:
         stiffness: EA, Young's modulus times the cross-section [N].
@@ -426,10 +431,10 @@ def rope_bounce(stiffness: float, length: float, mass: float) -> float:
     return math.sqrt(stiffness / (length * mass))
 
 
-@_answered
+@_finite
 def pickup_factor(speed: float, frequency: float, gravity: float) -> float:
-    """Largest tension of a rope over the load's weight when the load is picked up at a hoisting
-    speed: 1 + v ω/g.
+    """Return the largest tension of a rope over the load's weight when the load is picked up at a
+    hoisting speed: 1 + v ω/g.
 
     The load leaves the ground when the rope carries its weight, while the rope still shortens at v:
     it swings by v/ω about that stretch, an undamped oscillator of one mass.
@@ -442,23 +447,23 @@ def pickup_factor(speed: float, frequency: float, gravity: float) -> float:
     return 1.0 + speed * frequency / gravity
 
 
-@_answered
-def drop_factor(dropped: float, left: float) -> float:
-    """Largest distance of the tension of a rope from the weight of the load left, over it, when a
-    part is dropped at once.
+@_finite
+def drop_factor(dropped: float, remaining: float) -> float:
+    """Return the largest deviation of the rope's tension from the weight of the remaining load,
+    over that weight, when a mass is dropped at once.
 
-    That part's share of the static load that is left: the rope is stretched for both, and the load
-    left swings about its own stretch. So the tension lies between 1 - this and 1 + this times the
-    weight left.
+    It is the dropped mass over the remaining mass: the rope is stretched for both, and the
+    remaining load swings about its own stretch. The tension lies between 1 - factor and 1 + factor
+    times the remaining weight.
 
     Args:
-        dropped: Mass of the part [kg].
-        left: Mass of the load left [kg].
+        dropped: Dropped mass [kg].
+        remaining: Mass of the remaining load [kg].
     """
-    return dropped / left
+    return dropped / remaining
 
 
-@_answered
+@_finite
 def twisting_tower(
     inertia: float,
     torsion: float,
@@ -468,8 +473,8 @@ def twisting_tower(
     gravity: float,
     trolley: float = 0.0,
 ) -> tuple[float, float]:
-    """A tower that twists and the tangential swing of a point load below its jib, slew drive and
-    trolley locked: slow and fast [rad/s].
+    """Return the slow and fast frequency of a twisting tower and the tangential swing of a point
+    load below its jib, slew drive and trolley locked [rad/s].
 
     M = [[J + (M_t + m) x², -m x l], [-m x l, m l²]], K = diag(k, m g l), for the twist and the
     swing θ, by Lagrange: the load moves by x ψ - l θ across the jib.
@@ -493,7 +498,7 @@ def twisting_tower(
     )
 
 
-@_answered
+@_finite
 def bending_tower(
     inertia: float,
     stiffness: float,
@@ -503,13 +508,12 @@ def bending_tower(
     mass: float,
     gravity: float,
 ) -> tuple[float, float]:
-    """A tower that bends at its foot across the jib and the tangential swing of a point load,
-    drives locked: slow and fast [rad/s].
+    """Return the slow and fast frequency of a tower that bends at its foot across the jib and the
+    tangential swing of a point load, drives locked [rad/s].
 
     M = [[I + m h², -m h l], [-m h l, m l²]], K = diag(k - (S + m h) g, m g l), for the bend and the
-    load's angle from the vertical, by
-    Lagrange: the load moves by h ψ - l α, and all that stands above the foot pushes it further
-        over.
+    load's angle from the vertical, by Lagrange: the load moves by h ψ - l α, and the weight above
+    the foot increases the bend.
 
     Args:
         inertia: I of all but the load about the foot [kg m²].
@@ -533,21 +537,21 @@ def bending_tower(
 def _two_modes(
     first: float, coupling: float, second: float, stiff: float, pull: float
 ) -> tuple[float, float]:
-    """Slow and fast frequency [rad/s] of M = [[first, -coupling], [-coupling, second]] and K =
-    diag(stiff, pull).
+    """Return the slow and fast frequency [rad/s] of M = [[first, -coupling], [-coupling, second]]
+    and K = diag(stiff, pull).
     """
     square, middle, last = first * second - coupling**2, first * pull + second * stiff, stiff * pull
     fast = (middle + math.sqrt(middle**2 - 4.0 * square * last)) / (2.0 * square)
     return math.sqrt(last / square / fast), math.sqrt(fast)
 
 
-@_answered
+@_finite
 def bending_jib(stiffness: float, inertia: float, radius: float, mass: float) -> float:
-    """How fast a jib that bends down at its root bounces with what hangs on it [rad/s]: √(k/(I + m
-    x²)), for a small droop.
+    """Return the frequency at which a jib that bends down at its root bounces with its load
+    [rad/s]: √(k/(I + m x²)), for a small droop.
 
-    The load follows the pivot's height and feels nothing of it sideways, but for what the droop at
-    rest, squared, adds.
+    The load follows the pivot's height; its sideways motion is of second order in the droop at
+    rest.
 
     Args:
         stiffness: k of the root [N m/rad].
@@ -558,10 +562,10 @@ def bending_jib(stiffness: float, inertia: float, radius: float, mass: float) ->
     return math.sqrt(stiffness / (inertia + mass * radius**2))
 
 
-@_answered
+@_finite
 def convolved_zv(frequency: float, modes: Sequence[float]) -> float:
-    """Share of an undamped swing that zero-vibration shapers for several modes, convolved, leave of
-    it: Π |cos(π ω/(2 ω_i))|.
+    """Return the share of an undamped swing that convolved zero-vibration shapers for several modes
+    leave: Π |cos(π ω/(2 ω_i))|.
 
     Each shaper is two halves, half a period of its mode apart, and the transfer functions of
     convolved shapers multiply (Singer & Seering, J. Dyn. Sys. Meas. Control 112, 1990; Singhose,
@@ -569,6 +573,6 @@ def convolved_zv(frequency: float, modes: Sequence[float]) -> float:
 
     Args:
         frequency: ω of the swing [rad/s].
-        modes: ω_i that the shapers are made for [rad/s].
+        modes: ω_i of the shapers [rad/s].
     """
     return float(np.prod([abs(math.cos(math.pi * frequency / (2.0 * mode))) for mode in modes]))

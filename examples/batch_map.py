@@ -18,7 +18,7 @@ cases = [
     for width in widths
 ]
 
-found = cd.simulate_batch(
+batch = cd.simulate_batch(
     crane,
     hold_controller(crane),
     [reference for _, reference in cases],
@@ -26,11 +26,11 @@ found = cd.simulate_batch(
     duration=20.0,
     residual_from=12.0,
 )
-left = np.degrees(found.residual_swing).reshape(len(lengths), len(widths))
-print(f"{left.size} runs leave {left.min():.2f} to {left.max():.2f}°")
+swings = np.degrees(batch.residual_swing).reshape(len(lengths), len(widths))
+print(f"{swings.size} runs leave {swings.min():.2f} to {swings.max():.2f}°")
 
 figure, (ax,) = panels(height=4.5, width=6.5)
-drawn = ax.pcolormesh(widths, lengths, left, rasterized=True)
+drawn = ax.pcolormesh(widths, lengths, swings, rasterized=True)
 ax.set(xlabel="width of the pulse [s]", ylabel="cable length [m]")
 figure.colorbar(drawn, label="swing left [°]")
 figure.savefig("batch_map.png")

@@ -15,7 +15,7 @@ print(f"{'crane':12} {'T point [s]':>12} {'T predicted [s]':>16} {'more [%]':>9}
 for name, crane in cranes.items():
     start = crane.state(l=10.0)
     point = float(point_period(10.0, crane.gravity))
-    found = free_swing(
+    swing = free_swing(
         crane,
         hold_controller(crane, gravity=crane.gravity),
         hold(crane, start),
@@ -25,4 +25,4 @@ for name, crane in cranes.items():
         dt=5e-4,
         control_period=5e-3,
     )
-    print(f"{name:12} {point:12.4f} {found.period:16.4f} {100 * (found.period / point - 1):9.3f}")
+    print(f"{name:12} {point:12.4f} {swing.period:16.4f} {100 * (swing.period / point - 1):9.3f}")

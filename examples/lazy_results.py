@@ -16,8 +16,8 @@ WORST = """
 """
 
 
-def period(cases: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Periods of free swings [s] by cable length and amplitude."""
+def swing_period(cases: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return periods of free swings [s] by cable length and amplitude."""
     return {"T_s": point_period(cases["l_m"], 9.80665) * amplitude_factor(cases["A_rad"])}
 
 
@@ -26,7 +26,7 @@ def main() -> int:
     needs, one part after another.
     """
     lengths, amplitudes = np.linspace(5.0, 25.0, 200).tolist(), np.linspace(0.01, 1.0, 200).tolist()
-    sweep(period, grid(l_m=lengths, A_rad=amplitudes), "swings", chunk=5000, workers=1)
+    sweep(swing_period, grid(l_m=lengths, A_rad=amplitudes), "swings", chunk=5000, workers=1)
     for length, longest, cases in duckdb.sql(WORST).fetchall():
         print(f"{length:g} m: up to {longest:.3f} s in {cases} cases of wide swings")
     return 0

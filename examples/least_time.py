@@ -27,6 +27,6 @@ for name, motion in {"least time": fastest, "spline": smooth}.items():
     runs[name] = cd.simulate(
         crane, lqr(crane, motion, every=50), motion, start=start, duration=20.0
     )
-    left = np.abs(runs[name].since(duration)["phi_rad"]).max()
-    print(f"{name:10} in {duration:.2f} s leaves {1e3 * left:.2f} mrad")
+    swing = np.abs(runs[name].since(duration)["phi_rad"]).max()
+    print(f"{name:10} in {duration:.2f} s leaves {1e3 * swing:.2f} mrad")
 plot_runs(runs).savefig("least_time.png")

@@ -16,7 +16,7 @@ rhythm = float(point_period(length, crane.gravity))
 
 
 def to_and_fro(period: float) -> Reference:
-    """The trolley at 10 m, 0.1 m to each side in a period [s]."""
+    """Move the trolley about 10 m, 0.1 m to each side in a period [s]."""
     rate = 2.0 * math.pi / period
 
     def reference(t: float) -> cd.Setpoint:

@@ -21,15 +21,17 @@ def main(folder: Path) -> None:
     """Run it; what comes of it goes into a folder."""
     urdf = Path(__file__).with_name("wall_crane.urdf")
     crane = load_crane(urdf, joints=ROLES | SWINGS, driven=list(ROLES.values()))
-    rest = hanging_reference(crane, hold(crane, crane.state(x=4.0, l=2.5)), duration=0.01)
-    controller = lqr(crane, rest)
+    reference = hanging_reference(crane, hold(crane, crane.state(x=4.0, l=2.5)), duration=0.01)
+    controller = lqr(crane, reference)
     start = crane.state(x=4.0, l=2.5, phi=0.1, theta=-0.1)
-    run = simulate(crane, controller, rest, start=start, duration=20.0)
+    run = simulate(crane, controller, reference, start=start, duration=20.0)
     left = np.hypot(*run.since(15.0).coordinates("phi", "theta").T).max()
     print(f"A swing of {1e3 * np.hypot(0.1, 0.1):.0f} mrad: {1e3 * left:.2f} mrad in the last 5 s.")
     swings = np.linspace(-0.2, 0.2, 20)
     starts = [crane.state(x=4.0, l=2.5, phi=phi, theta=theta) for phi in swings for theta in swings]
-    batch = simulate_batch(crane, controller, rest, start=starts, duration=20.0, residual_from=15.0)
+    batch = simulate_batch(
+        crane, controller, reference, start=starts, duration=20.0, residual_from=15.0
+    )
     print(f"From {len(batch)} starts: {1e3 * batch.residual_swing.max():.2f} mrad at most.")
     path = record(folder / "wall_crane.rrd", [Run("wall crane", crane, run)], title="Wall crane")
     print(f"Written to {path}.")

@@ -17,9 +17,9 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.plotting.style import LINE_STYLES
 from experiments import harness
-from experiments.harness import Claim, Outcome, Setup, Table, finite, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, finite_or_none, tabulate
 from experiments.scenarios.colours import strategy_colour
-from experiments.scenarios.moves import AFTER, CLOSE, MOVES, Move, Score, of_sampling
+from experiments.scenarios.moves import AFTER, CLOSE, MOVES, RestToRest, Score, of_sampling
 from experiments.scenarios.perturbations import make
 from experiments.scenarios.strategies import (
     FLAT,
@@ -38,8 +38,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Make every move by every strategy."""
     from cranedyn.recording import Run
 
-    runs: dict[Move, dict[str, Trajectory]] = {move: {} for move in MOVES}
-    scores: dict[Move, dict[str, Score]] = {move: {} for move in MOVES}
+    runs: dict[RestToRest, dict[str, Trajectory]] = {move: {} for move in MOVES}
+    scores: dict[RestToRest, dict[str, Score]] = {move: {} for move in MOVES}
     for move in MOVES:
         for strategy in SHOWN:
             plan, label = STRATEGIES[strategy](setup, move), f"{move.name}, {strategy}"
@@ -69,7 +69,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     )
 
 
-def _claims(setup: Setup, move: Move, scores: Mapping[str, Score]) -> list[Claim]:
+def _claims(setup: Setup, move: RestToRest, scores: Mapping[str, Score]) -> list[Claim]:
     pd, ours, lqr, best = (scores[strategy] for strategy in (PD, PAPER, LQR, FLAT))
     planned = flat_motion(setup, move, move.duration)
     plan = float(np.linalg.norm(planned.q[:, setup.crane.swings], axis=1).max())
@@ -99,7 +99,7 @@ def _settled(score: Score) -> str:
     return f"after {score.settled:.2f} s" if math.isfinite(score.settled) else "not in that time"
 
 
-def _table(move: Move, scores: Mapping[str, Score]) -> Table:
+def _table(move: RestToRest, scores: Mapping[str, Score]) -> ResultTable:
     return tabulate(
         f"Move {move.name}: {move.start} to {move.goal} in {move.duration:g} s",
         scores.items(),
@@ -109,7 +109,7 @@ def _table(move: Move, scores: Mapping[str, Score]) -> Table:
             ("at arrival", ".4f", lambda s: 1000 * s[1].arrival),
             ("20 s later", ".4f", lambda s: 1000 * s[1].later),
             ("hook [mm]", ".3f", lambda s: 1000 * s[1].later * s[1].length),
-            ("settled [s]", ".2f", lambda s: finite(s[1].settled)),
+            ("settled [s]", ".2f", lambda s: finite_or_none(s[1].settled)),
             ("γ off [mrad]", ".2f", lambda s: float(s[1].tracking[0])),
             ("x off [mm]", ".1f", lambda s: float(s[1].tracking[1])),
             ("l off [mm]", ".2f", lambda s: float(s[1].tracking[2])),
@@ -139,7 +139,7 @@ def _tracking_figure(run: Trajectory) -> Figure:
     return figure
 
 
-def _swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
+def _swing_figure(move: RestToRest, runs: Mapping[str, Trajectory]) -> Figure:
     """Draw radial and tangential swing of each strategy, in the manner of the paper's Fig. 6."""
     figure, axes = panels(2, height=2.6, sharex=True)
     for ax, column, name in zip(axes, ("phi_rad", "theta_rad"), ("φ", "θ"), strict=True):

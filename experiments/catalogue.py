@@ -15,7 +15,7 @@ class Entry(NamedTuple):
     Attributes:
         title: What it is called on a page.
         line: What it shows.
-        words: The arguments with which the report makes it.
+        arguments: The arguments with which the report makes it.
         quick: Arguments that make the least of it; its claims need not hold then.
         figures: A caption for each of its figures, by name; one that ends in a star is for all that
             begin so.
@@ -23,7 +23,7 @@ class Entry(NamedTuple):
 
     title: str
     line: str
-    words: tuple[str, ...] = ()
+    arguments: tuple[str, ...] = ()
     quick: tuple[str, ...] = ()
     figures: Mapping[str, str] = MappingProxyType({})
 

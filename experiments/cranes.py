@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from experiments import harness
 from experiments.harness import Outcome, Setup
 from experiments.relatives import claims, modes, pendulum, robots, rope, tables
-from experiments.relatives.agreement import DURATION, agreement
-from experiments.relatives.catalogue import RELATIVES, crane_of
-from experiments.relatives.control import AREA, GUST, SWING, WAY, control
+from experiments.relatives.agreement import DURATION, compare_engines
+from experiments.relatives.catalogue import RELATIVES, relative_crane
+from experiments.relatives.control import AREA, GUST, SWING, WAY, run_controllers
 
 _SHAPED = f"Trolley at {pendulum.NUDGE:g} m/s; closed: by the swing that the move leaves unshaped."
 
@@ -30,16 +30,16 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     done(2)
     agreed = []
     for i, relative in enumerate(RELATIVES):
-        agreed.append(agreement(relative))
+        agreed.append(compare_engines(relative))
         done(3 + i)
     controlled = []
     for i, relative in enumerate(RELATIVES):
-        controlled.append(control(relative, setup.engine))
+        controlled.append(run_controllers(relative, setup.engine))
         done(3 + len(RELATIVES) + i)
     shaped, moved, growth = (
         pendulum.shaping(setup.engine),
-        list(pendulum.moves(setup.engine)),
-        pendulum.growth(),
+        list(pendulum.trolley_moves(setup.engine)),
+        pendulum.closed_loop_growth(),
     )
     stirred = pendulum.stirred(setup.engine)
     machines = robots.robots()
@@ -80,7 +80,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         }
         | {"double_pendulum_unaware": moved[-1].run},
         recording=[
-            Run(result.relative.name, crane_of(result.relative), result.run, (*site, 0.0))
+            Run(result.relative.name, relative_crane(result.relative), result.run, (*site, 0.0))
             for site, result in zip(SITES, agreed, strict=True)
         ],
     )

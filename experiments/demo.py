@@ -27,7 +27,7 @@ from cranedyn.planning.itinerary import Stage, Timetable
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references.limits import Limits
 from experiments import harness
-from experiments.endless import PART, Dwell, Dwells, Record, part_of
+from experiments.endless import PART, Dwell, Dwells, EndlessRecord, part_of
 from experiments.scenarios.moves import CLOSE, DWELL, TOUR_LIMITS, of_sampling
 from experiments.scenarios.tours import CONTROLS
 
@@ -74,19 +74,19 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     if options.cycles is not None:
         until = number("cycles", options.cycles, "", "> 0") * tour.duration
     if until < setup.control_period:
-        least = f"{setup.control_period / tour.duration:.3g} or more, one control period"
-        raise OutOfRange("cycles", options.cycles, least)
+        fewest_cycles = f"{setup.control_period / tour.duration:.3g} or more, one control period"
+        raise OutOfRange("cycles", options.cycles, fewest_cycles)
     bare = None if options.control == "none" else Bare(setup, limits, options.dwell, tour)
     show = _Show(options, setup, tour, bare)
     run = show.run(pieces(setup, tour, controller, until))
-    rows, parts = show.dwells.rows, [part.name for part in show.record.parts]
-    tables = [_table(rows, options.control, float(run.t[0]), parts)]
+    rows, earlier_files = show.dwells.rows, [file.name for file in show.record.parts]
+    tables = [_table(rows, options.control, float(run.t[0]), earlier_files)]
     claims = _bare(setup, tour, show.dwells) if rows and options.control == "none" else []
     runs = {"demo" if bare is None else f"with {options.control}": run}
     trajectories = {"demo": run}
     if bare is not None and (before := bare.run(float(run.t[-1]))) is not None:
         trajectories["demo_before"] = before
-        if not parts:
+        if not earlier_files:
             runs["without control"] = before
         tables.append(_table(bare.dwells.rows, "none"))
         if options.control == "flat":
@@ -102,7 +102,9 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     return harness.Outcome(
         tables=tables,
         claims=claims,
-        parameters=setup.parameters() | parameters | ({"earlier_parts": parts} if parts else {}),
+        parameters=setup.parameters()
+        | parameters
+        | ({"earlier_parts": earlier_files} if earlier_files else {}),
         trajectories=trajectories,
         figures={"swing": _figure(tour, run)},
         recording=[Run(name, setup.crane, trajectory) for name, trajectory in runs.items()],
@@ -171,30 +173,30 @@ class Bare:
 
 
 def _table(
-    rows: Sequence[Dwell], control: str, t_start: float = 0.0, parts: Sequence[str] = ()
-) -> harness.Table:
+    rows: Sequence[Dwell], control: str, t_start: float = 0.0, earlier_files: Sequence[str] = ()
+) -> harness.ResultTable:
     columns = [
         ("leg", ""),
         ("arrives [s]", ".1f"),
         ("residual swing [mrad]", ".4g"),
         ("at the hook [mm]", ".4g"),
     ]
-    how = "without swing control" if control == "none" else f"control {control}"
+    strategy = "without swing control" if control == "none" else f"control {control}"
     note = "Half the way across, radial and tangential together."
     if len(rows) > MAX_ROWS:
         note += f" The last {MAX_ROWS} of {len(rows)} dwells."
-    if parts:
-        names = ", ".join(parts if len(parts) < 3 else [parts[0], "…", parts[-1]])
+    if earlier_files:
+        names = ", ".join(
+            earlier_files if len(earlier_files) < 3 else [earlier_files[0], "…", earlier_files[-1]]
+        )
         note += f" What happened before t = {t_start:.0f} s is in {names}."
-    title = f"Swing that is left in the dwells, {how}"
-    return harness.Table(title, columns, rows[-MAX_ROWS:], note)
+    title = f"Swing that is left in the dwells, {strategy}"
+    return harness.ResultTable(title, columns, rows[-MAX_ROWS:], note)
 
 
 def _bare(setup: harness.Setup, tour: Timetable, dwells: Dwells) -> list[harness.Claim]:
-    """Claim that without swing control the load swings on, after the first leg as the closed form
-    predicts.
-    """
-    least, hook = min(row.swing for row in dwells.rows), min(row.deviation for row in dwells.rows)
+    """Claim that the load swings on, after the first leg as the closed form predicts."""
+    swing, hook = min(row.swing for row in dwells.rows), min(row.deviation for row in dwells.rows)
     row, length = dwells.first, dwells.first["l_m"]
     angles, rates = row.coordinates("phi", "theta"), row.rates("phi", "theta")
     amplitude = float(swing_amplitude(angles, rates, length, setup.gravity)[0])
@@ -202,7 +204,7 @@ def _bare(setup: harness.Setup, tour: Timetable, dwells: Dwells) -> list[harness
     limited = bool((dwells.effort >= setup.crane.effort_limit).any())
     return [
         harness.Claim(
-            f"Without swing control the load keeps swinging in every dwell: {least:.1f} mrad and "
+            f"Without swing control the load keeps swinging in every dwell: {swing:.1f} mrad and "
             f"{hook:.0f} mm at the hook at least, where "
             f"{1000 * CLOSE:g} mm count as settled.",
             hook > 1000.0 * CLOSE,
@@ -236,13 +238,15 @@ def started_and_stopped(setup: harness.Setup, stage: Stage, length: float) -> tu
         2.0 * math.pi / (float(theory.point_period(reduced, setup.gravity)) * (1.0 + compliance))
     )
     rate = abs(float((stage.target - stage.origin) @ crane.layout.along("x"))) / duration
-    most = (
+    amplitude = (
         2.0
         * rate
         / math.sqrt(setup.gravity * reduced)
         / math.hypot(1.0, omega * DAMPING["trolley"] / STIFFNESS["trolley"])
     )
-    return most * abs(math.sin(omega * duration / 2.0)), most**3 * (1.0 + omega * duration / 16.0)
+    return amplitude * abs(math.sin(omega * duration / 2.0)), amplitude**3 * (
+        1.0 + omega * duration / 16.0
+    )
 
 
 def _better(after: Sequence[Dwell], before: Sequence[Dwell], control: str) -> harness.Claim:
@@ -257,13 +261,13 @@ def _better(after: Sequence[Dwell], before: Sequence[Dwell], control: str) -> ha
 
 def _nothing(setup: harness.Setup, dwells: Dwells) -> harness.Claim:
     """Claim that flat paths leave no more swing than the sampling of the efforts explains."""
-    left, peak = max(row.swing for row in dwells.rows), dwells.peak
+    residual, peak = max(row.swing for row in dwells.rows), dwells.peak
     allowed = 1000.0 * of_sampling(setup.gravity, dwells.shortest, setup.control_period, peak)
     return harness.Claim(
-        f"Flat paths leave no swing: {left:.4f} mrad at most, where efforts that are held for "
+        f"Flat paths leave no swing: {residual:.4f} mrad at most, where efforts that are held for "
         f"{1000 * setup.control_period:g} ms may leave "
         f"{allowed:.4f} of {1000 * peak:.1f} mrad on the way.",
-        left < allowed,
+        residual < allowed,
     )
 
 
@@ -292,18 +296,14 @@ class _Show:
     """Simulates, prints and streams the pieces, and keeps them until the end or an interruption."""
 
     def __init__(
-        self,
-        options: argparse.Namespace,
-        setup: harness.Setup,
-        tour: Timetable,
-        bare: Bare | None,
+        self, options: argparse.Namespace, setup: harness.Setup, tour: Timetable, bare: Bare | None
     ) -> None:
         self._options, self._setup, self._bare = options, setup, bare
         self._pace = 1.0 if options.view or options.serve else None
         if options.pace is not None:
             self._pace = number("pace", options.pace, "", PACES)
         self._console = Console(highlight=False)
-        self.record = Record(options.folder / "demo.parquet")
+        self.record = EndlessRecord(options.folder / "demo.parquet")
         self.dwells = Dwells(tour, setup.control_period)
 
     def run(self, pieces: Iterator[Trajectory]) -> Trajectory:
@@ -379,11 +379,11 @@ class _Sinks:
     def put_aside(self) -> None:
         """Finish the file and rename it after its begin, so that another can take its name."""
         self._file.close()
-        part = part_of(self._path, self._begin)
+        file = part_of(self._path, self._begin)
         try:
-            self._path.replace(part)
+            self._path.replace(file)
         except OSError as error:
-            raise DataError(f"Cannot rename {self._path} to {part}: {error.strerror}.") from error
+            raise DataError(f"Cannot rename {self._path} to {file}: {error.strerror}.") from error
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -20,7 +20,7 @@ def part_of(file: Path, begin: float) -> Path:
     return file.with_name(f"{file.stem}_from_{begin:.0f}s{file.suffix}")
 
 
-class Record:
+class EndlessRecord:
     """The pieces of a run in their order.
 
     Attributes:
@@ -35,7 +35,7 @@ class Record:
         self.parts: list[Path] = []
 
     def __bool__(self) -> bool:
-        """Whether there is a piece."""
+        """Return whether there is a piece."""
         return bool(self._pieces)
 
     def append(self, piece: Trajectory) -> None:
@@ -53,13 +53,13 @@ class Record:
         self._pieces = [_with_sums_from_zero(run.since(end))]
         self.parts.append(file)
 
-    def last(self, *more: Trajectory) -> Trajectory:
+    def last(self, *pieces: Trajectory) -> Trajectory:
         """Return the pieces in memory, followed by more.
 
         Raises:
             DataError: If there is nothing.
         """
-        return join([*self._pieces, *more])
+        return join([*self._pieces, *pieces])
 
 
 def _with_sums_from_zero(run: Trajectory) -> Trajectory:

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from cranedyn.lifting import factors
 from cranedyn.plotting.figures import COLOURS, panels
 from experiments import harness
-from experiments.harness import Claim, Outcome, Setup, Table, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
 from experiments.standards.derived import AGREES, RATIOS, Derived, derived
 from experiments.standards.formulas import DIGITS, FORMULAS
 from experiments.standards.needed import Need, across, upwards
@@ -38,7 +38,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     )
 
 
-def _formulas() -> Table:
+def _formulas() -> ResultTable:
     return tabulate(
         "Formulas of the standards",
         FORMULAS,
@@ -52,7 +52,7 @@ def _formulas() -> Table:
     )
 
 
-def _derived(factors: Sequence[Derived]) -> Table:
+def _derived(factors: Sequence[Derived]) -> ResultTable:
     return tabulate(
         "The same by mechanics alone",
         factors,
@@ -70,7 +70,7 @@ def _derived(factors: Sequence[Derived]) -> Table:
     )
 
 
-def _moves(needs: Sequence[Need]) -> Table:
+def _moves(needs: Sequence[Need]) -> ResultTable:
     return tabulate(
         "What a move needs of ψ_h",
         needs,
@@ -88,7 +88,7 @@ def _moves(needs: Sequence[Need]) -> Table:
     )
 
 
-def _hoists(needs: Sequence[Need]) -> Table:
+def _hoists(needs: Sequence[Need]) -> ResultTable:
     return tabulate(
         "What taking up a load needs of φ2",
         needs,
@@ -163,14 +163,21 @@ def _figure(factors_derived: Sequence[Derived]) -> Figure:
     ratio.plot(RATIOS, derived_at, "o", color=COLOURS["phi"], label="worst braking, simulated")
     ratio.set(xlabel="load over carriage", ylabel="ψ_h")
     slopes = [factor for factor in factors_derived if factor.name.startswith("β2")]
-    places = range(len(slopes))
+    positions = range(len(slopes))
     slope.bar(
-        places, [factor.formula for factor in slopes], color=COLOURS["setpoint"], label="EN 1991-3"
+        positions,
+        [factor.formula for factor in slopes],
+        color=COLOURS["setpoint"],
+        label="EN 1991-3",
     )
     slope.plot(
-        places, [factor.simulated for factor in slopes], "o", color=COLOURS["phi"], label="pick-up"
+        positions,
+        [factor.simulated for factor in slopes],
+        "o",
+        color=COLOURS["phi"],
+        label="pick-up",
     )
-    slope.set(xlabel="hoisting class", ylabel="β2 [s/m]", xticks=places)
+    slope.set(xlabel="hoisting class", ylabel="β2 [s/m]", xticks=positions)
     slope.set_xticklabels(list(factors.HOISTING))
     for ax in (ratio, slope):
         ax.legend()
@@ -178,7 +185,6 @@ def _figure(factors_derived: Sequence[Derived]) -> Figure:
 
 
 def _needed(moves: Sequence[Need]) -> Figure:
-    """Draw the ψ_h that each strategy needs."""
     figure, axes = panels(1, 2, height=3.0, width=10.0)
     for ax, name in zip(axes, dict.fromkeys(need.move for need in moves), strict=True):
         of_move = [need for need in moves if need.move == name]

@@ -20,7 +20,7 @@ from cranedyn.errors import DataError
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.plotting.figures import panels
 from experiments import a1, a2, a3, harness
-from experiments.harness import Claim, Outcome, Setup, Table, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
 
 GRAVITY = 9.8
 """Gravity of the article's world, Gazebo's default [m/s²]."""
@@ -43,7 +43,7 @@ SWINGS = ("phi_rad", "theta_rad")
 
 
 @dataclass(frozen=True)
-class Pair:
+class RecordedPair:
     """One run, in Gazebo and here.
 
     Attributes:
@@ -75,7 +75,7 @@ class Pair:
         return max(float(np.abs(self.difference(name)).max()) for name in columns or SWINGS)
 
 
-def pairs(setup: Setup) -> dict[str, Pair]:
+def pairs(setup: Setup) -> dict[str, RecordedPair]:
     """Return every recording with its run made here, by name."""
     length, stiffness, damping, _ = a1.SOFT
     runs = {f"a1_l{length:g}": a1.run(setup, length).trajectory for length in a1.PUBLISHED}
@@ -87,7 +87,7 @@ def pairs(setup: Setup) -> dict[str, Pair]:
         "a3": a3.run(setup),
     }
     return {
-        name: Pair(name, read_columns(RECORDINGS / f"{name}.parquet", COLUMNS), run)
+        name: RecordedPair(name, read_columns(RECORDINGS / f"{name}.parquet", COLUMNS), run)
         for name, run in runs.items()
     }
 
@@ -124,14 +124,14 @@ def _fit(columns: Mapping[str, np.ndarray] | Trajectory) -> SwingFit:
     return fit_swing(columns["t_s"][late], columns["phi_rad"][late])
 
 
-def _swings(free: Sequence[Pair]) -> Table:
-    def length(pair: Pair) -> float:
+def _swings(free: Sequence[RecordedPair]) -> ResultTable:
+    def length(pair: RecordedPair) -> float:
         return round(float(pair.recorded["l_m"][0]), 6)
 
-    def published(pair: Pair) -> a1.Published:
+    def published(pair: RecordedPair) -> a1.Published:
         return a1.SOFT[3] if pair.name == "a1_soft" else a1.PUBLISHED[length(pair)]
 
-    def error(pair: Pair, columns: Mapping[str, np.ndarray] | Trajectory) -> float:
+    def error(pair: RecordedPair, columns: Mapping[str, np.ndarray] | Trajectory) -> float:
         point = float(theory.point_period(length(pair), STANDARD_GRAVITY))
         return 100.0 * (_fit(columns).period / point - 1.0)
 
@@ -158,10 +158,10 @@ def _swings(free: Sequence[Pair]) -> Table:
     )
 
 
-def _hoisting(pair: Pair) -> Table:
+def _hoisting(pair: RecordedPair) -> ResultTable:
     p = a2.PUBLISHED
     readings = {
-        name: a2.read(data["t_s"], data["phi_rad"], data["l_m"])
+        name: a2.read_swing(data["t_s"], data["phi_rad"], data["l_m"])
         for name, data in (("Gazebo", dict(pair.recorded)), ("here", pair.run))
     }
     return tabulate(
@@ -181,7 +181,7 @@ def _hoisting(pair: Pair) -> Table:
     )
 
 
-def _slewing(pair: Pair) -> Table:
+def _slewing(pair: RecordedPair) -> ResultTable:
     columns = {column: pair.run[column] for column in a3.COLUMNS}
     rows = [
         (name, agreement(*a3.by_paper(data)[1:3]))
@@ -201,7 +201,7 @@ def _slewing(pair: Pair) -> Table:
     )
 
 
-def _figure(recordings: Mapping[str, Pair]) -> Figure:
+def _figure(recordings: Mapping[str, RecordedPair]) -> Figure:
     figure, (ax,) = panels(1, height=3.0)
     for name, pair in recordings.items():
         angle = "theta_rad" if name == "a3" else "phi_rad"

@@ -85,7 +85,8 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             "sites": list(results),
             "lifts": count,
             "limits": {
-                name: [list(kept.rates), list(kept.accelerations)] for name, kept in limits.items()
+                name: [list(limit.rates), list(limit.accelerations)]
+                for name, limit in limits.items()
             },
         },
         trajectories=trajectories,
@@ -104,7 +105,6 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
 
 
 def _sites(options: argparse.Namespace) -> list[tuple[str, Site]]:
-    """Return the sites by name."""
     files = options.site or [SITES / f"{name}.toml" for name in EXAMPLES]
     names = [Path(file).stem for file in files]
     if len(set(names)) < len(names):
@@ -134,10 +134,12 @@ def _result(
         perturb(certificate, count, dt=2.0 * setup.dt) if count and certificate.holds else None
     )
     seconds = planned - started, certified - planned, time.monotonic() - certified
-    least, started = None, time.monotonic()
+    shortest_lift, started = None, time.monotonic()
     if options.least_time and certificate.holds:
-        least = certify(_shortened(lift), dt=setup.dt, engine=setup.engine)
-    return SiteResult(site, certificate, perturbed, seconds, least, time.monotonic() - started)
+        shortest_lift = certify(_shortened(lift), dt=setup.dt, engine=setup.engine)
+    return SiteResult(
+        site, certificate, perturbed, seconds, shortest_lift, time.monotonic() - started
+    )
 
 
 def _shortened(lift: Lift) -> Lift:
@@ -146,14 +148,13 @@ def _shortened(lift: Lift) -> Lift:
     return in_least_time(lift)
 
 
-def _tables(results: dict[str, SiteResult]) -> list[harness.Table]:
-    """Return the certified lifts and the perturbed ones."""
+def _tables(results: dict[str, SiteResult]) -> list[harness.ResultTable]:
     tables = [_certified(results)]
     perturbed = {name: result.perturbed for name, result in results.items() if result.perturbed}
     return [*tables, _perturbed(perturbed)] if perturbed else tables
 
 
-def _certified(results: dict[str, SiteResult]) -> harness.Table:
+def _certified(results: dict[str, SiteResult]) -> harness.ResultTable:
     rows: Rows = []
     for name, result in results.items():
         lift, nearest = result.certificate.lift, result.certificate.nearest
@@ -181,16 +182,16 @@ def _certified(results: dict[str, SiteResult]) -> harness.Table:
         "of the load; motion: with the load at rest at the end. Clearance: the least in the "
         "simulation."
     )
-    return harness.Table("Certified lifts", columns, rows, note)
+    return harness.ResultTable("Certified lifts", columns, rows, note)
 
 
-def _perturbed(results: dict[str, Perturbed]) -> harness.Table:
+def _perturbed(results: dict[str, Perturbed]) -> harness.ResultTable:
     rows: Rows = []
     for name, perturbed in results.items():
         count, failures = len(perturbed.least), perturbed.failures
         shares = [100.0 * share for share in (failures / count, *perturbed.interval())]
-        least, swing = float(np.nanmin(perturbed.least)), 1e3 * float(perturbed.swing.max())
-        rows.append([name, count, failures, *shares, least, swing])
+        clearance, swing = float(np.nanmin(perturbed.least)), 1e3 * float(perturbed.swing.max())
+        rows.append([name, count, failures, *shares, clearance, swing])
     columns = [
         ("site", ""),
         ("lifts", "d"),
@@ -206,20 +207,22 @@ def _perturbed(results: dict[str, Perturbed]) -> harness.Table:
         "Pearson). Load ±30 %, cable ±0.5 m off its measure, wind up to 4 m/s with a gust of up to "
         "6 m/s more, sensors up to 20 ms late. Least: negative where something is run into."
     )
-    return harness.Table("Perturbed lifts", columns, rows, note)
+    return harness.ResultTable("Perturbed lifts", columns, rows, note)
 
 
-def _least_time(results: dict[str, SiteResult]) -> list[harness.Table]:
-    """Return the lifts in least time beside the planned ones."""
+def _least_time(results: dict[str, SiteResult]) -> list[harness.ResultTable]:
     rows: Rows = []
     for name, result in results.items():
         if result.least is not None and result.least.holds:
             timed, bound = result.least.lift.timed, result.certificate.lift.least
-            planned, least = result.certificate.lift.timed.motion.arrival, timed.motion.arrival
-            times = [planned, least, planned / bound, least / bound]
+            planned, shortest_time = (
+                result.certificate.lift.timed.motion.arrival,
+                timed.motion.arrival,
+            )
+            times = [planned, shortest_time, planned / bound, shortest_time / bound]
             swing = 1e3 * timed.shares["swing"] * result.site.swing
-            nearest, left = result.least.nearest.distance, 1e3 * result.least.residual_swing
-            rows.append([name, *times, nearest, swing, left, result.least_seconds])
+            nearest, residual = result.least.nearest.distance, 1e3 * result.least.residual_swing
+            rows.append([name, *times, nearest, swing, residual, result.least_seconds])
     columns = [
         ("site", ""),
         ("planned [s]", ".2f"),
@@ -235,10 +238,10 @@ def _least_time(results: dict[str, SiteResult]) -> list[harness.Table]:
         "The same lifts with motions of least time near the planned ones, as proven and as "
         "certified. Bound: what drives need at least, whichever way round."
     )
-    return [harness.Table("In least time", columns, rows, note)] if rows else []
+    return [harness.ResultTable("In least time", columns, rows, note)] if rows else []
 
 
-def _times(results: dict[str, SiteResult]) -> harness.Table:
+def _times(results: dict[str, SiteResult]) -> harness.ResultTable:
     columns = [
         ("site", ""),
         ("planned [s]", ".1f"),
@@ -246,7 +249,7 @@ def _times(results: dict[str, SiteResult]) -> harness.Table:
         ("perturbed [s]", ".1f"),
     ]
     rows = [(name, *result.seconds) for name, result in results.items()]
-    return harness.Table("How long it took on this machine", columns, rows)
+    return harness.ResultTable("How long it took on this machine", columns, rows)
 
 
 def _claims(name: str, result: SiteResult) -> Iterator[harness.Claim]:
@@ -254,24 +257,24 @@ def _claims(name: str, result: SiteResult) -> Iterator[harness.Claim]:
     for check in result.certificate.checks:
         yield harness.Claim(f"{name}: {check.sentence}", check.holds)
     if result.certificate.holds:
-        for phrase, duration, most in (
+        for phrase, duration, ratio in (
             ("along the way the drives need", lift.timed.bound, OF_BOUND),
             ("the motion lasts", lift.timed.motion.arrival, OF_LEAST),
         ):
             yield harness.Claim(
                 f"{name}: {phrase} {duration / lift.least:.3f} times what drives need at "
-                f"least, whichever way round; at most {most:g}.",
-                duration <= most * lift.least,
+                f"least, whichever way round; at most {ratio:g}.",
+                duration <= ratio * lift.least,
             )
     if result.least is None:
         return
     for check in result.least.checks:
         yield harness.Claim(f"{name} in least time: {check.sentence}", check.holds)
-    least = result.least.lift.timed.motion.arrival
+    shortest_time = result.least.lift.timed.motion.arrival
     yield harness.Claim(
-        f"{name}: in least time it lasts {least / lift.least:.3f} times what drives need at "
-        f"least, at most {IN_LEAST_TIME:g}, and less than planned.",
-        lift.least * IN_LEAST_TIME >= least < lift.timed.motion.arrival,
+        f"{name}: in least time it lasts {shortest_time / lift.least:.3f} times what drives need "
+        f"at least, at most {IN_LEAST_TIME:g}, and less than planned.",
+        lift.least * IN_LEAST_TIME >= shortest_time < lift.timed.motion.arrival,
     )
 
 

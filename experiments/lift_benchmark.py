@@ -39,7 +39,7 @@ _LOAD = np.array([[x, y, z] for x in (-0.75, 0.75) for y in (-1.0, 1.0) for z in
 
 
 @dataclass(frozen=True, eq=False)
-class Tried:
+class SiteLift:
     """What came of a site.
 
     Attributes:
@@ -66,16 +66,16 @@ def sites(crane: Crane, count: int, seed: int = SEED) -> Iterator[Site]:
     allows.
     """
     rng = np.random.default_rng(seed)
-    made = 0
-    while made < count:
+    index = 0
+    while index < count:
         solids = tuple(_box(rng, i) for i in range(rng.integers(4, 11)))
         start, goal = (
             np.array([radius * math.cos(a), radius * math.sin(a), z]) for radius, a, z in _ends(rng)
         )
-        site = Site(f"site {made + 1}", solids, load=_LOAD, start=start, goal=goal)
-        asked = Clearance(crane, site)
-        if min(asked.swing_margin(asked.place(point)) for point in (start, goal)) > 0.1:
-            made += 1
+        site = Site(f"site {index + 1}", solids, load=_LOAD, start=start, goal=goal)
+        clearance = Clearance(crane, site)
+        if min(clearance.swing_margin(clearance.place(point)) for point in (start, goal)) > 0.1:
+            index += 1
             yield site
 
 
@@ -101,10 +101,10 @@ def _ends(rng: np.random.Generator) -> list[tuple[float, float, float]]:
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Plan and certify a lift on each site."""
     count = whole("sites", options.sites, 1)
-    shown, tried = setup.reporter.count("sites", count), list[Tried]()
+    update, tried = setup.reporter.count("sites", count), list[SiteLift]()
     for site in sites(setup.crane, count):
         tried.append(_tried(setup, site, options.least_time))
-        shown(len(tried))
+        update(len(tried))
     return harness.Outcome(
         tables=[_summary(tried), _beside(tried), _failed(tried)],
         claims=_claims(tried),
@@ -112,48 +112,46 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     )
 
 
-def _tried(setup: harness.Setup, site: Site, least_time: bool) -> Tried:
+def _tried(setup: harness.Setup, site: Site, least_time: bool) -> SiteLift:
     begun = time.monotonic()
     try:
         lift = plan_lift(site, LIMITS, crane=setup.crane, period=setup.control_period)
     except NoWay as error:
-        return Tried(None, str(error), time.monotonic() - begun, math.nan, {})
+        return SiteLift(None, str(error), time.monotonic() - begun, math.nan, {})
     certificate = certify(lift, dt=setup.dt)
     seconds = time.monotonic() - begun
     lacking = "; ".join(check.sentence for check in certificate.checks if not check.holds)
     planned = lift.timed.motion.arrival, certificate.nearest.distance, certificate.residual_swing
     means = {"planned": planned, **_others(setup, lift)}
-    least = None
+    shortest_lift = None
     if least_time and not lacking:
-        least, made = _in_least_time(setup, lift)
-        means["in least time"] = made
-    return Tried(lift, lacking, seconds, certificate.nearest.distance, means, least)
+        shortest_lift, measures = _in_least_time(setup, lift)
+        means["in least time"] = measures
+    return SiteLift(lift, lacking, seconds, certificate.nearest.distance, means, shortest_lift)
 
 
 def _in_least_time(
     setup: harness.Setup, lift: Lift
 ) -> tuple[Lift | None, tuple[float, float, float]]:
-    """The lift as short as it can be, if it is certified, and what is told of it."""
+    """Return the lift in least time, None if it is not certified, and its measures."""
     from cranedyn.planning.least_time import in_least_time
 
     shorter = in_least_time(lift)
     certificate = certify(shorter, dt=setup.dt)
-    told = shorter.timed.motion.arrival, certificate.nearest.distance, certificate.residual_swing
-    return (shorter if certificate.holds else None), told
+    measures = (
+        shorter.timed.motion.arrival,
+        certificate.nearest.distance,
+        certificate.residual_swing,
+    )
+    return (shorter if certificate.holds else None), measures
 
 
 def _others(setup: harness.Setup, lift: Lift) -> dict[str, tuple[float, float, float]]:
-    """The same way by other means: stopping at every corner, by splines under PD, and by an
-    operator one drive after the other.
-    """
+    """Run the same path stopping at every corner, by splines under PD, and by an operator."""
     start, _ = lift.states()
     corners = lift.points[1:].tolist()
     durations = shortest(
-        lift.crane,
-        start,
-        corners,
-        rates=lift.limits.rates,
-        accelerations=lift.limits.accelerations,
+        lift.crane, start, corners, rates=lift.limits.rates, accelerations=lift.limits.accelerations
     )
     splines = spline(lift.crane, start, corners, durations)
     joystick, end = _operated(lift)
@@ -165,30 +163,32 @@ def _others(setup: harness.Setup, lift: Lift) -> dict[str, tuple[float, float, f
 
 
 def _operated(lift: Lift) -> tuple[Reference, float]:
-    """An operator who goes from corner to corner, all drives at full rate, and waits for the
-    slowest at each.
-    """
-    pulses, at, drives = [], 0.0, [joint.symbol for joint in lift.crane.layout.driven]
+    """Return an operator's reference from corner to corner at full rate, and its duration [s]."""
+    pulses, t_start, drives = [], 0.0, [joint.symbol for joint in lift.crane.layout.driven]
     limits = lift.limits
-    for one, other in itertools.pairwise(lift.points):
+    for corner, next_corner in itertools.pairwise(lift.points):
         lasts = 0.0
-        for drive, way, rate, acceleration in zip(
-            drives, other - one, limits.rates, limits.accelerations, strict=True
+        for drive, distance, rate, acceleration in zip(
+            drives, next_corner - corner, limits.rates, limits.accelerations, strict=True
         ):
-            if abs(way) > 1e-6:
-                speed = min(rate, math.sqrt(abs(way) * acceleration))
-                pulses.append(JoystickPulse(drive, math.copysign(speed, way), at, abs(way) / speed))
-                lasts = max(lasts, abs(way) / speed + speed / acceleration)
-        at += lasts
-    return joystick(lift.crane, lift.states()[0], pulses, accelerations=limits.accelerations), at
+            if abs(distance) > 1e-6:
+                speed = min(rate, math.sqrt(abs(distance) * acceleration))
+                pulses.append(
+                    JoystickPulse(
+                        drive, math.copysign(speed, distance), t_start, abs(distance) / speed
+                    )
+                )
+                lasts = max(lasts, abs(distance) / speed + speed / acceleration)
+        t_start += lasts
+    return joystick(
+        lift.crane, lift.states()[0], pulses, accelerations=limits.accelerations
+    ), t_start
 
 
 def _run(
     setup: harness.Setup, lift: Lift, reference: Reference, arrives: float, exact: bool
 ) -> tuple[float, float, float]:
-    """Duration [s], least distance [m] and swing at the arrival [rad] of a lift by a reference,
-    drives exact or under PD.
-    """
+    """Return duration [s], least distance [m] and swing at the arrival [rad] of a run."""
     controller = (
         follow(lift.crane, reference, setup.control_period)
         if exact
@@ -207,37 +207,39 @@ def _run(
         record=20,
         threads=1,
     )
-    least = min(lift.clearance.least_distance(q) for q in batch.q[0])
+    clearance = min(lift.clearance.least_distance(q) for q in batch.q[0])
     k = int(np.searchsorted(batch.t, arrives))
     passive, hoist = lift.crane.layout.passive, lift.clearance.joints.hoist
-    here = slice(k, k + 1)
+    row = slice(k, k + 1)
     swing = swing_amplitude(
-        batch.q[0, here][:, passive],
-        batch.v[0, here][:, passive],
+        batch.q[0, row][:, passive],
+        batch.v[0, row][:, passive],
         float(batch.q[0, k, hoist]),
         lift.crane.gravity,
     )
-    return arrives, least, float(swing[0])
+    return arrives, clearance, float(swing[0])
 
 
-def _held(tried: Sequence[Tried]) -> list[tuple[Tried, Lift]]:
-    return [(one, one.lift) for one in tried if one.lift is not None and not one.why]
+def _held(tried: Sequence[SiteLift]) -> list[tuple[SiteLift, Lift]]:
+    return [(result, result.lift) for result in tried if result.lift is not None and not result.why]
 
 
-def _summary(tried: Sequence[Tried]) -> harness.Table:
-    """Median and worst of all that was certified."""
-    held = _held(tried)
+def _summary(tried: Sequence[SiteLift]) -> harness.ResultTable:
+    """Return median and worst values of certified lifts."""
+    certified = _held(tried)
     measured: dict[str, list[float]] = {
-        "plan and certificate [s]": [one.seconds for one, _ in held],
-        "way / grid": [lift.way / lift.on_grid for _, lift in held],
-        "drives along the way / bound": [lift.timed.bound / lift.least for _, lift in held],
-        "motion / bound": [lift.timed.motion.arrival / lift.least for _, lift in held],
-        "motion [s]": [lift.timed.motion.arrival for _, lift in held],
-        "least clearance [m]": [-one.clearance for one, _ in held],
+        "plan and certificate [s]": [result.seconds for result, _ in certified],
+        "way / grid": [lift.way / lift.on_grid for _, lift in certified],
+        "drives along the way / bound": [lift.timed.bound / lift.least for _, lift in certified],
+        "motion / bound": [lift.timed.motion.arrival / lift.least for _, lift in certified],
+        "motion [s]": [lift.timed.motion.arrival for _, lift in certified],
+        "least clearance [m]": [-result.clearance for result, _ in certified],
     }
-    if any(one.least for one, _ in held):
+    if any(result.least for result, _ in certified):
         measured["least time / bound"] = [
-            one.least.timed.motion.arrival / lift.least for one, lift in held if one.least
+            result.least.timed.motion.arrival / lift.least
+            for result, lift in certified
+            if result.least
         ]
     rows: list[list[float | str | None]] = [
         [name, *(abs(float(np.quantile(values, share))) for share in (0.5, 0.9, 1.0))]
@@ -250,25 +252,25 @@ def _summary(tried: Sequence[Tried]) -> harness.Table:
         ("worst tenth", ".3f"),
         ("worst", ".3f"),
     ]
-    note = f"{len(held)} of {len(tried)} sites certified, every segment proven."
-    return harness.Table("Random sites", columns, rows, note)
+    note = f"{len(certified)} of {len(tried)} sites certified, every segment proven."
+    return harness.ResultTable("Random sites", columns, rows, note)
 
 
-def _beside(tried: Sequence[Tried]) -> harness.Table:
-    """What else one might do, along the same ways."""
-    held = _held(tried)
+def _beside(tried: Sequence[SiteLift]) -> harness.ResultTable:
+    """Return the table of other means along the same paths."""
+    certified = _held(tried)
     rows: list[list[float | str | None]] = []
-    for name in held[0][0].means if held else ():
-        of = [one.means[name] for one, _ in held]
+    for name in certified[0][0].means if certified else ():
+        of = [result.means[name] for result, _ in certified]
         nearer = sum(
-            least < lift.clearance.site.distance
-            for (_, least, _), (_, lift) in zip(of, held, strict=True)
+            clearance < lift.clearance.site.distance
+            for (_, clearance, _), (_, lift) in zip(of, certified, strict=True)
         )
         rows.append(
             [
                 name,
                 float(np.median([t for t, _, _ in of])),
-                min(least for _, least, _ in of),
+                min(clearance for _, clearance, _ in of),
                 nearer,
                 1e3 * max(swing for *_, swing in of),
             ]
@@ -280,68 +282,76 @@ def _beside(tried: Sequence[Tried]) -> harness.Table:
         ("below required clearance", "d"),
         ("swing at arrival [mrad]", ".3g"),
     ]
-    return harness.Table("Beside other means", columns, rows)
+    return harness.ResultTable("Beside other means", columns, rows)
 
 
-def _failed(tried: Sequence[Tried]) -> harness.Table:
-    rows = [(f"site {i + 1}", one.why) for i, one in enumerate(tried) if one.why]
-    return harness.Table("Sites without a certified lift", [("site", ""), ("because", "")], rows)
+def _failed(tried: Sequence[SiteLift]) -> harness.ResultTable:
+    rows = [(f"site {i + 1}", result.why) for i, result in enumerate(tried) if result.why]
+    return harness.ResultTable(
+        "Sites without a certified lift", [("site", ""), ("because", "")], rows
+    )
 
 
-def _claims(tried: Sequence[Tried]) -> list[harness.Claim]:
-    held = _held(tried)
-    refused = [one for one in tried if one.lift is None]
-    planned = sum(one.lift is not None for one in tried)
-    least = [
-        (one.least.timed.motion.arrival, lift.least) for one, lift in held if one.least is not None
+def _claims(tried: Sequence[SiteLift]) -> list[harness.Claim]:
+    certified = _held(tried)
+    refused = [result for result in tried if result.lift is None]
+    planned = sum(result.lift is not None for result in tried)
+    times_in_least_time = [
+        (result.least.timed.motion.arrival, lift.least)
+        for result, lift in certified
+        if result.least is not None
     ]
 
-    def at_most(what: str, most: float, times: list[tuple[float, float]]) -> harness.Claim:
+    def at_most(subject: str, ratio: float, times: list[tuple[float, float]]) -> harness.Claim:
         worst = max((lasts / bound for lasts, bound in times), default=math.inf)
-        sentence = f"{what} at most {most:g} times what drives need at least: {worst:.3f}."
-        return harness.Claim(sentence, worst <= most)
+        sentence = f"{subject} at most {ratio:g} times what drives need at least: {worst:.3f}."
+        return harness.Claim(sentence, worst <= ratio)
 
     in_least_time = at_most(
-        f"In least time {len(least)} of {len(held)} are certified and last",
+        f"In least time {len(times_in_least_time)} of {len(certified)} are certified and last",
         IN_LEAST_TIME,
-        least if len(least) == len(held) else [],
+        times_in_least_time if len(times_in_least_time) == len(certified) else [],
     )
     return [
-        *([in_least_time] if any("in least time" in one.means for one, _ in held) else []),
+        *(
+            [in_least_time]
+            if any("in least time" in result.means for result, _ in certified)
+            else []
+        ),
         harness.Claim(
-            f"Every lift that is planned is certified: {len(held)} of {planned}; {len(refused)} "
-            "sites are refused.",
-            len(held) == planned > 0,
+            f"Every lift that is planned is certified: {len(certified)} of {planned}; "
+            f"{len(refused)} sites are refused.",
+            len(certified) == planned > 0,
         ),
         at_most(
             "Along its way a lift takes the drives",
             OF_BOUND,
-            [(lift.timed.bound, lift.least) for _, lift in held],
+            [(lift.timed.bound, lift.least) for _, lift in certified],
         ),
         at_most(
             "A planned motion lasts",
             OF_LEAST,
-            [(lift.timed.motion.arrival, lift.least) for _, lift in held],
+            [(lift.timed.motion.arrival, lift.least) for _, lift in certified],
         ),
     ]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "lift_benchmark",
         "Lifts on random sites, beside other means.",
         recording=False,
         engines=("compiled",),
     )
-    harness.add_setup(made)
-    made.add_argument("--sites", type=int, default=SITES, metavar="N", help="how many sites")
-    made.add_argument(
+    harness.add_setup(parser)
+    parser.add_argument("--sites", type=int, default=SITES, metavar="N", help="how many sites")
+    parser.add_argument(
         "--least-time",
         action="store_true",
         help="also make each lift as short as it can be, some ten seconds a site (extra `optimal`)",
     )
-    return harness.run_experiment(made, experiment, argv)
+    return harness.run_experiment(parser, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -42,8 +42,8 @@ def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
     values: dict[str, Any] = {}
     if options.load is not None:  # instead of the mass in the site's file
         values["payload_mass"] = number("load", options.load, "kg", "> 0")
-        kept = {name: value for name, value in site.crane.items() if name != "payload_mass"}
-        site = replace(site, crane=kept, rigging={})
+        crane_values = {name: value for name, value in site.crane.items() if name != "payload_mass"}
+        site = replace(site, crane=crane_values, rigging={})
     if options.crane is not None:
         values["urdf"] = Path(options.crane)
     chart.on(options.falls)
@@ -69,7 +69,7 @@ def _outcome(judgement: Judgement, setup: harness.Setup, command: str) -> harnes
     lift, required = judgement.analysis, judgement.analysis.requirements
     run = lift.certificate.run
     return harness.Outcome(
-        tables=[harness.Table(*table) for table in judgement.tables(command)],
+        tables=[harness.ResultTable(*table) for table in judgement.tables(command)],
         claims=[harness.Claim(*check) for check in judgement.checks],
         parameters=setup.parameters()
         | {
@@ -93,32 +93,35 @@ def _outcome(judgement: Judgement, setup: harness.Setup, command: str) -> harnes
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line, then write the page and, where a browser is there, the PDF."""
     judgement: Judgement | None = None
-    folder, again = Path(), ""
+    folder, command_line = Path(), ""
 
     def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
-        nonlocal judgement, folder, again
-        folder, again = options.folder, " ".join([command_name("lift_report"), *options.argv])
+        nonlocal judgement, folder, command_line
+        folder, command_line = (
+            options.folder,
+            " ".join([command_name("lift_report"), *options.argv]),
+        )
         judgement = _judge(options, setup)
-        return _outcome(judgement, setup, again)
+        return _outcome(judgement, setup, command_line)
 
     code = harness.run_experiment(_parser(), experiment, argv)
     if judgement is None or code not in (0, FAILED):
         return code
     judged = judgement
-    return command(lambda: write_pages(judged, folder, again))
+    return command(lambda: write_pages(judged, folder, command_line))
 
 
-def write_pages(judgement: Judgement, folder: Path, again: str) -> int:
+def write_pages(judgement: Judgement, folder: Path, command_line: str) -> int:
     """Write the page and, where a browser is installed, the PDF; return the exit code.
 
     Args:
         judgement: The judged lift.
         folder: Folder of the experiment.
-        again: The command that makes the numbers again.
+        command_line: The command that makes the numbers again.
     """
     from cranedyn.lifting.pdf import NoBrowser, print_pdf
 
-    page = judgement.report(folder / "lift.html", again)
+    page = judgement.report(folder / "lift.html", command_line)
     print(f"The page: {page}.")
     try:
         print(f"On paper: {print_pdf(page, folder / 'lift.pdf')}.")

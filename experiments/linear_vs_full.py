@@ -62,8 +62,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     of_site = {site: [case for case in cases if case.site is site] for site in SITES}
     return Outcome(
         tables=[
-            *(errors_table(site, some) for site, some in of_site.items()),
-            *(dropped_table(site, some) for site, some in of_site.items()),
+            *(errors_table(site, cases_of_site) for site, cases_of_site in of_site.items()),
+            *(dropped_table(site, cases_of_site) for site, cases_of_site in of_site.items()),
             rates_table(slow, rates, GOOD),
             angles_table(short, angles, GOOD),
             powers_table(hoisted),

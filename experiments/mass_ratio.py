@@ -21,7 +21,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import spline
 from experiments import harness
-from experiments.harness import Claim, Outcome, Setup, Table, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
 from experiments.oracles.reading import locked
 
 LINKS = (50.0, 10.0, 1.0, 0.1, 1e-2, 1e-4, 1e-6, 0.0)
@@ -44,7 +44,7 @@ def swing(setup: Setup, link: float) -> Trajectory:
     )
 
 
-def period(trajectory: Trajectory) -> float:
+def crossing_period(trajectory: Trajectory) -> float:
     """Return the mean period from zero crossings [s].
 
     Raises:
@@ -80,7 +80,7 @@ def rounding(setup: Setup, duration: float) -> float:
     return math.sqrt(duration / setup.dt) * sys.float_info.epsilon
 
 
-def tour(setup: Setup, crane: Crane) -> Trajectory:
+def run_tour(setup: Setup, crane: Crane) -> Trajectory:
     """Move all three drives in prescribed motion at once, with a swing at the start."""
     start = crane.state(x=8.0, l=LENGTH, phi=0.05, theta=-0.03)
     reference = spline(crane, start, [(0.4, 14.0, LENGTH - 4.0)], [12.0], at=1.0)
@@ -104,7 +104,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
     crane = setup.crane
     runs = {m: swing(setup, m) for m in LINKS}
-    periods = {m: period(r) for m, r in runs.items()}
+    periods = {m: crossing_period(r) for m, r in runs.items()}
     theory_periods = {
         m: theory.rigid_period(
             LENGTH, crane.gravity, crane.payload_mass, crane.payload_inertia[0, 0] + 2.0 * m
@@ -121,7 +121,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     )
     light, inertia = (table[1e-6] / table[0.0] - 1.0 for table in (periods, theory_periods))
     points = {
-        m: tour(
+        m: run_tour(
             setup,
             setup.variant(
                 payload_mass=m, payload_inertia=0, dummy_mass=0, dummy_inertia=0, damp_swing=0
@@ -129,7 +129,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         )
         for m in LOADS
     }
-    rigid = {m: tour(setup, setup.variant(payload_mass=m, damp_swing=0)) for m in LOADS}
+    rigid = {m: run_tour(setup, setup.variant(payload_mass=m, damp_swing=0)) for m in LOADS}
     spread, spread_rigid = _spread(points), _spread(rigid)
     return Outcome(
         tables=[_links_table(crane, periods, theory_periods), _loads_table(points, rigid)],
@@ -162,12 +162,13 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 
 def _spread(runs: dict[float, Trajectory]) -> float:
-    """Return the largest difference in swing between any two runs [rad]."""
     swings = np.stack([r.coordinates("phi", "theta") for r in runs.values()])
     return float(np.ptp(swings, axis=0).max())
 
 
-def _links_table(crane: Crane, periods: dict[float, float], expected: dict[float, float]) -> Table:
+def _links_table(
+    crane: Crane, periods: dict[float, float], expected: dict[float, float]
+) -> ResultTable:
     return tabulate(
         "Free swing with ever lighter links between the swing joints",
         periods,
@@ -183,7 +184,7 @@ def _links_table(crane: Crane, periods: dict[float, float], expected: dict[float
     )
 
 
-def _loads_table(points: dict[float, Trajectory], rigid: dict[float, Trajectory]) -> Table:
+def _loads_table(points: dict[float, Trajectory], rigid: dict[float, Trajectory]) -> ResultTable:
     def largest(run: Trajectory, name: str) -> float:
         return float(np.abs(run[name]).max())
 

@@ -26,9 +26,9 @@ from experiments.harness import (
     Column,
     Outcome,
     ProgressReporter,
+    ResultTable,
     Setup,
-    Table,
-    finite,
+    finite_or_none,
     tabulate,
 )
 from experiments.scenarios.moves import MOVES
@@ -101,11 +101,11 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     )
 
 
-def _table(swings: Cases) -> Table:
+def _table(swings: Cases) -> ResultTable:
     grid = list(itertools.product(LOADS, CABLES))
 
     def swing(sensors_kind: tuple[str, str], load: float, cable: float) -> float | None:
-        return finite(1e3 * swings.get((*sensors_kind, load, cable), math.inf))
+        return finite_or_none(1e3 * swings.get((*sensors_kind, load, cable), math.inf))
 
     columns: list[Column] = [
         (f"{100 * load:g} %, {100 * cable:+g} %", ".3g", partial(swing, load=load, cable=cable))

@@ -74,9 +74,7 @@ def page(folders: Sequence[Path]) -> str:
 
 
 def _first(results: Sequence[dict[str, Any]]) -> str:
-    """Return the first screen: date, crane, number of claims that hold, a line for each
-    experiment.
-    """
+    """Return the first screen: date, crane, claims that hold, a line for each experiment."""
     today = date.today()
     claims = [
         harness.Claim(c["sentence"], c["holds"]) for result in results for c in result["claims"]
@@ -87,14 +85,14 @@ def _first(results: Sequence[dict[str, Any]]) -> str:
         f"<td>{escape(_entry(r).line)}</td><td>{_of_total(r['claims'])}</td></tr>"
         for r in results
     )
-    words = summary(claims).partition(f"of {len(claims)} ")[2]
+    counts = summary(claims).partition(f"of {len(claims)} ")[2]
     verdict = "held" if holding == len(claims) else "fails" if failed else "open"
     crane = load_crane()
     picture = sketch(crane, crane.state(phi=0.06))
     return (
         '<div class="first"><div><h1>cranedyn: what it claims, and what was found</h1>'
         f'<p class="lead">{today.day} {today:%B %Y} · cranedyn {escape(__version__)}</p>'
-        f'<p class="count {verdict}">{holding} of {len(claims)}</p><p>{escape(words)}</p></div>'
+        f'<p class="count {verdict}">{holding} of {len(claims)}</p><p>{escape(counts)}</p></div>'
         f'<figure><img alt="The crane from the side" src="{svg_address(picture)}">'
         "<figcaption>The crane of the experiments, from the side.</figcaption></figure></div>"
         '<div class="table"><table class="summary"><thead><tr><th>experiment</th><th>what it '
@@ -113,7 +111,6 @@ def _of_total(claims: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _entry(result: Mapping[str, Any]) -> Entry:
-    """Return the catalogue's entry of an experiment, or one made of its result."""
     name = str(result["experiment"])
     return EXPERIMENTS.get(name) or Entry(name, str(result["about"]))
 
@@ -161,9 +158,7 @@ def _none(file: Path, error: Exception) -> DataError:
 
 
 def _made(folder: Path) -> bool:
-    """Return whether a result and every file that it lists exist; other errors are raised when it
-    is read.
-    """
+    """Return whether a result and every file that it lists exist."""
     file = folder / "result.json"
     try:
         return os.path.isfile(file) and all(
@@ -213,9 +208,9 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
     )
 
 
-def _table(kept: dict[str, Any]) -> str:
+def _table(entry: dict[str, Any]) -> str:
     """Return a table of a ``result.json`` as HTML."""
-    table = harness.Table.of(kept)
+    table = harness.ResultTable.of(entry)
     columns = [(header, not form) for header, form in table.columns]
     return table_html(table.title, columns, table.shown(), table.note)
 
@@ -227,7 +222,7 @@ def best_figure(name: str, files: Mapping[str, str]) -> str:
 
 
 def figure_html(folder: Path, name: str) -> str:
-    """A figure of a folder of results, as HTML that holds it."""
+    """Return a figure of a folder of results as HTML with the image embedded."""
     if Path(name).name != name or Path(name).suffix not in IMAGE_TYPES:
         raise ValueError(f"{name!r} is no figure in its folder")
     content = read_bytes(folder / name, _LARGEST_FIGURE)
@@ -289,10 +284,9 @@ def _main(options: argparse.Namespace) -> int:
 
 
 def _words(name: str, options: argparse.Namespace, folder: Path) -> list[str]:
-    """Return the arguments of an experiment."""
     entry = EXPERIMENTS[name]
     engine = [] if options.engine == "pinocchio" else ["--engine", options.engine]
-    return [*(entry.quick if options.quick else entry.words), *engine, f"--out={folder / name}"]
+    return [*(entry.quick if options.quick else entry.arguments), *engine, f"--out={folder / name}"]
 
 
 if __name__ == "__main__":

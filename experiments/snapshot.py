@@ -89,9 +89,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _write(options: argparse.Namespace) -> list[Path]:
-    """Write the pictures, the moving one first, and return their paths."""
     paths: list[Path] = []
-    more: Any = {"size": tuple(options.size), "dashboard": options.view == "dashboard"}
+    arguments: Any = {"size": tuple(options.size), "dashboard": options.view == "dashboard"}
     with Progress(
         console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()
     ) as bar:
@@ -103,11 +102,13 @@ def _write(options: argparse.Namespace) -> list[Path]:
         if options.gif:
             start, end, file = options.gif
             span = number("START", start, "s"), number("END", end, "s")
-            gif = animate(options.recording, span, file, fps=options.fps, progress=progress, **more)
+            gif = animate(
+                options.recording, span, file, fps=options.fps, progress=progress, **arguments
+            )
             paths.append(gif)
         if options.times:
             paths[:0] = snapshot(
-                options.recording, options.times, options.out, progress=progress, **more
+                options.recording, options.times, options.out, progress=progress, **arguments
             )
     return paths
 

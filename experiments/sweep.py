@@ -113,7 +113,7 @@ def _cases(options: argparse.Namespace, setup: harness.Setup) -> Design:
     return design(setup, options.points, options.durations, options.drive)
 
 
-def _table(columns: Columns, drive: str) -> harness.Table:
+def _table(columns: Columns, drive: str) -> harness.ResultTable:
     rows = []
     for strategy in SWEPT:
         of_strategy = columns["strategy"] == strategy
@@ -145,8 +145,8 @@ def _table(columns: Columns, drive: str) -> harness.Table:
         f"or shorter than measured, times for the move {DURATIONS[0]:g} to {DURATIONS[1]:g} s. "
     )
     title = f"Swing left by {len(columns['case']):,} moves"
-    where = "" if drive == IDEAL else " on velocity drives"
-    return harness.Table(title + where, headings, rows, note + drives)
+    suffix = "" if drive == IDEAL else " on velocity drives"
+    return harness.ResultTable(title + suffix, headings, rows, note + drives)
 
 
 def _claims(columns: Columns, errors: int) -> list[harness.Claim]:
@@ -157,7 +157,7 @@ def _claims(columns: Columns, errors: int) -> list[harness.Claim]:
         )
         for strategy in SWEPT
     }
-    others = np.array([swing for strategy, swing in residual.items() if strategy != FLAT])
+    other_swings = np.array([swing for strategy, swing in residual.items() if strategy != FLAT])
     pd, paper = residual[PD], residual[PAPER]
     return [
         harness.Claim(
@@ -165,7 +165,7 @@ def _claims(columns: Columns, errors: int) -> list[harness.Claim]:
         ),
         harness.Claim(
             f"{FLAT} leaves less swing than any other strategy, case by case.",
-            bool((residual[FLAT] < others).all()),
+            bool((residual[FLAT] < other_swings).all()),
         ),
         harness.Claim(
             f"At every time for the move the worst that {PAPER} leaves is below the median of "

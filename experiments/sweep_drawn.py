@@ -29,10 +29,10 @@ MANY = 100_000
 Columns = Mapping[str, np.ndarray]
 
 
-def drawn_tables(columns: Columns, drive: str) -> list[harness.Table]:
+def drawn_tables(columns: Columns, drive: str) -> list[harness.ResultTable]:
     """Return the tables of swing, failures and time of each strategy."""
-    where = f"on {drive} drives"
-    return [_swings(columns, where), _failures(columns, where), _costs(columns, where)]
+    drives = f"on {drive} drives"
+    return [_swings(columns, drives), _failures(columns, drives), _costs(columns, drives)]
 
 
 def drawn_claims(columns: Columns, drive: str, errors: int) -> list[harness.Claim]:
@@ -72,7 +72,7 @@ def _quantiles(swings: np.ndarray, *shares: float) -> list[float | None]:
     return [float(value) if math.isfinite(value) else None for value in quantiles]
 
 
-def _swings(columns: Columns, where: str) -> harness.Table:
+def _swings(columns: Columns, drives: str) -> harness.ResultTable:
     rows = [
         (
             strategy,
@@ -105,19 +105,19 @@ def _swings(columns: Columns, where: str) -> harness.Table:
         + "; ".join(f"{name}, as {why}" for name, why in UNBATCHED.items())
         + "."
     )
-    return harness.Table(f"Swing of moves that are drawn, {where}", headings, rows, note)
+    return harness.ResultTable(f"Swing of moves that are drawn, {drives}", headings, rows, note)
 
 
-def _failures(columns: Columns, where: str) -> harness.Table:
+def _failures(columns: Columns, drives: str) -> harness.ResultTable:
     failed, much = failures(columns), ~(columns["residual_swing_rad"] <= MOST_LEFT)
     rows = []
     for strategy, selected in _each(columns):
-        count, many = int(selected.sum()), int(failed[selected].sum())
-        interval = binomtest(many, count).proportion_ci(CONFIDENCE, "exact")
+        count, failures_of_strategy = int(selected.sum()), int(failed[selected].sum())
+        interval = binomtest(failures_of_strategy, count).proportion_ci(CONFIDENCE, "exact")
         shares = (
             columns["broken"][selected].mean(),
             much[selected].mean(),
-            many / count,
+            failures_of_strategy / count,
             interval.low,
             interval.high,
             np.isfinite(columns["valid_until_s"][selected]).mean(),
@@ -140,18 +140,16 @@ def _failures(columns: Columns, where: str) -> harness.Table:
         "(Clopper and Pearson 1934). Beyond: broken, or a drive that follows a motion or a rate is "
         "asked at an instant for more than it has."
     )
-    return harness.Table(f"How often moves fail that are drawn, {where}", headings, rows, note)
+    return harness.ResultTable(
+        f"How often moves fail that are drawn, {drives}", headings, rows, note
+    )
 
 
-def _costs(columns: Columns, where: str) -> harness.Table:
+def _costs(columns: Columns, drives: str) -> harness.ResultTable:
     rows = []
     for strategy, selected in _each(columns):
         spent = float(np.median(columns["spent_s"][selected]))
         rows.append((strategy, 1e3 * spent, spent * MANY / 60.0))
-    headings = [
-        ("strategy", ""),
-        ("a case [ms]", ".2f"),
-        (f"{MANY:,} cases [min]", ".1f"),
-    ]
+    headings = [("strategy", ""), ("a case [ms]", ".2f"), (f"{MANY:,} cases [min]", ".1f")]
     note = "Processor time on this machine, the median of batches; n processors share it."
-    return harness.Table(f"What moves cost that are drawn, {where}", headings, rows, note)
+    return harness.ResultTable(f"What moves cost that are drawn, {drives}", headings, rows, note)

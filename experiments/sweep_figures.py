@@ -45,11 +45,11 @@ def drawn_figure(columns: Columns) -> Figure:
     maps = {}
     for strategy in dict.fromkeys(columns["strategy"].tolist()):
         of_strategy = columns["strategy"] == strategy
-        left = 1e3 * columns["residual_swing_rad"][of_strategy]
+        residual = 1e3 * columns["residual_swing_rad"][of_strategy]
         median, loads, cables, _ = binned_statistic_2d(
             columns["load"][of_strategy],
             columns["cable_error_m"][of_strategy],
-            np.where(np.isfinite(left), left, np.inf),
+            np.where(np.isfinite(residual), residual, np.inf),
             statistic="median",
             bins=_CELLS,
             range=[RANGES["load"], RANGES["cable_error_m"]],
@@ -68,7 +68,6 @@ class _Map(NamedTuple):
 
 
 def _maps(maps: Mapping[str, _Map], label: str) -> Figure:
-    """Plot a panel per strategy, all on one scale."""
     swings = np.concatenate([panel.left[np.isfinite(panel.left)] for panel in maps.values()])
     norm = LogNorm(swings.min(), swings.max()) if len(swings) else LogNorm(1.0, 10.0)
     rows = -(-len(maps) // 4)
@@ -91,11 +90,11 @@ def timing_figure(columns: Columns) -> Figure:
     durations = np.unique(columns["duration_s"])
     for k, strategy in enumerate(dict.fromkeys(columns["strategy"].tolist())):
         of_strategy = columns["strategy"] == strategy
-        left = [
+        residual = [
             1e3 * columns["residual_swing_rad"][of_strategy & (columns["duration_s"] == d)]
             for d in durations
         ]
-        least, middle, most = np.nanquantile(np.array(left), [0.0, 0.5, 1.0], axis=1)
+        lowest, middle, highest = np.nanquantile(np.array(residual), [0.0, 0.5, 1.0], axis=1)
         (line,) = ax.plot(
             durations,
             middle,
@@ -104,7 +103,9 @@ def timing_figure(columns: Columns) -> Figure:
             color=strategy_colour(strategy),
             label=strategy,
         )
-        ax.fill_between(durations, least, most, color=line.get_color(), alpha=0.15, linewidth=0.0)
+        ax.fill_between(
+            durations, lowest, highest, color=line.get_color(), alpha=0.15, linewidth=0.0
+        )
     ax.set(yscale="log", xlabel="time for the move [s]", ylabel="swing left 10 s after it [mrad]")
     ax.legend(ncols=2, fontsize=9.0)
     return figure

@@ -14,9 +14,9 @@ from cranedyn.checks import number
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
 from experiments import harness
-from experiments.harness import Claim, Outcome, Setup, Table, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
 from experiments.oracles import conserved, hoisting, moves, slewing, swing
-from experiments.oracles.check import STEP, Check, G, check, point_crane
+from experiments.oracles.check import STEP, G, OracleCheck, check_oracle, point_crane
 from experiments.oracles.reading import Bench, locked
 
 PARTS = {
@@ -32,10 +32,10 @@ ORDER = 0.02
 """How far a measured order may be from a whole number."""
 
 
-def checks(bench: Bench, halvings: int) -> dict[str, list[Check]]:
+def checks(bench: Bench, halvings: int) -> dict[str, list[OracleCheck]]:
     """Run every oracle of every part."""
     return {
-        title: [check(oracle, halvings) for oracle in oracles(bench)]
+        title: [check_oracle(oracle, halvings) for oracle in oracles(bench)]
         for title, oracles in PARTS.items()
     }
 
@@ -70,13 +70,13 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         for name, (crane, start, end) in telling.items()
     }
     results = checks(bench, halvings)
-    every = list(itertools.chain(*results.values()))
-    tables = [table(title, rows) for title, rows in results.items()]
+    all_checks = list(itertools.chain(*results.values()))
+    tables = [oracle_table(title, rows) for title, rows in results.items()]
     return Outcome(
         tables=tables,
-        claims=[*map(_claim, every), _order(every)],
+        claims=[*map(_claim, all_checks), _order(all_checks)],
         parameters={
-            "closed_forms": len(every),
+            "closed_forms": len(all_checks),
             "gravity_m_s2": G,
             "coarsest_dt_s": STEP,
             "halvings": halvings,
@@ -85,7 +85,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         },
         trajectories={name.replace(" ", "_"): run for name, (_, run) in runs.items()},
         figures={
-            "convergence": convergence_figure(every),
+            "convergence": convergence_figure(all_checks),
             "ripple": ripple_figure(bench, build()),
             "oval": oval_figure(runs["oval swing"][1]),
         },
@@ -96,7 +96,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     )
 
 
-def table(title: str, checks: Sequence[Check]) -> Table:
+def oracle_table(title: str, checks: Sequence[OracleCheck]) -> ResultTable:
     """Return the table of one part of mechanics."""
     return tabulate(
         title,
@@ -113,8 +113,7 @@ def table(title: str, checks: Sequence[Check]) -> Table:
     )
 
 
-def _named(check_run: Check) -> str:
-    """Return the name of an oracle with its unit."""
+def _named(check_run: OracleCheck) -> str:
     return (
         f"{check_run.oracle.name} [{check_run.oracle.unit}]"
         if check_run.oracle.unit
@@ -122,7 +121,7 @@ def _named(check_run: Check) -> str:
     )
 
 
-def _claim(check_run: Check) -> Claim:
+def _claim(check_run: OracleCheck) -> Claim:
     oracle = check_run.oracle
     why = f", {oracle.why} among it" if oracle.why else ""
     return Claim(
@@ -132,13 +131,13 @@ def _claim(check_run: Check) -> Claim:
     )
 
 
-def _order(checks_run: Sequence[Check]) -> Claim:
+def _order(checks_run: Sequence[OracleCheck]) -> Claim:
     orders = [c.order for c in checks_run if c.order is not None]
     first, second = ([order for order in orders if round(order) == power] for power in (1, 2))
     spans = [
-        f"{min(some):.3f} to {max(some):.3f} in {len(some)} rows"
-        for some in (first, second)
-        if some
+        f"{min(group):.3f} to {max(group):.3f} in {len(group)} rows"
+        for group in (first, second)
+        if group
     ]
     return Claim(
         "The error goes with the first power of the step, or where the step is symmetric with the "

@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from experiments.harness.document import last_digit
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 from tests.helpers import ROOT
 
 COMPILED = ("--engine", "compiled")
@@ -122,10 +122,10 @@ def spread(name: str, folder: Path) -> list[str]:
         file.parents[1].name: json.loads(file.read_text(encoding="utf-8"))
         for file in sorted(folder.glob(f"*/{name}/result.json"))
     }
-    tables: dict[str, dict[str, Table]] = defaultdict(dict)
+    tables: dict[str, dict[str, ResultTable]] = defaultdict(dict)
     for variant, result in results.items():
         for kept in result["tables"]:
-            tables[kept["title"]][variant] = Table.of(kept)
+            tables[kept["title"]][variant] = ResultTable.of(kept)
     sentences = []
     for title, of_variant in tables.items():
         if len(of_variant) < len(results) or len({len(t.rows) for t in of_variant.values()}) > 1:

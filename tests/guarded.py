@@ -306,12 +306,12 @@ def _run(rng: np.random.Generator) -> Call:
 
 
 def _rows(rng: np.random.Generator) -> Call:
-    from cranedyn.compiled.model import forward_dynamics
+    from cranedyn.compiled.model import compile_forward_dynamics
 
     crane = _common(rng)[0][0]
     joints, n = crane.layout.n, int(rng.integers(0, 30))
     if joints not in _ROBOTS:
-        _ROBOTS[joints] = forward_dynamics(crane.model)
+        _ROBOTS[joints] = compile_forward_dynamics(crane.model)
     parts = [_maybe(rng, rng.normal(size=(n, joints)), 0.2) for _ in range(3)]
     return lambda: _ROBOTS[joints](*parts)
 

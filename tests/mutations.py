@@ -88,7 +88,7 @@ MUTATIONS = (
     Mutation(
         "joint damping is ignored",
         "cranedyn/dynamics/drives.py",
-        "tau = self._tau - self._joint.damping * v",
+        "tau = self._tau - self._damping * v",
         "tau = 1.0 * self._tau",
         "simulate::the_loop_is_sample_hold_velocities_positions",
     ),
@@ -349,15 +349,15 @@ MUTATIONS = (
     Mutation(
         "a planned hoist may let go of the load",
         "cranedyn/compiled/horizon/control.py",
-        "told[hoist] = code.chosen(over > 0.0, less, told[hoist])",
-        "told[hoist] = told[hoist]",
+        "acceleration[hoist] = code.chosen(over > 0.0, reduced, acceleration[hoist])",
+        "acceleration[hoist] = acceleration[hoist]",
         "horizon::it_never_commands_a_slack_rope_however_fast_the_hoist_may_be[motion]",
     ),
     Mutation(
         "what disturbs a drive is not taken off",
         "cranedyn/compiled/horizon/control.py",
-        "crane.answer(q, v, told - estimate, None)",
-        "crane.answer(q, v, told, None)",
+        "crane.answer(q, v, acceleration - estimate, None)",
+        "crane.answer(q, v, acceleration, None)",
         "horizon::a_load_of_another_mass_ends_where_it_shall_since_what_disturbs_is_estimated",
     ),
     Mutation(
@@ -377,7 +377,7 @@ MUTATIONS = (
     Mutation(
         "an angle that turned too far for a series keeps what the series gave",
         "cranedyn/compiled/kernel.py",
-        "self._keep_angle(i, turn.mended(pairs[i]))",
+        "self._keep_angle(i, turn.refine(pairs[i]))",
         "self._keep_angle(i, pairs[i])",
         "turned_angles::long_steps_that_turn_far_are_those_of_pinocchio",
     ),
@@ -390,7 +390,7 @@ MUTATIONS = (
     ),
     Mutation(
         "compiled cranes are taken as they come",
-        "cranedyn/compiled/checked.py",
+        "cranedyn/compiled/verify.py",
         "if off := rigid_body.disagreement(",
         "if off := 0.0 * rigid_body.disagreement(",
         "compiled::code_that_moves_otherwise_is_refused",
@@ -433,8 +433,8 @@ MUTATIONS = (
     Mutation(
         "a compiled integrator grows beyond the limit of its drive",
         "cranedyn/compiled/kernel.py",
-        "integrals[i] = code.chosen(free, on, integrals[i])",
-        "integrals[i] = on",
+        "integrals[i] = code.chosen(free, integrated, integrals[i])",
+        "integrals[i] = integrated",
         "compiled::what_an_integrator_remembers_is_what_the_plain_loop_leaves_it",
     ),
     Mutation(
@@ -468,8 +468,8 @@ MUTATIONS = (
     Mutation(
         "cranes of a batch have each other's numbers",
         "cranedyn/compiled/batch.py",
-        "grouped([varied[which]], lanes)",
-        "grouped([varied[which[::-1]]], lanes)",
+        "group_lanes([varied[crane_index]], lanes)",
+        "group_lanes([varied[crane_index[::-1]]], lanes)",
         "batch::each_crane_of_a_batch_does_what_it_does_alone",
     ),
     Mutation(
@@ -477,14 +477,14 @@ MUTATIONS = (
         "cranedyn/compiled/kernel.py",
         "with code.when(code.builder.not_(begun)):",
         "with code.when(code.builder.or_(code.builder.not_(begun), begun)):",
-        "compiled_door::a_run_in_pieces_is_the_same_to_the_bit",
+        "compiled_binding::a_run_in_pieces_is_the_same_to_the_bit",
     ),
     Mutation(
         "tables are read beyond their end",
-        "cranedyn/compiled/door.py",
+        "cranedyn/compiled/binding.py",
         "final + length > total",
         "final > total",
-        "compiled_door::the_door_opens_for_counts_that_stay_within_the_arrays_only",
+        "compiled_binding::the_door_opens_for_counts_that_stay_within_the_arrays_only",
     ),
     Mutation(
         "cranes of a fleet have the effort limits of the first",
@@ -749,15 +749,15 @@ MUTATIONS = (
     Mutation(
         "errors with a memory count as if they had none",
         "cranedyn/identification/noise.py",
-        "found += (1.0 - lag / (reach + 1.0)) * (cross + cross.T)",
-        "found += 0.0 * (cross + cross.T)",
+        "covariance += (1.0 - lag / (reach + 1.0)) * (cross + cross.T)",
+        "covariance += 0.0 * (cross + cross.T)",
         "estimate::errors_with_a_memory_are_no_white_noise_and_widen_the_intervals",
     ),
     Mutation(
         "how a record begins counts as known before it is made",
         "cranedyn/identification/preflight.py",
-        "found += whole[:count, :count] - whole[:count, count:] @ beside @ whole[count:, :count]",
-        "found += whole[:count, :count]",
+        "total += full[:count, :count] - full[:count, count:] @ beside @ full[count:, :count]",
+        "total += full[:count, :count]",
         "preflight::margins_foretold_are_those_that_come_out",
     ),
     Mutation(

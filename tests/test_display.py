@@ -17,7 +17,7 @@ from cranedyn.plotting.curves import plot_runs
 from cranedyn.plotting.style import COLOURS, RUN_COLOURS, colour_of, rgb, run_colour
 from cranedyn.recording.sketch import sketch
 from cranedyn.references import hold, pulse
-from experiments.relatives.catalogue import RELATIVES, Relative, crane_of
+from experiments.relatives.catalogue import RELATIVES, Relative, relative_crane
 from tests.helpers import crane, quickly
 
 
@@ -219,7 +219,7 @@ def test_a_crane_of_any_topology_shows_itself_and_its_runs(
     relative: Relative, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cranedyn.recording.viewer.open_viewer", lambda path: None)
-    made = crane_of(relative)
+    made = relative_crane(relative)
     run = cd.simulate(made, hold_controller(made), start=made.start, duration=0.05)
     rows = [line.split() for line in repr(made).splitlines()[2:]]
     assert [(row[0], row[1]) for row in rows] == [

@@ -22,8 +22,8 @@ def _missing() -> str | None:
 
 
 def _weighed(urdf: str) -> str:
-    """A URDF whose fixed links without mass say that they have none, where Bullet would take 1 kg
-    and warn of it.
+    """Return the URDF with explicit zero masses for massless links; Bullet would assume 1 kg and
+    warn.
     """
     robot = ET.fromstring(urdf)
     for link in robot.iterfind("link"):
@@ -39,7 +39,7 @@ def _weighed(urdf: str) -> str:
 
 
 def _stepped(case: Case, at_once: int) -> Run:
-    """One crane, with so many physics steps in each call of `stepSimulation`.
+    """Return a run of one crane with several physics steps in each call of `stepSimulation`.
 
     Bullet forgets torques after each call. With several steps in a call it holds the damping of the
     joints over all of them, too.
@@ -61,13 +61,13 @@ def _stepped(case: Case, at_once: int) -> Run:
     bullet.setPhysicsEngineParameter(
         fixedTimeStep=at_once * case.dt, numSubSteps=substeps, physicsClientId=setup
     )
-    places = {
+    joint_index = {
         bullet.getJointInfo(robot, i, physicsClientId=setup)[1].decode(): i
         for i in range(bullet.getNumJoints(robot, setup))
     }
-    joints = [places[joint.name] for joint in case.crane.layout.joints]
+    joints = [joint_index[joint.name] for joint in case.crane.layout.joints]
     drives = [joints[i] for i in case.crane.layout.drives]
-    for i in range(-1, len(places)):
+    for i in range(-1, len(joint_index)):
         bullet.changeDynamics(
             robot,
             i,

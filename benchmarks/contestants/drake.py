@@ -21,9 +21,7 @@ def _missing() -> str | None:
 
 
 def _advanced(case: Case, *, discrete: bool) -> Run:
-    """One crane, advanced over a control period at a time under efforts that are written into its
-    input port.
-    """
+    """Return a run of one crane, advanced by one control period at a time."""
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import MultibodyPlant
     from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.contestants.mujoco import twin
-from benchmarks.contestants.native import numbers
+from benchmarks.contestants.native import c_constants
 from benchmarks.workload import Case, Contestant, Result, Run
 
 Step = Callable[[Any, Any, Any], tuple[Any, Any]]
@@ -39,13 +39,13 @@ def _looped(case: Case, step: Step) -> Run:
         case.crane.effort_limit[:, None],
     )
     swings = case.crane.swings
-    gains = [part[:, None] for part in (hold.feed_forward, hold.stiffness, hold.damping)]
+    gains = [gain[:, None] for gain in (hold.feed_forward, hold.stiffness, hold.damping)]
 
     def period(setpoint: Any, _: Any, carried: Any) -> Any:
         q, v, peak = carried
         feed, stiffness, damping = gains
-        asked = feed + stiffness * (setpoint - q[drives]) - damping * v[drives]
-        effort = jnp.clip(asked, -limit, limit)
+        command = feed + stiffness * (setpoint - q[drives]) - damping * v[drives]
+        effort = jnp.clip(command, -limit, limit)
 
         def stepped(_: Any, state: tuple[Any, Any]) -> tuple[Any, Any]:
             return step(state[0], state[1], effort)
@@ -67,10 +67,10 @@ def _looped(case: Case, step: Step) -> Run:
 
 
 def _by_hand(case: Case) -> Run:
-    """The equations of `crane.c`, an array of JAX for each number."""
+    """Return a run by the equations of `crane.c` on JAX arrays, one array for each variable."""
     import jax.numpy as jnp
 
-    n = numbers(case)
+    n = c_constants(case)
     dt, payload, inner, outer = case.dt, n["PAYLOAD"], n["INNER"], n["OUTER"]
     damping = [n[f"DAMP_{name}"] for name in ("SLEW", "TROLLEY", "PHI", "THETA", "HOIST")]
 
@@ -114,7 +114,7 @@ def _by_hand(case: Case) -> Run:
 
 
 def _mjx(case: Case) -> Run:
-    """The same model as MuJoCo's, put into MJX."""
+    """Return a run of MuJoCo's model in MJX."""
     import jax
     from mujoco import mjx
 

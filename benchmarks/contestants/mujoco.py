@@ -14,7 +14,7 @@ from benchmarks.workload import Case, Contestant, Result, Run, brake
 
 
 def twin(urdf: str, *, gravity: float, dt: float) -> Any:
-    """A crane as an MjModel that steps as `simulate` does.
+    """Return a crane as an MjModel that steps as `simulate` does.
 
     Semi-implicit Euler, damping at the velocity before the step, no joint ranges.
 
@@ -46,9 +46,7 @@ def _missing() -> str | None:
 
 
 def _stepped(case: Case, at_once: int) -> Run:
-    """One crane, with so many physics steps in each call of `mj_step`; its efforts are plain
-    numbers between them.
-    """
+    """Return a run of one crane with several physics steps in each call of `mj_step`."""
     import mujoco
 
     model = twin(case.crane.urdf, gravity=case.crane.gravity, dt=case.dt)
@@ -73,8 +71,7 @@ def _stepped(case: Case, at_once: int) -> Run:
 
 
 def _rolled_out(case: Case) -> Run:
-    """Many cranes, rolled out together over one control period after the other, with their efforts
-    computed by NumPy in between.
+    """Return a run of many cranes, rolled out by one control period at a time.
 
     A controller inside the model would be asked at every physics step, which is another controller.
     """

@@ -37,12 +37,12 @@ _CHUNKS = 4
 
 
 def compiler() -> str | None:
-    """The C compiler: $CC, or cc."""
+    """Return the C compiler: $CC, or cc."""
     return shutil.which(os.environ.get("CC", "cc"))
 
 
-def numbers(case: Case) -> dict[str, float]:
-    """The numbers of a crane as the C source names them, from its loaded model.
+def c_constants(case: Case) -> dict[str, float]:
+    """Return the parameters of a crane under the names of the C source, from its loaded model.
 
     Raises:
         ModelError: If the crane is not one the equations were written for: inertias the same about
@@ -61,7 +61,7 @@ def numbers(case: Case) -> dict[str, float]:
                 f"The {name} has a centre beside its joint or an inertia that differs by axis; the "
                 "C crane knows neither."
             )
-    found = {
+    constants = {
         "PAYLOAD": payload.mass,
         "TROLLEY": trolley.mass + outer.mass + inner.mass,
         "INNER": payload.inertia[0, 0] + inner.inertia[0, 0],
@@ -70,7 +70,7 @@ def numbers(case: Case) -> dict[str, float]:
         "GRAVITY": crane.gravity,
         "DT": case.dt,
     }
-    found |= dict(
+    constants |= dict(
         zip(
             ("DAMP_SLEW", "DAMP_TROLLEY", "DAMP_PHI", "DAMP_THETA", "DAMP_HOIST"),
             crane.damping,
@@ -83,20 +83,20 @@ def numbers(case: Case) -> dict[str, float]:
         ("FF", hold.feed_forward),
         ("MAX", crane.effort_limit),
     ):
-        found |= dict(
+        constants |= dict(
             zip((f"{letters}_SLEW", f"{letters}_TROLLEY", f"{letters}_HOIST"), values, strict=True)
         )
-    return found
+    return constants
 
 
-def compiled(case: Case, lanes: int, groups: int) -> ctypes.CDLL:
-    """The source made for a case and loaded.
+def load_library(case: Case, lanes: int, groups: int) -> ctypes.CDLL:
+    """Compile the source for a case and load it.
 
     Raises:
         CraneError: If the compiler refuses it.
     """
     values = {
-        **{name: repr(float(value)) for name, value in numbers(case).items()},
+        **{name: repr(float(value)) for name, value in c_constants(case).items()},
         "STEPS": case.steps,
         "LANES": lanes,
         "GROUPS": groups,
@@ -114,11 +114,10 @@ def compiled(case: Case, lanes: int, groups: int) -> ctypes.CDLL:
             str(library),
             str(SOURCE),
         ]
-        made = subprocess.run(command, capture_output=True, text=True, check=False)
-        if made.returncode:
-            raise CraneError(
-                f"{command[0]} cannot compile {SOURCE.name}: {made.stderr.strip().splitlines()[-1]}"
-            )
+        result = subprocess.run(command, capture_output=True, text=True, check=False)
+        if result.returncode:
+            message = result.stderr.strip().splitlines()[-1]
+            raise CraneError(f"{command[0]} cannot compile {SOURCE.name}: {message}")
         loaded = ctypes.CDLL(str(library))
     loaded.run.argtypes = [ctypes.c_long, ctypes.c_long, *4 * [ctypes.c_void_p]]
     loaded.run.restype = None
@@ -126,7 +125,7 @@ def compiled(case: Case, lanes: int, groups: int) -> ctypes.CDLL:
 
 
 def _one(case: Case) -> Run:
-    library = compiled(case, 1, 1)
+    library = load_library(case, 1, 1)
 
     def run(starts: np.ndarray, duration: float) -> Result:
         periods = case.periods(duration)
@@ -143,7 +142,7 @@ def _one(case: Case) -> Run:
 
 
 def _many(threads: int, case: Case) -> Run:
-    library = compiled(case, LANES, GROUPS)
+    library = load_library(case, LANES, GROUPS)
     pool = ThreadPoolExecutor(threads)
 
     def run(starts: np.ndarray, duration: float) -> Result:

@@ -13,7 +13,7 @@ from cranedyn.interfaces import Setpoint, State
 
 
 def _no_need() -> None:
-    """Always there."""
+    """Return None: it is always installed."""
 
 
 def _llvm() -> str | None:
@@ -32,12 +32,10 @@ def _loop(case: Case) -> Run:
 
 
 def _stepping(case: Case) -> Run:
-    """A controller in Python, compiled steps in between."""
     return _compiled(case, partial(case.controller))
 
 
 def _closed(case: Case) -> Run:
-    """Control and steps compiled."""
     return _compiled(case, case.controller)
 
 
@@ -52,12 +50,12 @@ def _compiled(case: Case, controller: Callable[[float, State, Setpoint], np.ndar
 def _batch(
     threads: int | None, integrator: Integrator = semi_implicit_euler
 ) -> Callable[[Case], Run]:
-    """Eight cranes in a vector, control and steps compiled."""
+    """Return a run of eight cranes in a vector, with control and steps compiled."""
 
     def prepare(case: Case) -> Run:
         from cranedyn.compiled.batch import simulate_batch
 
-        together = partial(
+        simulate_cranes = partial(
             simulate_batch,
             case.crane,
             case.controller,
@@ -67,10 +65,10 @@ def _batch(
         )
 
         def run(starts: np.ndarray, duration: float) -> Result:
-            found = together(
+            batch = simulate_cranes(
                 start=State(*np.split(starts, 2, axis=1)), duration=duration, integrator=integrator
             )
-            return Result(np.hstack(found.end), found.peak_swing)
+            return Result(np.hstack(batch.end), batch.peak_swing)
 
         run(case.starts(1), case.period)
         return run

@@ -17,19 +17,18 @@ from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import tabulated
 from cranedyn.theory import amplitude_factor, hoist_compliance
 
-_GONE = 300.0
-"""After so many times of decay nothing is left of a swing: its square is no longer a number of full
-precision."""
+_DECAYED = 300.0
+"""Decay times after which a swing has vanished: its square underflows."""
 
 
 @dataclass(frozen=True)
 class FreeSwing:
-    """What a fit of the free swing over a stretch of time should find.
+    """Predicted free swing over a time interval.
 
     Attributes:
-        period: [s].
-        damping_ratio: Of critical.
-        amplitude: Its root mean square over the stretch [rad].
+        period: Period [s].
+        damping_ratio: Damping ratio.
+        amplitude: Root mean square of the amplitude over the interval [rad].
     """
 
     period: float
@@ -48,7 +47,7 @@ def free_swing(
     dt: float = 5e-4,
     control_period: float = 5e-3,
 ) -> FreeSwing:
-    """Predict the radial swing that a reference leaves behind.
+    """Predict the radial free swing after a reference.
 
     Period and damping of small swings are an eigenvalue of the linear crane under the sampled hold,
     stepped as `simulate` steps it; the amplitude is the share of that mode after the reference has
@@ -57,18 +56,18 @@ def free_swing(
     swing's frequency (`theory.hoist_compliance`).
 
     Args:
-        crane: The crane.
-        hold: How its drives are held.
-        reference: What excites the swing; it must be back at rest before `since`.
-        start: Where the crane starts, at rest.
-        since: Start of the stretch [s].
-        until: End of the stretch [s].
+        crane: Crane.
+        hold: Hold controller of the drives.
+        reference: Reference that excites the swing, at rest again before `since`.
+        start: Initial state, at rest.
+        since: Start of the interval [s].
+        until: End of the interval [s].
         dt: Physics step [s].
         control_period: Time between control instants [s].
 
     Raises:
-        MissingRole: If it is not a tower crane.
-        OutOfRange: If the stretch does not begin at 0 or later and end after that while there is a
+        MissingRole: If the crane is not a tower crane.
+        OutOfRange: If the interval does not begin at 0 or later and end after that while there is a
             swing, or the control period is not a multiple of `dt`.
     """
     if not number("since", since, "s", ">= 0") < number("until", until, "s"):
@@ -80,9 +79,13 @@ def free_swing(
     _, _, radial, _, cable = layout.tower("The prediction of a free swing")
     hoist = layout.drive("l")
     stiffness, damping = float(hold.stiffness[hoist]), float(hold.damping[hoist])
-    rest = start.q.copy()
-    rest[cable] += (hold.feed_forward[hoist] + crane.payload_mass * crane.gravity) / stiffness
-    plant = sampled(crane, State(rest, np.zeros(layout.n)), dt=dt, control_period=control_period)
+    equilibrium = start.q.copy()
+    equilibrium[cable] += (
+        hold.feed_forward[hoist] + crane.payload_mass * crane.gravity
+    ) / stiffness
+    plant = sampled(
+        crane, State(equilibrium, np.zeros(layout.n)), dt=dt, control_period=control_period
+    )
     loop = plant.closed(feedback_gain(crane, hold.stiffness, hold.damping))
     mode = swing_mode(loop, control_period, coordinate=radial)
     times = control_period * np.arange(round(since / control_period))
@@ -96,15 +99,15 @@ def free_swing(
 
     def compliance(amplitude: float) -> tuple[float, float]:
         return hoist_compliance(
-            amplitude, rest[cable], crane.gravity, crane.payload_mass, stiffness, damping
+            amplitude, equilibrium[cable], crane.gravity, crane.payload_mass, stiffness, damping
         )
 
     times = np.linspace(since, until, 200) - (last + 1) * control_period
-    if -mode.rate.real * until > _GONE:
+    if -mode.rate.real * until > _DECAYED:
         raise OutOfRange(
             "until",
             until,
-            f"{-_GONE / mode.rate.real:.3g} or less: the swing has died away by then",
+            f"{-_DECAYED / mode.rate.real:.3g} or less: the swing has died away by then",
             "s",
         )
     decayed = _decay(
@@ -123,7 +126,9 @@ def free_swing(
 
 
 def _decay(t: np.ndarray, first: float, linear: float, cubic: float) -> np.ndarray:
-    """Amplitudes at times after the first, with dA/dt = -linear A - cubic A³, in closed form."""
+    """Return amplitudes at times after the start, with dA/dt = -linear A - cubic A³, in closed
+    form.
+    """
     linear = max(linear, 1e-12)
     grown = np.exp(2.0 * linear * t)
     return first / np.sqrt(grown + cubic * first**2 * (grown - 1.0) / linear)

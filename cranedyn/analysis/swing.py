@@ -1,6 +1,6 @@
-"""What a trajectory means: periods, damping, amplitudes, agreement of two signals.
+"""Analysis of swings: periods, damping, amplitudes, agreement of two signals.
 
-Plain arrays go in, so that data from elsewhere works too.
+Functions take plain arrays, so that they work on any data.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ class SwingFit:
 
     Attributes:
         period: 2π/ω_d [s].
-        damping_ratio: ζ, of critical.
-        amplitude: A, reached back to t = 0 [rad].
+        damping_ratio: Damping ratio ζ.
+        amplitude: A, extrapolated back to t = 0 [rad].
         phase: ψ [rad].
         offset: c [rad].
-        rms: Root mean square of what the fit leaves [rad].
+        rms: Root mean square of the residual of the fit [rad].
     """
 
     period: float
@@ -38,7 +38,7 @@ class SwingFit:
     rms: float
 
     def amplitude_at(self, t: np.ndarray | float) -> np.ndarray:
-        """Amplitude at a time [rad]."""
+        """Return the amplitude at a time [rad]."""
         return self.amplitude * np.exp(-self.decay_rate * np.asarray(t, dtype=float))
 
     @property
@@ -53,7 +53,7 @@ class SwingFit:
         )
 
     def __call__(self, t: np.ndarray) -> np.ndarray:
-        """The fitted swing at given times [rad]."""
+        """Return the fitted swing at times [rad]."""
         return (
             self.amplitude_at(t) * np.cos(2.0 * math.pi / self.period * t + self.phase)
             + self.offset
@@ -80,7 +80,7 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
             "The times of a record must increase from row to row where a swing is to be fitted."
         )
     centred = swing - swing.mean()
-    clear = np.abs(centred) > 0.25 * centred.std()  # so that noise about zero makes no crossings
+    clear = np.abs(centred) > 0.25 * centred.std()  # noise about zero makes no crossings
     crossings = zero_crossings(t[clear], centred[clear])
     if len(crossings) < 5:
         raise DataError(
@@ -130,8 +130,8 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
 
 
 def zero_crossings(t: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Times at which a signal changes sign, by linear interpolation between samples; error O(dt²)
-    of the period.
+    """Return the times at which a signal changes sign, by linear interpolation between samples;
+    error O(dt²) of the period.
     """
     t = as_array("t", t, ("n",))
     y = as_array("y", y, t.shape)
@@ -140,8 +140,8 @@ def zero_crossings(t: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def peaks(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Times and heights of the largest |y| between neighbouring zero crossings, by a parabola
-    through the three samples at the top.
+    """Return times and heights of the largest |y| between neighbouring zero crossings, by a
+    parabola through the three samples at the top.
     """
     t = as_array("t", t, ("n",))
     y = as_array("y", y, t.shape)
@@ -165,7 +165,7 @@ class PowerLaw:
         exponent: The exponent.
         factor: y at x = 1.
         r2: Coefficient of determination; 0 where all x are alike.
-        points: How many points were fitted.
+        points: Number of fitted points.
     """
 
     exponent: float
@@ -174,7 +174,7 @@ class PowerLaw:
     points: int
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
-        """The fitted law."""
+        """Return the fitted law at x."""
         return self.factor * np.asarray(x, dtype=float) ** self.exponent
 
 
@@ -201,11 +201,11 @@ def fit_power_law(x: np.ndarray, y: np.ndarray) -> PowerLaw:
 
 @dataclass(frozen=True)
 class Agreement:
-    """How well a model meets a measured signal.
+    """Agreement of a model with a measured signal.
 
     Attributes:
-        measured, modelled: Largest magnitude of each.
-        correlation: Pearson's.
+        measured, modelled: Largest magnitude of each signal.
+        correlation: Pearson's correlation.
         rms: Root mean square of the difference.
     """
 
@@ -224,7 +224,7 @@ def agreement(measured: np.ndarray, modelled: np.ndarray) -> Agreement:
     """Compare two signals of the same times, shape (n,) each.
 
     Raises:
-        DataError: If one of them does not move.
+        DataError: If a signal is constant.
     """
     measured = finite("measured", measured, ("n",))
     modelled = finite("modelled", modelled, measured.shape)
@@ -242,7 +242,7 @@ def agreement(measured: np.ndarray, modelled: np.ndarray) -> Agreement:
 def swing_amplitude(
     swing: np.ndarray, rates: np.ndarray, length: np.ndarray | float, gravity: float
 ) -> np.ndarray:
-    """Amplitude that a small swing would keep if the drives stood still from now on [rad], shape
+    """Return the amplitude that a small swing would keep if the drives stopped at once [rad], shape
     (n,).
 
     Args:
@@ -259,12 +259,12 @@ def swing_amplitude(
 
 
 def settling_time(t: np.ndarray, distance: np.ndarray, within: float) -> float:
-    """When a distance has come within a bound for good [s]; inf if it has not by the end.
+    """Return when a distance has come within a bound for good [s]; inf if it has not by the end.
 
     Args:
         t: Times [s], shape (n,).
         distance: Distances, not negative, shape (n,).
-        within: The bound.
+        within: Bound.
     """
     t = as_array("t", t, ("n",))
     distance = as_array("distance", distance, t.shape)

@@ -4,9 +4,9 @@ An exporter writes a crane, or a run, for another program. It is a module with
 
 * ``TARGET``, the name of its target in the help, such as "DIR";
 * ``add_arguments(parser)``, which adds its arguments beside the target and the crane;
-* ``run(options)``, which writes to ``options.target`` and returns it. `joints.loaded(options)` is
-  the crane that the command line describes; `target.new_folder` and `target.new_file` write all or
-  nothing.
+* ``run(options)``, which writes to ``options.target`` and returns it.
+  `joints.crane_from_options(options)` loads the crane that the command line describes;
+  `target.new_folder` and `target.new_file` write all or nothing.
 
 The first paragraph of its docstring is its help. Its name is an entry point of the group
 ``cranedyn.exporters``, see `cranedyn.plugins`; ``cranedyn export --help`` lists all exporters.
@@ -14,7 +14,7 @@ The first paragraph of its docstring is its help. Its name is an entry point of 
 Public names:
     `mjcf.export`, `ros2.export`, `fmi.export`, `mcap.export`, `gazebo.export`: the exporters.
     `programs.Program`: a run for another program, its controller as tables.
-    `bags.read_columns`: columns of a trajectory from a recording of ROS 1 or ROS 2.
+    `bags.read_joint_states`: columns of a trajectory from a recording of ROS 1 or ROS 2.
     `gymnasium.TowerCraneEnv`: the crane as an environment to learn in.
     `control.to_control`, `margins.margins`: models for python-control, and stability margins.
 

@@ -1,6 +1,4 @@
-"""Recordings of ROS read back: the columns of a trajectory from messages of joint states in .mcap
-and .bag files.
-"""
+"""Import of ROS recordings: columns of a trajectory from joint states in .mcap and .bag files."""
 
 from __future__ import annotations
 
@@ -24,13 +22,13 @@ from cranedyn.errors import CraneError, DataError, UnknownName, quoted
 from cranedyn.model.layout import ROLES
 
 ENDINGS = (".mcap", ".bag")
-"""Of files that are read here."""
+"""Endings of files that can be read."""
 
 TYPE = "sensor_msgs/msg/JointState"
 TOPIC = "/joint_states"
 
 NAMES = {role.symbol: role.joint for role in ROLES.values()}
-"""Names of the joints by the symbols of their coordinates, unless others are given."""
+"""Default names of the joints by the symbols of their coordinates."""
 
 _KINDS = {
     column: (kind, role.symbol)
@@ -41,38 +39,38 @@ _KINDS = {
         ("effort", f"F_{role.symbol}_N" if role.kind == "prismatic" else f"T_{role.symbol}_Nm"),
     )
 }
-"""What joint states say of a joint, and of which coordinate, by the name of the column."""
+"""Field of joint states and coordinate, by the name of the column."""
 
 _MOST = 100_000_000
-"""Most bytes of one compressed piece of a file, unpacked."""
+"""Largest size of a compressed chunk of a file, decompressed [bytes]."""
 
-_PART = 1_000_000
-"""Bytes of a piece that are unpacked at a time."""
+_BLOCK = 1_000_000
+"""Bytes of a chunk that are decompressed at a time."""
 
 _MOST_STATES, _ALL_STATES, _LARGEST_STATE = 1_000_000, 300_000_000, 100_000
-"""Most joint states in a file, some 17 minutes at 1 kHz; most bytes of all and of one."""
+"""Most joint states in a file, some 17 minutes at 1 kHz; largest size of all, of one [bytes]."""
 
 _RECORD, _CHANNEL = struct.Struct("<BQ"), struct.Struct("<H")
-"""What each record of MCAP begins with, its kind and length; and a message, its channel."""
+"""Headers of a record of MCAP (kind and length) and of a message (channel)."""
 
 Raw = tuple[str, int, bytes]
 """Topic, time of logging [ns], message."""
 
 
-def read_columns(
+def read_joint_states(
     path: str | Path, columns: Sequence[str], names: Mapping[str, str] | None = None
 ) -> dict[str, np.ndarray]:
-    """Columns of a trajectory from the joint states in a recording of ROS 2 (.mcap) or ROS 1
+    """Read columns of a trajectory from the joint states in a recording of ROS 2 (.mcap) or ROS 1
     (.bag).
 
     Messages are taken from ``/joint_states``, or from the only topic of that type. Times are those
-    of their headers, or of logging where headers have none, and count from the first message. What
-    a file says of its own message types is not looked at: JointState is known.
+    of their headers, or of logging where headers have none, and count from the first message.
+    Message definitions in the file are ignored: JointState is standard.
 
     Args:
-        path: The file.
+        path: File to read.
         columns: Coordinates, rates and efforts by their names in a trajectory, and ``t_s``.
-        names: Names of joints there by the symbols of coordinates, where they differ from `NAMES`.
+        names: Names of joints by the symbols of coordinates, where they differ from `NAMES`.
 
     Returns:
         The columns by name, shape (n,) each.
@@ -80,22 +78,22 @@ def read_columns(
     Raises:
         DataError: If the extra is not installed, the file cannot be read, or it has no joint
             states, or others than needed.
-        UnknownName: If a name is given for no coordinate.
+        UnknownName: If `names` has an unknown coordinate.
     """
     with _parsing(Path(path), names):
         return _columns(Path(path), columns, {**NAMES, **(names or {})})
 
 
-def columns(path: str | Path, names: Mapping[str, str] | None = None) -> list[str]:
-    """Names of the columns that a recording has, by its first message of joint states.
+def joint_state_columns(path: str | Path, names: Mapping[str, str] | None = None) -> list[str]:
+    """Return the names of the columns that a recording has, by its first message of joint states.
 
     Args:
-        path: The file.
-        names: As for `read_columns`.
+        path: File to read.
+        names: As for `read_joint_states`.
 
     Raises:
-        DataError: As `read_columns`.
-        UnknownName: If a name is given for no coordinate.
+        DataError: As `read_joint_states`.
+        UnknownName: If `names` has an unknown coordinate.
     """
     with _parsing(Path(path), names):
         _, first = next(_states(Path(path)))
@@ -110,11 +108,11 @@ def columns(path: str | Path, names: Mapping[str, str] | None = None) -> list[st
 
 @contextmanager
 def _parsing(path: Path, names: Mapping[str, str] | None) -> Iterator[None]:
-    """Where a file of a stranger is parsed: what goes wrong is a sentence.
+    """Convert any error of a parser to a `DataError`.
 
     Raises:
         DataError: If the extra is not installed, the file is too large, or a parser fails.
-        UnknownName: If a name is given for no coordinate.
+        UnknownName: If `names` has an unknown coordinate.
     """
     check_installed()
     for symbol in names or {}:
@@ -134,13 +132,13 @@ def _parsing(path: Path, names: Mapping[str, str] | None) -> Iterator[None]:
 
 
 def _columns(path: Path, columns: Sequence[str], names: Mapping[str, str]) -> dict[str, np.ndarray]:
-    """Columns in the order of their times, which count from the first [s]."""
-    wanted = [column for column in columns if column != "t_s"]
+    """Return columns in the order of their times, which count from the first [s]."""
+    requested = [column for column in columns if column != "t_s"]
     stamps, logged, values = array("q"), array("q"), array("d")
     for time, message in _states(path):
         logged.append(time)
         stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
-        for column in wanted:
+        for column in requested:
             values.append(_value(path, message, len(logged), column, names))
     times = np.array(stamps if any(stamps) else logged)
     order = np.argsort(times, kind="stable")
@@ -151,18 +149,18 @@ def _columns(path: Path, columns: Sequence[str], names: Mapping[str, str]) -> di
             "two or more that increase."
         )
     rows = np.array(values).reshape(len(times), -1)[order]
-    found = dict(zip(wanted, rows.T, strict=True)) | {"t_s": (times - times[0]) / 1e9}
-    return {column: found[column] for column in columns}
+    data = dict(zip(requested, rows.T, strict=True)) | {"t_s": (times - times[0]) / 1e9}
+    return {column: data[column] for column in columns}
 
 
 def _states(path: Path) -> Iterator[tuple[int, Any]]:
-    """Joint states as they follow in the file, each with its time of logging [ns]."""
-    source = partial(_of_mcap if path.suffix == ".mcap" else _of_bag, path)
+    """Yield the joint states of a file in their order, each with its time of logging [ns]."""
+    source = partial(_mcap_messages if path.suffix == ".mcap" else _bag_messages, path)
     topics, decode = sorted({topic for topic, *_ in source()}), _decoder(path)
     if TOPIC not in topics and len(topics) != 1:
-        there = ", ".join(map(quoted, topics)) or "none"
+        names = ", ".join(map(quoted, topics)) or "none"
         raise DataError(
-            f"{path} has joint states on {there}; allowed are messages on {TOPIC}, or on one topic."
+            f"{path} has joint states on {names}; allowed are messages on {TOPIC}, or on one topic."
         )
     count = size = 0
     for topic, time, raw in source():
@@ -177,7 +175,7 @@ def _states(path: Path) -> Iterator[tuple[int, Any]]:
 
 
 def _value(path: Path, message: Any, k: int, column: str, names: Mapping[str, str]) -> float:
-    """One coordinate, rate or effort of the message number k."""
+    """Return a coordinate, rate or effort of message k."""
     if column not in _KINDS:
         raise DataError(
             f"{path} cannot have a column {column}: joint states have positions, velocities and "
@@ -186,9 +184,9 @@ def _value(path: Path, message: Any, k: int, column: str, names: Mapping[str, st
     kind, symbol = _KINDS[column]
     joint, numbers = names[symbol], getattr(message, kind)
     if joint not in message.name:
-        there = ", ".join(map(quoted, message.name[:20])) or "none"
+        present = ", ".join(map(quoted, message.name[:20])) or "none"
         raise DataError(
-            f"{path} has no joint {joint}, but {there}; say which is {symbol} by --joints "
+            f"{path} has no joint {joint}, but {present}; say which is {symbol} by --joints "
             f"{symbol}=NAME."
         )
     if (i := message.name.index(joint)) >= len(numbers):
@@ -199,18 +197,18 @@ def _value(path: Path, message: Any, k: int, column: str, names: Mapping[str, st
 
 
 def _decoder(path: Path) -> Callable[[bytes], Any]:
-    """What makes a message of bytes, by a definition of ours."""
+    """Return a function that decodes a message, by the standard definition of JointState."""
     from rosbags.typesys import Stores, get_typestore
 
     if path.suffix == ".mcap":
-        two = get_typestore(Stores.ROS2_HUMBLE)
-        return lambda raw: two.deserialize_cdr(raw, TYPE)
-    one = get_typestore(Stores.ROS1_NOETIC)
-    return lambda raw: one.deserialize_ros1(raw, TYPE)
+        typestore = get_typestore(Stores.ROS2_HUMBLE)
+        return lambda raw: typestore.deserialize_cdr(raw, TYPE)
+    typestore = get_typestore(Stores.ROS1_NOETIC)
+    return lambda raw: typestore.deserialize_ros1(raw, TYPE)
 
 
-def _of_mcap(path: Path) -> Iterator[Raw]:
-    """Messages of joint states in an MCAP file."""
+def _mcap_messages(path: Path) -> Iterator[Raw]:
+    """Yield the messages of joint states in an MCAP file."""
     from mcap.records import Channel, Chunk, Message, Schema
     from mcap.stream_reader import StreamReader
 
@@ -220,24 +218,24 @@ def _of_mcap(path: Path) -> Iterator[Raw]:
     with open_file(path) as file:
         for record in StreamReader(file, emit_chunks=True, record_size_limit=_MOST).records:
             if isinstance(record, Chunk):
-                parts = _parts(unpack(record.compression, record.data), topics)
+                entries = _chunk_records(unpack(record.compression, record.data), topics)
             else:
-                parts = iter([record])
-            for part in parts:
-                if isinstance(part, Schema):
-                    schemas[part.id] = part.name
+                entries = iter([record])
+            for entry in entries:
+                if isinstance(entry, Schema):
+                    schemas[entry.id] = entry.name
                 elif (
-                    isinstance(part, Channel)
-                    and schemas.get(part.schema_id) == TYPE
-                    and part.message_encoding == "cdr"
+                    isinstance(entry, Channel)
+                    and schemas.get(entry.schema_id) == TYPE
+                    and entry.message_encoding == "cdr"
                 ):
-                    topics[part.id] = part.topic
-                elif isinstance(part, Message) and part.channel_id in topics:
-                    yield topics[part.channel_id], part.log_time, part.data
+                    topics[entry.id] = entry.topic
+                elif isinstance(entry, Message) and entry.channel_id in topics:
+                    yield topics[entry.channel_id], entry.log_time, entry.data
 
 
-def _parts(data: bytes, channels: Container[int]) -> Iterator[Any]:
-    """Schemas and channels in a chunk, and its messages in some channels, one at a time."""
+def _chunk_records(data: bytes, channels: Container[int]) -> Iterator[Any]:
+    """Yield the schemas and channels of a chunk, and its messages in some channels."""
     from mcap.data_stream import ReadDataStream
     from mcap.opcode import Opcode
     from mcap.records import Channel, Message, Schema
@@ -257,45 +255,45 @@ def _parts(data: bytes, channels: Container[int]) -> Iterator[Any]:
         first += length
 
 
-def _of_bag(path: Path) -> Iterator[Raw]:
-    """Messages of joint states in a ROS 1 bag."""
+def _bag_messages(path: Path) -> Iterator[Raw]:
+    """Yield the messages of joint states in a ROS 1 bag."""
     from rosbags.rosbag1 import Reader
     from rosbags.rosbag1.reader import decompressors
 
     unpack = _Unpacker()
     with Reader(path) as reader:
-        for place, chunk in reader.chunks.items():
+        for key, chunk in reader.chunks.items():
             name = next(
-                name for name, known in decompressors.items() if known is chunk.decompressor
+                name for name, function in decompressors.items() if function is chunk.decompressor
             )
-            reader.chunks[place] = chunk._replace(decompressor=partial(unpack, name))
-        connections = [one for one in reader.connections if one.msgtype == TYPE]
+            reader.chunks[key] = chunk._replace(decompressor=partial(unpack, name))
+        connections = [c for c in reader.connections if c.msgtype == TYPE]
         if connections:
             for connection, time, raw in reader.messages(connections=connections):
                 yield connection.topic, time, raw
 
 
 class _Unpacker:
-    """Unpacks the pieces of one recording, up to `LARGEST` bytes in all."""
+    """Decompressor of the chunks of a recording, up to `LARGEST` bytes in all."""
 
     def __init__(self) -> None:
         self._done = 0
 
     def __call__(self, compression: str, data: bytes) -> bytes:
-        """Unpack a piece.
+        """Decompress a chunk.
 
         Raises:
-            DataError: As `_unpacked`, or if all together are larger than `LARGEST`.
+            DataError: As `_decompressed`, or if all together are larger than `LARGEST`.
         """
-        content = _unpacked(compression, data)
+        content = _decompressed(compression, data)
         self._done += len(content)
         if self._done > LARGEST:
             raise DataError(f"The recording holds more than {LARGEST / 1e6:g} MB.")
         return content
 
 
-def _unpacked(compression: str, data: bytes) -> bytes:
-    """The content of a compressed piece, as long as it is not endless.
+def _decompressed(compression: str, data: bytes) -> bytes:
+    """Return the content of a compressed chunk of limited size.
 
     Raises:
         DataError: If it is larger than 100 MB, or of an unknown compression.
@@ -310,9 +308,9 @@ def _unpacked(compression: str, data: bytes) -> bytes:
         import zstandard
 
         reader, unpacked = zstandard.ZstdDecompressor().stream_reader(data), bytearray()
-        # It makes a buffer of all that it is asked for.
-        while len(unpacked) <= _MOST and (part := reader.read(_PART)):
-            unpacked += part
+        # Its buffer is as large as the requested size.
+        while len(unpacked) <= _MOST and (block := reader.read(_BLOCK)):
+            unpacked += block
         content = bytes(unpacked)
     elif compression in ("", "none"):
         content = data

@@ -1,5 +1,5 @@
-"""The linear crane as a system of python-control, and a feedback designed there as a controller of
-ours.
+"""Linear crane as a system of python-control, and state feedback from python-control as a
+controller.
 """
 
 from __future__ import annotations
@@ -38,17 +38,18 @@ def to_control(
     dt: float = 5e-4,
     outputs: Sequence[str] | None = None,
 ) -> ct.StateSpace:
-    """The crane linearised about a state, as a state-space system with named states, inputs and
-    outputs.
+    """Return the crane linearised about a state as a state-space system with named states, inputs
+    and outputs.
 
     Its variables are deviations from that state and from the command there, in SI units and
     radians.
 
     Args:
         crane: The crane.
-        state: Where it hangs at rest, or passes by in a motion; None for where it starts.
-        effort: What the drives exert there [N m or N], shape (m,); None for what balances gravity.
-        drive: What the inputs are: "effort", or with "motion" the accelerations of the drives.
+        state: State to linearise about, at rest or in a motion; None for the start.
+        effort: Efforts of the drives there [N m or N], shape (m,); None for those that balance
+            gravity.
+        drive: Inputs: "effort", or with "motion" the accelerations of the drives.
         control_period: None for a continuous system. A time [s] for the system that `simulate`
             steps: the command held over it, and semi-implicit Euler between.
         dt: Physics step of the sampled system [s].
@@ -63,22 +64,22 @@ def to_control(
     system: Any = (
         model if control_period is None else model.sampled(dt=dt, control_period=control_period)
     )
-    shown = names if outputs is None else list(outputs)
-    for name in shown:
+    output_names = names if outputs is None else list(outputs)
+    for name in output_names:
         if name not in names:
             raise UnknownName("state", str(name), names)
-    seen = np.eye(len(names))[[names.index(name) for name in shown]]
+    selection = np.eye(len(names))[[names.index(name) for name in output_names]]
     labels = {
         "states": names,
         "inputs": input_names(crane, drive),
-        "outputs": shown,
+        "outputs": output_names,
         "name": "crane",
     }
     return ct.ss(
         system.a,
         system.b,
-        seen,
-        np.zeros((len(shown), len(labels["inputs"]))),
+        selection,
+        np.zeros((len(output_names), len(labels["inputs"]))),
         dt=control_period or 0,
         **labels,
     )
@@ -92,7 +93,7 @@ def from_control(
     drive: DirectDrive = "effort",
     dt: float = 5e-4,
 ) -> Tracking:
-    """A state feedback designed with python-control as a controller that `simulate` and
+    """Return a state feedback designed with python-control as a controller that `simulate` and
     `simulate_batch` run compiled.
 
     Args:
@@ -100,9 +101,9 @@ def from_control(
         feedback: The gain K of u = -K z, shape (m, 2 n), as `control.lqr` and `control.dlqr` give
             it; or a system without states from the states to the commands, u = D z; or the
             controller of `control.create_statefbk_iosystem`.
-        about: The rest, or the motion, from which z and u are deviations. What drives exert there
-            is fed forward.
-        drive: What the feedback commands: "effort", or with "motion" the accelerations of the
+        about: The rest, or the motion, from which z and u are deviations. The efforts there are fed
+            forward.
+        drive: Outputs of the feedback: "effort", or with "motion" the accelerations of the
             drives.
         dt: Physics step of the run [s], of which a motion's period is a multiple.
 
@@ -134,7 +135,7 @@ def from_control(
 
 
 def _gain(feedback: Any, names: Sequence[str]) -> np.ndarray:
-    """K of u = -K z."""
+    """Return K of u = -K z."""
     if not isinstance(feedback, ct.InputOutputSystem):
         try:
             return np.asarray(feedback, dtype=float)
@@ -148,18 +149,18 @@ def _gain(feedback: Any, names: Sequence[str]) -> np.ndarray:
             "own; "
             "allowed is a gain or a StateSpace without states, u = D z."
         )
-    given = list(feedback.input_labels)
-    if given == list(names) or (len(given) == len(names) and not set(given) & set(names)):
+    labels = list(feedback.input_labels)
+    if labels == list(names) or (len(labels) == len(names) and not set(labels) & set(names)):
         return -feedback.D
-    if lacking := [name for name in names if name not in given]:
+    if lacking := [name for name in names if name not in labels]:
         raise CraneError(
             f"The feedback has no input {lacking[0]}; its inputs are to be {', '.join(names)}."
         )
-    gain = -feedback.D[:, [given.index(name) for name in names]]
-    rest = [i for i, name in enumerate(given) if name not in names]
-    if rest and not np.array_equal(feedback.D[:, rest], np.hstack([gain, np.eye(len(gain))])):
+    gain = -feedback.D[:, [labels.index(name) for name in names]]
+    further = [i for i, name in enumerate(labels) if name not in names]
+    if further and not np.array_equal(feedback.D[:, further], np.hstack([gain, np.eye(len(gain))])):
         raise CraneError(
-            f"The feedback has {len(rest)} inputs besides the states; allowed are the desired "
+            f"The feedback has {len(further)} inputs besides the states; allowed are the desired "
             "states and inputs "
             "of control.create_statefbk_iosystem, or none."
         )

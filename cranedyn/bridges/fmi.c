@@ -59,7 +59,7 @@ static void loop(Data *data, int64_t steps) {
   call[SLOT_LOG] = (int64_t)(intptr_t)data->log;
   call[SLOT_SUMMARY] = (int64_t)(intptr_t)data->summary;
   call[SLOT_GAIN_TABLE_ROWS] = call[SLOT_SETPOINT_TABLE_ROWS] = call[SLOT_FORCE_ROWS] = 1;
-  call[SLOT_LAST] = call[SLOT_EVERY] = call[SLOT_SMALL] = 1;
+  call[SLOT_LAST] = call[SLOT_LOG_INTERVAL] = call[SLOT_SUBSTEPS] = 1;
   call[SLOT_END] = steps ? 1 : 0;
   call[SLOT_STEPS] = steps;
   memcpy(call + SLOT_DT, &dt, sizeof dt);

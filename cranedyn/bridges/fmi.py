@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cranedyn.bridges.joints import loaded
+from cranedyn.bridges.joints import crane_from_options
 from cranedyn.bridges.names import force_names, input_names, state_names
 from cranedyn.bridges.target import check_free, new_file
 from cranedyn.checks import check_choice
@@ -32,35 +32,35 @@ from cranedyn.interfaces import DirectDrive
 from cranedyn.model.crane import Crane
 
 TARGET = "FILE"
-"""What the command line writes."""
+"""Target of the command line."""
 
 NAME = "cranedyn_crane"
 """Name of the model and of its library."""
 
 _COMPILERS = ("cc", "gcc", "clang")
-_MADE = (1980, 1, 1, 0, 0, 0)
-"""Date of the files in a unit, so that the same crane makes the same unit."""
+_DATE = (1980, 1, 1, 0, 0, 0)
+"""Date of the files in a unit, fixed so that equal cranes give equal units."""
 
 
 @dataclass(frozen=True)
-class Variable:
-    """One variable of the unit.
+class FmiVariable:
+    """Variable of the unit.
 
     Attributes:
-        name: Its name.
-        unit: Of its value; empty for a pure number.
-        causality: As FMI calls it: independent, input, parameter or output.
-        start: Value at the start; None for what is computed.
-        least, most: Its range.
-        about: What it is.
+        name: Name.
+        unit: Unit; empty for a pure number.
+        causality: Causality of FMI: independent, input, parameter or output.
+        start: Start value; None for a computed variable.
+        lower, upper: Range.
+        about: Description.
     """
 
     name: str
     unit: str
     causality: str
     start: float | None = None
-    least: float = -np.inf
-    most: float = np.inf
+    lower: float = -np.inf
+    upper: float = np.inf
     about: str = ""
 
 
@@ -81,15 +81,15 @@ def export(
 
     Args:
         crane: The crane.
-        path: The file, ending in ``.fmu``; none may be there.
-        drive: What is commanded, see `simulate`.
+        path: New file, ending in ``.fmu``.
+        drive: Drive mode, see `simulate`.
         dt: Physics step [s].
         integrator: The stepping rule.
 
     Raises:
         OutOfRange: If the file does not end so, a number is out of range, or there is no code for
             the stepping rule.
-        DataError: If something stands there, or the file cannot be written.
+        DataError: If the file exists or cannot be written.
         CraneError: If there is no C compiler, or the machine is of a kind that is not known.
         ModelError: If the code would not do what Pinocchio does, or two variables of the crane
             would have the same name.
@@ -100,8 +100,8 @@ def export(
     check_free(final)
     check_choice("drive", drive, DirectDrive)
     clocks(dt, dt, dt)
-    from cranedyn.compiled.checked import elsewhere  # other exporters need no llvmlite
     from cranedyn.compiled.kernel import Recipe
+    from cranedyn.compiled.verify import object_file  # other exporters need no llvmlite
 
     recipe = Recipe(
         lanes=1,
@@ -116,24 +116,24 @@ def export(
         summary=True,
         turns=1,
     )
-    variables, code = _variables(crane, drive), elsewhere(crane, recipe)
+    variables, code = _variables(crane, drive), object_file(crane, recipe)
     token = (
         "{"
         + hashlib.sha256(code + repr((variables, dt)).encode() + _wrapper()).hexdigest()[:32]
         + "}"
     )
-    library = _linked(code, _header(crane, variables, token, dt))
+    library = _link(code, _header(crane, variables, token, dt))
     with new_file(final) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as unit:
         for name, content in {
             "modelDescription.xml": _description(variables, token, dt, drive),
-            f"binaries/{_platform()}/{NAME}{_ending()}": library,
+            f"binaries/{_platform()}/{NAME}{_suffix()}": library,
         }.items():
-            unit.writestr(zipfile.ZipInfo(name, _MADE), content, zipfile.ZIP_DEFLATED)
+            unit.writestr(zipfile.ZipInfo(name, _DATE), content, zipfile.ZIP_DEFLATED)
     return final
 
 
-def _variables(crane: Crane, drive: str) -> list[Variable]:
-    """All of them; the value reference of each is its place."""
+def _variables(crane: Crane, drive: str) -> list[FmiVariable]:
+    """Return all variables; the value reference of each is its index."""
     layout, names, n = crane.layout, state_names(crane), crane.layout.n
     units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
     efforts = [joint.effort_unit.replace(" ", ".") for joint in layout.driven]
@@ -144,10 +144,10 @@ def _variables(crane: Crane, drive: str) -> list[Variable]:
         np.concatenate([crane.upper, np.full(n, np.inf)]),
     )
     start = np.concatenate(crane.start)
-    found = [
-        Variable("time", "s", "independent"),
+    variables = [
+        FmiVariable("time", "s", "independent"),
         *(
-            Variable(
+            FmiVariable(
                 f"{name}_command", unit, "input", value, about="held over a communication step"
             )
             for name, unit, value in zip(
@@ -155,22 +155,22 @@ def _variables(crane: Crane, drive: str) -> list[Variable]:
             )
         ),
         *(
-            Variable(name, "N", "input", 0.0, about="from outside, in the world")
+            FmiVariable(name, "N", "input", 0.0, about="from outside, in the world")
             for name in force_names(crane)
         ),
         *(
-            Variable(f"{name}_start", unit, "parameter", value, least, most, "where it begins")
-            for name, unit, value, least, most in zip(
+            FmiVariable(f"{name}_start", unit, "parameter", value, lower, upper, "where it begins")
+            for name, unit, value, lower, upper in zip(
                 names, units, start.tolist(), low.tolist(), high.tolist(), strict=True
             )
         ),
-        *(Variable(name, unit, "output") for name, unit in zip(names, units, strict=True)),
+        *(FmiVariable(name, unit, "output") for name, unit in zip(names, units, strict=True)),
         *(
-            Variable(name, unit, "output", about="what acts")
+            FmiVariable(name, unit, "output", about="what acts")
             for name, unit in zip(input_names(crane, "effort"), efforts, strict=True)
         ),
-        Variable("energy", "J", "output", about="mechanical, zero of height at the ground"),
-        Variable(
+        FmiVariable("energy", "J", "output", about="mechanical, zero of height at the ground"),
+        FmiVariable(
             "valid",
             "",
             "output",
@@ -178,17 +178,17 @@ def _variables(crane: Crane, drive: str) -> list[Variable]:
             "the ground",
         ),
     ]
-    known = [variable.name for variable in found]
-    if twice := [name for name in known if known.count(name) > 1]:
+    variable_names = [variable.name for variable in variables]
+    if twice := [name for name in variable_names if variable_names.count(name) > 1]:
         raise ModelError(
             f"Two variables of the unit would have the name {quoted(twice[0])}; rename a joint or "
             "a point of the crane."
         )
-    return found
+    return variables
 
 
-def _description(variables: Sequence[Variable], token: str, dt: float, drive: str) -> bytes:
-    """modelDescription.xml."""
+def _description(variables: Sequence[FmiVariable], token: str, dt: float, drive: str) -> bytes:
+    """Return the text of modelDescription.xml."""
     root = ET.Element(
         "fmiModelDescription",
         fmiVersion="3.0",
@@ -215,7 +215,7 @@ def _description(variables: Sequence[Variable], token: str, dt: float, drive: st
     listed, structure = ET.SubElement(root, "ModelVariables"), ET.Element("ModelStructure")
     for reference, variable in enumerate(variables):
         kind = "Float64" if variable.unit else "Boolean"
-        made = ET.SubElement(
+        element = ET.SubElement(
             listed,
             kind,
             name=variable.name,
@@ -223,23 +223,23 @@ def _description(variables: Sequence[Variable], token: str, dt: float, drive: st
             causality=variable.causality,
         )
         if variable.about:
-            made.set("description", variable.about)
+            element.set("description", variable.about)
         fixed = variable.causality == "parameter"
-        made.set("variability", "fixed" if fixed else "continuous" if variable.unit else "discrete")
+        element.set(
+            "variability", "fixed" if fixed else "continuous" if variable.unit else "discrete"
+        )
         if variable.causality == "output":
-            made.set("initial", "calculated")
+            element.set("initial", "calculated")
         if variable.unit:
-            made.set("unit", variable.unit)
+            element.set("unit", variable.unit)
         for name, value in (
             ("start", variable.start),
-            ("min", variable.least),
-            ("max", variable.most),
+            ("min", variable.lower),
+            ("max", variable.upper),
         ):
             if value is not None and np.isfinite(value):
-                made.set(name, repr(value))
-    outputs = [
-        str(place) for place, variable in enumerate(variables) if variable.causality == "output"
-    ]
+                element.set(name, repr(value))
+    outputs = [str(i) for i, variable in enumerate(variables) if variable.causality == "output"]
     for kind in ("Output", "InitialUnknown"):
         for output in outputs:
             ET.SubElement(structure, kind, valueReference=output)
@@ -260,15 +260,15 @@ _BASE = {
     "N.m": {"kg": "1", "m": "2", "s": "-2"},
     "J": {"kg": "1", "m": "2", "s": "-2"},
 }
-"""Units by those of SI."""
+"""Units in terms of SI base units."""
 
 
-def _header(crane: Crane, variables: Sequence[Variable], token: str, dt: float) -> str:
-    """unit.h for `fmi.c`: what stands where."""
-    from cranedyn.compiled.call import SLOTS, Sizes, places, size
+def _header(crane: Crane, variables: Sequence[FmiVariable], token: str, dt: float) -> str:
+    """Return unit.h for `fmi.c`: indices and offsets of the buffers."""
+    from cranedyn.compiled.layout import SLOTS, BufferLayout, size, slices
 
-    sizes = Sizes.of(crane.layout)
-    gains, row, kept = places(sizes.gain_table), places(sizes.row), places(sizes.summary)
+    sizes = BufferLayout.of(crane.layout)
+    gains, row, summary = slices(sizes.gain_table), slices(sizes.row), slices(sizes.summary)
     names = [variable.name for variable in variables]
     first = {
         kind: next(i for i, variable in enumerate(variables) if variable.causality == kind)
@@ -294,10 +294,10 @@ def _header(crane: Crane, variables: Sequence[Variable], token: str, dt: float) 
         "AT_LIMIT": gains["limit"].start,
         "AT_EFFORT": row["effort"].start,
         "AT_ENERGY": row["energy"].start,
-        "AT_INVALID": kept["invalid"].start,
+        "AT_INVALID": summary["invalid"].start,
     }
     rows = (
-        f"  {{{_text(v.name)}, {_c(v.start or 0.0)}, {_c(v.least)}, {_c(v.most)}}},"
+        f"  {{{_text(v.name)}, {_c(v.start or 0.0)}, {_c(v.lower)}, {_c(v.upper)}}},"
         for v in variables
     )
     return "\n".join(
@@ -318,7 +318,7 @@ def _c(value: float) -> str:
 
 
 def _text(name: str) -> str:
-    """A name as a string of C, whatever characters a stranger's URDF has in it."""
+    """Return a name as a string literal of C, whatever characters it has."""
     return '"' + "".join(f"\\{byte:03o}" for byte in name.encode()) + '"'
 
 
@@ -327,10 +327,10 @@ def _wrapper() -> bytes:
 
 
 def _platform() -> str:
-    """The machine's kind as FMI names it.
+    """Return the platform's name in FMI.
 
     Raises:
-        CraneError: If it is not one that units are made for here.
+        CraneError: If units cannot be built for this platform.
     """
     system, kind = (
         platform.system().lower(),
@@ -344,12 +344,12 @@ def _platform() -> str:
     return f"{kind}-{system}"
 
 
-def _ending() -> str:
+def _suffix() -> str:
     return ".so" if platform.system() == "Linux" else ".dylib"
 
 
-def _linked(code: bytes, header: str) -> bytes:
-    """The shared library of the compiled loop and `fmi.c`.
+def _link(code: bytes, header: str) -> bytes:
+    """Link the shared library of the compiled loop and `fmi.c`.
 
     Raises:
         CraneError: If there is no C compiler, or it fails.
@@ -361,33 +361,33 @@ def _linked(code: bytes, header: str) -> bytes:
             "on Debian: apt install gcc."
         )
     with tempfile.TemporaryDirectory() as folder:
-        here = Path(folder)
-        (here / "loop.o").write_bytes(code)
-        (here / "unit.h").write_text(header)
-        (here / "fmi.c").write_bytes(_wrapper())
-        (here / "exports").write_text("{ global: fmi3*; local: *; };")
-        only = ["-Wl,--version-script=exports"] if platform.system() == "Linux" else []
+        workspace = Path(folder)
+        (workspace / "loop.o").write_bytes(code)
+        (workspace / "unit.h").write_text(header)
+        (workspace / "fmi.c").write_bytes(_wrapper())
+        (workspace / "exports").write_text("{ global: fmi3*; local: *; };")
+        export_options = ["-Wl,--version-script=exports"] if platform.system() == "Linux" else []
         command = [
             compiler,
             "-shared",
             "-fPIC",
             "-O2",
             "-w",
-            *only,
+            *export_options,
             "-o",
             "library",
             "fmi.c",
             "loop.o",
             "-lm",
         ]
-        made = subprocess.run(
-            command, cwd=here, capture_output=True, text=True, timeout=120, check=False
+        build = subprocess.run(
+            command, cwd=workspace, capture_output=True, text=True, timeout=120, check=False
         )
-        if made.returncode:
+        if build.returncode:
             raise CraneError(
-                f"The C compiler {compiler} could not make the unit: {made.stderr.strip()[-500:]}"
+                f"The C compiler {compiler} could not make the unit: {build.stderr.strip()[-500:]}"
             )
-        return (here / "library").read_bytes()
+        return (workspace / "library").read_bytes()
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -400,4 +400,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
-    return export(loaded(options), options.target, drive=options.drive, dt=options.dt)
+    return export(crane_from_options(options), options.target, drive=options.drive, dt=options.dt)

@@ -1,5 +1,5 @@
 """Gazebo Classic: a folder with the crane, the world, a plugin that runs an affine controller from
-tables, and what builds and runs it.
+tables, and scripts that build and run it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from cranedyn.bridges.joints import ExportedJoint, check_heavy, described, grounded, joints
+from cranedyn.bridges.joints import (
+    ExportedJoint,
+    anchor_to_world,
+    check_inertias,
+    joints,
+    urdf_element,
+)
 from cranedyn.bridges.programs import Program
 from cranedyn.bridges.target import new_folder
 from cranedyn.checks import whole
@@ -20,7 +26,7 @@ from cranedyn.errors import OutOfRange, UnknownName
 _TEMPLATES = Path(__file__).with_name("templates") / "gazebo"
 
 SOLVERS = {"world": {"type": "world"}, "quick": {"type": "quick", "iters": "50"}}
-"""Of ODE: the exact one of the article's world, and Gazebo's default."""
+"""Solvers of ODE: the exact one of the article's world, and Gazebo's default."""
 
 
 def export(
@@ -32,23 +38,23 @@ def export(
     every: int = 1,
     overwritten: bool = False,
 ) -> Path:
-    """Write a run for Gazebo Classic 11; ``run.sh`` in the folder makes it there and leaves
+    """Write a run for Gazebo Classic 11; ``run.sh`` in the folder runs it there and writes
     ``log.csv``, with the columns of a trajectory.
 
     Args:
-        folder: Where; it must not be there yet.
-        program: What to run.
-        solver: Of ODE, one of `SOLVERS`.
+        folder: New folder.
+        program: Run to export.
+        solver: Solver of ODE, one of `SOLVERS`.
         erp: ODE's error reduction in a step, 0 to 1; 0.8 is the article's, 0.2 Gazebo's default.
         every: Control instants from one row of the log to the next.
         overwritten: Whether the plugin sets the rates of the passive joints to zero at every step,
             as the article's did.
 
     Raises:
-        DataError: If something stands there, it cannot be written, or the controller is not affine
-            in the state.
+        DataError: If the folder exists or cannot be written, or the controller is not affine in
+            the state.
         ModelError: If the crane has a link without mass or inertia, which Gazebo drops with all
-            that it carries, a joint with an armature, or what no URDF carries.
+            that it carries, a joint with an armature, or an element that no URDF has.
         OutOfRange: If the drives follow prescribed motion, or a number is not allowed.
         UnknownName: If there is no such solver.
     """
@@ -58,8 +64,8 @@ def export(
     if not 0.0 <= erp <= 1.0:
         raise OutOfRange("erp", erp, "0 to 1")
     every = whole("control instants between rows", every, 1)
-    robot = described(program.crane)
-    check_heavy(program.crane, robot, "Gazebo")
+    robot = urdf_element(program.crane)
+    check_inertias(program.crane, robot, "Gazebo")
     affine = program.tables("Gazebo")
     moving = joints(program.crane, robot)
     tables = {
@@ -71,42 +77,45 @@ def export(
             [affine.integral_gain, np.minimum(affine.limit, np.finfo(float).max), affine.integral]
         ),
     }
-    model = grounded(robot, "Gazebo")
+    model = anchor_to_world(robot, "Gazebo")
     for tag in model.findall("ros2_control"):
         model.remove(tag)
     model.append(_plugin(program, moving, every, overwritten))
-    place = world(program.crane.gravity, program.dt, solver, erp)
-    ET.SubElement(ET.SubElement(place[0], "include"), "uri").text = "model://crane"
+    world_element = world(program.crane.gravity, program.dt, solver, erp)
+    ET.SubElement(ET.SubElement(world_element[0], "include"), "uri").text = "model://crane"
     with new_folder(folder) as draft:
         shutil.copytree(_TEMPLATES, draft, dirs_exist_ok=True)
         (draft / "run.sh").chmod(0o755)
         (draft / "models" / "crane").mkdir(parents=True)
         _xml(draft / "models" / "crane" / "model.urdf", model)
         _xml(draft / "models" / "crane" / "model.config", _config())
-        _xml(draft / "world.sdf", place)
+        _xml(draft / "world.sdf", world_element)
         for name, rows in tables.items():
             _table(draft / f"{name}.csv", rows)
     return folder
 
 
 def _plugin(
-    program: Program, moving: Sequence[ExportedJoint], every: int, overwritten: bool
+    program: Program, moving: Sequence[ExportedJoint], interval: int, overwritten: bool
 ) -> ET.Element:
-    """What the plugin is told."""
+    """Return the plugin's element with its parameters."""
     clock, tag = program.clock, ET.Element("gazebo")
     plugin = ET.SubElement(tag, "plugin", name="drives", filename="libcrane_drives.so")
-    told = {
+    settings = {
         "steps_per_control": clock.steps,
         "rows": clock.periods + 1,
-        "rows_between_logs": every,
+        "rows_between_logs": interval,
         "control_period": repr(clock.period),
     }
-    for name, value in {**told, "overwrite_passive_velocities": str(overwritten).lower()}.items():
+    for name, value in {
+        **settings,
+        "overwrite_passive_velocities": str(overwritten).lower(),
+    }.items():
         ET.SubElement(plugin, name).text = str(value)
     for joint, q, v in zip(moving, *program.start, strict=True):
         entry = ET.SubElement(plugin, "joint")
         column, rate = joint.columns
-        described = {
+        entries = {
             "name": joint.name,
             "column": column,
             "rate_column": rate,
@@ -114,20 +123,20 @@ def _plugin(
             "start_rate": repr(float(v)),
         }
         if joint.driven:
-            described |= {"effort_column": joint.effort_column, "effort_limit": repr(joint.effort)}
-        for name, value in described.items():
+            entries |= {"effort_column": joint.effort_column, "effort_limit": repr(joint.effort)}
+        for name, value in entries.items():
             ET.SubElement(entry, name).text = value
     return tag
 
 
 def world(gravity: float, dt: float, solver: str, erp: float) -> ET.Element:
-    """An empty world of Gazebo Classic: gravity [m/s²], physics step [s], one of `SOLVERS`, ODE's
-    error reduction.
+    """Return an empty world of Gazebo Classic: gravity [m/s²], physics step [s], one of `SOLVERS`,
+    ODE's error reduction.
     """
     sdf = ET.Element("sdf", version="1.6")
-    place = ET.SubElement(sdf, "world", name="crane")
-    ET.SubElement(place, "gravity").text = f"0 0 {-gravity!r}"
-    physics = ET.SubElement(place, "physics", type="ode")
+    world_element = ET.SubElement(sdf, "world", name="crane")
+    ET.SubElement(world_element, "gravity").text = f"0 0 {-gravity!r}"
+    physics = ET.SubElement(world_element, "physics", type="ode")
     ET.SubElement(physics, "max_step_size").text = repr(dt)
     ET.SubElement(physics, "real_time_update_rate").text = "0"  # as fast as it goes
     ode = ET.SubElement(physics, "ode")

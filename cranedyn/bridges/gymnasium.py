@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.bridges.task import Rules, Task
+from cranedyn.bridges.task import Rules, SwingTask
 from cranedyn.checks import as_array, short_repr, whole
 from cranedyn.disturbances.wind import constant_force
 from cranedyn.errors import CraneError, OutOfRange, UnknownName
@@ -43,7 +43,7 @@ Stepped = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 
 class TowerCraneVectorEnv(gym.vector.VectorEnv):
     """Many cranes at once, stepped by compiled code on all processors; see `cranedyn.bridges.task`
-    for what is asked of them.
+    for the task.
 
     Attributes:
         task: The cranes and their goals.
@@ -62,17 +62,17 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         render_mode: None = None,
         **rules: Any,
     ) -> None:
-        """Make them; none begins before `reset`.
+        """Create the cranes; no episode begins before `reset`.
 
         Args:
-            num_envs: How many.
+            num_envs: Number of cranes.
             crane: The crane, or several, one of which is drawn for each episode, see
-                `cranes_between`; None for that of this project.
-            control_period: Time of a step [s].
+                `cranes_between`; None for the tower crane of this project.
+            control_period: Duration of a step [s].
             dt: Physics step [s].
-            max_episode_steps: After so many steps an episode is truncated.
-            autoreset_mode: When an episode that has ended is followed by the next.
-            threads: How many; by default one for each processor.
+            max_episode_steps: Steps after which an episode is truncated.
+            autoreset_mode: When the next episode follows one that has ended.
+            threads: Number of threads; by default one for each processor.
             render_mode: None; one crane alone can be recorded.
             rules: As `Rules`: action, limits, reach, swing, swing_limit, wind, payload_area.
 
@@ -89,14 +89,14 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         try:
             mode = AutoresetMode(autoreset_mode)
         except ValueError:
-            modes = ", ".join(one.value for one in AutoresetMode)
+            modes = ", ".join(m.value for m in AutoresetMode)
             raise OutOfRange(
                 "autoreset_mode", short_repr(autoreset_mode), f"one of {modes}"
             ) from None
         self.num_envs, self.render_mode, self._mode = whole("num_envs", num_envs, 1), None, mode
         self.metadata = {"render_modes": [], "autoreset_mode": mode}
         self._last = whole("max_episode_steps", max_episode_steps, 1)
-        self.task = Task(
+        self.task = SwingTask(
             load_crane() if crane is None else crane,
             self.num_envs,
             _rules(rules),
@@ -116,20 +116,20 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, dict[str, Any]]:
-        """Begin episodes: random ones, or as `options` say: start (a State), goal (slew, trolley,
-        hoist), reset_mask (which of them).
+        """Begin episodes, random or by `options`: start (a State), goal (slew, trolley, hoist),
+        reset_mask (cranes to reset).
 
         Raises:
             UnknownName: If there is no such option.
-            OutOfRange: If the seed or an option is not what it should be.
+            OutOfRange: If the seed or an option is not valid.
         """
-        whole_seed, given = _seed(seed), _options(options)
-        mask = np.asarray(given.pop("reset_mask", np.ones(self.num_envs, dtype=bool)))
+        whole_seed, settings = _seed(seed), _options(options)
+        mask = np.asarray(settings.pop("reset_mask", np.ones(self.num_envs, dtype=bool)))
         if mask.shape != (self.num_envs,) or mask.dtype != bool:
             raise OutOfRange("reset_mask", short_repr(mask), f"{self.num_envs} of True or False")
-        beginning = self.task.possible(**_beginning(given))
+        initial = self.task.check_reset(**_reset_options(settings))
         super().reset(seed=whole_seed)
-        self._begin(mask, **beginning)
+        self._begin(mask, **initial)
         self._begun = True
         return self.task.observe(), {}
 
@@ -144,40 +144,40 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
             raise OutOfRange(
                 "crane", int(np.argmax(self._ended)), "one whose episode has begun: call reset"
             )
-        reward, over, seen = self.task.act(
+        reward, over, observations = self.task.act(
             as_array("actions", actions, (self.num_envs, self.task.layout.m)).T
         )
         self._steps += 1
-        late = ~over & (self._steps >= self._last)
+        truncated = ~over & (self._steps >= self._last)
         if self._mode is AutoresetMode.NEXT_STEP and self._ended.any():
             fresh = self._ended.copy()
             self._begin(fresh)
-            reward[fresh], over[fresh], late[fresh] = 0.0, False, False
-            seen = self.task.observe()
+            reward[fresh], over[fresh], truncated[fresh] = 0.0, False, False
+            observations = self.task.observe()
         infos: dict[str, Any] = {
-            "distance": self.task.far,
+            "distance": self.task.goal_distance,
             "_distance": np.ones(self.num_envs, dtype=bool),
         }
-        self._ended = over | late
+        self._ended = over | truncated
         if self._mode is AutoresetMode.SAME_STEP and self._ended.any():
             ended = self._ended.copy()
             infos |= {
-                "final_obs": seen,
+                "final_obs": observations,
                 "_final_obs": ended,
                 "final_info": dict(infos),
                 "_final_info": ended,
             }
             self._begin(ended)
-            seen = self.task.observe()
-        return seen, reward, over, late, infos
+            observations = self.task.observe()
+        return observations, reward, over, truncated, infos
 
-    def _begin(self, which: np.ndarray, **how: Any) -> None:
-        self.task.begin(self.np_random, np.flatnonzero(which), **how)
-        self._steps[which], self._ended[which] = 0, False
+    def _begin(self, mask: np.ndarray, **initial: Any) -> None:
+        self.task.begin(self.np_random, np.flatnonzero(mask), **initial)
+        self._steps[mask], self._ended[mask] = 0, False
 
 
 class TowerCraneEnv(gym.Env):
-    """One crane; the same task.
+    """Single crane with the same task.
 
     Attributes:
         task: The crane and its goal.
@@ -195,14 +195,14 @@ class TowerCraneEnv(gym.Env):
         folder: str | Path = "out/episodes",
         **rules: Any,
     ) -> None:
-        """Make it; it begins with `reset`.
+        """Create the crane; an episode begins with `reset`.
 
         Args:
             crane: As for `TowerCraneVectorEnv`.
-            control_period: Time of a step [s].
+            control_period: Duration of a step [s].
             dt: Physics step [s].
             render_mode: None, or "rrd": `render` writes the episode up to then as a recording.
-            folder: Where recordings go.
+            folder: Folder of recordings.
             rules: As `Rules`.
 
         Raises:
@@ -213,7 +213,7 @@ class TowerCraneEnv(gym.Env):
             raise OutOfRange("render_mode", short_repr(render_mode), "None or rrd")
         self._folder = Path(folder)
         self.render_mode, self._dt = render_mode, dt
-        self.task = Task(
+        self.task = SwingTask(
             load_crane() if crane is None else crane,
             1,
             _rules(rules),
@@ -231,43 +231,42 @@ class TowerCraneEnv(gym.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin an episode: a random one, or as `options` say: start (a State), goal (slew,
-        trolley, hoist).
+        """Begin an episode, random or by `options`: start (a State), goal (slew, trolley, hoist).
 
         Raises:
             UnknownName: If there is no such option.
-            OutOfRange: If the seed or an option is not what it should be.
+            OutOfRange: If the seed or an option is not valid.
         """
         whole_seed = _seed(seed)
-        beginning = self.task.possible(**_beginning(_options(options)))
+        initial = self.task.check_reset(**_reset_options(_options(options)))
         super().reset(seed=whole_seed)
-        self.task.begin(self.np_random, np.zeros(1), **beginning)
+        self.task.begin(self.np_random, np.zeros(1), **initial)
         z = self.task.fleet.z[:, 0].copy()
         self._episode, self._start, self._accelerations = (
             self._episode + 1,
             State(z[: len(z) // 2], z[len(z) // 2 :]),
             [],
         )
-        return self.task.observe()[0], {"distance": float(self.task.far[0])}
+        return self.task.observe()[0], {"distance": float(self.task.goal_distance[0])}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Take a step with an action from -1 to 1, shape (3,).
 
         Raises:
-            OutOfRange: If it is no three numbers from -1 to 1, or no episode has begun.
+            OutOfRange: If the action is not three numbers from -1 to 1, or no episode has begun.
         """
         if not self._episode:
             raise OutOfRange("episode", "none", "one that has begun: call reset")
-        asked = as_array("action", action, (self.task.layout.m,))
-        accelerations = self.task.accelerations(asked[:, None], self.task.fleet.z)[:, 0]
-        reward, over, seen = self.task.act(asked[:, None])
+        checked = as_array("action", action, (self.task.layout.m,))
+        accelerations = self.task.accelerations(checked[:, None], self.task.fleet.z)[:, 0]
+        reward, over, observations = self.task.act(checked[:, None])
         self._accelerations.append(accelerations)
         return (
-            seen[0],
+            observations[0],
             float(reward[0]),
             bool(over[0]),
             False,
-            {"distance": float(self.task.far[0])},
+            {"distance": float(self.task.goal_distance[0])},
         )
 
     def render(self) -> str | None:
@@ -288,11 +287,11 @@ class TowerCraneEnv(gym.Env):
 
         self._folder.mkdir(parents=True, exist_ok=True)
         title = f"Episode {self._episode}"
-        run = Run("learned", self.task.crane_of(0), self._again())
+        run = Run("learned", self.task.crane_of(0), self._simulated())
         return str(record(self._folder / f"episode_{self._episode:04}.rrd", [run], title=title))
 
-    def _again(self) -> Any:
-        """The episode by `simulate`, in more rows."""
+    def _simulated(self) -> Any:
+        """Return the episode by `simulate`, in more rows."""
         period, done = self.task.fleet.control_period, self._accelerations
         position = self.task.goal[:, 0].copy()
         goal = Setpoint(position, np.zeros_like(position), np.zeros_like(position))
@@ -318,24 +317,24 @@ class TowerCraneEnv(gym.Env):
         )
 
 
-def _spaces(task: Task) -> tuple[gym.spaces.Box, gym.spaces.Box]:
-    """What one crane shows, and what it takes."""
+def _spaces(task: SwingTask) -> tuple[gym.spaces.Box, gym.spaces.Box]:
+    """Return the spaces of observations and actions."""
     low, high = task.bounds()
     return gym.spaces.Box(low, high, dtype=np.float32), gym.spaces.Box(
         -1.0, 1.0, (task.layout.m,), np.float32
     )
 
 
-def _rules(given: dict[str, Any]) -> Rules:
-    known = tuple(Rules.__dataclass_fields__)
-    for name in given:
-        if name not in known:
-            raise UnknownName("rule of the task", name, known)
-    return Rules(**given)
+def _rules(values: dict[str, Any]) -> Rules:
+    names = tuple(Rules.__dataclass_fields__)
+    for name in values:
+        if name not in names:
+            raise UnknownName("rule of the task", name, names)
+    return Rules(**values)
 
 
 def _seed(seed: object) -> int | None:
-    """Return a seed as Gymnasium takes it.
+    """Check a seed.
 
     Raises:
         OutOfRange: If it is no whole number, such as a list with a seed for each crane.
@@ -347,28 +346,28 @@ def _seed(seed: object) -> int | None:
     return int(seed)
 
 
-def _options(given: Any) -> dict[str, Any]:
-    if not isinstance(given, Mapping | None):
-        raise OutOfRange("options", short_repr(given), "a dictionary or None")
-    return dict(given or {})
+def _options(options: Any) -> dict[str, Any]:
+    if not isinstance(options, Mapping | None):
+        raise OutOfRange("options", short_repr(options), "a dictionary or None")
+    return dict(options or {})
 
 
-def _beginning(given: dict[str, Any]) -> dict[str, Any]:
-    for name in given:
+def _reset_options(options: dict[str, Any]) -> dict[str, Any]:
+    for name in options:
         if name not in ("start", "goal"):
             raise UnknownName("option of reset", str(name), ("start", "goal"))
-    return given
+    return options
 
 
 def register() -> None:
-    """Have Gymnasium know the environment by its name; importing this module does so."""
+    """Register the environment with Gymnasium; importing this module does so."""
     if ID not in gym.registry:
-        here = "cranedyn.bridges.gymnasium"
+        module = "cranedyn.bridges.gymnasium"
         gym.register(
             ID,
-            f"{here}:TowerCraneEnv",
+            f"{module}:TowerCraneEnv",
             max_episode_steps=STEPS,
-            vector_entry_point=f"{here}:TowerCraneVectorEnv",
+            vector_entry_point=f"{module}:TowerCraneVectorEnv",
         )
 
 

@@ -1,5 +1,5 @@
-"""What other people's tools ask of a crane: its joints by name, with limits, damping and springs,
-and its text as XML.
+"""Data of a crane for exporters: joints by name, with limits, damping and springs, and its URDF as
+XML.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from cranedyn.model.load import load_crane
 from cranedyn.model.urdf import parse_urdf
 
 
-def loaded(options: Namespace) -> Crane:
-    """The crane that the command line describes."""
+def crane_from_options(options: Namespace) -> Crane:
+    """Load the crane that the command line describes."""
     return load_crane(options.urdf, gravity=options.gravity, values=parse_values(options.values))
 
 
 @dataclass(frozen=True)
 class ExportedJoint(Joint):
-    """A joint of a layout, with what other programs are told of it.
+    """Joint of a layout with the properties that exporters write.
 
     Attributes:
-        child: The link that it carries.
-        own_axis: In its own frame, as the URDF says.
-        lower, upper: Its range [rad or m].
+        child: Link that it carries.
+        own_axis: Axis in the frame of the joint, as in the URDF.
+        lower, upper: Range [rad or m].
         effort: Largest effort [N m or N].
         velocity: Largest velocity [per second].
-        damping: Viscous [N m s/rad or N s/m].
-        stiffness: Of its spring [N m/rad or N/m], 0 for none.
-        rest: Where the spring is at rest [rad or m].
-        armature: Inertia of its motor and gear [kg m² or kg].
-        start: Where it stands when a run starts [rad or m].
+        damping: Viscous damping [N m s/rad or N s/m].
+        stiffness: Stiffness of its spring [N m/rad or N/m], 0 for none.
+        rest: Coordinate at which the spring is at rest [rad or m].
+        armature: Inertia of motor and gear [kg m² or kg].
+        start: Coordinate at the start of a run [rad or m].
         holding: Effort of the drive that holds the crane at rest there [N m or N], 0 of a joint
             without a drive.
     """
@@ -56,9 +56,9 @@ class ExportedJoint(Joint):
     holding: float = field(kw_only=True)
 
 
-def described(crane: Crane) -> ET.Element:
-    """The crane's plain URDF as XML, without comments, its axes of length one: other programs take
-    a very short one for none.
+def urdf_element(crane: Crane) -> ET.Element:
+    """Return the crane's URDF as XML, without comments, its axes of length one: other programs take
+    a very short axis for none.
 
     Raises:
         ModelError: If it has meshes, which are files of their own, or a rope whose stiffness
@@ -84,14 +84,16 @@ def described(crane: Crane) -> ET.Element:
 
 
 def joints(crane: Crane, robot: ET.Element) -> tuple[ExportedJoint, ...]:
-    """The moving joints of a crane in the order of its coordinates, from its model and its text."""
+    """Return the moving joints of a crane in the order of its coordinates, from its model and its
+    URDF.
+    """
     elements = {element.get("name", ""): element for element in robot.iterfind("joint")}
     holding = full(crane, holding_effort(crane, crane.start.q))
-    found = []
+    exported = []
     for i, joint in enumerate(crane.layout.joints):
         child, axis, limit = (elements[joint.name].find(tag) for tag in ("child", "axis", "limit"))
         assert child is not None and limit is not None  # the crane was loaded from this text
-        found.append(
+        exported.append(
             ExportedJoint(
                 **vars(joint),
                 child=child.get("link", ""),
@@ -108,15 +110,15 @@ def joints(crane: Crane, robot: ET.Element) -> tuple[ExportedJoint, ...]:
                 holding=float(holding[i]),
             )
         )
-    return tuple(found)
+    return tuple(exported)
 
 
-def check_heavy(crane: Crane, robot: ET.Element, program: str) -> None:
-    """Return if every link that moves has mass and inertia of its own, without which some engines
-    drop it and all that it carries.
+def check_inertias(crane: Crane, robot: ET.Element, program: str) -> None:
+    """Check that every moving link has mass and inertia of its own; some engines drop a link
+    without them and all that it carries.
 
     Raises:
-        ModelError: If one has not: which.
+        ModelError: If a link has none; the message names it.
     """
     moving = {joint.child for joint in joints(crane, robot)}
     for link in robot.iterfind("link"):
@@ -127,10 +129,10 @@ def check_heavy(crane: Crane, robot: ET.Element, program: str) -> None:
             [] if inertial is None else [*inertial.iterfind("mass"), *inertial.iterfind("inertia")]
         )
         numbers = [
-            float(part.get(key, "0"))
-            for part in masses
+            float(element.get(key, "0"))
+            for element in masses
             for key in ("value", "ixx", "iyy", "izz")
-            if part.get(key) is not None
+            if element.get(key) is not None
         ]
         if len(numbers) != 4 or min(numbers) <= 0.0:
             raise ModelError(
@@ -139,16 +141,16 @@ def check_heavy(crane: Crane, robot: ET.Element, program: str) -> None:
             )
 
 
-def grounded(robot: ET.Element, program: str) -> ET.Element:
-    """A URDF, changed so that Gazebo takes all of it: its root is the link ``world``, and what is
-    fixed to that has an inertial.
+def anchor_to_world(robot: ET.Element, program: str) -> ET.Element:
+    """Change a URDF so that Gazebo loads all of it: make the link ``world`` its root, and give
+    every link fixed to that an inertial.
 
-    Without an inertial Gazebo leaves out a link and all that it carries, silently; of a link that
-    cannot move any will do.
+    Gazebo silently drops a link without an inertial and all that it carries; the values do not
+    matter for a fixed link.
 
     Raises:
         ModelError: If another link than the root has that name, or a joint has an armature, which
-            Gazebo does not know.
+            Gazebo does not support.
     """
     for joint in robot.iterfind("joint"):
         dynamics = joint.find("dynamics")
@@ -163,12 +165,12 @@ def grounded(robot: ET.Element, program: str) -> ET.Element:
     ]
     links = {link.get("name", ""): link for link in robot.iterfind("link")}
     (root,) = links.keys() - {child for *_, child in ends}
-    still = {root}
+    fixed = {root}
     while (
-        more := {child for kind, parent, child in ends if parent in still and kind == "fixed"}
-        - still
+        further := {child for kind, parent, child in ends if parent in fixed and kind == "fixed"}
+        - fixed
     ):
-        still |= more
+        fixed |= further
     if root != "world":
         if "world" in links:
             raise ModelError(
@@ -179,7 +181,7 @@ def grounded(robot: ET.Element, program: str) -> ET.Element:
         joint = ET.SubElement(robot, "joint", name="fixed_to_the_world", type="fixed")
         ET.SubElement(joint, "parent", link="world")
         ET.SubElement(joint, "child", link=root)
-    for name in still - {"world"}:
+    for name in fixed - {"world"}:
         if links[name].find("inertial") is None:
             inertial = ET.SubElement(links[name], "inertial")
             ET.SubElement(inertial, "mass", value="1")
@@ -188,6 +190,6 @@ def grounded(robot: ET.Element, program: str) -> ET.Element:
 
 
 def _end(joint: ET.Element, tag: str) -> str:
-    """The link at an end of a joint."""
+    """Return the link at an end of a joint."""
     end = joint.find(tag)
     return "" if end is None else end.get("link", "")

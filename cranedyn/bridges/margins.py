@@ -1,5 +1,5 @@
-"""How far a closed loop is from its end: damping of its modes, and by how much each drive may be
-stronger, weaker or later before it is unstable. By python-control.
+"""Stability margins of a closed loop by python-control: damping of its modes, and gain and delay
+margins of each drive.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ except ModuleNotFoundError as error:
     ) from error
 
 _POINTS, _SLOWEST = 1200, 1e-3
-"""How many frequencies are looked at, from the slowest [rad/s] to half of the sampling rate."""
+"""Number of frequencies, from the slowest [rad/s] to half of the sampling rate."""
 
 _BESIDE = np.concatenate([-np.geomspace(0.2, 1e-5, 60), [0.0], np.geomspace(1e-5, 0.2, 60)])
-"""How far beside each frequency at which the open loop rings others are looked at, as shares."""
+"""Relative offsets of further frequencies around each resonance of the open loop."""
 
 
 class Regulator(NamedTuple):
-    """A linear controller about a rest: u = -(c x + d z), then x becomes a x + b z.
+    """Linear controller about a rest: u = -(c x + d z), then x becomes a x + b z.
 
     Attributes:
-        a: Shape (k, k), where it remembers k numbers.
+        a: Shape (k, k), with k states of the controller.
         b: Shape (k, 2 n).
         c: Shape (m, k).
         d: Shape (m, 2 n).
@@ -47,11 +47,11 @@ class Regulator(NamedTuple):
 
 
 class Margin(NamedTuple):
-    """What one drive may differ by, the others as they are.
+    """Margins of a drive, the others unchanged.
 
     Attributes:
-        stronger: Factor on its effort at which the loop is unstable; inf for none.
-        weaker: The same below one; 0 for none.
+        stronger: Least factor above one on its effort at which the loop is unstable; inf for none.
+        weaker: Largest such factor below one; 0 for none.
         late: Delay of its commands at which the loop is unstable [s]; inf for none.
     """
 
@@ -61,13 +61,13 @@ class Margin(NamedTuple):
 
 
 class Margins(NamedTuple):
-    """What a closed loop is like.
+    """Stability of a closed loop.
 
     Attributes:
         damping: Least share of critical damping of a mode, -Re s/|s|: 1 where nothing oscillates,
             negative where one grows.
         slowest: Largest growth rate of a mode [1/s], negative where it is stable.
-        drives: For each drive; none are told where the loop is unstable.
+        drives: Margins of each drive; empty where the loop is unstable.
     """
 
     damping: float
@@ -76,7 +76,7 @@ class Margins(NamedTuple):
 
     @property
     def least(self) -> Margin:
-        """The worst of the drives for each."""
+        """Worst margins over all drives."""
         if not self.drives:
             return Margin(1.0, 1.0, 0.0)
         return Margin(
@@ -89,72 +89,74 @@ class Margins(NamedTuple):
 def regulator(
     crane: Crane, controller: Controller, rest: State, *, t: float, period: float
 ) -> Regulator:
-    """A controller that is affine in the state, as it acts about a rest at a time [s]; what it
-    integrates it remembers.
+    """Return the linear form of an affine controller about a rest at a time [s]; its integrals are
+    states.
 
     Raises:
-        CraneError: If it has no common form, see `cranedyn.controllers.affine`.
+        CraneError: If it has no affine form, see `cranedyn.controllers.affine`.
     """
     layout = crane.layout
     rest = layout.as_state("rest", rest)
-    found = affine_form(controller, np.array([t]), rest.q[layout.drives][None], 2 * layout.n)
-    if found is None:
+    affine = affine_form(controller, np.array([t]), rest.q[layout.drives][None], 2 * layout.n)
+    if affine is None:
         raise CraneError(
             f"The controller {type(controller).__name__} is not affine in the state, so it has no "
             "margins of this kind."
         )
-    integrating = np.flatnonzero(found.integral_gain)
+    integrating = np.flatnonzero(affine.integral_gain)
     count = len(integrating)
-    seen = np.zeros((count, 2 * layout.n))
-    seen[np.arange(count), layout.drives[integrating]] = period
+    selection = np.zeros((count, 2 * layout.n))
+    selection[np.arange(count), layout.drives[integrating]] = period
     by_integral = np.zeros((layout.m, count))
-    by_integral[integrating, np.arange(count)] = found.integral_gain[integrating]
+    by_integral[integrating, np.arange(count)] = affine.integral_gain[integrating]
     # the error of an instant counts at once
-    return Regulator(np.eye(count), seen, by_integral, found.gain[-1] + by_integral @ seen)
+    return Regulator(
+        np.eye(count), selection, by_integral, affine.gain[-1] + by_integral @ selection
+    )
 
 
 def behind_observer(
     law: Regulator, plant: Sampled, gain: np.ndarray, measured: np.ndarray
 ) -> Regulator:
-    """The same controller told the estimate of a filter that sees some of the state, and knows what
-    is commanded.
+    """Return the same controller fed by the estimate of a filter that measures part of the state
+    and knows the commands.
 
     Args:
-        law: The controller.
-        plant: The crane that the filter believes in, over a control period.
-        gain: Of its corrections, shape (2 n, seen).
-        measured: Which of coordinates and rates it sees, shape (seen,).
+        law: Controller.
+        plant: Crane model of the filter, over a control period.
+        gain: Gain of the filter, shape (2 n, measured).
+        measured: Indices of the measured coordinates and rates, shape (measured,).
 
     Raises:
-        OutOfRange: If the gain is not as many finite numbers.
+        OutOfRange: If the gain has another shape or is not finite.
     """
     nz = len(plant.a)
-    which = finite("measured", measured, ("seen",)).astype(int)
-    seen = finite("gain of the filter", gain, (nz, len(which))) @ np.eye(nz)[which]
-    kept, moved = np.eye(nz) - seen, plant.a - plant.b @ law.d
+    indices = finite("measured", measured, ("measured",)).astype(int)
+    selected = finite("gain of the filter", gain, (nz, len(indices))) @ np.eye(nz)[indices]
+    unseen, moved = np.eye(nz) - selected, plant.a - plant.b @ law.d
     return Regulator(
-        np.block([[moved @ kept, -plant.b @ law.c], [law.b @ kept, law.a]]),
-        np.vstack([moved @ seen, law.b @ seen]),
-        np.hstack([law.d @ kept, law.c]),
-        law.d @ seen,
+        np.block([[moved @ unseen, -plant.b @ law.c], [law.b @ unseen, law.a]]),
+        np.vstack([moved @ selected, law.b @ selected]),
+        np.hstack([law.d @ unseen, law.c]),
+        law.d @ selected,
     )
 
 
 def margins(plant: Sampled, law: Regulator) -> Margins:
-    """Margins of a crane under a linear controller, each drive's loop opened at its effort while
-    the others stay closed.
+    """Return the margins of a crane under a linear controller, each drive's loop opened at its
+    effort while the others stay closed.
 
     Args:
         plant: The crane over a control period, see `cranedyn.dynamics.linearisation.sampled`.
-        law: The controller.
+        law: Controller.
 
     Raises:
         OutOfRange: If a matrix of the controller has another shape or is not finite.
     """
     nz, m = plant.b.shape
     k = len(law.a)
-    for name, part, shape in zip("abcd", law, ((k, k), (k, nz), (m, k), (m, nz)), strict=True):
-        finite(f"{name} of the controller", part, shape)
+    for name, matrix, shape in zip("abcd", law, ((k, k), (k, nz), (m, k), (m, nz)), strict=True):
+        finite(f"{name} of the controller", matrix, shape)
     everything = range(m)
     rates = np.log(np.linalg.eigvals(_closed(plant, law, everything)).astype(complex))
     rates = rates / plant.period
@@ -168,14 +170,14 @@ def margins(plant: Sampled, law: Regulator) -> Margins:
 
 
 def _closed(plant: Sampled, law: Regulator, drives: range | list[int]) -> np.ndarray:
-    """The loop closed at some of the drives, for (z, x)."""
+    """Return the loop closed at some of the drives, for (z, x)."""
     b = plant.b[:, drives]
     return np.block([[plant.a - b @ law.d[drives], -b @ law.c[drives]], [law.b, law.a]])
 
 
 def _margin(plant: Sampled, law: Regulator, drive: int) -> Margin:
-    others = [i for i in range(plant.b.shape[1]) if i != drive]
-    a = _closed(plant, law, others)
+    further = [i for i in range(plant.b.shape[1]) if i != drive]
+    a = _closed(plant, law, further)
     b = np.concatenate([plant.b[:, drive], np.zeros(len(law.a))])[:, None]
     c = np.concatenate([law.d[drive], law.c[drive]])[None]
     loop = ct.ss(a, b, c, 0.0, dt=plant.period)
@@ -183,8 +185,8 @@ def _margin(plant: Sampled, law: Regulator, drive: int) -> Margin:
     # loops with poles so near to 1.
     fastest = 0.999 * math.pi / plant.period
     rings = np.abs(np.log(np.linalg.eigvals(a).astype(complex)).imag) / plant.period
-    around = (rings[rings > _SLOWEST][:, None] * (1.0 + _BESIDE)).ravel()
-    grid = np.unique(np.concatenate([np.geomspace(_SLOWEST, fastest, _POINTS), around]))
+    resonances = (rings[rings > _SLOWEST][:, None] * (1.0 + _BESIDE)).ravel()
+    grid = np.unique(np.concatenate([np.geomspace(_SLOWEST, fastest, _POINTS), resonances]))
     response = ct.frequency_response(loop, grid[grid < fastest])
     gains, phases, _, _, crossings, _ = ct.stability_margins(response, returnall=True)
     late = np.radians(np.mod(phases, 360.0)) / crossings

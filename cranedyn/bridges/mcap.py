@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.bridges.joints import ExportedJoint, described, joints, loaded
+from cranedyn.bridges.joints import ExportedJoint, crane_from_options, joints, urdf_element
 from cranedyn.bridges.target import new_file
 from cranedyn.data.trajectory import Trajectory, read
 from cranedyn.errors import DataError, OutOfRange
@@ -51,7 +51,7 @@ Message = tuple[str, int, dict[str, Any]]
 
 
 def check_installed() -> None:
-    """Return if the extra is installed.
+    """Check that the extra is installed.
 
     Raises:
         DataError: If it is not.
@@ -72,13 +72,13 @@ def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
     log time and as publish time.
 
     Args:
-        file: Where; it must not be there yet, and its ending must be .mcap.
-        crane: The crane that made the run.
-        trajectory: The run.
+        file: New file, ending in .mcap.
+        crane: Crane of the run.
+        trajectory: Run to write.
 
     Raises:
-        DataError: If the extra ``mcap`` is not installed, the ending is another, something stands
-            there, or it cannot be written.
+        DataError: If the extra ``mcap`` is not installed, the ending is not .mcap, or the file
+            exists or cannot be written.
         ModelError: If the crane has a mesh or a rope that stretches.
         OutOfRange: If the run has no row, or begins before time 0.
     """
@@ -95,14 +95,14 @@ def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
         raise OutOfRange(
             "time at the start of a run in MCAP", first, "0 or later: times there have no sign", "s"
         )
-    robot = described(crane)
-    known = get_typestore(Stores.ROS2_HUMBLE)
+    robot = urdf_element(crane)
+    typestore = get_typestore(Stores.ROS2_HUMBLE)
     with new_file(file) as draft, draft.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="ros2")
         schemas, encoders, channels = {}, {}, {}
         for name in dict.fromkeys(TYPES.values()):
-            definition = known.generate_msgdef(name, ros_version=2)[0]
+            definition = typestore.generate_msgdef(name, ros_version=2)[0]
             schemas[name] = writer.register_schema(name, "ros2msg", definition.encode())
             encoders[name] = serialize_dynamic(name, definition)[name]
         for topic, name in TYPES.items():
@@ -125,7 +125,7 @@ def _messages(crane: Crane, robot: ET.Element, run: Trajectory) -> Iterator[Mess
     frames, fixed = _frames(robot, moving)
     yield "/robot_description", times[0], {"data": crane.urdf}
     yield "/tf_static", times[0], {"transforms": [frame.at(times[0], 0.0) for frame in fixed]}
-    shown = -np.inf
+    last_frame = -np.inf
     for k, time in enumerate(times):
         state = {
             "name": names,
@@ -141,8 +141,8 @@ def _messages(crane: Crane, robot: ET.Element, run: Trajectory) -> Iterator[Mess
             "effort": run.command[k].tolist(),
         }
         yield "/joint_setpoints", time, {"header": _header(time), **setpoint}
-        if run.t[k] > shown + FRAME_PERIOD - 1e-9:
-            shown = run.t[k]
+        if run.t[k] > last_frame + FRAME_PERIOD - 1e-9:
+            last_frame = run.t[k]
             yield (
                 "/tf",
                 time,
@@ -160,30 +160,32 @@ def _header(time: int, frame: str = "") -> dict[str, Any]:
 
 
 class _Frame:
-    """The frame of a link in that of its parent."""
+    """Frame of a link in that of its parent."""
 
     def __init__(self, element: ET.Element, joint: ExportedJoint | None) -> None:
-        """Take a joint of the URDF, and what is known of it if it moves."""
+        """Store a joint of the URDF, with its properties if it moves."""
         self.parent, self.child = (element.find(tag).get("link", "") for tag in ("parent", "child"))  # type: ignore[union-attr]
         origin = element.find("origin")
         xyz, rpy = (
             "0 0 0" if origin is None else origin.get(name, "0 0 0") for name in ("xyz", "rpy")
         )
-        self.place = np.array([float(word) for word in xyz.split()])
-        self.turn = pin.rpy.rpyToMatrix(np.array([float(word) for word in rpy.split()]))
+        self.origin = np.array([float(word) for word in xyz.split()])
+        self.rotation = pin.rpy.rpyToMatrix(np.array([float(word) for word in rpy.split()]))
         axis = np.array(
             [float(word) for word in ("1 0 0" if joint is None else joint.own_axis).split()]
         )
-        self.axis, self.turns = (
+        self.axis, self.is_revolute = (
             axis / np.linalg.norm(axis),
             joint is not None and joint.unit == "rad",
         )
 
     def at(self, time: int, value: float) -> dict[str, Any]:
-        """The transform at a time [ns] and a coordinate [rad or m]."""
-        slide = np.zeros(3) if self.turns else value * self.axis
-        x, y, z = (self.place + self.turn @ slide).tolist()
-        turned = self.turn @ pin.AngleAxis(value if self.turns else 0.0, self.axis).matrix()
+        """Return the transform at a time [ns] and a coordinate [rad or m]."""
+        slide = np.zeros(3) if self.is_revolute else value * self.axis
+        x, y, z = (self.origin + self.rotation @ slide).tolist()
+        turned = (
+            self.rotation @ pin.AngleAxis(value if self.is_revolute else 0.0, self.axis).matrix()
+        )
         i, j, k, w = pin.Quaternion(turned).coeffs().tolist()
         rotation = {"x": i, "y": j, "z": k, "w": w}
         transform = {"translation": {"x": x, "y": y, "z": z}, "rotation": rotation}
@@ -197,7 +199,7 @@ class _Frame:
 def _frames(
     robot: ET.Element, moving: Sequence[ExportedJoint]
 ) -> tuple[list[_Frame], list[_Frame]]:
-    """Frames of the moving joints, in their order, and of the fixed ones."""
+    """Return the frames of the moving joints, in their order, and of the fixed ones."""
     elements = {element.get("name", ""): element for element in robot.iterfind("joint")}
     frames = [_Frame(elements.pop(joint.name), joint) for joint in moving]
     return frames, [_Frame(element, None) for element in elements.values()]
@@ -216,4 +218,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
     check_installed()
-    return export(options.target, loaded(options), read(options.trajectory))
+    return export(options.target, crane_from_options(options), read(options.trajectory))

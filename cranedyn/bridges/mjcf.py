@@ -1,5 +1,5 @@
-"""MuJoCo: the crane as an MJCF file, with damping, springs, limits, actuators of the drives, looks,
-and its start as a keyframe.
+"""MuJoCo: the crane as an MJCF file, with damping, springs, limits, actuators of the drives,
+visuals, and its start as a keyframe.
 """
 
 from __future__ import annotations
@@ -12,7 +12,13 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.bridges.joints import ExportedJoint, check_heavy, described, joints, loaded
+from cranedyn.bridges.joints import (
+    ExportedJoint,
+    check_inertias,
+    crane_from_options,
+    joints,
+    urdf_element,
+)
 from cranedyn.bridges.target import new_file
 from cranedyn.checks import number
 from cranedyn.errors import DataError, ModelError, quoted
@@ -24,7 +30,7 @@ _SHAPES = {"box": "box", "cylinder": "cylinder", "sphere": "sphere"}
 
 
 def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
-    """Write a crane as MuJoCo loads it.
+    """Write a crane as an MJCF file.
 
     Its step is that of `simulate`: semi-implicit Euler with damping at the rates before the step.
     Each drive is a motor that takes its effort [N m or N] as control, within the drive's limits;
@@ -33,12 +39,12 @@ def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
     the ranges.
 
     Args:
-        file: Where; it must not be there yet, and its ending must be .xml.
+        file: New file, ending in .xml.
         crane: The crane.
         dt: Physics step [s].
 
     Raises:
-        DataError: If the ending is another, something stands there, or it cannot be written.
+        DataError: If the ending is not .xml, or the file exists or cannot be written.
         ModelError: If the crane has a moving link without mass or inertia, a shape without size, a
             mesh, or a rope that stretches.
         OutOfRange: If the step is not positive.
@@ -46,8 +52,8 @@ def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
     file = Path(file)
     if file.suffix != ".xml":
         raise DataError(f"Cannot write {file}: the ending of an MJCF file must be .xml.")
-    robot = described(crane)
-    check_heavy(crane, robot, "MuJoCo")
+    robot = urdf_element(crane)
+    check_inertias(crane, robot, "MuJoCo")
     root = mjcf(crane, robot, number("dt", dt, "s", "> 0"))
     ET.indent(root)
     text = ET.tostring(root, encoding="utf-8", xml_declaration=True)
@@ -57,7 +63,7 @@ def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
 
 
 def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
-    """The crane as MJCF, from its URDF as XML; physics step in s."""
+    """Return the crane as MJCF, from its URDF as XML; physics step in s."""
     root = ET.Element("mujoco", model=robot.get("name", "crane"))
     # angles in radians, roll pitch yaw about fixed axes; what has no inertial has no mass
     ET.SubElement(
@@ -114,7 +120,7 @@ class _Tree:
         (self.root,) = self.links.keys() - below
 
     def grow(self, world: ET.Element) -> None:
-        """Hang the root, or what hangs on a root of the name world, into the world."""
+        """Attach the root, or the children of a root of the name world, to the world."""
         if self.root == "world":
             self._fill(world, self.root)
         else:
@@ -124,7 +130,7 @@ class _Tree:
         for visual in self.links[link].iterfind("visual"):
             self._geom(body, visual, link)
         for child, joint in self.children.get(link, []):
-            inner = ET.SubElement(body, "body", {"name": child, **_place(joint)})
+            inner = ET.SubElement(body, "body", {"name": child, **_pose(joint)})
             name = joint.get("name", "")
             if name in self.moving:
                 inner.append(_joint(self.moving[name]))
@@ -158,15 +164,15 @@ class _Tree:
             named = next((m.get("name", "") for m in visual.iterfind("material")), "")
             rgba = colour.get("rgba", "") if colour is not None else self.colours.get(named, "")
             ET.SubElement(
-                body, "geom", {**looks, **_place(visual), **({"rgba": rgba} if rgba else {})}
+                body, "geom", {**looks, **_pose(visual), **({"rgba": rgba} if rgba else {})}
             )
 
 
-def _place(element: ET.Element) -> dict[str, str]:
-    """Where the URDF's origin puts something."""
+def _pose(element: ET.Element) -> dict[str, str]:
+    """Return the pose of a URDF element's origin."""
     origin = element.find("origin")
-    found = {} if origin is None else {"pos": origin.get("xyz", ""), "euler": origin.get("rpy", "")}
-    return {name: " ".join(text.split()) for name, text in found.items() if text}
+    pose = {} if origin is None else {"pos": origin.get("xyz", ""), "euler": origin.get("rpy", "")}
+    return {name: " ".join(text.split()) for name, text in pose.items() if text}
 
 
 def _joint(joint: ExportedJoint) -> ET.Element:
@@ -185,12 +191,12 @@ def _joint(joint: ExportedJoint) -> ET.Element:
 
 
 def _inertial(inertial: ET.Element) -> ET.Element:
-    """Mass and inertia; a turned inertia is turned back, since MJCF takes a full one in the body's
-    axes only.
+    """Return mass and inertia; a rotated inertia is expressed in the body's axes, since MJCF takes
+    a full inertia in these only.
     """
     mass, inertia = inertial.find("mass"), inertial.find("inertia")
     assert mass is not None and inertia is not None  # the URDF was checked
-    place = _place(inertial)
+    pose = _pose(inertial)
     i = {name: float(inertia.get(name, "0")) for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")}
     tensor = np.array(
         [
@@ -199,16 +205,16 @@ def _inertial(inertial: ET.Element) -> ET.Element:
             [i["ixz"], i["iyz"], i["izz"]],
         ]
     )
-    if rpy := place.pop("euler", ""):
+    if rpy := pose.pop("euler", ""):
         turn = pin.rpy.rpyToMatrix(np.array([float(word) for word in rpy.split()]))
         tensor = turn @ tensor @ turn.T
     diagonal = not np.any(tensor - np.diag(np.diag(tensor)))
-    kept = np.diag(tensor) if diagonal else tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    components = np.diag(tensor) if diagonal else tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     name = "diaginertia" if diagonal else "fullinertia"
     entries = {
-        "pos": place.get("pos", "0 0 0"),
+        "pos": pose.get("pos", "0 0 0"),
         "mass": mass.get("value", ""),
-        name: " ".join(map(repr, kept.tolist())),
+        name: " ".join(map(repr, components.tolist())),
     }
     return ET.Element("inertial", entries)
 
@@ -220,4 +226,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
-    return export(options.target, loaded(options), dt=options.dt)
+    return export(options.target, crane_from_options(options), dt=options.dt)

@@ -17,17 +17,17 @@ from cranedyn.references.tabulated import tabulated
 
 @dataclass(frozen=True)
 class Program:
-    """A run as `cranedyn.simulation.simulate.simulate` takes it.
+    """Run with the arguments of `cranedyn.simulation.simulate.simulate`.
 
     Attributes:
-        crane: The crane.
-        controller: What commands the drives; it must be affine in the state.
-        reference: Where the drives should be; None holds them where they start.
-        start: Where the crane starts.
-        duration: How long to run [s].
+        crane: Crane.
+        controller: Controller, affine in the state.
+        reference: Reference of the drives; None holds them at the start.
+        start: Initial state.
+        duration: Duration [s].
         dt: Physics step [s].
         control_period: Time between control instants [s].
-        drive: How the drives take commands.
+        drive: Drive mode.
     """
 
     crane: Crane
@@ -41,7 +41,7 @@ class Program:
 
     @property
     def clock(self) -> Clocks:
-        """How it is divided."""
+        """Clock of the run."""
         return clocks(self.duration, self.dt, self.control_period)
 
     def tables(self, program: str) -> Affine:
@@ -52,7 +52,7 @@ class Program:
 
         Raises:
             DataError: If the controller is not affine.
-            OutOfRange: If the drives follow prescribed motion, or the common form holds a number
+            OutOfRange: If the drives follow prescribed motion, or the affine form holds a number
                 that is not finite.
         """
         if self.drive != "effort":

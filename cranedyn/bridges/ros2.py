@@ -12,7 +12,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cranedyn.bridges.gazebo import world
-from cranedyn.bridges.joints import ExportedJoint, check_heavy, described, grounded, joints, loaded
+from cranedyn.bridges.joints import (
+    ExportedJoint,
+    anchor_to_world,
+    check_inertias,
+    crane_from_options,
+    joints,
+    urdf_element,
+)
 from cranedyn.bridges.target import new_folder
 from cranedyn.checks import number
 from cranedyn.errors import DataError
@@ -21,11 +28,11 @@ from cranedyn.model.crane import Crane
 TARGET = "DIR"
 
 RATE = 200
-"""Of the controllers [Hz], as in the article."""
+"""Rate of the controllers [Hz], as in the article."""
 
 _TEMPLATES = Path(__file__).with_name("templates") / "ros2"
 
-NEEDED = (
+DEPENDENCIES = (
     "controller_manager",
     "forward_command_controller",
     "gz_ros2_control",
@@ -36,14 +43,14 @@ NEEDED = (
     "ros_gz_sim",
     "rviz2",
 )
-"""Packages with which the launch files run."""
+"""Packages that the launch files use."""
 
 _SYSTEMS = {
     "gz-sim-physics-system": "gz::sim::systems::Physics",
     "gz-sim-user-commands-system": "gz::sim::systems::UserCommands",
     "gz-sim-scene-broadcaster-system": "gz::sim::systems::SceneBroadcaster",
 }
-"""What a world of gz sim needs to move, to take models, and to be seen."""
+"""Plugins of a world of gz sim: physics, insertion of models, display."""
 
 
 def export(
@@ -57,14 +64,13 @@ def export(
     and no mesh is in the URDF; gravity acts on all links.
 
     Args:
-        folder: Where; it must not be there yet.
+        folder: New folder.
         crane: The crane.
-        name: Of the package.
+        name: Name of the package.
         dt: Physics step of the worlds [s].
 
     Raises:
-        DataError: If something stands there, it cannot be written, or the name is none that ROS
-            allows.
+        DataError: If the folder exists or cannot be written, or ROS does not allow the name.
         ModelError: If the crane has a link without mass or inertia, a joint with an armature, a
             mesh, or a rope that stretches.
         OutOfRange: If the step is not positive.
@@ -75,8 +81,8 @@ def export(
             "single underlines."
         )
     number("dt", dt, "s", "> 0")
-    robot = grounded(described(crane), "ROS")
-    check_heavy(crane, robot, "Gazebo")
+    robot = anchor_to_world(urdf_element(crane), "ROS")
+    check_inertias(crane, robot, "Gazebo")
     moving = joints(crane, robot)
     for tag in robot.findall("ros2_control"):
         robot.remove(tag)
@@ -88,8 +94,8 @@ def export(
         )
         cmake = draft / "CMakeLists.txt"
         cmake.write_text(cmake.read_text().replace("@NAME@", name))
-        for part in ("config", "urdf", "worlds"):
-            (draft / part).mkdir()
+        for subfolder in ("config", "urdf", "worlds"):
+            (draft / subfolder).mkdir()
         (draft / "config" / "controllers.yaml").write_text(
             _controllers([joint.name for joint in moving if joint.driven])
         )
@@ -106,7 +112,7 @@ def export(
 
 
 def _control(moving: Sequence[ExportedJoint]) -> ET.Element:
-    """Interfaces of ros2_control: commands for the drives, states for all."""
+    """Return the interfaces of ros2_control: commands for the drives, states for all."""
     control = ET.Element("ros2_control", name="crane", type="system")
     ET.SubElement(
         ET.SubElement(control, "hardware"), "plugin"
@@ -154,7 +160,7 @@ drives:
 
 
 def _yaml(name: str) -> str:
-    """A name as a text of YAML, whatever characters a stranger's URDF has in it."""
+    """Return a name as a YAML string, whatever characters it has."""
     plain = (c if " " <= c <= "~" and c not in '"\\' else f"\\U{ord(c):08x}" for c in name)
     return f'"{"".join(plain)}"'
 
@@ -169,24 +175,24 @@ def _package(name: str) -> ET.Element:
     ET.SubElement(package, "maintainer", email="nobody@example.org").text = "nobody"
     ET.SubElement(package, "license").text = "MIT"
     ET.SubElement(package, "buildtool_depend").text = "ament_cmake"
-    for needed in NEEDED:
-        ET.SubElement(package, "exec_depend").text = needed
+    for dependency in DEPENDENCIES:
+        ET.SubElement(package, "exec_depend").text = dependency
     ET.SubElement(ET.SubElement(package, "export"), "build_type").text = "ament_cmake"
     return package
 
 
 def _gz_world(crane: Crane, dt: float) -> ET.Element:
-    """A world of gz sim."""
+    """Return a world of gz sim."""
     sdf = ET.Element("sdf", version="1.7")
-    one = ET.SubElement(sdf, "world", name="crane")
-    ET.SubElement(one, "gravity").text = f"0 0 {-crane.gravity!r}"
-    # DART, whatever is named here.
-    physics = ET.SubElement(one, "physics", name="steps", type="ignored")
+    world_element = ET.SubElement(sdf, "world", name="crane")
+    ET.SubElement(world_element, "gravity").text = f"0 0 {-crane.gravity!r}"
+    # gz sim uses DART, whatever the type.
+    physics = ET.SubElement(world_element, "physics", name="steps", type="ignored")
     ET.SubElement(physics, "max_step_size").text = repr(dt)
     ET.SubElement(physics, "real_time_factor").text = "1"
     for file, name in _SYSTEMS.items():
-        ET.SubElement(one, "plugin", filename=file, name=name)
-    light = ET.SubElement(one, "light", type="directional", name="sun")
+        ET.SubElement(world_element, "plugin", filename=file, name=name)
+    light = ET.SubElement(world_element, "light", type="directional", name="sun")
     ET.SubElement(light, "direction").text = "-0.5 0.3 -0.9"
     return sdf
 
@@ -201,4 +207,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
-    return export(options.target, loaded(options), name=options.name, dt=options.dt)
+    return export(options.target, crane_from_options(options), name=options.name, dt=options.dt)

@@ -1,4 +1,4 @@
-"""Where an export goes: a folder or file that is not there yet, written whole or not at all."""
+"""Target of an export: a new folder or file, written completely or not at all."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from cranedyn.errors import DataError
 
 
 def check_free(target: Path) -> None:
-    """Return if something can be written there.
+    """Check that a target can be created.
 
     Raises:
-        DataError: If something stands there, or its folder does not exist.
+        DataError: If the target exists, or its folder does not.
     """
     if "\0" in str(target):
         raise DataError(f"Cannot write {target}: no name holds a NUL.")
@@ -31,8 +31,8 @@ def check_free(target: Path) -> None:
 
 @contextmanager
 def new_folder(target: Path) -> Iterator[Path]:
-    """A folder to fill, beside the final one; renamed to it at the end, removed if anything goes
-    wrong.
+    """Yield a folder to fill, beside the final one; it is renamed at the end, and removed on an
+    error.
 
     Raises:
         DataError: As `check_free`, or if the system refuses.
@@ -53,7 +53,7 @@ def new_folder(target: Path) -> Iterator[Path]:
 
 @contextmanager
 def new_file(target: Path) -> Iterator[Path]:
-    """A file to write, as `cranedyn.data.files.atomic_write`, in a place where none is.
+    """Yield a file to write, as `cranedyn.data.files.atomic_write`; the target must not exist.
 
     Raises:
         DataError: As `check_free` and `atomic_write`.

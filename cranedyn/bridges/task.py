@@ -1,7 +1,7 @@
-"""Moving a load to a goal and leaving no swing, as a task for learning: actions, observations,
+"""The task of moving a load to a goal and leaving no swing, for learning: actions, observations,
 rewards and starts of many cranes at once.
 
-Arrays have one column a crane, n of them. Angles [rad], lengths [m], times [s].
+Arrays have a column for each of n cranes. Angles [rad], lengths [m], times [s].
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ LIMITS = Limits(rates=(0.0838, 1.583, 1.0), accelerations=(0.02, 0.4, 0.4))
 ours."""
 
 _AT_ONCE = 16_384
-"""Cranes up to which only their steps are shared among threads: the rest is so little that threads
-would wait for each other's Python."""
+"""Number of cranes up to which threads share the steps only: other work is so short that threads
+would wait for the lock of the interpreter."""
 
 ACTIONS = ("velocity", "acceleration")
 
@@ -36,41 +36,40 @@ OBSERVED = (
     *("gamma_to_go", "x_to_go", "l_to_go", "gamma_dot", "x_dot", "l_dot"),
     *("phi", "theta", "phi_dot", "theta_dot", "x", "l"),
 )
-"""What is observed: the way of each drive to its goal and its rate, both swings and their rates,
+"""Observations: distance of each drive to its goal and its rate, both swings and their rates,
 trolley radius, cable length; SI units."""
 
 PENALTY = -50.0
-"""Reward for a swing beyond the limit, with which an episode ends; no more can be lost by going on,
-at a discount of 0.99."""
+"""Reward of a swing beyond the limit, which ends the episode; at a discount of 0.99 a longer one
+cannot cost more."""
 
-_STRONGEST, _LARGEST = 1e3, 1e6
-"""Wind [m/s] and drag area [m²] up to which a force is one."""
+_MAX_WIND, _MAX_AREA = 1e3, 1e6
+"""Largest wind [m/s] and drag area [m²]."""
 
 _CLOSE = 0.01
-"""Distance at which a reward is that of one decade [m]."""
+"""Scale of distances in the reward [m]."""
 
 _FASTEST = 20.0
-"""More than a load on a cable of 10 cm reaches in a fall from 90° [rad/s]."""
+"""Bound of swing rates [rad/s]: more than a load on a cable of 10 cm reaches in a fall from 90°."""
 
 _MARGIN = 0.05
-"""What drives keep from the ends of their ranges [rad, m]; else round-off could take them
-beyond."""
+"""Margin of drives to the ends of their ranges [rad, m], against round-off."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rules:
-    """What the task is.
+    """Rules of the task.
 
     Attributes:
-        action: "velocity": shares of the rate limits that the drives go for as fast as their
-            acceleration limits let them. "acceleration": shares of the acceleration limits. Either
+        action: "velocity": shares of the rate limits, approached as fast as the acceleration limits
+            allow. "acceleration": shares of the acceleration limits. Either
             way drives keep their rate limits and brake before the ends of their ranges.
-        limits: Of rates and accelerations.
+        limits: Limits of rates and accelerations.
         reach: Farthest goal from the start of slew [rad], trolley [m], hoist [m].
         swing: Largest amplitude of swing at the start [rad].
         swing_limit: Swing that ends an episode [rad]; up to 45° the rope stays taut under
             accelerations of less than half of gravity.
-        wind: Strongest wind [m/s]; each episode has a steady one of its own, from any side.
+        wind: Strongest wind [m/s]; each episode has a steady wind from a random direction.
         payload_area: Drag coefficient times area of the payload [m²].
     """
 
@@ -88,41 +87,41 @@ class Rules:
             raise OutOfRange("action", self.action, " or ".join(ACTIONS))
         within("swing_limit", self.swing_limit, 1e-3, np.pi / 4, "rad")
         within("swing at the start", self.swing, 0.0, self.swing_limit, "rad")
-        within("wind", self.wind, 0.0, _STRONGEST, "m/s")
-        within("drag area of the payload", self.payload_area, 0.0, _LARGEST, "m²")
+        within("wind", self.wind, 0.0, _MAX_WIND, "m/s")
+        within("drag area of the payload", self.payload_area, 0.0, _MAX_AREA, "m²")
 
 
 def cranes_between(count: int, seed: int = 0, **ranges: tuple[float, float]) -> list[Crane]:
-    """Cranes with some numbers drawn evenly between two ends each, such as ``payload_mass=(500,
-    3000)``; a tenth of a second for each.
+    """Return cranes with some numbers drawn uniformly between two bounds, such as
+    ``payload_mass=(500, 3000)``; a tenth of a second for each.
 
     Raises:
         UnknownName: If there is no such number.
         OutOfRange: If a range is none, or a crane cannot have a number of it.
     """
     ends = {}
-    for name, given in ranges.items():
+    for name, values in ranges.items():
         try:
-            low, high = given
+            low, high = values
         except (TypeError, ValueError):
-            raise OutOfRange(f"range of {name}", short_repr(given), "two numbers") from None
+            raise OutOfRange(f"range of {name}", short_repr(values), "two numbers") from None
         ends[name] = number(f"range of {name}", low), number(f"range of {name}", high)
     rng = np.random.default_rng(whole("seed", seed, 0))
-    many = range(whole("number of cranes", count, 1))
+    indices = range(whole("number of cranes", count, 1))
     drawn: list[dict[str, Any]] = [
-        {name: float(rng.uniform(*pair)) for name, pair in ends.items()} for _ in many
+        {name: float(rng.uniform(*pair)) for name, pair in ends.items()} for _ in indices
     ]
     return [load_crane(**values) for values in drawn]
 
 
-class Task:
-    """Cranes with a goal each.
+class SwingTask:
+    """Cranes and their goals.
 
     Attributes:
-        goal: Where the drives of each should be [rad, m, m], shape (3, n).
-        far: How far from its goal each would come, see `distance` [m], shape (n,).
+        goal: Goals of the drives [rad, m, m], shape (3, n).
+        goal_distance: Distance of each crane to its goal, see `distance` [m], shape (n,).
         fleet: The cranes.
-        layout: Of all of them.
+        layout: Layout of all cranes.
     """
 
     def __init__(
@@ -134,10 +133,10 @@ class Task:
         dt: float,
         threads: int | None,
     ) -> None:
-        """Have so many cranes, see `Fleet`.
+        """Create the cranes, see `Fleet`.
 
         Raises:
-            MissingRole, ModelError: If they are no tower cranes of five joints.
+            MissingRole, ModelError: If the cranes are no tower cranes of five joints.
             OutOfRange: If a rule has not one number for each drive, or as `Fleet`.
         """
         self.rules, self._dt = rules, dt
@@ -151,7 +150,7 @@ class Task:
         first = self.fleet.cranes[0]
         self.goal = np.tile(first.start.q[layout.drives][:, None], count)
         limits = [rules.limits.for_crane(crane) for crane in self.fleet.cranes]
-        self._rates = np.min([one.rates for one in limits], axis=0)[:, None]
+        self._rates = np.min([limit.rates for limit in limits], axis=0)[:, None]
         self._most = np.asarray(limits[0].accelerations)[:, None]
         self._reach = layout.for_drives("reach", rules.reach, "", ">= 0")[:, None]
         low, high = (
@@ -174,15 +173,16 @@ class Task:
             np.zeros(count, dtype=int),
             np.zeros((count, 3 * len(layout.points))),
         )
-        self.far = self.distance(self.fleet.z, self.goal)
+        self.goal_distance = self.distance(self.fleet.z, self.goal)
 
-    def possible(
+    def check_reset(
         self, start: State | None = None, goal: Sequence[float] | None = None
     ) -> dict[str, Any]:
-        """Return where an episode is to begin and lead, if it can, as `begin` takes it.
+        """Return start and goal of an episode in the form of `begin`.
 
         Raises:
-            OutOfRange: If a goal is not in the ranges of the drives, or a start none of the crane.
+            OutOfRange: If a goal is not in the ranges of the drives, or a start is no state of the
+                crane.
         """
         if start is not None:
             start = self.layout.as_state("start", start)
@@ -194,14 +194,14 @@ class Task:
     def begin(
         self,
         rng: np.random.Generator,
-        which: np.ndarray,
+        indices: np.ndarray,
         start: State | None = None,
         goal: Sequence[float] | None = None,
     ) -> None:
-        """Begin an episode of some cranes, given by their numbers, shape (k,): random, where
-        nothing is said, and else as `possible` answers.
+        """Begin an episode of some cranes, given by their indices, shape (k,): random, or with
+        start and goal as `check_reset` returns them.
         """
-        rows, n, passive = which.astype(int), len(which), self.layout.passive
+        rows, n, passive = indices.astype(int), len(indices), self.layout.passive
         low, high = self._lower, self._upper
         drives = rng.uniform(low, high, (self.layout.m, n))
         self.goal[:, rows] = rng.uniform(
@@ -219,7 +219,7 @@ class Task:
             across * np.sin(phase) * np.sqrt(self._gravity / q[self._hoist]),
         )
         if start is not None:
-            q, v = (np.repeat(part[:, None], n, axis=1) for part in start)
+            q, v = (np.repeat(array[:, None], n, axis=1) for array in start)
         if goal is not None:
             self.goal[:, rows] = np.array(goal)[:, None]
         self._kind[rows] = rng.integers(len(self.fleet.cranes), size=n)
@@ -230,61 +230,63 @@ class Task:
             # The force is that on a load at rest: its own velocity is neglected.
             self._force[rows, :2] = drag_force(self.rules.payload_area, wind)
             self.fleet.push(rows, self._force[rows])
-        self.far = self.distance(self.fleet.z, self.goal)
+        self.goal_distance = self.distance(self.fleet.z, self.goal)
 
-    def crane_of(self, which: int) -> Crane:
-        """The crane that one of them is in this episode."""
-        return self.fleet.cranes[self._kind[which]]
+    def crane_of(self, index: int) -> Crane:
+        """Return the crane of this episode, by its index."""
+        return self.fleet.cranes[self._kind[index]]
 
-    def force_on(self, which: int) -> list[float]:
-        """The wind's force on the payload of one of them in this episode, in the world [N], three
-        numbers.
+    def force_on(self, index: int) -> list[float]:
+        """Return the wind's force on the payload of a crane in this episode, in the world [N],
+        three numbers.
         """
-        return self._force[which, :3].tolist()
+        return self._force[index, :3].tolist()
 
     def act(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Take actions, shape (3, n), for a period.
+        """Apply actions, shape (3, n), for a period.
 
         Returns:
-            Rewards, shape (n,), whether the swing went beyond the limit, shape (n,), and what is
-            observed then, see `observe`.
+            Rewards, shape (n,), whether the swing went beyond the limit, shape (n,), and the
+            observations, see `observe`.
 
         Raises:
             OutOfRange: If an action is no number from -1 to 1.
         """
-        given, n = finite("action", action, self.goal.shape), self.fleet.count
-        if not (np.abs(given) <= 1.0).all():
-            raise OutOfRange("action", float(given[np.abs(given) > 1.0][0]), "-1 to 1")
-        reward, over, seen, self.far = (
+        checked, n = finite("action", action, self.goal.shape), self.fleet.count
+        if not (np.abs(checked) <= 1.0).all():
+            raise OutOfRange("action", float(checked[np.abs(checked) > 1.0][0]), "-1 to 1")
+        reward, over, observations, self.goal_distance = (
             np.empty(n),
             np.empty(n, dtype=bool),
             np.empty((n, len(OBSERVED)), dtype=np.float32),
             np.empty(n),
         )
 
-        def work(here: slice, advance: Callable[[np.ndarray], np.ndarray]) -> None:
-            goal, now = self.goal[:, here], self.fleet.z[:, here]
-            z = advance(self.accelerations(given[:, here], now))
-            over[here] = ~(
+        def work(columns: slice, advance: Callable[[np.ndarray], np.ndarray]) -> None:
+            goal, now = self.goal[:, columns], self.fleet.z[:, columns]
+            z = advance(self.accelerations(checked[:, columns], now))
+            over[columns] = ~(
                 np.square(z[self.layout.passive]).sum(axis=0) < self.rules.swing_limit**2
             )
-            self.far[here] = self.distance(z, goal)
-            reward[here] = np.where(
-                over[here],
+            self.goal_distance[columns] = self.distance(z, goal)
+            reward[columns] = np.where(
+                over[columns],
                 PENALTY,
-                -self.fleet.control_period * np.log10(1.0 + self.far[here] / _CLOSE),
+                -self.fleet.control_period * np.log10(1.0 + self.goal_distance[columns] / _CLOSE),
             )
-            self._observe(z, goal, seen[here])
+            self._observe(z, goal, observations[columns])
 
         if n <= _AT_ONCE:
             work(slice(n), self.fleet.step)
         else:
-            parts, advance = self.fleet.parts, self.fleet.advance
-            self.fleet.spread(lambda part: work(parts[part], partial(advance, part)))
-        return reward, over, seen
+            chunks, advance = self.fleet.chunks, self.fleet.advance
+            self.fleet.spread(lambda i: work(chunks[i], partial(advance, i)))
+        return reward, over, observations
 
     def accelerations(self, action: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """What the drives make of actions from -1 to 1 at states, shape (3, n)."""
+        """Return the accelerations of the drives for actions from -1 to 1 at states, shape (3,
+        n).
+        """
         drives, t = self.layout.drives, self.fleet.control_period
         position, rate = z[drives], z[self.layout.n + drives]
         if self.rules.action == "velocity":
@@ -295,23 +297,25 @@ class Task:
             faster = rate + action * self._most * t
         # w after the period must let a drive stop within its room: w²/(2a) + (w + rate) t/2 + (w -
         # rate) dt/2 = room, where the last term is what semi-implicit Euler goes farther.
-        way, half = (
+        distance, half = (
             2.0 * self._most * position + self._most * (t - self._dt) * rate,
             0.5 * self._most * (t + self._dt),
         )
         top = np.minimum(
-            np.sqrt(np.maximum(half * half + 2.0 * self._most * self._upper - way, 0.0)) - half,
+            np.sqrt(np.maximum(half * half + 2.0 * self._most * self._upper - distance, 0.0))
+            - half,
             self._rates,
         )
-        least = np.maximum(
-            half - np.sqrt(np.maximum(half * half - 2.0 * self._most * self._lower + way, 0.0)),
+        bottom = np.maximum(
+            half
+            - np.sqrt(np.maximum(half * half - 2.0 * self._most * self._lower + distance, 0.0)),
             -self._rates,
         )
-        return (np.minimum(np.maximum(faster, least), top) - rate) / t
+        return (np.minimum(np.maximum(faster, bottom), top) - rate) / t
 
     def distance(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """How far from a goal each load would come if its drives stopped at once [m]: their own way
-        to go and the amplitude of swing.
+        """Return how far from its goal each load would come if its drives stopped at once [m]:
+        distance of the drives to the goal and amplitude of swing.
         """
         passive, length = self.layout.passive, z[self._hoist]
         off = goal - z[self.layout.drives]
@@ -322,23 +326,27 @@ class Task:
         return np.sqrt(np.square(off).sum(axis=0)) + length * np.sqrt(swing.sum(axis=0))
 
     def observe(self) -> np.ndarray:
-        """What is observed now, see `OBSERVED`, in single precision, shape (n, 12)."""
-        return self.observed(self.fleet.z, self.goal)
+        """Return the observations now, see `OBSERVED`, in single precision, shape (n, 12)."""
+        return self.observation(self.fleet.z, self.goal)
 
-    def observed(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """What is observed at states with goals, one column each, shape (n, 12)."""
+    def observation(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
+        """Return the observations at states with goals, a column each, shape (n, 12)."""
         return self._observe(z, goal, np.empty((z.shape[1], len(OBSERVED)), dtype=np.float32))
 
-    def _observe(self, z: np.ndarray, goal: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    def _observe(self, z: np.ndarray, goal: np.ndarray, observations: np.ndarray) -> np.ndarray:
         n, drives, passive = self.layout.n, self.layout.drives, self.layout.passive
-        seen[:, :3] = (goal - z[drives]).T
-        seen[:, 3:6], seen[:, 6:8], seen[:, 8:10] = z[n + drives].T, z[passive].T, z[n + passive].T
-        seen[:, 10], seen[:, 11] = z[self._trolley], z[self._hoist]
-        return seen
+        observations[:, :3] = (goal - z[drives]).T
+        observations[:, 3:6], observations[:, 6:8], observations[:, 8:10] = (
+            z[n + drives].T,
+            z[passive].T,
+            z[n + passive].T,
+        )
+        observations[:, 10], observations[:, 11] = z[self._trolley], z[self._hoist]
+        return observations
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least and largest of what is observed, in single precision, shape (12,) each; a swing is
-        seen once beyond its limit.
+        """Return the least and largest observations, in single precision, shape (12,) each; a swing
+        may be observed once beyond its limit.
         """
         first, ends = self.fleet.cranes[0], [self._trolley, self._hoist]
         width, rates = (first.upper - first.lower)[self.layout.drives], 1.01 * self._rates[:, 0]

@@ -1,4 +1,4 @@
-"""Sine and cosine in code, all lanes at once; libraries' functions would take one lane at a
+"""Sine and cosine in code, vectorised over the lanes; functions of libraries take one lane at a
 time.
 """
 
@@ -18,22 +18,22 @@ _LARGEST_ANGLE = 1e6
 
 
 class Series(NamedTuple):
-    """How a small turn takes sine and cosine along.
+    """Series for sine and cosine of a small rotation.
 
     Attributes:
-        most: Up to this the series end below the precision of a double [rad].
-        sine: Of its sine, sin h = h + h³ (…), in powers of h².
-        less: Of what its cosine lacks, 1 - cos h = h² (…), likewise.
+        limit: Largest increment at which the error is below the precision of a double [rad].
+        sine: Coefficients of the sine, sin h = h + h³ (…), in powers of h².
+        versine_series: Coefficients of the versine, 1 - cos h = h² (…), likewise.
     """
 
-    most: float
+    limit: float
     sine: tuple[float, ...]
-    less: tuple[float, ...]
+    versine_series: tuple[float, ...]
 
 
 SHORTER = Series(1.0 / 640.0, (-1.0 / 6.0,), (0.5, -1.0 / 24.0))
 LONGER = Series(1.0 / 64.0, (-1.0 / 6.0, 1.0 / 120.0), (0.5, -1.0 / 24.0, 1.0 / 720.0))
-"""Most steps can do with the shorter one."""
+"""The shorter series suffices for most steps."""
 
 _HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 """π/2 in three parts; products of the first two with whole numbers up to 2²⁰ are exact (Cody &
@@ -61,12 +61,12 @@ _COSINE = (
 
 
 def sine_and_cosine(code: Instructions, angle: Value) -> tuple[Value, Value]:
-    """Sine and cosine of an angle [rad], to about one unit in the last place; not a number beyond a
+    """Return sine and cosine of an angle [rad], to about one unit in the last place; NaN beyond a
     million rad.
 
-    Two Taylor polynomials, which end below the precision of a double at 45°. Where a lane has a
-    larger angle, all are reduced by whole quarter turns before; a smaller angle comes out of that
-    as it went in, so that no lane feels another. They stand once in a module, as a function.
+    Two Taylor polynomials, whose error at 45° is below the precision of a double. If a lane has a
+    larger angle, all are first reduced by whole quarter turns, which leaves smaller angles
+    unchanged, so that lanes do not affect each other. A module contains them once, as a function.
     """
     module, name = code.function.module, f"sine_and_cosine_{code.lanes}"
     if name not in module.globals:
@@ -89,67 +89,70 @@ def _both(code: Instructions, angle: Value) -> tuple[Value, Value]:
     with code.builder.if_else(small, likely=True) as (then, otherwise):
         with then:
             plain = _of_eighth_turn(code, angle)
-            here = code.builder.block
+            small_block = code.builder.block
         with otherwise:
             turned = _of_any_angle(code, angle)
-            there = code.builder.block
+            reduced_block = code.builder.block
     sine, cosine = (
-        code.joined(one, here, other, there) for one, other in zip(plain, turned, strict=True)
+        code.join_paths(a, small_block, b, reduced_block)
+        for a, b in zip(plain, turned, strict=True)
     )
     return sine, cosine
 
 
 class Turn(NamedTuple):
-    """An angle that went on: sine and cosine before, by how much [rad], and where it is now."""
+    """Rotation to a new angle: sine and cosine before, increment [rad], and the new angle."""
 
-    known: tuple[Value, Value]
-    by: Value
+    sine_cosine: tuple[Value, Value]
+    increment: Value
     angle: Value
 
-    def turned(self, series: Series) -> tuple[Value, Value]:
-        """Sine and cosine from those before; each time adds a rounding or two."""
-        (sine, cosine), by, code = self.known, self.by, self.by.code
-        square = by * by
-        rise = code.fused(by * square, _polynomial(code, square, series.sine), by)
-        less = square * _polynomial(code, square, series.less)
+    def rotate(self, series: Series) -> tuple[Value, Value]:
+        """Return sine and cosine, updated by the rotation; each update adds a rounding error or
+        two.
+        """
+        (sine, cosine), increment, code = self.sine_cosine, self.increment, self.increment.code
+        square = increment * increment
+        rise = code.fused(increment * square, _polynomial(code, square, series.sine), increment)
+        versine = square * _polynomial(code, square, series.versine_series)
         return (
-            code.fused(cosine, rise, code.fused(-sine, less, sine)),
-            code.fused(-sine, rise, code.fused(-cosine, less, cosine)),
+            code.fused(cosine, rise, code.fused(-sine, versine, sine)),
+            code.fused(-sine, rise, code.fused(-cosine, versine, cosine)),
         )
 
-    def mended(self, quick: tuple[Value, Value]) -> tuple[Value, Value]:
-        """Sine and cosine for lanes that went on by more than is good for the shorter series, by
-        the longer one or anew; no lane feels another.
+    def refine(self, quick: tuple[Value, Value]) -> tuple[Value, Value]:
+        """Return sine and cosine, with lanes beyond the limit of the shorter series replaced by the
+        longer series or a full evaluation; other lanes are unchanged.
         """
-        short, code = self.by * self.by < SHORTER.most**2, self.by.code
-        return _or_anew(self, _chosen(code, short, quick, self.turned(LONGER)))
+        short, code = self.increment * self.increment < SHORTER.limit**2, self.increment.code
+        return _where_accurate(self, _chosen(code, short, quick, self.rotate(LONGER)))
 
 
-def all_little(code: Instructions, turns: Sequence[Turn], series: Series) -> ir.Value:
-    """Whether no angle went on by more than is good for a series, in any lane."""
+def all_within(code: Instructions, turns: Sequence[Turn], series: Series) -> ir.Value:
+    """Return whether all increments in all lanes are within the limit of a series."""
     if not turns:
         return ir.Constant(ir.IntType(1), True)
-    squares = [turn.by * turn.by for turn in turns]
+    squares = [turn.increment * turn.increment for turn in turns]
     largest = reduce(lambda a, b: code.chosen(a > b, a, b), squares)
-    return code.everywhere(largest < series.most**2)
+    return code.everywhere(largest < series.limit**2)
 
 
-def turned_or_anew(turn: Turn) -> tuple[Value, Value]:
-    """Sine and cosine of an angle that went on, by the longer series or computed anew."""
-    return _or_anew(turn, turn.turned(LONGER))
+def rotate_or_evaluate(turn: Turn) -> tuple[Value, Value]:
+    """Return sine and cosine of a rotated angle, by the longer series or a full evaluation."""
+    return _where_accurate(turn, turn.rotate(LONGER))
 
 
-def _or_anew(turn: Turn, fast: tuple[Value, Value]) -> tuple[Value, Value]:
-    """A pair for lanes in which the longer series is good; in the others it is computed anew."""
-    code = turn.by.code
-    small = all_little(code, [turn], LONGER)
-    here = code.builder.block
+def _where_accurate(turn: Turn, fast: tuple[Value, Value]) -> tuple[Value, Value]:
+    """Return the pair where the longer series is accurate, and a full evaluation in other lanes."""
+    code = turn.increment.code
+    small = all_within(code, [turn], LONGER)
+    fast_block = code.builder.block
     with code.builder.if_then(code.builder.not_(small), likely=False):
-        little = turn.by * turn.by < LONGER.most**2
+        little = turn.increment * turn.increment < LONGER.limit**2
         slow = _chosen(code, little, fast, sine_and_cosine(code, turn.angle))
-        there = code.builder.block
+        slow_block = code.builder.block
     sine, cosine = (
-        code.joined(one, here, other, there) for one, other in zip(fast, slow, strict=True)
+        code.join_paths(a, fast_block, b, slow_block) for a, b in zip(fast, slow, strict=True)
     )
     return sine, cosine
 
@@ -168,10 +171,10 @@ def _of_eighth_turn(code: Instructions, angle: Value) -> tuple[Value, Value]:
 
 def _of_any_angle(code: Instructions, angle: Value) -> tuple[Value, Value]:
     quarters = code.call("llvm.rint", angle * (2.0 / np.pi))
-    rest = angle
-    for part in _HALF_PI:
-        rest = code.fused(-quarters, code.value(part), rest)
-    sine, cosine = _of_eighth_turn(code, rest)
+    reduced = angle
+    for term in _HALF_PI:
+        reduced = code.fused(-quarters, code.value(term), reduced)
+    sine, cosine = _of_eighth_turn(code, reduced)
     quarter = quarters - code.call("llvm.floor", quarters * 0.25) * 4.0
     half = code.call("llvm.floor", quarter * 0.5)
     odd, sign = quarter - half * 2.0 > 0.5, 1.0 - half * 2.0

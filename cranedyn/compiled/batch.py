@@ -1,6 +1,4 @@
-"""Many cranes at once, each with numbers, start, controller and reference of its own, one in each
-lane of the processor's vectors.
-"""
+"""Simulation of many cranes at once, one in each lane of the processor's vectors."""
 
 from __future__ import annotations
 
@@ -14,14 +12,14 @@ import numpy as np
 from cranedyn.checks import check_choice, number, read_only, whole, within
 from cranedyn.clocks import Clocks, clocks
 from cranedyn.compiled import cuda, inputs
-from cranedyn.compiled.call import Sizes, places, size
-from cranedyn.compiled.checked import compiled
-from cranedyn.compiled.door import Loop
+from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.kernel import Recipe
-from cranedyn.compiled.memory import grouped, run, ungrouped
+from cranedyn.compiled.layout import BufferLayout, size, slices
+from cranedyn.compiled.memory import group_lanes, run, ungroup_lanes
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.threads import WARP
+from cranedyn.compiled.verify import compile_kernel
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange
@@ -37,7 +35,7 @@ Device = Literal["cpu", "cuda"]
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """What became of n cranes; a crane that diverged has numbers that are not finite.
+    """Results of n cranes; a crane that diverged has numbers that are not finite.
 
     Attributes:
         end: Coordinates and rates at the end, shape (cranes, n) each.
@@ -49,14 +47,13 @@ class Batch:
             inf where it held throughout; shape (cranes,).
         t: Times of the recorded rows [s], shape (rows,).
         q, v: Coordinates and rates at these, shape (cranes, rows, n) each.
-        command, effort: What the controllers asked for and what acts from a row on, shape (cranes,
-            rows, m) each.
-        before: What acted up to a row, shape (cranes, rows, m).
+        command, effort: Commands of the controllers and efforts from a row on, shape (cranes, rows,
+            m) each.
+        before: Efforts up to a row, shape (cranes, rows, m).
         energy: Mechanical energy [J], shape (cranes, rows).
-        failures: How many optimisations of a predictive controller failed, so that the plan before
-            went on, shape (cranes,).
-        refusals: How many readings it refused, since the crane cannot be where they say, shape
-            (cranes,).
+        failures: Number of failed optimisations of a predictive controller, after which the last
+            plan continues, shape (cranes,).
+        refusals: Number of implausible readings that it refused, shape (cranes,).
     """
 
     end: State
@@ -76,11 +73,13 @@ class Batch:
 
     def __repr__(self) -> str:
         """Return how many cranes and rows there are, and where the model ceased to hold."""
-        left = int(np.isfinite(self.valid_until).sum())
-        return f"Batch of {len(self)} cranes, {len(self.t)} rows each, {left} not valid throughout"
+        invalid = int(np.isfinite(self.valid_until).sum())
+        return (
+            f"Batch of {len(self)} cranes, {len(self.t)} rows each, {invalid} not valid throughout"
+        )
 
     def __len__(self) -> int:
-        """Number of cranes."""
+        """Return the number of cranes."""
         return len(self.peak_swing)
 
 
@@ -109,35 +108,35 @@ def simulate_batch(
     """Run many cranes under controllers that are affine in the state, by compiled code; each as
     `simulate` with validity = mark.
 
-    What is given once is for all cranes. A controller or reference that several cranes share should
-    be the same object: its table is then kept once.
+    A single argument applies to all cranes. A controller or reference that several cranes share
+    should be the same object: its table is then stored once.
 
     Args:
         crane: One crane or n, or `Cranes` of `cranedyn.plant.cranes.load_cranes`.
         controller: One or n, such as `Hold`, `Tracking`, `HoistIntegral` or `Follow`, or one
             predictive controller of `cranedyn.compiled.horizon.receding` for all. Those with a
-            memory begin with what they remember, and are left as they are.
+            memory begin with its contents, which stay unchanged.
         reference: One or n; None holds the drives where they start.
         start: One state, n states, or one with n rows; None for where each crane starts.
         t_start: Time at the start [s].
-        duration: How long to run [s].
+        duration: Duration of the run [s].
         dt: Physics step [s].
         control_period: Time between control instants [s].
         drive: What the controllers command, see `simulate`.
         force: From outside in the world [N] at each control instant, on the points of the crane,
             shape (rows, 3 points) for all or (cranes, rows, 3 points); beyond its end the last row
             holds. Wind that depends on how the load moves needs `simulate`.
-        sensor_offset: What the sensors add to coordinates and rates, shape (2 n,) for all or
+        sensor_offset: Offset that the sensors add to coordinates and rates, shape (2 n,) for all or
             (cranes, 2 n); with noise, at each control instant, shape (cranes, rows, 2 n), beyond
             its end the last row.
-        sensor_delay: How many control periods late controllers see what sensors show, one for all
-            or one for each crane, 1000 at most; until as many have passed they see the first.
+        sensor_delay: Delay of the sensors [control periods], 1000 at most, one for all or one for
+            each crane; until it has passed the controllers read the first state.
         buffers: Whether buffers end the ranges of the drives.
         integrator: The stepping rule.
         residual_from: When swing begins to count as residual [s], within the run; by default at its
             end.
-        record: Record every that manieth control instant; 0 for none.
-        threads: How many, 1024 at most; by default one for each processor.
+        record: Control instants from one recorded row to the next; 0 for no record.
+        threads: Number of threads, 1024 at most; by default one for each processor.
         converters: Frequency converters of drives that take velocities, one set for all cranes or
             n, of one delay; None for those typical for the first crane.
         device: "cpu", or "cuda" for an NVIDIA GPU, one crane a thread, see
@@ -146,9 +145,9 @@ def simulate_batch(
     Raises:
         OutOfRange: If numbers of cranes differ, an array has another shape or a number that is not
             finite, a time is not in the run, or cranes, records and tables would not fit into 4 GB.
-        CraneError: If a controller is not affine in the state, or there is no GPU where one is
-            asked for.
-        ModelError: If the code would not do what Pinocchio does.
+        CraneError: If a controller is not affine in the state, or the device is "cuda" and there is
+            no GPU.
+        ModelError: If the code does not agree with Pinocchio.
     """
     clock = clocks(duration, dt, control_period)
     check_choice("drive", drive, Drive)
@@ -156,39 +155,41 @@ def simulate_batch(
     if device == "cuda":
         if threads is not None:
             raise OutOfRange("threads", threads, "None on a GPU, where each crane has one")
-        cuda.check_there()
+        cuda.check_available()
     lanes = WARP if device == "cuda" else _LANES
     if buffers and drive != "effort":
         raise OutOfRange("buffers", buffers, "False where the drives take no efforts")
     check_rule(integrator)
     number("time at the start", t_start, "s", "-1e9 to 1e9")
     after = _instant(residual_from, t_start, clock)
-    every = min(whole("record", record, 0), clock.periods + 1)
+    interval = min(whole("record", record, 0), clock.periods + 1)
     workers = (
         None
         if threads is None
         else int(within("threads", whole("threads", threads, 1), 1, _THREADS))
     )
-    start = inputs.begin(crane) if start is None else start
-    cranes = inputs.count(
+    start = inputs.default_start(crane) if start is None else start
+    cranes = inputs.crane_count(
         crane=crane, controller=controller, reference=reference, start=start, converter=converters
     )
-    rows = clock.periods // every + 1 if every else 0
-    which, distinct = inputs.distinct(crane, cranes)
-    layout = inputs.one_layout(distinct)
-    response, late = inputs.response(distinct[0], drive, converters, clock)
-    sizes = Sizes.of(layout, late)
-    delays, remembered = inputs.delays(sensor_delay, cranes)
-    taken = inputs.fits(sizes, cranes, rows, clock.periods, remembered * sizes.z)
-    state = inputs.starts(start, cranes, sizes.n)
+    rows = clock.periods // interval + 1 if interval else 0
+    crane_index, distinct = inputs.distinct_objects(crane, cranes)
+    layout = inputs.common_layout(distinct)
+    response, delay_steps = inputs.converter_response(distinct[0], drive, converters, clock)
+    sizes = BufferLayout.of(layout, delay_steps)
+    delays, reading_count = inputs.sensor_delays(sensor_delay, cranes)
+    used = inputs.required_numbers(sizes, cranes, rows, clock.periods, reading_count * sizes.z)
+    state = inputs.start_states(start, cranes, sizes.n)
     times = t_start + control_period * np.arange(clock.periods + 1)
     forces, offsets = (
-        inputs.forces(force, cranes, sizes),
-        inputs.offsets(sensor_offset, cranes, sizes),
+        inputs.force_table(force, cranes, sizes),
+        inputs.offset_tables(sensor_offset, cranes, sizes),
     )
-    taken += sum(table.rows.size for table in (forces, *offsets))
-    control = inputs.control(distinct[0], controller, reference, state, read_only(times), taken)
-    if control.planned is not None and device == "cuda":
+    used += sum(table.rows.size for table in (forces, *offsets))
+    control = inputs.control_tables(
+        distinct[0], controller, reference, state, read_only(times), used
+    )
+    if control.predictive is not None and device == "cuda":
         raise OutOfRange("device", device, "cpu where the controller is a predictive one")
     recipe = Recipe(
         lanes,
@@ -199,33 +200,36 @@ def simulate_batch(
         offset=len(offsets) > 0,
         forces=force is not None,
         shared=tuple(
-            one.shared for one in (control.gain_table, control.setpoint_table, forces, *offsets)
+            rows_of.shared
+            for rows_of in (control.gain_table, control.setpoint_table, forces, *offsets)
         ),
         log=rows > 0,
         summary=True,
-        late=late,
-        programme=None if control.planned is None else control.planned.programme,
-        delayed=remembered > 0,
+        delay_steps=delay_steps,
+        programme=None if control.predictive is None else control.predictive.programme,
+        delayed=reading_count > 0,
         threads=device == "cuda",
     )
     if response is not None and len(response) > 1:  # numbers of their own: of crane and converter
-        distinct, which, response = inputs.paired(distinct, which, response)
-    code, varied = compiled(distinct, recipe, response)
-    inputs.fit("number of cranes", str(cranes), taken + 2 * cranes * code.varied)
+        distinct, crane_index, response = inputs.pair_with_converters(
+            distinct, crane_index, response
+        )
+    code, varied = compile_kernel(distinct, recipe, response)
+    inputs.check_fits_memory("number of cranes", str(cranes), used + 2 * cranes * code.varied)
     tables = (control.gain_table, control.setpoint_table, forces, *offsets)
     memory = {
-        "state": grouped(
+        "state": group_lanes(
             [
                 state.q,
                 state.v,
                 control.integrals,
                 np.broadcast_to(0.0, (cranes, sizes.m + 1)),
-                *inputs.remembered(sizes, state.v[:, layout.drives]),
+                *inputs.converter_memory(sizes, state.v[:, layout.drives]),
             ],
             lanes,
         ),
-        "numbers": grouped([varied[which]], lanes),
-        "summary": grouped(
+        "numbers": group_lanes([varied[crane_index]], lanes),
+        "summary": group_lanes(
             [
                 np.broadcast_to(
                     [0.0, 0.0, math.inf, *[0.0] * sizes.m], (cranes, size(sizes.summary))
@@ -235,83 +239,89 @@ def simulate_batch(
         ),
     }
     memory["log"] = np.empty((len(memory["state"]), rows * size(sizes.row), lanes))
-    if remembered:
-        memory["delay"] = grouped([delays[:, None]], lanes, np.int64)
-        memory["readings"] = np.zeros((len(memory["state"]), remembered * sizes.z, lanes))
-    if control.planned is not None:
+    if reading_count:
+        memory["delay"] = group_lanes([delays[:, None]], lanes, np.int64)
+        memory["readings"] = np.zeros((len(memory["state"]), reading_count * sizes.z, lanes))
+    if control.predictive is not None:
         memory["horizon"] = _horizon(
-            control.planned, drive, t_start, clock, len(memory["state"]), taken
+            control.predictive, drive, t_start, clock, len(memory["state"]), used
         )
     if not all(recipe.shared):
-        memory["starts"] = grouped([table.starts[:, None] for table in tables], lanes, np.int64)
+        memory["starts"] = group_lanes([table.starts[:, None] for table in tables], lanes, np.int64)
     loop = Loop(
         code,
         clock,
         tables,
         last=clock.periods + 1,
         end=clock.periods,
-        every=max(every, 1),
-        after=after,
-        remembered=remembered,
+        log_interval=max(interval, 1),
+        residual_from=after,
+        reading_count=reading_count,
         **memory,
     )
     if device == "cuda":
         cuda.run(loop, code, distinct, varied, response)
     else:
         run(loop, workers)
-    state_at, row_at, kept_at = places(sizes.state), places(sizes.row), places(sizes.summary)
-    end, kept = (
-        ungrouped(memory["state"][:, : sizes.z], cranes),
-        ungrouped(memory["summary"], cranes),
+    state_at, row_at, kept_at = slices(sizes.state), slices(sizes.row), slices(sizes.summary)
+    end, summary = (
+        ungroup_lanes(memory["state"][:, : sizes.z], cranes),
+        ungroup_lanes(memory["summary"], cranes),
     )
-    log = ungrouped(memory["log"], cranes).reshape(cranes, rows, size(sizes.row))
-    first_invalid = kept[:, kept_at["invalid"]][:, 0]
+    log = ungroup_lanes(memory["log"], cranes).reshape(cranes, rows, size(sizes.row))
+    first_invalid = summary[:, kept_at["invalid"]][:, 0]
     return Batch(
         end=State(end[:, state_at["q"]], end[:, state_at["v"]]),
-        peak_swing=np.sqrt(kept[:, kept_at["peak"]][:, 0]),
-        residual_swing=np.sqrt(kept[:, kept_at["residual"]][:, 0]),
-        largest_effort=kept[:, kept_at["effort"]],
+        peak_swing=np.sqrt(summary[:, kept_at["peak"]][:, 0]),
+        residual_swing=np.sqrt(summary[:, kept_at["residual"]][:, 0]),
+        largest_effort=summary[:, kept_at["effort"]],
         valid_until=t_start + control_period * first_invalid,
-        t=times[:: max(every, 1)][:rows],
+        t=times[:: max(interval, 1)][:rows],
         **{name: log[:, :, row_at[name]] for name in ("q", "v", "command", "effort", "before")},
         energy=log[:, :, row_at["energy"]][:, :, 0],
-        **_marks(control.planned, memory, cranes),
+        **_marks(control.predictive, memory, cranes),
     )
 
 
 def _horizon(
-    planned: Receding, drive: Drive, t_start: float, clock: Clocks, groups: int, taken: int
+    predictive: Receding, drive: Drive, t_start: float, clock: Clocks, groups: int, used: int
 ) -> np.ndarray:
-    """Memory of a predictive controller for groups of lanes, shape (groups, doubles), besides
-    numbers that are taken.
+    """Return the memory of a predictive controller for groups of lanes, shape (groups, doubles),
+    after checking that it fits beside the numbers that are used.
 
     Raises:
-        OutOfRange: If it was made for other drives or another control period, or would not fit.
+        OutOfRange: If its drives or control period differ from the run's, or it does not fit.
     """
-    if planned.programme.drive != drive:
-        raise OutOfRange("drive", drive, f"the controller's, {planned.programme.drive}")
-    planned.begin_run(t_start, clock.period)
-    one = planned.fresh(t_start, _LANES)
-    inputs.fit("number of cranes", f"{groups * _LANES}", taken + groups * one.size)
-    return np.tile(one, (groups, 1))
+    if predictive.programme.drive != drive:
+        raise OutOfRange("drive", drive, f"the controller's, {predictive.programme.drive}")
+    predictive.begin_run(t_start, clock.period)
+    memory = predictive.initial_memory(t_start, _LANES)
+    inputs.check_fits_memory("number of cranes", f"{groups * _LANES}", used + groups * memory.size)
+    return np.tile(memory, (groups, 1))
 
 
 def _marks(
-    planned: Receding | None, memory: dict[str, np.ndarray], cranes: int
+    predictive: Receding | None, memory: dict[str, np.ndarray], cranes: int
 ) -> dict[str, np.ndarray]:
-    """How many optimisations failed, and how many readings were refused, by crane."""
-    if planned is None:
+    """Return the numbers of failed optimisations and of refused readings by crane."""
+    if predictive is None:
         return dict.fromkeys(("failures", "refusals"), np.zeros(cranes, dtype=int))
-    marks = [found for one in memory["horizon"] for found in planned.marked(one, _LANES)]
-    refusals = [planned.refusals(one, _LANES) for one in memory["horizon"]]
+    marks = [
+        marks_of_lane
+        for group in memory["horizon"]
+        for marks_of_lane in predictive.marks_by_lane(group, _LANES)
+    ]
+    refusals = [predictive.refusals(group, _LANES) for group in memory["horizon"]]
     return {
-        "failures": np.array([found.failures for found in marks[:cranes]], dtype=int),
+        "failures": np.array(
+            [marks_of_lane.failures for marks_of_lane in marks[:cranes]], dtype=int
+        ),
         "refusals": np.concatenate(refusals)[:cranes],
     }
 
 
 def _instant(t: float | None, t_start: float, clock: Clocks) -> int:
-    """The first control instant at or after a time within the run [s]; the last for None."""
+    """Return the first control instant at or after a time within the run [s]; the last for None."""
     if t is None:
         return clock.periods
     end = t_start + clock.periods * clock.period

@@ -1,4 +1,4 @@
-"""Code under construction: loops and conditions, and sines and cosines that are known already."""
+"""Code under construction with loops, conditions, and cached sines and cosines."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from llvmlite import ir
 
-from cranedyn.compiled.angles import Turn, sine_and_cosine, turned_or_anew
+from cranedyn.compiled.angles import Turn, rotate_or_evaluate, sine_and_cosine
 from cranedyn.compiled.instructions import (
     DOUBLE,
     INTEGER,
@@ -18,7 +18,7 @@ from cranedyn.compiled.instructions import (
     lane_type,
 )
 
-__all__ = ["DOUBLE", "INTEGER", "POINTER", "Code", "Value", "Variable", "lane_type"]
+__all__ = ["DOUBLE", "INTEGER", "POINTER", "Code", "StackVariable", "Value", "lane_type"]
 
 
 class Code(Instructions):
@@ -30,13 +30,13 @@ class Code(Instructions):
         name: str,
         arguments: Sequence[str],
         lanes: int,
-        apart: int | None = None,
+        stride: int | None = None,
     ) -> None:
-        super().__init__(module, name, arguments, lanes, apart)
-        self._know_nothing()
+        super().__init__(module, name, arguments, lanes, stride)
+        self._clear_caches()
 
-    def _know_nothing(self) -> None:
-        """Begin without known values."""
+    def _clear_caches(self) -> None:
+        """Clear all cached values."""
         self._angles: dict[ir.Value, tuple[Value, Value]] = {}
         self._turns: dict[ir.Value, tuple[Value, Value]] = {}
         self._results: dict[tuple[Any, ...], Value] = {}
@@ -45,44 +45,44 @@ class Code(Instructions):
     def sine_and_cosine(self, angle: Value) -> tuple[Value, Value]:
         """Return sine and cosine of an angle [rad], see `cranedyn.compiled.angles`, computed once.
 
-        Sine and cosine of a sum that `gone_on` returned are updated from those of its first term.
+        Sine and cosine of a sum that `advanced` returned are updated from those of its first term.
         """
         self._asked.add(angle.register)
         if angle.register not in self._angles:
             turn = self.turn(angle)
             self._angles[angle.register] = (
-                sine_and_cosine(self, angle) if turn is None else turned_or_anew(turn)
+                sine_and_cosine(self, angle) if turn is None else rotate_or_evaluate(turn)
             )
         return self._angles[angle.register]
 
     def turn(self, angle: Value) -> Turn | None:
         """Return the turn to an angle from one of known sine and cosine; None if there is none."""
         before, by = self._turns.get(angle.register, (angle, angle))
-        known = self._angles.get(before.register)
-        return None if known is None else Turn(known, by, angle)
+        sine_cosine = self._angles.get(before.register)
+        return None if sine_cosine is None else Turn(sine_cosine, by, angle)
 
-    def asked(self, angle: Value) -> bool:
+    def uses_angle(self, angle: Value) -> bool:
         """Return whether sine or cosine of an angle were needed."""
         return angle.register in self._asked
 
-    def known_angle(self, angle: Value, sine: Value, cosine: Value) -> None:
+    def cache_angle(self, angle: Value, sine: Value, cosine: Value) -> None:
         """Use sine and cosine of an angle as known until this loop or condition ends."""
         self._angles[angle.register] = sine, cosine
 
-    def gone_on(self, before: Value, by: Any) -> Value:
+    def advanced(self, before: Value, by: Any) -> Value:
         """Return the sum and record its terms, from which its sine and cosine are updated."""
         after = before + by
         if isinstance(by, Value) and after is not before:
             self._turns[after.register] = before, by
         return after
 
-    def variables(self, values: Sequence[Any]) -> list[Variable]:
+    def variables(self, values: Sequence[Any]) -> list[StackVariable]:
         """Return variables for values that change from one pass of a loop to the next."""
-        return [Variable(self, value) for value in values]
+        return [StackVariable(self, value) for value in values]
 
     @contextmanager
     def loop(self, first: Any, last: Any) -> Iterator[ir.Value]:
-        """Statements for each whole number from the first up to, but without, the last."""
+        """Emit statements for each whole number from the first to the one before the last."""
         begin, end = (x if isinstance(x, ir.Value) else self.integer(x) for x in (first, last))
         before = self.builder.block
         head, body, after = (
@@ -94,24 +94,24 @@ class Code(Instructions):
         counter.add_incoming(begin, before)
         self.builder.cbranch(self.builder.icmp_signed("<", counter, end), body, after)
         self.builder.position_at_end(body)
-        self._forget()
+        self._clear_angles()
         yield counter
         counter.add_incoming(self.builder.add(counter, self.integer(1)), self.builder.block)
         self.builder.branch(head)
         self.builder.position_at_end(after)
-        self._forget()
+        self._clear_angles()
 
     @contextmanager
-    def stretches(self, first: ir.Value, last: ir.Value) -> Iterator[Callable[[ir.Value], None]]:
-        """Statements for each whole number from the first up to, but without, the last, in a loop
-        without branches that is left where something rare is to be done.
+    def fast_loop(self, first: ir.Value, last: ir.Value) -> Iterator[Callable[[ir.Value], None]]:
+        """Emit statements for each whole number from the first to the one before the last, as a
+        loop without branches that is left for rare cases.
 
         Yields:
             What to call at the end of the statements with whether nothing is. Statements after that
             call are gone through where something is, and after the last number.
         """
         block, build = self.function.append_basic_block, self.builder
-        head, body, rest, after = (block(name) for name in ("head", "body", "rest", "after"))
+        head, body, rare, after = (block(name) for name in ("head", "body", "rest", "after"))
         before = build.block
         build.branch(head)
         build.position_at_end(head)
@@ -120,13 +120,13 @@ class Code(Instructions):
         build.position_at_end(body)
         number = build.phi(INTEGER)
         next_one = build.add(number, self.integer(1))
-        self._forget()
+        self._clear_angles()
 
         def end(nothing: ir.Value) -> None:
-            on = build.and_(nothing, build.icmp_signed("<", next_one, last))
+            again = build.and_(nothing, build.icmp_signed("<", next_one, last))
             number.add_incoming(next_one, build.block)
-            build.cbranch(on, body, rest)
-            build.position_at_end(rest)
+            build.cbranch(again, body, rare)
+            build.position_at_end(rare)
 
         yield end
         begin.add_incoming(first, before)
@@ -134,17 +134,17 @@ class Code(Instructions):
         number.add_incoming(begin, head)
         build.branch(head)
         build.position_at_end(after)
-        self._forget()
+        self._clear_angles()
 
     @contextmanager
     def when(self, condition: ir.Value) -> Iterator[None]:
-        """Statements for where a condition, one for all lanes, holds."""
+        """Emit statements that run where a condition, common to all lanes, holds."""
         with self.builder.if_then(condition):
-            self._forget()
+            self._clear_angles()
             yield
-        self._forget()
+        self._clear_angles()
 
-    def _forget(self) -> None:
+    def _clear_angles(self) -> None:
         """Forget sines and cosines that were computed on another path of the code."""
         self._angles = {}
 
@@ -153,7 +153,7 @@ class Code(Instructions):
         self.builder.ret_void()
 
 
-class Variable:
+class StackVariable:
     """A variable on the stack."""
 
     def __init__(self, code: Code, value: Any) -> None:

@@ -1,7 +1,7 @@
-"""Compiled loops on an NVIDIA GPU, one crane a thread, by the driver's own functions.
+"""Compiled loops on an NVIDIA GPU, one crane a thread, through the functions of the driver.
 
-The arrays are those that `cranedyn.compiled.door` has looked at; they are copied there and back.
-Before code is used, what it answers on the GPU is held against Pinocchio.
+The arrays are those that `cranedyn.compiled.binding` has checked; they are copied to the GPU and
+back. Accelerations by the code on the GPU are compared with Pinocchio before it is used.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cranedyn.compiled.call import size
-from cranedyn.compiled.checked import check_all
+from cranedyn.compiled.layout import size
 from cranedyn.compiled.ptx import ptx
-from cranedyn.compiled.threads import MOVING, WARP
+from cranedyn.compiled.threads import GROUP_POINTERS, WARP
+from cranedyn.compiled.verify import verify_cranes
 from cranedyn.errors import CraneError
 
 if TYPE_CHECKING:
-    from cranedyn.compiled.door import Loop
+    from cranedyn.compiled.binding import Loop
     from cranedyn.compiled.kernel import Kernel, Recipe
     from cranedyn.model.crane import Crane
     from cranedyn.plant.cranes import Cranes
@@ -35,8 +35,8 @@ second or two on a small GPU."""
 _LOADING = threading.Lock()
 
 
-def check_there() -> None:
-    """Return if there is a GPU.
+def check_available() -> None:
+    """Check that there is a GPU.
 
     Raises:
         CraneError: If there is none, or no driver, or no `cuda-bindings`.
@@ -48,36 +48,36 @@ def run(
     loop: Loop,
     code: Kernel,
     cranes: Sequence[Crane] | Cranes,
-    own: np.ndarray,
+    varied: np.ndarray,
     converters: np.ndarray | None = None,
 ) -> None:
     """Run a loop over all its groups of lanes on the first GPU.
 
     Args:
-        loop: The loop, of threads.
-        code: Its code.
-        cranes: Different cranes that it was made for.
-        own: The numbers in which these differ, shape (n, m).
-        converters: Of their drives, see `cranedyn.compiled.checked.compiled`.
+        loop: Loop whose recipe is for threads.
+        code: Code of the loop.
+        cranes: Distinct cranes of the code.
+        varied: Their varied numbers, shape (n, m).
+        converters: Parameters of their converters, see `cranedyn.compiled.verify.compile_kernel`.
 
     Raises:
-        CraneError: If there is no GPU, see `check_there`, or too little memory on it.
-        ModelError: If the code does not do on the GPU what Pinocchio does.
+        CraneError: If there is no GPU, see `check_available`, or too little memory on it.
+        ModelError: If the code on the GPU does not agree with Pinocchio.
     """
     with _context():
         with _LOADING:
             module = _module(code.topology, code.constants, code.recipe)
-            check_all(cranes, code, own, module.agreed, converters, module.accelerations)
+            verify_cranes(cranes, code, varied, module.verified, converters, module.accelerations)
         threads = len(loop) * WARP
         with _Memory() as memory:
-            for call in loop.elsewhere(memory.placed, MOVING, _PIECE):
+            for call in loop.device_calls(memory.upload, GROUP_POINTERS, _PIECE):
                 module.start("run", np.append(call, threads), threads)
-            memory.bring_back()
+            memory.download()
 
 
 @cache
 def _driver() -> Any:
-    """The functions of NVIDIA's driver, initialised.
+    """Return NVIDIA's driver, initialised.
 
     Raises:
         CraneError: If there are none, or there is no GPU.
@@ -101,21 +101,21 @@ def _driver() -> Any:
 
 
 def _call(name: str, *arguments: Any) -> Any:
-    """What a function of the driver answers.
+    """Call a function of the driver and return its result.
 
     Raises:
-        CraneError: If it could not do it.
+        CraneError: If the function fails.
     """
     driver = _driver()
-    outcome, *answer = getattr(driver, name)(*arguments)
+    outcome, *values = getattr(driver, name)(*arguments)
     if outcome != driver.CUresult.CUDA_SUCCESS:
         raise CraneError(f"The GPU refused {name}: {outcome.name}.")
-    return answer[0] if answer else None
+    return values[0] if values else None
 
 
 @contextmanager
 def _context() -> Iterator[None]:
-    """Use the first GPU, with the context that it has for all who do in this process."""
+    """Use the first GPU with the primary context of this process."""
     _call("cuCtxPushCurrent", _primary())
     try:
         yield
@@ -138,28 +138,28 @@ class _Memory:
         return self
 
     def __exit__(self, *error: object) -> None:
-        for place, *_ in self._kept:
-            _call("cuMemFree", place)
+        for address, *_ in self._kept:
+            _call("cuMemFree", address)
 
-    def placed(self, array: np.ndarray, written: bool) -> int:
-        """Copy a contiguous array there, and answer its address; see `Loop.elsewhere`."""
-        place = _call("cuMemAlloc", max(array.nbytes, 1))
-        self._kept.append((place, array, written))
-        _call("cuMemcpyHtoD", place, array, array.nbytes)
-        return int(place)
+    def upload(self, array: np.ndarray, written: bool) -> int:
+        """Copy an array to the GPU and return its address there; see `Loop.device_calls`."""
+        address = _call("cuMemAlloc", max(array.nbytes, 1))
+        self._kept.append((address, array, written))
+        _call("cuMemcpyHtoD", address, array, array.nbytes)
+        return int(address)
 
-    def bring_back(self) -> None:
-        """Copy what was written to back into the arrays."""
-        for place, array, written in self._kept:
+    def download(self) -> None:
+        """Copy the arrays that the code wrote to back from the GPU."""
+        for address, array, written in self._kept:
             if written:
-                _call("cuMemcpyDtoH", array, place, array.nbytes)
+                _call("cuMemcpyDtoH", array, address, array.nbytes)
 
 
 class _Module:
     """Kernels in the GPU.
 
     Attributes:
-        agreed: Varied numbers of the cranes with which it was compared with Pinocchio there.
+        verified: Varied numbers of the cranes for which it was compared with Pinocchio.
     """
 
     def __init__(self, text: str) -> None:
@@ -168,25 +168,25 @@ class _Module:
             name: _call("cuModuleGetFunction", self._module, name.encode())
             for name in ("run", "answer")
         }
-        self.agreed: set[bytes] = set()
+        self.verified: set[bytes] = set()
 
     def start(self, name: str, arguments: np.ndarray, threads: int) -> None:
         """Run a kernel with arguments of eight bytes each, to its end."""
-        given = tuple(arguments.tolist()), (ctypes.c_int64,) * len(arguments)
+        parameters = tuple(arguments.tolist()), (ctypes.c_int64,) * len(arguments)
         blocks, block = -(-threads // _BLOCK), min(threads, _BLOCK)
         function = self._functions[name]
-        _call("cuLaunchKernel", function, blocks, 1, 1, block, 1, 1, 0, 0, given, 0)
+        _call("cuLaunchKernel", function, blocks, 1, 1, block, 1, 1, 0, 0, parameters, 0)
         _call("cuCtxSynchronize")
 
-    def accelerations(self, code: Kernel, given: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """As `cranedyn.compiled.door.accelerations`, on the GPU."""
-        found = np.empty((code.sizes.n, WARP))
-        assert given.shape == (size(code.sizes.given), WARP) and len(numbers) == code.varied
+    def accelerations(self, code: Kernel, query: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+        """Return accelerations on the GPU, see `cranedyn.compiled.binding.kernel_accelerations`."""
+        result = np.empty((code.sizes.n, WARP))
+        assert query.shape == (size(code.sizes.query), WARP) and len(numbers) == code.varied
         with _Memory() as memory:
-            places = [memory.placed(given, False), memory.placed(numbers, False)]
-            self.start("answer", np.array([*places, memory.placed(found, True)]), WARP)
-            memory.bring_back()
-        return found
+            addresses = [memory.upload(query, False), memory.upload(numbers, False)]
+            self.start("answer", np.array([*addresses, memory.upload(result, True)]), WARP)
+            memory.download()
+        return result
 
 
 @lru_cache(maxsize=256)

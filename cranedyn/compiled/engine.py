@@ -1,5 +1,5 @@
-"""The compiled crane from one control instant to the next, or through a whole run where nothing in
-the loop is Python.
+"""Engine of compiled code: from one control instant to the next, or through a whole run if nothing
+in the loop is Python.
 """
 
 from __future__ import annotations
@@ -10,38 +10,37 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cranedyn.checks import read_only
-from cranedyn.compiled.call import Sizes, places, size
-from cranedyn.compiled.checked import compiled
-from cranedyn.compiled.door import Loop, Rows
+from cranedyn.compiled.binding import Loop, RowFunction
 from cranedyn.compiled.horizon.control import Programme
 from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.kernel import Kernel, Recipe
+from cranedyn.compiled.layout import BufferLayout, size, slices
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.tables import (
-    Table,
-    alone,
+    RowTable,
+    command_tables,
     gain_table,
-    no_gain_table,
-    one_command,
     setpoint_table,
+    single_table,
+    without_gains,
 )
+from cranedyn.compiled.verify import compile_kernel
 from cranedyn.controllers.affine import Affine, Stateful, affine_form
 from cranedyn.dynamics.drives import VelocityDrives
 from cranedyn.errors import Misshapen
 from cranedyn.interfaces import Reference, State
 from cranedyn.references.tabulated import tabulated
 from cranedyn.simulation.engine import Engine, Setting
-from cranedyn.simulation.log import Log
+from cranedyn.simulation.log import Actuation, Log
 from cranedyn.simulation.stepper import DIVERGED
 
 _BLOCK, _STEPS = 2000, 1_000_000
-"""Control instants, and physics steps, that a closed loop runs ahead at most before it is looked
-at."""
+"""Largest numbers of control instants, and of physics steps, in a block."""
 
 
 class _Block(NamedTuple):
-    """Tables to fill, shape (gain rows, columns) and (instants, columns), the log that comes of
-    them, the instant at which the model ceases to hold, shape (1,), and the run.
+    """Tables to fill, shape (gain rows, columns) and (instants, columns), the resulting log, the
+    instant at which the model ceases to hold, shape (1,), and the function that runs the block.
     """
 
     gain_table: np.ndarray
@@ -52,43 +51,43 @@ class _Block(NamedTuple):
 
 
 class CompiledEngine(Engine):
-    """An engine that steps by code; what commands cost and where buffers hold at a control instant
-    are Pinocchio's to say.
+    """Engine that steps by compiled code; drive efforts and buffer forces at control instants are
+    computed by Pinocchio.
 
     Attributes:
-        state: Where the crane is.
+        state: State of the crane.
     """
 
     def __init__(self, setting: Setting, start: State) -> None:
-        """Begin at a state, without command.
+        """Start at a state, without command.
 
         Raises:
             OutOfRange: If there is no code for the stepping rule.
         """
         check_rule(setting.integrator)
         self._setting = setting
-        self._sizes = sizes = Sizes.of(setting.crane.layout, setting.delay_steps)
+        self._sizes = sizes = BufferLayout.of(setting.crane.layout, setting.delay_steps)
         self._memory, self._force, self._at = (
             np.zeros(size(sizes.state)),
             np.zeros((1, size(sizes.force))),
-            places(sizes.state),
+            slices(sizes.state),
         )
-        self._gain_table, self._setpoint_table = one_command(sizes)
-        self._look()
+        self._gain_table, self._setpoint_table = command_tables(sizes)
+        self._create_views()
         self._codes: dict[tuple[bool, bool, Programme | None], Kernel] = {}
-        self._planned: Receding | None = None
+        self._predictive: Receding | None = None
         self._step: Callable[[], None] | None = None
         self._horizon: np.ndarray | None = None
         self._blocks: dict[tuple[bool, int, int, int], _Block] = {}
         self.reset(start)
 
-    def _look(self) -> None:
-        """Have views of the memory."""
+    def _create_views(self) -> None:
+        """Create the views of the memory."""
         self._here = self._memory[: self._sizes.z]
-        self._last_command = self._gain_table[0, places(self._sizes.gain_table)["feed_forward"]]
+        self._last_command = self._gain_table[0, slices(self._sizes.gain_table)["feed_forward"]]
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return all but what is bound to the memory, for a copy that has memory of its own."""
+        """Return all but what is bound to the memory, for a copy with its own memory."""
         bound: dict[str, Any] = {
             "_codes": {},
             "_blocks": {},
@@ -99,12 +98,12 @@ class CompiledEngine(Engine):
         return vars(self) | bound
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take what a copy has, and look at its memory."""
+        """Restore a copy and its views of the memory."""
         vars(self).update(state)
-        self._look()
+        self._create_views()
 
     def reset(self, start: State) -> None:
-        """As `Engine.reset`; code that was compiled stays."""
+        """Reset as `Engine.reset`; compiled code is kept."""
         super().reset(start)
         self._memory[:] = self._force[:] = self._last_command[:] = 0.0
         self._here[:] = np.concatenate(start)
@@ -114,14 +113,14 @@ class CompiledEngine(Engine):
             unheard[:] = self._memory[self._at["reference"]]
 
     def _code(self, *, integral: bool, log: bool) -> Kernel:
-        """Code, made and checked at the first need."""
-        planned = self._planned if log else None
-        which = integral, log, None if planned is None else planned.programme
-        if which not in self._codes:
-            self._codes[which] = self._made(*which)
-        return self._codes[which]
+        """Return the code, compiled and verified at the first use."""
+        predictive = self._predictive if log else None
+        key = integral, log, None if predictive is None else predictive.programme
+        if key not in self._codes:
+            self._codes[key] = self._compile_kernel(*key)
+        return self._codes[key]
 
-    def _made(self, integral: bool, log: bool, programme: Programme | None) -> Kernel:
+    def _compile_kernel(self, integral: bool, log: bool, programme: Programme | None) -> Kernel:
         recipe = Recipe(
             1,
             self._setting.drive,
@@ -133,25 +132,25 @@ class CompiledEngine(Engine):
             shared=(True, True, True),
             log=log,
             summary=log,
-            late=self._setting.delay_steps,
+            delay_steps=self._setting.delay_steps,
             programme=programme,
         )
-        made = self._setting.converters
-        numbers = None if made is None else np.concatenate(made.response)
-        return compiled([self._setting.crane], recipe, numbers)[0]
+        converters = self._setting.converters
+        numbers = None if converters is None else np.concatenate(converters.response)
+        return compile_kernel([self._setting.crane], recipe, numbers)[0]
 
     def _loop(
         self,
         code: Kernel,
-        gain_table: Table,
-        setpoint_table: Table,
+        gain_table: RowTable,
+        setpoint_table: RowTable,
         last: int,
         end: int,
         **memory: Any,
     ) -> Loop:
-        """Code bound to the memory of this crane."""
-        tables = gain_table, setpoint_table, alone(self._force)
-        memory = {name: part.reshape(1, -1, 1) for name, part in memory.items()}
+        """Return code bound to the memory of this crane."""
+        tables = gain_table, setpoint_table, single_table(self._force)
+        memory = {name: array.reshape(1, -1, 1) for name, array in memory.items()}
         return Loop(
             code,
             self._setting.clocks,
@@ -164,73 +163,66 @@ class CompiledEngine(Engine):
         )
 
     def energies(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """As `Engine.energies`; by code if it was made for stepping."""
+        """Return energies as `Engine.energies`; by code if stepping has compiled it."""
         if self._step is None:
             return super().energies(q, v)
-        return Rows(self._code(integral=False, log=False).machine, "energies", self._sizes.z, 1)(
-            np.hstack([q, v])
-        )[:, 0]
+        return RowFunction(
+            self._code(integral=False, log=False).machine, "energies", self._sizes.z, 1
+        )(np.hstack([q, v]))[:, 0]
 
-    def _take_command(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        self._recall()
-        needed, effort = super()._take_command(command)
-        self._last_command[:] = effort if self._setting.drive == "effort" else command
-        return needed, effort
-
-    def _effort(self) -> np.ndarray:
-        self._recall()
-        return super()._effort()
+    def apply_command(self, command: np.ndarray, force: np.ndarray | None = None) -> Actuation:
+        """As `Engine.apply_command`."""
+        if self._setting.converters is not None or self._setting.buffers:
+            self._recall()
+        actuation = super().apply_command(command, force)
+        self._last_command[:] = actuation.effort if self._setting.drive == "effort" else command
+        if force is not None:
+            self._force[0] = actuation.force
+        return actuation
 
     def _recall(self) -> None:
-        """Copy the memory of the converters from compiled code to Pinocchio's drives."""
+        """Copy the memory of converters and buffers from compiled code to Pinocchio's drives."""
+        self._buffer_work = float(self._memory[self._at["buffers"]][0])
         if isinstance(self._drives, VelocityDrives):
             names = "reference", "rising", "unheard"
             reference, rising, unheard = (self._memory[self._at[name]] for name in names)
             self._drives.recall(reference, rising, unheard.reshape(-1, self._sizes.m).copy())
 
-    def _take_force(self, force: np.ndarray) -> None:
-        super()._take_force(force)
-        self._force[0] = force.ravel()
-
-    def _buffers(self) -> np.ndarray:
-        self._buffer_work = float(self._memory[self._at["buffers"]][0])
-        return super()._buffers()
-
     def advance(self) -> State:
-        """As `Engine.advance`."""
+        """Advance as `Engine.advance`."""
         if self._step is None:
             code = self._code(integral=False, log=False)
             self._step = self._loop(
-                code, alone(self._gain_table), alone(self._setpoint_table), 1, 1
-            ).alone()
+                code, single_table(self._gain_table), single_table(self._setpoint_table), 1, 1
+            ).bind_call()
         self._step()
-        return self._arrived()
+        return self._read_state()
 
-    def _arrived(self) -> State:
-        here = np.frombuffer(self._here.tobytes())  # a copy that cannot be written to
+    def _read_state(self) -> State:
+        z = np.frombuffer(self._here.tobytes())  # a copy that cannot be written to
         n = self._sizes.n
         # what State(q, v) makes, in half the time
-        self.state = tuple.__new__(State, (here[:n], here[n:]))
+        self.state = tuple.__new__(State, (z[:n], z[n:]))
         return self.state
 
     def run_ahead(
         self, controller: object, reference: Reference, t_start: float, periods: int, log: Log
     ) -> Iterator[int]:
-        """Log rows under a controller that is affine in the state, block by block, and say how many
-        there are.
+        """Log rows under a controller that is affine in the state, block by block, and yield the
+        number of rows.
 
-        A block in which anything is out of the ordinary is left undone, for whoever goes through it
-        instant by instant.
+        A block with a number that is not finite or a diverged state is discarded; the caller then
+        runs it instant by instant.
 
         Raises:
-            Misshapen: If the controller's common form, or what the reference wants at many times,
-                is not made of arrays as they should be.
+            Misshapen: If the arrays of the controller's affine form or of the reference have another
+                shape.
         """
         if self._setting.forces:
             return
         clocks, first = self._setting.clocks, 0
-        planned = controller if isinstance(controller, Receding) else None
-        if planned is not None and planned.programme.drive != self._setting.drive:
+        predictive = controller if isinstance(controller, Receding) else None
+        if predictive is not None and predictive.programme.drive != self._setting.drive:
             return
         ahead = max(1, min(_BLOCK, _STEPS // clocks.steps))
         while first <= periods:
@@ -241,19 +233,19 @@ class CompiledEngine(Engine):
                 setpoint = tabulated(reference, times, self._sizes.m).position
                 common = (
                     affine_form(controller, times, setpoint, self._sizes.z)
-                    if planned is None
-                    else no_gain_table(self._sizes, setpoint)
+                    if predictive is None
+                    else without_gains(self._sizes, setpoint)
                 )
             except Misshapen:
                 raise
-            except Exception:  # it comes again at the instant at which it belongs
+            except Exception:  # raised again at the instant where it occurs
                 common = None
-            self._plan_with(planned, float(times[0]))
+            self._plan_with(predictive, float(times[0]))
             ran = None if common is None else self._run(common, setpoint, periods - first)
             if ran is None:
                 break
-            if planned is not None:
-                planned.went_on(float(times[-1]))
+            if predictive is not None:
+                predictive.advance_to(float(times[-1]))
             if isinstance(controller, Stateful):
                 controller.resume(float(times[-1]), self._memory[self._at["integral"]].copy())
             rows, valid = ran
@@ -267,19 +259,19 @@ class CompiledEngine(Engine):
             }
             log.extend(columns, rows["energy"][:, 0], valid=valid)
             first += len(times)
-            self._arrived()
+            self._read_state()
             yield first
         if self._setting.converters is None:
-            self._take_command(self._memory[self._at["last_command"]].copy())
+            self.apply_command(self._memory[self._at["last_command"]].copy())
 
     def _run(
         self, common: Affine, setpoint: np.ndarray, end: int
     ) -> tuple[dict[str, np.ndarray], bool] | None:
-        """A block of rows by name, and whether the model holds at all of them; None, and all as
-        before, if a number for it or in it is not finite or a joint moves too fast.
+        """Return a block of rows by name, and whether the model holds at all of them; return None
+        and restore the state if a number is not finite or a joint moves too fast.
         """
         before, n = self._memory.copy(), len(setpoint)
-        planned = None if self._horizon is None else self._horizon.copy()
+        predictive = None if self._horizon is None else self._horizon.copy()
         block = self._block(
             bool(common.integral_gain.any()), len(common.feed_forward), n, min(end, n)
         )
@@ -288,28 +280,28 @@ class CompiledEngine(Engine):
         self._memory[self._at["integral"]] = common.integral
         block.invalid[:] = np.inf
         block.run()
-        found = {name: block.rows[:, where] for name, where in places(self._sizes.row).items()}
-        known = (
+        rows = {name: block.rows[:, columns] for name, columns in slices(self._sizes.row).items()}
+        finite = (
             np.isfinite(block.rows).all()
             and np.isfinite(common.integral).all()
             and not np.isnan(common.limit).any()
         )
-        if known and (np.square(found["v"]).sum(axis=1) < DIVERGED**2).all():
-            return found, bool(np.isinf(block.invalid[0]))
+        if finite and (np.square(rows["v"]).sum(axis=1) < DIVERGED**2).all():
+            return rows, bool(np.isinf(block.invalid[0]))
         self._memory[:] = before
         if self._horizon is not None:
-            self._horizon[:] = planned
+            self._horizon[:] = predictive
         return None
 
-    def _plan_with(self, planned: Receding | None, t: float) -> None:
-        """Have the memory of a predictive controller at hand, which goes on from a time [s]."""
-        if planned is not self._planned:
+    def _plan_with(self, predictive: Receding | None, t: float) -> None:
+        """Prepare the memory of a predictive controller that continues from a time [s]."""
+        if predictive is not self._predictive:
             self._blocks.clear()
-        self._planned = planned
-        self._horizon = None if planned is None else planned.ahead(t)
+        self._predictive = predictive
+        self._horizon = None if predictive is None else predictive.resume_memory(t)
 
     def _block(self, integral: bool, gain_rows: int, instants: int, end: int) -> _Block:
-        """What a block of a size is run with, made once."""
+        """Return the block of a size, cached."""
         size_of_it = integral, gain_rows, instants, end
         if size_of_it not in self._blocks:
             tables = (
@@ -320,8 +312,11 @@ class CompiledEngine(Engine):
                 np.empty((instants, size(self._sizes.row))),
                 np.zeros(size(self._sizes.summary)),
             )
-            code, (laws_of, aims_of) = self._code(integral=integral, log=True), map(alone, tables)
+            code, (laws_of, aims_of) = (
+                self._code(integral=integral, log=True),
+                map(single_table, tables),
+            )
             run = self._loop(code, laws_of, aims_of, instants, end, log=rows, summary=summary)
-            invalid = summary[places(self._sizes.summary)["invalid"]]
-            self._blocks[size_of_it] = _Block(*tables, rows, invalid, run.alone())
+            invalid = summary[slices(self._sizes.summary)["invalid"]]
+            self._blocks[size_of_it] = _Block(*tables, rows, invalid, run.bind_call())
         return self._blocks[size_of_it]

@@ -1,5 +1,5 @@
-"""Many cranes that go on from one command to the next, for loops that are not ours, such as those
-of reinforcement learning.
+"""Cranes that advance from one command to the next, for external loops such as reinforcement
+learning.
 """
 
 from __future__ import annotations
@@ -15,34 +15,33 @@ import numpy as np
 
 from cranedyn.checks import check_choice, finite, read_only, short_repr, whole, within
 from cranedyn.clocks import clocks
-from cranedyn.compiled.call import Sizes, places, size
-from cranedyn.compiled.checked import compiled
-from cranedyn.compiled.door import Loop
-from cranedyn.compiled.inputs import fit, one_layout, starts
+from cranedyn.compiled.binding import Loop
+from cranedyn.compiled.inputs import check_fits_memory, common_layout, start_states
 from cranedyn.compiled.kernel import Kernel, Recipe
-from cranedyn.compiled.tables import Table, alone, one_command
+from cranedyn.compiled.layout import BufferLayout, size, slices
+from cranedyn.compiled.tables import RowTable, command_tables, single_table
+from cranedyn.compiled.verify import compile_kernel
 from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import DirectDrive, State
 from cranedyn.model.crane import Crane
 
 _LANES, _THREADS, _SHARE, _MOST = 8, 1024, 32, 512
-"""Cranes in a group; most threads; groups that are worth a thread of their own, and groups whose
-numbers stay in a processor's cache."""
+"""Cranes in a group; largest number of threads; least groups of a thread; most groups of a chunk,
+whose numbers stay in a processor's cache."""
 
 
 class Fleet:
-    """Cranes that each have a state, and take a command that holds for a control period; each moves
-    as in `simulate` with validity = mark.
+    """Cranes that each take a command for a control period, and move as in `simulate` with validity
+    = mark.
 
-    Nothing that is given can make the code read or write beside an array: all of it is looked at
-    here, and copied.
+    All arguments are checked and copied, so that the code stays within its arrays.
 
     Attributes:
-        layout: Of all of them.
-        z: Coordinates and rates, one column a crane, shape (2 joints, n). To look at; the next step
-            writes into it.
-        parts: Columns that a thread goes through at once.
+        layout: Layout of all cranes.
+        z: Coordinates and rates, one column a crane, shape (2 joints, n); a read-only view that the
+            next step updates.
+        chunks: Slices of columns, each advanced by one thread at a time.
     """
 
     z: np.ndarray
@@ -59,28 +58,28 @@ class Fleet:
         forces: bool = False,
         threads: int | None = None,
     ) -> None:
-        """Have so many cranes, all of them the first, where it starts.
+        """Create n cranes of the first kind, at its start.
 
         Args:
-            cranes: One, or several that `place` chooses from.
-            count: How many there are, n.
+            cranes: One crane, or several from which `place` chooses.
+            count: Number of cranes, n.
             dt: Physics step [s].
             control_period: Time for which a command holds [s].
-            drive: What is commanded, see `simulate`.
-            forces: Whether forces from outside can act.
-            threads: How many, 1024 at most; by default one for each processor.
+            drive: Kind of command, see `simulate`.
+            forces: Whether external forces can act.
+            threads: Number of threads, 1024 at most; by default one for each processor.
 
         Raises:
             OutOfRange: If a number is out of range, there is no crane, one has another layout, or
                 they would not fit into 4 GB.
-            ModelError: If the code would not do what Pinocchio does.
+            ModelError: If the code does not agree with Pinocchio.
         """
         check_choice("drive", drive, DirectDrive)
         self.cranes = [cranes] if isinstance(cranes, Crane) else list(cranes)
         if not self.cranes:
             raise OutOfRange("number of cranes to choose from", 0, "1 or more")
-        self.layout = one_layout(self.cranes)
-        self._sizes = sizes = Sizes.of(self.layout)
+        self.layout = common_layout(self.cranes)
+        self._sizes = sizes = BufferLayout.of(self.layout)
         self.count, self.control_period, self.drive = (
             whole("number of cranes", count, 1),
             control_period,
@@ -104,9 +103,9 @@ class Fleet:
             log=False,
             summary=False,
         )
-        code, self._own = compiled(self.cranes, self._recipe)
+        code, self._own = compile_kernel(self.cranes, self._recipe)
         groups = -(-self.count // _LANES)
-        fit(
+        check_fits_memory(
             "number of cranes",
             str(count),
             groups * _LANES * (3 * size(sizes.state) + code.varied + size(sizes.force) + 10),
@@ -116,67 +115,66 @@ class Fleet:
             np.zeros((groups, code.varied, _LANES)),
         )
         self._force = np.zeros((groups * _LANES if forces else 1, size(sizes.force)))
-        self._pushed, self._last_command = forces, places(sizes.state)["last_command"]
+        self._pushed, self._last_command = forces, slices(sizes.state)["last_command"]
         count_of_parts = max(min(workers, groups // _SHARE), -(-groups // _MOST), 1)
         ends = np.minimum(
             _LANES * np.linspace(0, groups, count_of_parts + 1).astype(int), self.count
         ).tolist()
-        self.parts = [slice(first, last) for first, last in pairwise(ends)]
+        self.chunks = [slice(first, last) for first, last in pairwise(ends)]
         self._others = min(workers, count_of_parts) - 1
         self._z = np.empty((sizes.z, groups, _LANES))
         self._bind(code)
         self._limit = np.full((sizes.m, self.count), np.inf)
-        here = self.cranes[0].start
+        start = self.cranes[0].start
         self._put(
-            np.arange(groups * _LANES), State(here.q[None], here.v[None]), np.zeros(1, dtype=int)
+            np.arange(groups * _LANES), State(start.q[None], start.v[None]), np.zeros(1, dtype=int)
         )
 
     def _bind(self, code: Kernel) -> None:
-        """Bind code to the memory, and have a view of it."""
+        """Bind code to the memory and create a view of it."""
         groups = len(self._state)
         memory: dict[str, Any] = {"state": self._state, "numbers": self._numbers}
-        table = alone(self._force)
+        table = single_table(self._force)
         if self._pushed:
-            table = Table(self._force, 1, np.arange(groups * _LANES))
+            table = RowTable(self._force, 1, np.arange(groups * _LANES))
             memory["starts"] = np.zeros((groups, 3, _LANES), dtype=np.int64)
             memory["starts"][:, 2] = table.starts.reshape(groups, _LANES)
-        gain_table, setpoint_table = one_command(self._sizes)
+        gain_table, setpoint_table = command_tables(self._sizes)
         self._steps = Loop(
             code,
             self._clock,
-            (alone(gain_table), alone(setpoint_table), table),
+            (single_table(gain_table), single_table(setpoint_table), table),
             last=1,
             end=1,
             **memory,
-        ).steps()
+        ).step_function()
         self.z = read_only(self._z.reshape(len(self._z), -1)[:, : self.count])
         self._pool, self._process = None, 0
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return all but what is bound to the memory, for a copy that has memory of its own."""
+        """Return all but what is bound to the memory, for a copy with its own memory."""
         bound = ("_steps", "z", "_pool")
         return {name: value for name, value in vars(self).items() if name not in bound}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take what a copy has, and bind it."""
+        """Restore a copy and bind its code to the memory."""
         vars(self).update(state)
-        self._bind(compiled(self.cranes, self._recipe)[0])
+        self._bind(compile_kernel(self.cranes, self._recipe)[0])
 
     def place(
-        self, which: np.ndarray, start: State | Sequence[State], crane: np.ndarray | None = None
+        self, indices: np.ndarray, start: State | Sequence[State], crane: np.ndarray | None = None
     ) -> None:
-        """Put some cranes elsewhere.
+        """Set the states, and optionally the kinds, of some cranes.
 
         Args:
-            which: Which of the n, whole numbers, shape (k,).
-            start: Where they are from now on: one state for all, k states, or one with k rows.
-            crane: Which of the cranes to choose from each of them is, whole numbers, shape (k,);
-                None for the first.
+            indices: Indices of the cranes to set, shape (k,).
+            start: New states: one for all, k states, or one with k rows.
+            crane: Index of the kind of each crane, shape (k,); None for the first.
 
         Raises:
-            OutOfRange: If a number is not finite, or an index not one of those there are.
+            OutOfRange: If a number is not finite, or an index is out of range.
         """
-        rows = _indices("which crane", which, self.count)
+        rows = _indices("which crane", indices, self.count)
         kinds = (
             np.zeros(len(rows), dtype=int)
             if crane is None
@@ -186,19 +184,19 @@ class Fleet:
             raise OutOfRange(
                 "cranes chosen", len(kinds), f"{len(rows)}, one for each that is placed"
             )
-        self._put(rows, starts(start, len(rows), self._sizes.n), kinds)
+        self._put(rows, start_states(start, len(rows), self._sizes.n), kinds)
 
-    def push(self, which: np.ndarray, force: np.ndarray) -> None:
-        """Have forces from outside act on some cranes until something else is said.
+    def push(self, indices: np.ndarray, force: np.ndarray) -> None:
+        """Apply external forces to some cranes until they are changed.
 
         Args:
-            which: Which of the n, whole numbers, shape (k,).
-            force: In the world [N], on the points of each crane, the payload first, shape (k, 3
+            indices: Indices of the cranes, shape (k,).
+            force: Force in the world [N] on the points of each crane, the payload first, shape (k, 3
                 points).
 
         Raises:
-            OutOfRange: If a number is not finite, an index not one of those there are, or forces
-                were not asked for.
+            OutOfRange: If a number is not finite, an index is out of range, or the fleet has no
+                external forces.
         """
         if not self._pushed:
             raise OutOfRange(
@@ -206,76 +204,76 @@ class Fleet:
                 short_repr(force),
                 "none, unless the fleet is made with forces = True",
             )
-        rows = _indices("which crane", which, self.count)
+        rows = _indices("which crane", indices, self.count)
         self._force[rows] = finite("force", force, (len(rows), size(self._sizes.force)), unit="N")
 
     def step(self, command: np.ndarray) -> np.ndarray:
-        """Go on for a control period.
+        """Advance all cranes by a control period.
 
         Args:
-            command: Efforts, which are cut to the limits of the drives, or accelerations, one
-                column a crane, shape (drives, n).
+            command: Efforts, clipped to the limits of the drives, or accelerations, one column a
+                crane, shape (drives, n).
 
         Returns:
-            Coordinates and rates afterwards, which are `z`; not finite for a crane that diverged.
+            Coordinates and rates after the period, `z`; not finite for a crane that diverged.
 
         Raises:
             OutOfRange: If a command is not finite.
         """
-        given = finite("command", command, (self._sizes.m, self.count))
-        self.spread(lambda part: self._advance(part, given[:, self.parts[part]]))
+        commands = finite("command", command, (self._sizes.m, self.count))
+        self.spread(lambda chunk: self._advance(chunk, commands[:, self.chunks[chunk]]))
         return self.z
 
     def spread(self, work: Callable[[int], object]) -> None:
-        """Have threads do a work for the number of each part of the cranes, see `parts`."""
+        """Run a function for the index of each chunk of cranes in threads, see `chunks`."""
         if not self._others:
-            for part in range(len(self.parts)):
-                work(part)
+            for chunk in range(len(self.chunks)):
+                work(chunk)
             return
         if self._pool is None or self._process != os.getpid():  # a fork leaves threads behind
             self._pool, self._process = ThreadPoolExecutor(self._others), os.getpid()
-        left = deque(range(len(self.parts)))
+        queue = deque(range(len(self.chunks)))
 
         def take() -> None:
-            while left:
+            while queue:
                 try:
-                    part = left.popleft()
+                    chunk = queue.popleft()
                 except IndexError:  # another thread took the last
                     return
-                work(part)
+                work(chunk)
 
         pool = self._pool
-        others = [pool.submit(take) for _ in range(self._others)]
+        futures = [pool.submit(take) for _ in range(self._others)]
         try:
             take()
         finally:
-            wait(others)  # whatever happens: none may go on while the next step begins
-        for other in others:
-            other.result()
+            wait(futures)  # whatever happens: none may go on while the next step begins
+        for future in futures:
+            future.result()
 
-    def advance(self, part: int, command: np.ndarray) -> np.ndarray:
-        """Go on with one part, from a thread of `spread`; as `step`, with the columns of that part.
+    def advance(self, chunk: int, command: np.ndarray) -> np.ndarray:
+        """Advance one chunk, from a thread of `spread`; see `step`, with the columns of that chunk.
 
         Raises:
-            OutOfRange: If there is no such part, or a command is not finite.
+            OutOfRange: If there is no such chunk, or a command is not finite.
         """
-        if whole("part", part, 0) >= len(self.parts):
-            raise OutOfRange("part", part, f"0 to {len(self.parts) - 1}")
-        columns = self.parts[part]
+        if whole("part", chunk, 0) >= len(self.chunks):
+            raise OutOfRange("part", chunk, f"0 to {len(self.chunks) - 1}")
+        columns = self.chunks[chunk]
         self._advance(
-            part, finite("command", command, (self._sizes.m, columns.stop - columns.start))
+            chunk, finite("command", command, (self._sizes.m, columns.stop - columns.start))
         )
         return self.z[:, columns]
 
-    def _advance(self, part: int, given: np.ndarray) -> None:
-        columns = self.parts[part]
+    def _advance(self, chunk: int, command: np.ndarray) -> None:
+        columns = self.chunks[chunk]
         if self.drive == "effort":
-            given = np.clip(given, -self._limit[:, columns], self._limit[:, columns])
+            command = np.clip(command, -self._limit[:, columns], self._limit[:, columns])
         first, last = columns.start // _LANES, -(-columns.stop // _LANES)
-        commands = np.zeros((len(given), _LANES * (last - first)))
-        commands[:, : given.shape[1]] = given
+        commands = np.zeros((len(command), _LANES * (last - first)))
+        commands[:, : command.shape[1]] = command
         self._state[first:last, self._last_command] = commands.reshape(
-            len(given), -1, _LANES
+            len(command), -1, _LANES
         ).transpose(1, 0, 2)
         self._steps(first, last)
         self._z[:, first:last] = self._state[first:last, : len(self._z)].transpose(1, 0, 2)
@@ -293,9 +291,9 @@ class Fleet:
 
 
 def _indices(name: str, values: np.ndarray, count: int) -> np.ndarray:
-    """Whole numbers from 0 up to, but without, a count, shape (k,)."""
-    found = finite(name, values, ("k",))
-    wrong = (found != np.floor(found)) | (found < 0) | (found >= count)
+    """Check that values are whole numbers from 0 to below a count, and return them, shape (k,)."""
+    indices = finite(name, values, ("k",))
+    wrong = (indices != np.floor(indices)) | (indices < 0) | (indices >= count)
     if wrong.any():
-        raise OutOfRange(name, float(found[wrong][0]), f"a whole number from 0 to {count - 1}")
-    return found.astype(int)
+        raise OutOfRange(name, float(indices[wrong][0]), f"a whole number from 0 to {count - 1}")
+    return indices.astype(int)

@@ -1,4 +1,4 @@
-"""What a batch is given: one of a kind for all cranes or one for each, checked and laid out."""
+"""Inputs of a batch, shared or one for each crane: checks and tables."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 
 from cranedyn.checks import finite, whole, within
 from cranedyn.clocks import Clocks
-from cranedyn.compiled.call import Sizes, size
 from cranedyn.compiled.horizon.receding import Receding
+from cranedyn.compiled.layout import BufferLayout, size
 from cranedyn.compiled.tables import (
-    Table,
+    RowTable,
+    drop_repeated_rows,
     gain_table,
-    no_gain_table,
     setpoint_table,
-    shortened,
-    table,
+    stack_tables,
+    without_gains,
 )
 from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.dynamics.converters import fitting
@@ -31,51 +31,51 @@ from cranedyn.references import hold
 from cranedyn.references.tabulated import owned, tabulated
 
 _LARGEST = 4e9
-"""Memory that a batch may take, tables and records among it [byte]."""
+"""Largest memory of a batch, tables and records included [byte]."""
 
 _LATEST = 1000
-"""Control periods by which a sensor may be late."""
+"""Largest delay of a sensor [control periods]."""
 
 _CRANE, _PAIR = 48, 250
-"""Numbers kept of each crane, and of each controller with each reference besides their tables:
+"""Numbers stored for each crane, and for each controller with each reference besides their tables:
 measured, see `tests/compiled/test_batch.py`."""
 
 
-class Control(NamedTuple):
-    """Controllers and what they are about, as tables.
+class ControlTables(NamedTuple):
+    """Tables of controllers and setpoints.
 
     Attributes:
         gain_table, setpoint_table: The tables.
-        integrals: What was integrated before, shape (cranes, m).
-        integrates: Whether any controller does.
-        planned: The predictive controller of all cranes; None for those that are affine.
+        integrals: Integrals at the start, shape (cranes, m).
+        integrates: Whether any controller integrates.
+        predictive: The predictive controller of all cranes; None for those that are affine.
     """
 
-    gain_table: Table
-    setpoint_table: Table
+    gain_table: RowTable
+    setpoint_table: RowTable
     integrals: np.ndarray
     integrates: bool
-    planned: Receding | None
+    predictive: Receding | None
 
 
-def count(**given: Any) -> int:
-    """How many cranes are asked for.
+def crane_count(**arguments: Any) -> int:
+    """Return the number of cranes that the arguments have in common.
 
     Raises:
-        OutOfRange: If there are neither one nor as many as of the others of something.
+        OutOfRange: If an argument has neither one item nor as many as the others.
     """
     lengths = {
-        name: length for name, value in given.items() if (length := _length(value)) is not None
+        name: length for name, value in arguments.items() if (length := _length(value)) is not None
     }
-    most = max(lengths.values(), default=1)
+    count = max(lengths.values(), default=1)
     for name, length in lengths.items():
-        if length != most or length == 0:
+        if length != count or length == 0:
             raise OutOfRange(
                 f"number of {name}s",
                 length,
-                f"{max(most, 1)}, as many as there are of others, or one alone for all",
+                f"{max(count, 1)}, as many as there are of others, or one alone for all",
             )
-    return most
+    return count
 
 
 def _length(value: Any) -> int | None:
@@ -91,13 +91,13 @@ def _length(value: Any) -> int | None:
     )
 
 
-def begin(crane: Crane | Cranes | Sequence[Crane]) -> State | list[State]:
-    """Where cranes start if nothing else is said."""
-    return crane.start if isinstance(crane, Crane | Cranes) else [one.start for one in crane]
+def default_start(crane: Crane | Cranes | Sequence[Crane]) -> State | list[State]:
+    """Return the start of the cranes' own descriptions."""
+    return crane.start if isinstance(crane, Crane | Cranes) else [single.start for single in crane]
 
 
-def starts(start: State | Sequence[State], cranes: int, joints: int) -> State:
-    """Coordinates and rates at the start, shape (cranes, joints) each.
+def start_states(start: State | Sequence[State], cranes: int, joints: int) -> State:
+    """Return coordinates and rates at the start, shape (cranes, joints) each.
 
     Raises:
         OutOfRange: If they have another shape, or one is not finite.
@@ -109,13 +109,14 @@ def starts(start: State | Sequence[State], cranes: int, joints: int) -> State:
             "start", type(start).__name__, "a State, one with rows, or a sequence of States"
         ) from None
     return State(
-        rows("coordinates at the start", q, cranes, joints),
-        rows("rates at the start", v, cranes, joints),
+        broadcast_rows("coordinates at the start", q, cranes, joints),
+        broadcast_rows("rates at the start", v, cranes, joints),
     )
 
 
-def rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarray:
-    """Finite numbers, one row for all or one for each crane, shape (n, columns).
+def broadcast_rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarray:
+    """Return finite numbers for each crane, from one row for all or one for each, shape (n,
+    columns).
 
     Raises:
         OutOfRange: If they have another shape, or one is not finite.
@@ -123,168 +124,174 @@ def rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarray:
     return np.broadcast_to(finite(name, value, (columns,), (cranes, columns)), (cranes, columns))
 
 
-def control(
-    crane: Crane, controller: Any, reference: Any, start: State, times: np.ndarray, taken: int
-) -> Control:
-    """Tables of controllers and references, one for each that is another object; None as reference
-    holds the drives at the start.
+def control_tables(
+    crane: Crane, controller: Any, reference: Any, start: State, times: np.ndarray, used: int
+) -> ControlTables:
+    """Return the tables of controllers and references, one for each distinct object; without a
+    reference the drives hold their start.
 
     Args:
-        crane: One of them.
-        controller: One or n.
-        reference: One or n, or None.
+        crane: One of the cranes.
+        controller: One controller or n.
+        reference: One reference or n, or None.
         start: Coordinates and rates at the start, shape (cranes, joints) each.
         times: Control instants [s].
-        taken: How many numbers something else takes.
+        used: Numbers of memory already used.
 
     Raises:
         CraneError: If a controller is not affine in the state.
-        OutOfRange: If what it answers is not what it should be, or the tables would not fit into 4
-            GB.
+        OutOfRange: If an affine form is not finite, or the tables do not fit into 4 GB.
     """
-    cranes, sizes = len(start.q), Sizes.of(crane.layout)
-    aims_of, references = _references(crane, reference, start, taken)
-    laws_of, controllers = distinct(controller, cranes)
+    cranes, sizes = len(start.q), BufferLayout.of(crane.layout)
+    aims_of, references = _references(crane, reference, start, used)
+    laws_of, controllers = distinct_objects(controller, cranes)
     pairs, pair_of = np.unique(laws_of * len(references) + aims_of, return_inverse=True)
-    taken += _PAIR * len(pairs)
+    used += _PAIR * len(pairs)
     gain_tables: list[np.ndarray] = []
     setpoint_tables, integrals, gain_table_of_pair, integrates = [], [], [], False
     last: dict[int, int] = {}
     longest_gain_table = longest_setpoint_table = 0
-    for which, about in (divmod(pair, len(references)) for pair in pairs.tolist()):
-        setpoint = tabulated(references[about], times, crane.layout.m).position
+    for controller_index, reference_index in (
+        divmod(pair, len(references)) for pair in pairs.tolist()
+    ):
+        setpoint = tabulated(references[reference_index], times, crane.layout.m).position
         common = (
-            no_gain_table(sizes, setpoint)
-            if isinstance(controllers[which], Receding)
-            else _form(controllers[which], times, setpoint, sizes.z)
+            without_gains(sizes, setpoint)
+            if isinstance(controllers[controller_index], Receding)
+            else _form(controllers[controller_index], times, setpoint, sizes.z)
         )
         integrals.append(common.integral)
         integrates = integrates or bool(common.integral_gain.any())
-        setpoint_tables.append(shortened(setpoint_table(sizes, common, len(times))))
+        setpoint_tables.append(drop_repeated_rows(setpoint_table(sizes, common, len(times))))
         gain_rows = gain_table(sizes, common)
-        if which not in last or not np.array_equal(gain_rows, gain_tables[last[which]]):
-            last[which] = len(gain_tables)
+        if controller_index not in last or not np.array_equal(
+            gain_rows, gain_tables[last[controller_index]]
+        ):
+            last[controller_index] = len(gain_tables)
             gain_tables.append(gain_rows)
-        gain_table_of_pair.append(last[which])
+        gain_table_of_pair.append(last[controller_index])
         longest_gain_table, longest_setpoint_table = (
             max(longest_gain_table, len(gain_rows)),
             max(longest_setpoint_table, len(setpoint_tables[-1])),
         )
-        needed = taken + 2 * (
+        needed = used + 2 * (
             len(gain_tables) * longest_gain_table * size(sizes.gain_table)
             + len(setpoint_tables) * longest_setpoint_table * size(sizes.setpoint_table)
         )
-        fit(
+        check_fits_memory(
             "number of controllers and references",
             f"{len(gain_tables)} and {len(setpoint_tables)} or more",
             needed,
         )
-    return Control(
-        table(gain_tables, np.array(gain_table_of_pair)[pair_of]),
-        table(setpoint_tables, pair_of),
+    return ControlTables(
+        stack_tables(gain_tables, np.array(gain_table_of_pair)[pair_of]),
+        stack_tables(setpoint_tables, pair_of),
         np.array(integrals)[pair_of],
         integrates,
-        _planned(controllers),
+        _predictive(controllers),
     )
 
 
-def _planned(controllers: Sequence[Any]) -> Receding | None:
-    """The predictive controller of all cranes, if they have one.
+def _predictive(controllers: Sequence[Any]) -> Receding | None:
+    """Return the predictive controller of all cranes, or None.
 
     Raises:
-        CraneError: If there is another controller besides.
+        CraneError: If there is another controller.
     """
-    found = next((one for one in controllers if isinstance(one, Receding)), None)
-    if found is not None and len(controllers) > 1:
+    predictive = next(
+        (candidate for candidate in controllers if isinstance(candidate, Receding)), None
+    )
+    if predictive is not None and len(controllers) > 1:
         raise CraneError(
             "A batch has one predictive controller for all cranes, and references that differ; "
             f"these have {len(controllers)} controllers."
         )
-    return found
+    return predictive
 
 
 def _references(
-    crane: Crane, reference: Any, starts: State, taken: int
+    crane: Crane, reference: Any, start: State, used: int
 ) -> tuple[np.ndarray, Sequence[Reference]]:
-    """Which of the references each crane has, and these; where there is none, one hold for each
-    place at which drives start.
+    """Return the index of each crane's reference, and the references; without any, one hold for
+    each start position of the drives.
     """
     if reference is not None:
-        return distinct(reference, len(starts.q))
-    drives = starts.q[:, crane.layout.drives]
+        return distinct_objects(reference, len(start.q))
+    drives = start.q[:, crane.layout.drives]
     if (drives == drives[0]).all():
-        return distinct(hold(crane, State(starts.q[0], starts.v[0])), len(starts.q))
+        return distinct_objects(hold(crane, State(start.q[0], start.v[0])), len(start.q))
     firsts: dict[bytes, int] = {}
-    for i, place in enumerate(map(np.ndarray.tobytes, drives)):
-        if place not in firsts:
-            firsts[place] = i
-            fit(
+    for i, position in enumerate(map(np.ndarray.tobytes, drives)):
+        if position not in firsts:
+            firsts[position] = i
+            check_fits_memory(
                 "number of places at which drives start",
                 f"{len(firsts)} or more",
-                taken + _PAIR * len(firsts),
+                used + _PAIR * len(firsts),
             )
-    number = {place: row for row, place in enumerate(firsts)}
-    which = np.fromiter((number[place.tobytes()] for place in drives), int, len(drives))
-    return which, [hold(crane, State(starts.q[i], starts.v[i])) for i in firsts.values()]
+    number = {position: row for row, position in enumerate(firsts)}
+    reference_index = np.fromiter(
+        (number[position.tobytes()] for position in drives), int, len(drives)
+    )
+    return reference_index, [hold(crane, State(start.q[i], start.v[i])) for i in firsts.values()]
 
 
-def distinct(value: Any, cranes: int) -> tuple[np.ndarray, Any]:
-    """Which of the different objects each crane has, shape (n,), and these."""
+def distinct_objects(value: Any, cranes: int) -> tuple[np.ndarray, Any]:
+    """Return the index of each crane's object, shape (n,), and the distinct objects."""
     if isinstance(value, Cranes):
         return np.arange(cranes), value
     if _length(value) is None:
         return np.broadcast_to(0, cranes), [value]
-    found = {id(one): one for one in value}
-    number = {key: row for row, key in enumerate(found)}
-    return np.array([number[id(one)] for one in value]), list(found.values())
+    objects = {id(item): item for item in value}
+    number = {key: row for row, key in enumerate(objects)}
+    return np.array([number[id(item)] for item in value]), list(objects.values())
 
 
-def response(
+def converter_response(
     crane: Crane, drive: str, converters: Any, clock: Clocks
 ) -> tuple[np.ndarray | None, int | None]:
-    """Numbers of frequency converters, one row for all cranes or one for each, and by how many
-    control periods they hear late; None where drives have none.
+    """Return the parameters of frequency converters, one row for all cranes or one for each, and
+    their delay [control periods]; None for drives without converters.
 
     Raises:
-        OutOfRange: If they do not fit the crane or the clocks, or are late by different times.
+        OutOfRange: If they do not fit the crane or the clocks, or differ in delay.
     """
-    many = isinstance(converters, Sequence)
-    given = [fitting(crane, drive, one) for one in (converters if many else [converters])]
-    made = [one for one in given if one is not None]
-    if not made:
+    several = isinstance(converters, Sequence)
+    fitted = [fitting(crane, drive, item) for item in (converters if several else [converters])]
+    present = [item for item in fitted if item is not None]
+    if not present:
         return None, None
-    lates = [one.delay_steps(clock.dt, clock.period) for one in made]
+    lates = [item.delay_steps(clock.dt, clock.period) for item in present]
     if len({*lates}) > 1:
         raise OutOfRange(
             "delays of converters", f"{min(lates)} to {max(lates)} control periods", "all the same"
         )
-    return np.array([np.concatenate(one.response) for one in made]), lates[0]
+    return np.array([np.concatenate(item.response) for item in present]), lates[0]
 
 
-def paired(
-    cranes: Sequence[Crane] | Cranes, which: np.ndarray, response: np.ndarray
+def pair_with_converters(
+    cranes: Sequence[Crane] | Cranes, crane_index: np.ndarray, response: np.ndarray
 ) -> tuple[Sequence[Crane] | Cranes, np.ndarray, np.ndarray]:
-    """Cranes, which of them each lane has, and numbers of converters, one row for each lane."""
+    """Return cranes and parameters of converters, one for each lane, and the index of each."""
     if not isinstance(cranes, Cranes):
-        cranes = [cranes[i] for i in which.tolist()]
-    return cranes, np.arange(len(which)), response
+        cranes = [cranes[i] for i in crane_index.tolist()]
+    return cranes, np.arange(len(crane_index)), response
 
 
-def remembered(sizes: Sizes, rates: np.ndarray) -> list[np.ndarray]:
-    """What frequency converters remember at the start, in parts with a row for each crane: they
-    go on at the rates of the drives, shape (cranes, m).
+def converter_memory(sizes: BufferLayout, rates: np.ndarray) -> list[np.ndarray]:
+    """Return the memory of frequency converters at the start, by section with a row for each crane:
+    they continue at the rates of the drives, shape (cranes, m).
     """
-    if sizes.late is None:
+    if sizes.delay_steps is None:
         return []
-    return [rates, np.zeros_like(rates), *[rates] * sizes.late]
+    return [rates, np.zeros_like(rates), *[rates] * sizes.delay_steps]
 
 
-def one_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
-    """The layout of all cranes.
+def common_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
+    """Return the layout that all cranes have in common.
 
     Raises:
-        OutOfRange: If one has another than the first: other joints, drives or points, or springs
-            elsewhere.
+        OutOfRange: If a crane differs from the first in joints, drives, points or sprung joints.
     """
     first = Topology.of(cranes[0])
     for crane in () if isinstance(cranes, Cranes) else cranes:
@@ -321,23 +328,23 @@ def _form(controller: Any, times: np.ndarray, setpoint: np.ndarray, width: int) 
     return common
 
 
-def forces(force: Any, cranes: int, sizes: Sizes) -> Table:
-    """A table of outside forces for all cranes, shape (rows, 3 points), or one for each, shape
-    (cranes, rows, 3 points); None for none.
+def force_table(force: Any, cranes: int, sizes: BufferLayout) -> RowTable:
+    """Return the table of external forces, from shape (rows, 3 points) for all cranes or (cranes,
+    rows, 3 points); zero for None.
 
     Raises:
         OutOfRange: If they have another shape, or one is not finite.
     """
     if force is None:
-        return table([np.zeros((1, size(sizes.force)))], np.zeros(cranes, dtype=int))
+        return stack_tables([np.zeros((1, size(sizes.force)))], np.zeros(cranes, dtype=int))
     columns = size(sizes.force)
-    found = finite("force", force, ("m", columns), (cranes, "m", columns), unit="N")
-    return _stacked("force", found, cranes, own=found.ndim == 3)
+    values = finite("force", force, ("m", columns), (cranes, "m", columns), unit="N")
+    return _stacked("force", values, cranes, per_crane=values.ndim == 3)
 
 
-def offsets(offset: Any, cranes: int, sizes: Sizes) -> tuple[Table, ...]:
-    """A table of what sensors add to coordinates and rates, shape (2 n,) for all cranes, (cranes,
-    2 n) or, by control instant, (cranes, rows, 2 n); no table for None.
+def offset_tables(offset: Any, cranes: int, sizes: BufferLayout) -> tuple[RowTable, ...]:
+    """Return the table of sensor offsets of coordinates and rates, from shape (2 n,) for all
+    cranes, (cranes, 2 n) or, by control instant, (cranes, rows, 2 n); no table for None.
 
     Raises:
         OutOfRange: If they have another shape, or one is not finite.
@@ -345,64 +352,65 @@ def offsets(offset: Any, cranes: int, sizes: Sizes) -> tuple[Table, ...]:
     if offset is None:
         return ()
     z = sizes.z
-    found = finite("sensor_offset", offset, (z,), (cranes, z), (cranes, "m", z))
-    by_instant = found if found.ndim == 3 else found.reshape(-1, 1, z)
-    return (_stacked("sensor_offset", by_instant, cranes, own=found.ndim > 1),)
+    values = finite("sensor_offset", offset, (z,), (cranes, z), (cranes, "m", z))
+    by_instant = values if values.ndim == 3 else values.reshape(-1, 1, z)
+    return (_stacked("sensor_offset", by_instant, cranes, per_crane=values.ndim > 1),)
 
 
-def _stacked(name: str, found: np.ndarray, cranes: int, *, own: bool) -> Table:
-    """A table of rows by control instant, one after another for each crane that has its own."""
-    if not found.size:
-        raise Misshapen(name, f"an array of shape {found.shape}", "one with a row at least")
-    each, columns = found.shape[-2:]
-    starts = each * np.arange(cranes) if own else np.broadcast_to(0, cranes)
-    return Table(np.ascontiguousarray(found.reshape(-1, columns), dtype=float), each, starts)
+def _stacked(name: str, values: np.ndarray, cranes: int, *, per_crane: bool) -> RowTable:
+    """Return a table of rows by control instant, shared or one after another for each crane."""
+    if not values.size:
+        raise Misshapen(name, f"an array of shape {values.shape}", "one with a row at least")
+    rows, columns = values.shape[-2:]
+    starts = rows * np.arange(cranes) if per_crane else np.broadcast_to(0, cranes)
+    return RowTable(np.ascontiguousarray(values.reshape(-1, columns), dtype=float), rows, starts)
 
 
-def delays(delay: Any, cranes: int) -> tuple[np.ndarray, int]:
-    """By how many control periods the sensors of each crane are late, shape (cranes,), and how
-    many readings are kept for it; none where no sensor is late.
+def sensor_delays(delay: Any, cranes: int) -> tuple[np.ndarray, int]:
+    """Return the sensor delay of each crane [control periods], shape (cranes,), and the number of
+    readings to store; 0 without delays.
 
     Raises:
         OutOfRange: If one is not a whole number from 0 to 1000, or there are not as many as cranes.
     """
-    many = isinstance(delay, Sequence | np.ndarray) and not isinstance(delay, str | bytes)
-    given = delay if many else [delay]
-    if many and len(given) != cranes:
-        raise OutOfRange("number of sensor delays", len(given), f"{cranes}, or one alone for all")
+    several = isinstance(delay, Sequence | np.ndarray) and not isinstance(delay, str | bytes)
+    delays = delay if several else [delay]
+    if several and len(delays) != cranes:
+        raise OutOfRange("number of sensor delays", len(delays), f"{cranes}, or one alone for all")
     name, unit = "sensor_delay", "control periods"
-    found = [within(name, whole(name, one, 0, unit), 0, _LATEST, unit) for one in given]
-    kept = int(max(found)) + 1 if max(found) > 0 else 0
-    return np.broadcast_to(np.array(found, dtype=np.int64), (cranes,)), kept
+    periods = [within(name, whole(name, item, 0, unit), 0, _LATEST, unit) for item in delays]
+    readings = int(max(periods)) + 1 if max(periods) > 0 else 0
+    return np.broadcast_to(np.array(periods, dtype=np.int64), (cranes,)), readings
 
 
-def fits(sizes: Sizes, cranes: int, instants: int, periods: int, more: int) -> int:
-    """How many numbers the cranes and what is to be recorded of them take, arranged by lanes and by
-    cranes.
+def required_numbers(
+    sizes: BufferLayout, cranes: int, instants: int, periods: int, extra: int
+) -> int:
+    """Return how many numbers the memory and the record of the cranes take, by lanes and by cranes.
 
     Args:
-        sizes: Of each crane.
-        cranes: How many cranes.
-        instants: How many rows are recorded of each.
-        periods: How many control periods they run.
-        more: How many numbers each has besides the usual ones.
+        sizes: Buffer layout of each crane.
+        cranes: Number of cranes.
+        instants: Recorded rows of each crane.
+        periods: Control periods of the run.
+        extra: Additional numbers of each crane.
 
     Raises:
-        OutOfRange: If they, or the tables of one controller, would take more than 4 GB.
+        OutOfRange: If they, or the tables of one controller, take more than 4 GB.
     """
-    fit("number of cranes", str(cranes), cranes * (_CRANE + more))
-    taken = cranes * (_CRANE + more + 2 * instants * size(sizes.row))
-    fit("record", f"{instants} rows of {cranes} cranes", taken)
-    fit(
+    check_fits_memory("number of cranes", str(cranes), cranes * (_CRANE + extra))
+    used = cranes * (_CRANE + extra + 2 * instants * size(sizes.row))
+    check_fits_memory("record", f"{instants} rows of {cranes} cranes", used)
+    check_fits_memory(
         "duration",
         f"{periods} control periods",
         2 * periods * (size(sizes.gain_table) + size(sizes.setpoint_table)),
     )
-    return taken
+    return used
 
 
-def fit(name: str, given: str, numbers: int) -> None:
-    """Return if so many numbers fit into 4 GB.
+def check_fits_memory(name: str, value: str, numbers: int) -> None:
+    """Check that so many numbers fit into 4 GB.
 
     Raises:
         OutOfRange: If not.
@@ -411,6 +419,6 @@ def fit(name: str, given: str, numbers: int) -> None:
     if needed > _LARGEST:
         raise OutOfRange(
             name,
-            given,
+            value,
             f"what takes {_LARGEST / 1e9:g} GB at most; these would take {needed / 1e9:.3g} GB",
         )

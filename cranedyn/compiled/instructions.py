@@ -36,31 +36,31 @@ class Value:
         """Builder of choices between such numbers."""
         return self.code
 
-    def __add__(self, other: Any) -> Any:
-        return self if _is(other, 0.0) else self._with("fadd", other)
+    def __add__(self, operand: Any) -> Any:
+        return self if _is(operand, 0.0) else self._with("fadd", operand)
 
-    def __radd__(self, other: Any) -> Any:
-        return self + other
+    def __radd__(self, operand: Any) -> Any:
+        return self + operand
 
-    def __sub__(self, other: Any) -> Any:
-        return self if _is(other, 0.0) else self._with("fsub", other)
+    def __sub__(self, operand: Any) -> Any:
+        return self if _is(operand, 0.0) else self._with("fsub", operand)
 
-    def __rsub__(self, other: Any) -> Any:
-        return -self if _is(other, 0.0) else self.code.value(other)._with("fsub", self)
+    def __rsub__(self, operand: Any) -> Any:
+        return -self if _is(operand, 0.0) else self.code.value(operand)._with("fsub", self)
 
-    def __mul__(self, other: Any) -> Any:
-        if isinstance(other, float) and other in (0.0, 1.0, -1.0):
-            return 0.0 if other == 0.0 else self if other == 1.0 else -self
-        return self._with("fmul", other)
+    def __mul__(self, operand: Any) -> Any:
+        if isinstance(operand, float) and operand in (0.0, 1.0, -1.0):
+            return 0.0 if operand == 0.0 else self if operand == 1.0 else -self
+        return self._with("fmul", operand)
 
-    def __rmul__(self, other: Any) -> Any:
-        return self * other
+    def __rmul__(self, operand: Any) -> Any:
+        return self * operand
 
-    def __truediv__(self, other: Any) -> Any:
-        return self * (1.0 / other) if isinstance(other, float) else self._with("fdiv", other)
+    def __truediv__(self, operand: Any) -> Any:
+        return self * (1.0 / operand) if isinstance(operand, float) else self._with("fdiv", operand)
 
-    def __rtruediv__(self, other: Any) -> Any:
-        return 0.0 if _is(other, 0.0) else self.code.value(other)._with("fdiv", self)
+    def __rtruediv__(self, operand: Any) -> Any:
+        return 0.0 if _is(operand, 0.0) else self.code.value(operand)._with("fdiv", self)
 
     def __neg__(self) -> Value:
         return self.code.result("fneg", self)
@@ -73,29 +73,31 @@ class Value:
         """Return the cosine of an angle [rad]."""
         return self.code.sine_and_cosine(self)[1]
 
-    def __lt__(self, other: Any) -> ir.Value:
-        return self._compared("<", other)
+    def __lt__(self, operand: Any) -> ir.Value:
+        return self._compared("<", operand)
 
-    def __gt__(self, other: Any) -> ir.Value:
-        return self._compared(">", other)
+    def __gt__(self, operand: Any) -> ir.Value:
+        return self._compared(">", operand)
 
-    def __le__(self, other: Any) -> ir.Value:
-        return self._compared("<=", other)
+    def __le__(self, operand: Any) -> ir.Value:
+        return self._compared("<=", operand)
 
-    def __ge__(self, other: Any) -> ir.Value:
-        return self._compared(">=", other)
+    def __ge__(self, operand: Any) -> ir.Value:
+        return self._compared(">=", operand)
 
-    def _compared(self, how: str, other: Any) -> ir.Value:
-        return self.code.builder.fcmp_ordered(how, self.register, self.code.value(other).register)
+    def _compared(self, predicate: str, operand: Any) -> ir.Value:
+        return self.code.builder.fcmp_ordered(
+            predicate, self.register, self.code.value(operand).register
+        )
 
-    def _with(self, operation: str, other: Any) -> Any:
+    def _with(self, operation: str, operand: Any) -> Any:
         if (
-            isinstance(other, Value)
-            and other.register is self.register
+            isinstance(operand, Value)
+            and operand.register is self.register
             and operation in _WITH_ITSELF
         ):
             return _WITH_ITSELF[operation]
-        return self.code.result(operation, self, other)
+        return self.code.result(operation, self, operand)
 
 
 class Instructions:
@@ -103,7 +105,7 @@ class Instructions:
 
     Attributes:
         lanes: Number of lanes of a value; 1 is a plain double.
-        apart: Distance in memory between the numbers of one crane [doubles].
+        stride: Distance in memory between the numbers of one crane [doubles].
         builder: Builder at the position of the next instruction.
         argument: Arguments by name, all of them addresses.
     """
@@ -114,9 +116,9 @@ class Instructions:
         name: str,
         arguments: Sequence[str],
         lanes: int,
-        apart: int | None = None,
+        stride: int | None = None,
     ) -> None:
-        self.lanes, self.apart = lanes, apart or lanes
+        self.lanes, self.stride = lanes, stride or lanes
         self.type = lane_type(lanes)
         self.function = ir.Function(
             module, ir.FunctionType(ir.VoidType(), [POINTER] * len(arguments)), name
@@ -172,7 +174,7 @@ class Instructions:
         """Return sine and cosine of an angle [rad]."""
         raise NotImplementedError
 
-    def joined(self, a: Value, from_a: ir.Block, b: Value, from_b: ir.Block) -> Value:
+    def join_paths(self, a: Value, from_a: ir.Block, b: Value, from_b: ir.Block) -> Value:
         """Return the value of the block from which this point was reached."""
         phi = self.builder.phi(self.type)
         phi.add_incoming(a.register, from_a)
@@ -208,16 +210,16 @@ class Instructions:
         """Return whether a condition holds in some lane."""
         return self._over_lanes("or", condition)
 
-    def _over_lanes(self, how: str, condition: ir.Value) -> ir.Value:
+    def _over_lanes(self, operation: str, condition: ir.Value) -> ir.Value:
         if self.lanes == 1:
             return condition
         return self._intrinsic(
-            f"llvm.vector.reduce.{how}.v{self.lanes}i1", ir.IntType(1), [condition]
+            f"llvm.vector.reduce.{operation}.v{self.lanes}i1", ir.IntType(1), [condition]
         )
 
-    def _intrinsic(self, name: str, answer: ir.Type, values: Sequence[ir.Value]) -> ir.Value:
+    def _intrinsic(self, name: str, result: ir.Type, values: Sequence[ir.Value]) -> ir.Value:
         module = self.function.module
-        kind = ir.FunctionType(answer, [value.type for value in values])
+        kind = ir.FunctionType(result, [value.type for value in values])
         return self.builder.call(
             module.globals.get(name) or ir.Function(module, kind, name), values
         )
@@ -242,12 +244,12 @@ class Instructions:
         """Return a whole number in every lane."""
         return self.from_double(self.builder.sitofp(number, DOUBLE))
 
-    def from_double(self, part: ir.Value) -> Value:
+    def from_double(self, double: ir.Value) -> Value:
         """Return one double in every lane."""
         if self.lanes == 1:
-            return Value(self, part)
+            return Value(self, double)
         undefined, first, everywhere = _spreading(self.lanes)
-        register = self.builder.insert_element(undefined, part, first)
+        register = self.builder.insert_element(undefined, double, first)
         return Value(self, self.builder.shuffle_vector(register, undefined, everywhere))
 
     def load(self, pointer: ir.Value, first: Any = 0) -> Value:
@@ -258,29 +260,29 @@ class Instructions:
         """Store the lanes in consecutive doubles of memory."""
         self.builder.store(self.value(value).register, self._at(pointer, first), align=8)
 
-    def spread(self, pointer: ir.Value, place: Any) -> Value:
+    def spread(self, pointer: ir.Value, index: Any) -> Value:
         """Load one double of memory into every lane."""
-        return self.from_double(self.builder.load(self._at(pointer, place), align=8, typ=DOUBLE))
+        return self.from_double(self.builder.load(self._at(pointer, index), align=8, typ=DOUBLE))
 
-    def gathered(self, pointer: ir.Value, places: Sequence[Any]) -> Value:
+    def gather(self, pointer: ir.Value, indices: Sequence[Any]) -> Value:
         """Load a double for each lane from an index of its own."""
         if self.lanes == 1:
-            return self.spread(pointer, places[0])
+            return self.spread(pointer, indices[0])
         register = ir.Constant(self.type, ir.Undefined)
-        for lane, place in enumerate(places):
-            part = self.builder.load(self._at(pointer, place), align=8, typ=DOUBLE)
+        for lane, index in enumerate(indices):
+            double = self.builder.load(self._at(pointer, index), align=8, typ=DOUBLE)
             register = self.builder.insert_element(
-                register, part, ir.Constant(ir.IntType(32), lane)
+                register, double, ir.Constant(ir.IntType(32), lane)
             )
         return Value(self, register)
 
-    def load_one(self, pointer: ir.Value, place: int, kind: ir.Type) -> ir.Value:
+    def load_one(self, pointer: ir.Value, index: int, kind: ir.Type) -> ir.Value:
         """Load one whole number, double or address."""
-        return self.builder.load(self._at(pointer, place), align=8, typ=kind)
+        return self.builder.load(self._at(pointer, index), align=8, typ=kind)
 
     def _at(self, pointer: ir.Value, index: Any) -> ir.Value:
-        place = index if isinstance(index, ir.Value) else self.integer(index)
-        return self.builder.gep(pointer, [place], source_etype=DOUBLE)
+        offset = index if isinstance(index, ir.Value) else self.integer(index)
+        return self.builder.gep(pointer, [offset], source_etype=DOUBLE)
 
 
 @cache
@@ -303,9 +305,9 @@ def _constant(lanes: int, text: str) -> ir.Constant:
 def _spreading(lanes: int) -> tuple[ir.Constant, ir.Constant, ir.Constant]:
     """Return an undefined vector, the index of its first lane, and that index for every lane."""
     index = ir.IntType(32)
-    places = ir.Constant(ir.VectorType(index, lanes), [0] * lanes)
-    return ir.Constant(lane_type(lanes), ir.Undefined), ir.Constant(index, 0), places
+    zeros = ir.Constant(ir.VectorType(index, lanes), [0] * lanes)
+    return ir.Constant(lane_type(lanes), ir.Undefined), ir.Constant(index, 0), zeros
 
 
-def _is(other: Any, number: float) -> bool:
-    return isinstance(other, float) and other == number
+def _is(operand: Any, number: float) -> bool:
+    return isinstance(operand, float) and operand == number

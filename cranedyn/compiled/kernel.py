@@ -1,6 +1,4 @@
-"""The closed loop in code: control, drives, log and steps, for one crane or for one in each
-lane.
-"""
+"""Closed loop in code: control, drives, log and steps, for one crane or for one in each lane."""
 
 from __future__ import annotations
 
@@ -12,13 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from cranedyn.compiled.angles import SHORTER, all_little
-from cranedyn.compiled.call import CALL, SLOTS, TURNS, Parts, Sizes, places, size
-from cranedyn.compiled.code import INTEGER, Code, Value, Variable
-from cranedyn.compiled.horizon.control import Control, Programme, emit_instant, emit_plan
-from cranedyn.compiled.machine import Machine, translated
-from cranedyn.compiled.step import stepped
-from cranedyn.compiled.threads import THREAD, one_after_another
+from cranedyn.compiled.angles import SHORTER, all_within
+from cranedyn.compiled.code import INTEGER, Code, StackVariable, Value
+from cranedyn.compiled.horizon.control import PredictiveControl, Programme, emit_instant, emit_plan
+from cranedyn.compiled.layout import CALL, SLOTS, TURNS, BufferLayout, Sections, size, slices
+from cranedyn.compiled.machine import Machine, translate
+from cranedyn.compiled.step import take_step
+from cranedyn.compiled.threads import THREAD, emit_lane_loop
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.dynamics.scalars import array
 from cranedyn.plant.plant import SI, Plant, Topology, Units, plant
@@ -26,25 +24,25 @@ from cranedyn.plant.plant import SI, Plant, Topology, Units, plant
 
 @dataclass(frozen=True)
 class Recipe:
-    """What the code can do; what is not asked for is not in it.
+    """Features of the code to generate.
 
     Attributes:
-        lanes: How many cranes it runs at once.
+        lanes: Number of cranes that run at once.
         drive: "effort", "motion" or "velocity".
         integrator: The stepping rule.
-        buffers: Whether there are buffers at the ends of the ranges.
+        buffers: Whether buffers end the ranges of the drives.
         integral: Whether the controller integrates.
-        offset: Whether the sensors add something to what they measure.
-        forces: Whether there are forces from outside.
-        shared: Whether all lanes have one controller, one setpoint table, the same forces, and the
-            same offset of the sensors.
-        log, summary: Whether rows are recorded, and whether a summary is kept.
-        late: By how many control periods frequency converters hear commands late; None for drives
-            without.
-        turns: Steps over which sines and cosines are carried along; with 1 a motion is the same to
-            the bit whatever control periods it is made of.
-        programme: Of a predictive controller; None for one that is affine in the state.
-        delayed: Whether the sensors are late.
+        offset: Whether the sensors add an offset.
+        forces: Whether external forces act.
+        shared: Whether all lanes share the gain table, the setpoint table, the forces, and the
+            sensor offsets.
+        log, summary: Whether rows are recorded, and whether a summary is computed.
+        delay_steps: Control periods by which frequency converters delay commands; None for drives
+            without converters.
+        turns: Steps after which sines and cosines are computed afresh; with 1 a motion is the same
+            to the bit for any division into control periods.
+        programme: Parameters of a predictive controller; None for one that is affine in the state.
+        delayed: Whether the sensors have delays.
         threads: Whether each lane is a thread with plain doubles, as on a GPU, instead of a part of
             a vector.
     """
@@ -59,7 +57,7 @@ class Recipe:
     shared: tuple[bool, ...]
     log: bool
     summary: bool
-    late: int | None = None
+    delay_steps: int | None = None
     turns: int = TURNS
     programme: Programme | None = None
     delayed: bool = False
@@ -67,52 +65,57 @@ class Recipe:
 
 
 class Kernel(NamedTuple):
-    """A closed loop in memory, to be called through `cranedyn.compiled.door`.
+    """Compiled closed loop, to be called through `cranedyn.compiled.binding`.
 
     Attributes:
-        recipe: What it can do.
-        sizes: Of its memory.
-        machine: What holds its functions: run, the loop; answer, accelerations at one state for
-            each lane; and, of code that keeps no log, for one crane energies, of many states, for
-            more several, the loop for each of many groups.
-        varied: How many numbers each lane has of its own.
-        agreed: Varied numbers of the cranes with which it was compared with Pinocchio.
-        topology, constants: What it was made of, for code that runs elsewhere.
+        recipe: Its features.
+        sizes: Layout of its buffers.
+        machine: Its functions: run, the loop; answer, accelerations at one state for each lane;
+            and, without a log, energies, of many states of one crane, or several, the loop for each
+            of many groups.
+        varied: Number of varied numbers of each lane.
+        verified: Varied numbers of the cranes for which it was compared with Pinocchio.
+        topology, constants: Its sources, to compile it for a GPU.
     """
 
     recipe: Recipe
-    sizes: Sizes
+    sizes: BufferLayout
     machine: Machine
     varied: int
-    agreed: set[bytes]
+    verified: set[bytes]
     topology: Topology
     constants: tuple[float | None, ...]
 
 
 def kernel(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> Kernel:
-    """Make the code for a crane whose numbers are constants, or None where each lane has its
+    """Compile the loop for a crane whose numbers are constants, or None where each lane has its
     own.
     """
-    module = text(topology, constants, recipe)
+    module = build_module(topology, constants, recipe)
     if recipe.threads:
-        one_after_another(module)
-    varied, sizes = list(constants).count(None), Sizes.of(topology.layout, recipe.late)
-    return Kernel(recipe, sizes, translated(module), varied, set(), topology, tuple(constants))
+        emit_lane_loop(module)
+    varied, sizes = (
+        list(constants).count(None),
+        BufferLayout.of(topology.layout, recipe.delay_steps),
+    )
+    return Kernel(recipe, sizes, translate(module), varied, set(), topology, tuple(constants))
 
 
-def text(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> ir.Module:
-    """The code as a text for LLVM, see `kernel`; that of threads is for one of them, see
-    `cranedyn.compiled.threads`.
+def build_module(
+    topology: Topology, constants: Sequence[float | None], recipe: Recipe
+) -> ir.Module:
+    """Return the loop as a module for LLVM, see `kernel`; for threads it is the loop of one thread,
+    see `cranedyn.compiled.threads`.
     """
     module, lanes = ir.Module(), 1 if recipe.threads else recipe.lanes
     if recipe.programme is not None:
         emit_plan(module, recipe.programme)
         if recipe.lanes == 1:
             emit_instant(module, recipe.programme)
-    run, answer = THREAD if recipe.threads else ("run", "answer")
+    run, accelerations = THREAD if recipe.threads else ("run", "answer")
     _Loop(Code(module, run, ["call"], lanes, recipe.lanes), topology, constants, recipe).emit()
     _emit_answer(
-        Code(module, answer, ["given", "numbers", "accelerations"], lanes, recipe.lanes),
+        Code(module, accelerations, ["given", "numbers", "accelerations"], lanes, recipe.lanes),
         topology,
         constants,
         recipe,
@@ -127,19 +130,23 @@ def text(topology: Topology, constants: Sequence[float | None], recipe: Recipe) 
 
 
 def _plant(
-    code: Code, own: ir.Value, topology: Topology, constants: Sequence[float | None], recipe: Recipe
+    code: Code,
+    numbers: ir.Value,
+    topology: Topology,
+    constants: Sequence[float | None],
+    recipe: Recipe,
 ) -> Plant:
     varied = count()
     values = [
-        code.load(own, next(varied) * code.apart) if constant is None else constant
+        code.load(numbers, next(varied) * code.stride) if constant is None else constant
         for constant in constants
     ]
     return plant(topology, values, recipe.drive, recipe.buffers)
 
 
-def _moving(crane: Plant, dt: Any, recipe: Recipe) -> tuple[Plant, Units]:
-    """What steps go by. A thread has no registers for numbers that are constants in SI only; and
-    where rates are told after every step, to change their units each time would round them.
+def _step_units(crane: Plant, dt: Any, recipe: Recipe) -> tuple[Plant, Units]:
+    """Return the crane and the units in which it steps. A thread has too few registers for
+    constants in other units, and converting rates after every step would add a rounding error.
     """
     return (crane, SI) if recipe.threads or recipe.turns == 1 else crane.in_steps(dt)
 
@@ -147,23 +154,23 @@ def _moving(crane: Plant, dt: Any, recipe: Recipe) -> tuple[Plant, Units]:
 def _emit_answer(
     code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
 ) -> None:
-    for attribute in () if recipe.threads else ("noinline", "optnone"):  # called some times only
+    for attribute in () if recipe.threads else ("noinline", "optnone"):  # called a few times only
         code.function.attributes.add(attribute)
     crane = _plant(code, code.argument["numbers"], topology, constants, recipe)
-    crane, units = _moving(crane, 1.0, recipe)
-    parts = Sizes.of(topology.layout).given
-    given = [code.load(code.argument["given"], i * code.apart) for i in range(size(parts))]
-    q, v, command, forces = (array(given[where]) for where in places(parts).values())
+    crane, units = _step_units(crane, 1.0, recipe)
+    sections = BufferLayout.of(topology.layout).query
+    query = [code.load(code.argument["given"], i * code.stride) for i in range(size(sections))]
+    q, v, command, forces = (array(query[section]) for section in slices(sections).values())
     pushes = forces * units.force if recipe.forces else None
     for i, a in enumerate(crane.answer(q, v, command * units.command, pushes)[0]):
-        code.store(a, code.argument["accelerations"], i * code.apart)
+        code.store(a, code.argument["accelerations"], i * code.stride)
     code.end()
 
 
 def _emit_energies(
     code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
 ) -> None:
-    given, crane = (
+    states, crane = (
         code.argument["given"],
         _plant(code, code.argument["given"], topology, constants, recipe),
     )
@@ -171,7 +178,7 @@ def _emit_energies(
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
         first = code.product(row, 2 * n)
         state = array(
-            [code.spread(given, code.builder.add(first, code.integer(i))) for i in range(2 * n)]
+            [code.spread(states, code.builder.add(first, code.integer(i))) for i in range(2 * n)]
         )
         code.store(crane.energy(state[:n], state[n:]), code.argument["energies"], row)
     code.end()
@@ -187,70 +194,81 @@ def _emit_several(code: Code, run: ir.Function) -> None:
 
 
 class _Loop:
-    """The loop over control instants under construction."""
+    """Loop over control instants under construction."""
 
     def __init__(
         self, code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
     ) -> None:
-        self.code, self.recipe, self.given = code, recipe, {}
-        self.sizes = Sizes.of(topology.layout, recipe.late)
+        self.code, self.recipe, self.call_values = code, recipe, {}
+        self.sizes = BufferLayout.of(topology.layout, recipe.delay_steps)
         for kind, names in CALL.items():
-            self.given.update(
+            self.call_values.update(
                 {name: code.load_one(code.argument["call"], SLOTS[name], kind) for name in names}
             )
-        self.dt, self.period = (code.from_double(self.given[name]) for name in ("dt", "period"))
-        self.plant = _plant(code, self.given["numbers"], topology, constants, recipe)
-        self.moving, self.units = _moving(self.plant, self.dt, recipe)
+        self.dt, self.period = (
+            code.from_double(self.call_values[name]) for name in ("dt", "period")
+        )
+        self.plant = _plant(code, self.call_values["numbers"], topology, constants, recipe)
+        self.moving, self.units = _step_units(self.plant, self.dt, recipe)
         self.state = self._variables("state", self.sizes.state)
         self.summary = self._variables("summary", self.sizes.summary) if recipe.summary else {}
         self.turns = {
             i: code.variables([0.0, 0.0])
             for i, joint in enumerate(topology.layout.joints)
-            if joint.kind == "revolute" and not recipe.threads  # of which registers are scarce
+            if joint.kind == "revolute" and not recipe.threads  # threads have few registers
         }
 
-    def _variables(self, name: str, parts: Parts) -> dict[str, list[Variable]]:
+    def _variables(self, name: str, sections: Sections) -> dict[str, list[StackVariable]]:
         code = self.code
-        found = [
-            Variable(code, code.load(self.given[name], i * code.apart)) for i in range(size(parts))
+        variables = [
+            StackVariable(code, code.load(self.call_values[name], i * code.stride))
+            for i in range(size(sections))
         ]
-        return {part: found[where] for part, where in places(parts).items()}
+        return {name_: variables[section] for name_, section in slices(sections).items()}
 
-    def _keep(self, name: str, variables: dict[str, list[Variable]]) -> None:
-        for i, variable in enumerate(variable for part in variables.values() for variable in part):
-            self.code.store(variable.get(), self.given[name], i * self.code.apart)
+    def _keep(self, name: str, variables: dict[str, list[StackVariable]]) -> None:
+        for i, variable in enumerate(
+            variable for group in variables.values() for variable in group
+        ):
+            self.code.store(variable.get(), self.call_values[name], i * self.code.stride)
 
-    def _row(self, table: int, name: str, parts: Parts, instant: ir.Value) -> dict[str, np.ndarray]:
-        """The row of a table for an instant, beyond its end the last."""
+    def _row(
+        self, table: int, name: str, sections: Sections, instant: ir.Value
+    ) -> dict[str, np.ndarray]:
+        """Return the row of a table for an instant; beyond its end the last row."""
         code = self.code
-        row = code.least(instant, code.builder.sub(self.given[f"{name}_rows"], code.integer(1)))
+        row = code.least(
+            instant, code.builder.sub(self.call_values[f"{name}_rows"], code.integer(1))
+        )
         if self.recipe.shared[table]:
-            firsts = [code.product(row, size(parts))]
+            firsts = [code.product(row, size(sections))]
         else:
             starts = [
-                code.load_one(self.given["starts"], table * code.apart + lane, INTEGER)
+                code.load_one(self.call_values["starts"], table * code.stride + lane, INTEGER)
                 for lane in range(code.lanes)
             ]
-            firsts = [code.product(code.builder.add(start, row), size(parts)) for start in starts]
-        pointer = self.given[name]
-        found = [
+            firsts = [
+                code.product(code.builder.add(start, row), size(sections)) for start in starts
+            ]
+        pointer = self.call_values[name]
+        values = [
             code.spread(pointer, code.builder.add(firsts[0], code.integer(i)))
             if self.recipe.shared[table]
-            else code.gathered(
+            else code.gather(
                 pointer, [code.builder.add(first, code.integer(i)) for first in firsts]
             )
-            for i in range(size(parts))
+            for i in range(size(sections))
         ]
-        return {part: array(found[where]) for part, where in places(parts).items()}
+        return {key: array(values[section]) for key, section in slices(sections).items()}
 
-    def _get(self, part: str) -> np.ndarray:
-        return array([variable.get() for variable in self.state[part]])
+    def _get(self, section: str) -> np.ndarray:
+        return array([variable.get() for variable in self.state[section]])
 
     def _coordinates(self) -> np.ndarray:
-        """Coordinates whose sines and cosines are known."""
+        """Return coordinates, with their sines and cosines cached."""
         q = self._get("q")
         for i, pair in self.turns.items():
-            self.code.known_angle(q[i], *(variable.get() for variable in pair))
+            self.code.cache_angle(q[i], *(variable.get() for variable in pair))
         return q
 
     def _keep_angles(self, q: np.ndarray) -> None:
@@ -261,22 +279,22 @@ class _Loop:
         for variable, value in zip(self.turns[i], pair, strict=True):
             variable.set(value)
 
-    def _set(self, part: str, values: Iterable[Any]) -> None:
-        for variable, value in zip(self.state[part], values, strict=True):
+    def _set(self, section: str, values: Iterable[Any]) -> None:
+        for variable, value in zip(self.state[section], values, strict=True):
             variable.set(value)
 
     def emit(self) -> None:
         code = self.code
         self._keep_angles(self._get("q"))
-        with code.loop(self.given["first"], self.given["last"]) as instant:
+        with code.loop(self.call_values["first"], self.call_values["last"]) as instant:
             forces = self._forces(instant)
             begun = code.both(
-                code.builder.icmp_signed("==", instant, self.given["first"]),
-                code.builder.icmp_signed("!=", self.given["going_on"], code.integer(0)),
+                code.builder.icmp_signed("==", instant, self.call_values["first"]),
+                code.builder.icmp_signed("!=", self.call_values["resumed"], code.integer(0)),
             )
             with code.when(code.builder.not_(begun)):
                 self._control(instant, forces)
-            with code.when(code.builder.icmp_signed("<", instant, self.given["end"])):
+            with code.when(code.builder.icmp_signed("<", instant, self.call_values["end"])):
                 self._period(forces)
         self._keep("state", self.state)
         if self.recipe.summary:
@@ -284,10 +302,11 @@ class _Loop:
         code.end()
 
     def _period(self, forces: np.ndarray | None) -> None:
-        """The steps of a control period. Sines and cosines are carried from one to the next, and
-        computed anew every some steps and at the end; as long are rates in the units of the steps.
+        """Emit the steps of a control period. Sines and cosines are updated step by step, and
+        computed afresh every `TURNS` steps and at the end; in between, rates are in the units of
+        the steps.
         """
-        code, steps, turns = self.code, self.given["steps"], self.recipe.turns
+        code, steps, turns = self.code, self.call_values["steps"], self.recipe.turns
         if self.recipe.threads:
             return self._steps(code.integer(0), steps, forces)
         pieces = code.builder.sdiv(
@@ -302,41 +321,41 @@ class _Loop:
             self._keep_angles(self._get("q"))
 
     def _steps(self, first: ir.Value, last: ir.Value, forces: np.ndarray | None) -> None:
-        """Steps from the first up to, but without, the last."""
+        """Emit steps from the first to the one before the last."""
         code, units = self.code, self.units
-        with code.stretches(first, last) as end:
-            here, work = self._coordinates(), self.state["buffers"][0].get()
+        with code.fast_loop(first, last) as end:
+            q_before, work = self._coordinates(), self.state["buffers"][0].get()
             v, last_command = self._get("v"), self._get("last_command")
-            if self.recipe.late is not None:
-                reference, rising = self._ramped(last_command, v * (1.0 / units.time))
+            if self.recipe.delay_steps is not None:
+                reference, rising = self._next_reference(last_command, v * (1.0 / units.time))
                 self._set("reference", reference)
                 self._set("rising", rising)
                 last_command = array(reference)
-            q, v, work = stepped(
+            q, v, work = take_step(
                 self.recipe.integrator,
                 self.moving,
-                here,
+                q_before,
                 v,
                 last_command * units.command,
                 None if forces is None else forces * units.force,
                 self.dt / units.time,
                 work,
                 units.work,
-                self.given["small"],
+                self.call_values["substeps"],
             )
             self._set("q", q)
             self._set("v", v)
             self._set("buffers", [work])
-            asked = [i for i in self.turns if code.asked(here[i])]
-            turns = {i: turn for i in asked if (turn := code.turn(q[i])) is not None}
-            pairs = {i: turn.turned(SHORTER) for i, turn in turns.items()}
-            for i in asked:
+            used = [i for i in self.turns if code.uses_angle(q_before[i])]
+            turns = {i: turn for i in used if (turn := code.turn(q[i])) is not None}
+            pairs = {i: turn.rotate(SHORTER) for i, turn in turns.items()}
+            for i in used:
                 self._keep_angle(i, pairs[i] if i in pairs else code.sine_and_cosine(q[i]))
-            little = all_little(code, [*turns.values()], SHORTER)
+            little = all_within(code, [*turns.values()], SHORTER)
             end(little)
             with code.when(code.builder.not_(little)):
                 for i, turn in turns.items():
-                    self._keep_angle(i, turn.mended(pairs[i]))
+                    self._keep_angle(i, turn.refine(pairs[i]))
 
     def _forces(self, instant: ir.Value) -> np.ndarray | None:
         return (
@@ -350,18 +369,18 @@ class _Loop:
     def _control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
         code = self.code
         q, v, before = self._coordinates(), self._get("v"), self._get("last_command")
-        command = self._commanded(instant, q, v)
-        asked = command
+        command = self._controller_command(instant, q, v)
+        requested = command
         last_command = self.plant.within(command)
-        if self.recipe.late is not None:
-            last_command = self._heard(command)
+        if self.recipe.delay_steps is not None:
+            last_command = self._delay_command(command)
         self._set("last_command", last_command)
         effort = last_command
-        if self.recipe.late is not None and (self.recipe.log or self.recipe.summary):
+        if self.recipe.delay_steps is not None and (self.recipe.log or self.recipe.summary):
             if self.recipe.log:
                 acted = self._forces(code.builder.sub(instant, code.integer(1)))
                 before = self.plant.answer(q, v, self._get("reference"), acted)[1]
-            next_reference = array(self._ramped(last_command, v)[0])
+            next_reference = array(self._next_reference(last_command, v)[0])
             _, effort, command = self.plant.driven(q, v, next_reference, forces)
         if self.recipe.drive == "motion" and (self.recipe.log or self.recipe.summary):
             before = self.plant.answer(
@@ -379,22 +398,22 @@ class _Loop:
                 self.plant.energy(q, v),
                 self.state["buffers"][0].get(),
                 buffer,
-                *self._cut(asked),
+                *self._cut(requested),
             ]
             self._log(instant, row)
         if self.recipe.summary:
-            self._summarise(instant, q, v, effort, buffer, command, self._cut(asked))
+            self._summarise(instant, q, v, effort, buffer, command, self._cut(requested))
 
-    def _heard(self, command: np.ndarray) -> np.ndarray:
-        """What converters hear when they are given commands, shape (m,)."""
+    def _delay_command(self, command: np.ndarray) -> np.ndarray:
+        """Return the rounded and delayed commands of the converters, shape (m,)."""
         assert self.plant.response is not None
         waiting = [*self._get("unheard"), *self.plant.response.heard(command)]
         self._set("unheard", waiting[self.sizes.m :])
         return array(waiting[: self.sizes.m])
 
-    def _ramped(self, heard: np.ndarray, v: np.ndarray) -> tuple[list[Any], list[Any]]:
-        """Reference rates of converters after the next step, and how fast they change, m numbers
-        each.
+    def _next_reference(self, heard: np.ndarray, v: np.ndarray) -> tuple[list[Any], list[Any]]:
+        """Return reference rates of converters after the next step, and their rates of change, m
+        numbers each.
         """
         assert self.plant.response is not None
         rate = v[self.plant.topology.layout.drives]
@@ -402,14 +421,16 @@ class _Loop:
         return self.plant.response.ramped(heard, *before, rate, self.dt)
 
     def _cut(self, command: np.ndarray) -> list[Any]:
-        """1 where a converter is given more than its largest rate, else 0; nothing without."""
+        """Return 1 where a command exceeds the largest rate of a converter, else 0; nothing without
+        converters.
+        """
         if self.plant.response is None:
             return []
         beyond = self.code.either(*self.plant.response.cuts(map(self.code.value, command)))
         return [self.code.chosen(beyond, 1.0, 0.0)]
 
-    def _commanded(self, instant: ir.Value, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """What the controller commands, shape (m,)."""
+    def _controller_command(self, instant: ir.Value, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the command of the controller, shape (m,)."""
         code = self.code
         gains, setpoints = (
             self._row(0, "gain_table", self.sizes.gain_table, instant),
@@ -419,13 +440,13 @@ class _Loop:
         if self.recipe.offset:
             z = z + self._row(3, "offset", self.sizes.offset, instant)["reading"]
         if self.recipe.delayed:
-            z = self._late(instant, z)
+            z = self._delay_reading(instant, z)
         if self.recipe.programme is not None:
-            control = Control(code, self.recipe.programme, self.given["horizon"])
-            row, due = control.counted()
+            control = PredictiveControl(code, self.recipe.programme, self.call_values["horizon"])
+            row, due = control.count_instant()
             n = self.sizes.n
-            one = control.asked if code.lanes == 1 else control.command
-            return one(z[:n], z[n:], setpoints["position"], row, due)
+            control_function = control.call_instant if code.lanes == 1 else control.command
+            return control_function(z[:n], z[n:], setpoints["position"], row, due)
         command = gains["feed_forward"] - gains["gain"].reshape(self.sizes.m, self.sizes.z) @ (
             z - setpoints["setpoint"]
         )
@@ -434,49 +455,53 @@ class _Loop:
         integrals = self._get("integral")
         for i, drive in enumerate(self.plant.topology.layout.drives):
             error = setpoints["position"][i] - z[drive]
-            on = integrals[i] + error * self.period
-            total = command[i] + gains["integral_gain"][i] * on
+            integrated = integrals[i] + error * self.period
+            total = command[i] + gains["integral_gain"][i] * integrated
             free = code.either(
                 code.call("llvm.fabs", total) <= gains["limit"][i], error * total < 0.0
             )
-            integrals[i] = code.chosen(free, on, integrals[i])
+            integrals[i] = code.chosen(free, integrated, integrals[i])
             command[i] = command[i] + gains["integral_gain"][i] * integrals[i]
         self._set("integral", integrals)
         return command
 
-    def _late(self, instant: ir.Value, z: np.ndarray) -> np.ndarray:
-        """The reading that late sensors show when they take another one, shape (2 n,)."""
-        code, build, kept = self.code, self.code.builder, self.given["remembered"]
+    def _delay_reading(self, instant: ir.Value, z: np.ndarray) -> np.ndarray:
+        """Store the present reading and return the delayed one, shape (2 n,)."""
+        code, build, stored = self.code, self.code.builder, self.call_values["reading_count"]
         width = self.sizes.z
 
         def place(count: ir.Value, i: int) -> ir.Value:
-            first = code.product(build.srem(count, kept), width * code.apart)
-            return build.add(first, code.integer(i * code.apart))
+            first = code.product(build.srem(count, stored), width * code.stride)
+            return build.add(first, code.integer(i * code.stride))
 
         for i, value in enumerate(z):
-            code.store(value, self.given["readings"], place(instant, i))
+            code.store(value, self.call_values["readings"], place(instant, i))
         lanes = range(code.lanes)
-        delays = [code.load_one(self.given["delay"], lane, INTEGER) for lane in lanes]
-        seen = [code.most(build.sub(instant, delay), code.integer(0)) for delay in delays]
+        delays = [code.load_one(self.call_values["delay"], lane, INTEGER) for lane in lanes]
+        visible = [code.most(build.sub(instant, delay), code.integer(0)) for delay in delays]
         return array(
             [
-                code.gathered(
-                    self.given["readings"],
-                    [build.add(place(seen[lane], i), code.integer(lane)) for lane in lanes],
+                code.gather(
+                    self.call_values["readings"],
+                    [build.add(place(visible[lane], i), code.integer(lane)) for lane in lanes],
                 )
                 for i in range(width)
             ]
         )
 
     def _log(self, instant: ir.Value, row: Sequence[Any]) -> None:
-        code, every = self.code, self.given["every"]
+        code, log_interval = self.code, self.call_values["log_interval"]
         with code.when(
-            code.builder.icmp_signed("==", code.builder.srem(instant, every), code.integer(0))
+            code.builder.icmp_signed(
+                "==", code.builder.srem(instant, log_interval), code.integer(0)
+            )
         ):
-            first = code.product(code.builder.sdiv(instant, every), len(row) * code.apart)
+            first = code.product(code.builder.sdiv(instant, log_interval), len(row) * code.stride)
             for i, value in enumerate(row):
                 code.store(
-                    value, self.given["log"], code.builder.add(first, code.integer(i * code.apart))
+                    value,
+                    self.call_values["log"],
+                    code.builder.add(first, code.integer(i * code.stride)),
                 )
 
     def _summarise(
@@ -489,13 +514,13 @@ class _Loop:
         needed: np.ndarray,
         cut: Sequence[Any],
     ) -> None:
-        code, crane, kept = self.code, self.plant, self.summary
-        swing, amplitude = (code.value(part) for part in crane.swing(q, v))
-        _largest(code, kept["peak"][0], swing)
-        counts = code.builder.icmp_signed(">=", instant, self.given["after"])
+        code, crane, summary = self.code, self.plant, self.summary
+        swing, amplitude = (code.value(square) for square in crane.swing(q, v))
+        _largest(code, summary["peak"][0], swing)
+        counts = code.builder.icmp_signed(">=", instant, self.call_values["residual_from"])
         with code.when(counts):
-            _largest(code, kept["residual"][0], amplitude)
-        for variable, value in zip(kept["effort"], effort, strict=True):
+            _largest(code, summary["residual"][0], amplitude)
+        for variable, value in zip(summary["effort"], effort, strict=True):
             _largest(code, variable, code.call("llvm.fabs", value))
         hoist = crane.topology.layout.drive_of("hoist")
         holds = code.both(
@@ -503,11 +528,11 @@ class _Loop:
             *(number < 0.5 for number in cut),
         )
         now = code.from_integer(instant)
-        first = kept["invalid"][0]
+        first = summary["invalid"][0]
         first.set(code.chosen(holds, first.get(), code.call("llvm.minnum", first.get(), now)))
 
 
-def _largest(code: Code, variable: Variable, value: Value) -> None:
+def _largest(code: Code, variable: StackVariable, value: Value) -> None:
     """Keep the larger; what is not a number stays."""
     old = variable.get()
     variable.set(code.chosen(value <= old, old, value))

@@ -1,6 +1,4 @@
-"""From code to functions of this machine: LLVM optimises and translates, in this process, without a
-C compiler.
-"""
+"""Machine code: LLVM optimises and translates modules in this process, without a C compiler."""
 
 from __future__ import annotations
 
@@ -16,12 +14,11 @@ from llvmlite.binding.newpassmanagers import NewPassManager
 
 @dataclass(frozen=True, eq=False)
 class Machine:
-    """Functions in memory, for as long as this object lives. They let other Python threads run
-    meanwhile.
+    """Functions in memory, for as long as this object lives; they release the GIL.
 
     Attributes:
-        engine: What holds them.
-        context: What LLVM holds of their text, constants and types.
+        engine: LLVM's engine, which owns them.
+        context: LLVM's context of their constants and types.
     """
 
     engine: Any
@@ -29,8 +26,8 @@ class Machine:
     _known: dict[str, Any] = field(default_factory=dict, init=False)
 
     def __del__(self) -> None:
-        """Free the context after the engine, which needs it to the last; llvmlite by itself frees
-        it first.
+        """Free the context after the engine, which still uses it; llvmlite by itself frees it
+        first.
         """
         if not sys.is_finalizing():
             self.engine.close()
@@ -38,8 +35,8 @@ class Machine:
             self.context.close()
 
     def function(self, name: str, arguments: int) -> Any:
-        """A function of so many addresses without a result, which believes them: for
-        `cranedyn.compiled.door` alone.
+        """Return a function of so many addresses without a result; it trusts them, so that only
+        `cranedyn.compiled.binding` may call it.
         """
         if name not in self._known:
             self._known[name] = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(
@@ -48,9 +45,9 @@ class Machine:
         return self._known[name]
 
 
-def translated(module: ir.Module) -> Machine:
-    """Optimise a module for the processor that this runs on, and translate it; all that this takes
-    is freed with the functions.
+def translate(module: ir.Module) -> Machine:
+    """Optimise a module for this processor and translate it; its memory is freed with the
+    functions.
     """
     # The global context would keep every constant for ever.
     context, target = binding.create_context(), _target()
@@ -77,8 +74,8 @@ def assembly(module: ir.Module, triple: str, processor: str) -> str:
 
     Args:
         module: The code.
-        triple: LLVM's name of the kind, such as "nvptx64-nvidia-cuda".
-        processor: LLVM's name of the oldest processor that shall run it, such as "sm_75".
+        triple: LLVM's name of the platform, such as "nvptx64-nvidia-cuda".
+        processor: LLVM's name of the oldest processor to run it, such as "sm_75".
     """
     binding.initialize_all_targets()
     binding.initialize_all_asmprinters()
@@ -111,7 +108,7 @@ def _initialised() -> Any:
 
 
 def _target() -> Any:
-    """What code is made for; each engine takes one over."""
+    """Return a target machine for this processor; each engine takes ownership of one."""
     return _initialised().create_target_machine(
         cpu=binding.get_host_cpu_name(),
         features=binding.get_host_cpu_features().flatten(),

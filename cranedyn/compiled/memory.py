@@ -1,4 +1,4 @@
-"""The memory of many cranes, arranged in groups of lanes."""
+"""Memory of many cranes, arranged in groups of lanes."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from cranedyn.compiled.door import Loop
+from cranedyn.compiled.binding import Loop
 
 _PARTS = 8
-"""Parts into which the groups are divided for each thread, so that none waits long for the last."""
+"""Chunks of groups for each thread, so that threads end at about the same time."""
 
 
-def grouped(parts: Sequence[np.ndarray], lanes: int, kind: type = np.float64) -> np.ndarray:
-    """From parts with a row for each crane, shape (n, m) each, to groups of lanes, shape (groups,
-    all m, lanes).
+def group_lanes(arrays: Sequence[np.ndarray], lanes: int, kind: type = np.float64) -> np.ndarray:
+    """Arrange arrays with a row for each crane, shape (n, m) each, in groups of lanes, shape
+    (groups, all m, lanes).
 
-    The last crane fills the last group. Nothing is copied but into these.
+    The last crane fills the last group.
     """
     groups = np.empty(
-        (-(-len(parts[0]) // lanes), sum(part.shape[1] for part in parts), lanes), dtype=kind
+        (-(-len(arrays[0]) // lanes), sum(array.shape[1] for array in arrays), lanes), dtype=kind
     )
     first = 0
-    for part in parts:
+    for array in arrays:
         for lane in range(lanes):
-            place, rows = groups[:, first : first + part.shape[1], lane], part[lane::lanes]
-            place[: len(rows)], place[len(rows) :] = rows, part[-1]
-        first += part.shape[1]
+            target, rows = groups[:, first : first + array.shape[1], lane], array[lane::lanes]
+            target[: len(rows)], target[len(rows) :] = rows, array[-1]
+        first += array.shape[1]
     return groups
 
 
-def ungrouped(groups: np.ndarray, count: int) -> np.ndarray:
-    """From groups of lanes back to one row for each crane, shape (count, m)."""
+def ungroup_lanes(groups: np.ndarray, count: int) -> np.ndarray:
+    """Return groups of lanes as one row for each crane, shape (count, m)."""
     return groups.transpose(0, 2, 1).reshape(groups.shape[0] * groups.shape[2], groups.shape[1])[
         :count
     ]
@@ -45,11 +45,10 @@ def run(loop: Loop, threads: int | None) -> None:
 
     Args:
         loop: The loop.
-        threads: How many; None for one for each processor.
+        threads: Number of threads; None for one for each processor.
 
     Raises:
-        KeyboardInterrupt: After Ctrl-C, as soon as every thread is through with the piece that it
-            was at.
+        KeyboardInterrupt: After Ctrl-C, as soon as every thread has ended its piece.
     """
     groups = len(loop)
     workers = min(threads or len(os.sched_getaffinity(0)), groups)
@@ -57,7 +56,7 @@ def run(loop: Loop, threads: int | None) -> None:
     ended = threading.Event()
 
     def work(first: int) -> None:
-        loop.over(range(first, min(first + share, groups)), ended.is_set)
+        loop.run_groups(range(first, min(first + share, groups)), ended.is_set)
 
     with ThreadPoolExecutor(workers) as pool:
         try:

@@ -1,5 +1,5 @@
-"""Forward dynamics of any tree of joints with one degree of freedom, compiled: the same as
-`pin.aba`, for many states at once.
+"""Compiled forward dynamics of any tree of joints with one degree of freedom: `pin.aba` for many
+states at once.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import pinocchio as pin
 from llvmlite import ir
 
 from cranedyn.checks import finite
+from cranedyn.compiled.binding import RowFunction
 from cranedyn.compiled.code import INTEGER, Code, Value
-from cranedyn.compiled.door import Rows
-from cranedyn.compiled.machine import translated
+from cranedyn.compiled.machine import translate
 from cranedyn.dynamics.bodies import bodies
 from cranedyn.dynamics.scalars import array
 from cranedyn.errors import ModelError
@@ -22,20 +22,20 @@ from cranedyn.plant import rigid_body
 
 @dataclass(frozen=True, eq=False)
 class ForwardDynamics:
-    """Accelerations of a model, by code made for it.
+    """Compiled forward dynamics of a model.
 
     Attributes:
-        model: The model, as it was when the code was made.
-        columns: How many numbers q, v and tau have.
-        run: The code.
+        model: Copy of the compiled model.
+        columns: Numbers of q, v and tau.
+        run: Compiled function.
     """
 
     model: pin.Model
     columns: tuple[int, int, int]
-    run: Rows
+    run: RowFunction
 
     def __call__(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """Accelerations at states in rows, shape (n, nv).
+        """Return accelerations at states in rows, shape (n, nv).
 
         Args:
             q: Coordinates, shape (n, nq).
@@ -45,15 +45,15 @@ class ForwardDynamics:
         Raises:
             OutOfRange: If an array has another shape, or a number is not finite.
         """
-        nq, *others = self.columns
-        parts = [finite("q", q, (len(q) if isinstance(q, np.ndarray) and q.ndim else "n", nq))]
-        for name, part, columns in zip(("v", "tau"), (v, tau), others, strict=True):
-            parts.append(finite(name, part, (len(parts[0]), columns)))
-        return self.run(np.hstack(parts))
+        nq, *widths = self.columns
+        blocks = [finite("q", q, (len(q) if isinstance(q, np.ndarray) and q.ndim else "n", nq))]
+        for name, block, columns in zip(("v", "tau"), (v, tau), widths, strict=True):
+            blocks.append(finite(name, block, (len(blocks[0]), columns)))
+        return self.run(np.hstack(blocks))
 
 
 class _Turned:
-    """A joint without limits: its coordinates are cosine and sine of the angle."""
+    """Coordinate of a joint without limits, given by cosine and sine of its angle."""
 
     def __init__(self, cosine: Value, sine: Value) -> None:
         self._cosine, self._sine = cosine, sine
@@ -65,13 +65,13 @@ class _Turned:
         return self._sine
 
     def __rmul__(self, nothing: float) -> float:
-        """It moves along no axis."""
+        """Return 0, since the joint moves along no axis."""
         return 0.0
 
 
-def forward_dynamics(model: pin.Model) -> ForwardDynamics:
-    """Compile the forward dynamics of a model and compare it with Pinocchio's at random states;
-    damping and friction are not in it.
+def compile_forward_dynamics(model: pin.Model) -> ForwardDynamics:
+    """Compile the forward dynamics of a model, without damping and friction, and compare it with
+    Pinocchio's at random states.
 
     Raises:
         ModelError: If a joint cannot be compiled, or the accelerations differ by more than 1e-11 of
@@ -80,27 +80,29 @@ def forward_dynamics(model: pin.Model) -> ForwardDynamics:
     module = ir.Module()
     _emit(Code(module, "rows", ["given", "count", "accelerations"], 1), model)
     model, columns = model.copy(), (model.nq, model.nv, model.nv)
-    made = ForwardDynamics(model, columns, Rows(translated(module), "rows", sum(columns), model.nv))
-    _check(made)
-    return made
+    dynamics = ForwardDynamics(
+        model, columns, RowFunction(translate(module), "rows", sum(columns), model.nv)
+    )
+    _check(dynamics)
+    return dynamics
 
 
 def _emit(code: Code, model: pin.Model) -> None:
     tree = bodies(model)
     tree = tree.with_numbers(tree.numbers().tolist())
-    given, width = code.argument["given"], model.nq + 2 * model.nv
+    states, width = code.argument["given"], model.nq + 2 * model.nv
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
         first = code.product(row, width)
         numbers = [
-            code.spread(given, code.builder.add(first, code.integer(i))) for i in range(width)
+            code.spread(states, code.builder.add(first, code.integer(i))) for i in range(width)
         ]
         q = array([_coordinate(model, i, numbers) for i in range(1, model.njoints)])
         v, tau = (array(numbers[model.nq + k * model.nv :][: model.nv]) for k in (0, 1))
-        where = rigid_body.frames(tree, q)
-        a = rigid_body.tree_forward_dynamics(tree, where, v, tau)
-        for i, part in enumerate(a):
+        placements = rigid_body.frames(tree, q)
+        a = rigid_body.tree_forward_dynamics(tree, placements, v, tau)
+        for i, acceleration in enumerate(a):
             code.store(
-                part,
+                acceleration,
                 code.argument["accelerations"],
                 code.builder.add(code.product(row, model.nv), code.integer(i)),
             )
@@ -116,15 +118,15 @@ def _coordinate(model: pin.Model, joint: int, numbers: list[Value]) -> Value | _
     )
 
 
-def _check(made: ForwardDynamics) -> None:
-    model, data = made.model, made.model.createData()
+def _check(dynamics: ForwardDynamics) -> None:
+    model, data = dynamics.model, dynamics.model.createData()
     rng = np.random.default_rng(0)
     for _ in range(8):
         q = pin.integrate(model, pin.neutral(model), rng.uniform(-3.0, 3.0, model.nv))
         v, tau = rng.normal(size=(2, model.nv))
         expected = pin.aba(model, data, q, v, tau)
         if off := rigid_body.disagreement(
-            made(q[None], v[None], tau[None])[0], expected, pin.crba(model, data, q)
+            dynamics(q[None], v[None], tau[None])[0], expected, pin.crba(model, data, q)
         ):
             raise ModelError(
                 f"{model.name!r} compiled moves otherwise than in Pinocchio: accelerations differ "

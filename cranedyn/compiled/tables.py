@@ -1,6 +1,4 @@
-"""Controllers, references and forces as tables that compiled code reads, each kept once however
-many cranes go by it.
-"""
+"""Controllers, references and forces as tables for compiled code; cranes share equal tables."""
 
 from __future__ import annotations
 
@@ -9,18 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cranedyn.compiled.call import Sizes, places, size
+from cranedyn.compiled.layout import BufferLayout, size, slices
 from cranedyn.controllers.affine import Affine, without_integral
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class RowTable:
     """Rows by control instant, one table after another.
 
     Attributes:
         rows: Shape (tables n, columns).
-        length: Rows of one table, n; beyond its end the last row holds.
-        starts: First row of the table that each crane goes by, shape (cranes,).
+        length: Rows of one table, n; beyond its end the last row applies.
+        starts: First row of each crane's table, shape (cranes,).
     """
 
     rows: np.ndarray
@@ -29,69 +27,77 @@ class Table:
 
     @property
     def shared(self) -> bool:
-        """Whether all cranes go by the same."""
+        """Whether all cranes have the same table."""
         return len(self.rows) == self.length
 
 
-def alone(rows: np.ndarray) -> Table:
-    """The only table of the only crane, shape (n, columns)."""
-    return Table(rows, len(rows), np.zeros(1, dtype=np.int64))
+def single_table(rows: np.ndarray) -> RowTable:
+    """Return the table of a single crane, shape (n, columns)."""
+    return RowTable(rows, len(rows), np.zeros(1, dtype=np.int64))
 
 
-def table(arrays: Sequence[np.ndarray], chosen: np.ndarray) -> Table:
-    """Tables of different lengths, shape (n, columns) each, and which of them each crane goes
-    by.
+def stack_tables(arrays: Sequence[np.ndarray], chosen: np.ndarray) -> RowTable:
+    """Return tables of different lengths, shape (n, columns) each, as one; chosen is the index of
+    each crane's table.
     """
     length = max(len(rows) for rows in arrays)
-    whole = [
+    padded = [
         rows
         if len(rows) == length
         else np.concatenate([rows, rows[-1:].repeat(length - len(rows), axis=0)])
         for rows in arrays
     ]
     stacked = np.ascontiguousarray(
-        whole[0] if len(whole) == 1 else np.concatenate(whole), dtype=float
+        padded[0] if len(padded) == 1 else np.concatenate(padded), dtype=float
     )
-    return Table(stacked, length, chosen.astype(np.int64) * length)
+    return RowTable(stacked, length, chosen.astype(np.int64) * length)
 
 
-def gain_table(sizes: Sizes, form: Affine, rows: np.ndarray | None = None) -> np.ndarray:
-    """A controller's rows, shape (n, columns), in an array of that shape if there is one."""
-    n, at = len(form.feed_forward), places(sizes.gain_table)
+def gain_table(sizes: BufferLayout, form: Affine, rows: np.ndarray | None = None) -> np.ndarray:
+    """Return the rows of a controller, shape (n, columns), written to an array of that shape if
+    there is one.
+    """
+    n, columns = len(form.feed_forward), slices(sizes.gain_table)
     rows = np.empty((n, size(sizes.gain_table))) if rows is None else rows
-    rows[:, at["feed_forward"]], rows[:, at["gain"]] = form.feed_forward, form.gain.reshape(n, -1)
-    rows[:, at["integral_gain"]], rows[:, at["limit"]] = form.integral_gain, form.limit
+    rows[:, columns["feed_forward"]], rows[:, columns["gain"]] = (
+        form.feed_forward,
+        form.gain.reshape(n, -1),
+    )
+    rows[:, columns["integral_gain"]], rows[:, columns["limit"]] = form.integral_gain, form.limit
     return rows
 
 
 def setpoint_table(
-    sizes: Sizes, form: Affine, n: int, rows: np.ndarray | None = None
+    sizes: BufferLayout, form: Affine, n: int, rows: np.ndarray | None = None
 ) -> np.ndarray:
-    """Rows of what a controller is about and takes the drives to, shape (n, columns); in an array
-    as for `gain_table`.
+    """Return rows of the state about which a controller acts and of its setpoint of the drives,
+    shape (n, columns), written to an array as for `gain_table`.
     """
-    at = places(sizes.setpoint_table)
+    columns = slices(sizes.setpoint_table)
     rows = np.empty((n, size(sizes.setpoint_table))) if rows is None else rows
-    for part, where in ((form.setpoint, at["setpoint"]), (form.target, at["position"])):
-        rows[: len(part), where], rows[len(part) :, where] = part[:n], part[-1]
+    for values, section in (
+        (form.setpoint, columns["setpoint"]),
+        (form.target, columns["position"]),
+    ):
+        rows[: len(values), section], rows[len(values) :, section] = values[:n], values[-1]
     return rows
 
 
-def shortened(rows: np.ndarray) -> np.ndarray:
-    """Rows without those at the end that repeat the one before."""
+def drop_repeated_rows(rows: np.ndarray) -> np.ndarray:
+    """Return rows without those at the end that repeat the row before."""
     changes = np.flatnonzero((rows[1:] != rows[:-1]).any(axis=1))
     return rows[: int(changes[-1]) + 2 if len(changes) else 1].copy()
 
 
-def no_gain_table(sizes: Sizes, positions: np.ndarray) -> Affine:
-    """The common form of a controller that has none: what it is about is the setpoint of the
-    drives alone, shape (rows, m).
+def without_gains(sizes: BufferLayout, positions: np.ndarray) -> Affine:
+    """Return the affine form without gains: zero, about the setpoint of the drives, shape (rows,
+    m).
     """
     nothing, z = np.zeros((1, sizes.m)), sizes.z
     form = without_integral(nothing, np.zeros((1, sizes.m, z)), np.zeros((1, z)))
     return replace(form, target=positions)
 
 
-def one_command(sizes: Sizes) -> tuple[np.ndarray, np.ndarray]:
-    """Tables of one row with which the drives just hold a command, zero to begin with."""
+def command_tables(sizes: BufferLayout) -> tuple[np.ndarray, np.ndarray]:
+    """Return tables of one row that hold a command, zero at first."""
     return np.zeros((1, size(sizes.gain_table))), np.zeros((1, size(sizes.setpoint_table)))

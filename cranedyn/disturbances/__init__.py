@@ -1,1 +1,1 @@
-"""What acts on a crane from outside: wind and other forces."""
+"""External forces on a crane, such as wind."""

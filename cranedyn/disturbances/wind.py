@@ -1,7 +1,7 @@
-"""Wind and other forces from outside, on the points of a crane: for a tower crane the payload and
-the trolley.
+"""Wind and other external forces on the points of a crane: for a tower crane the payload and the
+trolley.
 
-A wind speed is a plain callable from time [s] to [m/s]; `wind` makes forces of it for
+A wind speed is a callable from time [s] to [m/s]; `wind` converts it to forces for
 `cranedyn.simulation.simulate.simulate`.
 """
 
@@ -21,11 +21,11 @@ from cranedyn.model.crane import Crane
 from cranedyn.references.interpolation import interpolate, locate
 
 AIR_DENSITY = 1.25
-"""With which standards make pressures of wind speeds [kg/m³]: q = 0.625 v². AS 5222:2021, a
+"""Density in the wind pressure of standards [kg/m³]: q = 0.625 v². AS 5222:2021, a
 modified ISO 4302 (second hand); the standard atmosphere at sea level has 1.225 (ISO 2533)."""
 
 Speed = Callable[[float], float]
-"""From time [s] to wind speed [m/s]."""
+"""Wind speed [m/s] over time [s]."""
 
 
 def drag_force(area: np.ndarray | float, relative_velocity: np.ndarray) -> np.ndarray:
@@ -43,48 +43,46 @@ def drag_force(area: np.ndarray | float, relative_velocity: np.ndarray) -> np.nd
 
 
 def constant_force(crane: Crane, *, at: float = 0.0, **forces: Sequence[float]) -> Disturbance:
-    """Constant forces on points of a crane in the world [N] from a time on [s].
+    """Return constant forces on points of a crane in the world [N] from a time on [s].
 
-    A horizontal force F on a payload of weight m g moves its rest to atan(F/(m g)); coming at once
+    A horizontal force F on a payload of weight m g moves its rest to atan(F/(m g)); applied at once
     it swings the payload to nearly twice that.
 
     Args:
-        crane: The crane.
-        at: When they begin [s].
-        forces: By the name of the point, for example ``payload=(100.0, 0.0, 0.0)``; see
+        crane: Crane.
+        at: Start of the forces [s].
+        forces: Force by the name of the point, for example ``payload=(100.0, 0.0, 0.0)``; see
             `cranedyn.model.layout.Layout.points`.
 
     Raises:
         UnknownName: If there is no such point.
-        OutOfRange: If a number is not finite, or a force has not three.
+        OutOfRange: If a number is not finite, or a force has not three components.
     """
-    given = np.zeros((len(crane.points), 3))
+    values = np.zeros((len(crane.points), 3))
     for name, force in forces.items():
         if name not in crane.layout.points:
             raise UnknownName("point", name, crane.layout.points)
-        given[crane.layout.points.index(name)] = finite(
+        values[crane.layout.points.index(name)] = finite(
             f"force on the {name}", force, (3,), unit="N"
         )
-    first, none = number("start of the force", at, "s"), np.zeros_like(given)
-    return lambda t, state: given if t >= first else none
+    first, none = number("start of the force", at, "s"), np.zeros_like(values)
+    return lambda t, state: values if t >= first else none
 
 
 def steady(speed: float) -> Speed:
-    """The same wind all the time [m/s]."""
+    """Return a constant wind [m/s]."""
     value = number("wind speed", speed, "m/s")
     return lambda t: value
 
 
 def step_gust(base: Speed, rise: float, *, at: float) -> Speed:
-    """Add a rise [m/s] from a time on [s]."""
+    """Add a step of the wind [m/s] at a time [s]."""
     by, first = number("rise of the wind", rise, "m/s"), number("start of the gust", at, "s")
     return lambda t: base(t) + (by if t >= first else 0.0)
 
 
 def cosine_gust(base: Speed, rise: float, *, at: float, lasts: float) -> Speed:
-    """Add a gust of shape (1 - cos)/2, a discrete gust: its largest rise [m/s], when it begins and
-    how long it lasts [s].
-    """
+    """Add a discrete gust of shape (1 - cos)/2: largest rise [m/s], start and duration [s]."""
     by, first = number("rise of the wind", rise, "m/s"), number("start of the gust", at, "s")
     span = number("duration of the gust", lasts, "s", "> 0")
     return lambda t: (
@@ -98,8 +96,8 @@ def cosine_gust(base: Speed, rise: float, *, at: float, lasts: float) -> Speed:
 
 
 def gust_shape(t: np.ndarray, at: float | np.ndarray, lasts: float | np.ndarray) -> np.ndarray:
-    """What share of its largest rise a discrete gust has reached, at many times or of many gusts at
-    once; see `cosine_gust`.
+    """Return the share of its largest rise that a discrete gust has reached, at many times or of
+    many gusts at once; see `cosine_gust`.
     """
     shape = (1.0 - np.cos(2.0 * math.pi * (t - at) / lasts)) / 2.0
     return np.where((at <= t) & (t <= at + lasts), shape, 0.0)
@@ -117,14 +115,14 @@ def turbulence(
     """Add a first-order Gauss-Markov process, the longitudinal Dryden spectrum: σ² autocorrelated
     as exp(-|τ|/time scale).
 
-    At the steps this is exact. Between them, where a straight line would have less than σ, it is
-    the line over its share of σ.
+    It is exact at the steps. Between them a straight line would have less than σ, so it is scaled
+    to σ.
 
     Args:
         base: Mean wind.
         intensity: Standard deviation σ over the mean wind at the start.
-        rng: Where the randomness comes from; the same seed gives the same wind.
-        duration: How long it blows [s], after which the last value stays.
+        rng: Random generator; the same seed gives the same wind.
+        duration: Duration [s], after which the last value stays.
         time_scale: Integral time scale [s].
         step: Time between values [s].
 
@@ -153,14 +151,14 @@ def turbulence(
 
 
 def wind(crane: Crane, speed: Speed, *, direction: float, **areas: float) -> Disturbance:
-    """Drag of a horizontal wind on points of a crane: ½ ρ A |w - v| (w - v), relative to their own
-    velocity v.
+    """Return the drag of a horizontal wind on points of a crane: ½ ρ A |w - v| (w - v), relative to
+    their own velocity v.
 
     Args:
-        crane: The crane.
+        crane: Crane.
         speed: Wind speed over time.
-        direction: Where it blows to, angle from the world's +X towards +Y [rad]; -π/2 is along the
-            jib at zero slew.
+        direction: Direction in which it blows, angle from the world's +X towards +Y [rad]; -π/2 is
+            along the jib at zero slew.
         areas: Drag coefficient times area [m²] by the name of the point with the ending "_area",
             for example ``payload_area=4.0``.
 
@@ -172,9 +170,9 @@ def wind(crane: Crane, speed: Speed, *, direction: float, **areas: float) -> Dis
     along = np.array([math.cos(angle), math.sin(angle), 0.0])
     points, drag_areas = crane.layout.points, np.zeros(len(crane.points))
     for name, area in areas.items():
-        if name not in (known := [f"{point}_area" for point in points]):
-            raise UnknownName("drag area", name, known)
-        drag_areas[known.index(name)] = number(
+        if name not in (names := [f"{point}_area" for point in points]):
+            raise UnknownName("drag area", name, names)
+        drag_areas[names.index(name)] = number(
             f"drag area of the {name.removesuffix('_area')}", area, "m²", ">= 0"
         )
 

@@ -39,6 +39,9 @@ def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     return stops.effort_of(hoist, q[:, stops.drives[hoist]], v[:, stops.drives[hoist]])
 
 
+_WORLD = pin.Convention.WORLD
+
+
 class ExternalForces:
     """Forces on the points of the crane, and buffers at the ends of the ranges of the drives.
 
@@ -98,6 +101,7 @@ class EffortDrives(_Drives):
         self._least, self._largest = -crane.effort_limit, crane.effort_limit
         self._effort = np.zeros(crane.layout.m)
         self._tau = np.zeros(crane.layout.n)
+        self._damping, self._springs = self._joint.damping, self._joint.springs
 
     def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Hold a command until the next one.
@@ -119,12 +123,12 @@ class EffortDrives(_Drives):
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return accelerations of all joints, shape (n,)."""
-        tau = self._tau - self._joint.damping * v
-        if self._joint.springs is not None:
-            tau += self._joint.springs.effort(q)
+        tau = self._tau - self._damping * v
+        if self._springs is not None:
+            tau += self._springs.effort(q)
         if self.external is not None:
             tau += self.external.effort(q, v)
-        return pin.aba(self.model, self._data, q, v, tau, pin.Convention.WORLD)
+        return pin.aba(self.model, self._data, q, v, tau, _WORLD)
 
 
 class MotionDrives(_Drives):

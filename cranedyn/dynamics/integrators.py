@@ -60,10 +60,11 @@ class Integrator:
         Returns:
             q and v after these steps, new arrays.
         """
+        integrate = pin.integrate
         return self.rule(
             acceleration,
             lambda v, a: v + dt * a,
-            lambda q, v: pin.integrate(model, q, dt * v),
+            lambda q, v: integrate(model, q, dt * v),
             q,
             v,
             steps,

@@ -1,7 +1,7 @@
-"""Cranes that differ in a few numbers, made of two loaded cranes a number instead of loading each.
+"""Cranes that differ in a few numbers, interpolated between two loaded cranes for each number.
 
-Masses, inertias, damping and gravity enter a model linearly; whether all that was changed does is
-looked at once, against a crane that is loaded.
+Masses, inertias, damping and gravity enter a model linearly. Linearity in the changed numbers is
+checked once, against a loaded crane.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ _AGREES = 1e-9
 
 
 class Family:
-    """Cranes by the values of some arguments.
+    """Cranes as a function of some arguments.
 
     Attributes:
-        names: Of the arguments.
-        base: The crane at the first values.
+        names: Names of the arguments.
+        base: Crane at the first values.
     """
 
     def __init__(
-        self, load: Callable[..., Crane], first: Mapping[str, float], other: Mapping[str, float]
+        self, load: Callable[..., Crane], first: Mapping[str, float], second: Mapping[str, float]
     ) -> None:
-        """Load the cranes that tell all others.
+        """Load the cranes to interpolate between.
 
         Args:
-            load: Makes a crane from the arguments.
-            first: A value of each argument.
-            other: Another value of each.
+            load: Function that loads a crane with values of the arguments.
+            first: First value of each argument.
+            second: Second value of each argument.
 
         Raises:
             ModelError: If the cranes are not linear in the arguments.
@@ -43,22 +43,25 @@ class Family:
         self.names, self.base = tuple(first), load(**first)
         self._first = np.array(list(first.values()))
         self._row = _row(self.base)
-        away = np.array([other[name] for name in self.names]) - self._first
-        rows = [_row(load(**{**first, name: other[name]})) for name in self.names]
-        self._slopes = [(row - self._row) / step for row, step in zip(rows, away, strict=True)]
+        steps = np.array([second[name] for name in self.names]) - self._first
+        rows = [_row(load(**{**first, name: second[name]})) for name in self.names]
+        self._slopes = [(row - self._row) / step for row, step in zip(rows, steps, strict=True)]
         if self.names:
-            ours, loaded = (
-                numbers(crane) for crane in (self.at(self._first + away), load(**other))
+            interpolated, loaded = (
+                numbers(crane) for crane in (self.at(self._first + steps), load(**second))
             )
             largest = np.maximum(np.abs(loaded), 1.0)
-            if ours.shape != loaded.shape or (np.abs(ours - loaded) > _AGREES * largest).any():
+            if (
+                interpolated.shape != loaded.shape
+                or (np.abs(interpolated - loaded) > _AGREES * largest).any()
+            ):
                 raise ModelError(
                     f"The crane depends on {', '.join(self.names)} in another way than masses, "
                     "inertias, damping and gravity do; such numbers cannot be identified."
                 )
 
     def at(self, values: np.ndarray) -> Crane:
-        """The crane at values of the arguments, shape (arguments,)."""
+        """Return the crane at values of the arguments, shape (arguments,)."""
         if not self.names:
             return self.base
         row = self._row.copy()
@@ -66,14 +69,16 @@ class Family:
             row += slope * (value - first)
         model, n = self.base.model.copy(), self.base.layout.n
         bodies = row[: 10 * n].reshape(n, 10)
-        for i, own in enumerate(bodies, start=1):
-            if own[0] > 0.0:
-                model.inertias[i] = pin.Inertia.FromDynamicParameters(own)
+        for i, inertial in enumerate(bodies, start=1):
+            if inertial[0] > 0.0:
+                model.inertias[i] = pin.Inertia.FromDynamicParameters(inertial)
         model.gravity.linear = np.array([0.0, 0.0, -row[-1]])
         return replace(self.base, model=model, damping=row[10 * n : 11 * n])
 
 
 def _row(crane: Crane) -> np.ndarray:
-    """What enters linearly: of each body ten inertial numbers, damping, gravity."""
-    bodies = [one.toDynamicParameters() for one in list(crane.model.inertias)[1:]]
+    """Return the numbers that enter linearly: ten inertial numbers of each body, damping,
+    gravity.
+    """
+    bodies = [inertia.toDynamicParameters() for inertia in list(crane.model.inertias)[1:]]
     return np.concatenate([*bodies, crane.damping, [crane.gravity]])

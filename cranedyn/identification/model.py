@@ -9,7 +9,7 @@ import numpy as np
 
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.integrators import rk4
-from cranedyn.identification.problem import Problem
+from cranedyn.identification.problem import EstimationProblem
 from cranedyn.identification.variants import Variants
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -22,7 +22,7 @@ ROUND_OFF = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Model(Problem):
+class Model(EstimationProblem):
     """Model of records of one crane: predicts them from values of the parameters."""
 
     @cached_property
@@ -30,29 +30,33 @@ class Model(Problem):
         """Steps of finite differences, shape (parameters,): some channel changes by a millionth of
         its range.
         """
-        factor = np.where(self.tells > 0.0, _CHANGE / np.where(self.tells, self.tells, 1.0), 1.0)
-        return self._tried * np.clip(factor, 1e-6, 1e6)
+        factor = np.where(
+            self.sensitivity > 0.0, _CHANGE / np.where(self.sensitivity, self.sensitivity, 1.0), 1.0
+        )
+        return self._trial_steps * np.clip(factor, 1e-6, 1e6)
 
     @cached_property
-    def _tried(self) -> np.ndarray:
+    def _trial_steps(self) -> np.ndarray:
         up = [p.start + p.scale <= p.high for p in self.parameters]
         return 1e-3 * np.where(up, 1.0, -1.0) * self.scale
 
     @cached_property
-    def tells(self) -> np.ndarray:
+    def sensitivity(self) -> np.ndarray:
         """Largest change of a channel, as a share of its range, with a thousandth of the scale of
         each parameter at the first values; 0 where it is round-off, shape (parameters,).
         """
-        tried, most = self._tried, np.zeros(len(self.parameters))
+        steps, largest = self._trial_steps, np.zeros(len(self.parameters))
         for index in range(len(self.records)):
-            places, measured = self.of_record(index), self.measured(index)
-            variants = np.tile(self.first, (len(places) + 1, 1))
-            variants[np.arange(1, len(places) + 1), places] += tried[places]
-            shown = self.predicted(index, variants)
-            change = np.abs(shown[1:] - shown[0]).max(axis=2)
+            indices, measured = self.of_record(index), self.measured(index)
+            variants = np.tile(self.first, (len(indices) + 1, 1))
+            variants[np.arange(1, len(indices) + 1), indices] += steps[indices]
+            outputs = self.predicted(index, variants)
+            change = np.abs(outputs[1:] - outputs[0]).max(axis=2)
             share = (change / np.maximum(np.ptp(measured, axis=1), 1e-9)).max(axis=1)
-            most[places] = np.maximum(most[places], np.where(np.isfinite(share), share, 0.0))
-        return np.where(most > ROUND_OFF, most, 0.0)
+            largest[indices] = np.maximum(
+                largest[indices], np.where(np.isfinite(share), share, 0.0)
+            )
+        return np.where(largest > ROUND_OFF, largest, 0.0)
 
     def predicted(self, index: int, values: np.ndarray, until: float = np.inf) -> np.ndarray:
         """Predict a record, shape (variants, channels, rows evaluated); not finite where a variant
@@ -83,7 +87,7 @@ class Model(Problem):
             crane: The crane with these values.
         """
         variant = Variants(self, index, values[None])
-        (controller, *_), (reference, *_) = variant.laws([crane])
+        (controller, *_), (reference, *_) = variant.controllers([crane])
         states = variant.start()
         return simulate(
             crane,

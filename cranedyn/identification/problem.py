@@ -12,16 +12,16 @@ import numpy as np
 from cranedyn.checks import check_choice
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.identification.family import Family
-from cranedyn.identification.known import Known
 from cranedyn.identification.parameters import (
     EARLY,
     LATE,
     Drives,
     Parameter,
+    default_names,
+    initial_parameters,
     parameter,
-    starts,
-    usual,
 )
+from cranedyn.identification.prior import Prior
 from cranedyn.identification.record import Record
 
 
@@ -44,17 +44,17 @@ class Channel(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class EstimationProblem:
     """Records of one crane and the parameters to be estimated from them.
 
     Attributes:
-        known: Prior knowledge of the crane.
+        prior: Prior knowledge of the crane.
         records: The records.
         parameters: Parameters of the crane first, then the initial values of each record.
         drives: How the drives are simulated.
     """
 
-    known: Known
+    prior: Prior
     records: tuple[Record, ...]
     parameters: tuple[Parameter, ...]
     drives: Drives
@@ -62,7 +62,7 @@ class Problem:
     @classmethod
     def of(
         cls,
-        known: Known,
+        prior: Prior,
         records: Sequence[Record],
         names: Sequence[str] | None = None,
         *,
@@ -71,7 +71,7 @@ class Problem:
         """Return the problem of estimating parameters from records.
 
         Args:
-            known: Prior knowledge of the crane.
+            prior: Prior knowledge of the crane.
             records: One or more records of it.
             names: Names of parameters, see `cranedyn.identification.parameters.parameter`; None for
                 all that the columns can determine.
@@ -88,15 +88,17 @@ class Problem:
             raise DataError("There is no record to identify a crane from; give one or more.")
         mode = _default_drives(records) if drives is None else drives
         check_choice("drives", mode, Drives)
-        chosen = usual(known, records, mode) if names is None else list(dict.fromkeys(names))
+        chosen = (
+            default_names(prior, records, mode) if names is None else list(dict.fromkeys(names))
+        )
         if not chosen:
             raise DataError("There is nothing to find; give names of parameters.")
-        parameters = [parameter(known, name) for name in chosen]
+        parameters = [parameter(prior, name) for name in chosen]
         for p in parameters:
             _check_determined(p, records, mode)
         for i, record in enumerate(records):
-            parameters += starts(record, i, mode)
-        return cls(known, tuple(records), tuple(parameters), mode)
+            parameters += initial_parameters(record, i, mode)
+        return cls(prior, tuple(records), tuple(parameters), mode)
 
     @cached_property
     def own(self) -> tuple[Parameter, ...]:
@@ -122,7 +124,7 @@ class Problem:
         """Cranes by the values of the arguments among the parameters."""
         arguments = [p for p in self.parameters if p.kind == "argument"]
         first = {p.name: p.start for p in arguments}
-        return self.known.family(first, {p.name: p.start + 0.5 * p.scale for p in arguments})
+        return self.prior.family(first, {p.name: p.start + 0.5 * p.scale for p in arguments})
 
     @cached_property
     def channels(self) -> tuple[tuple[Channel, ...], ...]:
@@ -130,7 +132,7 @@ class Problem:
         return tuple(self._channels(record) for record in self.records)
 
     def _channels(self, record: Record) -> tuple[Channel, ...]:
-        layout, names = self.known.crane.layout, {p.name for p in self.parameters}
+        layout, names = self.prior.crane.layout, {p.name for p in self.parameters}
         channels = [
             Channel(joint.columns[0], joint.unit, "swing", layout.index(joint.symbol))
             for joint in record.swings

@@ -9,7 +9,7 @@ from pathlib import Path
 from cranedyn.bridges import bags
 from cranedyn.data.external import Source, read_external
 from cranedyn.data.tables import column_names
-from cranedyn.identification.record import Record, known_columns
+from cranedyn.identification.record import Record, relevant_columns
 from cranedyn.model.crane import Crane
 
 
@@ -22,33 +22,34 @@ def load_record(
     since: float = -math.inf,
     until: float = math.inf,
 ) -> Record:
-    """A record from a file; columns that say nothing of drives or swings are not read.
+    """Load a record from a file; columns other than those of drives and swings are not read.
 
     Args:
-        path: ``.csv`` or ``.parquet`` with our columns, or ``.mcap`` or ``.bag`` with joint states.
-        crane: The crane, as far as one knows it.
-        sources: What columns of CSV and Parquet are called there and in which unit, by our name,
+        path: ``.csv`` or ``.parquet`` with columns of cranedyn; ``.mcap`` or ``.bag`` with joint
+            states.
+        crane: Crane with prior values.
+        sources: Names and units of columns of CSV and Parquet files, by the names of cranedyn,
             see `cranedyn.data.external.parse_sources`.
         joints: Names of the joints in a recording of ROS by the symbols of coordinates.
-        since: From which time on it counts [s], on its own clock.
-        until: Up to which time [s].
+        since: Start of the record [s], on its own clock.
+        until: End of the record [s].
 
     Raises:
-        DataError: As `cranedyn.data.external.read_external`, `cranedyn.bridges.bags.read_columns`
-            and `Record.of`.
-        UnknownName: If a source is given for a column that is none of ours.
+        DataError: As `cranedyn.data.external.read_external`,
+            `cranedyn.bridges.bags.read_joint_states` and `Record.of`.
+        UnknownName: If a source names an unknown column.
     """
     path = Path(path)
     if path.suffix in bags.ENDINGS:
-        there = bags.columns(path, joints)
-        wanted = [name for name in known_columns(crane) if name in there]
-        data = bags.read_columns(path, ["t_s", *wanted], joints)
+        available = bags.joint_state_columns(path, joints)
+        wanted = [name for name in relevant_columns(crane) if name in available]
+        data = bags.read_joint_states(path, ["t_s", *wanted], joints)
     else:
         sources = sources or {}
         names = set(column_names(path))
         wanted = [
             name
-            for name in known_columns(crane)
+            for name in relevant_columns(crane)
             if name in sources or (name in names and name != "t_s")
         ]
         needed = list(dict.fromkeys(["t_s", *wanted, *sources]))

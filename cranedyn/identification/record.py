@@ -1,4 +1,4 @@
-"""What was recorded of a crane: times, drives, swing, checked before anything is computed of it."""
+"""Checked records of a crane: times, drives, swing."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _UPRIGHT, _GAP, _STILL = math.pi / 2, 5.0, 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """One record of a crane, in our units; time counts from the first row.
+    """Record of a crane, in SI units; time counts from the first row.
 
     Attributes:
-        name: What it is called.
-        crane: The crane that it is of, as far as one knows it.
+        name: Name of the record.
+        crane: Crane with prior values.
         t: Times [s], shape (rows,).
-        columns: What was recorded, by the names that a trajectory has, shape (rows,) each.
-        notes: What was noticed about it, a sentence each.
+        columns: Recorded columns by their names in a trajectory, shape (rows,) each.
+        notes: Remarks about the record, a sentence each.
     """
 
     name: str
@@ -47,15 +47,15 @@ class Record:
         since: float = -math.inf,
         until: float = math.inf,
     ) -> Record:
-        """A record from columns, ``t_s`` and a swing among them; those that say nothing of drives
-        or swings are left out.
+        """Return a record from columns, among them ``t_s`` and a swing; columns other than those of
+        drives and swings are left out.
 
         Args:
-            crane: The crane, as far as one knows it.
-            columns: By their names in a trajectory, such as ``phi_rad``, shape (rows,) each.
-            name: What the record is called.
-            since: From which time on it counts [s], on its own clock.
-            until: Up to which time [s].
+            crane: Crane with prior values.
+            columns: Columns by their names, such as ``phi_rad``, shape (rows,) each.
+            name: Name of the record.
+            since: Start of the record [s], on its own clock.
+            until: End of the record [s].
 
         Raises:
             DataError: If there is no swing, all of it stands still or it is beyond 90 degrees, time
@@ -65,30 +65,30 @@ class Record:
         if t is None:
             raise DataError(f"{name} has no column t_s; identification needs times [s].")
         t = finite(f"t_s of {name}", t, ("rows",), unit="s")
-        kept = {
+        recorded = {
             key: finite(f"{key} of {name}", columns[key], (len(t),))
-            for key in known_columns(crane)
+            for key in relevant_columns(crane)
             if key in columns and key != "t_s"
         }
         _check_clock(name, t)
-        late = (t >= since - 1e-9) & (t <= until + 1e-9)
-        t, kept = t[late], {key: values[late] for key, values in kept.items()}
-        dead = _check_swings(name, crane, kept)
-        _check_length(name, crane, t, kept)
-        kept = {key: values for key, values in kept.items() if key not in dead}
+        mask = (t >= since - 1e-9) & (t <= until + 1e-9)
+        t, recorded = t[mask], {key: values[mask] for key, values in recorded.items()}
+        dead = _check_swings(name, crane, recorded)
+        _check_length(name, crane, t, recorded)
+        recorded = {key: values for key, values in recorded.items() if key not in dead}
         notes = [f"{name}: {key} never moves and is left out." for key in dead]
         notes += [
-            f"{name}: nothing is recorded of {joint.symbol}, taken to stand at {at:g} {joint.unit}."
-            for joint, at in zip(
+            f"{name}: nothing is recorded of {joint.symbol}, taken to stand at {q0:g} {joint.unit}."
+            for joint, q0 in zip(
                 crane.layout.driven, crane.start.q[crane.layout.drives].tolist(), strict=True
             )
-            if not {*joint.columns, joint.setpoint_column, joint.effort_column} & kept.keys()
+            if not {*joint.columns, joint.setpoint_column, joint.effort_column} & recorded.keys()
         ]
-        return cls(name, crane, t - t[0], kept, tuple(notes))
+        return cls(name, crane, t - t[0], recorded, tuple(notes))
 
     @property
     def duration(self) -> float:
-        """From the first row to the last [s]."""
+        """Time from the first row to the last [s]."""
         return float(self.t[-1])
 
     @property
@@ -98,20 +98,18 @@ class Record:
 
     @property
     def swings(self) -> tuple[Joint, ...]:
-        """The swings that were recorded."""
+        """Recorded swings."""
         joints = (self.crane.layout.joints[i] for i in self.crane.swings.tolist())
         return tuple(joint for joint in joints if joint.columns[0] in self.columns)
 
     def moves(self, column: str) -> bool:
-        """Whether a column is there and ever changes."""
+        """Return whether a column was recorded and is not constant."""
         values = self.columns.get(column)
         return values is not None and bool(np.ptp(values) > _STILL)
 
 
-def known_columns(crane: Crane) -> list[str]:
-    """Names of the columns that say something: times, drives, their setpoints and efforts,
-    swings.
-    """
+def relevant_columns(crane: Crane) -> list[str]:
+    """Return the names of the columns of times, drives, their setpoints and efforts, and swings."""
     layout = crane.layout
     swings = [layout.joints[i].columns[0] for i in crane.swings.tolist()]
     driven = [
@@ -139,19 +137,19 @@ def _check_clock(name: str, t: np.ndarray) -> None:
 
 
 def _check_swings(name: str, crane: Crane, columns: Mapping[str, np.ndarray]) -> list[str]:
-    """Names of swing columns that never move, at least one other does."""
-    known = [crane.layout.joints[i].columns[0] for i in crane.swings.tolist()]
-    there = [key for key in known if key in columns]
-    if not there:
-        raise DataError(f"{name} has no swing column; one of {', '.join(known)} is needed.")
-    for key in there:
-        if (most := float(np.abs(columns[key]).max(initial=0.0))) > _UPRIGHT:
+    """Return the names of swing columns that never move; at least one other does."""
+    swings = [crane.layout.joints[i].columns[0] for i in crane.swings.tolist()]
+    present = [key for key in swings if key in columns]
+    if not present:
+        raise DataError(f"{name} has no swing column; one of {', '.join(swings)} is needed.")
+    for key in present:
+        if (peak := float(np.abs(columns[key]).max(initial=0.0))) > _UPRIGHT:
             raise DataError(
-                f"{name}: {key} is {most:.4g} rad in some row; a swing is {_UPRIGHT:.4f} rad (90 "
+                f"{name}: {key} is {peak:.4g} rad in some row; a swing is {_UPRIGHT:.4f} rad (90 "
                 f"degrees) at most. If it is in degrees, say so: --columns {key}={key}[deg]."
             )
-    dead = [key for key in there if len(columns[key]) and np.ptp(columns[key]) <= _STILL]
-    if dead == there:
+    dead = [key for key in present if len(columns[key]) and np.ptp(columns[key]) <= _STILL]
+    if dead == present:
         raise DataError(
             f"{name}: {', '.join(dead)} never moves; a load that does not swing, or a sensor that "
             "is not connected, says nothing."
@@ -168,8 +166,8 @@ def _check_length(
     if hoist is None:
         return
     column = crane.layout.driven[hoist].columns[0]
-    at = crane.start.q[crane.layout.drives[hoist]]
-    length = max(float(np.mean(columns[column])) if column in columns else float(at), 0.1)
+    start = crane.start.q[crane.layout.drives[hoist]]
+    length = max(float(np.mean(columns[column])) if column in columns else float(start), 0.1)
     needed = PERIODS * 2.0 * math.pi * math.sqrt(length / crane.gravity)
     if t[-1] - t[0] < needed:
         raise DataError(

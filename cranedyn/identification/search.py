@@ -1,4 +1,4 @@
-"""The search: least squares from what one believes, over ever longer parts of the records."""
+"""Least squares from the prior values, over ever longer stretches of the records."""
 
 from __future__ import annotations
 
@@ -11,62 +11,63 @@ from cranedyn.errors import DataError
 from cranedyn.identification.model import ROUND_OFF, Model
 
 HORIZONS = (0.125, 0.25, 0.5, 1.0)
-"""Shares of a record that are fitted one after the other: over a short time a wrong period loses
-no whole turn, so that the search finds its way from far off."""
+"""Shares of a record that are fitted in turn: over a short time a wrong period is less than a turn
+off, so that the search converges from far away."""
 
 _LEAST, _MOST = 12.0, 60
 _FAR, _NEAR, _CLOSE, _QUIET, _ROOM = 1e6, 1e-3, 1e-9, 0.2, 1e4
 
 
-def inside(model: Model) -> np.ndarray:
-    """Where the search begins, shape (parameters,): where one believes, but so far from the ends of
-    what is allowed that a channel changes by a hundredth of its range; a search that begins at an
-    end leaves it slowly.
+def initial_values(model: Model) -> np.ndarray:
+    """Return the start of the search, shape (parameters,): the prior values, moved off the bounds
+    so far that a channel changes by a hundredth of its range; a search that starts at a bound
+    leaves it slowly.
     """
-    ends = (np.array([getattr(one, end) for one in model.parameters]) for end in ("low", "high"))
+    ends = (np.array([getattr(p, end) for p in model.parameters]) for end in ("low", "high"))
     low, high = ends
-    room = np.minimum(_ROOM * np.abs(model.steps), 0.1 * (high - low)) * (model.tells > 0.0)
+    room = np.minimum(_ROOM * np.abs(model.steps), 0.1 * (high - low)) * (model.sensitivity > 0.0)
     return np.clip(model.first, low + room, high - room)
 
 
 class Search:
-    """Predictions beside the records, weighted; what was computed last is kept, since a solver asks
-    for the Jacobian where it has just been.
+    """Weighted residuals and Jacobians; the last ones are cached, since the solver asks for the
+    Jacobian at the point of the last residual.
     """
 
     def __init__(self, model: Model, progress: Callable[[int], object] | None) -> None:
         self.model, self.evaluations, self._progress = model, 0, progress
-        self._told: np.ndarray = np.ones(len(model.parameters), dtype=bool)
+        self._determined: np.ndarray = np.ones(len(model.parameters), dtype=bool)
         self._last: tuple[bytes, np.ndarray, np.ndarray] | None = None
 
     def residual(self, values: np.ndarray, index: int) -> np.ndarray:
-        """Recorded less predicted, shape (channels, rows)."""
+        """Return recorded less predicted, shape (channels, rows)."""
         predicted = self.model.predicted(index, values[None])[0]
         return self.model.measured(index) - predicted
 
-    def solved(self, values: np.ndarray, noise: list[np.ndarray], share: float) -> np.ndarray:
-        """The least squares over a share of each record, from some values on."""
+    def solve(self, values: np.ndarray, noise: list[np.ndarray], share: float) -> np.ndarray:
+        """Solve the least squares over a share of each record, from initial values."""
         model, scale = self.model, self.model.scale
         low, high = (
-            np.array([getattr(one, end) for one in model.parameters]) / scale
-            for end in ("low", "high")
+            np.array([getattr(p, end) for p in model.parameters]) / scale for end in ("low", "high")
         )
         self._last = None
         begin = np.clip(values / scale, low + 1e-9, high - 1e-9)
-        weights = [1.0 / one for one in noise]
-        self._both(begin * scale, weights, share)
-        free = self._told.copy()  # what nothing shows keeps its value
+        weights = [1.0 / deviation for deviation in noise]
+        self._residual_and_jacobian(begin * scale, weights, share)
+        free = self._determined.copy()  # the others keep their values
 
-        def at(part: np.ndarray) -> np.ndarray:
-            whole = begin.copy()
-            whole[free] = part
-            return whole * scale
+        def expand(z: np.ndarray) -> np.ndarray:
+            scaled = begin.copy()
+            scaled[free] = z
+            return scaled * scale
 
         close = _CLOSE if share == 1.0 else _NEAR
-        found = least_squares(
-            lambda z: self._both(at(z), weights, share)[0],
+        solution = least_squares(
+            lambda z: self._residual_and_jacobian(expand(z), weights, share)[0],
             begin[free],
-            jac=lambda z: (self._both(at(z), weights, share)[1] * scale)[:, free],
+            jac=lambda z: (self._residual_and_jacobian(expand(z), weights, share)[1] * scale)[
+                :, free
+            ],
             bounds=(low[free], high[free]),
             x_scale="jac",
             ftol=close,
@@ -74,28 +75,27 @@ class Search:
             gtol=None,
             max_nfev=_MOST,
         )
-        return at(found.x)
+        return expand(solution.x)
 
-    def _both(
+    def _residual_and_jacobian(
         self, values: np.ndarray, weights: list[np.ndarray], share: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Weighted residual and its Jacobian, both turned so that few rows are left: the same
-        length, the same products with each other, shape (parameters + 1,) and (parameters + 1,
-        parameters).
+        """Return the weighted residual and its Jacobian, reduced by a QR decomposition that keeps
+        norms and inner products, shapes (parameters + 1,) and (parameters + 1, parameters).
         """
         key = values.tobytes()
         if self._last is not None and self._last[0] == key:
             return self._last[1:]
-        parts, slopes = [], []
+        residuals, slopes = [], []
         for index, record in enumerate(self.model.records):
             until = max(share * record.duration, min(_LEAST, record.duration))
             off, slope = jacobian(self.model, values, index, until)
-            parts.append((off * weights[index][:, None]).ravel())
+            residuals.append((off * weights[index][:, None]).ravel())
             slopes.append((slope * weights[index][:, None, None]).reshape(-1, len(values)))
         self.evaluations += 1
         if self._progress is not None:
             self._progress(self.evaluations)
-        residual = np.concatenate(parts)
+        residual = np.concatenate(residuals)
         if self._last is None and not np.isfinite(residual).all():
             raise DataError(
                 "The crane cannot be simulated through the record from where the search begins; "
@@ -105,7 +105,7 @@ class Search:
         residual[wild] = _FAR
         slope = np.concatenate(slopes)
         slope[wild] = 0.0
-        self._told = np.asarray(slope.any(axis=0))
+        self._determined = np.asarray(slope.any(axis=0))
         turned, upright = np.linalg.qr(slope * self.model.scale)
         along = turned.T @ residual
         beside = float(np.sqrt(max(residual @ residual - along @ along, 0.0)))
@@ -120,45 +120,45 @@ class Search:
 def jacobian(
     model: Model, values: np.ndarray, index: int, until: float = np.inf
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Predicted less recorded of one record, shape (channels, rows), and how it changes with each
-    parameter, shape (channels, rows, parameters).
+    """Return predicted less recorded of one record, shape (channels, rows), and its derivatives by
+    the parameters, shape (channels, rows, parameters).
     """
-    places = model.of_record(index)
-    ends = np.array([one.high for one in model.parameters])
+    indices = model.of_record(index)
+    ends = np.array([p.high for p in model.parameters])
     steps = np.where(values + model.steps > ends, -1.0, 1.0) * model.steps
-    variants = np.tile(values, (len(places) + 1, 1))
-    variants[np.arange(1, len(places) + 1), places] += steps[places]
-    shown = model.predicted(index, variants, until)
-    slope = np.zeros((*shown.shape[1:], len(values)))
+    variants = np.tile(values, (len(indices) + 1, 1))
+    variants[np.arange(1, len(indices) + 1), indices] += steps[indices]
+    outputs = model.predicted(index, variants, until)
+    slope = np.zeros((*outputs.shape[1:], len(values)))
     measured = model.measured(index, until)
-    least = ROUND_OFF * (measured.max(axis=1) - measured.min(axis=1))[:, None]
-    for lane, place in enumerate(places, start=1):
-        change = shown[lane] - shown[0]
-        if not (np.abs(change) <= least).all():
-            slope[:, :, place] = change / steps[place]
-    return shown[0] - measured, slope
+    threshold = ROUND_OFF * (measured.max(axis=1) - measured.min(axis=1))[:, None]
+    for lane, i in enumerate(indices, start=1):
+        change = outputs[lane] - outputs[0]
+        if not (np.abs(change) <= threshold).all():
+            slope[:, :, i] = change / steps[i]
+    return outputs[0] - measured, slope
 
 
 def check_units(model: Model) -> None:
-    """Return if a swing is about as large as the recorded motion of the drives makes it.
+    """Check that a swing is about as large as the recorded motion of the drives makes it.
 
     Raises:
         DataError: If it is some 57 times as large, as one in degrees.
     """
     if model.drives != "motion":
         return
-    values, begins = model.first.copy(), {}
-    for i, one in enumerate(model.parameters):
-        if one.kind in ("start", "start rate"):
-            begins[one.record, one.of, one.kind], values[i] = values[i], 0.0
+    values, initial = model.first.copy(), {}
+    for i, p in enumerate(model.parameters):
+        if p.kind in ("start", "start rate"):
+            initial[p.record, p.of, p.kind], values[i] = values[i], 0.0
     for index, record in enumerate(model.records):
-        shown, seen = model.predicted(index, values[None])[0], model.measured(index)
+        predicted, measured = model.predicted(index, values[None])[0], model.measured(index)
         for c, channel in enumerate(model.channels[index]):
             if channel.kind != "swing":
                 continue
-            symbol = model.known.crane.layout.symbols[channel.at]
-            at_first = [abs(begins[index, symbol, kind]) for kind in ("start", "start rate")]
-            ours, theirs = float(np.std(shown[c])), float(np.std(seen[c]))
+            symbol = model.prior.crane.layout.symbols[channel.at]
+            at_first = [abs(initial[index, symbol, kind]) for kind in ("start", "start rate")]
+            ours, theirs = float(np.std(predicted[c])), float(np.std(measured[c]))
             quiet = max(at_first) < _QUIET * theirs
             if quiet and ours > 1e-3 and 25.0 < theirs / ours < 130.0:
                 raise DataError(

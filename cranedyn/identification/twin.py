@@ -1,4 +1,4 @@
-"""A twin: the crane that was identified, with how its drives and sensors are off, in a file."""
+"""Twin: the identified crane and the errors of its drives and sensors, in a file."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 
 KINDS = ("value", "margin", "unit", "kind")
-"""What a file says of each parameter."""
+"""Keys of each parameter in a file."""
 
 
 @dataclass(frozen=True, eq=False)
 class Twin:
-    """A crane as its records show it.
+    """Identified crane.
 
     Attributes:
         crane: The crane.
-        identified: Of each parameter that was found value, half width of its 95 % interval (None
-            where the records say nothing), unit and kind, by name.
+        identified: Value, half width of the 95 % interval (None where the records do not determine
+            it), unit and kind of each estimated parameter, by name.
         records: Names of the records.
     """
 
@@ -37,26 +37,28 @@ class Twin:
     records: tuple[str, ...]
 
     @property
-    def off(self) -> dict[str, float]:
-        """How drives and sensors are off, by name: whatever is no argument of the crane."""
+    def device_parameters(self) -> dict[str, float]:
+        """Values of the parameters of drives and sensors, by name: all that are no arguments of the
+        crane.
+        """
         return {
-            name: float(one["value"])
-            for name, one in self.identified.items()
-            if one["kind"] != "argument"
+            name: float(entry["value"])
+            for name, entry in self.identified.items()
+            if entry["kind"] != "argument"
         }
 
     @property
-    def words(self) -> str:
-        """What makes the crane on any command line that has ``--gravity`` and ``--set``."""
+    def options(self) -> str:
+        """Options ``--gravity`` and ``--set`` that describe the crane on a command line."""
         values = self.crane.record.get("arguments", {})
-        given = " ".join(f"{name}:={value!r}" for name, value in values.items())
-        return f"--gravity {self.crane.gravity!r}" + (f" --set {given}" if given else "")
+        settings = " ".join(f"{name}:={value!r}" for name, value in values.items())
+        return f"--gravity {self.crane.gravity!r}" + (f" --set {settings}" if settings else "")
 
     def write(self, path: str | Path) -> Path:
         """Write a ``.json`` file that `load_crane(from_record=...)` and ``--set`` take.
 
         Raises:
-            DataError: If the ending is another or the file cannot be written.
+            DataError: If the ending is not ``.json`` or the file cannot be written.
         """
         path = Path(path)
         if path.suffix != ".json":
@@ -66,54 +68,54 @@ class Twin:
 
     @property
     def text(self) -> str:
-        """What the file says."""
+        """Content of the file."""
         content = {
             "crane": dict(self.crane.record),
-            "identified": {name: dict(one) for name, one in self.identified.items()},
+            "identified": {name: dict(entry) for name, entry in self.identified.items()},
             "records": list(self.records),
         }
         return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def twin_of(estimate: Estimate) -> Twin:
-    """The crane that was identified.
+    """Return the identified crane.
 
     Raises:
-        CraneError: If no crane can have these numbers.
+        CraneError: If a crane cannot have these values.
     """
     model = estimate.model
     identified = {
-        one.name: {
-            "value": estimate.value(one.name),
-            "margin": margin if math.isfinite(margin := estimate.margin(one.name)) else None,
-            "unit": one.unit,
-            "kind": one.kind,
+        p.name: {
+            "value": estimate.value(p.name),
+            "margin": margin if math.isfinite(margin := estimate.margin(p.name)) else None,
+            "unit": p.unit,
+            "kind": p.kind,
         }
-        for one in model.own
+        for p in model.own
     }
-    crane = model.known.load(**estimate.found_arguments)
+    crane = model.prior.load(**estimate.arguments)
     return Twin(crane, identified, tuple(record.name for record in model.records))
 
 
 def read_twin(path: str | Path) -> Twin:
-    """A twin from the file that `Twin.write` wrote.
+    """Read a twin from a file of `Twin.write`.
 
     Raises:
-        DataError: If the file cannot be read, or is none.
-        CraneError: If its crane is none.
+        DataError: If the file cannot be read or is no twin.
+        CraneError: If its crane is not valid.
     """
     try:
         content = parse_json(read_text(path))
-        identified = {str(name): dict(one) for name, one in content["identified"].items()}
+        identified = {str(name): dict(entry) for name, entry in content["identified"].items()}
         records = tuple(str(name) for name in content["records"])
-        fine = all(
-            set(one) == set(KINDS) and np.isfinite([one["value"], one["margin"] or 0.0]).all()
-            for one in identified.values()
+        is_valid = all(
+            set(entry) == set(KINDS) and np.isfinite([entry["value"], entry["margin"] or 0.0]).all()
+            for entry in identified.values()
         )
     except CraneError:
         raise
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
-        fine = False
-    if not fine:
+        is_valid = False
+    if not is_valid:
         raise DataError(f"{path} is no twin; allowed is a file that `Twin.write` wrote.")
     return Twin(load_crane(from_record=path), identified, records)

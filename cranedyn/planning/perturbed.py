@@ -17,7 +17,7 @@ from scipy.stats import binomtest
 
 from cranedyn.checks import finite, short_repr, whole, within
 from cranedyn.compiled.batch import Batch, simulate_batch
-from cranedyn.compiled.inputs import fit
+from cranedyn.compiled.inputs import check_fits_memory
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.disturbances.wind import drag_force, gust_shape
@@ -142,7 +142,7 @@ def perturb(
             into memory.
     """
     whole("number of lifts", count, 1)
-    fit("number of lifts", short_repr(count), 12 * count)
+    check_fits_memory("number of lifts", short_repr(count), 12 * count)
     lift, rng = certificate.lift, np.random.default_rng(whole("seed", seed, 0))
     loads = np.sort(rng.integers(0, _LEVELS, count))
     drawn = {

@@ -61,35 +61,24 @@ class Engine:
         Returns:
             What acts on the crane.
         """
-        effort_before, buffers = self._effort(), self._buffers()
-        if force is not None:
-            self._take_force(force)
-        needed, effort = self._take_command(command)
-        return Actuation(
-            needed,
-            effort,
-            effort_before,
-            self._no_force if force is None else force.ravel(),
-            buffers,
-            _FLAGS[self._drives.saturated],
-        )
-
-    def _effort(self) -> np.ndarray:
-        return self._drives.effort(self.state)
+        drives, state = self._drives, self.state
+        effort_before = drives.effort(state)
+        buffers = self._buffers() if self._setting.buffers else _NO_BUFFERS
+        if force is None:
+            flat_force = self._no_force
+        else:
+            assert self._external is not None
+            self._external.force, flat_force = force, force.ravel()
+        needed, effort = drives.take_command(command, state)
+        saturated = _FLAGS[drives.saturated]
+        return Actuation(needed, effort, effort_before, flat_force, buffers, saturated)
 
     def _buffers(self) -> np.ndarray:
-        if self._external is None or self._external.stops is None:
-            return _NO_BUFFERS
+        """Return the work of all buffers and the force of those at the ends of the cable."""
+        assert self._external is not None and self._external.stops is not None
         hoist = self._setting.crane.layout.drive_of("hoist")
         push = 0.0 if hoist is None else float(self._external.stops.effort(*self.state)[hoist])
         return np.array([self._buffer_work, push])
-
-    def _take_force(self, force: np.ndarray) -> None:
-        assert self._external is not None
-        self._external.force = force
-
-    def _take_command(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return self._drives.take_command(command, self.state)
 
     def advance(self) -> State:
         """Step to the next control instant; return the state there."""

@@ -24,6 +24,7 @@ from cranedyn.interfaces import (
 )
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold
+from cranedyn.references.hold import Still
 from cranedyn.references.motion import Motion
 from cranedyn.references.tabulated import as_setpoint
 from cranedyn.simulation.log import Log
@@ -132,6 +133,7 @@ def simulate(
     )
     moving, state = stepper.engine, stepper.state
     reference = hold(crane, state) if reference is None else reference
+    constant = as_setpoint(reference(t), (crane.layout.m,)) if type(reference) is Still else None
     if isinstance(reference, Motion):
         reference.check_fits("reference", crane.layout)
     log = Log(stepper.setting, t_start, clock.periods + 1)
@@ -151,7 +153,7 @@ def simulate(
             for k in range(rows, clock.periods + 1):
                 t = t_start + k * control_period
                 check_bounded(crane.layout, t, state)
-                setpoint = as_setpoint(reference(t), (crane.layout.m,))
+                setpoint = constant or as_setpoint(reference(t), (crane.layout.m,))
                 force = disturbance and as_force(disturbance(t, state), crane.layout)
                 command = as_command(controller(t, state, setpoint), t, crane.layout)
                 log.append(state, setpoint, moving.apply_command(command, force))

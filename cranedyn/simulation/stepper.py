@@ -19,6 +19,8 @@ from cranedyn.model.layout import Layout
 from cranedyn.simulation.engine import Engine
 from cranedyn.simulation.setting import Setting
 
+_DOUBLE = np.dtype(float)
+
 DIVERGED = 1e6
 """No joint of a crane moves this fast [rad/s or m/s]."""
 
@@ -144,7 +146,7 @@ def as_command(answer: object, t: float, layout: Layout) -> np.ndarray:
         OutOfRange: If it is not one number for each drive.
         RunError: If a number is not finite.
     """
-    if type(answer) is np.ndarray and answer.dtype == float and answer.shape == (layout.m,):
+    if type(answer) is np.ndarray and answer.dtype is _DOUBLE and answer.shape == (layout.m,):
         command = answer.copy()
     else:
         command = _array(answer, "command of the controller", (layout.m,), layout.drives_in_words)

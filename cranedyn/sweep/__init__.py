@@ -16,12 +16,12 @@ Public names:
     results: Reads a finished sweep as a table.
     cranedyn.sweep.cluster.tls: Certificates for a Dask cluster of several machines.
 
-A case that raises, returns a number that is not finite, kills its process or takes too long says
-why in the column `error` and costs no other case its result. Chunk files carry checksums; the
-folder records the design and the source files, and refuses to mix them with others.
+A case that raises, returns a number that is not finite, kills its process or takes too long has
+the reason in the column `error`; the other cases keep their results. Chunk files carry checksums;
+the folder records the design and the source files, and refuses to mix them with others.
 
-Modules, in the order to read them: `design`; `run`, which is the sweep; `study`, what a worker
-does with a chunk; `workers` and `cluster`, where chunks are computed; `folder`, what is on disk.
+Modules, in the order to read them: `design`; `run`, the sweep; `study`, the computation of a chunk;
+`workers` and `cluster`, pools of processes; `folder`, the files.
 """
 
 from cranedyn.sweep.design import Design, cross, grid, sample

@@ -227,8 +227,8 @@ def _check_same(path: Path, first: Manifest, now: Manifest) -> None:
     if first.design != now.design and not differences:
         differences.append("parameters have other values")
     if changed := sorted({name for name, _ in first.sources.items() ^ now.sources.items()}):
-        more = f" and {len(changed) - 3} more" if changed[3:] else ""
-        differences.append(f"the code changed: {', '.join(changed[:3])}{more}")
+        further = f" and {len(changed) - 3} more" if changed[3:] else ""
+        differences.append(f"the code changed: {', '.join(changed[:3])}{further}")
     if differences:
         raise DataError(
             f"Cannot sweep in {path}: it holds another sweep ({'; '.join(differences)}); undo "

@@ -54,7 +54,7 @@ def study_name(study: Study) -> str:
 
 
 class Task(NamedTuple):
-    """What a worker runs.
+    """Study as a worker runs it.
 
     Attributes:
         study: See `study_name`.
@@ -201,5 +201,5 @@ def _set_deadline(key: object, deadline: float) -> None:
         _deadlines[key] = deadline
         if deadline == math.inf:
             del _deadlines[key]
-        left = min(_deadlines.values(), default=math.inf) - time.monotonic()
-        signal.setitimer(signal.ITIMER_REAL, 0.0 if left == math.inf else max(left, 1e-3))
+        remaining = min(_deadlines.values(), default=math.inf) - time.monotonic()
+        signal.setitimer(signal.ITIMER_REAL, 0.0 if remaining == math.inf else max(remaining, 1e-3))

@@ -62,27 +62,27 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, float]:
     figure.savefig(out / "control_design.png", dpi=110)
     plt.close(figure)
 
-    found = {
+    result = {
         "slowest pole [1/s]": float(np.log(np.abs(poles)).max() / PERIOD),
         "swing left [mrad]": 1e3 * float(swing[-1]),
     }
     for name, (phase_margin, modulus_margin) in margins.items():
-        found |= {
+        result |= {
             f"{name}: phase margin [deg]": phase_margin,
             f"{name}: modulus margin": modulus_margin,
         }
-    for label, value in found.items():
+    for label, value in result.items():
         print(f"{label:32} {value:10.4g}")
-    return found
+    return result
 
 
 def margins_at(plant: ct.StateSpace, gain: np.ndarray, drive: int) -> tuple[float, float]:
     """Phase margin [deg] and modulus margin, min |1 + L|, of the loop opened at one drive, the
     others closed.
     """
-    others = gain.copy()
-    others[drive] = 0.0
-    loop = ct.ss(plant.A - plant.B @ others, plant.B[:, [drive]], gain[[drive]], 0, dt=plant.dt)
+    other_gain = gain.copy()
+    other_gain[drive] = 0.0
+    loop = ct.ss(plant.A - plant.B @ other_gain, plant.B[:, [drive]], gain[[drive]], 0, dt=plant.dt)
     # On a grid of our own: left alone, python-control 0.10.2 finds crossings that are not there for
     # loops with poles so near to 1.
     response = ct.frequency_response(loop, np.geomspace(1e-3, 0.999 * np.pi / PERIOD, 2_000))

@@ -23,13 +23,13 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
 from cranedyn.bridges.gymnasium import TowerCraneVectorEnv
-from cranedyn.bridges.task import Rules, Task
+from cranedyn.bridges.task import Rules, SwingTask
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references import hold
 from experiments.harness import Setup
 from experiments.scenarios.moves import MOVES, SWINGING, Score
 from experiments.scenarios.perturbations import make
-from experiments.scenarios.strategies import STRATEGIES, Plan
+from experiments.scenarios.strategies import STRATEGIES, MovePlan
 
 SCALE = np.array([1.0, 0.1, 0.1, 10.0, 1.0, 1.0, 5.0, 5.0, 5.0, 5.0, 0.05, 0.05], dtype=np.float32)
 """Brings what is observed to numbers of about one."""
@@ -42,11 +42,13 @@ BESIDE = ("spline alone", "spline + PD", "flat + LQR", "operator")
 """Strategies of `compare` that are shown beside what was learned."""
 
 
-def scaled(seen: np.ndarray) -> np.ndarray:
-    """Observations as the network takes them, shape (n, 19): ways to go and swings also by cube
-    roots, which tell small ones apart.
+def network_inputs(observation: np.ndarray) -> np.ndarray:
+    """Return observations as inputs of the network, shape (n, 19): distances and swings also as
+    cube roots, which tell small values apart.
     """
-    return np.hstack([seen * SCALE, np.cbrt(seen[:, :3]), np.cbrt(seen[:, 6:10])])
+    return np.hstack(
+        [observation * SCALE, np.cbrt(observation[:, :3]), np.cbrt(observation[:, 6:10])]
+    )
 
 
 class ForStableBaselines(VecEnv):
@@ -55,26 +57,26 @@ class ForStableBaselines(VecEnv):
     def __init__(self, env: TowerCraneVectorEnv) -> None:
         self.env, self.actions = env, np.zeros((env.num_envs, 3))
         self.returns, self.finished = np.zeros(env.num_envs), list[float]()
-        seen = gym.spaces.Box(-np.inf, np.inf, (len(SCALE) + 7,), np.float32)
-        super().__init__(env.num_envs, seen, env.single_action_space)
+        observations = gym.spaces.Box(-np.inf, np.inf, (len(SCALE) + 7,), np.float32)
+        super().__init__(env.num_envs, observations, env.single_action_space)
 
     def reset(self) -> np.ndarray:
-        return scaled(self.env.reset(seed=self._seeds[0])[0])
+        return network_inputs(self.env.reset(seed=self._seeds[0])[0])
 
     def step_async(self, actions: np.ndarray) -> None:
         self.actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        seen, reward, terminated, truncated, found = self.env.step(self.actions)
+        observation, reward, terminated, truncated, info = self.env.step(self.actions)
         infos: list[dict[str, Any]] = [{} for _ in reward]
         self.returns += reward
-        last = scaled(found["final_obs"]) if "final_obs" in found else seen
+        last = network_inputs(info["final_obs"]) if "final_obs" in info else observation
         for i in np.flatnonzero(terminated | truncated):
             infos[i] = {"terminal_observation": last[i], "TimeLimit.truncated": bool(truncated[i])}
             self.finished.append(self.returns[i])
             self.returns[i] = 0.0
         shaped = np.maximum(FACTOR * (reward + STANDING), WORST).astype(np.float32)
-        return scaled(seen), shaped, terminated | truncated, infos
+        return network_inputs(observation), shaped, terminated | truncated, infos
 
     def close(self) -> None:
         self.env.close()
@@ -94,15 +96,15 @@ class ForStableBaselines(VecEnv):
         return [False] * self.num_envs
 
 
-class Curve(BaseCallback):
+class LearningCurve(BaseCallback):
     """Keeps the learning curve: steps, seconds and the mean return of the episodes that have ended
     since.
     """
 
-    def __init__(self, many: ForStableBaselines) -> None:
+    def __init__(self, envs: ForStableBaselines) -> None:
         super().__init__()
         self.many, self.rows, self.began = (
-            many,
+            envs,
             list[tuple[int, float, float]](),
             time.perf_counter(),
         )
@@ -130,20 +132,20 @@ class Learned(NamedTuple):
     scores: dict[str, Score]
 
 
-def controller_of(model: PPO, task: Task, goal: np.ndarray) -> Controller:
-    """What was learned as a controller of ours, which commands accelerations and looks every 0.1
-    s.
-    """
-    known: dict[str, Any] = {"from": -np.inf, "command": np.zeros(3)}
+def learned_controller(model: PPO, task: SwingTask, goal: np.ndarray) -> Controller:
+    """Return the learned policy as a controller that commands accelerations every 0.1 s."""
+    memory: dict[str, Any] = {"from": -np.inf, "command": np.zeros(3)}
 
     def controller(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        if t - known["from"] > task.fleet.control_period - 1e-6:
+        if t - memory["from"] > task.fleet.control_period - 1e-6:
             z = np.concatenate(state)[:, None]
-            action, _ = model.predict(scaled(task.observed(z, goal[:, None])), deterministic=True)
-            known.update(
+            action, _ = model.predict(
+                network_inputs(task.observation(z, goal[:, None])), deterministic=True
+            )
+            memory.update(
                 {"from": t, "command": task.accelerations(action.T.astype(float), z)[:, 0]}
             )
-        return known["command"]
+        return memory["command"]
 
     return controller
 
@@ -189,7 +191,7 @@ def main(arguments: Sequence[str] | None = None) -> Learned:
         seed=options.seed,
         device="cpu",
     )
-    curve = Curve(env)
+    curve = LearningCurve(env)
     model.learn(options.steps, callback=curve)
     model.save(options.out / "model")
     rows = np.array(curve.rows).reshape(-1, 3)
@@ -209,16 +211,16 @@ def main(arguments: Sequence[str] | None = None) -> Learned:
     )
     figure.savefig(options.out / "curve.png", dpi=110)
     plt.close(figure)
-    return Learned(rows, place(model, options.beside))
+    return Learned(rows, compare_learned(model, options.beside))
 
 
-def place(model: PPO, beside: Sequence[str]) -> dict[str, Score]:
-    """Its place in the table of `compare`, for the combined move."""
+def compare_learned(model: PPO, beside: Sequence[str]) -> dict[str, Score]:
+    """Score the learned controller beside strategies of `compare`, for the combined move."""
     setup, move = Setup(engine="compiled"), MOVES[-1]
-    task = Task(setup.crane, 1, Rules(), 0.1, setup.dt, 1)
+    task = SwingTask(setup.crane, 1, Rules(), 0.1, setup.dt, 1)
     plans = {name: STRATEGIES[name](setup, move) for name in beside}
-    plans["learned"] = Plan(
-        lambda: controller_of(model, task, np.array(move.goal)),
+    plans["learned"] = MovePlan(
+        lambda: learned_controller(model, task, np.array(move.goal)),
         hold(setup.crane, move.ends(setup.crane)[1]),
         "motion",
         move.duration,

@@ -24,13 +24,13 @@ from experiments.a1.case import (
     ROUNDING,
     SOFT,
     SWING,
-    Case,
     Published,
+    SwingCase,
     run,
 )
 from experiments.harness import Claim, Outcome, Setup
 
-__all__ = ["PUBLISHED", "ROUNDING", "SOFT", "Case", "Published", "experiment", "main", "run"]
+__all__ = ["PUBLISHED", "ROUNDING", "SOFT", "Published", "SwingCase", "experiment", "main", "run"]
 
 COLUMNS = ("t_s", "phi_rad", "l_m")
 """Columns that a recorded file must have."""
@@ -45,9 +45,9 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     if options.files:
         return _from_files(options.files, options.columns, options.joints, setup.crane)
     if options.identify:
-        from experiments.a1.identify import identify
+        from experiments.a1.identify import identify_hoist
 
-        return identify(setup)
+        return identify_hoist(setup)
     if len({f"{length:g}" for length in options.length}) < len(options.length):
         raise OutOfRange(
             "length", options.length, "each length once, as far as six digits tell", "m"
@@ -61,7 +61,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     return outcome(setup, cases, soft)
 
 
-def outcome(setup: Setup, cases: Sequence[Case], soft: Case) -> Outcome:
+def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Outcome:
     """Return tables, claims, figures and files of the cable lengths and the soft trolley."""
     from cranedyn.recording import Run
     from experiments.a1 import figures, tables
@@ -95,19 +95,21 @@ def outcome(setup: Setup, cases: Sequence[Case], soft: Case) -> Outcome:
     )
 
 
-def _claims(setup: Setup, cases: Sequence[Case], soft: Case) -> list[Claim]:
+def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> list[Claim]:
     listed = [(case, case.published) for case in cases]
     misses = {
         "error": [100 * case.error - p.point for case, p in listed if p.point],
         "damping ratio": [case.fit.damping_ratio - p.zeta for case, p in listed if p.zeta],
         "amplitude": [case.fit.amplitude - p.amplitude for case, p in listed if p.amplitude],
     }
-    every = [*cases, soft]
-    explained, budget = _within([c.unexplained for c in every], [c.second_order for c in every])
+    all_cases = [*cases, soft]
+    explained, budget = _within(
+        [c.unexplained for c in all_cases], [c.second_order for c in all_cases]
+    )
     # The prediction is of lowest order in the swing.
-    small = all(case.predicted.amplitude < 1.1 * SWING for case in every)
+    small = all(case.predicted.amplitude < 1.1 * SWING for case in all_cases)
     agree, finite = _within(
-        [case.prediction_error for case in every], [case.finite_swing for case in every]
+        [case.prediction_error for case in all_cases], [case.finite_swing for case in all_cases]
     )
     return [
         *(_published_claim(setup, column, values) for column, values in misses.items()),
@@ -138,9 +140,7 @@ def _published_claim(setup: Setup, column: str, misses: Sequence[float]) -> Clai
 
 
 def _within(misses: Sequence[float], allowed: Sequence[float]) -> tuple[bool, str]:
-    """Return whether all misses are smaller than allowed, and a text with the largest miss and the
-    one nearest to its bound [%].
-    """
+    """Return whether all misses are within their bounds, and a text with the extremes [%]."""
     pairs = list(zip(map(abs, misses), allowed, strict=True))
     largest, nearest = max(pairs), max(pairs, key=lambda pair: pair[0] / pair[1])
     texts = [
@@ -166,9 +166,7 @@ def _from_files(
 
 
 def _length(file: str, data: Mapping[str, np.ndarray], late: np.ndarray) -> float:
-    """Return the cable length [m]: the setpoint of the hoist in a record of ours, which has one,
-    else the mean of what was measured.
-    """
+    """Return the cable length [m]: setpoint of the hoist if recorded, else the measured mean."""
     try:
         return float(read_columns(file, ["l_setpoint_m"])["l_setpoint_m"][late].mean())
     except DataError:

@@ -56,7 +56,7 @@ SWING, PULSE_AT, DURATION, FIT_FROM = 0.10, 2.0, 70.0, 12.0
 
 
 @dataclass(frozen=True)
-class Case:
+class SwingCase:
     """One run of A1.
 
     Attributes:
@@ -113,7 +113,7 @@ def run(
     stiffness: Gains = None,
     damping: Gains = None,
     published: Published | None = None,
-) -> Case:
+) -> SwingCase:
     """Swing the load by moving the trolley aside and back after half a period, and fit the free
     swing.
 
@@ -150,7 +150,7 @@ def run(
     amplitude = float(np.sqrt(np.mean(fit.amplitude_at(late.t) ** 2)))
     causes = budget(crane, length, amplitude, controller)
     k_p = float(controller.stiffness @ crane.layout.along("x"))
-    return Case(length, k_p, published or Published(), fit, predicted, causes, trajectory)
+    return SwingCase(length, k_p, published or Published(), fit, predicted, causes, trajectory)
 
 
 def budget(crane: Crane, length: float, amplitude: float, controller: Hold) -> dict[str, float]:

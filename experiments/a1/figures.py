@@ -12,7 +12,7 @@ from cranedyn import theory
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.plotting.style import run_colour
-from experiments.a1.case import FIT_FROM, Case
+from experiments.a1.case import FIT_FROM, SwingCase
 
 _CAUSES = {
     "payload inertia": ["payload inertia"],
@@ -25,7 +25,7 @@ _CAUSES = {
 _COLOURS = tuple(map(run_colour, (1, 5, 0, 4, 3, 2)))
 
 
-def waveform_figure(cases: Sequence[Case]) -> Figure:
+def waveform_figure(cases: Sequence[SwingCase]) -> Figure:
     """Draw the swing over time, and the same wave at the period of the point pendulum: the phase
     lost by the end is the error.
     """
@@ -45,13 +45,12 @@ def waveform_figure(cases: Sequence[Case]) -> Figure:
     return figure
 
 
-def _errors(cases: Sequence[Case]) -> tuple[list[float], list[float]]:
-    """Return the simulated and the published errors [%]."""
+def _errors(cases: Sequence[SwingCase]) -> tuple[list[float], list[float]]:
     published = [case.published.point or np.nan for case in cases]
     return [100 * case.error for case in cases], published
 
 
-def period_figure(cases: Sequence[Case]) -> Figure:
+def period_figure(cases: Sequence[SwingCase]) -> Figure:
     """Draw the period over cable length, and its error beside the published one."""
     figure, (left, right) = panels(1, 2, height=3.6)
     lengths = np.array([case.length for case in cases])
@@ -70,7 +69,7 @@ def period_figure(cases: Sequence[Case]) -> Figure:
     return figure
 
 
-def budget_figure(cases: Sequence[Case]) -> Figure:
+def budget_figure(cases: Sequence[SwingCase]) -> Figure:
     """Draw what each cause adds to the period, stacked, beside the simulated error."""
     figure, (ax,) = panels(1, 1, height=4.0)
     positions = np.arange(len(cases))

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from experiments.a1 import case
 from experiments.a1.case import PUBLISHED, run
-from experiments.harness import Claim, Column, Outcome, Setup, Table, tabulate
+from experiments.harness import Claim, Column, Outcome, ResultTable, Setup, tabulate
 
 ROUNDING = np.array(list(case.ROUNDING.values()))
 """Half a unit in the last published digit of error [percentage points], ζ, and amplitude [rad],
@@ -46,7 +46,7 @@ def differences(setup: Setup, trolley_damping: float, hoist: Sequence[float]) ->
     return np.array(ours) - [(p.point, p.zeta, p.amplitude) for p in PUBLISHED.values()]
 
 
-def identify(setup: Setup) -> Outcome:
+def identify_hoist(setup: Setup) -> Outcome:
     """Scan the trolley's k_d, then the hoist's gains, then fit all three together."""
     scan = np.array([differences(setup, k_d, STIFF_HOIST) for k_d in TROLLEY])
     optima = [_optimum(np.array(TROLLEY), scan[:, :, column]) for column in range(3)]
@@ -72,7 +72,7 @@ def identify(setup: Setup) -> Outcome:
                 zip(TROLLEY, scan, strict=True),
                 [("k_d [N s/m]", "", lambda row: f"{row[0]:.2e}")],
             ),
-            Table(
+            ResultTable(
                 "The k_d that each column alone asks for, stiff hoist",
                 [("column", ""), ("k_d [N s/m]", ".3g")],
                 list(zip(("error", "ζ", "amplitude"), optima, strict=True)),
@@ -85,7 +85,7 @@ def identify(setup: Setup) -> Outcome:
                     ("hoist k_d", "", lambda row: f"{row[0][1]:.0e}"),
                 ],
             ),
-            Table(
+            ResultTable(
                 "All three gains fitted together, each column weighted by its rounding",
                 [("gain", ""), ("fitted", ".3g"), ("taken", ".3g")],
                 list(zip(names, fitted.tolist(), gains, strict=True)),
@@ -105,9 +105,7 @@ def identify(setup: Setup) -> Outcome:
 
 
 def _optimum(k_d: np.ndarray, differences: np.ndarray) -> float:
-    """Return the k_d with the least sum of squares over the lengths, differences taken as linear in
-    it.
-    """
+    """Return the k_d of the least sum of squares, with differences taken as linear in it."""
     slope, level = np.polyfit(k_d, differences, 1)
     return float(-(slope @ level) / (slope @ slope))
 
@@ -117,7 +115,9 @@ def misfit(differences: np.ndarray) -> float:
     return float(np.sqrt(np.mean(differences[:, 1] ** 2)))
 
 
-def _table(title: str, rows: Iterable[tuple[object, np.ndarray]], labels: list[Column]) -> Table:
+def _table(
+    title: str, rows: Iterable[tuple[object, np.ndarray]], labels: list[Column]
+) -> ResultTable:
     """Return the differences at all lengths, of rows with what their labels show."""
     quantities = (("error", "+.3f", 1.0), ("ζ", "+.1f", 1e5), ("A", "+.1f", 1e4))
 

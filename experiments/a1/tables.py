@@ -9,11 +9,11 @@ from cranedyn import theory
 from cranedyn.analysis.swing import SwingFit
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
-from experiments.a1.case import FIT_FROM, Case
-from experiments.harness import Table, tabulate
+from experiments.a1.case import FIT_FROM, SwingCase
+from experiments.harness import ResultTable, tabulate
 
 
-def article_table(crane: Crane, cases: Sequence[Case]) -> Table:
+def article_table(crane: Crane, cases: Sequence[SwingCase]) -> ResultTable:
     """Return the article's table beside ours."""
     return tabulate(
         "Free swing beside the article (art.)",
@@ -39,12 +39,10 @@ def article_table(crane: Crane, cases: Sequence[Case]) -> Table:
 
 
 def _point(length: float) -> float:
-    """Return the period of the point pendulum in standard gravity [s]."""
     return float(theory.point_period(length, STANDARD_GRAVITY))
 
 
 def _rigid(crane: Crane, length: float) -> float:
-    """Return the period of the rigid pendulum in standard gravity [s]."""
     inertia = crane.payload_inertia[0, 0]
     return theory.rigid_period(length, STANDARD_GRAVITY, crane.payload_mass, inertia)
 
@@ -53,14 +51,14 @@ def _less(value: float, published: float | None) -> float | None:
     return None if published is None else value - published
 
 
-def budget_table(cases: Sequence[Case]) -> Table:
+def budget_table(cases: Sequence[SwingCase]) -> ResultTable:
     """Return what each cause adds to the period, beside the simulated error."""
     causes = [
         (cause, "+.3f", lambda c, cause=cause: 100 * c.budget[cause]) for cause in cases[0].budget
     ]
 
-    def total(case: Case) -> float:
-        return sum(100 * part for part in case.budget.values())
+    def total(case: SwingCase) -> float:
+        return sum(100 * share for share in case.budget.values())
 
     return tabulate(
         "Error budget [% of the point pendulum's period]",
@@ -77,11 +75,11 @@ def budget_table(cases: Sequence[Case]) -> Table:
     )
 
 
-def damping_table(crane: Crane, cases: Sequence[Case]) -> Table:
+def damping_table(crane: Crane, cases: Sequence[SwingCase]) -> ResultTable:
     """Return what each cause adds to the damping ratio."""
     g, m = crane.gravity, crane.payload_mass
 
-    def parts(case: Case) -> tuple[float, float, float]:
+    def parts(case: SwingCase) -> tuple[float, float, float]:
         inertia = crane.payload_inertia[0, 0] + crane.dummy_inertia[0]
         length = case.length + inertia / (m * case.length)
         trolley = STIFFNESS["trolley"], DAMPING["trolley"], crane.trolley_mass
@@ -115,7 +113,7 @@ def damping_table(crane: Crane, cases: Sequence[Case]) -> Table:
     )
 
 
-def prediction_table(cases: Sequence[Case]) -> Table:
+def prediction_table(cases: Sequence[SwingCase]) -> ResultTable:
     """Return period and damping ratio predicted and simulated."""
     return tabulate(
         "Predicted: eigenvalue of the sampled linear loop, times the factors of finite amplitude",
@@ -132,7 +130,7 @@ def prediction_table(cases: Sequence[Case]) -> Table:
     )
 
 
-def files_table(crane: Crane, fits: Sequence[tuple[str, float, SwingFit]]) -> Table:
+def files_table(crane: Crane, fits: Sequence[tuple[str, float, SwingFit]]) -> ResultTable:
     """Return the fits of recorded files, each with its name and cable length [m]."""
     return tabulate(
         "Free swing in files recorded elsewhere",

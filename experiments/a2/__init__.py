@@ -19,8 +19,8 @@ from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import hold, pulse, ramp
 from experiments import harness
-from experiments.a2.reading import RATE, Reading, read
-from experiments.harness import Claim, Outcome, Setup, Table, tabulate
+from experiments.a2.reading import RATE, Reading, read_swing
+from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
 
 LENGTH, TARGET, HOIST_AT, DURATION = 20.0, 8.0, 30.0, 110.0
 """Cable length before and after [m], start of the hoisting, and duration of the run [s]."""
@@ -69,8 +69,8 @@ def run(
     return setup.simulate(crane, controller, reference, start=start, duration=DURATION, label=label)
 
 
-def _hoist(crane: Crane, base: Reference, at: float) -> Reference:
-    return ramp(crane, base, "l", TARGET - LENGTH, rate=RATE, at=at)
+def _hoist(crane: Crane, base: Reference, t_start: float) -> Reference:
+    return ramp(crane, base, "l", TARGET - LENGTH, rate=RATE, at=t_start)
 
 
 def exact_drives_law(setup: Setup, crane: Crane, start: State) -> PowerLaw:
@@ -91,7 +91,7 @@ def exact_drives_law(setup: Setup, crane: Crane, start: State) -> PowerLaw:
         drive="motion",
         validity="mark",
     )
-    return read(trajectory.t, trajectory["phi_rad"], trajectory["l_m"], since=0.0).section
+    return read_swing(trajectory.t, trajectory["phi_rad"], trajectory["l_m"], since=0.0).section
 
 
 def exponents(setup: Setup, ours: Reading, stiff: Trajectory) -> dict[str, PowerLaw]:
@@ -105,8 +105,8 @@ def exponents(setup: Setup, ours: Reading, stiff: Trajectory) -> dict[str, Power
     slow = theory.adiabatic_amplitude(lengths, LENGTH, amplitude)
     point = setup.variant(payload_inertia=0, dummy_inertia=0, dummy_mass=0, damp_swing=0)
 
-    def law(crane: Crane, part: float = 1.0) -> PowerLaw:
-        start = crane.state(l=LENGTH, phi=phi / part, phi_dot=rate / part)
+    def law(crane: Crane, factor: float = 1.0) -> PowerLaw:
+        start = crane.state(l=LENGTH, phi=phi / factor, phi_dot=rate / factor)
         return exact_drives_law(setup, crane, start)
 
     return {
@@ -121,7 +121,7 @@ def exponents(setup: Setup, ours: Reading, stiff: Trajectory) -> dict[str, Power
     }
 
 
-def _exponents_table(stages: dict[str, PowerLaw]) -> Table:
+def _exponents_table(stages: dict[str, PowerLaw]) -> ResultTable:
     published = PUBLISHED["hoisting"]
     return tabulate(
         "Where the exponent comes from",
@@ -137,7 +137,7 @@ def _exponents_table(stages: dict[str, PowerLaw]) -> Table:
     )
 
 
-def _summary(readings: dict[str, Reading]) -> Table:
+def _summary(readings: dict[str, Reading]) -> ResultTable:
     p = PUBLISHED
     points = int(p["points"]), int(p["hoisting points"])
     return tabulate(
@@ -164,7 +164,7 @@ def _summary(readings: dict[str, Reading]) -> Table:
     )  # fmt: skip
 
 
-def _phase_table(readings: dict[float, Reading]) -> Table:
+def _phase_table(readings: dict[float, Reading]) -> ResultTable:
     p = PUBLISHED
     return tabulate(
         "The phase of the swing when the hoist stops",
@@ -240,7 +240,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 def read_run(trajectory: Trajectory) -> Reading:
     """Read a run."""
-    return read(trajectory.t, trajectory["phi_rad"], trajectory["l_m"])
+    return read_swing(trajectory.t, trajectory["phi_rad"], trajectory["l_m"])
 
 
 def _from_files(files: Sequence[str], sources: Sequence[str], joints: Sequence[str]) -> Outcome:
@@ -248,7 +248,7 @@ def _from_files(files: Sequence[str], sources: Sequence[str], joints: Sequence[s
     for file in files:
         data = harness.read_recorded(file, COLUMNS, sources, joints)
         with harness.name_file(file):
-            readings[file] = read(data["t_s"], data["phi_rad"], data["l_m"])
+            readings[file] = read_swing(data["t_s"], data["phi_rad"], data["l_m"])
     return Outcome([_summary(readings)], [])
 
 

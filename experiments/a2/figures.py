@@ -45,14 +45,14 @@ def fits_figure(reading: Reading) -> Figure:
     for ax, law, name in zip(
         axes, (reading.everywhere, reading.section), ("all points", "hoisting only"), strict=True
     ):
-        every = law is reading.everywhere
+        all_points = law is reading.everywhere
         ax.plot(
             lengths[~moving],
             amplitudes[~moving],
             "o",
             color=COLOURS["setpoint"],
-            label="cable at rest" if every else None,
-            alpha=1.0 if every else 0.25,
+            label="cable at rest" if all_points else None,
+            alpha=1.0 if all_points else 0.25,
         )
         ax.plot(lengths[moving], amplitudes[moving], "o", color=COLOURS["l"], label="cable running")
         fit = f"fit: exponent {law.exponent:.3f}"

@@ -41,7 +41,7 @@ class Reading:
         return float(np.abs(self.errors).max())
 
 
-def read(
+def read_swing(
     t: np.ndarray, phi: np.ndarray, length: np.ndarray, *, since: float = ANALYSED_FROM
 ) -> Reading:
     """Read period and amplitude off a swing on a moving cable from a time on, shapes (n,).

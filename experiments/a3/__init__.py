@@ -22,7 +22,7 @@ from cranedyn.errors import DataError
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import hold, pulse
 from experiments import harness
-from experiments.harness import Claim, Outcome, Setup, Table, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
 
 RADIUS, LENGTH, PULSE, PULSE_AT, DURATION, ANALYSED_FROM = 20.0, 15.0, 0.05, 5.0, 70.0, 4.0
 """Trolley radius and cable length [m], slew pulse [rad], when it starts (ours), length of the run,
@@ -286,7 +286,7 @@ def _from_files(files: Sequence[str], sources: Sequence[str], joints: Sequence[s
     return Outcome([_table([*rows, ("article", "", PUBLISHED)])], [])
 
 
-def _table(rows: Sequence[tuple[str, str, Agreement]]) -> Table:
+def _table(rows: Sequence[tuple[str, str, Agreement]]) -> ResultTable:
     return tabulate(
         "Tangential swing after a slew pulse",
         rows,

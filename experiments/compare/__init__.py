@@ -16,29 +16,14 @@ from experiments import harness
 from experiments.compare.claims import converter_claims, ideal_claims, time_claims
 from experiments.compare.figures import robustness_figure, swing_figure
 from experiments.compare.observers import observer_claims, observer_table
-from experiments.compare.result import IDEAL, PREDICTIVE, Result, Results, Tour
+from experiments.compare.result import IDEAL, PREDICTIVE, Results, StrategyResult, TourResult
 from experiments.compare.runs import processes, strategy_results, tour_results
 from experiments.compare.tables import case_tables, drives_table, move_table, tour_table
 from experiments.harness import Outcome, ProgressReporter, Setup
 from experiments.scenarios.colours import strategy_colour
-from experiments.scenarios.moves import (
-    LIMITS,
-    MOVES,
-    SWINGING,
-    Move,
-)
-from experiments.scenarios.perturbations import (
-    NOMINAL,
-    PERTURBATIONS,
-)
-from experiments.scenarios.strategies import (
-    FLAT,
-    PAPER,
-    PD,
-    STRATEGIES,
-    TIME,
-    file_name,
-)
+from experiments.scenarios.moves import LIMITS, MOVES, SWINGING, RestToRest
+from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS
+from experiments.scenarios.strategies import FLAT, PAPER, PD, STRATEGIES, TIME, file_name
 from experiments.scenarios.tours import CONTROLS
 
 COMBINED = MOVES[-1]
@@ -93,13 +78,13 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 
 def _compute(
-    options: argparse.Namespace, setup: Setup, moves: Sequence[Move]
-) -> tuple[dict[str, Results], dict[str, Tour | str]]:
+    options: argparse.Namespace, setup: Setup, moves: Sequence[RestToRest]
+) -> tuple[dict[str, Results], dict[str, TourResult | str]]:
     """Return the results of each move, and the tours if drives are ideal, computed in processes."""
     drive, quiet = options.drive, replace(setup, reporter=ProgressReporter())
     with processes(options.jobs) as workers:
-        tasks: dict[Future[dict[str, Result]], tuple[Move, str]] = {}
-        tours: dict[Future[Tour | str], str] = {}
+        tasks: dict[Future[dict[str, StrategyResult]], tuple[RestToRest, str]] = {}
+        tours: dict[Future[TourResult | str], str] = {}
         with ignore_sigint():  # submitting starts processes
             for move in moves:
                 for strategy in options.only or STRATEGIES:

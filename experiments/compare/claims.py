@@ -9,22 +9,9 @@ import numpy as np
 
 from experiments.compare.result import Results, score_of
 from experiments.harness import Claim, Setup
-from experiments.scenarios.moves import (
-    CLOSE,
-    of_sampling,
-)
-from experiments.scenarios.perturbations import (
-    NOMINAL,
-    UNOBSERVED,
-)
-from experiments.scenarios.strategies import (
-    FASTEST,
-    FLAT,
-    MPC,
-    SWING,
-    TIME,
-    mpc_period,
-)
+from experiments.scenarios.moves import CLOSE, of_sampling
+from experiments.scenarios.perturbations import NOMINAL, UNOBSERVED
+from experiments.scenarios.strategies import FASTEST, FLAT, MPC, SWING, TIME, mpc_period
 
 
 def ideal_claims(setup: Setup, results: Results) -> list[Claim]:

@@ -12,12 +12,12 @@ from cranedyn.plotting.figures import panels
 from cranedyn.plotting.style import run_colour
 from experiments.compare.result import Results, score_of
 from experiments.scenarios.colours import strategy_colour
-from experiments.scenarios.moves import Move
+from experiments.scenarios.moves import RestToRest
 
 _MARKERS = "osv^D*PXhd"
 
 
-def swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
+def swing_figure(move: RestToRest, runs: Mapping[str, Trajectory]) -> Figure:
     """Draw the swing of each strategy over time, in strips of the same scale."""
     figure, axes = panels(max(len(runs), 1), height=0.75, sharex=True, sharey=True)
     for ax, (strategy, run) in zip(axes, runs.items(), strict=False):

@@ -6,7 +6,7 @@ import math
 from functools import partial
 
 from experiments.compare.result import Results, score_of
-from experiments.harness import Claim, Column, Table, tabulate
+from experiments.harness import Claim, Column, ResultTable, tabulate
 from experiments.scenarios.perturbations import UNTOLD
 from experiments.scenarios.strategies import FASTEST, FLAT, MPC
 
@@ -17,7 +17,7 @@ STILL = (FLAT, MPC, FASTEST)
 """Strategies that leave nothing where all is as planned and measured."""
 
 
-def observer_table(results: Results) -> Table:
+def observer_table(results: Results) -> ResultTable:
     """Return the swing at the arrival of every strategy under each case."""
 
     def arrival(strategy: str, case: str) -> float | None:

@@ -11,7 +11,7 @@ from experiments.scenarios.moves import Score
 from experiments.scenarios.strategies import COMPILED_MPC, MPC, TO_GOAL
 
 
-class Result(NamedTuple):
+class StrategyResult(NamedTuple):
     """A strategy under a case: its score, or why there is none; calls [s] are processor times."""
 
     score: Score | None
@@ -20,7 +20,7 @@ class Result(NamedTuple):
     calls: np.ndarray = np.empty(0)
 
 
-Results = dict[str, dict[str, Result]]
+Results = dict[str, dict[str, StrategyResult]]
 """Results by strategy, then by case."""
 
 
@@ -41,7 +41,7 @@ PREDICTIVE = (MPC, COMPILED_MPC, TO_GOAL)
 """Strategies whose time to compute is noted."""
 
 
-class Tour(NamedTuple):
+class TourResult(NamedTuple):
     """The seven legs under one control: length of the cycle [s], swing left in the dwells [mrad],
     at the hook [mm], on the way [mrad].
     """

@@ -18,26 +18,11 @@ from cranedyn.command import interrupted
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.sweep.workers import end_with_parent
-from experiments.compare.result import IDEAL, PREDICTIVE, UNSEEING, Result, Tour
+from experiments.compare.result import IDEAL, PREDICTIVE, UNSEEING, StrategyResult, TourResult
 from experiments.harness import Setup
-from experiments.scenarios.moves import (
-    AFTER,
-    DWELL,
-    TOUR_LIMITS,
-    Move,
-    residual,
-)
-from experiments.scenarios.perturbations import (
-    AFTER_UNTOLD,
-    NOMINAL,
-    PERTURBATIONS,
-    UNTOLD,
-    make,
-)
-from experiments.scenarios.strategies import (
-    STRATEGIES,
-    on_converters,
-)
+from experiments.scenarios.moves import AFTER, DWELL, TOUR_LIMITS, RestToRest, residual
+from experiments.scenarios.perturbations import AFTER_UNTOLD, NOMINAL, PERTURBATIONS, UNTOLD, make
+from experiments.scenarios.strategies import STRATEGIES, on_converters
 from experiments.scenarios.tours import CONTROLS
 
 
@@ -62,8 +47,8 @@ def processes(jobs: int | None) -> Iterator[ProcessPoolExecutor]:
 
 
 def strategy_results(
-    setup: Setup, move: Move, strategy: str, all_cases: bool, drive: str = IDEAL
-) -> dict[str, Result]:
+    setup: Setup, move: RestToRest, strategy: str, all_cases: bool, drive: str = IDEAL
+) -> dict[str, StrategyResult]:
     """Return the results of a move by one strategy, as planned and perhaps under every case; an
     error becomes the reason of a result.
     """
@@ -72,12 +57,12 @@ def strategy_results(
         if drive != IDEAL:
             plan = on_converters(setup, plan)
     except CraneError as error:
-        return {NOMINAL.name: Result(None, str(error))}
+        return {NOMINAL.name: StrategyResult(None, str(error))}
     results = {}
     cases = (*PERTURBATIONS, *(UNTOLD if drive == IDEAL else ())) if all_cases else (NOMINAL,)
     for case in cases:
         if case.sensors_only and not plan.uses_swing_sensor:
-            results[case.name] = Result(None, UNSEEING)
+            results[case.name] = StrategyResult(None, UNSEEING)
             continue
         calls: list[float] = []
         timed = strategy in PREDICTIVE and case not in UNTOLD
@@ -89,11 +74,11 @@ def strategy_results(
             with collector_waits(timed):
                 run, score = make(setup, move, case_plan, case, after=after)
             nominal_run = run if case == NOMINAL and all_cases else None
-            results[case.name] = Result(score, "", nominal_run, np.array(calls))
+            results[case.name] = StrategyResult(score, "", nominal_run, np.array(calls))
         except CraneError as error:
             if interrupted(error):
                 raise KeyboardInterrupt from None
-            results[case.name] = Result(None, str(error))
+            results[case.name] = StrategyResult(None, str(error))
     return results
 
 
@@ -113,9 +98,7 @@ def collector_waits(timed: bool) -> Iterator[None]:
 
 
 def _timed(make_controller: Callable[[], Controller], calls: list[float]) -> Controller:
-    """Return a controller that notes the processor time of each call [s], to which other work of
-    the machine adds nothing.
-    """
+    """Return a controller that records the processor time of each call [s]."""
     controller = make_controller()
 
     def timed(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
@@ -127,7 +110,7 @@ def _timed(make_controller: Callable[[], Controller], calls: list[float]) -> Con
     return timed
 
 
-def tour_results(setup: Setup, control: str) -> Tour | str:
+def tour_results(setup: Setup, control: str) -> TourResult | str:
     """Return the seven legs under one control, or why there are none."""
     try:
         return _tour(setup, control)
@@ -137,7 +120,7 @@ def tour_results(setup: Setup, control: str) -> Tour | str:
         return str(error)
 
 
-def _tour(setup: Setup, control: str) -> Tour:
+def _tour(setup: Setup, control: str) -> TourResult:
     reference, controller = CONTROLS[control](setup, TOUR_LIMITS, DWELL)
     duration = setup.control_period * round(reference.duration / setup.control_period)
     crane = setup.crane
@@ -148,4 +131,4 @@ def _tour(setup: Setup, control: str) -> Tour:
     swings = [1000.0 * residual(dwell) for dwell in dwells]
     hook = max(swing * float(dwell["l_m"][-1]) for swing, dwell in zip(swings, dwells, strict=True))
     peak = 1000.0 * float(np.linalg.norm(run.coordinates("phi", "theta"), axis=1).max())
-    return Tour(duration, max(swings), float(np.mean(swings)), hook, peak)
+    return TourResult(duration, max(swings), float(np.mean(swings)), hook, peak)

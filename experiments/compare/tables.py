@@ -6,16 +6,17 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
-from experiments.compare.result import IDEAL, UNSEEING, Result, Results, Tour, score_of
-from experiments.harness import Column, Table, finite, tabulate
-from experiments.scenarios.moves import (
-    Move,
-    Score,
+from experiments.compare.result import (
+    IDEAL,
+    UNSEEING,
+    Results,
+    StrategyResult,
+    TourResult,
+    score_of,
 )
-from experiments.scenarios.perturbations import (
-    NOMINAL,
-    PERTURBATIONS,
-)
+from experiments.harness import Column, ResultTable, finite_or_none, tabulate
+from experiments.scenarios.moves import RestToRest, Score
+from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS
 
 RESOLUTION = {IDEAL: (">0.001", ">0.01"), "velocity": (">0.1", ">1")}
 """Least swing [mrad] and way of the hook [mm] that are told apart, by drives. Rates of converters
@@ -24,7 +25,7 @@ come in 1/16384 of the largest, and one such step of the trolley's or slew's rat
 On ideal drives the control period leaves some 0.001 mrad."""
 
 
-def _reasons(results: Mapping[str, Result]) -> str:
+def _reasons(results: Mapping[str, StrategyResult]) -> str:
     """Return why some have no numbers, each reason once."""
     reasons: dict[str, list[str]] = {}
     for name, result in results.items():
@@ -33,12 +34,14 @@ def _reasons(results: Mapping[str, Result]) -> str:
     return "".join(f" {', '.join(names)}: {why}" for why, names in reasons.items())
 
 
-def _of_score(value: Callable[[Score], float | None]) -> Callable[[tuple[str, Result]], Any]:
+def _of_score(
+    value: Callable[[Score], float | None],
+) -> Callable[[tuple[str, StrategyResult]], Any]:
     """Return the function for a column of strategies that takes a value of their scores."""
     return lambda row: value(row[1].score) if row[1].score else None
 
 
-def move_table(move: Move, results: Results, drive: str) -> Table:
+def move_table(move: RestToRest, results: Results, drive: str) -> ResultTable:
     """Return the swing of a move under each strategy."""
     swing, hook = RESOLUTION[drive]
     nominal = {strategy: cases[NOMINAL.name] for strategy, cases in results.items()}
@@ -52,8 +55,8 @@ def move_table(move: Move, results: Results, drive: str) -> Table:
             ("at arrival [mrad]", f".3g{swing}", _of_score(lambda s: 1e3 * s.arrival)),
             ("hook [mm]", f".4g{hook}", _of_score(lambda s: 1e3 * s.arrival * s.length)),
             ("20 s later [mrad]", f".3g{swing}", _of_score(lambda s: 1e3 * s.later)),
-            ("settled [s]", ".2f", _of_score(lambda s: finite(s.settled))),
-            ("cycle [s]", ".2f", _of_score(lambda s: finite(s.cycle))),
+            ("settled [s]", ".2f", _of_score(lambda s: finite_or_none(s.settled))),
+            ("cycle [s]", ".2f", _of_score(lambda s: finite_or_none(s.cycle))),
         ],
         "Amplitudes of the swing; hook: the same at the hook on arrival; settled: time after it "
         "from which the payload stays within 10 mm of its goal, a dash where it does not in 20 s; "
@@ -61,12 +64,11 @@ def move_table(move: Move, results: Results, drive: str) -> Table:
     )
 
 
-def _effort(row: tuple[str, Result], name: str, drive: int) -> float | None:
-    """Return an effort of a strategy [kN m, kN]."""
+def _effort(row: tuple[str, StrategyResult], name: str, drive: int) -> float | None:
     return 1e-3 * float(getattr(row[1].score, name)[drive]) if row[1].score else None
 
 
-def drives_table(move: Move, results: Results, *, beyond: bool = False) -> Table:
+def drives_table(move: RestToRest, results: Results, *, beyond: bool = False) -> ResultTable:
     """Return what a move asks of the drives; if they are asked for more than they have, or
     `beyond`, for how long.
     """
@@ -99,7 +101,7 @@ def drives_table(move: Move, results: Results, *, beyond: bool = False) -> Table
     )
 
 
-def tour_table(tours: Mapping[str, Tour | str]) -> Table:
+def tour_table(tours: Mapping[str, TourResult | str]) -> ResultTable:
     """Return the swing of the tour under each control."""
     swing, hook = RESOLUTION[IDEAL]
     reasons = "".join(f" {name}: {why}" for name, why in tours.items() if isinstance(why, str))
@@ -118,7 +120,7 @@ def tour_table(tours: Mapping[str, Tour | str]) -> Table:
     )
 
 
-def case_tables(results: Results, drive: str) -> Iterator[Table]:
+def case_tables(results: Results, drive: str) -> Iterator[ResultTable]:
     """Yield the swing and the settling time of each strategy under each case."""
     reasons = {
         f"{strategy}, {case}": result
@@ -128,14 +130,16 @@ def case_tables(results: Results, drive: str) -> Iterator[Table]:
     }
     dash = "A dash: it does not look at the swing, or does not settle in 20 s, or breaks off."
 
-    def value(row: tuple[str, dict[str, Result]], case: str, read: Callable) -> float | None:
+    def value(
+        row: tuple[str, dict[str, StrategyResult]], case: str, read: Callable
+    ) -> float | None:
         score = score_of(results, row[0], case)
         return read(score) if score else None
 
     swing = RESOLUTION[drive][0]
     for title, read, resolution, note in (
         ("Swing 20 s after the arrival [mrad]", lambda s: 1e3 * s.later, swing, _quantised(drive)),
-        ("Settled within 10 mm [s after the arrival]", lambda s: finite(s.settled), "", ""),
+        ("Settled within 10 mm [s after the arrival]", lambda s: finite_or_none(s.settled), "", ""),
     ):
         columns: list[Column] = [
             (case.name, f".3g{resolution}", partial(value, case=case.name, read=read))

@@ -32,7 +32,7 @@ from experiments.energy.swing import (
     run,
     swing_energy,
 )
-from experiments.harness import Claim, Outcome, Setup, Table, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
 
 LEAST_SWING, ROUNDING = 0.001, 1e-13
 """Smallest swing at the start [rad], and smallest share of the energy that stands clear of its
@@ -165,7 +165,7 @@ def _exact_claims(
     ]
 
 
-def _ledger(crane: Crane, trajectory: Trajectory) -> Table:
+def _ledger(crane: Crane, trajectory: Trajectory) -> ResultTable:
     level = swing_energy(crane, trajectory)
     first, last = float(level[0]), float(level[-1])
     rows = [
@@ -177,7 +177,7 @@ def _ledger(crane: Crane, trajectory: Trajectory) -> Table:
         ("unexplained", float(trajectory.unexplained[-1]), PUBLISHED[3]),
     ]
     swing, cable = trajectory["phi_rad"][0], trajectory["l_m"][0]
-    return Table(
+    return ResultTable(
         f"Energy of a {swing:g} rad swing on {cable:g} m of cable",
         [("[J]", ""), ("ours", "+.2f"), ("article", "+.1f")],
         rows,
@@ -190,7 +190,7 @@ def _dampings(
     audits: Mapping[float, Trajectory],
     remaining: Mapping[float, float],
     expected: Mapping[float, float],
-) -> Table:
+) -> ResultTable:
     return tabulate(
         f"Damping of the swing joints, after {AUDIT:g} s",
         audits.items(),
@@ -209,7 +209,7 @@ def _dampings(
 
 def _steps(
     ripple: Mapping[float, float], bands: Mapping[float, tuple[float, float, float]]
-) -> Table:
+) -> ResultTable:
     return tabulate(
         f"What the ledger leaves open over {LONG:g} s",
         ripple,

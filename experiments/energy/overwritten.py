@@ -19,7 +19,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import COLOURS, panels
 from experiments.energy.swing import AUDIT, DAMPINGS, PUBLISHED, inertia_of, run, swing_energy
 from experiments.gazebo import RECORDINGS
-from experiments.harness import Claim, Outcome, Setup, Table, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
 
 RATIO = 0.55
 """Damping ratio that the article saw, about."""
@@ -97,8 +97,8 @@ def left_there(crane: Crane, data: dict[str, np.ndarray]) -> float:
         np.array([data[f"{symbol}_{kind.format(unit)}"][row] for symbol, unit in JOINTS])
         for kind, row in (("{}", 0), ("{}", -1), ("dot_{}_s", -1))
     )
-    rest = first * [symbol not in ("phi", "theta") for symbol, _ in JOINTS]
-    return energy(crane, State(last, rates)) - energy(crane, State(rest, np.zeros(len(rest))))
+    hanging = first * [symbol not in ("phi", "theta") for symbol, _ in JOINTS]
+    return energy(crane, State(last, rates)) - energy(crane, State(hanging, np.zeros(len(hanging))))
 
 
 def experiment(setup: Setup, swing: float, length: float) -> Outcome:
@@ -167,7 +167,7 @@ def _ratios(
     kept_energy: float,
     gazebo: float,
     lift: float,
-) -> Table:
+) -> ResultTable:
     rows = [
         ("closed form", expected.ratio, expected.frequency, None),
         ("here, damper ΣI/dt", fits[0].ratio, fits[0].frequency, kept_energy),
@@ -175,7 +175,7 @@ def _ratios(
         ("article", RATIO, None, PUBLISHED[1]),
     ]
     name = "swing with its passive rates overwritten"
-    return Table(
+    return ResultTable(
         f"The article's loss, after {AUDIT:g} s",
         [(name, ""), ("ζ", ".4f"), ("ω [rad/s]", ".4f"), ("energy left [J]", ".2f")],
         rows,
@@ -184,7 +184,7 @@ def _ratios(
     )
 
 
-def _dampings(kept_energy: dict[float, float], overwritten: float) -> Table:
+def _dampings(kept_energy: dict[float, float], overwritten: float) -> ResultTable:
     return tabulate(
         "Damping of the swing joints does not reach the swing",
         kept_energy,

@@ -41,9 +41,9 @@ def swing_energy(crane: Crane, trajectory: Trajectory) -> np.ndarray:
     """Return the mechanical energy above that of the load hanging at rest where the drives started
     [J], shape (n,).
     """
-    rest = trajectory.q[0].copy()
-    rest[crane.swings] = 0.0
-    return trajectory.energy - energy(crane, State(rest, np.zeros_like(rest)))
+    hanging = trajectory.q[0].copy()
+    hanging[crane.swings] = 0.0
+    return trajectory.energy - energy(crane, State(hanging, np.zeros_like(hanging)))
 
 
 def half_step(crane: Crane, trajectory: Trajectory, dt: float) -> float:

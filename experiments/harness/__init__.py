@@ -12,7 +12,7 @@ from experiments.harness.progress import ProgressReporter
 from experiments.harness.recorded import add_files, name_file, read_recorded
 from experiments.harness.run import run_experiment
 from experiments.harness.setup import Setup, add_setup
-from experiments.harness.table import Column, Table, finite, tabulate
+from experiments.harness.table import Column, ResultTable, finite_or_none, tabulate
 
 __all__ = [
     "FAILED",
@@ -24,12 +24,12 @@ __all__ = [
     "CraneError",
     "Outcome",
     "ProgressReporter",
+    "ResultTable",
     "Setup",
-    "Table",
     "add_files",
     "add_mode",
     "add_setup",
-    "finite",
+    "finite_or_none",
     "name_file",
     "parser",
     "read_recorded",

@@ -80,7 +80,9 @@ def add_mode(parser: argparse.ArgumentParser, name: str, *uses: str) -> None:
     parser.set_defaults(modes={**parser.get_default("modes"), name: uses})
 
 
-def parse(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argparse.Namespace:
+def parse_arguments(
+    parser: argparse.ArgumentParser, argv: Sequence[str] | None
+) -> argparse.Namespace:
     """Return the arguments, with the folder of the results and the file of the recording, checked
     as far as possible before a run.
 

@@ -19,7 +19,7 @@ from typing import Any
 from cranedyn.command import FAILED, Parser, command
 from cranedyn.data.files import check_writable, parse_json, read_bytes, read_text, write_text
 from cranedyn.errors import DataError, quoted
-from experiments.harness.table import Table, resolution
+from experiments.harness.table import ResultTable, resolution
 
 _BLOCK = re.compile(
     r"(<!-- (?P<experiment>\w+): ?(?P<title>[^\n]*?) ?-->\n)(?P<content>.*?)(<!-- end -->\n)",
@@ -44,7 +44,7 @@ class Document:
     experiment: str
     text: str
 
-    def write(self, tables: Sequence[Table]) -> None:
+    def write(self, tables: Sequence[ResultTable]) -> None:
         """Write the document with these tables in place of those of the same titles.
 
         Raises:
@@ -52,7 +52,7 @@ class Document:
         """
         write_text(self.path, self.filled(tables))
 
-    def filled(self, tables: Sequence[Table]) -> str:
+    def filled(self, tables: Sequence[ResultTable]) -> str:
         """Return the text with these tables in place of those of the same titles.
 
         Raises:
@@ -67,7 +67,7 @@ class Document:
 
         return _BLOCK.sub(fill, self.text)
 
-    def stale(self, tables: Sequence[Table], *, part: bool = False) -> list[str]:
+    def stale(self, tables: Sequence[ResultTable], *, subset: bool = False) -> list[str]:
         """Return a sentence for each cell or row that differs from newly computed tables.
 
         A number may be off by one of its last digit: half of it is rounding, and the other half is
@@ -75,7 +75,7 @@ class Document:
 
         Args:
             tables: The tables of the experiment.
-            part: Whether rows may be missing in them.
+            subset: Whether rows may be missing in them.
 
         Raises:
             DataError: If a block asks for a table that is missing.
@@ -85,11 +85,10 @@ class Document:
             for block in _BLOCK.finditer(self.text)
             if block["experiment"] == self.experiment
             for table in self._tables(block, tables)
-            for sentence in _differences(table, _rows(block["content"], table.title), part)
+            for sentence in _differences(table, _rows(block["content"], table.title), subset)
         ]
 
-    def _tables(self, block: re.Match[str], tables: Sequence[Table]) -> list[Table]:
-        """Return the tables that a block asks for."""
+    def _tables(self, block: re.Match[str], tables: Sequence[ResultTable]) -> list[ResultTable]:
         result = [table for table in tables if table.title.startswith(block["title"])]
         if not result:
             raise DataError(
@@ -134,15 +133,14 @@ def _rows(content: str, title: str) -> list[list[str]]:
     return [*rows[:1], *rows[2:]]
 
 
-def _differences(table: Table, rows: Sequence[Sequence[str]], part: bool) -> Iterator[str]:
-    """Yield how rows of a document differ from a table."""
+def _differences(table: ResultTable, rows: Sequence[Sequence[str]], subset: bool) -> Iterator[str]:
     headers = [header.strip() for header, _ in table.columns]
     if not rows or list(rows[0]) != headers:
         yield "it is not there, or has other columns"
         return
     old_rows = _by_name(rows[1:])
     new_rows = _by_name([(*cells, table.rows[i]) for i, cells in enumerate(table.shown())])
-    if not part:
+    if not subset:
         yield from (f"its row {name!r} was not made" for name in old_rows if name not in new_rows)
     yield from (f"a row {name!r} is not there" for name in new_rows if name not in old_rows)
     for name, (*cells, values) in new_rows.items():
@@ -163,7 +161,6 @@ def _by_name(rows: Sequence[Sequence[Any]]) -> dict[str, Sequence[Any]]:
 
 
 def _rounds(cell: str, value: float | str | None, form: str) -> bool:
-    """Return whether a cell is a rounded value."""
     if value is None or isinstance(value, str) or cell == "-":
         return False
     number = resolution(form) / 2.0 if cell[0] == "<" else float(cell.replace(",", ""))
@@ -220,11 +217,10 @@ def _main(options: argparse.Namespace) -> int:
     return FAILED if stale and not options.write else 0
 
 
-def _stored(file: Path) -> list[Table]:
-    """Return the tables of a result."""
+def _stored(file: Path) -> list[ResultTable]:
     text = read_text(file)
     try:
-        return [Table.of(table) for table in parse_json(text)["tables"]]
+        return [ResultTable.of(table) for table in parse_json(text)["tables"]]
     except (LookupError, TypeError, ValueError, RecursionError) as error:
         raise DataError(
             f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: "

@@ -11,7 +11,7 @@ import numpy as np
 from cranedyn.dynamics.validity import events
 from cranedyn.plotting.figures import panels
 from experiments.harness.outcome import Outcome
-from experiments.harness.table import Table
+from experiments.harness.table import ResultTable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,7 +32,7 @@ def with_events(outcome: Outcome) -> Outcome:
         for event in events(run.crane, run.trajectory)
     ]
     columns = [("run", ""), ("from [s]", ".3f"), ("because", "")]
-    table = Table("Where the model does not hold", columns, rows)
+    table = ResultTable("Where the model does not hold", columns, rows)
     figures = {**outcome.figures, "validity": _figure(invalid)}
     return replace(outcome, tables=[*outcome.tables, table], figures=figures)
 

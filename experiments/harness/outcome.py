@@ -11,7 +11,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from cranedyn.data.trajectory import Trajectory
-from experiments.harness.table import Table
+from experiments.harness.table import ResultTable
 from experiments.harness.terminal import blocks
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class Outcome:
         texts: Texts to store, by file name.
     """
 
-    tables: Sequence[Table]
+    tables: Sequence[ResultTable]
     claims: Sequence[Claim]
     parameters: Mapping[str, object] = field(default_factory=dict)
     trajectories: Mapping[str, Trajectory | Loads] = field(default_factory=dict)
@@ -77,6 +77,6 @@ def show(outcome: Outcome) -> None:
 
 def summary(claims: Sequence[Claim]) -> str:
     """Return how many claims hold, and how many were not judged, which counts as neither."""
-    held = sum(bool(claim.holds) for claim in claims)
+    count = sum(bool(claim.holds) for claim in claims)
     unknown = sum(claim.holds is None for claim in claims)
-    return f"{held} of {len(claims)} claims hold, {unknown} not judged."
+    return f"{count} of {len(claims)} claims hold, {unknown} not judged."

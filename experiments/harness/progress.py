@@ -125,12 +125,12 @@ def sweeping(name: str) -> Iterator[Callable[[SweepProgress], None] | None]:
 
 def _rate(progress: SweepProgress, elapsed: float) -> str:
     """Return the cases done, their rate, the bad ones and the time left, after a time [s]."""
-    parts = [f"{progress.done} of {progress.cases} cases"]
-    left = progress.left(elapsed)
-    if left is not None and elapsed > 0.0:
-        parts.append(f"{(progress.done - progress.before) / elapsed:.3g}/s")
+    phrases = [f"{progress.done} of {progress.cases} cases"]
+    remaining = progress.left(elapsed)
+    if remaining is not None and elapsed > 0.0:
+        phrases.append(f"{(progress.done - progress.before) / elapsed:.3g}/s")
     if progress.errors:
-        parts.append(f"{progress.errors} bad")
-    if left is not None:
-        parts.append(f"{timedelta(seconds=round(left))} left")
-    return ", ".join(parts)
+        phrases.append(f"{progress.errors} bad")
+    if remaining is not None:
+        phrases.append(f"{timedelta(seconds=round(remaining))} left")
+    return ", ".join(phrases)

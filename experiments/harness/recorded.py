@@ -62,7 +62,7 @@ def read_recorded(
     if Path(file).suffix in ROS:
         from cranedyn.bridges import bags
 
-        data = bags.read_columns(file, columns, parse_joints(joints))
+        data = bags.read_joint_states(file, columns, parse_joints(joints))
     else:
         data = read_external(file, columns, parse_sources(sources))
     for name, values in data.items():

@@ -24,7 +24,7 @@ from cranedyn.data.files import (
     write_text,
 )
 from cranedyn.errors import CraneError, DataError, RunError
-from experiments.harness.arguments import command_name, parse
+from experiments.harness.arguments import command_name, parse_arguments
 from experiments.harness.document import read_document
 from experiments.harness.events import with_events
 from experiments.harness.outcome import MARKS, Outcome, show
@@ -54,7 +54,7 @@ def run_experiment(
 def _run(
     parser: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None
 ) -> int:
-    options = parse(parser, argv)
+    options = parse_arguments(parser, argv)
     options.about, options.argv = parser.description, sys.argv[1:] if argv is None else argv
     with lock_folder(options.folder):
         for file in (options.folder / "result.json", options.recording):
@@ -75,7 +75,6 @@ def _run(
 
 
 def _outcome(experiment: Experiment, options: argparse.Namespace) -> Outcome:
-    """Run the experiment, write its files, and return its outcome."""
     file = getattr(options, "document", None)
     document = None if file is None else read_document(file, options.experiment)
     with reporting() as reporter:
@@ -92,9 +91,7 @@ def _outcome(experiment: Experiment, options: argparse.Namespace) -> Outcome:
 
 
 def _write(outcome: Outcome, options: argparse.Namespace) -> None:
-    """Write the files of a run as one set; ``result.json``, the last, lists the others beside it
-    with their digests.
-    """
+    """Write the files of a run as one set; ``result.json`` lists the others with digests."""
     from cranedyn.data.tables import write_table
     from cranedyn.plotting.figures import save
 
@@ -162,7 +159,6 @@ def _record(outcome: Outcome, options: argparse.Namespace) -> None:
 
 
 def _view(options: argparse.Namespace) -> None:
-    """Show the recording as asked for."""
     from cranedyn import recording
 
     if options.view:

@@ -28,11 +28,11 @@ def cell(value: float | str | None, form: str) -> str:
     """Return a value as a column with a format shows it."""
     if value is None:
         return "-"
-    plain, _, least = form.partition(">")
-    if least:
-        if abs(float(value)) < float(least):
-            return f"< {least}"
-        value = round(float(value), -round(math.log10(float(least))))
+    plain, _, step = form.partition(">")
+    if step:
+        if abs(float(value)) < float(step):
+            return f"< {step}"
+        value = round(float(value), -round(math.log10(float(step))))
     return printable(format(value, plain))
 
 
@@ -43,13 +43,13 @@ Column = tuple[str, str, Callable[[Any], Cell]]
 """Header with the unit, format, and the function that returns the value of an item."""
 
 
-def finite(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
     """Return a value for a table, None if it is not finite."""
     return value if math.isfinite(value) else None
 
 
 @dataclass(frozen=True)
-class Table:
+class ResultTable:
     """A table as printed and as stored.
 
     Attributes:
@@ -77,7 +77,7 @@ class Table:
         self.shown()
 
     @classmethod
-    def of(cls, stored: Mapping[str, Any]) -> Table:
+    def of(cls, stored: Mapping[str, Any]) -> ResultTable:
         """Return the table of a ``result.json``.
 
         Raises:
@@ -111,10 +111,10 @@ def tabulate(
     note: str = "",
     *,
     last_row: Sequence[Cell] = (),
-) -> Table:
+) -> ResultTable:
     """Return a table with a row for each item, and perhaps a last row of other origin, such as the
     published values.
     """
     rows = [tuple(value(item) for *_, value in columns) for item in items]
     heads = [(header, form) for header, form, _ in columns]
-    return Table(title, heads, [*rows, last_row] if last_row else rows, note)
+    return ResultTable(title, heads, [*rows, last_row] if last_row else rows, note)

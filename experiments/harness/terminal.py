@@ -11,7 +11,7 @@ from rich.cells import cell_len
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from experiments.harness.table import Table
+from experiments.harness.table import ResultTable
 
 _FRAME = 3
 """Width of the frame of a column: two spaces and a line."""
@@ -48,17 +48,17 @@ class TextColumn(NamedTuple):
         return max((cell_len(word) for word in (*self.head.split(), *cells)), default=1)
 
 
-def blocks(table: Table, width: int) -> Iterator[RichTable]:
+def blocks(table: ResultTable, width: int) -> Iterator[RichTable]:
     """Yield the table in one or several blocks that fit a terminal of a width [columns], the title
     over the first and the note under the last.
     """
-    parts = _split(columns_of(table), width)
-    for i, columns in enumerate(parts):
-        last = i == len(parts) - 1
+    groups = _split(columns_of(table), width)
+    for i, columns in enumerate(groups):
+        last = i == len(groups) - 1
         yield _block(columns, width, "" if i else table.title, table.note if last else "")
 
 
-def columns_of(table: Table) -> list[TextColumn]:
+def columns_of(table: ResultTable) -> list[TextColumn]:
     """Return the columns of a table as text."""
     rows = table.shown()
     return [
@@ -68,9 +68,7 @@ def columns_of(table: Table) -> list[TextColumn]:
 
 
 def _split(columns: list[TextColumn], width: int) -> list[list[TextColumn]]:
-    """Return all columns side by side if they fit, else turned if that fits, else in blocks that
-    repeat the first ones.
-    """
+    """Return all columns, turned ones, or blocks that repeat the first columns, whichever fits."""
     if _total(column.natural for column in columns) <= width or (
         _total(column.least for column in columns) <= width
         and max(_lines(column.head, column.least) for column in columns) <= _LINES
@@ -118,12 +116,12 @@ def _lines(head: str, width: int) -> int:
 def _widths(columns: Sequence[TextColumn], width: int) -> list[int]:
     """Return the widths of columns: the least ones, and what is left goes to text first."""
     widths = [column.least for column in columns]
-    left = width - _total(widths)
+    spare = width - _total(widths)
     for is_text in (True, False):
         for i, column in enumerate(columns):
             if column.is_text is is_text:
-                more = max(0, min(left, column.natural - widths[i]))
-                widths[i], left = widths[i] + more, left - more
+                extra = max(0, min(spare, column.natural - widths[i]))
+                widths[i], spare = widths[i] + extra, spare - extra
     return widths
 
 

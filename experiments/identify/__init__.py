@@ -15,20 +15,27 @@ from cranedyn.checks import number, whole
 from cranedyn.data.external import parse_sources
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError, quoted
-from cranedyn.identification import Estimate, Known, Model, load_record
+from cranedyn.identification import Estimate, Model, Prior, load_record
 from cranedyn.identification.noise import WHITE
 from cranedyn.identification.parameters import Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import add_values, parse_values
 from cranedyn.sweep import grid, sweep
 from experiments import gazebo, harness
-from experiments.harness import Claim, Outcome, Setup, Table
+from experiments.harness import Claim, Outcome, ResultTable, Setup
 from experiments.harness.arguments import ROS
 from experiments.harness.recorded import parse_joints
 from experiments.harness.swept import columns_swept
 from experiments.identify.coverage import NAMES, PLANTS, SWING, coverage
 from experiments.identify.figures import beside, correlations
-from experiments.identify.tables import Found, doubts, found, of_trials, record_tables, values_table
+from experiments.identify.tables import (
+    Identification,
+    doubts,
+    identify_records,
+    of_trials,
+    record_tables,
+    values_table,
+)
 from experiments.identify.trial import TRUTH, Trial, trial_record, try_strategies
 
 if TYPE_CHECKING:
@@ -73,7 +80,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     check_effect(options)
     if options.coverage is not None:
         return covered(options, setup)
-    prior = Known(
+    prior = Prior(
         options.urdf,
         parse_values(options.values),
         number("gravity", options.believed, "m/s²", "> 0"),
@@ -109,7 +116,7 @@ def check_effect(options: argparse.Namespace) -> None:
             raise DataError(f"--{flag} has no effect without {file}; leave it out.")
 
 
-def files(options: argparse.Namespace, setup: Setup, prior: Known) -> Outcome:
+def files(options: argparse.Namespace, setup: Setup, prior: Prior) -> Outcome:
     """Identify a crane from files."""
     records = [
         load_record(
@@ -126,7 +133,7 @@ def files(options: argparse.Namespace, setup: Setup, prior: Known) -> Outcome:
     if len(set(names)) < len(names):
         raise DataError(f"Two records have one name: {', '.join(map(quoted, names))}.")
     model = Model.of(prior, records, options.estimate, drives=options.drives)
-    result = found(model, setup, "records")
+    result = identify_records(model, setup, "records")
     return Outcome(
         tables=[*record_tables(result, "", {}), *of_trials(_trials(result.estimate))],
         claims=[_white("The records", result)],
@@ -138,27 +145,29 @@ def files(options: argparse.Namespace, setup: Setup, prior: Known) -> Outcome:
     )
 
 
-def _white(subject: str, result: Found) -> Claim:
+def _white(subject: str, result: Identification) -> Claim:
     """Judge what every interval presumes."""
-    coloured, said = ", ".join(result.estimate.not_white), "all"
+    coloured, verdict = ", ".join(result.estimate.not_white), "all"
     if coloured:
-        said = f"not {coloured}: the model lacks something, and intervals may not hold the truth"
+        verdict = f"not {coloured}: the model lacks something, and intervals may not hold the truth"
     return Claim(
-        f"{subject}: what the twin leaves of each column is white noise ({said}).", not coloured
+        f"{subject}: what the twin leaves of each column is white noise ({verdict}).", not coloured
     )
 
 
 def examples(setup: Setup) -> Outcome:
     """Identify Gazebo's world from its recordings, and the crane of the trial from its record."""
-    world = Known()
-    free = found(_recordings(world, FREE, WORLD, "motion"), setup, "free swing in Gazebo")
-    brake = found(
+    world = Prior()
+    free = identify_records(
+        _recordings(world, FREE, WORLD, "motion"), setup, "free swing in Gazebo"
+    )
+    brake = identify_records(
         _recordings(world, HELD, (*WORLD, *GAINS), "hold", UNTIL), setup, "brake in Gazebo"
     )
-    alone = found(
+    alone = identify_records(
         Model.of(world, [trial_record(world, positions=False)]), setup, "trial, setpoints"
     )
-    whole_trial = found(
+    whole_trial = identify_records(
         Model.of(world, [trial_record(world, positions=True)]), setup, "trial, positions"
     )
     trials = _trials(whole_trial.estimate)
@@ -189,7 +198,7 @@ def examples(setup: Setup) -> Outcome:
 
 
 def _recordings(
-    prior: Known,
+    prior: Prior,
     names: Sequence[str],
     parameters: Sequence[str],
     drives: Drives,
@@ -202,9 +211,9 @@ def _recordings(
     return Model.of(prior, records, parameters, drives=drives)
 
 
-def _worlds_claims(name: str, result: Found) -> list[Claim]:
+def _worlds_claims(name: str, result: Identification) -> list[Claim]:
     claims = []
-    for parameter, (value, _) in result.estimate.found.items():
+    for parameter, (value, _) in result.estimate.intervals.items():
         off, allowed = abs(value / MADE_WITH[parameter] - 1.0), CLOSE[parameter]
         claims.append(
             Claim(
@@ -216,12 +225,14 @@ def _worlds_claims(name: str, result: Found) -> list[Claim]:
     return claims
 
 
-def _trials_claims(alone: Found, both: Found, trials: Sequence[Trial]) -> list[Claim]:
+def _trials_claims(
+    alone: Identification, both: Identification, trials: Sequence[Trial]
+) -> list[Claim]:
     claims = []
     for columns, result in (("setpoints alone", alone), ("positions, too", both)):
         off = {
             name: abs(value - TRUTH[name]) / margin
-            for name, (value, margin) in result.estimate.found.items()
+            for name, (value, margin) in result.estimate.intervals.items()
         }
         worst = max(off, key=lambda name: off[name])
         claims.append(
@@ -232,7 +243,7 @@ def _trials_claims(alone: Found, both: Found, trials: Sequence[Trial]) -> list[C
             )
         )
         claims.append(_white(f"The trial, {columns}", result))
-    pairs = [p for p in alone.judged.alike if {p.one, p.other} == {"delay", "x_lag"}]
+    pairs = [p for p in alone.judged.alike if {p.first, p.second} == {"delay", "x_lag"}]
     rho = abs(pairs[0].correlation) if pairs else 0.0
     claims.append(
         Claim(
@@ -265,24 +276,22 @@ def _trials_claims(alone: Found, both: Found, trials: Sequence[Trial]) -> list[C
 
 
 def _trials(estimate: Estimate) -> list[Trial]:
-    """Try strategies on the twin; none for a crane that is not this project's own, and none if a
-    move of the comparison cannot be made.
-    """
-    prior = estimate.model.known
+    """Try strategies on the twin of this project's crane; none if a move cannot be planned."""
+    prior = estimate.model.prior
     return try_strategies(estimate) if prior.urdf is None else []
 
 
-def _parameters(result: Found) -> dict[str, object]:
+def _parameters(result: Identification) -> dict[str, object]:
     model = result.estimate.model
     return {
         "drives": model.drives,
         "records": [record.name for record in model.records],
         "evaluations": result.estimate.evaluations,
-        "twin": result.twin.words,
+        "twin": result.twin.options,
     }
 
 
-def _runs(result: Found) -> dict[str, Trajectory]:
+def _runs(result: Identification) -> dict[str, Trajectory]:
     model = result.estimate.model
     return {
         f"twin_{index + 1}": model.run(index, result.estimate.values, result.twin.crane)
@@ -290,12 +299,12 @@ def _runs(result: Found) -> dict[str, Trajectory]:
     }
 
 
-def _figures(result: Found) -> dict[str, Figure]:
+def _figures(result: Identification) -> dict[str, Figure]:
     count = min(len(result.estimate.model.records), _SHOWN)
     return {f"twin_{index + 1}": beside(result.estimate, index) for index in range(count)}
 
 
-def _recording(result: Found) -> list[Run]:
+def _recording(result: Identification) -> list[Run]:
     from cranedyn.recording import Run
 
     names = [record.name for record in result.estimate.model.records]
@@ -349,7 +358,7 @@ def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
         "numbers, moves and noise of its own, and is looked for from the same wrong start."
     )
     return Outcome(
-        tables=[Table(f"Intervals of {count:,} synthetic cranes", columns, rows, note)],
+        tables=[ResultTable(f"Intervals of {count:,} synthetic cranes", columns, rows, note)],
         claims=claims,
         parameters={"cranes": count, "plant": plant},
     )

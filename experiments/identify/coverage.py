@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from cranedyn.bridges.joints import described
+from cranedyn.bridges.joints import urdf_element
 from cranedyn.bridges.mjcf import mjcf
 from cranedyn.controllers import follow
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import DataError
-from cranedyn.identification import Known, Model, Record, identify
-from cranedyn.identification.motion import Rows
+from cranedyn.identification import Model, Prior, Record, identify
+from cranedyn.identification.motion import SampledMotion
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.simulation.simulate import simulate
@@ -52,13 +52,13 @@ _MOVES = {"x": (2, 2.0, 2.0, 6.0), "gamma": (1, 0.3, 3.0, 8.0), "l": (1, 3.0, 6.
 
 
 @cache
-def believed() -> Known:
+def believed() -> Prior:
     """Return the prior of all of them: the crane of its description."""
-    return Known()
+    return Prior()
 
 
 def synthetic(
-    seed: int, prior: Known | None = None, *, plant: str = "simulate"
+    seed: int, prior: Prior | None = None, *, plant: str = "simulate"
 ) -> tuple[Model, dict[str, float]]:
     """Record a crane that is not as one believes, and return what is true of it, too.
 
@@ -76,15 +76,15 @@ def synthetic(
     first["l"] += truth["l_offset"]
     swing = {name: float(rng.uniform(-SWING, SWING)) for name in ("phi", "theta")}
     q, effort = PLANTS[plant](crane, crane.state(**first, **swing), position, velocity)
-    every = round(INTERVAL / _PERIOD)
-    columns = {"t_s": t[::every]}
+    stride = round(INTERVAL / _PERIOD)
+    columns = {"t_s": t[::stride]}
     for i, joint in enumerate(crane.layout.driven):
         symbol, index = joint.symbol, int(crane.layout.drives[i])
-        columns[joint.columns[0]] = (q[:, index] - truth.get(f"{symbol}_offset", 0.0))[::every]
+        columns[joint.columns[0]] = (q[:, index] - truth.get(f"{symbol}_offset", 0.0))[::stride]
         noise = NOISE["effort"] * rng.standard_normal(len(columns["t_s"]))
         friction = truth.get(f"{symbol}_friction", 0.0) * np.sign(velocity[:, i])
         if symbol != "gamma":
-            columns[joint.effort_column] = (effort[:, i] + friction)[::every] + noise
+            columns[joint.effort_column] = (effort[:, i] + friction)[::stride] + noise
     for joint in (crane.layout.joints[i] for i in crane.swings.tolist()):
         signal = CubicSpline(t, q[:, crane.layout.index(joint.symbol)])
         late = signal(np.maximum(columns["t_s"] - truth["delay"], 0.0))
@@ -99,13 +99,13 @@ def _motion(crane: Crane, rng: np.random.Generator, t: np.ndarray) -> tuple[np.n
     start = {"x": rng.uniform(6.0, 16.0), "gamma": 0.0, "l": rng.uniform(8.0, 16.0)}
     position, velocity = np.zeros((2, len(t), crane.layout.m))
     for i, joint in enumerate(crane.layout.driven):
-        times, far, shortest, longest = _MOVES[joint.symbol]
+        times, distance, shortest, longest = _MOVES[joint.symbol]
         position[:, i] = start[joint.symbol]
         for k in range(times):
             begins = rng.uniform(k, k + 0.8) * (DURATION - longest) / times
             lasts = rng.uniform(shortest, longest)
             phase = np.clip((t - begins) / lasts, 0.0, 1.0)
-            size = rng.choice([-1.0, 1.0]) * rng.uniform(0.4, 1.0) * far
+            size = rng.choice([-1.0, 1.0]) * rng.uniform(0.4, 1.0) * distance
             position[:, i] += size * phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
             velocity[:, i] += size / lasts * 30.0 * (phase * (1.0 - phase)) ** 2
     return position, velocity
@@ -117,7 +117,7 @@ def _simulated(
     """Return coordinates, shape (rows, n), and logged efforts of drives that follow a motion."""
     run = simulate(
         crane,
-        follow(crane, Rows(_PERIOD, position, velocity), _PERIOD),
+        follow(crane, SampledMotion(_PERIOD, position, velocity), _PERIOD),
         start=start,
         duration=DURATION,
         dt=_PERIOD,
@@ -139,7 +139,7 @@ def _by_mujoco(
     except ImportError:
         raise DataError("mujoco is not installed: pip install 'cranedyn[mujoco]'.") from None
     dt = _PERIOD / _FINE
-    text = ET.tostring(mjcf(crane, described(crane), dt), encoding="unicode")
+    text = ET.tostring(mjcf(crane, urdf_element(crane), dt), encoding="unicode")
     model = mujoco.MjModel.from_xml_string(text)
     data, drives = mujoco.MjData(model), crane.layout.drives
     data.qpos[:], data.qvel[:] = start

@@ -27,7 +27,7 @@ def beside(estimate: Estimate, index: int) -> Figure:
     figure, axes = panels(len(channels), 3, height=2.8, width=13.0)
     for row, (c, channel) in enumerate(channels):
         wave, residual, spectrum = axes[3 * row : 3 * row + 3]
-        symbol = model.known.crane.layout.symbols[channel.at]
+        symbol = model.prior.crane.layout.symbols[channel.at]
         off = estimate.residuals[index][c]
         recorded = 1e3 * measured[c]
         wave.plot(t, recorded, color=_LINES["recorded"], linewidth=2.4, label="recorded")

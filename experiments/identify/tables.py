@@ -12,12 +12,12 @@ import numpy as np
 
 from cranedyn.identification import Estimate, Model, Preflight, Twin, identify, preflight, twin_of
 from cranedyn.identification.parameters import MEANINGS, Parameter
-from experiments.harness import Column, Setup, Table, finite, tabulate
+from experiments.harness import Column, ResultTable, Setup, finite_or_none, tabulate
 from experiments.identify.trial import Trial
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class Identification:
     """What was found of records.
 
     Attributes:
@@ -31,13 +31,15 @@ class Found:
     twin: Twin
 
 
-def found(model: Model, setup: Setup, label: str) -> Found:
+def identify_records(model: Model, setup: Setup, label: str) -> Identification:
     """Identify, judge, and make the twin, with progress under a label."""
     estimate = identify(model, progress=setup.reporter.message(label, "predictions of the records"))
-    return Found(estimate, preflight(model, estimate), twin_of(estimate))
+    return Identification(estimate, preflight(model, estimate), twin_of(estimate))
 
 
-def record_tables(result: Found, subject: str, truth: Mapping[str, float]) -> list[Table]:
+def record_tables(
+    result: Identification, subject: str, truth: Mapping[str, float]
+) -> list[ResultTable]:
     """Return the tables of records: numbers, residuals, and what they cannot tell."""
     return [
         values_table(result, subject, truth),
@@ -50,20 +52,20 @@ def _titled(title: str, subject: str) -> str:
     return f"{subject}: {title[0].lower()}{title[1:]}" if subject else title
 
 
-def values_table(result: Found, subject: str, truth: Mapping[str, float]) -> Table:
+def values_table(result: Identification, subject: str, truth: Mapping[str, float]) -> ResultTable:
     """Return the values with their intervals, beside the prior and the truth."""
     estimate = result.estimate
 
     def off(parameter: Parameter) -> float | None:
         name = parameter.name
-        return estimate.found[name][0] - truth[name] if name in truth else None
+        return estimate.intervals[name][0] - truth[name] if name in truth else None
 
     columns: list[Column] = [
         ("what", "", lambda p: p.name),
         ("unit", "", lambda p: p.unit),
         ("believed", ".6g", lambda p: p.start),
-        ("found", ".6g", lambda p: estimate.found[p.name][0]),
-        ("±", ".2g", lambda p: finite(estimate.found[p.name][1])),
+        ("found", ".6g", lambda p: estimate.intervals[p.name][0]),
+        ("±", ".2g", lambda p: finite_or_none(estimate.intervals[p.name][1])),
     ]
     if truth:
         columns += [("true", ".6g", lambda p: truth.get(p.name)), ("off", "+.2g", off)]
@@ -78,12 +80,11 @@ def values_table(result: Found, subject: str, truth: Mapping[str, float]) -> Tab
     return tabulate(title, estimate.model.own, columns, note.strip())
 
 
-def _residual_table(result: Found, subject: str) -> Table:
-    """Return the residual of each channel."""
+def _residual_table(result: Identification, subject: str) -> ResultTable:
     estimate = result.estimate
-    left, model, white = estimate.residuals, estimate.model, estimate.white
+    residuals, model, white = estimate.residuals, estimate.model, estimate.white
     channels = [
-        (record, channel, left[i][c], model.measured(i)[c], white[i][c])
+        (record, channel, residuals[i][c], model.measured(i)[c], white[i][c])
         for i, record in enumerate(model.records)
         for c, channel in enumerate(model.channels[i])
     ]
@@ -105,14 +106,17 @@ def _residual_table(result: Found, subject: str) -> Table:
     )
 
 
-def doubts(result: Found, subject: str) -> list[Table]:
+def doubts(result: Identification, subject: str) -> list[ResultTable]:
     """Return what records cannot tell, and which moves would."""
     judged = result.judged
     pairs = [
-        *((f"{pair.one} from {pair.other}", finite(pair.correlation)) for pair in judged.alike),
+        *(
+            (f"{pair.first} from {pair.second}", finite_or_none(pair.correlation))
+            for pair in judged.alike
+        ),
         *((f"{name}, next to nothing", None) for name in judged.blind),
     ]
-    pairs_table = Table(
+    pairs_table = ResultTable(
         _titled("What these records cannot tell", subject),
         [("what", ""), ("correlation", "+.3f")],
         pairs or [("nothing: all parameters are told apart", None)],
@@ -120,11 +124,11 @@ def doubts(result: Found, subject: str) -> list[Table]:
     if not judged.advice:
         return [pairs_table]
     doubtful = dict.fromkeys(
-        [*(name for pair in judged.alike for name in (pair.one, pair.other)), *judged.blind]
+        [*(name for pair in judged.alike for name in (pair.first, pair.second)), *judged.blind]
     )
 
     def margin(move: tuple[str, Mapping[str, float], float], name: str) -> float | None:
-        return finite(move[1][name])
+        return finite_or_none(move[1][name])
 
     moves = [(advice.move, advice.margins, advice.correlation) for advice in judged.advice]
     worst = max((abs(pair.correlation) for pair in judged.alike), default=0.0)
@@ -141,7 +145,7 @@ def doubts(result: Found, subject: str) -> list[Table]:
     return [pairs_table, moves_table]
 
 
-def of_trials(trials: Sequence[Trial]) -> list[Table]:
+def of_trials(trials: Sequence[Trial]) -> list[ResultTable]:
     """Return the swing that strategies leave on the twin; no table if none was tried."""
     if not trials:
         return []

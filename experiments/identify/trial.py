@@ -14,8 +14,8 @@ from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import follow
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.integrators import rk4
-from cranedyn.identification import Estimate, Known, Record
-from cranedyn.identification.motion import Rows, lagged
+from cranedyn.identification import Estimate, Prior, Record
+from cranedyn.identification.motion import SampledMotion, lagged
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.planning.joystick import JoystickPulse, joystick
@@ -80,7 +80,7 @@ class Trial:
 @cache
 def trial_run() -> Trajectory:
     """Run the crane of the trial on drives that lag behind their setpoints."""
-    crane = Known().load(damp_swing=TRUTH["damp_swing"])
+    crane = Prior().load(damp_swing=TRUTH["damp_swing"])
     start = crane.state(x=8.0, l=12.0 + TRUTH["l_offset"])
     aims = joystick(crane, start, PULSES, accelerations=LIMITS.accelerations)
     times = _STEP * np.arange(round(DURATION / _STEP) + 2)
@@ -90,7 +90,7 @@ def trial_run() -> Trajectory:
     position, velocity = (np.stack(column, axis=1) for column in zip(*moved, strict=True))
     return simulate(
         crane,
-        follow(crane, Rows(_STEP, position, velocity), _STEP),
+        follow(crane, SampledMotion(_STEP, position, velocity), _STEP),
         aims,
         start=start,
         duration=DURATION,
@@ -101,7 +101,7 @@ def trial_run() -> Trajectory:
     )
 
 
-def trial_record(prior: Known, *, positions: bool) -> Record:
+def trial_record(prior: Prior, *, positions: bool) -> Record:
     """Return the record of the trial: swing, setpoints of the drives, and perhaps their positions,
     as sensors show them.
     """
@@ -126,8 +126,8 @@ def try_strategies(estimate: Estimate) -> list[Trial]:
     """Try strategies on cranes that the estimate allows, designed for the crane that was believed
     in and for the twin; the combined move of the comparison.
     """
-    prior = estimate.model.known
-    mean = {name: value for name, (value, _) in estimate.found.items()}
+    prior = estimate.model.prior
+    mean = {name: value for name, (value, _) in estimate.intervals.items()}
     draws = _draws(estimate)
     family = estimate.model.family
     cranes = [
@@ -137,10 +137,10 @@ def try_strategies(estimate: Estimate) -> list[Trial]:
         "believed": (Setup(prior.gravity, prior.values), dict[str, float]()),
         "twin": (
             Setup(
-                estimate.found_arguments.get("gravity", prior.gravity),
+                estimate.arguments.get("gravity", prior.gravity),
                 {
                     **prior.values,
-                    **{n: v for n, v in estimate.found_arguments.items() if n != "gravity"},
+                    **{n: v for n, v in estimate.arguments.items() if n != "gravity"},
                 },
             ),
             mean,
@@ -154,9 +154,7 @@ def try_strategies(estimate: Estimate) -> list[Trial]:
 
 
 def _draws(estimate: Estimate) -> dict[str, np.ndarray]:
-    """Draw values of the parameters from the estimate's distribution, by name, shape (draws,)
-    each.
-    """
+    """Draw parameters from the estimate's distribution, by name, shape (draws,) each."""
     parameters = estimate.model.own
     count = len(parameters)
     rng = np.random.default_rng(0)
@@ -178,7 +176,7 @@ def _left(
     draws: Mapping[str, np.ndarray],
     corrected: Mapping[str, float],
 ) -> np.ndarray:
-    """Swing that a plan leaves where the sensors are off by what is not corrected."""
+    """Return the swing that a plan leaves with uncorrected sensor offsets."""
     move, layout = MOVES[-1], setup.crane.layout
     plan = strategies.STRATEGIES[strategy](setup, move)
     start = move.ends(setup.crane)[0]

@@ -75,14 +75,18 @@ def dropped_figure(cases: Sequence[LinearCase], moves: Sequence[str]) -> Figure:
     """Draw the dropped terms of some moves, for each crane."""
     figure, axes = panels(1, len(moves), height=3.6, sharey=True)
     for ax, name in zip(axes, moves, strict=True):
-        some = [case for case in cases if case.job.name == name]
-        places = np.arange(len(some[0].dropped))
-        for k, (case, colour) in enumerate(zip(some, _CRANES, strict=True)):
+        of_move = [case for case in cases if case.job.name == name]
+        positions = np.arange(len(of_move[0].dropped))
+        for k, (case, colour) in enumerate(zip(of_move, _CRANES, strict=True)):
             shares = [100.0 * share for share in case.dropped.values()]
             ax.barh(
-                places + 0.2 * (k - 1.5), shares, 0.2, color=COLOURS[colour], label=case.site.name
+                positions + 0.2 * (k - 1.5),
+                shares,
+                0.2,
+                color=COLOURS[colour],
+                label=case.site.name,
             )
-        ax.set_yticks(places, list(some[0].dropped))
+        ax.set_yticks(positions, list(of_move[0].dropped))
         ax.set(title=name, xlabel="of the kept term [%]")
     axes[0].invert_yaxis()
     axes[0].legend(loc="lower right")

@@ -67,7 +67,7 @@ def integrate(run: Trajectory, model: Model, gravity: float) -> np.ndarray:
     """
     names = "gamma", "x", "l"
     h, q, v = float(run.t[1] - run.t[0]), run.coordinates(*names), run.rates(*names)
-    a = accelerations(run)
+    a = drive_accelerations(run)
 
     def rates(y: np.ndarray, k: int, s: float) -> np.ndarray:
         slew_rate, x_rate, length_rate = (v[k] + a[k] * s).tolist()
@@ -88,7 +88,7 @@ def integrate(run: Trajectory, model: Model, gravity: float) -> np.ndarray:
     return np.array(swing)
 
 
-def accelerations(run: Trajectory) -> np.ndarray:
+def drive_accelerations(run: Trajectory) -> np.ndarray:
     """Return the accelerations of the drives between each row and the next [rad/s², m/s², m/s²],
     shape (n - 1, 3).
     """
@@ -137,7 +137,7 @@ def dropped(run: Trajectory) -> tuple[float, dict[str, float]]:
     slew_rate, x_rate, phi_rate, theta_rate, length_rate = run.rates(
         "gamma", "x", "phi", "theta", "l"
     )[:-1].T
-    slew, trolley, _ = accelerations(run).T
+    slew, trolley, _ = drive_accelerations(run).T
     terms: Mapping[str, Sequence[np.ndarray]] = {
         "γ̇² (x - lφ)": [slew_rate**2 * (x - length * phi)],
         "2γ̇ (lθ)˙": [2.0 * slew_rate * (length_rate * theta + length * theta_rate)],
@@ -146,8 +146,8 @@ def dropped(run: Trajectory) -> tuple[float, dict[str, float]]:
         "γ̇² lθ": [slew_rate**2 * length * theta],
         "2l̇φ̇, 2l̇θ̇": [2.0 * length_rate * phi_rate, 2.0 * length_rate * theta_rate],
     }
-    kept = float(max(np.abs(trolley).max(), np.abs(x * slew).max()))
-    return kept, {
-        name: float(max(np.abs(term).max() for term in parts)) / kept
-        for name, parts in terms.items()
+    largest = float(max(np.abs(trolley).max(), np.abs(x * slew).max()))
+    return largest, {
+        name: float(max(np.abs(term).max() for term in components)) / largest
+        for name, components in terms.items()
     }

@@ -18,7 +18,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.references import spline
 from experiments.harness import Setup
 from experiments.linear.model import Miss, Model, all_rates, dropped, integrate, miss, paper
-from experiments.linear.sites import SITES, Job, Site, jobs
+from experiments.linear.sites import SITES, Job, SiteCrane, jobs
 
 INERTIA = {"payload_inertia": 400.0, "dummy_mass": 50.0, "dummy_inertia": 50.0}
 """The article's load and links [kg m², kg, kg m²]."""
@@ -44,7 +44,7 @@ class LinearCase:
         dropped: What the paper drops, by formula, as a share of that.
     """
 
-    site: Site
+    site: SiteCrane
     job: Job
     run: Trajectory
     paper: Miss
@@ -71,7 +71,7 @@ def move(setup: Setup, crane: Crane, job: Job, label: str) -> Trajectory:
     )
 
 
-def run_cases(setup: Setup, site: Site, crane: Crane) -> list[LinearCase]:
+def run_cases(setup: Setup, site: SiteCrane, crane: Crane) -> list[LinearCase]:
     """Make every move of one crane with a point load; with inertia besides where it is known, on
     the article's crane.
     """
@@ -90,11 +90,11 @@ def run_cases(setup: Setup, site: Site, crane: Crane) -> list[LinearCase]:
     return cases
 
 
-def scan(setup: Setup, crane: Crane, some: Sequence[Job]) -> list[float]:
+def scan(setup: Setup, crane: Crane, jobs_of_crane: Sequence[Job]) -> list[float]:
     """Return the error of the paper's equations in each of some moves, root mean square over the
     largest swing.
     """
-    trajectories = [move(setup, crane, job, job.name) for job in some]
+    trajectories = [move(setup, crane, job, job.name) for job in jobs_of_crane]
     return [miss(run, integrate(run, paper, setup.gravity)).rms for run in trajectories]
 
 
@@ -114,7 +114,7 @@ def reaches(values: Sequence[float], errors: Sequence[float], good: float) -> fl
     )
 
 
-def powers(setup: Setup, site: Site, crane: Crane) -> list[float]:
+def powers(setup: Setup, site: SiteCrane, crane: Crane) -> list[float]:
     """Return the power of the cable length with which a free swing changes when it is hoisted
     slowly: in the plant, and by Eq. (8).
     """

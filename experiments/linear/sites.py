@@ -26,7 +26,7 @@ QUARTER = math.pi / 2.0
 
 
 @dataclass(frozen=True)
-class Site:
+class SiteCrane:
     """A crane with its speeds.
 
     Attributes:
@@ -66,12 +66,12 @@ class Site:
 _HOIST = (17.0 / 60.0, 134.0 / 60.0)
 
 
-def _site(name: str, jib: float, height: float, trolley: float, slew: float) -> Site:
-    return Site(name, jib, height, trolley / 60.0, slew * math.pi / 30.0, _HOIST)
+def _site(name: str, jib: float, height: float, trolley: float, slew: float) -> SiteCrane:
+    return SiteCrane(name, jib, height, trolley / 60.0, slew * math.pi / 30.0, _HOIST)
 
 
 SITES = (
-    Site("article's crane", 22.0, 26.4, 0.8, 0.08, (17.0 / 60.0, 0.8)),
+    SiteCrane("article's crane", 22.0, 26.4, 0.8, 0.08, (17.0 / 60.0, 0.8)),
     _site("71 EC-B 5", 50.0, 45.0, 63.0, 0.8),
     _site("380 EC-B 16", 75.0, 83.0, 95.0, 0.8),
     _site("L1-24", 25.0, 19.0, 22.0, 0.5),
@@ -100,7 +100,7 @@ class Job:
     arrival: float
 
 
-def jobs(site: Site, crane: Crane) -> list[Job]:
+def jobs(site: SiteCrane, crane: Crane) -> list[Job]:
     """Return the moves: single drives, in splines and at constant speed between ramps, then pairs,
     then all.
     """
@@ -110,7 +110,7 @@ def jobs(site: Site, crane: Crane) -> list[Job]:
         2.0 / 3.0 * site.height,
         0.9 * site.height,
     )
-    out, slew = (
+    outward, slew = (
         JoystickPulse("x", site.trolley, 0.0, 0.4 * site.jib / site.trolley),
         JoystickPulse("gamma", site.slew, 0.0, QUARTER / site.slew),
     )
@@ -123,13 +123,13 @@ def jobs(site: Site, crane: Crane) -> list[Job]:
     )
     return [
         _splined("trolley, spline", site, crane, inside, (0.0, tip, high)),
-        _joystick_job("trolley", site, crane, inside, out),
+        _joystick_job("trolley", site, crane, inside, outward),
         _splined("slew, spline", site, crane, outside, (QUARTER, tip, high)),
         _joystick_job("slew", site, crane, outside, slew),
-        _joystick_job("slew, trolley", site, crane, inside, slew, out),
-        _joystick_job("trolley, slow hoist", site, crane, below, out, slow),
-        _joystick_job("trolley, fast hoist", site, crane, below, out, fast),
-        _joystick_job("slew, trolley, fast hoist", site, crane, below, slew, out, fast),
+        _joystick_job("slew, trolley", site, crane, inside, slew, outward),
+        _joystick_job("trolley, slow hoist", site, crane, below, outward, slow),
+        _joystick_job("trolley, fast hoist", site, crane, below, outward, fast),
+        _joystick_job("slew, trolley, fast hoist", site, crane, below, slew, outward, fast),
     ]
 
 
@@ -140,7 +140,7 @@ ANGLES = (1.0, 2.0, 5.0, 10.0, 20.0)
 """Short slews [°]."""
 
 
-def slow_slews(site: Site, crane: Crane) -> list[Job]:
+def slow_slews(site: SiteCrane, crane: Crane) -> list[Job]:
     """Return slews at shares of the crane's rate, reached in the usual time."""
     slew, *accelerations = site.accelerations
     return [
@@ -155,7 +155,7 @@ def slow_slews(site: Site, crane: Crane) -> list[Job]:
     ]
 
 
-def short_slews(site: Site, crane: Crane) -> list[Job]:
+def short_slews(site: SiteCrane, crane: Crane) -> list[Job]:
     """Return slews by small angles at the usual acceleration, most of which never reach the
     rate.
     """
@@ -174,11 +174,11 @@ def short_slews(site: Site, crane: Crane) -> list[Job]:
     ]
 
 
-def _outside(site: Site, crane: Crane) -> State:
+def _outside(site: SiteCrane, crane: Crane) -> State:
     return crane.state(x=0.9 * site.jib, l=2.0 / 3.0 * site.height)
 
 
-def _splined(name: str, site: Site, crane: Crane, start: State, goal: Sequence[float]) -> Job:
+def _splined(name: str, site: SiteCrane, crane: Crane, start: State, goal: Sequence[float]) -> Job:
     (duration,) = shortest(
         crane,
         start,
@@ -189,7 +189,9 @@ def _splined(name: str, site: Site, crane: Crane, start: State, goal: Sequence[f
     return Job(name, start, spline(crane, start, [goal], [duration]), duration)
 
 
-def _joystick_job(name: str, site: Site, crane: Crane, start: State, *pulses: JoystickPulse) -> Job:
+def _joystick_job(
+    name: str, site: SiteCrane, crane: Crane, start: State, *pulses: JoystickPulse
+) -> Job:
     return _moved(name, crane, start, site.accelerations, *pulses)
 
 

@@ -6,15 +6,15 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 
-from experiments.harness import Column, Table, tabulate
+from experiments.harness import Column, ResultTable, tabulate
 from experiments.linear.runs import DEEP, HIGH, LinearCase
-from experiments.linear.sites import ANGLES, HOLD, RAMPS, SHARES, Site
+from experiments.linear.sites import ANGLES, HOLD, RAMPS, SHARES, SiteCrane
 
 RPM = 30.0 / math.pi
 """Turns a minute of one radian a second."""
 
 
-def errors_table(site: Site, cases: Sequence[LinearCase]) -> Table:
+def errors_table(site: SiteCrane, cases: Sequence[LinearCase]) -> ResultTable:
     """Return how far the paper's equations are from the plant in each move of a crane."""
     return tabulate(
         f"{site.name}: error of Eqs. (8), (10) over the largest swing",
@@ -35,7 +35,7 @@ def errors_table(site: Site, cases: Sequence[LinearCase]) -> Table:
     )
 
 
-def dropped_table(site: Site, cases: Sequence[LinearCase]) -> Table:
+def dropped_table(site: SiteCrane, cases: Sequence[LinearCase]) -> ResultTable:
     """Return how large the dropped terms are in each move of a crane."""
 
     def share(case: LinearCase, name: str) -> float:
@@ -45,17 +45,13 @@ def dropped_table(site: Site, cases: Sequence[LinearCase]) -> Table:
     return tabulate(
         f"{site.name}: largest of each dropped term over the larger of ẍ and x γ̈",
         cases,
-        [
-            ("move", "", lambda c: c.job.name),
-            ("kept [m/s²]", ".3f", lambda c: c.kept),
-            *terms,
-        ],
+        [("move", "", lambda c: c.job.name), ("kept [m/s²]", ".3f", lambda c: c.kept), *terms],
     )
 
 
 def rates_table(
     errors: Mapping[str, Sequence[float]], rates: Mapping[str, float], good: float
-) -> Table:
+) -> ResultTable:
     """Return how the error falls with the slew rate."""
     return _scan_table(
         "Error of a slew at shares of the crane's slew rate",
@@ -69,7 +65,7 @@ def rates_table(
 
 def angles_table(
     errors: Mapping[str, Sequence[float]], angles: Mapping[str, float], good: float
-) -> Table:
+) -> ResultTable:
     """Return how the error falls with the angle."""
     return _scan_table(
         "Error of short slews",
@@ -83,7 +79,7 @@ def angles_table(
 
 def _scan_table(
     title: str, errors: Mapping[str, Sequence[float]], headers: list[str], limit: Column, note: str
-) -> Table:
+) -> ResultTable:
 
     def error(name: str, i: int) -> float:
         return 100.0 * errors[name][i]
@@ -92,7 +88,7 @@ def _scan_table(
     return tabulate(title, errors, [("crane", "", str), *columns, limit], note)
 
 
-def powers_table(powers: Mapping[str, Sequence[float]]) -> Table:
+def powers_table(powers: Mapping[str, Sequence[float]]) -> ResultTable:
     """Return how a free swing changes on a cable that is hoisted slowly."""
     return tabulate(
         "Power of the cable length with which a free swing changes",

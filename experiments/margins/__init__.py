@@ -26,7 +26,7 @@ from cranedyn.estimation import with_observer
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references.motion import Motion
 from experiments import harness
-from experiments.harness import Claim, Column, Outcome, Setup, Table, finite, tabulate
+from experiments.harness import Claim, Column, Outcome, ResultTable, Setup, finite_or_none, tabulate
 from experiments.margins.figures import margin_values, margins_figure
 from experiments.scenarios.strategies import LQR, PAPER, PD, with_integral
 
@@ -54,52 +54,59 @@ Mapped = list[list["Margins"]]
 """Margins by cable length, then by radius."""
 
 
-def at_rest(setup: Setup, rest: State) -> Motion:
+def standstill(setup: Setup, equilibrium: State) -> Motion:
     """Return a motion that stands still."""
     still = np.zeros((1, setup.crane.layout.n))
-    return Motion(setup.control_period, rest.q[None], still, still, setup.crane.layout.drives)
+    return Motion(
+        setup.control_period, equilibrium.q[None], still, still, setup.crane.layout.drives
+    )
 
 
-def integrating(setup: Setup, rest: State) -> HoistIntegral:
+def integrating(setup: Setup, equilibrium: State) -> HoistIntegral:
     """Return the full-model LQR with an integrator on the hoist, made for a rest."""
-    return with_integral(setup, at_rest(setup, rest))
+    return with_integral(setup, standstill(setup, equilibrium))
 
 
-def _linear(setup: Setup, controller: Controller, rest: State) -> Regulator:
+def _linear(setup: Setup, controller: Controller, equilibrium: State) -> Regulator:
     from cranedyn.bridges.margins import regulator
 
-    return regulator(setup.crane, controller, rest, t=0.0, period=setup.control_period)
+    return regulator(setup.crane, controller, equilibrium, t=0.0, period=setup.control_period)
 
 
-def _held(setup: Setup, rest: State) -> Regulator:
-    return _linear(setup, hold_controller(setup.crane), rest)
+def _held(setup: Setup, equilibrium: State) -> Regulator:
+    return _linear(setup, hold_controller(setup.crane), equilibrium)
 
 
-def _paper(setup: Setup, rest: State) -> Regulator:
-    return _linear(setup, paper_controller(setup.crane, at_rest(setup, rest)), rest)
+def _paper(setup: Setup, equilibrium: State) -> Regulator:
+    return _linear(
+        setup, paper_controller(setup.crane, standstill(setup, equilibrium)), equilibrium
+    )
 
 
-def _scheduled(setup: Setup, rest: State) -> Regulator:
-    return _linear(setup, integrating(setup, rest), rest)
+def _scheduled(setup: Setup, equilibrium: State) -> Regulator:
+    return _linear(setup, integrating(setup, equilibrium), equilibrium)
 
 
-def _kept(setup: Setup, rest: State) -> Regulator:
+def _kept(setup: Setup, equilibrium: State) -> Regulator:
     return _scheduled(setup, setup.crane.state(x=MIDDLE[0], l=MIDDLE[1]))
 
 
-def _blind(setup: Setup, rest: State) -> Regulator:
+def _blind(setup: Setup, equilibrium: State) -> Regulator:
     """Return the same behind the filter that sees the drives alone, when its gain has settled."""
     from cranedyn.bridges.margins import behind_observer
 
     crane = setup.crane
-    plant = _plant(setup, rest)
+    plant = _plant(setup, equilibrium)
     observer = with_observer(
-        lqr(crane, at_rest(setup, rest), dt=setup.dt), crane, at_rest(setup, rest), dt=setup.dt
+        lqr(crane, standstill(setup, equilibrium), dt=setup.dt),
+        crane,
+        standstill(setup, equilibrium),
+        dt=setup.dt,
     )
     output = np.eye(len(plant.a))[observer.measured]
     p = scipy.linalg.solve_discrete_are(plant.a.T, output.T, observer.disturbance, observer.noise)
     gain = np.linalg.solve(output @ p @ output.T + observer.noise, output @ p).T
-    return behind_observer(_scheduled(setup, rest), plant, gain, observer.measured)
+    return behind_observer(_scheduled(setup, equilibrium), plant, gain, observer.measured)
 
 
 STRATEGIES: dict[str, Callable[[Setup, State], Regulator]] = {
@@ -128,8 +135,8 @@ def mapped(setup: Setup, points: int) -> dict[str, Mapped]:
     return maps
 
 
-def _plant(setup: Setup, rest: State) -> Sampled:
-    return sampled(setup.crane, rest, dt=setup.dt, control_period=setup.control_period)
+def _plant(setup: Setup, equilibrium: State) -> Sampled:
+    return sampled(setup.crane, equilibrium, dt=setup.dt, control_period=setup.control_period)
 
 
 def axes(points: int) -> tuple[np.ndarray, np.ndarray]:
@@ -148,23 +155,23 @@ class Disturbed:
     """
 
     def __init__(
-        self, controller: Controller, rest: np.ndarray, drive: int, factor: float, periods: int
+        self, controller: Controller, holding: np.ndarray, drive: int, factor: float, periods: int
     ) -> None:
-        self.controller, self.rest = controller, rest
+        self.controller, self.holding = controller, holding
         self.drive, self.factor = drive, factor
         self._waiting = deque([0.0] * periods)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return the efforts, shape (m,)."""
         command = np.array(self.controller(t, state, setpoint))
-        self._waiting.append(self.factor * (command[self.drive] - self.rest[self.drive]))
-        command[self.drive] = self.rest[self.drive] + self._waiting.popleft()
+        self._waiting.append(self.factor * (command[self.drive] - self.holding[self.drive]))
+        command[self.drive] = self.holding[self.drive] + self._waiting.popleft()
         return command
 
 
 def grows(
     setup: Setup,
-    rest: State,
+    equilibrium: State,
     drive: int,
     *,
     factor: float = 1.0,
@@ -175,20 +182,20 @@ def grows(
     under the full-model LQR made for this place or another one; inf if the run breaks off.
     """
     crane, layout = setup.crane, setup.crane.layout
-    q = rest.q.copy()
+    q = equilibrium.q.copy()
     q[crane.swings] += AFFECTED
-    designed = integrating(setup, rest if made_for is None else made_for)
+    designed = integrating(setup, equilibrium if made_for is None else made_for)
     table = designed.tracking
-    row = np.concatenate([rest.q, rest.v])[None]
-    holding = holding_effort(crane, rest.q)
+    row = np.concatenate([equilibrium.q, equilibrium.v])[None]
+    holding = holding_effort(crane, equilibrium.q)
     moved = replace(designed, tracking=replace(table, setpoint=row, feed_forward=holding[None]))
     disturbed = Disturbed(moved, holding, drive, factor, periods)
     try:
         run = setup.simulate(
             crane,
             disturbed,
-            at_rest(setup, rest),
-            start=State(q, rest.v),
+            standstill(setup, equilibrium),
+            start=State(q, equilibrium.v),
             duration=WATCHED,
             label=f"{factor:g} times the effort, {periods} periods late",
         )
@@ -196,9 +203,9 @@ def grows(
         if interrupted(error):
             raise
         return math.inf
-    away = np.abs(run.q[:, layout.drives[drive]] - rest.q[layout.drives[drive]])
-    quarter = len(away) // 4
-    return float(away[-quarter:].max() / away[quarter : 2 * quarter].max())
+    deviation = np.abs(run.q[:, layout.drives[drive]] - equilibrium.q[layout.drives[drive]])
+    quarter = len(deviation) // 4
+    return float(deviation[-quarter:].max() / deviation[quarter : 2 * quarter].max())
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
@@ -234,31 +241,29 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 
 def _first(value: np.ndarray, extreme: float) -> tuple[int, int]:
-    """Return the first place with an extreme value, up to rounding between places that are
-    alike.
-    """
+    """Return the first index of an extreme value, up to rounding."""
     index = int(np.flatnonzero(np.isclose(value, extreme, rtol=1e-6, atol=0.0))[0])
     return divmod(index, value.shape[1])
 
 
-def _table(maps: Mapping[str, Mapped], points: int, note: str) -> Table:
+def _table(maps: Mapping[str, Mapped], points: int, note: str) -> ResultTable:
     radii, cables = axes(points)
 
-    def least(strategy: str, name: str, scale: float, part: int) -> float:
+    def least(strategy: str, name: str, scale: float, item: int) -> float:
         """Return the least margin over the map, or the radius or the cable length of its place."""
         margin = scale * margin_values(maps[strategy], name)
         i, j = _first(margin, margin.max() if name == "weaker" else margin.min())
-        return float((margin[i, j], radii[j], cables[i])[part])
+        return float((margin[i, j], radii[j], cables[i])[item])
 
     columns: list[Column] = [
-        (*head, partial(least, name=name, scale=scale, part=part))
+        (*head, partial(least, name=name, scale=scale, item=item))
         for header, form, name, scale in (
             ("damping [%]", ".3g", "damping", 100.0),
             ("stronger", ".3g", "stronger", 1.0),
             ("weaker", ".3f", "weaker", 1.0),
             ("late [ms]", ".1f", "late", 1e3),
         )
-        for part, head in enumerate(((header, form), ("at x [m]", "g"), ("l [m]", "g")))
+        for item, head in enumerate(((header, form), ("at x [m]", "g"), ("l [m]", "g")))
     ]
     return tabulate(
         "Least margins over trolley radius and cable length",
@@ -270,7 +275,7 @@ def _table(maps: Mapping[str, Mapped], points: int, note: str) -> Table:
     )
 
 
-def _met(setup: Setup, margins_of: Mapped, points: int) -> tuple[Table, list[Claim]]:
+def _met(setup: Setup, margins_of: Mapped, points: int) -> tuple[ResultTable, list[Claim]]:
     """Simulate the place where the full-model LQR bears the least delay."""
     radii, cables = axes(points)
     borne = margin_values(margins_of, "late")
@@ -279,12 +284,14 @@ def _met(setup: Setup, margins_of: Mapped, points: int) -> tuple[Table, list[Cla
     if not margins_there.drives:
         raise OutOfRange("the full-model LQR", "unstable", "stable, for margins to be met")
     drive = int(np.argmin([d.late for d in margins_there.drives]))
-    margin, rest = margins_there.drives[drive], setup.crane.state(x=radii[j], l=cables[i])
+    margin, equilibrium = margins_there.drives[drive], setup.crane.state(x=radii[j], l=cables[i])
     name = setup.crane.layout.driven[drive].effort_name
     last = math.ceil(margin.late / setup.control_period) - 1
-    delays = [(float(late), grows(setup, rest, drive, periods=late)) for late in (last, last + 1)]
+    delays = [
+        (float(late), grows(setup, equilibrium, drive, periods=late)) for late in (last, last + 1)
+    ]
     factors = [
-        (share * margin.stronger, grows(setup, rest, drive, factor=share * margin.stronger))
+        (share * margin.stronger, grows(setup, equilibrium, drive, factor=share * margin.stronger))
         for share in (0.98, 1.02)
     ]
     periods = margin.late / setup.control_period
@@ -297,11 +304,11 @@ def _met(setup: Setup, margins_of: Mapped, points: int) -> tuple[Table, list[Cla
         limits,
         [
             ("full-model LQR", "", lambda limit: limit[0]),
-            ("predicted", ".4g", lambda limit: finite(limit[1])),
-            ("below it", ".4g", lambda limit: finite(limit[2][0][0])),
-            ("growth", ".3g", lambda limit: finite(limit[2][0][1])),
-            ("beyond it", ".4g", lambda limit: finite(limit[2][1][0])),
-            ("growth there", ".3g", lambda limit: finite(limit[2][1][1])),
+            ("predicted", ".4g", lambda limit: finite_or_none(limit[1])),
+            ("below it", ".4g", lambda limit: finite_or_none(limit[2][0][0])),
+            ("growth", ".3g", lambda limit: finite_or_none(limit[2][0][1])),
+            ("beyond it", ".4g", lambda limit: finite_or_none(limit[2][1][0])),
+            ("growth there", ".3g", lambda limit: finite_or_none(limit[2][1][1])),
         ],
         "Growth: largest deviation of that drive in the last quarter of "
         f"{WATCHED:g} s over that in the second; a dash where the run breaks off.",
@@ -326,21 +333,21 @@ def _needed(setup: Setup, margins_of: Mapped, points: int) -> Claim:
     """Claim that the LQR made for the middle is unstable where the map says so, by simulation."""
     radii, cables = axes(points)
     damping = margin_values(margins_of, "damping")
-    places = [_first(damping, end) for end in (damping.min(), damping.max())]
+    locations = [_first(damping, end) for end in (damping.min(), damping.max())]
     middle = setup.crane.state(x=MIDDLE[0], l=MIDDLE[1])
-    agree, said = True, []
-    for i, j in places:
-        rest = setup.crane.state(x=radii[j], l=cables[i])
-        growth = grows(setup, rest, setup.crane.layout.drive("x"), made_for=middle)
+    agree, verdicts = True, []
+    for i, j in locations:
+        equilibrium = setup.crane.state(x=radii[j], l=cables[i])
+        growth = grows(setup, equilibrium, setup.crane.layout.drive("x"), made_for=middle)
         stable = damping[i, j] > 0.0
         agree &= (growth < 1.0) == stable
-        said.append(
+        verdicts.append(
             f"{'stable' if stable else 'unstable'} at x = {radii[j]:g} m, l = {cables[i]:g} m "
             f"({100.0 * damping[i, j]:.3g} % of critical damping)"
         )
     return Claim(
-        f"The LQR made for x = {MIDDLE[0]:g} m, l = {MIDDLE[1]:g} m is {said[0]} and {said[1]} "
-        "by the map, and so it is in simulation.",
+        f"The LQR made for x = {MIDDLE[0]:g} m, l = {MIDDLE[1]:g} m is {verdicts[0]} and "
+        f"{verdicts[1]} by the map, and so it is in simulation.",
         bool(agree),
     )
 

@@ -75,7 +75,7 @@ class Oracle:
 
 
 @dataclass(frozen=True)
-class Check:
+class OracleCheck:
     """An oracle and its runs.
 
     Attributes:
@@ -150,9 +150,7 @@ class Check:
 
 
 def _richardson(values: Sequence[float]) -> list[float]:
-    """Return extrapolations of values at steps h, h/2, h/4, ... to none, each with one power of the
-    step less.
-    """
+    """Return Richardson extrapolations of values at steps h, h/2, h/4, ..., by rising power."""
     row, best = list(values), [values[-1]]
     for power in range(1, len(values)):
         row = [
@@ -162,7 +160,7 @@ def _richardson(values: Sequence[float]) -> list[float]:
     return best
 
 
-def check(oracle: Oracle, halvings: int) -> Check:
+def check_oracle(oracle: Oracle, halvings: int) -> OracleCheck:
     """Run an oracle with the coarsest step, half of it, and so on."""
     steps = [STEP / 2**k for k in range(halvings + 1)]
-    return Check(oracle, steps, [oracle.read(dt) for dt in steps])
+    return OracleCheck(oracle, steps, [oracle.read(dt) for dt in steps])

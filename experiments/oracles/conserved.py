@@ -13,7 +13,7 @@ from cranedyn.dynamics.pinocchio import prescribed_acceleration
 from cranedyn.interfaces import Controller, Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from experiments.oracles.check import MASS, G, Oracle
-from experiments.oracles.reading import Bench, crossing, curve, payload, speed
+from experiments.oracles.reading import Bench, crossing, curve, payload_from_pivot, rate_along
 
 LENGTH, TROLLEY, STRUCTURE = 20.0, 500.0, 2e5 + 50.0
 """Cable length [m]; mass of the trolley [kg]; inertia about the slew axis of the upper structure
@@ -42,8 +42,10 @@ def free(crane: Crane, drive: int) -> Controller:
 
     def accelerations(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         none, unit = np.zeros(crane.layout.m), np.eye(crane.layout.m)[drive]
-        needed, more = (prescribed_acceleration(crane, state, a)[1][drive] for a in (none, unit))
-        return -needed / (more - needed) * unit
+        needed, with_unit = (
+            prescribed_acceleration(crane, state, a)[1][drive] for a in (none, unit)
+        )
+        return -needed / (with_unit - needed) * unit
 
     return accelerations
 
@@ -59,8 +61,9 @@ def _locked(bench: Bench, crane: Crane) -> list[Oracle]:
     def momentum(dt: float) -> float:
         run = swing(dt)
         arm, rate = (
-            payload(run.q)[[0, -1]] - payload(run.q * [1, 1, 0, 0, 0])[[0, -1]],
-            speed(payload, run)[[0, -1]],
+            payload_from_pivot(run.q)[[0, -1]]
+            - payload_from_pivot(run.q * [1, 1, 0, 0, 0])[[0, -1]],
+            rate_along(payload_from_pivot, run)[[0, -1]],
         )
         first, last = (arm[:, 0] * rate[:, 1] - arm[:, 1] * rate[:, 0]).tolist()
         return last / first
@@ -76,12 +79,12 @@ def _ripple(bench: Bench, crane: Crane) -> Oracle:
     swing, so E has gained ω dt/2 of itself three eighths of a period later.
     """
     small, omega = 3e-3, math.sqrt(G / LENGTH)
-    when, full = 0.75 * math.pi / omega, MASS * G * LENGTH * small**2 / 2.0
+    t_full, full_energy = 0.75 * math.pi / omega, MASS * G * LENGTH * small**2 / 2.0
 
     def read(dt: float) -> float:
         run = bench.run(crane, crane.state(l=LENGTH, phi=small), 5.0, dt)
-        gained = curve(run.t, run.energy - run.energy[0], int(np.searchsorted(run.t, when)))
-        return float(gained(when)) / full / (omega * dt / 2.0)
+        gained = curve(run.t, run.energy - run.energy[0], int(np.searchsorted(run.t, t_full)))
+        return float(gained(t_full)) / full_energy / (omega * dt / 2.0)
 
     return Oracle(
         "ripple of the energy over that of the step, ω dt/2",
@@ -100,32 +103,34 @@ def _slewing(bench: Bench, crane: Crane) -> Oracle:
         """Return the angular momentum about the slew axis of structure, trolley and load [kg
         m²/s].
         """
-        load, rate = payload(run.q), speed(payload, run)
+        load, rate = payload_from_pivot(run.q), rate_along(payload_from_pivot, run)
         structure = STRUCTURE + TROLLEY * run["x_m"] ** 2
         return structure * run["gamma_dot_rad_s"] + MASS * (
             load[:, 0] * rate[:, 1] - load[:, 1] * rate[:, 0]
         )
 
     def read(dt: float) -> float:
-        momenta = total(bench.run(crane, start, FREE, dt, free(crane, 0), every=1))
+        momenta = total(bench.run(crane, start, FREE, dt, free(crane, 0), substeps=1))
         return float(momenta[-1] / momenta[0])
 
     return Oracle("total angular momentum, free slew, of the first", "", 1.0, read)
 
 
 def _rolling(bench: Bench, crane: Crane) -> list[Oracle]:
-    """Return the oracles of a free trolley, under a load that is thrown, and one that swings a
-    little.
-    """
+    """Return the oracles of a free trolley under a thrown load and under a small swing."""
     start = crane.state(l=LENGTH, phi=0.5, x_dot=0.2)
 
     def along_the_jib(dt: float) -> float:
         """Return the momentum of trolley and load; at zero slew the jib points along -Y."""
-        run = bench.run(crane, start, FREE, dt, free(crane, 1), every=1)
-        return float(TROLLEY * run["x_dot_m_s"][-1] - MASS * speed(payload, run)[-1, 1])
+        run = bench.run(crane, start, FREE, dt, free(crane, 1), substeps=1)
+        return float(
+            TROLLEY * run["x_dot_m_s"][-1] - MASS * rate_along(payload_from_pivot, run)[-1, 1]
+        )
 
     def period(dt: float) -> float:
-        run = bench.run(crane, crane.state(l=LENGTH, phi=1e-6), FREE, dt, free(crane, 1), every=1)
+        run = bench.run(
+            crane, crane.state(l=LENGTH, phi=1e-6), FREE, dt, free(crane, 1), substeps=1
+        )
         return 2.0 * (crossing(run.t, run["phi_rad"], 3) - crossing(run.t, run["phi_rad"], 2))
 
     first = 0.2 * (TROLLEY + MASS)

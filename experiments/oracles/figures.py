@@ -11,15 +11,15 @@ from cranedyn import theory
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import COLOURS, panels
-from experiments.oracles.check import STEP, Check
-from experiments.oracles.reading import Bench, payload
+from experiments.oracles.check import STEP, OracleCheck
+from experiments.oracles.reading import Bench, payload_from_pivot
 from experiments.oracles.swing import LENGTH, OVALS
 
 SWING = 0.5
 """Swing whose energy is shown to ripple [rad]."""
 
 
-def convergence_figure(checks: Sequence[Check]) -> Figure:
+def convergence_figure(checks: Sequence[OracleCheck]) -> Figure:
     """Draw the error of every row in which the step shows, over the step, each over its error at
     the coarsest.
     """
@@ -68,7 +68,7 @@ def ripple_figure(bench: Bench, crane: Crane) -> Figure:
 def oval_figure(trajectory: Trajectory) -> Figure:
     """Draw the load from above, and the far ends of its oval by the apsidal integral."""
     figure, (ax,) = panels(1, height=6.0, width=6.5)
-    offset = payload(trajectory.q) - payload(trajectory.q * [1, 1, 0, 0, 0])
+    offset = payload_from_pivot(trajectory.q) - payload_from_pivot(trajectory.q * [1, 1, 0, 0, 0])
     far, near = OVALS[1]
     turns = int(trajectory.t[-1] / theory.point_period(LENGTH, 9.81)) + 1
     angles = np.arctan2(offset[0, 1], offset[0, 0]) + theory.apsidal_precession(

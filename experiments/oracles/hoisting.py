@@ -61,7 +61,7 @@ def _constant(bench: Bench, crane: Crane, length: float, rate: float) -> Oracle:
 def _hoisted(bench: Bench, crane: Crane, start: State, dt: float) -> tuple[float, float]:
     """Return φ and its rate at the end of slow hoisting."""
     slow = spline(crane, start, [(0.0, start.q[crane.layout.index("x")], TO)], [SLOWLY])
-    run = bench.moved(crane, start, slow, SLOWLY, dt, every=10)
+    run = bench.moved(crane, start, slow, SLOWLY, dt, substeps=10)
     return float(run["phi_rad"][-1]), float(run["phi_dot_rad_s"][-1])
 
 

@@ -48,7 +48,7 @@ class Bench:
         dt: float,
         controller: Controller | None = None,
         *,
-        every: int = EVERY,
+        substeps: int = EVERY,
         drive: Drive = "motion",
     ) -> Trajectory:
         """Run a crane, by default with drives in prescribed motion; the run goes on where a rope or
@@ -60,7 +60,7 @@ class Bench:
             start=start,
             duration=duration,
             dt=dt,
-            control_period=every * dt,
+            control_period=substeps * dt,
             drive=drive,
             validity="mark",
             engine=self.engine,
@@ -74,11 +74,11 @@ class Bench:
         duration: float,
         dt: float,
         *,
-        every: int = EVERY,
+        substeps: int = EVERY,
     ) -> Trajectory:
         """Run a crane whose drives follow a reference."""
         return self.run(
-            crane, start, duration, dt, follow(crane, reference, every * dt), every=every
+            crane, start, duration, dt, follow(crane, reference, substeps * dt), substeps=substeps
         )
 
 
@@ -103,10 +103,10 @@ def crossing(t: np.ndarray, y: np.ndarray, count: int) -> float:
             f"{count}."
         )
     i = int(rows[count - 1])
-    return root(curve(t, y, i), t[i], t[i + 1])
+    return zero_between(curve(t, y, i), t[i], t[i + 1])
 
 
-def root(function: BSpline, low: float, high: float) -> float:
+def zero_between(function: BSpline, low: float, high: float) -> float:
     """Return the time between two times at which a function is zero.
 
     Raises:
@@ -120,7 +120,7 @@ def root(function: BSpline, low: float, high: float) -> float:
     return float(brentq(function, low, high, xtol=1e-15))
 
 
-def payload(q: np.ndarray) -> np.ndarray:
+def payload_from_pivot(q: np.ndarray) -> np.ndarray:
     """Return the position of the payload [m], shape (n, 3), from the coordinates, shape (n, 5);
     heights count from the pivot. Derived by hand (docs/model.md).
     """
@@ -132,7 +132,7 @@ def payload(q: np.ndarray) -> np.ndarray:
     return (radius * outward + aside * leftward - down * np.array([[0.0], [0.0], [1.0]])).T
 
 
-def speed(position: Callable[[np.ndarray], np.ndarray], trajectory: Trajectory) -> np.ndarray:
+def rate_along(position: Callable[[np.ndarray], np.ndarray], trajectory: Trajectory) -> np.ndarray:
     """Return the rate of a function of the coordinates along a run, by a complex step, exact to
     rounding.
     """

@@ -45,15 +45,15 @@ def turning(build: Build, radius: float, length: float, rpm: float) -> tuple[Cra
 
 def _steady(bench: Bench, radius: float, length: float, rpm: float) -> list[Oracle]:
     rate, (crane, plumb) = rpm * math.pi / 30.0, turning(bench.build, radius, length, rpm)
-    settled = cache(lambda dt: bench.run(crane, plumb, SETTLING, dt, every=SELDOM))
+    settled = cache(lambda dt: bench.run(crane, plumb, SETTLING, dt, substeps=SELDOM))
     location = f"x = {radius:g} m, l = {length:g} m, {rpm:g} rpm"
-    out = -math.degrees(theory.slewing_swing(radius, length, rate, G))
+    angle = -math.degrees(theory.slewing_swing(radius, length, rate, G))
     pull = theory.slewing_tension(radius, length, rate, G, MASS)
     return [
         Oracle(
             f"load settles outward, {location}",
             "°",
-            out,
+            angle,
             lambda dt: -math.degrees(settled(dt)["phi_rad"][-1]),
         ),
         Oracle(f"tension then, {location}", "N", pull, lambda dt: -float(settled(dt)["F_l_N"][-1])),
@@ -67,7 +67,7 @@ def _stay(bench: Bench, crane: Crane, radius: float, length: float, rpm: float) 
     )
 
     def strays(dt: float) -> float:
-        swing = bench.run(crane, start, MINUTE, dt, every=SELDOM).coordinates("phi", "theta")
+        swing = bench.run(crane, start, MINUTE, dt, substeps=SELDOM).coordinates("phi", "theta")
         return float(np.abs(swing - swing[0]).max())
 
     return Oracle("strays from there in a minute without damping", "rad", 0.0, strays)
@@ -85,8 +85,8 @@ def _modes(bench: Bench, crane: Crane) -> list[Oracle]:
         [rad/s].
         """
         run = bench.run(crane, start, MINUTE, dt)
-        every = round(SAMPLE / (run.t[1] - run.t[0]))
-        z = (run["phi_rad"] + 1j * run["theta_rad"])[::every]
+        stride = round(SAMPLE / (run.t[1] - run.t[0]))
+        z = (run["phi_rad"] + 1j * run["theta_rad"])[::stride]
         a, b = np.linalg.lstsq(np.stack([z[1:-1], z[:-2]], axis=1), z[2:], rcond=None)[0]
         back, forth = np.sort(np.log(np.roots([1.0, -a, -b])).imag / SAMPLE).tolist()
         return [forth, -back]

@@ -12,7 +12,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from experiments.oracles.check import MASS, G, Oracle
-from experiments.oracles.reading import Bench, crossing, curve, payload, root
+from experiments.oracles.reading import Bench, crossing, curve, payload_from_pivot, zero_between
 
 LENGTH, SHORT = 20.0, 5.0
 """Cable lengths [m]: of a point load, and of a load with inertia, which shows on a short cable."""
@@ -93,12 +93,14 @@ def _tensions(bench: Bench, crane: Crane) -> list[Oracle]:
     ]
 
 
-def oval(crane: Crane, far: float, near: float) -> State:
+def oval(crane: Crane, half_axis: float, other_half_axis: float) -> State:
     """Return a load let go at a distance from the vertical [m], with a speed to the left seen from
     above that makes the other half axis [m].
     """
     return crane.state(
-        l=LENGTH, phi=math.asin(far / LENGTH), theta_dot=near / LENGTH * math.sqrt(G / LENGTH)
+        l=LENGTH,
+        phi=math.asin(half_axis / LENGTH),
+        theta_dot=other_half_axis / LENGTH * math.sqrt(G / LENGTH),
     )
 
 
@@ -108,13 +110,14 @@ def apse(trajectory: Trajectory) -> tuple[float, float]:
     """
     t, offset = (
         trajectory.t,
-        payload(trajectory.q)[:, :2] - payload(trajectory.q * [1, 1, 0, 0, 0])[:, :2],
+        payload_from_pivot(trajectory.q)[:, :2]
+        - payload_from_pivot(trajectory.q * [1, 1, 0, 0, 0])[:, :2],
     )
     square, angle = (offset**2).sum(axis=1), np.unwrap(np.arctan2(offset[:, 1], offset[:, 0]))
     late = t > 0.7 * theory.point_period(LENGTH, G)
     row = int(np.argmax(np.where(late, square, 0.0)))
-    when = root(curve(t, square, row).derivative(), t[row - 1], t[row + 1])
-    return when, float(curve(t, angle, row)(when)) - float(angle[0]) - 2.0 * math.pi
+    t_apse = zero_between(curve(t, square, row).derivative(), t[row - 1], t[row + 1])
+    return t_apse, float(curve(t, angle, row)(t_apse)) - float(angle[0]) - 2.0 * math.pi
 
 
 def _precessions(bench: Bench, crane: Crane) -> list[Oracle]:

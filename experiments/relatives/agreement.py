@@ -14,7 +14,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
 from experiments.relatives import twin
-from experiments.relatives.catalogue import Relative, crane_of, moved
+from experiments.relatives.catalogue import Relative, moved, relative_crane
 
 SWING, DURATION = 0.1, 6.0
 """Of the load at the start [rad], and how long the move lasts [s]."""
@@ -28,7 +28,7 @@ OPEN = 2.4e-9
 rad/s, in steps of 0.5 ms."""
 
 
-class Agreement(NamedTuple):
+class EngineAgreement(NamedTuple):
     """What one crane shows.
 
     Attributes:
@@ -48,14 +48,14 @@ class Agreement(NamedTuple):
     energy: float
 
 
-def agreement(relative: Relative) -> Agreement:
+def compare_engines(relative: Relative) -> EngineAgreement:
     """Move one crane four times."""
-    crane = crane_of(relative)
+    crane = relative_crane(relative)
     run = _moved(crane, _start(crane))
     code = _moved(crane, _start(crane), engine="compiled")
     exact = _moved(crane, _start(crane), integrator=rk4, engine="compiled")
     difference = max(float(np.abs(code.q - run.q).max()), float(np.abs(code.v - run.v).max()))
-    return Agreement(
+    return EngineAgreement(
         relative,
         run,
         difference,
@@ -70,13 +70,13 @@ def _start(crane: Crane) -> State:
     return moved(crane, **{crane.layout.symbols[i]: SWING for i in crane.swings})
 
 
-def _moved(crane: Crane, start: State, **how: object) -> Trajectory:
+def _moved(crane: Crane, start: State, **options: object) -> Trajectory:
     """Move trolley and hoist, with whatever turns or carries the jib."""
     reference = hold(crane, start)
-    ways = {"gamma": 0.2, "bridge": 1.0, "x": 1.0, "l": -0.5}
+    distances = {"gamma": 0.2, "bridge": 1.0, "x": 1.0, "l": -0.5}
     for symbol in (joint.symbol for joint in crane.layout.driven):
         reference = ramp(
-            crane, reference, symbol, ways[symbol], rate=abs(ways[symbol]) / 3.0, at=0.5
+            crane, reference, symbol, distances[symbol], rate=abs(distances[symbol]) / 3.0, at=0.5
         )
     return simulate(
         crane,
@@ -85,5 +85,5 @@ def _moved(crane: Crane, start: State, **how: object) -> Trajectory:
         start=start,
         duration=DURATION,
         validity="mark",
-        **how,  # type: ignore[arg-type]
+        **options,  # type: ignore[arg-type]
     )

@@ -66,25 +66,25 @@ RELATIVES = (HOOK, ROPE, TWIST, BEND, JIB, BRIDGE)
 
 
 @cache
-def crane_of(relative: Relative) -> Crane:
+def relative_crane(relative: Relative) -> Crane:
     """Return the crane of the catalogue, loaded once."""
     return relative.crane()
 
 
-def moved(crane: Crane, **away: float) -> State:
+def moved(crane: Crane, **offsets: float) -> State:
     """Return the crane hanging at rest at its start, with some joints moved by a distance, by their
     symbols, or with rates ("_dot").
     """
     q, v = crane.start.q.copy(), crane.start.v.copy()
-    for name, by in away.items():
+    for name, by in offsets.items():
         symbol = name.removesuffix("_dot")
         (q if symbol == name else v)[crane.layout.index(symbol)] += by
     return State(q, v)
 
 
-def rest_at(crane: Crane, **at: float) -> State:
+def rest_at(crane: Crane, **positions: float) -> State:
     """Return the crane hanging at rest with drives at other positions, by their symbols."""
     q = crane.start.q.copy()
-    for symbol, position in at.items():
+    for symbol, position in positions.items():
         q[crane.layout.index(symbol)] = position
     return State(crane.hanging(q), 0.0 * q)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from experiments.harness import Claim
 from experiments.relatives import modes, pendulum, robots, rope
-from experiments.relatives.agreement import OPEN, ROUNDING, Agreement
-from experiments.relatives.control import Control
+from experiments.relatives.agreement import OPEN, ROUNDING, EngineAgreement
+from experiments.relatives.control import ControlResult
 
 HALF = 0.5
 """A controller that damps leaves at most this share of what the hold controller leaves in the same
@@ -56,7 +56,7 @@ def of_jumps(jumps: Sequence[rope.Jump]) -> list[Claim]:
     ]
 
 
-def of_agreement(agreements: Sequence[Agreement]) -> list[Claim]:
+def of_agreement(agreements: Sequence[EngineAgreement]) -> list[Claim]:
     """Claim that three engines and the ledger agree."""
     engines, deviations = (
         max(a.engines for a in agreements),
@@ -83,19 +83,22 @@ def of_agreement(agreements: Sequence[Agreement]) -> list[Claim]:
     ]
 
 
-def of_control(controls: Sequence[Control]) -> list[Claim]:
+def of_control(controls: Sequence[ControlResult]) -> list[Claim]:
     """Claim how controllers do on the worst of the cranes."""
     damped = max(
         max(c.left_by_lqr, c.left_by_observer, c.left_by_mpc) / c.left_by_hold for c in controls
     )
     predicted = max(abs(c.left_by_lqr / c.predicted - 1.0) for c in controls)
     alike = max(abs(c.left_by_mpc / c.left_by_lqr - 1.0) for c in controls)
-    gives, late = max(c.held / c.pull for c in controls), max(c.rest / c.sampling for c in controls)
+    gives, late = (
+        max(c.deflection / c.pull for c in controls),
+        max(c.residual / c.sampling for c in controls),
+    )
     return [
         Claim(
             f"Hold: the trolley gives way by {100 * gives:.0f} % at most of what a pull at once, 2 "
             "m g φ, allows.",
-            all(c.held < c.pull for c in controls),
+            all(c.deflection < c.pull for c in controls),
         ),
         Claim(
             "LQR, LQR with an observer that sees the drives alone, and MPC leave "
@@ -115,7 +118,7 @@ def of_control(controls: Sequence[Control]) -> list[Claim]:
         ),
         Claim(
             "Moves of least time keep all limits and end at rest in all modes: "
-            f"{1e3 * max(c.rest for c in controls):.3f} mrad, "
+            f"{1e3 * max(c.residual for c in controls):.3f} mrad, "
             f"{100 * late:.0f} % at most of what efforts held for 5 ms may leave.",
             late < 1.0 and all(c.limits < 1.0 + 1e-6 for c in controls),
         ),
@@ -133,8 +136,8 @@ def of_control(controls: Sequence[Control]) -> list[Claim]:
 
 
 def of_pendulum(
-    shaped: Sequence[pendulum.Left],
-    moved: Sequence[pendulum.Left],
+    shaped: Sequence[pendulum.ModeResidual],
+    moved: Sequence[pendulum.ModeResidual],
     growth: tuple[float, float],
     stirred: float,
 ) -> list[Claim]:
@@ -182,12 +185,12 @@ def of_robots(robots_run: Sequence[robots.Robot]) -> list[Claim]:
     engines = max(max(r.engines.values()) for r in robots_run)
     orders = {rule.name: [r.order(rule) for r in robots_run] for rule in (semi_implicit_euler, rk4)}
     orders_text = ", ".join(
-        f"{name} {min(some):.3f} to {max(some):.3f}" for name, some in orders.items()
+        f"{name} {min(values):.3f} to {max(values):.3f}" for name, values in orders.items()
     )
     off = max(
         abs(order - power)
-        for some, power in zip(orders.values(), (1.0, 4.0), strict=True)
-        for order in some
+        for values, power in zip(orders.values(), (1.0, 4.0), strict=True)
+        for order in values
     )
     return [
         Claim(

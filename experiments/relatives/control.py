@@ -26,7 +26,7 @@ from cranedyn.references import hold
 from cranedyn.references.limits import use
 from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import Relative, crane_of, moved, rest_at
+from experiments.relatives.catalogue import Relative, moved, relative_crane, rest_at
 from experiments.scenarios.moves import of_sampling
 
 SWING, DURATION = 0.05, 10.0
@@ -41,19 +41,19 @@ GUST, AREA = 15.0, 4.0
 _DT, _PERIOD, _COPIES = 1e-3, 5e-3, 8
 
 
-class Control(NamedTuple):
+class ControlResult(NamedTuple):
     """What became of one crane.
 
     Attributes:
         relative: Which.
         pull: How far the trolley may give way to the load under the hold controller: twice m g
             φ/k_p, as at once [m].
-        held: How far it does at most [m].
+        deflection: How far it does at most [m].
         left_by_hold, left_by_lqr, left_by_observer, left_by_mpc: Swing left by each [rad].
         predicted: Left by the LQR in the linear closed loop, from the same start [rad].
         efforts: Largest share of an effort limit that the MPC uses.
         arrival: Of the move of least time [s].
-        rest: Swing left from there on, all modes together [rad].
+        residual: Swing left from there on, all modes together [rad].
         sampling: What it may leave, since efforts are held for a control period, see
             `experiments.scenarios.moves.of_sampling` [rad].
         limits: Largest share of a limit of rate, acceleration or effort that the move uses.
@@ -65,7 +65,7 @@ class Control(NamedTuple):
 
     relative: Relative
     pull: float
-    held: float
+    deflection: float
     left_by_hold: float
     left_by_lqr: float
     left_by_observer: float
@@ -73,7 +73,7 @@ class Control(NamedTuple):
     predicted: float
     efforts: float
     arrival: float
-    rest: float
+    residual: float
     sampling: float
     limits: float
     blown: float
@@ -82,35 +82,35 @@ class Control(NamedTuple):
     run: Trajectory
 
 
-def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
+def run_controllers(relative: Relative, engine: EngineName = "pinocchio") -> ControlResult:
     """Control one crane by each controller, with an engine."""
-    crane = crane_of(relative)
+    crane = relative_crane(relative)
     start = moved(crane, **{crane.layout.symbols[i]: SWING for i in crane.swings})
-    rest = hanging_reference(crane, hold(crane, crane.start), 2 * _PERIOD, _PERIOD)
-    regulator = lqr(crane, rest, dt=_DT)
+    reference = hanging_reference(crane, hold(crane, crane.start), 2 * _PERIOD, _PERIOD)
+    regulator = lqr(crane, reference, dt=_DT)
 
     def run(controller: Controller) -> Trajectory:
         clocks = {"duration": DURATION, "dt": _DT, "control_period": _PERIOD}
-        return simulate(crane, controller, rest, start=start, engine=engine, **clocks)  # type: ignore[arg-type]
+        return simulate(crane, controller, reference, start=start, engine=engine, **clocks)  # type: ignore[arg-type]
 
     brake = hold_controller(crane)
-    held, damped, observed = (
+    with_hold, damped, observed = (
         run(brake),
         run(regulator),
-        run(with_observer(regulator, crane, rest, dt=_DT)),
+        run(with_observer(regulator, crane, reference, dt=_DT)),
     )
-    ahead = run(mpc(crane, rest, dt=_DT, period=10 * _PERIOD, horizon=20))
+    ahead = run(mpc(crane, reference, dt=_DT, period=10 * _PERIOD, horizon=20))
     motion, move = _least_time(relative, crane, engine)
     goal = State(motion.q[-1], motion.v[-1])
     drive = crane.layout.drive("x")
     hanging = list(crane.model.inertias)[crane.layout.index("phi") + 1 :]
     weight = sum(float(body.mass) for body in hanging) * crane.gravity
     blown, missing = _blown(crane, engine)
-    return Control(
+    return ControlResult(
         relative,
         2.0 * weight * SWING / float(brake.stiffness[drive]),
-        float(np.abs(held["x_m"] - held["x_m"][0]).max()),
-        swing_left(crane, crane.start, held),
+        float(np.abs(with_hold["x_m"] - with_hold["x_m"][0]).max()),
+        swing_left(crane, crane.start, with_hold),
         swing_left(crane, crane.start, damped),
         swing_left(crane, crane.start, observed),
         swing_left(crane, crane.start, ahead),
@@ -122,7 +122,7 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
         max(use(crane, motion, relative.limits).values()),
         blown,
         missing,
-        _lanes(crane, regulator, rest, start),
+        _lanes(crane, regulator, reference, start),
         move,
     )
 
@@ -138,7 +138,6 @@ def swing_left(crane: Crane, goal: State, run: Trajectory, since: float | None =
 
 
 def _least_time(relative: Relative, crane: Crane, engine: EngineName) -> tuple[Motion, Trajectory]:
-    """Plan, and run under LQR."""
     x = float(crane.start.q[crane.layout.index("x")])
     goal = rest_at(crane, x=x + WAY)
     still = [joint.symbol for joint in crane.layout.driven if joint.symbol != "x"]
@@ -153,9 +152,7 @@ def _least_time(relative: Relative, crane: Crane, engine: EngineName) -> tuple[M
 
 
 def _sampling(crane: Crane, goal: State, motion: Motion) -> float:
-    """Return the bound of `of_sampling` by the fastest mode that swings, as if all the swing were
-    its own.
-    """
+    """Return the bound of `of_sampling` for the fastest mode that swings."""
     modes = free_modes(crane, goal)
     swinging = np.abs(modes.shapes[np.isin(modes.passive, crane.swings)]).max(
         axis=0
@@ -167,7 +164,7 @@ def _sampling(crane: Crane, goal: State, motion: Motion) -> float:
 
 
 def _predicted(crane: Crane, regulator: Tracking, start: State) -> float:
-    """Swing that the linear closed loop leaves at the end [rad]."""
+    """Return the swing that the linear closed loop leaves at the end [rad]."""
     loop = sampled(crane, crane.start, dt=_DT, control_period=_PERIOD).closed(regulator.gain[-1])
     z = np.linalg.matrix_power(loop, round(DURATION / _PERIOD)) @ np.concatenate(
         [start.q - crane.start.q, start.v]
@@ -179,9 +176,7 @@ def _predicted(crane: Crane, regulator: Tracking, start: State) -> float:
 
 
 def _blown(crane: Crane, engine: EngineName) -> tuple[float, float]:
-    """Return how far a steady wind across moves the load [m], and the share of the wind's work that
-    is missing from the ledger.
-    """
+    """Return the offset of the load in a steady wind [m], and the relative error of its work."""
     breeze = wind(crane, steady(GUST), direction=0.0, payload_area=AREA)
     run = simulate(
         crane,
@@ -193,8 +188,8 @@ def _blown(crane: Crane, engine: EngineName) -> tuple[float, float]:
         integrator=rk4,
         engine=engine,
     )
-    away = point_positions(crane, run.q[-1])[0] - point_positions(crane, run.q[0])[0]
-    return float(np.linalg.norm(away)), float(
+    offset = point_positions(crane, run.q[-1])[0] - point_positions(crane, run.q[0])[0]
+    return float(np.linalg.norm(offset)), float(
         np.abs(run.unexplained).max() / np.abs(run["W_force_J"]).max()
     )
 
@@ -204,7 +199,7 @@ def _lanes(crane: Crane, regulator: Controller, motion: Motion, start: State) ->
     shares = np.linspace(0.2, 1.0, _COPIES)
     starts = [State(crane.start.q + share * (start.q - crane.start.q), start.v) for share in shares]
     times = {"duration": 2.0, "dt": _DT, "control_period": _PERIOD}
-    many = simulate_batch(crane, regulator, motion, start=starts, **times)  # type: ignore[arg-type]
+    batch = simulate_batch(crane, regulator, motion, start=starts, **times)  # type: ignore[arg-type]
     worst = 0.0
     for i in (0, _COPIES - 1):
         alone = simulate(crane, regulator, motion, start=starts[i], engine="compiled", **times)  # type: ignore[arg-type]
@@ -212,7 +207,7 @@ def _lanes(crane: Crane, regulator: Controller, motion: Motion, start: State) ->
             worst,
             *(
                 float(np.abs(a - b[-1]).max())
-                for a, b in zip((many.end.q[i], many.end.v[i]), (alone.q, alone.v), strict=True)
+                for a, b in zip((batch.end.q[i], batch.end.v[i]), (alone.q, alone.v), strict=True)
             ),
         )
     return worst

@@ -176,9 +176,7 @@ def _bridges() -> Iterator[Measured]:
 def _locked(
     name: str, mode: str, crane: Crane, closed: float, allowed: float = EXACT, *, engine: EngineName
 ) -> Frequency:
-    """Return a mode with the drives locked: the one whose frequency is nearest to the closed
-    form.
-    """
+    """Return the mode with locked drives whose frequency is nearest to the closed form."""
     modes = free_modes(crane, crane.start)
     k = int(np.argmin(np.abs(modes.frequencies - closed)))
     q = crane.start.q.copy()

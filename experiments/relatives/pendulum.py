@@ -26,7 +26,7 @@ from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.references.shaped import shaped, zv
 from cranedyn.references.spline import spline
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import HOOK, POINT, crane_of, moved, rest_at
+from experiments.relatives.catalogue import HOOK, POINT, moved, relative_crane, rest_at
 from experiments.scenarios.moves import of_sampling
 
 WAY, LASTS = 4.0, 9.0
@@ -45,18 +45,18 @@ class Unaware:
 
     Attributes:
         controller: The controller; its drives are those of this crane.
-        known: Where the joints of its crane stand among the coordinates of this one.
+        indices: Where the joints of its crane stand among the coordinates of this one.
     """
 
     controller: Controller
-    known: list[int]
+    indices: list[int]
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return the command, shape (m,)."""
-        return self.controller(t, State(state.q[self.known], state.v[self.known]), setpoint)
+        return self.controller(t, State(state.q[self.indices], state.v[self.indices]), setpoint)
 
 
-class Left(NamedTuple):
+class ModeResidual(NamedTuple):
     """What a move leaves.
 
     Attributes:
@@ -77,12 +77,12 @@ class Left(NamedTuple):
     run: Trajectory
 
 
-def mode_amplitudes(crane: Crane, goal: State, run: Trajectory, at: float) -> tuple[float, float]:
+def mode_amplitudes(crane: Crane, goal: State, run: Trajectory, t: float) -> tuple[float, float]:
     """Return the amplitude of the slow and of the fast mode at a time [rad], radial and tangential
     together.
     """
     modes = free_modes(crane, goal)
-    row = int(np.searchsorted(run.t, at - 1e-9))
+    row = int(np.searchsorted(run.t, t - 1e-9))
     sizes = (
         np.abs(modes.shapes).max(axis=0)
         * modes.amplitudes(run.q[row : row + 1], run.v[row : row + 1])[0]
@@ -94,16 +94,16 @@ def sampling(run: Trajectory) -> float:
     """Swing that a move may leave since efforts are held for a control period [rad], by the fast
     mode.
     """
-    crane = crane_of(HOOK)
+    crane = relative_crane(HOOK)
     length = crane.gravity / float(free_modes(crane, crane.start).frequencies[-1]) ** 2
     return of_sampling(crane.gravity, length, _PERIOD, float(np.abs(run.q[:, crane.swings]).max()))
 
 
-def shaping(engine: EngineName = "pinocchio") -> list[Left]:
+def shaping(engine: EngineName = "pinocchio") -> list[ModeResidual]:
     """Make an operator's slow move of the trolley as it is, and shaped for no, one or both
     modes.
     """
-    crane = crane_of(HOOK)
+    crane = relative_crane(HOOK)
     slow, fast = theory.double_pendulum(_at(crane, "l"), 5.0, 300.0, 2000.0, crane.gravity)
     base = joystick(
         crane, crane.start, [JoystickPulse("x", NUDGE, 0.0, 3.0)], accelerations=(0.05, 0.5, 0.3)
@@ -115,7 +115,7 @@ def shaping(engine: EngineName = "pinocchio") -> list[Left]:
         "ZV for the slow mode": (slow,),
         "ZV for both modes": (slow, fast),
     }
-    results: list[Left] = []
+    results: list[ModeResidual] = []
     for name, modes in plans.items():
         reference = shaped(base, zv(), [2.0 * np.pi / mode for mode in modes]) if modes else base
         end = _whole(3.0 + NUDGE / 0.5 + sum(np.pi / mode for mode in modes))
@@ -129,15 +129,15 @@ def shaping(engine: EngineName = "pinocchio") -> list[Left]:
                 theory.convolved_zv(mode, modes) * alone
                 for mode, alone in zip((slow, fast), results[0][2:4], strict=True)
             ]
-        results.append(Left(name, end, amounts[0], amounts[1], closed[0], closed[1], run))
+        results.append(ModeResidual(name, end, amounts[0], amounts[1], closed[0], closed[1], run))
     return results
 
 
-def moves(engine: EngineName = "pinocchio") -> Iterator[Left]:
+def trolley_moves(engine: EngineName = "pinocchio") -> Iterator[ModeResidual]:
     """Move the trolley by four metres, with the whole model, and with that of a load on one
     cable.
     """
-    crane, simple = crane_of(HOOK), one_pendulum()
+    crane, simple = relative_crane(HOOK), one_pendulum()
     indices = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
     for name, designed, motion in (
         ("spline, LQR of the whole model", crane, _spline(crane)),
@@ -153,7 +153,7 @@ def moves(engine: EngineName = "pinocchio") -> Iterator[Left]:
         slow, fast = mode_amplitudes(
             crane, rest_at(crane, x=_at(crane, "x") + WAY), run, motion.arrival
         )
-        yield Left(name, motion.arrival, slow, fast, None, None, run)
+        yield ModeResidual(name, motion.arrival, slow, fast, None, None, run)
 
 
 def one_pendulum() -> Crane:
@@ -163,11 +163,11 @@ def one_pendulum() -> Crane:
     return load_crane(payload_mass=2300.0, **POINT)
 
 
-def growth() -> tuple[float, float]:
+def closed_loop_growth() -> tuple[float, float]:
     """Return the largest growth rate of the closed loops at rest [1/s]: LQR of the whole model, and
     of five joints on the crane with the hook.
     """
-    crane, simple = crane_of(HOOK), one_pendulum()
+    crane, simple = relative_crane(HOOK), one_pendulum()
     loop = sampled(crane, crane.start, dt=_DT, control_period=_PERIOD)
     indices = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
     n = crane.layout.n
@@ -185,7 +185,7 @@ def stirred(engine: EngineName = "pinocchio") -> float:
     """Return the growth rate of the fast mode in a run under the LQR of five joints [1/s], from a
     small swing of the sling across the jib.
     """
-    crane, simple = crane_of(HOOK), one_pendulum()
+    crane, simple = relative_crane(HOOK), one_pendulum()
     indices = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
     start = moved(crane, sling_tangential=1e-3)
     controller = Unaware(_regulator(simple), indices)

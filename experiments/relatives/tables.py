@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
-from experiments.harness import Table, tabulate
+from experiments.harness import ResultTable, tabulate
 from experiments.relatives import modes, pendulum, rope
-from experiments.relatives.agreement import DURATION, Agreement
-from experiments.relatives.catalogue import HOOK, crane_of, rest_at
-from experiments.relatives.control import AREA, GUST, SWING, WAY, Control
+from experiments.relatives.agreement import DURATION, EngineAgreement
+from experiments.relatives.catalogue import HOOK, relative_crane, rest_at
+from experiments.relatives.control import AREA, GUST, SWING, WAY, ControlResult
 from experiments.relatives.robots import STEP, Robot
 
 
-def frequency_table(results: Sequence[modes.Frequency]) -> Table:
+def frequency_table(results: Sequence[modes.Frequency]) -> ResultTable:
     """Return frequencies by closed form, linearisation and small swings."""
     return tabulate(
         "Frequencies",
@@ -35,7 +35,7 @@ def frequency_table(results: Sequence[modes.Frequency]) -> Table:
     )
 
 
-def jump_table(results: Sequence[rope.Jump]) -> Table:
+def jump_table(results: Sequence[rope.Jump]) -> ResultTable:
     """Return the tensions of a rope that stretches."""
     return tabulate(
         "Rope that stretches: tension over the weight that hangs",
@@ -51,14 +51,14 @@ def jump_table(results: Sequence[rope.Jump]) -> Table:
     )
 
 
-def agreement_table(results: Sequence[Agreement]) -> Table:
+def agreement_table(results: Sequence[EngineAgreement]) -> ResultTable:
     """Return the agreement of three engines and the ledger."""
     return tabulate(
         f"Three engines, {DURATION:g} s with all drives moving and the load swinging",
         results,
         [
             ("crane", "", lambda a: a.relative.name),
-            ("joints", "d", lambda a: crane_of(a.relative).layout.n),
+            ("joints", "d", lambda a: relative_crane(a.relative).layout.n),
             ("Pinocchio - code", ".0e>1e-12", lambda a: a.engines),
             ("Pinocchio - MuJoCo", ".0e>1e-12", lambda a: a.mujoco),
             ("energy [J]", ".0f", lambda a: a.energy),
@@ -69,20 +69,20 @@ def agreement_table(results: Sequence[Agreement]) -> Table:
     )
 
 
-def control_table(results: Sequence[Control]) -> Table:
+def control_table(results: Sequence[ControlResult]) -> ResultTable:
     """Return the control of each crane."""
     return tabulate(
         "Control",
         results,
         [
             ("crane", "", lambda c: c.relative.name),
-            ("gives way [mm]", ".2f", lambda c: 1e3 * c.held),
+            ("gives way [mm]", ".2f", lambda c: 1e3 * c.deflection),
             ("hold [mrad]", ".2f", lambda c: 1e3 * c.left_by_hold),
             ("LQR", ".2f", lambda c: 1e3 * c.left_by_lqr),
             ("observer", ".2f", lambda c: 1e3 * c.left_by_observer),
             ("MPC", ".2f", lambda c: 1e3 * c.left_by_mpc),
             ("least time [s]", ".2f", lambda c: c.arrival),
-            ("left [mrad]", ".3f", lambda c: 1e3 * c.rest),
+            ("left [mrad]", ".3f", lambda c: 1e3 * c.residual),
             ("limits [%]", ".1f", lambda c: 100.0 * c.limits),
             ("wind [m]", ".2f", lambda c: c.blown),
             ("batch", ".0e>1e-12", lambda c: c.lanes),
@@ -95,7 +95,7 @@ def control_table(results: Sequence[Control]) -> Table:
     )
 
 
-def residual_table(title: str, results: Sequence[pendulum.Left], note: str) -> Table:
+def residual_table(title: str, results: Sequence[pendulum.ModeResidual], note: str) -> ResultTable:
     """Return the swing that moves of the double pendulum leave in each mode."""
 
     def mrad(value: float | None) -> float | None:
@@ -118,9 +118,9 @@ def residual_table(title: str, results: Sequence[pendulum.Left], note: str) -> T
     )
 
 
-def _later(result: pendulum.Left) -> tuple[float, float]:
+def _later(result: pendulum.ModeResidual) -> tuple[float, float]:
     """Return the amplitudes at the end of the run [rad]."""
-    crane = crane_of(HOOK)
+    crane = relative_crane(HOOK)
     goal = rest_at(crane, x=float(result.run["x_setpoint_m"][-1]))
     return pendulum.mode_amplitudes(crane, goal, result.run, float(result.run.t[-1]))
 
@@ -142,7 +142,7 @@ def unaware_note(growth: tuple[float, float]) -> str:
     )
 
 
-def robot_table(results: Sequence[Robot]) -> Table:
+def robot_table(results: Sequence[Robot]) -> ResultTable:
     """Return integrators and engines on robots that are no cranes."""
     euler, runge = semi_implicit_euler, rk4
     return tabulate(

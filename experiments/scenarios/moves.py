@@ -38,7 +38,7 @@ DWELL = 6.0
 
 
 @dataclass(frozen=True)
-class Move:
+class RestToRest:
     """From one rest to another.
 
     Attributes:
@@ -64,13 +64,13 @@ class Move:
 
 
 MOVES = (
-    Move("trolley", (0.0, 10.0, 15.0), (0.0, 20.0, 15.0), 20.0),
-    Move("slew", (0.0, 15.0, 15.0), (0.6, 15.0, 15.0), 20.0),
-    Move("combined", (0.0, 10.0, 15.0), (0.6, 20.0, 10.0), 20.0),
+    RestToRest("trolley", (0.0, 10.0, 15.0), (0.0, 20.0, 15.0), 20.0),
+    RestToRest("slew", (0.0, 15.0, 15.0), (0.6, 15.0, 15.0), 20.0),
+    RestToRest("combined", (0.0, 10.0, 15.0), (0.6, 20.0, 10.0), 20.0),
 )
 """Single axes and all three together."""
 
-SWINGING = Move(
+SWINGING = RestToRest(
     "combined, with a swing at the start",
     (0.0, 10.0, 15.0),
     (0.6, 20.0, 10.0),

@@ -18,8 +18,8 @@ from cranedyn.interfaces import Disturbance, State
 from cranedyn.model.crane import Crane
 from experiments.harness import Setup
 from experiments.scenarios.misread import Misread
-from experiments.scenarios.moves import AFTER, DRAG, Move, Score, score
-from experiments.scenarios.strategies import Plan, instant
+from experiments.scenarios.moves import AFTER, DRAG, RestToRest, Score, score
+from experiments.scenarios.strategies import MovePlan, instant
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,7 @@ class Perturbation:
 
 
 def _gust(crane: Crane, arrives: float) -> Disturbance:
-    """Return a gust of 12 m/s square to the jib at zero slew, in the last ten seconds before the
-    arrival, on 5 m² of load.
-    """
+    """Return a gust of 12 m/s across the jib in the last ten seconds, on 5 m² of load."""
     return wind(
         crane,
         cosine_gust(steady(0.0), 12.0, at=arrives - 10.0, lasts=10.0),
@@ -105,8 +103,8 @@ AFTER_UNTOLD = 0.1
 
 def make(
     setup: Setup,
-    move: Move,
-    plan: Plan,
+    move: RestToRest,
+    plan: MovePlan,
     perturbation: Perturbation = NOMINAL,
     *,
     label: str = "",

@@ -26,7 +26,7 @@ from cranedyn.references.spline import spline
 from cranedyn.theory import point_period
 from experiments.harness.setup import Setup
 from experiments.scenarios import strategies as strategies
-from experiments.scenarios.moves import DRAG, MOVES, Move
+from experiments.scenarios.moves import DRAG, MOVES, RestToRest
 
 COMBINED = MOVES[-1]
 
@@ -37,12 +37,10 @@ CLOCKS = ("gravity_m_s2", "dt_s", "control_period_s")
 """Columns of a design that say in which world it takes place, the same in every case."""
 
 
-def _shaped_spline(shaper: Shaper) -> Callable[[Setup, Move], strategies.Plan]:
-    """The spline in less time, shaped for the mean cable length, so that it ends when the move
-    should.
-    """
+def _shaped_spline(shaper: Shaper) -> Callable[[Setup, RestToRest], strategies.MovePlan]:
+    """Return a plan of a shorter spline, shaped for the mean cable length, ending with the move."""
 
-    def plan(setup: Setup, move: Move) -> strategies.Plan:
+    def plan(setup: Setup, move: RestToRest) -> strategies.MovePlan:
         period = strategies.mean_period(setup, move)
         base = spline(
             setup.crane,
@@ -56,15 +54,15 @@ def _shaped_spline(shaper: Shaper) -> Callable[[Setup, Move], strategies.Plan]:
     return plan
 
 
-def _shaped_for_moving_cable(setup: Setup, move: Move) -> strategies.Plan:
-    """The same by the shaper that knows how the cable moves."""
+def _shaped_for_moving_cable(setup: Setup, move: RestToRest) -> strategies.MovePlan:
+    """Plan a shorter spline, shaped for a cable of varying length."""
     shorter = move.duration - float(point_period(move.goal[2], setup.crane.gravity)) / 2.0
     base = spline(setup.crane, move.ends(setup.crane)[0], [move.goal], [shorter])
     reference = shaped_hoisting(setup.crane, base, zv(), shorter, step=setup.control_period)
     return strategies.followed(setup, reference, move.duration)
 
 
-SWEPT: dict[str, Callable[[Setup, Move], strategies.Plan]] = {
+SWEPT: dict[str, Callable[[Setup, RestToRest], strategies.MovePlan]] = {
     strategies.PD: strategies.STRATEGIES[strategies.PD],
     "spline alone": strategies.STRATEGIES["spline alone"],
     "spline + ZV": _shaped_spline(zv()),
@@ -115,37 +113,37 @@ def robustness(cases: Cases) -> dict[str, np.ndarray]:
     kinds = list(
         zip(cases["strategy"].tolist(), cases["duration_s"].tolist(), drives.tolist(), strict=True)
     )
-    found: dict[str, np.ndarray] = {}
+    columns: dict[str, np.ndarray] = {}
     for kind in dict.fromkeys(kinds):
-        rows = np.array([row for row, other in enumerate(kinds) if other == kind])
-        parts = math.ceil(len(rows) / _TOGETHER) if "noise" in cases else 1
-        for part in np.array_split(rows, parts):
-            mine = {name: column[part] for name, column in cases.items()}
+        rows = np.array([row for row, kind_of_case in enumerate(kinds) if kind_of_case == kind])
+        batches = math.ceil(len(rows) / _TOGETHER) if "noise" in cases else 1
+        for chunk in np.array_split(rows, batches):
+            mine = {name: column[chunk] for name, column in cases.items()}
             for name, values in _made(setup, *_planned(gravity, dt, control_period, *kind), mine):
-                found.setdefault(name, np.ma.masked_all(count))[part] = values
-    return found
+                columns.setdefault(name, np.ma.masked_all(count))[chunk] = values
+    return columns
 
 
 @lru_cache(maxsize=64)
 def _planned(
     gravity: float, dt: float, control_period: float, strategy: str, duration: float, drive: str
-) -> tuple[strategies.Plan, Move]:
-    """What a strategy plans, once for all chunks of a process."""
+) -> tuple[strategies.MovePlan, RestToRest]:
+    """Plan a move by a strategy, once for all chunks of a process."""
     setup = Setup(gravity, dt=dt, control_period=control_period)
     move = replace(COMBINED, duration=duration)
     plan = STRATEGIES[strategy](setup, move)
     return (plan if drive == IDEAL else strategies.on_converters(setup, plan)), move
 
 
-def arrival(setup: Setup, plan: strategies.Plan, move: Move) -> float:
-    """When a move counts as arrived [s]: in the time given for it where the plan says none."""
+def arrival(setup: Setup, plan: strategies.MovePlan, move: RestToRest) -> float:
+    """Return the arrival time of a move [s]; its duration where the plan states none."""
     return strategies.instant(setup, plan.arrives or move.duration)
 
 
 def _made(
-    setup: Setup, plan: strategies.Plan, move: Move, cases: Cases
+    setup: Setup, plan: strategies.MovePlan, move: RestToRest, cases: Cases
 ) -> list[tuple[str, np.ndarray]]:
-    """Moves by one plan, all at once: columns of what came of them."""
+    """Simulate moves by one plan as a batch and return the columns of results."""
     began = time.process_time()
     masses = (cases["load"] * setup.crane.payload_mass).tolist()
     cranes = [_crane(setup.gravity, mass) for mass in masses]
@@ -154,9 +152,9 @@ def _made(
     arrives = arrival(setup, plan, move)
     ends = strategies.instant(setup, arrives + AFTER)
     times = setup.control_period * np.arange(round(ends / setup.control_period) + 1)
-    every = max(1, round(_ROWS / setup.control_period))
+    stride = max(1, round(_ROWS / setup.control_period))
     if plan.drive == "motion":  # drives that follow exactly know where they are
-        cases = {name: part for name, part in cases.items() if name not in _SENSORS}
+        cases = {name: column for name, column in cases.items() if name not in _SENSORS}
     batch = simulate_batch(
         cranes,
         plan.controller(),
@@ -170,29 +168,29 @@ def _made(
         sensor_offset=readings(setup.crane, cases, len(times)),
         sensor_delay=cases["delay"].astype(int).tolist() if "delay" in cases else 0,
         converters=lagging(setup.crane, cases) if drawn and plan.drive == "velocity" else None,
-        record=every if drawn else 0,
+        record=stride if drawn else 0,
         residual_from=ends,
         threads=1,
     )
-    found = [
+    result = [
         ("peak_swing_rad", batch.peak_swing),
         ("residual_swing_rad", batch.residual_swing),
         ("off_goal_m", _away(cranes, batch.end.q, goal.q)),
     ]
     shares = batch.largest_effort / setup.crane.effort_limit
-    found += [(f"{drive}_effort_share", shares[:, i]) for i, drive in enumerate(_DRIVES)]
-    found.append(("valid_until_s", batch.valid_until))
+    result += [(f"{drive}_effort_share", shares[:, i]) for i, drive in enumerate(_DRIVES)]
+    result.append(("valid_until_s", batch.valid_until))
     if drawn:
         row = int(np.searchsorted(batch.t, arrives - 1e-9))
         spent = (time.process_time() - began) / len(masses)
-        found += [
+        result += [
             ("arrival_swing_rad", _amplitudes(setup.crane, batch, row)),
             ("broken", 1.0 - _whole(setup.crane, batch)),
             ("spent_s", np.full(len(masses), spent)),
         ]
     return [
         (name, np.ma.masked_invalid(values) if drawn or name == "valid_until_s" else values)
-        for name, values in found
+        for name, values in result
     ]
 
 
@@ -215,8 +213,8 @@ def gusts(crane: Crane, cases: Cases, times: np.ndarray) -> np.ndarray:
 
 
 def readings(crane: Crane, cases: Cases, rows: int) -> np.ndarray:
-    """What sensors add to coordinates and rates: the error of the cable, shape (cranes, 2 n), and
-    noise if there is any, shape (cranes, rows, 2 n).
+    """Return the sensor errors of coordinates and rates: cable error, shape (cranes, 2 n), and with
+    noise, shape (cranes, rows, 2 n).
     """
     errors, hoist = cases["cable_error_m"], crane.layout.index("l")
     if "noise" not in cases:
@@ -224,22 +222,22 @@ def readings(crane: Crane, cases: Cases, rows: int) -> np.ndarray:
     else:
         sizes = noise_of(crane)
         added = np.empty((len(errors), rows, len(sizes)))
-        for place, seed, number in zip(added, cases["seed"], cases["number"], strict=True):
+        for noise, seed, number in zip(added, cases["seed"], cases["number"], strict=True):
             bits = np.random.SFC64([int(seed), int(number)])
-            np.random.Generator(bits).standard_normal(out=place)
+            np.random.Generator(bits).standard_normal(out=noise)
         added *= cases["noise"][:, None, None] * sizes
     added[..., hoist] -= errors.reshape(-1, *[1] * (added.ndim - 2))
     return added
 
 
 def lagging(crane: Crane, cases: Cases) -> list[Converters]:
-    """Typical frequency converters with other lags, for each crane."""
+    """Return typical frequency converters with a lag of its own for each crane."""
     typical = converters(crane)
     return [replace(typical, lags=lag * typical.lags) for lag in cases["lag"].tolist()]
 
 
 def _away(cranes: list[Crane], ends: np.ndarray, goals: np.ndarray) -> np.ndarray:
-    """How far loads are from their goals [m]; not finite where a crane diverged."""
+    """Return the distances of loads from their goals [m]; NaN where a crane diverged."""
     return np.array(
         [
             np.linalg.norm(payload_position(crane, q) - payload_position(crane, goal))
@@ -251,25 +249,25 @@ def _away(cranes: list[Crane], ends: np.ndarray, goals: np.ndarray) -> np.ndarra
 
 
 def _amplitudes(crane: Crane, batch: Batch, row: int) -> np.ndarray:
-    """Amplitudes of the swing at a recorded row [rad], shape (cranes,)."""
+    """Return amplitudes of the swing at a recorded row [rad], shape (cranes,)."""
     q, v, swings = batch.q[:, row], batch.v[:, row], crane.swings
     length = q[:, crane.layout.index("l")]
     return swing_amplitude(q[:, swings], v[:, swings], length, crane.gravity)
 
 
 def _whole(crane: Crane, batch: Batch) -> np.ndarray:
-    """1 where all recorded rows are within the ranges, the rope taut and the load above the ground,
-    else 0, shape (cranes,).
-    """
+    """Return 1 where joints are in range, rope taut and load above ground, shape (cranes,)."""
     rows = batch.q.shape[:2]
-    q, v, effort = (part.reshape(-1, part.shape[-1]) for part in (batch.q, batch.v, batch.effort))
+    q, v, effort = (
+        values.reshape(-1, values.shape[-1]) for values in (batch.q, batch.v, batch.effort)
+    )
     with np.errstate(invalid="ignore"):
-        held = valid(crane, q, v, hoisting(crane, effort)).reshape(rows)
-    return held.all(axis=1).astype(float)
+        holds = valid(crane, q, v, hoisting(crane, effort)).reshape(rows)
+    return holds.all(axis=1).astype(float)
 
 
 def _longer(crane: Crane, state: State, by: np.ndarray) -> State:
-    """Many states with cables longer by so much [m]."""
+    """Return copies of a state with longer cables [m]."""
     q = np.tile(state.q, (len(by), 1))
     q[:, crane.layout.index("l")] += by
     return State(q, np.zeros_like(q))
@@ -277,5 +275,5 @@ def _longer(crane: Crane, state: State, by: np.ndarray) -> State:
 
 @lru_cache(maxsize=4096)
 def _crane(gravity: float, payload_mass: float) -> Crane:
-    """The crane with another load, the same object for the same load."""
+    """Return the crane with another load, cached by load."""
     return Setup(gravity).variant(payload_mass=payload_mass)

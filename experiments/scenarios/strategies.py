@@ -29,10 +29,10 @@ from cranedyn.references.shaped import Shaper, ei, shaped, shaped_hoisting, zv, 
 from cranedyn.references.spline import Spline, spline
 from cranedyn.theory import point_period
 from experiments.harness import Setup
-from experiments.scenarios.moves import LIMITS, Move
+from experiments.scenarios.moves import LIMITS, RestToRest
 
 
-class Plan(NamedTuple):
+class MovePlan(NamedTuple):
     """How a move is to be made.
 
     Attributes:
@@ -57,7 +57,7 @@ class Plan(NamedTuple):
     rates: Callable[[], Controller] | None = None
 
 
-def on_converters(setup: Setup, plan: Plan) -> Plan:
+def on_converters(setup: Setup, plan: MovePlan) -> MovePlan:
     """Return a plan for drives with typical frequency converters: commands of its controller become
     rates, see `cranedyn.controllers.velocity_command`.
     """
@@ -80,9 +80,9 @@ def on_converters(setup: Setup, plan: Plan) -> Plan:
     return plan._replace(controller=lambda: first, drive="velocity")
 
 
-def followed(setup: Setup, reference: Reference, arrives: float) -> Plan:
+def followed(setup: Setup, reference: Reference, arrives: float) -> MovePlan:
     """Return the plan of a reference that drives follow exactly and that nothing corrects."""
-    return Plan(
+    return MovePlan(
         lambda: follow(setup.crane, reference, setup.control_period),
         reference,
         "motion",
@@ -91,16 +91,16 @@ def followed(setup: Setup, reference: Reference, arrives: float) -> Plan:
     )
 
 
-def _spline(setup: Setup, move: Move) -> Spline:
+def _spline(setup: Setup, move: RestToRest) -> Spline:
     return spline(setup.crane, move.ends(setup.crane)[0], [move.goal], [move.duration])
 
 
-def _alone(setup: Setup, move: Move) -> Plan:
+def _alone(setup: Setup, move: RestToRest) -> MovePlan:
     return followed(setup, _spline(setup, move), move.duration)
 
 
-def _spline_pd(setup: Setup, move: Move) -> Plan:
-    return Plan(
+def _spline_pd(setup: Setup, move: RestToRest) -> MovePlan:
+    return MovePlan(
         lambda: hold_controller(setup.crane),
         _spline(setup, move),
         "effort",
@@ -109,39 +109,39 @@ def _spline_pd(setup: Setup, move: Move) -> Plan:
     )
 
 
-def _paper(setup: Setup, move: Move) -> Plan:
+def _paper(setup: Setup, move: RestToRest) -> MovePlan:
     reference = _spline(setup, move)
     motion = hanging_reference(setup.crane, reference, move.duration, setup.control_period)
     controller = paper_controller(setup.crane, motion)
-    return Plan(
+    return MovePlan(
         lambda: replace(controller, integral=0.0), reference, "effort", move.duration, motion
     )
 
 
-def _lqr(setup: Setup, move: Move) -> Plan:
+def _lqr(setup: Setup, move: RestToRest) -> MovePlan:
     return _tracked(
         setup,
         hanging_reference(setup.crane, _spline(setup, move), move.duration, setup.control_period),
     )
 
 
-def flat_motion(setup: Setup, move: Move, duration: float) -> Motion:
+def flat_motion(setup: Setup, move: RestToRest, duration: float) -> Motion:
     """Return the motion along a flat path of the load in a time [s]."""
     return flat(setup.crane, *move.ends(setup.crane), duration, period=setup.control_period)
 
 
-def _flat(setup: Setup, move: Move) -> Plan:
+def _flat(setup: Setup, move: RestToRest) -> MovePlan:
     return _tracked(setup, flat_motion(setup, move, move.duration))
 
 
-def _fastest_flat(setup: Setup, move: Move) -> Plan:
+def _fastest_flat(setup: Setup, move: RestToRest) -> MovePlan:
     lasting = partial(flat_motion, setup, move)
     return _tracked(setup, lasting(fastest(setup.crane, lasting, LIMITS)))
 
 
-def _tracked(setup: Setup, motion: Motion) -> Plan:
+def _tracked(setup: Setup, motion: Motion) -> MovePlan:
     controller = with_integral(setup, motion)
-    return Plan(
+    return MovePlan(
         lambda: replace(controller, integral=0.0),
         motion,
         "effort",
@@ -170,7 +170,7 @@ def with_integral(
     )
 
 
-def joystick_move(setup: Setup, move: Move) -> tuple[Reference, float]:
+def joystick_move(setup: Setup, move: RestToRest) -> tuple[Reference, float]:
     """Return the motion of an operator who knows the way: full rate at once in every drive, and
     back to rest in time; with its end [s].
     """
@@ -190,13 +190,13 @@ def joystick_move(setup: Setup, move: Move) -> tuple[Reference, float]:
     ), end
 
 
-def _operator(setup: Setup, move: Move) -> Plan:
+def _operator(setup: Setup, move: RestToRest) -> MovePlan:
     reference, end = joystick_move(setup, move)
     return followed(setup, reference, instant(setup, end))
 
 
-def _shaped(shaper: Shaper) -> Callable[[Setup, Move], Plan]:
-    def plan(setup: Setup, move: Move) -> Plan:
+def _shaped(shaper: Shaper) -> Callable[[Setup, RestToRest], MovePlan]:
+    def plan(setup: Setup, move: RestToRest) -> MovePlan:
         base, end = joystick_move(setup, move)
         period = mean_period(setup, move)
         reference = shaped(base, shaper, period)
@@ -206,22 +206,22 @@ def _shaped(shaper: Shaper) -> Callable[[Setup, Move], Plan]:
     return plan
 
 
-def _shaped_hoisting(setup: Setup, move: Move) -> Plan:
+def _shaped_hoisting(setup: Setup, move: RestToRest) -> MovePlan:
     base, end = joystick_move(setup, move)
     reference = shaped_hoisting(setup.crane, base, zv(), end, step=setup.control_period)
     arrives = instant(setup, end + float(point_period(move.goal[2], setup.crane.gravity)) / 2.0)
     return followed(setup, reference, arrives)
 
 
-def _damped(setup: Setup, move: Move) -> Plan:
+def _damped(setup: Setup, move: RestToRest) -> MovePlan:
     reference, end = joystick_move(setup, move)
     controller = with_damping(
         setup.crane, reference, limits=LIMITS, recovery=0.3, control_period=setup.control_period
     )
-    return Plan(lambda: controller, reference, "motion", instant(setup, end))
+    return MovePlan(lambda: controller, reference, "motion", instant(setup, end))
 
 
-def mean_period(setup: Setup, move: Move) -> float:
+def mean_period(setup: Setup, move: RestToRest) -> float:
     """Swing period at the mean of the cable lengths at start and goal [s]."""
     return float(point_period((move.start[2] + move.goal[2]) / 2.0, setup.crane.gravity))
 
@@ -231,7 +231,7 @@ def instant(setup: Setup, t: float) -> float:
     return setup.control_period * float(np.ceil(t / setup.control_period - 1e-9))
 
 
-def _mpc(setup: Setup, move: Move) -> Plan:
+def _mpc(setup: Setup, move: RestToRest) -> MovePlan:
     motion = flat_motion(setup, move, move.duration)
 
     def controller(effort_weight: np.ndarray | None = None) -> PredictiveController:
@@ -245,7 +245,7 @@ def _mpc(setup: Setup, move: Move) -> Plan:
         )
 
     first = cache(controller)  # it never runs, so that its copies remember nothing
-    return Plan(
+    return MovePlan(
         lambda: replace(first()),
         motion,
         "effort",
@@ -273,10 +273,10 @@ def _receding(
     )
 
 
-def _compiled_mpc(setup: Setup, move: Move) -> Plan:
+def _compiled_mpc(setup: Setup, move: RestToRest) -> MovePlan:
     motion = flat_motion(setup, move, move.duration)
     swing = math.pi / 4.0
-    return Plan(
+    return MovePlan(
         lambda: _receding(setup, motion, swing),
         motion,
         "effort",
@@ -286,9 +286,9 @@ def _compiled_mpc(setup: Setup, move: Move) -> Plan:
     )
 
 
-def _to_goal(setup: Setup, move: Move) -> Plan:
+def _to_goal(setup: Setup, move: RestToRest) -> MovePlan:
     goal = hold(setup.crane, move.ends(setup.crane)[1])
-    return Plan(
+    return MovePlan(
         lambda: _receding(setup, None, 0.1),
         goal,
         "effort",
@@ -297,15 +297,15 @@ def _to_goal(setup: Setup, move: Move) -> Plan:
     )
 
 
-def _least_time(setup: Setup, move: Move) -> Plan:
+def _least_time(setup: Setup, move: RestToRest) -> MovePlan:
     return _optimal(setup, move)
 
 
-def _least_swing(setup: Setup, move: Move) -> Plan:
+def _least_swing(setup: Setup, move: RestToRest) -> MovePlan:
     return _optimal(setup, move, duration=move.duration)
 
 
-def _optimal(setup: Setup, move: Move, duration: float | None = None) -> Plan:
+def _optimal(setup: Setup, move: RestToRest, duration: float | None = None) -> MovePlan:
     from cranedyn.planning.optimal import optimal
 
     clocks: dict[str, Any] = {"period": setup.control_period, "duration": duration}
@@ -339,7 +339,7 @@ COMPILED_MPC, TO_GOAL = "flat + compiled MPC", "MPC to the goal"
 YIELD = "operator + yielding drives"
 TIME, SWING, FASTEST = "least time + LQR", "least swing + LQR", "fastest flat + LQR"
 
-STRATEGIES: dict[str, Callable[[Setup, Move], Plan]] = {
+STRATEGIES: dict[str, Callable[[Setup, RestToRest], MovePlan]] = {
     "spline alone": _alone,
     PD: _spline_pd,
     PAPER: _paper,

@@ -117,11 +117,8 @@ class Repeated:
 
 
 def _tracked(
-    plan: Callable[[Setup, Limits, float], Tour],
-    design: Callable[[Setup, Motion], HoistIntegral],
+    plan: Callable[[Setup, Limits, float], Tour], design: Callable[[Setup, Motion], HoistIntegral]
 ) -> Callable[[Setup, Limits, float], Way]:
-    """Return the control that tracks a planned tour."""
-
     def control(setup: Setup, limits: Limits, dwell: float) -> Way:
         planned = plan(setup, limits, dwell)
         return planned, Repeated(design(setup, planned.motion), planned.duration)

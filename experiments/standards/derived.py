@@ -86,9 +86,7 @@ def _whole_periods(duration: float) -> float:
 
 
 def _hoist(slope: float, mass: float = _LOAD) -> Crane:
-    """Return a point load on a rope as stiff as a hoist of this slope β2 [s/m] is with a load of 1
-    t.
-    """
+    """Return a point load on a rope as stiff as a hoist of slope β2 [s/m] with 1 t."""
     stiffness = _LOAD * (slope * _HEAVY) ** 2
     return load_crane(
         gravity=_HEAVY,
@@ -102,7 +100,6 @@ def _hoist(slope: float, mass: float = _LOAD) -> Crane:
 
 
 def _coast(crane: Crane, start: State, duration: float, force: np.ndarray | None = None) -> Batch:
-    """Run a crane with drives that keep their speed."""
     return _simulated(
         crane,
         locked(crane),
@@ -223,9 +220,7 @@ def _regulated(gravity: float) -> Iterator[Derived]:
 
 
 def _swings_on(crane: Crane, run: Batch) -> np.ndarray:
-    """Return the largest swing from each row on if the drives stand from there [rad], shape
-    (rows,).
-    """
+    """Return the largest swing from each row on if the drives stop there [rad], shape (rows,)."""
     q, v = run.q[0], run.v[0].copy()
     v[:, crane.layout.drives] = 0.0
     period = 2.0 * math.pi * math.sqrt(_LENGTH / crane.gravity)
@@ -248,7 +243,6 @@ def _blown(gravity: float) -> Iterator[Derived]:
 
 
 def _stopped(gravity: float) -> Iterator[Derived]:
-    """Brake a jib."""
     crane = load_crane(gravity=gravity, trolley_init=20.0, hoist_init=_LENGTH, **POINT)
     zero, rate, braking = np.zeros(crane.layout.m), 0.8 * math.pi / 30.0, 0.02
     angle, lasts = factors.stopping(rate, braking)

@@ -21,7 +21,7 @@ from experiments.harness import Setup
 from experiments.oracles.reading import locked
 from experiments.relatives.catalogue import POINT, ROPE
 from experiments.relatives.modes import crane_ea
-from experiments.scenarios.moves import LIMITS, MOVES, Move
+from experiments.scenarios.moves import LIMITS, MOVES, RestToRest
 from experiments.scenarios.strategies import FASTEST, FLAT, STRATEGIES
 
 CONTROLLED = ("operator", "operator + ZV", FASTEST, FLAT)
@@ -60,7 +60,7 @@ class Need(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Hoisting:
+class PickUp:
     """How a load is taken up.
 
     Attributes:
@@ -75,10 +75,10 @@ class Hoisting:
 
 
 HOISTINGS = (
-    Hoisting("at full speed, 1 m/s (HD1)", _FULL),
-    Hoisting("creeping, 0.1 m/s (HD2, HD3)", _CREEP),
-    Hoisting("from a taut rope, 0.4 m/s² (HD5)", 0.0),
-    Hoisting("the same, shaped for the bounce", 0.0, shaped=True),
+    PickUp("at full speed, 1 m/s (HD1)", _FULL),
+    PickUp("creeping, 0.1 m/s (HD2, HD3)", _CREEP),
+    PickUp("from a taut rope, 0.4 m/s² (HD5)", 0.0),
+    PickUp("the same, shaped for the bounce", 0.0, shaped=True),
 )
 """How a load is taken up, from rough to gentle."""
 
@@ -95,7 +95,7 @@ def across(setup: Setup) -> list[Need]:
     ]
 
 
-def _moved(setup: Setup, move: Move, strategy: str) -> Need:
+def _moved(setup: Setup, move: RestToRest, strategy: str) -> Need:
     plan, crane = STRATEGIES[strategy](setup, move), setup.crane
     run = setup.simulate(
         crane,
@@ -127,7 +127,7 @@ def upwards(setup: Setup) -> list[Need]:
     return [_taken_up(setup, crane, hoisting, omega, allowed) for hoisting in HOISTINGS]
 
 
-def _taken_up(setup: Setup, crane: Crane, hoisting: Hoisting, omega: float, allowed: float) -> Need:
+def _taken_up(setup: Setup, crane: Crane, hoisting: PickUp, omega: float, allowed: float) -> Need:
     start = State(crane.start.q, crane.start.v.copy())
     controller: Controller
     reference: Reference | None = None

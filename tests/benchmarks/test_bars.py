@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import bars
-from benchmarks.bars import SHARE, Bar, Work, judge, main
+from benchmarks.bars import SHARE, Bar, Workload, judge_bars, main
 
 ROOT = Path(__file__).parents[2]
 
@@ -22,13 +22,13 @@ class Machine:
     def __init__(self) -> None:
         self.now, self.disturbed = 0.0, random.Random(1)
 
-    def work(self, seconds: float, amount: float = 1.0, every: int = 1) -> Work:
+    def work(self, seconds: float, amount: float = 1.0, every: int = 1) -> Workload:
         """Work that takes so long at least."""
 
         def run() -> None:
             self.now += seconds * (1.0 + 3.0 * self.disturbed.random())
 
-        return Work(run, amount, every, lambda: self.now)
+        return Workload(run, amount, every, lambda: self.now)
 
 
 def usual(slower: float = 1.0, every: int = 1) -> list[Bar]:
@@ -47,30 +47,30 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("slower", [0.5, 1.0, 1.1])
 def test_who_is_as_quick_as_usual_passes_whatever_else_the_machine_does(slower: float) -> None:
-    assert judge(usual(slower), 300.0) == 0
+    assert judge_bars(usual(slower), 300.0) == 0
 
 
 def test_who_loses_more_than_15_percent_fails_by_name(capsys: pytest.CaptureFixture[str]) -> None:
-    assert judge(usual(1.0 / (SHARE - 0.03)), 300.0) == 1
+    assert judge_bars(usual(1.0 / (SHARE - 0.03)), 300.0) == 1
     told = capsys.readouterr().out
     assert "Slower than allowed: new." in told
 
 
 def test_what_is_done_in_some_rounds_only_is_judged_as_well() -> None:
-    assert judge(usual(every=10), 300.0) == 0
-    assert judge(usual(1.3, every=10), 300.0) == 1
+    assert judge_bars(usual(every=10), 300.0) == 0
+    assert judge_bars(usual(1.3, every=10), 300.0) == 1
 
 
 def test_a_bar_that_is_missed_gives_exit_code_1(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(bars, "bars", lambda: usual(1.3))
+    monkeypatch.setattr(bars, "all_bars", lambda: usual(1.3))
     assert main(["--seconds", "300"]) == 1
     assert main(["--seconds", "300", "--share", "0.5"]) == 0
 
 
 def test_the_bars_of_this_project_are_measured_and_ci_asks_for_them() -> None:
-    found = bars.bars()
+    found = bars.all_bars()
     assert len({bar.name for bar in found}) == len(found)
     assert re.search(
         r"^\.venv/bin/python -m benchmarks\.bars$",
@@ -78,10 +78,10 @@ def test_the_bars_of_this_project_are_measured_and_ci_asks_for_them() -> None:
         re.M,
     )
     # impossible ones, in two rounds
-    assert judge(found[:2], 0.0, share=1e6) == 1
+    assert judge_bars(found[:2], 0.0, share=1e6) == 1
 
 
 def test_the_page_shows_the_bars_as_they_are() -> None:
     page = (ROOT / "docs/engine.md").read_text(encoding="utf-8")
-    for bar in bars.bars():
+    for bar in bars.all_bars():
         assert f"| {bar.name} | {bar.usual:.3g} | {SHARE * bar.usual:.3g} |" in page

@@ -134,7 +134,7 @@ def test_who_cannot_run_or_fails_is_named_with_the_reason() -> None:
         ("absent", "absent is not installed"),
         ("failing", "it fails: RuntimeError: no such joint"),
     ]
-    _, _, table = engines.tables(
+    _, _, table = engines.engine_tables(
         [["plain loop", 1, 1.0, 1.0, 1.0, None], ["many", 64, 1.0, 1.0, 1.0, 0.0]], refused, 1
     )
     assert table.title == "Not shown"
@@ -145,7 +145,7 @@ def test_without_the_plain_loop_nothing_is_compared() -> None:
     with pytest.raises(
         CraneError, match="Nothing can be compared without the plain loop: it does not take part"
     ):
-        engines.benchmark(1, True, [shifted(0.0, many=False)])
+        engines.engines_benchmark(1, True, [shifted(0.0, many=False)])
 
 
 def test_a_double_pendulum_is_compared_by_those_that_run_any_crane() -> None:
@@ -167,7 +167,7 @@ def test_c_moves_as_the_equations_on_paper_say(lanes: int) -> None:
     damping = {"damp_slew": 3e4, "damp_trolley": 200.0, "damp_swing": 5e3, "damp_hoist": 700.0}
     c = crane(**damping)
     case = Case(c, dt=1e-3, period=1e-3)
-    library = native.compiled(case, lanes, 1)
+    library = native.load_library(case, lanes, 1)
     rng = np.random.default_rng(0)
     starts = rng.uniform(
         [-3, 4, -1.2, -1.2, 5, -0.5, -2, -0.5, -0.5, -2],
@@ -219,7 +219,7 @@ def test_c_refuses_a_crane_that_its_equations_do_not_describe() -> None:
     model = c.model.copy()
     model.inertias[5].lever = np.array([0.1, 0.0, 0.0])
     with pytest.raises(ModelError, match="The payload has a centre beside its joint"):
-        native.numbers(Case(replace(c, model=model)))
+        native.c_constants(Case(replace(c, model=model)))
 
 
 @needs_compiler
@@ -285,7 +285,10 @@ def test_engines_leaves_tables_in_a_document_and_a_figure(
     arguments = ["--quick", "--rounds", "1", "--out", str(tmp_path), "--document", str(page)]
     assert (
         conduct(
-            "engines", "", lambda rounds, quick: engines.benchmark(rounds, quick, few), arguments
+            "engines",
+            "",
+            lambda rounds, quick: engines.engines_benchmark(rounds, quick, few),
+            arguments,
         )
         == 0
     )

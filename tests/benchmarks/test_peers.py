@@ -38,7 +38,7 @@ def test_the_table_is_sorted_and_the_chart_has_a_bar_for_each() -> None:
     few = [
         one for one in ours.CONTESTANTS if one.name in ("plain loop", "compiled batch, all cores")
     ]
-    (table,), figure = peers.benchmark(1, True, few)
+    (table,), figure = peers.peers_benchmark(1, True, few)
     assert [row[0] for row in table.rows] == ["compiled batch, all cores", "plain loop"]
     rates = np.array([row[2] for row in table.rows], float)
     assert table.rows[0][3] == 1.0

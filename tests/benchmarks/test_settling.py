@@ -11,8 +11,8 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 pytest.importorskip("casadi", reason="extra optimal (casadi) is not installed")
 
 from benchmarks import settling
-from benchmarks.settling import Settled, Trial, alike, judged, settle, trials
-from experiments.scenarios.moves import Move
+from benchmarks.settling import SettlingTimes, SettlingTrial, alike, judge_moves, settle, trials
+from experiments.scenarios.moves import RestToRest
 
 
 def test_a_random_move_settles_within_one_and_a_half_times_the_least_time() -> None:
@@ -32,7 +32,7 @@ def test_times_of_a_crane_of_another_size_go_with_its_root_under_limits_that_go_
     start, goal = (
         (turn, size * x, size * cable) for turn, x, cable in (usual.move.start, usual.move.goal)
     )
-    smaller = Trial(size, alike(size, np.ones(3)), Move("smaller", start, goal, 0.0))
+    smaller = SettlingTrial(size, alike(size, np.ones(3)), RestToRest("smaller", start, goal, 0.0))
     one, other = settle([usual, smaller])
     # Moves are planned in whole control periods, which are the same for both.
     assert other.least == pytest.approx(0.5 * one.least, abs=5e-3)
@@ -49,11 +49,11 @@ def test_each_crane_is_another_only_where_that_is_asked_for() -> None:
 def test_the_claim_is_judged_on_the_worst_move(
     worst: float, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = [Settled(trials(1, seed=1)[0].move, 10.0, taken) for taken in (11.0, worst, 12.0)]
+    found = [SettlingTimes(trials(1, seed=1)[0].move, 10.0, taken) for taken in (11.0, worst, 12.0)]
     monkeypatch.setattr(settling, "settle", lambda drawn: found)
     assert settling.main([]) == code
     assert ("holds " if code == 0 else "FAILS ") in capsys.readouterr().out
-    assert judged(found, 1.5).claims[0].holds is (code == 0)
+    assert judge_moves(found, 1.5).claims[0].holds is (code == 0)
 
 
 def test_no_moves_are_refused() -> None:

@@ -35,7 +35,9 @@ def test_the_swings_are_those_of_the_crane() -> None:
 
 def test_the_plan_is_arithmetic_on_what_was_measured() -> None:
     measured = sweeping.Overhead(once=36.0, part=0.36, case=3.6e-6)
-    rows = dict(sweeping.plan(measured, spent=86400.0 / 1e9, size=20.0, workers=8).rows)
+    rows = dict(
+        sweeping.billion_case_table(measured, spent=86400.0 / 1e9, size=20.0, workers=8).rows
+    )
     assert rows["disk, a parameter and a result of a case"] == "20 GB"
     assert rows["computing on one processor"] == "1.0 days"
     # 100 starts, 10,000 parts and a billion cases: an hour each
@@ -45,7 +47,7 @@ def test_the_plan_is_arithmetic_on_what_was_measured() -> None:
 
 
 def test_the_plan_says_nothing_of_processors_where_the_cost_of_a_case_is_lost_in_noise() -> None:
-    table = sweeping.plan(sweeping.Overhead(1.0, 1e-3, -1e-9), 4e-4, 25.0, 2)
+    table = sweeping.billion_case_table(sweeping.Overhead(1.0, 1e-3, -1e-9), 4e-4, 25.0, 2)
     assert "lost in the noise" in table.note
     assert not [row for row in table.rows if "processors" in str(row[0])]
 

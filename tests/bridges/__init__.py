@@ -1,1 +1,1 @@
-"""Each door against the real thing on its other side."""
+"""Each interface against the program on its other side."""

@@ -1,5 +1,5 @@
-"""The page of the doors: its commands work as they stand, its table is what the benchmark prints,
-its files are whole or not there.
+"""The page of the interfaces: its commands work as they stand, its table is what the benchmark
+prints, its files are whole or not there.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ def test_a_command_of_the_page_writes_what_it_says(
     words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    door, target, *others = shlex.split(words.replace("/srv/bullseye/tmp/", ""))
-    if door == "mcap":
+    exporter, target, *others = shlex.split(words.replace("/srv/bullseye/tmp/", ""))
+    if exporter == "mcap":
         pytest.importorskip(
             "mcap_ros2", reason="mcap-ros2-support is not installed: pip install 'cranedyn[mcap]'"
         )
@@ -37,25 +37,27 @@ def test_a_command_of_the_page_writes_what_it_says(
         a3.run(harness.Setup(9.8, engine=FAST)).before(1.0).write(
             others[others.index("--trajectory") + 1]
         )
-    assert main(["export", door, target, *others]) == 0
+    assert main(["export", exporter, target, *others]) == 0
     assert Path(target).exists()
 
 
 def test_the_page_has_a_command_for_every_door() -> None:
     assert {words.split()[0] for words in COMMANDS} == set(EXPORTERS)
-    assert all(re.search(rf"^\| `{door} (DIR|FILE)` \|", PAGE, re.MULTILINE) for door in EXPORTERS)
+    assert all(
+        re.search(rf"^\| `{exporter} (DIR|FILE)` \|", PAGE, re.MULTILINE) for exporter in EXPORTERS
+    )
 
 
 def test_the_table_of_the_page_is_what_the_benchmark_prints() -> None:
     for package in ("mujoco", "mcap_ros2", "rosbags", "llvmlite", "fmpy"):
         pytest.importorskip(package)
-    made = bridges.table()
+    made = bridges.exporter_table()
     assert {row[0] for row in made.rows} == set(EXPORTERS)
     for shown in made.shown():
-        door, *_, compared, apart, _ = shown
+        exporter, *_, compared, apart, _ = shown
         assert re.search(
-            rf"^\| {door} \| \d+ \| \d+ \| {re.escape(compared)} \| {re.escape(apart)} \| [\d-]+ "
-            r"\|$",
+            rf"^\| {exporter} \| \d+ \| \d+ \| {re.escape(compared)} \| {re.escape(apart)} \| "
+            r"[\d-]+ \|$",
             PAGE,
             re.MULTILINE,
         )
@@ -98,12 +100,12 @@ def test_without_llvmlite_only_the_door_that_needs_it_stays_shut(tmp_path: Path)
 
 
 def test_the_help_says_each_door_in_whole_sentences(capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments in (["--help"], *([door, "--help"] for door in EXPORTERS)):
+    for arguments in (["--help"], *([exporter, "--help"] for exporter in EXPORTERS)):
         with pytest.raises(SystemExit):
             main(["export", *arguments])
         said = " ".join(capsys.readouterr().out.split())
-        for door in EXPORTERS if arguments == ["--help"] else arguments[:1]:
-            about = (plugins.load("exporter", door).__doc__ or "").split("\n\n")[0]
+        for exporter in EXPORTERS if arguments == ["--help"] else arguments[:1]:
+            about = (plugins.load("exporter", exporter).__doc__ or "").split("\n\n")[0]
             assert about.rstrip().endswith(".") and " ".join(about.split()) in said
 
 

@@ -1,4 +1,4 @@
-"""The door to Gazebo Classic: what it writes and refuses, and, where a Gazebo is at hand, that runs
+"""Export to Gazebo Classic: what it writes and refuses, and, where a Gazebo is at hand, that runs
 there are those here.
 """
 

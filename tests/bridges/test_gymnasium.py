@@ -28,7 +28,7 @@ from gymnasium.vector import AutoresetMode  # noqa: E402
 
 from benchmarks import environment  # noqa: E402
 from cranedyn.bridges.gymnasium import ID, TowerCraneEnv, TowerCraneVectorEnv  # noqa: E402
-from cranedyn.bridges.task import OBSERVED, PENALTY, Rules, Task, cranes_between  # noqa: E402
+from cranedyn.bridges.task import OBSERVED, PENALTY, Rules, SwingTask, cranes_between  # noqa: E402
 
 DRIVES, PASSIVE = crane().layout.drives, crane().layout.passive
 
@@ -168,7 +168,7 @@ def test_the_reward_is_that_of_the_distance_the_load_would_have_from_its_goal() 
             "goal": (0.0, 12.0, 10.0),
         }
     )
-    assert env.task.far[0] == pytest.approx(10.0 * 0.05, rel=1e-12)
+    assert env.task.goal_distance[0] == pytest.approx(10.0 * 0.05, rel=1e-12)
 
 
 def test_too_much_swing_ends_an_episode() -> None:
@@ -234,7 +234,7 @@ def test_next_step_and_same_step_are_followed_by_the_next_episode_as_gymnasium_s
 
 def test_a_seed_draws_the_same_episodes_and_starts_lie_in_reach() -> None:
     rules = Rules(reach=(0.1, 2.0, 1.0), swing=0.05)
-    tasks = [Task(crane(), 500, rules, 0.1, 5e-4, 1) for _ in range(2)]
+    tasks = [SwingTask(crane(), 500, rules, 0.1, 5e-4, 1) for _ in range(2)]
     for task in tasks:
         task.begin(np.random.default_rng(7), np.arange(500))
     assert np.array_equal(tasks[0].fleet.z, tasks[1].fleet.z) and np.array_equal(
@@ -256,7 +256,7 @@ def test_an_episode_is_drawn_by_rerun_and_is_the_one_that_was_seen(tmp_path: Pat
         env.step(env.action_space.sample())
     path = Path(str(env.render()))
     assert path == tmp_path / "episode_0001.rrd" and path.stat().st_size > 10_000
-    again, z = env.unwrapped._again(), env.unwrapped.task.fleet.z[:, 0]
+    again, z = env.unwrapped._simulated(), env.unwrapped.task.fleet.z[:, 0]
     assert len(again) == 101 and again.t[-1] == pytest.approx(2.0)
     assert_allclose(np.concatenate([again.q[-1], again.v[-1]]), z, atol=1e-12)
 

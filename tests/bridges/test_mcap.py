@@ -183,7 +183,8 @@ def test_the_command_writes_a_trajectory_of_an_experiment(tmp_path: Path, run: T
         == 0
     )
     assert (
-        bags.read_columns(tmp_path / "run.mcap", ["l_m"])["l_m"].tolist() == short["l_m"].tolist()
+        bags.read_joint_states(tmp_path / "run.mcap", ["l_m"])["l_m"].tolist()
+        == short["l_m"].tolist()
     )
 
 
@@ -355,7 +356,7 @@ def test_what_a_file_says_of_its_own_messages_is_not_looked_at(file: Path, tmp_p
             )
             writer.add_message(channel, k, bytes(store.serialize_cdr(one, bags.TYPE)), k)
         writer.finish()
-    found = bags.read_columns(tmp_path / "odd.mcap", ["t_s", "l_m"])
+    found = bags.read_joint_states(tmp_path / "odd.mcap", ["t_s", "l_m"])
     assert (found["t_s"].tolist(), found["l_m"].tolist()) == ([0.0, 1.0], [15.0, 16.0])
 
 
@@ -365,9 +366,9 @@ def test_rates_that_a_recording_lacks_are_a_sentence(tmp_path: Path) -> None:
         CraneError,
         match=r"has no velocity of yaw_joint in its message 1; gamma_dot_rad_s needs one\.",
     ):
-        bags.read_columns(path, ["gamma_dot_rad_s"])
+        bags.read_joint_states(path, ["gamma_dot_rad_s"])
     with pytest.raises(CraneError, match="cannot have a column energy_J"):
-        bags.read_columns(path, ["energy_J"])
+        bags.read_joint_states(path, ["energy_J"])
 
 
 def test_names_without_a_recording_of_ros_are_refused(
@@ -385,17 +386,17 @@ def test_a_damaged_file_is_a_sentence_wherever_it_is_damaged(file: Path, tmp_pat
     for cut in (0, 3, 8, 60, len(whole) // 3, len(whole) - 20):
         broken.write_bytes(whole[:cut])
         with pytest.raises(CraneError, match=r"^Cannot read .*broken\.mcap"):
-            bags.read_columns(broken, ["l_m"])
+            bags.read_joint_states(broken, ["l_m"])
     for seed in range(20):
         changed = bytearray(whole[:200_000])
         for place in np.random.default_rng(seed).integers(9, len(changed), 30):
             changed[place] ^= 0xFF
         broken.write_bytes(changed)
         with pytest.raises(CraneError):
-            bags.read_columns(broken, ["l_m"])
+            bags.read_joint_states(broken, ["l_m"])
     (tmp_path / "text.bag").write_text("#ROSBAG V2.0\nnothing")
     with pytest.raises(CraneError, match=r"^Cannot read .*text\.bag"):
-        bags.read_columns(tmp_path / "text.bag", ["l_m"])
+        bags.read_joint_states(tmp_path / "text.bag", ["l_m"])
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "bz2", "rar"])
@@ -417,7 +418,7 @@ def test_a_small_piece_that_unpacks_without_end_is_refused(compression: str) -> 
         CraneError,
         match="more than 100 MB" if compression != "rar" else "compressed by rar; allowed are zstd",
     ):
-        bags._unpacked(compression, packed)
+        bags._decompressed(compression, packed)
 
 
 def _recorded(path: Path, count: int, padding: int = 0) -> Path:
@@ -453,23 +454,23 @@ def test_pieces_that_unpack_to_more_than_a_file_may_hold_together_are_refused(
 ) -> None:
     path = _recorded(tmp_path / "large.mcap", 6, padding=1_000_000)
     assert path.stat().st_size < 100_000
-    assert bags.read_columns(path, ["l_m"])["l_m"].tolist() == [15.0 + k for k in range(6)]
+    assert bags.read_joint_states(path, ["l_m"])["l_m"].tolist() == [15.0 + k for k in range(6)]
     monkeypatch.setattr(bags, "LARGEST", 5_000_000)
     with pytest.raises(CraneError, match=r"The recording holds more than 5 MB\."):
-        bags.read_columns(path, ["l_m"])
+        bags.read_joint_states(path, ["l_m"])
 
 
 def test_a_recording_of_many_joint_states_takes_the_memory_of_its_columns(tmp_path: Path) -> None:
     count = 5000
     path = _recorded(tmp_path / "many.mcap", count)
-    bags.read_columns(path, ["l_m"])  # so that all is imported
+    bags.read_joint_states(path, ["l_m"])  # so that all is imported
     tracemalloc.start()
-    found = bags.read_columns(path, ["t_s", "l_m"])
+    found = bags.read_joint_states(path, ["t_s", "l_m"])
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert found["l_m"].tolist() == [15.0 + k for k in range(count)]
     # A chunk of 0.75 MB twice, a part of it, and five arrays of eight bytes a message.
-    assert peak < 2 * 0.75e6 + bags._PART + 40 * count
+    assert peak < 2 * 0.75e6 + bags._BLOCK + 40 * count
 
 
 @pytest.mark.parametrize(
@@ -480,7 +481,7 @@ def test_more_or_larger_joint_states_than_a_run_has_are_refused(
 ) -> None:
     monkeypatch.setattr(bags, limit, most)
     with pytest.raises(CraneError, match="too many or too large joint states; allowed are"):
-        bags.read_columns(_recorded(tmp_path / "many.mcap", 10), ["l_m"])
+        bags.read_joint_states(_recorded(tmp_path / "many.mcap", 10), ["l_m"])
 
 
 def test_what_cannot_be_written_is_a_sentence(
@@ -502,5 +503,5 @@ def test_what_cannot_be_written_is_a_sentence(
     ):
         mcap.export(tmp_path / "b.mcap", SETUP.crane, run)
     with pytest.raises(CraneError, match="is not installed"):
-        bags.read_columns(tmp_path / "b.mcap", ["l_m"])
+        bags.read_joint_states(tmp_path / "b.mcap", ["l_m"])
     assert [path.name for path in tmp_path.iterdir()] == ["a.mcap"]

@@ -1,4 +1,4 @@
-"""The door to MuJoCo: the MJCF file is the crane, and moves as it does here."""
+"""The exporter to MuJoCo: the MJCF file is the crane, and moves as it does here."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The door to ROS 2: a package that ament takes, with the article's traps answered in it."""
+"""The exporter to ROS 2: a package that ament takes, with the article's traps answered in it."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_colcon_builds_the_package_and_installs_every_file_of_it(
             assert installed.read_bytes() == (package / name).read_bytes()
     index = share / "ament_index" / "resource_index"
     needed = (index / "package_run_dependencies" / "crane_description").read_text()
-    assert set(needed.split(";")) == set(ros2.NEEDED)
+    assert set(needed.split(";")) == set(ros2.DEPENDENCIES)
 
 
 def test_the_urdf_is_read_by_check_urdf_and_loads_as_the_same_crane(

@@ -7,20 +7,20 @@ from typing import NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from benchmarks.horizon import Problem
+from benchmarks.horizon import HorizonProblem
 from cranedyn.compiled.horizon import interior, riccati
-from cranedyn.compiled.horizon.memory import REPORT, Shape
-from cranedyn.compiled.machine import Machine, translated
+from cranedyn.compiled.horizon.memory import REPORT, HorizonShape
+from cranedyn.compiled.machine import Machine, translate
 
 
-def random(rng: np.random.Generator, tight: float, shape: Shape) -> Problem:
+def random(rng: np.random.Generator, tight: float, shape: HorizonShape) -> HorizonProblem:
     """A stable model of any numbers, with bounds that are met the more, the tighter they are."""
     z, m, n = shape.states, shape.inputs, shape.stages
     a = rng.normal(size=(z, z))
     a *= 0.99 / np.abs(np.linalg.eigvals(a)).max()
     both = shape.both + m
     q = np.diag(rng.uniform(0.1, 2.0, z))
-    return Problem(
+    return HorizonProblem(
         a + 0.01 * rng.normal(size=(n, z, z)),
         0.3 * rng.normal(size=(z, m)) + 0.01 * rng.normal(size=(n, z, m)),
         0.05 * rng.normal(size=(n, z)),
@@ -38,12 +38,12 @@ def random(rng: np.random.Generator, tight: float, shape: Shape) -> Problem:
     )
 
 
-def made(shape: Shape) -> Machine:
+def made(shape: HorizonShape) -> Machine:
     """The solver's code."""
     module = ir.Module()
     riccati.emit(module, shape)
     interior.emit(module, shape)
-    return translated(module)
+    return translate(module)
 
 
 class Solved(NamedTuple):
@@ -53,7 +53,7 @@ class Solved(NamedTuple):
     report: dict[str, float]
 
 
-def solved(machine: Machine, problem: Problem) -> Solved:
+def solved(machine: Machine, problem: HorizonProblem) -> Solved:
     """By our solver."""
     shape, work = problem.shape, np.zeros(problem.shape.size)
     z, w, m = shape.states, shape.both, shape.inputs
@@ -77,13 +77,13 @@ def solved(machine: Machine, problem: Problem) -> Solved:
         put("columns", np.dstack([problem.a, problem.b])[:, :, j], j)
     put("shift", problem.c)
     put("gradient", problem.gradient)
-    put("apart", problem.d, first=w)
+    put("extra_shift", problem.d, first=w)
     common("start")[:z] = problem.start
     common("low")[:], common("high")[:], common("price")[:] = -1e9, 1e9, problem.price[0]
     for name in ("low", "high", "price"):
         common(name)[: w + m] = getattr(problem, name)
     common("report")[REPORT.index("barrier")] = 0.1 * problem.price[0]
     machine.function("solve", 1)(work.ctypes.data)
-    place = shape.place("here")
+    place = shape.place("iterate")
     found = stages[: shape.stages, place : place + w + m].copy()
     return Solved(found, dict(zip(REPORT, common("report").tolist(), strict=False)))

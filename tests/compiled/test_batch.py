@@ -18,7 +18,7 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.compiled import inputs
 from cranedyn.compiled.batch import Batch, simulate_batch
-from cranedyn.compiled.call import Sizes
+from cranedyn.compiled.layout import BufferLayout
 from cranedyn.controllers import follow, hold_controller, lqr
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.controllers.hold import Hold
@@ -665,7 +665,7 @@ def test_ten_million_cranes_run_and_are_refused_where_each_needs_more() -> None:
     reckoned = 8e-6 * count * inputs._CRANE
     assert 0.8 * reckoned < found < reckoned + 0.5  # MB; tables and threads besides
     # 4 GB, and 0.8 GB for where they start: less than 6 GB.
-    assert inputs.fits(Sizes.of(c.layout), 10**7, 0, 1, 0) * 8 < inputs._LARGEST
+    assert inputs.required_numbers(BufferLayout.of(c.layout), 10**7, 0, 1, 0) * 8 < inputs._LARGEST
 
     many = State(np.broadcast_to(c.start.q, (10**7, 5)), np.broadcast_to(0.0, (10**7, 5)))
     tracemalloc.start()

@@ -384,16 +384,16 @@ def test_a_heavy_load_under_a_light_trolley_is_not_refused_for_rounding_in_the_w
 def test_a_crane_that_is_a_billionth_heavier_than_its_model_is_refused(
     share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from cranedyn.compiled import checked
+    from cranedyn.compiled import verify
 
-    c, honest = load_crane(payload_mass=1234.5, hoist_effort=1e12), checked.numbers
+    c, honest = load_crane(payload_mass=1234.5, hoist_effort=1e12), verify.numbers
 
     def numbers(one: Crane) -> np.ndarray:
         heavier = replace(one, model=one.model.copy())
         heavier.model.inertias[5].mass *= 1.0 + share
         return honest(heavier)
 
-    monkeypatch.setattr("cranedyn.compiled.checked.numbers", numbers)
+    monkeypatch.setattr("cranedyn.compiled.verify.numbers", numbers)
     with pytest.raises(ModelError, match="moves otherwise"):
         simulate(c, hold_controller(c), duration=0.1, engine="compiled")
 

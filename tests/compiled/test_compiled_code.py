@@ -19,7 +19,7 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 from llvmlite import ir
 
 from cranedyn.compiled.code import Code, Value
-from cranedyn.compiled.machine import Machine, translated
+from cranedyn.compiled.machine import Machine, translate
 
 LANES = 8
 
@@ -31,7 +31,7 @@ def _machine(lanes: int, made: Callable[[Code, Value], list]) -> Machine:
     for i, value in enumerate(made(code, code.load(code.argument["given"]))):
         code.store(value, code.argument["found"], i * lanes)
     code.end()
-    return translated(module)
+    return translate(module)
 
 
 def _run(made: Callable[[Code, Value], list], x: np.ndarray, answers: int) -> np.ndarray:

@@ -161,7 +161,7 @@ def test_how_many_there_are_and_on_how_many_threads_changes_no_bit(threads: int)
         Fleet(crane(), 1, control_period=1e-2),
     )
     many.place(np.arange(900), start)
-    assert len(many.parts) == threads
+    assert len(many.chunks) == threads
     for _ in range(3):
         z = many.step(command)
     for i in (0, 300, 899):

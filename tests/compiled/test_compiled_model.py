@@ -20,7 +20,7 @@ from tests.dynamics.test_integrator import ROBOTS, _robot
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
 
-from cranedyn.compiled.model import forward_dynamics
+from cranedyn.compiled.model import compile_forward_dynamics
 
 
 def _unit(rng: np.random.Generator) -> np.ndarray:
@@ -78,7 +78,7 @@ def _worst(model: pin.Model, rng: np.random.Generator, states: int = 20) -> floa
         ]
     )
     v, tau = rng.normal(size=(2, states, model.nv)) * 3.0
-    found, data = forward_dynamics(model)(q, v, tau), model.createData()
+    found, data = compile_forward_dynamics(model)(q, v, tau), model.createData()
     worst = 0.0
     for row in range(states):
         expected = pin.aba(model, data, q[row], v[row], tau[row])
@@ -146,18 +146,18 @@ def test_a_joint_that_cannot_be_compiled_is_named(joint: object, kind: str) -> N
         match=rf"wrist is a {kind}; .* must be revolute, prismatic or helical, with one degree of "
         r"freedom",
     ):
-        forward_dynamics(_with(joint))
+        compile_forward_dynamics(_with(joint))
 
 
 def test_a_joint_that_follows_another_is_named() -> None:
     model = pin.transformJointIntoMimic(_with(pin.JointModelRY()), 1, 2, 1.0, 0.0)
     with pytest.raises(ModelError, match="wrist is a JointModelMimic"):
-        forward_dynamics(model)
+        compile_forward_dynamics(model)
 
 
 def test_a_model_without_joints_is_refused() -> None:
     with pytest.raises(ModelError, match="has no joint that moves"):
-        forward_dynamics(pin.Model())
+        compile_forward_dynamics(pin.Model())
 
 
 def _wrong_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -178,17 +178,17 @@ def test_code_that_moves_otherwise_is_refused(
     what: str, wrong: Callable, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model = _tree(["revolute x", "prismatic y", "revolute z"], 5, branch=False, armature=False)
-    forward_dynamics(model)
+    compile_forward_dynamics(model)
     monkeypatch.setattr(f"cranedyn.plant.rigid_body.{what}", wrong)
     with pytest.raises(
         ModelError,
         match=r"moves otherwise than in Pinocchio: accelerations differ by .* of the largest",
     ):
-        forward_dynamics(model)
+        compile_forward_dynamics(model)
 
 
 def test_states_that_do_not_fit_are_refused_and_no_states_are_none() -> None:
-    made = forward_dynamics(_robot("double_pendulum_continuous.urdf"))
+    made = compile_forward_dynamics(_robot("double_pendulum_continuous.urdf"))
     q, v = np.array([[1.0, 0.0, 1.0, 0.0]]), np.zeros((1, 2))
     with pytest.raises(
         OutOfRange, match=r"q is an array of shape \(1, 2\); allowed is one of shape \(1, 4\)"
@@ -203,7 +203,7 @@ def test_states_that_do_not_fit_are_refused_and_no_states_are_none() -> None:
 
 def test_each_row_is_answered_by_itself_and_what_goes_in_stays_as_it_was() -> None:
     model = _robot("ur5_robot.urdf")
-    made, rng = forward_dynamics(model), np.random.default_rng(2)
+    made, rng = compile_forward_dynamics(model), np.random.default_rng(2)
     q, v, tau = rng.normal(size=(3, 5, model.nv))
     before = q.copy(), v.copy(), tau.copy()
     together = made(q, v, tau)
@@ -217,5 +217,5 @@ def test_compiling_draws_nothing_from_generators_that_others_share() -> None:
     pin.seed(0)
     first = pin.randomConfiguration(pin.buildSampleModelManipulator())
     pin.seed(0)
-    forward_dynamics(_tree(["revolute x"], 1, branch=False, armature=False))
+    compile_forward_dynamics(_tree(["revolute x"], 1, branch=False, armature=False))
     assert pin.randomConfiguration(pin.buildSampleModelManipulator()).tolist() == first.tolist()

@@ -134,7 +134,7 @@ def _apart(one: Batch, other: Batch) -> float:
 @pytest.fixture
 def one_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
     """The threads of a GPU run on this processor."""
-    monkeypatch.setattr(cuda, "check_there", lambda: None)
+    monkeypatch.setattr(cuda, "check_available", lambda: None)
     monkeypatch.setattr(cuda, "run", lambda loop, *_: memory.run(loop, 1))
 
 
@@ -230,28 +230,28 @@ def test_a_predictive_controller_is_refused_on_a_gpu() -> None:
 def test_ptx_assembles_without_spills(name: str, kind: str) -> None:
     if (assembler := gpu.assembler()) is None:
         pytest.skip("extra ptxas (nvidia-cuda-nvcc-cu12) is not installed")
-    text = gpu.text(gpu.CRANES[name], kind)
+    text = gpu.ptx_text(gpu.CRANES[name], kind)
     # Nothing in memory of a thread, nothing called, no address but of the GPU's own memory.
     assert not re.search(r"\.local|\bcall\b|\tld\.b64|\tst\.b64", text)
     # RK4 of a crane with seven joints keeps up to 20 numbers more than there are registers for.
     allowed = 160 if "RK4" in kind and "hook" in name else 0
     for chip in gpu.CHIPS:
-        found = gpu.assembled(assembler, text, chip)
+        found = gpu.assemble(assembler, text, chip)
         assert found.spilled <= allowed and 30 < found.registers <= 255, (chip, found)
 
 
 def test_what_the_assembler_refuses_is_no_success() -> None:
     if (assembler := gpu.assembler()) is None:
         pytest.skip("extra ptxas (nvidia-cuda-nvcc-cu12) is not installed")
-    text = gpu.text({}, "cranes that are alike")
+    text = gpu.ptx_text({}, "cranes that are alike")
     with pytest.raises(CraneError, match="ptxas does not assemble it: "):
-        gpu.assembled(assembler, text.replace("fma.rn.f64", "fma.f64", 1), "sm_90")
+        gpu.assemble(assembler, text.replace("fma.rn.f64", "fma.f64", 1), "sm_90")
 
 
 @pytest.mark.usefixtures("one_after_another")
 def test_the_benchmark_of_a_gpu_runs_both_sides(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gpu, "COUNTS", (3, 40))
-    rows = list(gpu.speed(simulated=3.0, rounds=1))
+    rows = list(gpu.measure_speed(simulated=3.0, rounds=1))
     assert [row[0] for row in rows] == [3, 40]
     for _, there, here, ratio in rows:
         assert 0.0 < there == pytest.approx(ratio * here)
@@ -283,7 +283,7 @@ def test_nvidias_functions_take_what_they_are_given() -> None:
     assert {one or other for one, other in called} == {*given, launch}
     assert int(driver.CUdeviceptr(5)) == 5
     try:
-        cuda.check_there()
+        cuda.check_available()
     except CraneError:
         given[launch] = (driver.CUfunction(0), 1, 1, 1, 32, 1, 1, 0, 0, arguments, 0)
     for name, values in given.items():
@@ -329,7 +329,7 @@ def test_words_and_threads_that_mean_nothing_are_refused() -> None:
 
 def test_a_gpu_does_what_the_processor_does() -> None:
     try:
-        cuda.check_there()
+        cuda.check_available()
     except CraneError as error:
         pytest.skip(str(error))
     for study in STUDIES.values():

@@ -18,7 +18,7 @@ from cranedyn.compiled.batch import simulate_batch
 from cranedyn.compiled.horizon import model
 from cranedyn.compiled.horizon.memory import REPORT
 from cranedyn.compiled.horizon.receding import Receding, receding, usual_input_weight
-from cranedyn.compiled.machine import translated
+from cranedyn.compiled.machine import translate
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import converters
@@ -96,7 +96,7 @@ def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane
     nodes = np.concatenate([moved.start.q, np.zeros(w - n)]) + 0.03 * rng.normal(size=(8, w))
     first = shape.place("node")
     stages[:8, first : first + w] = nodes
-    machine = translated(module)
+    machine = translate(module)
     machine.function("linearise", 1)(work.ctypes.data)
 
     def flow(node: np.ndarray) -> np.ndarray:
@@ -120,7 +120,7 @@ def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane
             ahead @ node + row["shift"][0, :z], flow(node), atol=2e-3 * length**2
         )
         np.testing.assert_array_equal(row["columns"][:, :z].T, ahead)
-        besides = row["extra"][:, :w], row["apart"][0, w : w + layout.m]
+        besides = row["extra"][:, :w], row["extra_shift"][0, w : w + layout.m]
         scale = np.abs(effort(node)).max()
         np.testing.assert_allclose(besides[0] @ node + besides[1], effort(node), atol=1e-12 * scale)
         for j in range(w):

@@ -7,12 +7,12 @@ import importlib.util
 import numpy as np
 import pytest
 
-from benchmarks.horizon import Problem, by_clarabel, by_daqp
-from cranedyn.compiled.horizon.memory import Shape
+from benchmarks.horizon import HorizonProblem, by_clarabel, by_daqp
+from cranedyn.compiled.horizon.memory import HorizonShape
 from cranedyn.compiled.machine import Machine
 from tests.compiled.programmes import Solved, made, random, solved
 
-SHAPE = Shape(10, 3, 40)
+SHAPE = HorizonShape(10, 3, 40)
 MACHINE = made(SHAPE)
 PRODUCTS = 4 * SHAPE.stages * SHAPE.lanes
 """Slacks with multipliers: the sum of their products is the gap of duality, by which a cost is
@@ -38,7 +38,7 @@ def test_what_it_finds_costs_no_more_than_what_clarabel_finds(tight: float) -> N
         assert best - 1e-7 * (1.0 + abs(best)) < problem.value(ours.found) < best + gap + 1e-7
 
 
-def check_against_daqp(machine: Machine, problem: Problem) -> Solved:
+def check_against_daqp(machine: Machine, problem: HorizonProblem) -> Solved:
     """Keep bounds, at the cost of DAQP's answer, which cannot exceed them."""
     ours, theirs = solved(machine, problem), by_daqp(problem)()
     shape = problem.shape
@@ -53,7 +53,7 @@ def check_against_daqp(machine: Machine, problem: Problem) -> Solved:
     return ours
 
 
-def keepable(rng: np.random.Generator, shape: Shape) -> Problem:
+def keepable(rng: np.random.Generator, shape: HorizonShape) -> HorizonProblem:
     """A problem whose bounds can be kept, at a price for which it pays to keep them."""
     problem = random(rng, 1.0, shape)
     inside = np.clip(problem.start, problem.low[: shape.states], problem.high[: shape.states])
@@ -78,7 +78,7 @@ def test_without_a_bound_in_the_way_it_is_the_riccati_solution_at_once() -> None
 
 @pytest.mark.parametrize(("states", "inputs", "stages"), [(4, 1, 7), (6, 2, 16), (8, 3, 9)])
 def test_problems_of_other_sizes_are_solved_as_well(states: int, inputs: int, stages: int) -> None:
-    shape = Shape(states, inputs, stages)
+    shape = HorizonShape(states, inputs, stages)
     machine, rng = made(shape), np.random.default_rng(states)
     for _ in range(4):
         check_against_daqp(machine, keepable(rng, shape))

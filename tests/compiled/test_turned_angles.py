@@ -15,7 +15,7 @@ from llvmlite import ir
 from cranedyn.compiled.angles import LONGER, SHORTER, Turn
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.compiled.code import Code, Value
-from cranedyn.compiled.machine import translated
+from cranedyn.compiled.machine import translate
 from cranedyn.controllers import hold_controller
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.interfaces import Setpoint, State
@@ -29,8 +29,8 @@ Way = Callable[[Code, Turn], tuple[Value, Value]]
 
 WAYS: dict[str, Way] = {
     "in a step": lambda code, turn: code.sine_and_cosine(turn.angle),
-    "after a step": lambda code, turn: turn.turned(SHORTER),
-    "after a step, mended": lambda code, turn: turn.mended(turn.turned(SHORTER)),
+    "after a step": lambda code, turn: turn.rotate(SHORTER),
+    "after a step, mended": lambda code, turn: turn.refine(turn.rotate(SHORTER)),
 }
 
 
@@ -40,13 +40,13 @@ def _turned(before: np.ndarray, by: np.ndarray, way: str) -> np.ndarray:
     code = Code(module, "run", ["given", "found"], LANES)
     angle, step = (code.load(code.argument["given"], i * LANES) for i in range(2))
     code.sine_and_cosine(angle)
-    turn = code.turn(code.gone_on(angle, step))
+    turn = code.turn(code.advanced(angle, step))
     assert turn is not None
     for i, value in enumerate(WAYS[way](code, turn)):
         code.store(value, code.argument["found"], i * LANES)
     code.end()
     given, found = np.ascontiguousarray([before, by]), np.empty((2, LANES))
-    machine = translated(module)
+    machine = translate(module)
     machine.function("run", 2)(given.ctypes.data, found.ctypes.data)
     return found
 
@@ -54,8 +54,8 @@ def _turned(before: np.ndarray, by: np.ndarray, way: str) -> np.ndarray:
 @pytest.mark.parametrize(
     ("way", "largest"),
     [
-        *product(WAYS, [1e-9, 1e-3, SHORTER.most]),
-        *product(["in a step", "after a step, mended"], [LONGER.most, 3.0]),
+        *product(WAYS, [1e-9, 1e-3, SHORTER.limit]),
+        *product(["in a step", "after a step, mended"], [LONGER.limit, 3.0]),
     ],
 )
 def test_a_turn_costs_two_roundings_at_most(way: str, largest: float) -> None:

@@ -12,7 +12,7 @@ from cranedyn import theory
 from cranedyn.analysis.swing import settling_time, swing_amplitude
 from experiments.b1 import SHOWN as STRATEGIES
 from experiments.harness.document import read_document
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 from experiments.report import page
 from experiments.scenarios.moves import MOVES
 from tests.experiments.conftest import Ran
@@ -52,7 +52,7 @@ def test_the_spline_alone_on_the_trolley_leaves_the_swing_of_the_closed_form(
 def test_documents_show_the_tables_as_printed(document: str, result: Ran) -> None:
     assert (
         read_document(ROOT / document, "b1").stale(
-            [Table.of(kept) for kept in result.result["tables"]]
+            [ResultTable.of(kept) for kept in result.result["tables"]]
         )
         == []
     )

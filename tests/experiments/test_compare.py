@@ -19,11 +19,11 @@ from cranedyn.references.motion import hanging_reference
 from experiments import compare, harness
 from experiments.compare import claims as compare_claims
 from experiments.compare import runs as compare_runs
-from experiments.compare.result import Result
+from experiments.compare.result import StrategyResult
 from experiments.harness.document import read_document
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 from experiments.report import page
-from experiments.scenarios.moves import LIMITS, MOVES, SWINGING, Move, Score
+from experiments.scenarios.moves import LIMITS, MOVES, SWINGING, RestToRest, Score
 from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, Perturbation, make
 from experiments.scenarios.strategies import (
     FASTEST,
@@ -80,7 +80,7 @@ def test_the_spline_alone_leaves_what_the_closed_form_says() -> None:
 
 @pytest.mark.parametrize("move", [*MOVES, SWINGING], ids=lambda move: move.name)
 def test_every_way_on_paper_keeps_the_limits_of_the_drives(
-    setup: harness.Setup, move: Move
+    setup: harness.Setup, move: RestToRest
 ) -> None:
     for strategy in ("spline alone", FLAT, "operator", "operator + ZVD"):
         plan = STRATEGIES[strategy](setup, move)
@@ -214,8 +214,10 @@ def test_the_command_compares_the_ways_asked_for(done: Path) -> None:
 
 @pytest.mark.parametrize("document", ["docs/control.md"])
 def test_documents_show_the_ways_asked_for_as_printed(document: str, done: Path) -> None:
-    tables = [Table.of(kept) for kept in json.loads((done / "result.json").read_text())["tables"]]
-    assert read_document(ROOT / document, "compare").stale(tables, part=True) == []
+    tables = [
+        ResultTable.of(kept) for kept in json.loads((done / "result.json").read_text())["tables"]
+    ]
+    assert read_document(ROOT / document, "compare").stale(tables, subset=True) == []
 
 
 def test_the_readme_tells_what_flat_paths_leave_of_the_tour(done: Path) -> None:
@@ -262,9 +264,9 @@ def test_a_way_that_is_not_there_is_refused(capsys: pytest.CaptureFixture[str]) 
     assert "magic" in capsys.readouterr().err
 
 
-def _scored(settled: float = 0.0, arrives: float = 10.0) -> Result:
+def _scored(settled: float = 0.0, arrives: float = 10.0) -> StrategyResult:
     numbers = np.zeros(3)
-    return Result(
+    return StrategyResult(
         Score(arrives, 0.03, 1e-6, 1e-6, settled, 10.0, numbers, numbers, numbers, 1.0, 1.0, 0.0)
     )
 

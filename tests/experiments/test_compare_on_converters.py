@@ -10,9 +10,9 @@ import pytest
 
 from experiments import compare, harness
 from experiments.compare import claims, runs, tables
-from experiments.compare.result import Result, Results
+from experiments.compare.result import Results, StrategyResult
 from experiments.harness.document import read_document
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 from experiments.scenarios.moves import CLOSE, MOVES, SWINGING, Score
 from experiments.scenarios.perturbations import NOMINAL, UNOBSERVED
 from experiments.scenarios.strategies import (
@@ -62,7 +62,7 @@ def test_the_page_on_drives_shows_it_as_printed(found: dict[str, Results]) -> No
     made += tables.case_tables(found[MOVES[-1].name], "velocity")
     made.append(tables.drives_table(SWINGING, found[SWINGING.name], beyond=True))
     document = read_document(ROOT / "docs/drives.md", "compare_velocity")
-    assert document.stale(made, part=True) == []
+    assert document.stale(made, subset=True) == []
 
 
 @pytest.mark.parametrize("strategy", [name for name in STRATEGIES if not name.startswith("least")])
@@ -116,9 +116,9 @@ def test_what_is_affine_runs_on_converters_in_a_batch() -> None:
 
 
 def test_a_claim_about_converters_that_does_not_hold_is_one() -> None:
-    def scored(later: float) -> Result:
+    def scored(later: float) -> StrategyResult:
         none = np.zeros(3)
-        return Result(
+        return StrategyResult(
             Score(10.0, 0.03, 1e-6, later, 0.0, 10.0, none, none, none, 1.0, 1.0, 0.0, 0.5)
         )
 
@@ -126,7 +126,7 @@ def test_a_claim_about_converters_that_does_not_hold_is_one() -> None:
     assert [claim.holds for claim in claims.converter_claims({"one": good})] == [True]
     worst = {"one": good, "another": bad}
     assert [claim.holds for claim in claims.converter_claims(worst)] == [False]
-    broken = {"one": {FLAT: {"gust": Result(None, "the rope goes slack")}}}
+    broken = {"one": {FLAT: {"gust": StrategyResult(None, "the rope goes slack")}}}
     assert [claim.holds for claim in claims.converter_claims(broken)] == [False]
     assert claims.converter_claims({"one": {PD: {"as planned": scored(1.0)}}}) == []
     table = tables.drives_table(MOVES[0], good)
@@ -140,5 +140,5 @@ def test_the_command_says_which_drives_it_took(tmp_path: Path) -> None:
     result = json.loads((folder / "result.json").read_text())
     assert result["parameters"]["drive"] == "velocity"
     assert result["parameters"]["converters"]["delay_s"] == 0.02
-    titles = [Table.of(kept).title for kept in result["tables"]]
+    titles = [ResultTable.of(kept).title for kept in result["tables"]]
     assert not any("tour" in title for title in titles)

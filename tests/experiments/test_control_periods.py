@@ -18,11 +18,11 @@ from cranedyn.references import hanging_reference, spline
 from cranedyn.references.flat import flat
 from cranedyn.simulation.simulate import simulate
 from experiments import harness
-from experiments.scenarios.moves import Move
+from experiments.scenarios.moves import RestToRest
 from experiments.scenarios.strategies import FLAT, LQR, MPC, PAPER, STRATEGIES
 from tests.helpers import FAST
 
-MOVE = Move("short", (0.0, 10.0, 12.0), (0.1, 11.0, 11.0), 8.0)
+MOVE = RestToRest("short", (0.0, 10.0, 12.0), (0.1, 11.0, 11.0), 8.0)
 EACH = 0.02
 """Time between the rows that are compared [s]: the longest control period."""
 

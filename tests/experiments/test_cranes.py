@@ -36,7 +36,7 @@ from cranedyn.references.shaped import zv
 from cranedyn.simulation.simulate import simulate
 from experiments import cranes
 from experiments.harness.document import read_document
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 from experiments.oracles.reading import locked
 from experiments.relatives.catalogue import (
     BEND,
@@ -48,8 +48,8 @@ from experiments.relatives.catalogue import (
     ROPE,
     TWIST,
     Relative,
-    crane_of,
     moved,
+    relative_crane,
 )
 from tests.helpers import ROOT, big_crane, crane
 from tests.rrd import numbers, rows
@@ -107,7 +107,7 @@ def test_convolved_shapers_leave_the_product_of_what_each_leaves(modes: tuple[fl
 
 @each
 def test_springs_push_down_their_energy_and_the_tangent_is_how_they_do(relative: Relative) -> None:
-    springs = crane_of(relative).springs
+    springs = relative_crane(relative).springs
     rng, h = np.random.default_rng(1), 1e-30
     n = len(springs.rest)
     q = rng.uniform(0.5, 2.0, n)
@@ -127,7 +127,7 @@ def test_springs_push_down_their_energy_and_the_tangent_is_how_they_do(relative:
 def test_a_crane_hangs_where_nothing_accelerates_and_its_energy_has_the_springs(
     relative: Relative,
 ) -> None:
-    c = crane_of(relative)
+    c = relative_crane(relative)
     by_state, _ = linearise(c, c.start, holding_effort(c, c.start.q))
     run = simulate(c, locked(c), duration=0.05, dt=5e-3, control_period=5e-3, drive="motion")
     assert np.abs(run.q - c.start.q).max() < 1e-12  # rounding of the balance, over ten steps
@@ -144,7 +144,7 @@ def test_the_linear_crane_has_its_springs(relative: Relative) -> None:
     """By central differences, good to about 1e-16/h + h² with h = 1e-5, of accelerations of some
     k/m.
     """
-    c, h = crane_of(relative), 1e-5
+    c, h = relative_crane(relative), 1e-5
     effort, n = holding_effort(c, c.start.q), c.layout.n
     by_state, _ = linearise(c, c.start, effort)
 
@@ -160,7 +160,7 @@ def test_the_linear_crane_has_its_springs(relative: Relative) -> None:
 
 
 def test_a_rope_stretches_by_its_load_over_its_stiffness_at_its_length() -> None:
-    c = crane_of(ROPE)
+    c = relative_crane(ROPE)
     length = c.start.q[c.layout.index("l")]
     expected = c.payload_mass * c.gravity * length / 3e6
     assert c.start.q[c.layout.index("rope_stretch")] == pytest.approx(expected, rel=1e-12)
@@ -181,7 +181,7 @@ def test_a_rope_that_is_not_stretched_any_more_is_slack(engine: str) -> None:
 
 def test_the_tension_of_a_rope_that_stretches_is_not_the_force_of_its_drum() -> None:
     """A drum that is braked hard pushes the hoist joint, while the rope stays taut."""
-    c = crane_of(ROPE)
+    c = relative_crane(ROPE)
     assert rope_tension(c, c.start, np.array([0.0, 0.0, 1e4])) == pytest.approx(
         c.payload_mass * c.gravity, rel=1e-12
     )
@@ -215,7 +215,7 @@ def test_free_modes_are_normal_and_keep_their_amplitudes(relative: Relative) -> 
     """In small motions of all modes at once, each keeps its own; what is not linear goes with the
     square of 1e-5.
     """
-    c = crane_of(relative) if relative is not ROPE else ROPE.crane(**POINT)
+    c = relative_crane(relative) if relative is not ROPE else ROPE.crane(**POINT)
     modes = free_modes(c, c.start)
     assert_allclose(modes.weights @ modes.shapes, np.eye(len(modes.passive)), atol=1e-9)
     q = c.start.q.copy()
@@ -250,14 +250,14 @@ def test_amplitudes_of_rows_of_another_crane_are_refused() -> None:
 
 def test_a_joint_that_a_spring_holds_is_believed_to_stand_as_still_as_a_drive() -> None:
     for relative, symbol in ((TWIST, "tower_twist"), (BEND, "tower_bend_x"), (JIB, "jib_bend")):
-        c = crane_of(relative)
+        c = relative_crane(relative)
         assert (
             initial_std_of(c)[c.layout.index(symbol)] == initial_std_of(c)[c.layout.index("gamma")]
         )
         assert (
             disturbance_of(c)[c.layout.index(symbol)] == disturbance_of(c)[c.layout.index("gamma")]
         )
-    hooked = crane_of(HOOK)
+    hooked = relative_crane(HOOK)
     assert (
         initial_std_of(hooked)[hooked.layout.index("sling_radial")]
         == initial_std_of(hooked)[hooked.layout.index("phi")]
@@ -281,7 +281,7 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Run], Path]
     """Cranes of two layouts in one recording."""
     runs = []
     for relative in (HOOK, BRIDGE):
-        c = crane_of(relative)
+        c = relative_crane(relative)
         start = moved(c, **{c.layout.symbols[i]: 0.1 for i in c.swings})
         runs.append(
             Run(
@@ -335,7 +335,7 @@ def test_the_outline_of_the_setpoint_hangs_where_the_slung_load_hangs_at_rest(
 
 @each
 def test_all_that_can_be_seen_of_a_crane_is_in_its_box(relative: Relative) -> None:
-    c = crane_of(relative)
+    c = relative_crane(relative)
     run = Run("one", c, simulate(c, locked(c), duration=0.005, drive="motion"), (7.0, 0.0, 0.0))
     low, high = extent(run)
     place = payload_position(c, c.start.q) + np.array([7.0, 0.0, 0.0])
@@ -377,4 +377,4 @@ def test_every_claim_of_the_experiment_holds_and_none_goes_unjudged(
     assert (tmp_path / "cranes" / "cranes.rrd").stat().st_size > 1e6
     kept = json.loads((tmp_path / "cranes" / "result.json").read_text())["tables"]
     document = read_document(ROOT / "docs" / "cranes.md", "cranes")
-    assert document.stale([Table.of(one) for one in kept]) == []
+    assert document.stale([ResultTable.of(one) for one in kept]) == []

@@ -9,12 +9,12 @@ import pytest
 
 from cranedyn.errors import DataError
 from experiments.harness.document import Document, main, read_document
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 from tests import told
 
 TABLES = [
-    Table("Move one: far", [("strategy", ""), ("s", ".1f")], [("a", 1.25)]),
-    Table("Move two", [("strategy", "")], [("b",)], "A note."),
+    ResultTable("Move one: far", [("strategy", ""), ("s", ".1f")], [("a", 1.25)]),
+    ResultTable("Move two", [("strategy", "")], [("b",)], "A note."),
 ]
 TEXT = (
     "Before.\n\n<!-- trial: Move two -->\nold\n<!-- end -->\n\nBetween.\n\n<!-- other: -->\nkept\n"
@@ -74,10 +74,10 @@ def test_a_cell_that_is_not_what_is_made_now_is_named(
 ) -> None:
     # A header ends with a blank where another is the same.
     columns = [("strategy", ""), ("s ", ".2f"), ("mrad", ".3g"), ("left", ".3g>0.1")]
-    table = Table("Move", columns, rows)  # type: ignore[arg-type]
+    table = ResultTable("Move", columns, rows)  # type: ignore[arg-type]
     document = Document(tmp_path / "page.md", "trial", SHOWN)
     for part in (False, True):
-        assert document.stale([table], part=part) == [
+        assert document.stale([table], subset=part) == [
             f"{tmp_path / 'page.md'}, Move: {sentence}."
             for sentence in stale
             if not (part and "was not made" in sentence)
@@ -100,7 +100,7 @@ def test_a_cell_that_is_not_what_is_made_now_is_named(
 def test_no_digit_below_the_resolution_of_a_column_is_shown(
     value: float | None, form: str, shown: str
 ) -> None:
-    assert Table("t", [("a", form)], [(value,)]).shown() == [[shown]]
+    assert ResultTable("t", [("a", form)], [(value,)]).shown() == [[shown]]
 
 
 def test_a_number_that_a_document_tells_may_be_off_by_one_of_its_last_digit(
@@ -144,7 +144,7 @@ def test_documents_are_held_against_results_and_filled_from_them(
 
 @pytest.mark.parametrize("form", [".3f", "+.2e", ",d", ",.6g", "%", ".10g", ""])
 def test_a_table_takes_formats_of_sign_thousands_digits_and_kind(form: str) -> None:
-    assert Table("t", [("a", form)], [("1" if form == "" else 1,)]).shown() == [
+    assert ResultTable("t", [("a", form)], [("1" if form == "" else 1,)]).shown() == [
         [format("1" if form == "" else 1, form)]
     ]
 
@@ -154,13 +154,13 @@ def test_a_table_takes_formats_of_sign_thousands_digits_and_kind(form: str) -> N
 )
 def test_a_table_with_another_format_cannot_be_made(form: str) -> None:
     with pytest.raises(ValueError, match="has the format"):
-        Table("t", [("a", form)], [(1,)])
+        ResultTable("t", [("a", form)], [(1,)])
 
 
 @pytest.mark.parametrize("row", [(1.5,), (1, 2), ("text",)])
 def test_a_table_whose_rows_cannot_be_shown_cannot_be_made(row: tuple[object, ...]) -> None:
     with pytest.raises((ValueError, TypeError)):
-        Table("t", [("a", "d")], [row])  # type: ignore[list-item]
+        ResultTable("t", [("a", "d")], [row])  # type: ignore[list-item]
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import QUANTITIES, Trajectory, join, read
 from cranedyn.planning.itinerary import ARTICLE_TOUR, itinerary
 from experiments import demo, endless, harness
-from experiments.endless import Dwells, Record
+from experiments.endless import Dwells, EndlessRecord
 from experiments.scenarios.moves import residual
 from tests.experiments.test_demo import RATES, times
 from tests.helpers import FAST, ROOT, files
@@ -36,7 +36,7 @@ def test_memory_holds_two_parts_at_most_and_the_files_hold_the_rest(
     pieces: list[Trajectory], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(endless, "PART", 7.0)
-    record = Record(tmp_path / "demo.parquet")
+    record = EndlessRecord(tmp_path / "demo.parquet")
     for piece in pieces:
         record.append(piece)
         last = record.last()

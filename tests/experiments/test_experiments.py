@@ -374,7 +374,7 @@ def test_a1_identifies_the_gains_that_made_the_numbers(monkeypatch: pytest.Monke
         return a1_identify.ROUNDING * (slopes @ (np.log([trolley, *hoist]) - np.log(true)))
 
     monkeypatch.setattr(a1_identify, "differences", misses)
-    outcome = a1_identify.identify(harness.Setup(9.8))
+    outcome = a1_identify.identify_hoist(harness.Setup(9.8))
     fitted = [row[1] for row in outcome.tables[-1].rows]
     assert_allclose(fitted, true, rtol=1e-3)  # the fit's own tolerance
     assert [row[2] for row in outcome.tables[-1].rows] == [
@@ -435,7 +435,7 @@ def test_a2_reads_the_law_off_the_exact_solution() -> None:
         ).y
         parts.append(y[0, :-1])
         phi, rate = y[:, -1]
-    reading = a2.read(t, np.concatenate(parts), length, since=0.0)
+    reading = a2.read_swing(t, np.concatenate(parts), length, since=0.0)
     lengths = reading.lengths[reading.hoisting]
     t_peaks = (20.0 - lengths) / 0.5
     at = round(12.0 / 0.005)
@@ -769,12 +769,12 @@ def test_only_the_articles_world_judges_its_numbers() -> None:
 
 
 def test_a_missing_value_is_shown_as_a_dash() -> None:
-    table = harness.Table("t", [("name", ""), ("value", ".2f")], [("a", 1.234), ("b", None)])
+    table = harness.ResultTable("t", [("name", ""), ("value", ".2f")], [("a", 1.234), ("b", None)])
     assert table.shown() == [["a", "1.23"], ["b", "-"]]
 
 
 def test_tables_are_printed_with_title_and_note_and_kept_with_all_digits(tmp_path: Path) -> None:
-    table = harness.Table(
+    table = harness.ResultTable(
         "Some title",
         [("name", ""), ("a", ".2f"), ("a", ".1f")],
         [("first", 1 / 3, np.float64(2.55))],

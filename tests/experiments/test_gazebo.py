@@ -20,7 +20,7 @@ from cranedyn.errors import CraneError
 from experiments import a1, a2, a3, gazebo, harness
 from experiments.energy import overwritten as energy_overwritten
 from experiments.harness.document import read_document
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 from tests.experiments.conftest import Ran, run_command
 from tests.helpers import FAST, ROOT
 from tests.told import missing
@@ -29,7 +29,7 @@ WORLD = harness.Setup(gazebo.GRAVITY, engine=FAST)
 
 
 @pytest.fixture(scope="module")
-def found() -> dict[str, gazebo.Pair]:
+def found() -> dict[str, gazebo.RecordedPair]:
     return gazebo.pairs(WORLD)
 
 
@@ -38,7 +38,7 @@ RUNS = ("a1_l5", "a1_l10", "a1_l15", "a1_l20", "a1_soft", "a2", "a3")
 
 @pytest.mark.parametrize("name", RUNS)
 def test_a_whole_run_stays_within_1e_4_rad_of_the_articles_own_simulator(
-    name: str, found: dict[str, gazebo.Pair]
+    name: str, found: dict[str, gazebo.RecordedPair]
 ) -> None:
     pair = found[name]
     assert pair.recorded["t_s"][-1] == pair.run.t[-1]
@@ -49,7 +49,7 @@ def test_a_whole_run_stays_within_1e_4_rad_of_the_articles_own_simulator(
     assert pair.largest("l_m") < 1e-4  # a chord instead of an arc: h l ω²/2 on a hoist of 3e4 N/m
 
 
-def test_every_recording_is_compared(found: dict[str, gazebo.Pair]) -> None:
+def test_every_recording_is_compared(found: dict[str, gazebo.RecordedPair]) -> None:
     assert (
         {path.stem for path in gazebo.RECORDINGS.glob("*.parquet")}
         == {*RUNS, "swing_overwritten"}
@@ -64,11 +64,11 @@ def test_a_world_of_another_gravity_or_inertia_would_not_pass() -> None:
     for other in (replace(WORLD, gravity=9.80665), replace(WORLD, values={"dummy_inertia": 25.0})):
         here = a1.run(other, 15.0).trajectory
         there = gazebo.read_columns(gazebo.RECORDINGS / "a1_l15.parquet", gazebo.COLUMNS)
-        assert gazebo.Pair("a1_l15", there, here).largest("phi_rad") > 5.0 * gazebo.ALLOWED
+        assert gazebo.RecordedPair("a1_l15", there, here).largest("phi_rad") > 5.0 * gazebo.ALLOWED
 
 
 @pytest.fixture(scope="module")
-def result(found: dict[str, gazebo.Pair], tmp_path_factory: pytest.TempPathFactory) -> Any:
+def result(found: dict[str, gazebo.RecordedPair], tmp_path_factory: pytest.TempPathFactory) -> Any:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gazebo, "pairs", lambda setup: found)
         made = run_command("gazebo", tmp_path_factory.mktemp("gazebo") / "out", "--engine", FAST)
@@ -77,7 +77,7 @@ def result(found: dict[str, gazebo.Pair], tmp_path_factory: pytest.TempPathFacto
 
 
 def test_the_claims_and_the_readme_tell_the_largest_difference_of_either_swing_angle(
-    result: Any, found: dict[str, gazebo.Pair]
+    result: Any, found: dict[str, gazebo.RecordedPair]
 ) -> None:
     worst = {
         run: max(
@@ -102,7 +102,7 @@ def test_the_experiment_claims_it_and_documents_tell_its_numbers(result: Any) ->
     readme = [f"| {errors} % |", f"| {ratios} |", f"| {hoisting[0][4]:.4f} |"]
     readme.append(f"| {slewing[0][1]:.4f}, {slewing[0][2]:+.4f}, {slewing[0][3]:.5f} |")
     assert missing(readme, "README.md") == []
-    tables = [Table.of(table) for table in result["tables"]]
+    tables = [ResultTable.of(table) for table in result["tables"]]
     assert read_document(ROOT / "docs" / "findings.md", "gazebo").stale(tables) == []
 
 

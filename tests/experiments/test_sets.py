@@ -55,7 +55,7 @@ def conducted(
         run = quickly(heavy, hold_controller(heavy), duration=0.02)
         figure, (ax,) = panels(height=1.0)
         ax.plot([0, mass])
-        table = harness.Table("t", [("m", ".1f")], [(mass,)])
+        table = harness.ResultTable("t", [("m", ".1f")], [(mass,)])
         return harness.Outcome(
             [table], [], {"mass": mass}, {"run": run}, {"figure": figure}, [Run("r", heavy, run)]
         )

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.console import Console
 
-from experiments.harness.outcome import Claim, Outcome, Table, show
+from experiments.harness.outcome import Claim, Outcome, ResultTable, show
 from experiments.harness.progress import LINE_INTERVAL, ProgressLines, ProgressReporter
 from experiments.harness.terminal import blocks
 
@@ -24,12 +24,12 @@ HEADS = st.lists(
 
 
 @st.composite
-def tables(draw: st.DrawFn) -> Table:
+def tables(draw: st.DrawFn) -> ResultTable:
     """Tables as experiments make them: a name or a number in front, numbers behind."""
     heads, count = draw(HEADS), draw(st.integers(1, 6))
     number = st.floats(-1e6, 1e6) | st.none()
     rows = [[f"strategy {i} with words", *(draw(number) for _ in heads)] for i in range(count)]
-    return Table(
+    return ResultTable(
         "A title",
         [("strategy", ""), *((head, ".6g") for head in heads)],
         rows,
@@ -37,7 +37,7 @@ def tables(draw: st.DrawFn) -> Table:
     )
 
 
-def printed(table: Table, width: int) -> str:
+def printed(table: ResultTable, width: int) -> str:
     console = Console(file=io.StringIO(), width=width)
     for part in blocks(table, width):
         console.print(part)
@@ -47,7 +47,9 @@ def printed(table: Table, width: int) -> str:
 
 
 @given(tables(), st.sampled_from([60, 80, 100, 200, 400]))
-def test_no_number_is_cut_and_no_line_is_wider_than_the_terminal(table: Table, width: int) -> None:
+def test_no_number_is_cut_and_no_line_is_wider_than_the_terminal(
+    table: ResultTable, width: int
+) -> None:
     text = printed(table, width)
     assert max(map(cell_len, text.splitlines())) <= width
     assert "…" not in text
@@ -60,13 +62,13 @@ def test_no_number_is_cut_and_no_line_is_wider_than_the_terminal(table: Table, w
 
 
 def test_a_table_that_fits_is_one_block_and_stays_upright() -> None:
-    table = Table("t", [("a", ""), ("b [m]", "g"), ("c", "g")], [("x", 1.0, 2.0)])
+    table = ResultTable("t", [("a", ""), ("b [m]", "g"), ("c", "g")], [("x", 1.0, 2.0)])
     assert len(list(blocks(table, 80))) == 1
     assert "┃ a ┃ b [m] ┃ c ┃" in printed(table, 80)
 
 
 def test_a_table_with_few_rows_and_many_columns_is_turned() -> None:
-    table = Table(
+    table = ResultTable(
         "t",
         [("l [m]", "g"), *((f"quantity {i}", ".4f") for i in range(12))],
         [[5.0, *[1.0] * 12], [10.0, *[2.0] * 12]],
@@ -78,7 +80,7 @@ def test_a_table_with_few_rows_and_many_columns_is_turned() -> None:
 
 def test_rows_that_two_columns_tell_apart_keep_both_in_every_block() -> None:
     columns = [("l [m]", "g"), ("k_p", ".0e"), *((f"cause number {i}", "+.3f") for i in range(12))]
-    table = Table("t", columns, [[15.0, 3e5, *[0.1] * 12], [15.0, 3e4, *[0.2] * 12]])
+    table = ResultTable("t", columns, [[15.0, 3e5, *[0.1] * 12], [15.0, 3e4, *[0.2] * 12]])
     parts = list(blocks(table, 80))
     assert len(parts) > 1
     assert all(
@@ -91,7 +93,7 @@ def test_without_a_terminal_a_claim_is_one_line_and_columns_are_80(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("COLUMNS", raising=False)
-    table = Table(
+    table = ResultTable(
         "t", [("a", ""), *((f"number {i}", ".6f") for i in range(14))], [("x", *[1.0] * 14)] * 20
     )
     show(Outcome([table], [Claim("A long sentence. " * 12, True)]))

@@ -26,7 +26,7 @@ from cranedyn.simulation.simulate import simulate
 from experiments import validate
 from experiments.harness.document import read_document
 from experiments.oracles import conserved, hoisting, moves, reading, slewing, swing
-from experiments.oracles.check import LARGE, POINT, G, Oracle, check, point_crane
+from experiments.oracles.check import LARGE, POINT, G, Oracle, check_oracle, point_crane
 from experiments.oracles.reading import Bench
 from experiments.report import page
 from tests.helpers import FAST, ROOT, files, turned
@@ -105,7 +105,7 @@ def test_the_document_shows_the_rows_of_the_command_and_their_closed_forms(
 
 def test_the_document_shows_the_numbers_of_the_command() -> None:
     made = [
-        validate.table(title, found)
+        validate.oracle_table(title, found)
         for title, found in validate.checks(Bench(point_crane, FAST), 4).items()
     ]
     assert read_document(DOCUMENT, "validate").stale(made) == []
@@ -179,14 +179,14 @@ def test_bad_input_is_one_sentence_and_exit_code_2(
 
 
 def test_powers_of_the_step_are_taken_off_and_their_order_is_found() -> None:
-    found = check(
+    found = check_oracle(
         Oracle("x", "", 2.0, lambda dt: 2.0 + 3.0 * dt - 5.0 * dt**2 + 7.0 * dt**3), HALVINGS
     )
     assert found.steps == [0.02, 0.01, 0.005, 0.0025]
     assert found.limit == pytest.approx(2.0, abs=1e-14)  # rounding
     assert found.order == pytest.approx(1.0, abs=1e-3)  # the second power, (dt 5/3)² of it
     assert found.holds
-    even = check(Oracle("x", "", 2.0, lambda dt: 2.0 + 3.0 * dt**2 - 5.0 * dt**4), HALVINGS)
+    even = check_oracle(Oracle("x", "", 2.0, lambda dt: 2.0 + 3.0 * dt**2 - 5.0 * dt**4), HALVINGS)
     # What is left of the fourth power, below that of the second step.
     assert even.limit == pytest.approx(2.0, abs=5.0 * 0.01**4)
     assert even.order == pytest.approx(2.0, abs=1e-3)
@@ -194,10 +194,10 @@ def test_powers_of_the_step_are_taken_off_and_their_order_is_found() -> None:
 
 @pytest.mark.parametrize("off", [1e-9, -1e-6, math.nan])
 def test_a_limit_that_is_off_does_not_hold(off: float) -> None:
-    assert not check(Oracle("x", "", 2.0, lambda dt: 2.0 + off + 3.0 * dt), HALVINGS).holds
+    assert not check_oracle(Oracle("x", "", 2.0, lambda dt: 2.0 + off + 3.0 * dt), HALVINGS).holds
     assert (
         off != off
-        or check(
+        or check_oracle(
             Oracle("x", "", 2.0, lambda dt: 2.0 + off + 3.0 * dt, 2.0 * abs(off), "much"), HALVINGS
         ).holds
     )
@@ -205,8 +205,10 @@ def test_a_limit_that_is_off_does_not_hold(off: float) -> None:
 
 def test_runs_that_have_no_limit_hold_nothing() -> None:
     noise = np.random.default_rng(3)
-    assert not check(Oracle("x", "", 2.0, lambda dt: 2.0 + 1e-3 * noise.normal()), HALVINGS).holds
-    jump = check(Oracle("x", "", 2.0, lambda dt: 2.001 if dt == 0.02 else 2.0), HALVINGS)
+    assert not check_oracle(
+        Oracle("x", "", 2.0, lambda dt: 2.0 + 1e-3 * noise.normal()), HALVINGS
+    ).holds
+    jump = check_oracle(Oracle("x", "", 2.0, lambda dt: 2.001 if dt == 0.02 else 2.0), HALVINGS)
     assert abs(jump.rest) <= jump.allowed
     assert not jump.holds  # near enough, but only because nothing is known
 
@@ -224,7 +226,7 @@ def _failing(
         if oracle.name.startswith(words)
     ]
     assert rows
-    return sum(not check(oracle, HALVINGS).holds for oracle in rows)
+    return sum(not check_oracle(oracle, HALVINGS).holds for oracle in rows)
 
 
 def test_the_axis_of_the_tangential_swing_is_noticed(tmp_path: Path) -> None:
@@ -324,7 +326,7 @@ def test_a_run_in_which_there_is_nothing_to_read_is_refused() -> None:
         DataError,
         match=r"nothing to read between 1 and 1\.1 s, where its oracle needs a turning point",
     ):
-        reading.root(reading.curve(t, np.exp(-t), 10).derivative(), 1.0, 1.1)
+        reading.zero_between(reading.curve(t, np.exp(-t), 10).derivative(), 1.0, 1.1)
 
 
 def test_times_between_rows_are_read_to_rounding() -> None:
@@ -336,4 +338,4 @@ def test_times_between_rows_are_read_to_rounding() -> None:
 def test_the_payload_by_hand_is_where_the_lagrangian_has_it() -> None:
     q = np.array([[0.4, 12.0, 0.3, -0.2, 15.0], [-1.0, 5.0, -0.7, 0.6, 8.0]])
     expected = [Lagrangian(G).payload(row) - [0.0, 0.0, 28.0] for row in q]
-    np.testing.assert_allclose(reading.payload(q), expected, atol=1e-13)  # rounding
+    np.testing.assert_allclose(reading.payload_from_pivot(q), expected, atol=1e-13)  # rounding

@@ -12,7 +12,7 @@ from scipy.stats import binom
 from cranedyn.controllers import follow, hold_controller
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, DataError, UnknownName
-from cranedyn.identification import Estimate, Known, Model, Record, identify, load_record
+from cranedyn.identification import Estimate, Model, Prior, Record, identify, load_record
 from cranedyn.identification.motion import lagged
 from cranedyn.identification.noise import is_white
 from cranedyn.identification.search import jacobian
@@ -21,7 +21,7 @@ from cranedyn.simulation.simulate import simulate
 from experiments.gazebo import RECORDINGS
 from experiments.identify.coverage import NAMES, NOISE, PLANTS, coverage, synthetic
 
-KNOWN = Known()
+PRIOR = Prior()
 TRUTH = {"payload_mass": 1300.0, "damp_swing": 900.0, "l_offset": 0.37, "delay": 0.08}
 BIAS, FRICTION = {"phi": 4e-3, "theta": -3e-3}, 250.0
 
@@ -31,7 +31,7 @@ def recorded() -> dict[str, np.ndarray]:
     """Columns of a crane that is not as one believes, by the plain loop of Pinocchio: drives by
     prescribed motion, a sensor of the swing that is late and off, a trolley with dry friction.
     """
-    crane = KNOWN.load(payload_mass=TRUTH["payload_mass"], damp_swing=TRUTH["damp_swing"])
+    crane = PRIOR.load(payload_mass=TRUTH["payload_mass"], damp_swing=TRUTH["damp_swing"])
     start = crane.state(x=8.0, l=12.0 + TRUTH["l_offset"], phi=0.03)
     pulses = [JoystickPulse("x", 0.6, 2.0, 4.0), JoystickPulse("gamma", 0.08, 8.0, 4.0),
               JoystickPulse("l", 0.4, 16.0, 4.0), JoystickPulse("x", -0.5, 22.0, 4.0)]  # fmt: skip
@@ -58,7 +58,7 @@ def recorded() -> dict[str, np.ndarray]:
 
 @cache
 def found() -> Estimate:
-    return identify(Model.of(KNOWN, [Record.of(KNOWN.crane, recorded())]))
+    return identify(Model.of(PRIOR, [Record.of(PRIOR.crane, recorded())]))
 
 
 def test_known_numbers_are_found_from_wrong_starts() -> None:
@@ -67,7 +67,7 @@ def test_known_numbers_are_found_from_wrong_starts() -> None:
     0.3 m/s² times 0.05 s over six, so that a row beside it shows some of the friction at rest.
     """
     estimate = found()
-    assert estimate.found.keys() == {*TRUTH, "phi_bias", "theta_bias", "x_friction"}
+    assert estimate.intervals.keys() == {*TRUTH, "phi_bias", "theta_bias", "x_friction"}
     for name, value in TRUTH.items():
         assert estimate.value(name) == pytest.approx(value, rel=1e-3), name
     for symbol, bias in BIAS.items():
@@ -81,7 +81,7 @@ def test_a_cable_that_is_three_metres_longer_than_recorded_is_found() -> None:
     a part of it.
     """
     columns = {**recorded(), "l_m": recorded()["l_m"] + TRUTH["l_offset"] - 3.0}
-    model = Model.of(KNOWN, [Record.of(KNOWN.crane, columns)])
+    model = Model.of(PRIOR, [Record.of(PRIOR.crane, columns)])
     assert identify(model).value("l_offset") == pytest.approx(3.0, abs=1e-3)
 
 
@@ -147,7 +147,7 @@ def test_errors_with_a_memory_are_no_white_noise_and_widen_the_intervals() -> No
         columns["phi_rad"] = columns["phi_rad"] + 2e-3 * noise[: len(columns["t_s"])]
         names = ["l_offset", "damp_swing", "phi_bias", "theta_bias", "delay"]
         margins.append(
-            identify(Model.of(KNOWN, [Record.of(KNOWN.crane, columns)], names)).margin("phi_bias")
+            identify(Model.of(PRIOR, [Record.of(PRIOR.crane, columns)], names)).margin("phi_bias")
         )
     # The mean of such errors is sqrt(1.9 / 0.1), 4.4 times as wide as that of white ones.
     assert margins[1] > 2.0 * margins[0]
@@ -162,7 +162,7 @@ def test_errors_that_alternate_do_not_narrow_the_intervals() -> None:
         columns = {name: values for name, values in recorded().items() if name[0] != "F"}
         columns["phi_rad"] = columns["phi_rad"] + 2e-3 * noise[: len(columns["t_s"])]
         names = ["l_offset", "damp_swing", "phi_bias", "theta_bias", "delay"]
-        estimate = identify(Model.of(KNOWN, [Record.of(KNOWN.crane, columns)], names))
+        estimate = identify(Model.of(PRIOR, [Record.of(PRIOR.crane, columns)], names))
         margins.append(estimate.margin("phi_bias"))
     assert "record: phi_rad" in estimate.not_white
     # Of the same power within 1 / sqrt(n), 4 %, and twice that.
@@ -183,13 +183,13 @@ def test_a_drive_behind_its_setpoint_is_the_closed_form() -> None:
 
 def test_recorded_efforts_that_act_again_find_the_friction_of_the_trolley() -> None:
     """Efforts alone, no position: the plain loop's run under a brake, made again from them."""
-    crane = KNOWN.load(damp_trolley=2e3, damp_swing=900.0)
+    crane = PRIOR.load(damp_trolley=2e3, damp_swing=900.0)
     start = crane.state(phi=0.1)
     run = simulate(crane, hold_controller(crane), start=start, duration=17.0, integrator=rk4,
                    dt=5e-3, engine="compiled")  # fmt: skip
     columns = {name: run[name] for name in ("t_s", "phi_rad", "T_gamma_Nm", "F_x_N", "F_l_N")}
-    record = Record.of(KNOWN.crane, columns)
-    model = Model.of(KNOWN, [record], ["damp_trolley", "damp_swing"])
+    record = Record.of(PRIOR.crane, columns)
+    model = Model.of(PRIOR, [record], ["damp_trolley", "damp_swing"])
     assert model.drives == "effort"
     estimate = identify(model)
     assert estimate.value("damp_trolley") == pytest.approx(2e3, rel=1e-3)
@@ -201,10 +201,10 @@ def test_gravity_and_dummy_inertia_of_gazebo_are_found_from_two_files() -> None:
     of them are Gazebo's chords (experiment gazebo).
     """
     records = [
-        load_record(RECORDINGS / f"a1_{name}.parquet", KNOWN.crane, since=12.0)
+        load_record(RECORDINGS / f"a1_{name}.parquet", PRIOR.crane, since=12.0)
         for name in ("l5", "l20")
     ]
-    estimate = identify(Model.of(KNOWN, records, ["gravity", "dummy_inertia", "damp_swing"]))
+    estimate = identify(Model.of(PRIOR, records, ["gravity", "dummy_inertia", "damp_swing"]))
     assert estimate.value("gravity") == pytest.approx(9.8, rel=1e-6)
     assert estimate.value("dummy_inertia") == pytest.approx(50.0, rel=1e-3)
     assert estimate.value("damp_swing") == pytest.approx(1.0, rel=2e-2)
@@ -213,13 +213,13 @@ def test_gravity_and_dummy_inertia_of_gazebo_are_found_from_two_files() -> None:
 def test_a_swing_of_one_degree_taken_for_one_radian_is_told_by_what_the_drives_make_of_it() -> None:
     """One that is beyond 90 when taken for radians is refused before; this one is not."""
     slow = {"t_s": recorded()["t_s"], "x_m": 8.0 + 0.15 * (recorded()["x_m"] - 8.0)}
-    record = Record.of(KNOWN.crane, {**slow, "phi_rad": recorded()["phi_rad"]})
-    model = Model.of(KNOWN, [record], ["l_offset"])
+    record = Record.of(PRIOR.crane, {**slow, "phi_rad": recorded()["phi_rad"]})
+    model = Model.of(PRIOR, [record], ["l_offset"])
     swing = model.predicted(0, np.zeros((1, len(model.parameters))))[0][0]
     assert 0.5 < np.degrees(np.abs(swing).max()) < 1.5
-    wrong = Record.of(KNOWN.crane, {**slow, "phi_rad": np.degrees(swing)})
+    wrong = Record.of(PRIOR.crane, {**slow, "phi_rad": np.degrees(swing)})
     with pytest.raises(DataError, match=r"phi_rad swings 57.* as degrees do; allowed are radians"):
-        identify(Model.of(KNOWN, [wrong], ["l_offset"]))
+        identify(Model.of(PRIOR, [wrong], ["l_offset"]))
 
 
 @pytest.mark.parametrize(
@@ -235,19 +235,19 @@ def test_a_swing_of_one_degree_taken_for_one_radian_is_told_by_what_the_drives_m
 def test_what_no_column_could_tell_is_refused(
     names: list[str], drives: str | None, sentence: str
 ) -> None:
-    record = Record.of(KNOWN.crane, recorded())
+    record = Record.of(PRIOR.crane, recorded())
     with pytest.raises(CraneError, match=sentence):
-        Model.of(KNOWN, [record], names, drives=drives)  # type: ignore[arg-type]
+        Model.of(PRIOR, [record], names, drives=drives)  # type: ignore[arg-type]
 
 
 def test_a_drive_that_never_moves_says_nothing_of_its_lag() -> None:
     columns = {**recorded(), "x_setpoint_m": np.full(len(recorded()["t_s"]), 8.0)}
     with pytest.raises(DataError, match="x_lag cannot be found: x_setpoint_m never moves"):
-        Model.of(KNOWN, [Record.of(KNOWN.crane, columns)], ["x_lag"])
+        Model.of(PRIOR, [Record.of(PRIOR.crane, columns)], ["x_lag"])
 
 
 def test_more_parameters_than_numbers_are_refused_and_unknown_ones_said() -> None:
     with pytest.raises(DataError, match="There is no record"):
-        Model.of(KNOWN, [])
+        Model.of(PRIOR, [])
     with pytest.raises(UnknownName, match="There is no parameter 'x_lag'; there are l_offset"):
         found().value("x_lag")

@@ -12,7 +12,7 @@ from cranedyn.data.trajectory import read
 from cranedyn.identification import read_twin
 from experiments import identify
 from experiments.gazebo import RECORDINGS
-from experiments.harness import Table
+from experiments.harness import ResultTable
 from experiments.harness.document import read_document
 from experiments.identify.figures import spectra
 from tests.helpers import ROOT
@@ -29,7 +29,7 @@ def test_the_examples_hold_their_claims(tmp_path: Path, capsys: pytest.CaptureFi
         *result["files"]
     }
     assert (out / "identify.rrd").stat().st_size > 1e5
-    made = [Table.of(kept) for kept in result["tables"]]
+    made = [ResultTable.of(kept) for kept in result["tables"]]
     stale = read_document(ROOT / "docs" / "identify.md", "identify").stale(made)
     # What is left of Gazebo's noiseless files, and so its intervals, is round-off.
     assert [sentence for sentence in stale if "Gazebo Classic" not in sentence] == []

@@ -4,30 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 
-from cranedyn.identification import Known, Model, Record, identify, preflight
-from cranedyn.identification.moves import moves
+from cranedyn.identification import Model, Prior, Record, identify, preflight
+from cranedyn.identification.moves import propose_records
 from experiments.identify.trial import TRUTH, trial_record
 from tests.identification.test_estimate import TRUTH as TRUE
 from tests.identification.test_estimate import recorded
 
-KNOWN = Known()
+PRIOR = Prior()
 
 
 def test_setpoints_alone_do_not_tell_delay_and_lag_apart_and_positions_would() -> None:
     """At the true numbers: the swing is late by both alike. What the advice promises of recording
     the positions, too, is kept by a record with positions.
     """
-    alone = Model.of(KNOWN, [trial_record(KNOWN, positions=False)])
+    alone = Model.of(PRIOR, [trial_record(PRIOR, positions=False)])
     own = [one for one in alone.parameters if one.record is None]
     values = np.array([TRUTH[one.name] for one in own])
     values = np.concatenate([values, np.zeros(len(alone.parameters) - len(own))])
     judged = preflight(_at(alone, values))
-    pairs = {frozenset((pair.one, pair.other)): pair.correlation for pair in judged.alike}
+    pairs = {frozenset((pair.first, pair.second)): pair.correlation for pair in judged.alike}
     assert pairs[frozenset(("delay", "x_lag"))] < -0.95
     best = judged.advice[0]
     assert "recorded, too" in best.move
     assert best.margins["delay"] < 0.5 * judged.margins["delay"]
-    both = Model.of(KNOWN, [trial_record(KNOWN, positions=True)])
+    both = Model.of(PRIOR, [trial_record(PRIOR, positions=True)])
     kept = preflight(_at(both, values))
     assert not {"delay", "x_lag"} & {name for pair in kept.alike for name in pair[:2]}
     assert kept.margins["delay"] <= best.margins["delay"]
@@ -44,7 +44,7 @@ def test_margins_foretold_are_those_that_come_out() -> None:
     rng = np.random.default_rng(5)
     for name in ("phi_rad", "theta_rad"):
         columns[name] = columns[name] + 2e-3 * rng.standard_normal(len(columns["t_s"]))
-    known = Known(None, {name: TRUE[name] for name in ("payload_mass", "damp_swing")})
+    known = Prior(None, {name: TRUE[name] for name in ("payload_mass", "damp_swing")})
     names = ["l_offset", "delay", "phi_bias", "theta_bias"]
     model = Model.of(known, [Record.of(known.crane, columns)], names)
     foretold, estimate = preflight(model), identify(model)
@@ -69,20 +69,20 @@ def test_the_weight_of_a_load_that_only_swings_is_said_to_be_next_to_unknown() -
     columns["phi_rad"] = columns["phi_rad"] + 1e-3 * np.random.default_rng(1).standard_normal(
         len(columns["t_s"])
     )
-    model = Model.of(KNOWN, [Record.of(KNOWN.crane, columns)], ["l_offset", "payload_mass"])
+    model = Model.of(PRIOR, [Record.of(PRIOR.crane, columns)], ["l_offset", "payload_mass"])
     judged = preflight(model)
     assert judged.blind == ("payload_mass",)
-    assert [{pair.one, pair.other} for pair in judged.alike] == [{"l_offset", "payload_mass"}]
+    assert [{pair.first, pair.second} for pair in judged.alike] == [{"l_offset", "payload_mass"}]
     assert judged.advice[0].margins["payload_mass"] < judged.margins["payload_mass"]
     other_cable = [one for one in judged.advice if " m, half the cable" in one.move]
     assert other_cable
 
 
 def test_moves_that_are_proposed_stay_within_the_ranges_of_the_drives() -> None:
-    model = Model.of(KNOWN, [Record.of(KNOWN.crane, recorded())])
-    proposed = list(moves(model, model.first))
+    model = Model.of(PRIOR, [Record.of(PRIOR.crane, recorded())])
+    proposed = list(propose_records(model, model.first))
     assert len(proposed) >= 6
-    crane = KNOWN.crane
+    crane = PRIOR.crane
     for words, record in proposed:
         for joint, at in zip(crane.layout.driven, crane.layout.drives, strict=True):
             place = record.columns[joint.columns[0]]

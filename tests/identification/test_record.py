@@ -12,10 +12,10 @@ from cranedyn.bridges import mcap
 from cranedyn.controllers import hold_controller
 from cranedyn.data.external import parse_sources
 from cranedyn.errors import CraneError, DataError
-from cranedyn.identification import Known, Record, load_record
+from cranedyn.identification import Prior, Record, load_record
 from cranedyn.simulation.simulate import simulate
 
-KNOWN = Known()
+PRIOR = Prior()
 
 
 def columns(duration: float = 40.0, interval: float = 0.05) -> dict[str, np.ndarray]:
@@ -53,12 +53,12 @@ def test_what_is_no_record_is_refused_in_one_sentence(
     data: dict[str, np.ndarray], sentence: str
 ) -> None:
     with pytest.raises(CraneError, match=sentence) as caught:
-        Record.of(KNOWN.crane, data)
+        Record.of(PRIOR.crane, data)
     assert "\n" not in str(caught.value)
 
 
 def test_a_swing_that_never_moves_beside_one_that_does_is_left_out_and_said() -> None:
-    record = Record.of(KNOWN.crane, changed(theta_rad=np.zeros(800)))
+    record = Record.of(PRIOR.crane, changed(theta_rad=np.zeros(800)))
     assert [joint.symbol for joint in record.swings] == ["phi"]
     assert record.notes == (
         "record: theta_rad never moves and is left out.",
@@ -68,7 +68,7 @@ def test_a_swing_that_never_moves_beside_one_that_does_is_left_out_and_said() ->
 
 
 def test_times_count_from_the_first_row_that_is_looked_at() -> None:
-    record = Record.of(KNOWN.crane, columns(), since=10.0)
+    record = Record.of(PRIOR.crane, columns(), since=10.0)
     assert record.t[0] == 0.0
     assert record.duration == pytest.approx(29.95)
     assert record.columns["phi_rad"][0] == pytest.approx(0.1 * np.sin(8.0))
@@ -79,16 +79,16 @@ def test_files_in_other_names_and_units_give_the_same_record(tmp_path: Path) -> 
     table = np.stack([1e3 * data["t_s"], np.degrees(data["phi_rad"]), data["x_m"]], axis=1)
     np.savetxt(file, table, delimiter=",", header="time,Angle,x_m", comments="", fmt="%.17g")
     sources = parse_sources(["t_s=time[ms]", "phi_rad=Angle[deg]"])
-    found = load_record(file, KNOWN.crane, sources=sources)
+    found = load_record(file, PRIOR.crane, sources=sources)
     for name in ("phi_rad", "x_m"):
         np.testing.assert_allclose(found.columns[name], data[name], atol=1e-15, rtol=1e-15)
     with pytest.raises(DataError, match=re.escape("no column")):
-        load_record(file, KNOWN.crane)
+        load_record(file, PRIOR.crane)
 
 
 def test_csv_parquet_and_mcap_of_a_run_give_the_same_record(tmp_path: Path) -> None:
     pytest.importorskip("mcap_ros2", reason="mcap-ros2-support is not installed")
-    crane = KNOWN.crane
+    crane = PRIOR.crane
     run = simulate(
         crane,
         hold_controller(crane),

@@ -10,8 +10,8 @@ import pytest
 
 from cranedyn.errors import DataError
 from cranedyn.identification import (
-    Known,
     Model,
+    Prior,
     Record,
     identify,
     preflight,
@@ -28,13 +28,19 @@ def test_a_twin_is_read_back_and_is_the_crane_that_was_found(tmp_path: Path) -> 
     file = twin.write(tmp_path / "twin.json")
     again, loaded = read_twin(file), load_crane(from_record=file)
     assert again.identified == twin.identified
-    assert again.off == twin.off
-    assert again.off.keys() == {"l_offset", "delay", "phi_bias", "theta_bias", "x_friction"}
+    assert again.device_parameters == twin.device_parameters
+    assert again.device_parameters.keys() == {
+        "l_offset",
+        "delay",
+        "phi_bias",
+        "theta_bias",
+        "x_friction",
+    }
     assert again.records == ("record",)
     for crane in (again.crane, loaded, load_crane(**parse_values([str(file)]))):  # type: ignore[arg-type]
         assert crane.payload_mass == twin.crane.payload_mass == found().value("payload_mass")
         assert np.array_equal(crane.damping, twin.crane.damping)
-    assert twin.words == (
+    assert twin.options == (
         f"--gravity 9.80665 --set damp_swing:={found().value('damp_swing')!r} "
         f"payload_mass:={found().value('payload_mass')!r}"
     )
@@ -57,10 +63,10 @@ def test_a_twin_run_through_its_record_shows_what_was_recorded() -> None:
 def test_what_the_records_say_nothing_of_has_no_interval_in_the_file(tmp_path: Path) -> None:
     """The inertia that slews, where the motion is prescribed and no torque recorded."""
     columns = {name: values for name, values in recorded().items() if name[0] != "F"}
-    record = Record.of(Known().crane, columns)
-    estimate = identify(Model.of(Known(), [record], ["l_offset", "slewing_inertia"]))
+    record = Record.of(Prior().crane, columns)
+    estimate = identify(Model.of(Prior(), [record], ["l_offset", "slewing_inertia"]))
     assert estimate.margin("slewing_inertia") == np.inf
-    assert estimate.value("slewing_inertia") == Known().value("slewing_inertia")
+    assert estimate.value("slewing_inertia") == Prior().value("slewing_inertia")
     assert preflight(estimate.model, estimate).blind == ("slewing_inertia",)
     file = twin_of(estimate).write(tmp_path / "twin.json")
     assert read_twin(file).identified["slewing_inertia"]["margin"] is None
@@ -100,7 +106,7 @@ def test_a_twin_whose_arguments_are_no_numbers_by_name_is_none(tmp_path: Path) -
 
 def test_another_cranes_twin_names_it_whole(tmp_path: Path) -> None:
     """The overhead crane: two drives along a runway and a bridge, no slew."""
-    known = Known("urdf/overhead_crane.urdf.xacro", {"payload_mass": 3000.0})
+    known = Prior("urdf/overhead_crane.urdf.xacro", {"payload_mass": 3000.0})
     crane = known.crane
     t = np.arange(0.0, 30.0, 0.05)
     columns = {"t_s": t, "x_m": crane.start.q[crane.layout.index("x")] + 0.5 * np.tanh(t - 5.0)}

@@ -26,7 +26,7 @@ from cranedyn.model.load import load_crane
 from cranedyn.planning.structure import Arm, Base
 from cranedyn.references import hold, pulse
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import BRIDGE, HOOK, RELATIVES, crane_of
+from experiments.relatives.catalogue import BRIDGE, HOOK, RELATIVES, relative_crane
 from tests.helpers import ROOT, G, crane, efforts, locked, quickly, states
 
 ROUND_OFF = 1e-11
@@ -70,7 +70,7 @@ def test_what_passes_through_a_joint_is_what_pinocchio_says(
 
 @pytest.mark.parametrize("relative", RELATIVES, ids=lambda one: one.name)
 def test_cranes_of_other_topology_stand_on_what_they_weigh(relative: object) -> None:
-    of = crane_of(relative)  # type: ignore[arg-type]
+    of = relative_crane(relative)  # type: ignore[arg-type]
     run = quickly(of, hold_controller(of), duration=0.05)
     found = loads(of, run)
     weight = sum(inertia.mass for inertia in of.model.inertias) * of.gravity
@@ -264,7 +264,7 @@ def test_a_batch_carries_what_its_runs_carry_alone() -> None:
 
 
 def test_a_hook_hangs_on_the_rope_with_its_load_and_an_overhead_crane_has_no_ring() -> None:
-    hook, bridge = crane_of(HOOK), crane_of(BRIDGE)
+    hook, bridge = relative_crane(HOOK), relative_crane(BRIDGE)
     for of in (hook, bridge):
         run = simulate(of, Hold(of, *np.zeros((3, of.layout.m))), duration=0.05, drive="motion")
         found = loads(of, run)
@@ -294,7 +294,7 @@ def test_loads_are_a_table_like_a_run(tmp_path: Path) -> None:
         (lambda of, run: Arm(-1.0, 1.0), "mass of an arm is -1.0 kg"),
         (lambda of, run: loads(of, run)["nothing"], "There is no column 'nothing'"),
         (lambda of, run: loads(of, run).write("x.txt"), "the ending must be .csv or .parquet"),
-        (lambda of, run: loads(crane_of(RELATIVES[0]), run), "run is of joints gamma"),
+        (lambda of, run: loads(relative_crane(RELATIVES[0]), run), "run is of joints gamma"),
         (lambda of, run: loads_of_rows(of, run.q * np.nan, run.v, run.effort), "q is nan"),
         (lambda of, run: loads_of_rows(of, run.q, run.v, run.effort[:, :2]), "effort"),
         (lambda of, run: loads_of_rows(of, run.q, [], run.effort), "v is an array of shape"),

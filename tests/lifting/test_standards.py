@@ -8,7 +8,7 @@ import pytest
 
 from experiments import factors
 from experiments.harness.document import read_document
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import ResultTable
 from experiments.standards import derived
 from experiments.standards.formulas import FORMULAS, Formula
 from tests.helpers import ROOT
@@ -48,6 +48,6 @@ def test_a_shaped_drive_needs_no_more_than_a_load_that_leans(result: dict) -> No
 
 
 def test_the_page_on_lifting_shows_what_the_experiment_prints(result: dict) -> None:
-    tables = [Table.of(kept) for kept in result["tables"]]
+    tables = [ResultTable.of(kept) for kept in result["tables"]]
     page = read_document(ROOT / "docs" / "lifting.md", "factors")
     assert page.stale(tables) == []

@@ -24,7 +24,7 @@ from cranedyn.model.load import load_crane
 from cranedyn.recording import Run
 from cranedyn.recording.record import describe_runs as words_of
 from cranedyn.simulation.simulate import simulate
-from experiments.harness.outcome import Outcome, Table, show
+from experiments.harness.outcome import Outcome, ResultTable, show
 from tests.helpers import crane
 
 EVIL = "a\nerror: all is well\x9b31m\u202e'; \u2028"
@@ -207,7 +207,7 @@ def test_a_name_in_a_sentence_cannot_end_its_quotation_nor_be_endless() -> None:
 def test_names_of_files_forge_no_rows_and_no_colours_in_tables(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    table = Table("Files", [("file", ""), ("l [m]", ".1f")], [(f"{EVIL}|b", 1.0)])
+    table = ResultTable("Files", [("file", ""), ("l [m]", ".1f")], [(f"{EVIL}|b", 1.0)])
     assert table.shown()[0][0].isprintable()
     last = table.markdown().splitlines()[-1]
     assert last.startswith(r"| a\nerror: all is well") and last.endswith(r"\|b | 1.0 |")

@@ -85,8 +85,8 @@ def test_enough_was_tried_of_each_and_both_ends_were_met() -> None:
         assert TRIED[f"api {group}, good"] > 0, group
     for loop in ("Fleet", "Stepper", "TowerCraneEnv", "TowerCraneVectorEnv"):
         assert TRIED[f"loop {loop}, good"] > 0 and TRIED[f"loop {loop}, some refused"] > 0, loop
-    for door in plugins.names("exporter"):
-        assert TRIED[f"export {door}, good"] > 0, door
+    for exporter in plugins.names("exporter"):
+        assert TRIED[f"export {exporter}, good"] > 0, exporter
 
 
 # --- the generators cover what there is -----------------------------------------------------------

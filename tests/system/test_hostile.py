@@ -603,11 +603,11 @@ def test_a_load_that_does_not_swing_through_has_no_period() -> None:
     with pytest.raises(
         DataError, match="The load swings through 0 times in 40 s; a period needs two"
     ):
-        mass_ratio.period(run)
+        mass_ratio.mean_period(run)
 
 
 def test_a_result_that_is_not_finite_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
-    table = harness.Table(
+    table = harness.ResultTable(
         "Some table",
         [("name", ""), ("a", ".1f"), ("b", ".1f")],
         [("x", 1.0, None), ("y", np.float64(2.0), np.nan)],

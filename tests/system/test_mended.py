@@ -280,7 +280,7 @@ def test_a_document_that_asks_for_a_table_that_is_not_made_costs_no_files(
     page = tmp_path / "page.md"
     page.write_text("<!-- a1: Missing -->\n<!-- end -->\n", encoding="utf-8")
     made = harness.parser("a1", "A trial.")
-    outcome = harness.Outcome([harness.Table("Here", [("a", "")], [("b",)])], [])
+    outcome = harness.Outcome([harness.ResultTable("Here", [("a", "")], [("b",)])], [])
     code = harness.run_experiment(
         made,
         lambda options, setup: outcome,

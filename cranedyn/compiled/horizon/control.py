@@ -1,17 +1,17 @@
-"""What the drives are told at a control instant, in code: the accelerations of the plan as efforts.
+"""Command of a predictive controller at a control instant, in code.
 
-Of the swing, whose sensors are the worst of a crane, a plan begins with an average: what was
-expected of the crane that it knows, moved on by what the drives did, and a share of what the
-sensors differ. That the rope stays taut is seen to with what is measured.
+A plan begins with a filtered swing, since the swing sensors are the worst of a crane: the swing
+predicted by the model under the measured motion of the drives, corrected by a share of its
+difference from the measured swing. The rope tension is limited by measured rates.
 
-Drives to which rates are commanded have, for a plan, the rate that was planned, not the one
-measured: these follow late, how late nobody knows exactly, and a plan that began anew from where
-they are would ask for more and more. Only in the long run the measured rate counts.
+Where drives take velocities, a plan begins with the rates that were planned, not those measured:
+the drives lag by an uncertain time, and a plan from the measured rates would demand ever more. The
+measured rates correct the planned ones slowly.
 
-Between optimisations the planned accelerations are held and turned into efforts at every control
-instant by inverse dynamics. What a drive accelerates otherwise than told is a disturbance, a load
-of another mass among them; its estimate is taken off what is told. Efforts are cut to the limits of
-the drives, and the hoist never pays out so hard that the rope would lose its least tension.
+Between optimisations the planned accelerations are held and converted to efforts at every control
+instant by inverse dynamics. A difference between expected and measured rates, such as by another
+load mass, is estimated as a disturbance and subtracted. Efforts are clipped to the limits of the
+drives, and the hoist keeps the least tension of the rope.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from llvmlite import ir
 
 from cranedyn.compiled.code import INTEGER, Code, Value
 from cranedyn.compiled.horizon import interior, model, planning, riccati
-from cranedyn.compiled.horizon.memory import Shape, element, pointer
+from cranedyn.compiled.horizon.memory import HorizonShape, element, pointer
 from cranedyn.compiled.horizon.planning import QUERY
 from cranedyn.dynamics.scalars import array, clipped
 from cranedyn.model.layout import Layout
@@ -33,7 +33,7 @@ from cranedyn.plant.plant import Plant, Topology, plant
 
 @dataclass(frozen=True)
 class Programme:
-    """A predictive controller, as far as its code depends on it.
+    """Parameters of a predictive controller that its code depends on.
 
     Attributes:
         topology: What its crane has in common with others.
@@ -73,22 +73,24 @@ class Programme:
     lead: tuple[float, ...] = ()
 
     @property
-    def shape(self) -> Shape:
-        """Of the optimisation."""
+    def shape(self) -> HorizonShape:
+        """Dimensions of the optimisation."""
         layout = self.topology.layout
-        return Shape(2 * layout.n, layout.m, self.stages)
+        return HorizonShape(2 * layout.n, layout.m, self.stages)
 
-    def parts(self, lanes: int) -> Parts:
-        """Where in the memory of a group of lanes each part begins."""
-        return Parts.of(self, lanes)
+    def parts(self, lanes: int) -> MemoryOffsets:
+        """Return the offsets of the sections in the memory of a group of lanes."""
+        return MemoryOffsets.of(self, lanes)
 
     @property
     def plant(self) -> Plant:
-        """The crane that it believes in, told by accelerations."""
+        """Model of the crane, commanded by accelerations."""
         return self.driven("motion")
 
     def driven(self, drive: str) -> Plant:
-        """The crane that it believes in, told by accelerations, "motion", or efforts, "effort"."""
+        """Return the model of the crane, commanded by accelerations, "motion", or efforts,
+        "effort".
+        """
         return plant(self.topology, list(self.numbers), drive, False)
 
     @property
@@ -97,13 +99,13 @@ class Programme:
         return round(self.length / self.period) if self.rows else 0
 
 
-class Parts(NamedTuple):
-    """Where in the memory of a group of lanes each part begins [doubles].
+class MemoryOffsets(NamedTuple):
+    """Offsets of the sections in the memory of a group of lanes [doubles].
 
     Attributes:
         query: See `cranedyn.compiled.horizon.planning`.
         counts: Whole numbers: control instants up to now, and up to the run's beginning.
-        lanes: What each lane remembers, see `remembered`.
+        lanes: What each lane remembers, see `lane_memory`.
         plans: The plan of each lane.
         path: The path.
         work: Memory of the optimisation.
@@ -119,13 +121,13 @@ class Parts(NamedTuple):
     size: int
 
     @classmethod
-    def of(cls, programme: Programme, lanes: int) -> Parts:
-        """Those of a group of so many lanes."""
+    def of(cls, programme: Programme, lanes: int) -> MemoryOffsets:
+        """Return the offsets for a group of so many lanes."""
         shape, layout = programme.shape, programme.topology.layout
         counts = [
             shape.lanes + 8,
             8,
-            lanes * -(-remembered(layout)["begun"].stop // 8) * 8,
+            lanes * -(-lane_memory(layout)["begun"].stop // 8) * 8,
             lanes * plan_size(shape),
             -(-max(programme.rows, 1) * shape.states // 8) * 8 + shape.lanes,
             shape.size,
@@ -133,11 +135,12 @@ class Parts(NamedTuple):
         return cls(0, *np.cumsum(counts).tolist())
 
 
-def remembered(layout: Layout) -> dict[str, range]:
-    """Where what each lane remembers stands, by name: accelerations held, estimates of what
-    disturbs the drives, rates expected of them, the swing believed at the instant before and its
-    rates, coordinates and rates as read at the last instant at which that was possible, how often
-    it was not, what was read then, and whether there was an instant before.
+def lane_memory(layout: Layout) -> dict[str, range]:
+    """Return the slots of each lane's memory by name.
+
+    They are the accelerations held, the estimated disturbances of the drives, the expected rates,
+    the filtered swing of the instant before and its rates, the last plausible coordinates and
+    rates, the number of implausible readings, the last of these, and 1 after the first instant.
     """
     n, m = layout.n, layout.m
     sizes = dict(
@@ -156,40 +159,40 @@ def remembered(layout: Layout) -> dict[str, range]:
     }
 
 
-def plan_size(shape: Shape) -> int:
-    """Doubles of a plan."""
+def plan_size(shape: HorizonShape) -> int:
+    """Return the size of a plan [doubles]."""
     return (shape.stages + 1) * shape.lanes
 
 
 def emit_plan(module: ir.Module, programme: Programme) -> list[tuple[str, int, int, float]]:
-    """Add the function `plan` and what it needs; returns what stands in the memory of each stage
-    before all else: name of the row, its number, lane, number.
+    """Add the function `plan` and what it calls; return the constants in the memory of each stage:
+    name of the row, its number, lane, value.
     """
     shape, layout = programme.shape, programme.topology.layout
     riccati.emit(module, shape)
     interior.emit(module, shape)
     crane = plant(programme.topology, list(programme.numbers), "motion", False)
-    known = model.emit(module, shape, crane, programme.length)
+    constants = model.emit(module, shape, crane, programme.length)
     if programme.errors:
         errors = np.reshape(programme.errors, (2, layout.n))
         model.emit_weights(module, shape, crane, errors, np.array(programme.payload_errors))
     period = programme.ratio * programme.period
     planning.emit(module, shape, crane, programme.length, period, programme.swing)
-    return known
+    return constants
 
 
 def emit_instant(module: ir.Module, programme: Programme) -> None:
-    """Add the function `instant` for one crane: from the state in the query, the row of the path
-    and whether it is time for an optimisation to the command, which it writes to the query's end.
+    """Add the function `instant` for one crane: from the state, the row of the path and whether to
+    optimise to the command.
     """
     code = Code(module, "instant", ["memory", "given", "command"], 1)
     code.function.attributes.add("noinline")  # rounded alike wherever it is called from
-    layout, given = programme.topology.layout, code.argument["given"]
+    layout, query = programme.topology.layout, code.argument["given"]
     z = 2 * layout.n
-    state = array([code.load(given, i) for i in range(z)])
-    position = array([code.load(given, z + i) for i in range(layout.m)])
-    row, due = (code.load_one(given, z + layout.m + i, INTEGER) for i in range(2))
-    control = Control(code, programme, code.argument["memory"])
+    state = array([code.load(query, i) for i in range(z)])
+    position = array([code.load(query, z + i) for i in range(layout.m)])
+    row, due = (code.load_one(query, z + layout.m + i, INTEGER) for i in range(2))
+    control = PredictiveControl(code, programme, code.argument["memory"])
     command = control.command(
         state[: layout.n],
         state[layout.n :],
@@ -202,20 +205,20 @@ def emit_instant(module: ir.Module, programme: Programme) -> None:
     code.end()
 
 
-class Control:
-    """The code of a control instant, for one crane or for one in each lane."""
+class PredictiveControl:
+    """Code of a control instant, for one crane or for one in each lane."""
 
     def __init__(self, code: Code, programme: Programme, memory: ir.Value) -> None:
         self.code, self.programme, self.memory = code, programme, memory
-        self.parts, self.layout = Parts.of(programme, code.lanes), programme.topology.layout
-        self._slots = remembered(self.layout)
+        self.parts, self.layout = MemoryOffsets.of(programme, code.lanes), programme.topology.layout
+        self._slots = lane_memory(self.layout)
 
-    def counted(self) -> tuple[ir.Value, ir.Value]:
-        """Row of the path now and whether an optimisation is due, by counting instants."""
+    def count_instant(self) -> tuple[ir.Value, ir.Value]:
+        """Count an instant; return the row of the path and whether to optimise."""
         code = self.code
         count = code.load_one(self.memory, self.parts.counts, INTEGER)
-        place = pointer(code, self.memory, self.parts.counts)
-        code.builder.store(code.builder.add(count, code.integer(1)), place, align=8)
+        address = pointer(code, self.memory, self.parts.counts)
+        code.builder.store(code.builder.add(count, code.integer(1)), address, align=8)
         turn = code.builder.srem(count, code.integer(self.programme.ratio))
         first = code.load_one(self.memory, self.parts.counts + 1, INTEGER)
         due = code.builder.or_(
@@ -227,7 +230,7 @@ class Control:
     def command(
         self, q: np.ndarray, v: np.ndarray, position: np.ndarray, row: ir.Value, due: ir.Value
     ) -> np.ndarray:
-        """What the drives are told, shape (m,).
+        """Return the command of the drives, shape (m,).
 
         Args:
             q: Coordinates.
@@ -237,44 +240,46 @@ class Control:
             due: Whether it is time for an optimisation.
         """
         code = self.code
-        before, begun = self._remembered("read"), self._remembered("begun")[0]
-        q, v, possible = self._possible(q, v)
-        believed = self._believed(q, v, before)
+        before, begun = self._load_memory("read"), self._load_memory("begun")[0]
+        q, v, plausible = self._plausible(q, v)
+        estimated = self._estimated_state(q, v, before)
         with code.when(due):
             plant, tracked = self.programme.plant, self.programme.rows > 0
             goal = array([]) if tracked else model.hanging(plant, position)
             for lane in range(code.lanes):
-                self._plan(lane, *believed, goal, row, possible)
-        told = self._remembered("held")
+                self._plan(lane, *estimated, goal, row, plausible)
+        acceleration = self._load_memory("held")
         if self.programme.drive == "effort":
-            return self._efforts(q, v, told, begun * possible)
-        told = self._taut(q, v, told)
+            return self._efforts(q, v, acceleration, begun * plausible)
+        acceleration = self._taut(q, v, acceleration)
         if self.programme.drive == "motion":
-            return told
-        rates = believed[1][self.layout.drives]
-        self._remember("expected", rates + self.programme.period * told)
-        return array([r + t * a for r, t, a in zip(rates, self.programme.lead, told, strict=True)])
+            return acceleration
+        rates = estimated[1][self.layout.drives]
+        self._store_memory("expected", rates + self.programme.period * acceleration)
+        return array(
+            [r + t * a for r, t, a in zip(rates, self.programme.lead, acceleration, strict=True)]
+        )
 
-    def asked(
+    def call_instant(
         self, q: np.ndarray, v: np.ndarray, position: np.ndarray, row: ir.Value, due: ir.Value
     ) -> np.ndarray:
-        """As `command`, for one crane: of the function that Python asks, see `emit_instant`, so
-        that both are the same to the bit.
+        """Return the command as `command`, for one crane: by the function of `emit_instant`, which
+        Python calls too, so that both agree to the bit.
         """
         code = self.code
         numbers = [*q, *v, *position]
         with code.builder.goto_entry_block():
-            given, command = (
+            query, command = (
                 code.builder.alloca(ir.DoubleType(), size)
                 for size in (len(numbers) + 2, len(position))
             )
         for i, value in enumerate(numbers):
-            code.store(value, given, i)
+            code.store(value, query, i)
         for i, number in enumerate((row, code.builder.zext(due, INTEGER)), len(numbers)):
             bits = code.builder.bitcast(number, ir.DoubleType())
-            code.store(Value(code, bits), given, i)
+            code.store(Value(code, bits), query, i)
         function = code.function.module.globals["instant"]
-        code.builder.call(function, [self.memory, given, command])
+        code.builder.call(function, [self.memory, query, command])
         return array([code.load(command, i) for i in range(len(position))])
 
     def _plan(
@@ -284,10 +289,12 @@ class Control:
         v: np.ndarray,
         goal: np.ndarray,
         row: ir.Value,
-        possible: Value,
+        plausible: Value,
     ) -> None:
-        code, parts, shape = self.code, self.parts, self.programme.shape
-        query, path = (pointer(code, self.memory, at) for at in (parts.query, parts.path))
+        code, offsets, shape = self.code, self.parts, self.programme.shape
+        query, path = (
+            pointer(code, self.memory, offset) for offset in (offsets.query, offsets.path)
+        )
         for i, value in enumerate([*q, *v]):
             self._store_one(element(code, value, lane), query, i)
         rows = self.programme.rows
@@ -301,138 +308,143 @@ class Control:
         for i, number in enumerate(numbers):
             code.builder.store(number, pointer(code, query, shape.lanes + i), align=8)
         assert len(numbers) == len(QUERY)
-        self._store_one(element(code, possible, lane), query, shape.lanes + len(QUERY))
-        plan = pointer(code, self.memory, parts.plans + lane * plan_size(shape))
-        work = pointer(code, self.memory, parts.work)
+        self._store_one(element(code, plausible, lane), query, shape.lanes + len(QUERY))
+        plan = pointer(code, self.memory, offsets.plans + lane * plan_size(shape))
+        work = pointer(code, self.memory, offsets.work)
         code.builder.call(code.function.module.globals["plan"], [work, plan, query, path])
         for i in range(self.layout.m):
             value = code.load_one(plan, shape.states + i, ir.DoubleType())
-            to = pointer(code, self.memory, parts.lanes + i * code.lanes + lane)
+            to = pointer(code, self.memory, offsets.lanes + i * code.lanes + lane)
             code.builder.store(value, to, align=8)
 
-    def _store_one(self, value: Value, base: ir.Value, place: int) -> None:
-        self.code.builder.store(value.register, pointer(self.code, base, place), align=8)
+    def _store_one(self, value: Value, base: ir.Value, offset: int) -> None:
+        self.code.builder.store(value.register, pointer(self.code, base, offset), align=8)
 
     def _place(self, i: int) -> int:
         return self.parts.lanes + i * self.code.lanes
 
-    def _remembered(self, name: str) -> np.ndarray:
+    def _load_memory(self, name: str) -> np.ndarray:
         return array([self.code.load(self.memory, self._place(i)) for i in self._slots[name]])
 
-    def _remember(self, name: str, values: Any) -> None:
+    def _store_memory(self, name: str, values: Any) -> None:
         for i, value in zip(self._slots[name], values, strict=True):
             self.code.store(value, self.memory, self._place(i))
 
-    def _possible(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, Value]:
-        """Coordinates and rates as read, and 1; or, where a crane cannot be so, those that were
-        possible last, and 0.
+    def _plausible(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, Value]:
+        """Return coordinates and rates as read, and 1; or, if the reading is implausible, the last
+        plausible ones, and 0.
         """
         code, shape = self.code, self.programme.shape
-        least, most = (self.parts.work + shape.place(name) for name in ("least", "most"))
+        low, high = (self.parts.work + shape.place(name) for name in ("least", "most"))
         read = np.concatenate([q, v])
         holds = code.both(
-            *(x >= code.spread(self.memory, least + i) for i, x in enumerate(read)),
-            *(x <= code.spread(self.memory, most + i) for i, x in enumerate(read)),
+            *(x >= code.spread(self.memory, low + i) for i, x in enumerate(read)),
+            *(x <= code.spread(self.memory, high + i) for i, x in enumerate(read)),
         )
-        kept = {
-            "read": (read, self._remembered("read")),
-            "refused": (self._remembered("refused"), read),
-            "refusals": (self._remembered("refusals"), self._remembered("refusals") + 1.0),
+        updates = {
+            "read": (read, self._load_memory("read")),
+            "refused": (self._load_memory("refused"), read),
+            "refusals": (self._load_memory("refusals"), self._load_memory("refusals") + 1.0),
         }
-        for name, pairs in kept.items():
-            self._remember(name, [code.chosen(holds, a, b) for a, b in zip(*pairs, strict=True)])
-        q, v = np.split(self._remembered("read"), 2)
+        for name, pairs in updates.items():
+            self._store_memory(
+                name, [code.chosen(holds, a, b) for a, b in zip(*pairs, strict=True)]
+            )
+        q, v = np.split(self._load_memory("read"), 2)
         return q, v, code.chosen(holds, 1.0, 0.0)
 
-    def _believed(
+    def _estimated_state(
         self, q: np.ndarray, v: np.ndarray, before: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates and rates with which a plan begins: as measured, but for the swing and, where
-        rates are commanded, the rates of the drives; with what was measured at the instant before.
+        """Return the state with which a plan begins: as measured, except for the filtered swing
+        and, where rates are commanded, the rates of the drives.
         """
-        known, drives = self._remembered("begun")[0] > 0.0, self.layout.drives
-        believed_q, believed_v = self._swinging(known, q, v, before[self.layout.n + drives])
+        begun, drives = self._load_memory("begun")[0] > 0.0, self.layout.drives
+        estimated_q, estimated_v = self._filter_swing(begun, q, v, before[self.layout.n + drives])
         if self.programme.drive == "velocity":
-            believed_v[drives] = self._corrected(
-                known, self._remembered("expected"), v[drives], self.programme.rate_share
+            estimated_v[drives] = self._correct(
+                begun, self._load_memory("expected"), v[drives], self.programme.rate_share
             )
-        self._remember("begun", [1.0])
-        return believed_q, believed_v
+        self._store_memory("begun", [1.0])
+        return estimated_q, estimated_v
 
-    def _swinging(
-        self, known: ir.Value, q: np.ndarray, v: np.ndarray, rates_before: np.ndarray
+    def _filter_swing(
+        self, begun: ir.Value, q: np.ndarray, v: np.ndarray, rates_before: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates and rates with what is believed of the swing.
+        """Return coordinates and rates with the filtered swing.
 
-        What the drives did since the instant before is what their rates changed by: whatever moved
-        them, and noise of the encoders does not add up.
+        The drives' accelerations since the instant before follow from their change of rate,
+        whatever caused it; so noise of the encoders does not add up.
         """
         q, v, layout, period = q.copy(), v.copy(), self.layout, self.programme.period
         drives, passive = layout.drives, layout.passive
         if self.programme.swing_share == 1.0 or not len(passive):
             return q, v
-        seen, before = [*q[passive], *v[passive]], q.copy()
-        before[passive], v[passive] = np.split(self._remembered("swing"), 2)
+        measured, before = [*q[passive], *v[passive]], q.copy()
+        before[passive], v[passive] = np.split(self._load_memory("swing"), 2)
         done = (v[drives] - rates_before) / period
         caused = self.programme.plant.answer(before, v, done, None)[0][passive]
         after = v[passive] + period * caused
         expected = [*(before[passive] + period * after), *after]
-        believed = self._corrected(known, expected, seen, self.programme.swing_share)
-        self._remember("swing", believed)
-        q[passive], v[passive] = np.split(believed, 2)
+        estimated = self._correct(begun, expected, measured, self.programme.swing_share)
+        self._store_memory("swing", estimated)
+        q[passive], v[passive] = np.split(estimated, 2)
         return q, v
 
-    def _corrected(self, known: ir.Value, expected: Any, seen: Any, share: float) -> np.ndarray:
-        """What was expected, where there was an instant before, corrected by a share of what is
-        seen.
+    def _correct(self, begun: ir.Value, expected: Any, measured: Any, share: float) -> np.ndarray:
+        """Return expected values, corrected by a share of their difference from the measured ones;
+        measured ones at the first instant.
         """
         return array(
             [
-                self.code.chosen(known, e + share * (s - e), s)
-                for e, s in zip(expected, seen, strict=True)
+                self.code.chosen(begun, e + share * (s - e), s)
+                for e, s in zip(expected, measured, strict=True)
             ]
         )
 
-    def _efforts(self, q: np.ndarray, v: np.ndarray, told: np.ndarray, learns: Value) -> np.ndarray:
-        """Efforts that accelerate as told, what disturbs taken off; and what it learns of that, if
-        it does: 1, or 0 at the first instant and where no state was read.
+    def _efforts(
+        self, q: np.ndarray, v: np.ndarray, acceleration: np.ndarray, learns: Value
+    ) -> np.ndarray:
+        """Return efforts for accelerations less the estimated disturbance, and update the estimate.
 
-        What it expects is what the efforts cause that are left after they are cut, so that an
-        estimate finds back however wrong it is.
+        learns is 1, or 0 at the first instant and for implausible readings. Expected rates follow
+        from the clipped efforts, so that the estimate recovers from any error.
         """
         code, programme, layout = self.code, self.programme, self.layout
-        estimate, expected = self._remembered("estimate"), self._remembered("expected")
+        estimate, expected = self._load_memory("estimate"), self._load_memory("expected")
         rates = v[layout.drives]
         gain = learns * (programme.share / programme.period)
         estimate = array(
             [e + gain * (r - x) for e, r, x in zip(estimate, rates, expected, strict=True)]
         )
         crane = programme.plant
-        wanted = crane.answer(q, v, told - estimate, None)[1]
-        cut = [clipped(f, -most, most) for f, most in zip(wanted, crane.effort_limit, strict=True)]
+        effort = crane.answer(q, v, acceleration - estimate, None)[1]
+        cut = [
+            clipped(f, -limit, limit) for f, limit in zip(effort, crane.effort_limit, strict=True)
+        ]
         hoist = layout.drive_of("hoist")
         if hoist is not None:
             joint = int(layout.drives[hoist])
-            most = crane.joint.damping[joint] * v[joint] - programme.taut
-            cut[hoist] = code.chosen(cut[hoist] > most, most, cut[hoist])
+            limit = crane.joint.damping[joint] * v[joint] - programme.taut
+            cut[hoist] = code.chosen(cut[hoist] > limit, limit, cut[hoist])
         caused = programme.driven("effort").answer(q, v, array(cut), None)[0][layout.drives]
-        self._remember("estimate", estimate)
-        self._remember("expected", rates + programme.period * (caused + estimate))
+        self._store_memory("estimate", estimate)
+        self._store_memory("expected", rates + programme.period * (caused + estimate))
         return array(cut)
 
-    def _taut(self, q: np.ndarray, v: np.ndarray, told: np.ndarray) -> np.ndarray:
-        """Accelerations as told, but for a hoist that would leave the rope with less than its
-        least tension: what the hoist exerts is linear in its own acceleration.
+    def _taut(self, q: np.ndarray, v: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+        """Return accelerations, reduced for a hoist that would go below the least tension of the
+        rope; the effort of the hoist is linear in its acceleration.
         """
         code, layout, crane = self.code, self.layout, self.programme.plant
         hoist = layout.drive_of("hoist")
         if hoist is None:
-            return told
+            return acceleration
         joint = int(layout.drives[hoist])
-        faster = told.copy()
-        faster[hoist] = told[hoist] + 1.0
-        force, more = (crane.answer(q, v, u, None)[1][hoist] for u in (told, faster))
+        faster = acceleration.copy()
+        faster[hoist] = acceleration[hoist] + 1.0
+        force, steeper = (crane.answer(q, v, u, None)[1][hoist] for u in (acceleration, faster))
         over = force - (crane.joint.damping[joint] * v[joint] - self.programme.taut)
-        less = told[hoist] - over / (more - force)
-        told[hoist] = code.chosen(over > 0.0, less, told[hoist])
-        return told
+        reduced = acceleration[hoist] - over / (steeper - force)
+        acceleration[hoist] = code.chosen(over > 0.0, reduced, acceleration[hoist])
+        return acceleration

@@ -1,6 +1,4 @@
-"""Numbers that carry their derivatives, so that what computes a number also computes its
-derivatives.
-"""
+"""Dual numbers: values with their derivatives."""
 
 from __future__ import annotations
 
@@ -13,7 +11,7 @@ from cranedyn.dynamics.scalars import array
 
 
 class Dual:
-    """A number of any kind with its derivatives by some variables.
+    """Number of any kind with its derivatives by some variables.
 
     Attributes:
         value: The number.
@@ -25,59 +23,59 @@ class Dual:
     def __init__(self, value: Any, slopes: Sequence[Any]) -> None:
         self.value, self.slopes = value, slopes
 
-    def _both(self, value: Any, mine: Any, other: Dual, its: Any) -> Dual:
-        """Of a function whose partial derivatives are known."""
-        pairs = zip(self.slopes, other.slopes, strict=True)
+    def _both(self, value: Any, mine: Any, operand: Dual, its: Any) -> Dual:
+        """Return a function of two numbers, given its value and partial derivatives."""
+        pairs = zip(self.slopes, operand.slopes, strict=True)
         return Dual(value, [mine * a + its * b for a, b in pairs])
 
     def _chain(self, value: Any, slope: Any) -> Dual:
         return Dual(value, [slope * a for a in self.slopes])
 
-    def __add__(self, other: Any) -> Dual:
-        if isinstance(other, Dual):
-            return self._both(self.value + other.value, 1.0, other, 1.0)
-        return Dual(self.value + other, self.slopes)
+    def __add__(self, operand: Any) -> Dual:
+        if isinstance(operand, Dual):
+            return self._both(self.value + operand.value, 1.0, operand, 1.0)
+        return Dual(self.value + operand, self.slopes)
 
     __radd__ = __add__
 
-    def __sub__(self, other: Any) -> Dual:
-        if isinstance(other, Dual):
-            return self._both(self.value - other.value, 1.0, other, -1.0)
-        return Dual(self.value - other, self.slopes)
+    def __sub__(self, operand: Any) -> Dual:
+        if isinstance(operand, Dual):
+            return self._both(self.value - operand.value, 1.0, operand, -1.0)
+        return Dual(self.value - operand, self.slopes)
 
-    def __rsub__(self, other: Any) -> Dual:
-        return self._chain(other - self.value, -1.0)
+    def __rsub__(self, operand: Any) -> Dual:
+        return self._chain(operand - self.value, -1.0)
 
-    def __mul__(self, other: Any) -> Any:
-        if isinstance(other, Dual):
-            return self._both(self.value * other.value, other.value, other, self.value)
-        return 0.0 if _is_zero(other) else self._chain(self.value * other, other)
+    def __mul__(self, operand: Any) -> Any:
+        if isinstance(operand, Dual):
+            return self._both(self.value * operand.value, operand.value, operand, self.value)
+        return 0.0 if _is_zero(operand) else self._chain(self.value * operand, operand)
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: Any) -> Dual:
-        if isinstance(other, Dual):
-            value = self.value / other.value
-            return self._both(value, 1.0 / other.value, other, -(value / other.value))
-        return self._chain(self.value / other, 1.0 / other)
+    def __truediv__(self, operand: Any) -> Dual:
+        if isinstance(operand, Dual):
+            value = self.value / operand.value
+            return self._both(value, 1.0 / operand.value, operand, -(value / operand.value))
+        return self._chain(self.value / operand, 1.0 / operand)
 
     def __neg__(self) -> Dual:
         return self._chain(-self.value, -1.0)
 
     def sin(self) -> Dual:
-        """Sine of an angle [rad]."""
+        """Return the sine of an angle [rad]."""
         return self._chain(np.sin(self.value), np.cos(self.value))
 
     def cos(self) -> Dual:
-        """Cosine of an angle [rad]."""
+        """Return the cosine of an angle [rad]."""
         return self._chain(np.cos(self.value), -np.sin(self.value))
 
 
 def variables(*groups: np.ndarray) -> list[np.ndarray]:
-    """Variables by which all derivatives are, some groups of them, as arrays of such numbers."""
-    count, first, found = sum(map(len, groups)), 0, []
+    """Return groups of values as independent variables of one set of derivatives."""
+    count, first, duals = sum(map(len, groups)), 0, []
     for group in groups:
-        found.append(
+        duals.append(
             array(
                 [
                     Dual(value, [float(j == first + i) for j in range(count)])
@@ -86,21 +84,21 @@ def variables(*groups: np.ndarray) -> list[np.ndarray]:
             )
         )
         first += len(group)
-    return found
+    return duals
 
 
 def constants(values: np.ndarray, count: int) -> np.ndarray:
-    """Numbers whose derivatives by so many variables are zero."""
+    """Return values whose derivatives by so many variables are zero."""
     return array([Dual(value, [0.0] * count) for value in values])
 
 
 def slopes(numbers: np.ndarray, count: int) -> np.ndarray:
-    """Derivatives of numbers, some of which may be plain ones, shape (n, count)."""
-    found = np.zeros((len(numbers), count), dtype=object)
-    for row, number in zip(found, numbers, strict=True):
+    """Return derivatives of numbers, some of which may be plain, shape (n, count)."""
+    derivatives = np.zeros((len(numbers), count), dtype=object)
+    for row, number in zip(derivatives, numbers, strict=True):
         row[:] = number.slopes if isinstance(number, Dual) else [0.0] * count
-    return found
+    return derivatives
 
 
-def _is_zero(other: Any) -> bool:
-    return isinstance(other, float) and other == 0.0
+def _is_zero(operand: Any) -> bool:
+    return isinstance(operand, float) and operand == 0.0

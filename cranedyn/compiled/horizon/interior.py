@@ -17,9 +17,9 @@ from llvmlite import ir
 from cranedyn.compiled.code import Code, Value
 from cranedyn.compiled.horizon.memory import (
     REPORT,
-    Other,
-    Rows,
-    Shape,
+    HorizonShape,
+    LaneView,
+    MemoryRows,
     Work,
     element,
     everywhere,
@@ -41,17 +41,17 @@ with, and share of the gradient's residual at the beginning."""
 _SIDES = {"high": 1.0, "low": -1.0}
 
 
-def emit(module: ir.Module, shape: Shape) -> None:
+def emit(module: ir.Module, shape: HorizonShape) -> None:
     """Add the function `solve`, from the stages' model, gradient and bounds to what is best."""
     _Solve(Work(Code(module, "solve", ["work"], shape.lanes), shape)).emit()
 
 
 class _Solve:
-    """The function under construction."""
+    """Function under construction."""
 
     def __init__(self, work: Work) -> None:
         self.work, self.code, self.shape, self.common = work, work.code, work.shape, work.common
-        self.single = Other(self.code, 1)
+        self.single = LaneView(self.code, 1)
 
     def emit(self) -> None:
         code = self.code
@@ -63,15 +63,15 @@ class _Solve:
             self._begin()
             self._report("flag", 0.0)
             barrier = self._reported("barrier")
-            gap, left = self.single.variables([barrier, 1.0])
+            gap, residual = self.single.variables([barrier, 1.0])
             with code.loop(0, _MOST) as count, code.when(self._reported("flag") < 0.5):
                 step = self._iterate(gap.get())
                 gap.set(self._move(step))
-                left.set(left.get() * (1.0 - step))
+                residual.set(residual.get() * (1.0 - step))
                 self._report("iterations", self.single.from_integer(count) + 1.0)
                 self._report("gap", gap.get())
-                self._report("open", left.get())
-                done = code.both(gap.get() < _GAP * barrier, left.get() < _OPEN)
+                self._report("open", residual.get())
+                done = code.both(gap.get() < _GAP * barrier, residual.get() < _OPEN)
                 self._report("flag", self.single.chosen(done, 1.0, 0.0))
         code.end()
 
@@ -82,54 +82,54 @@ class _Solve:
         return self.common.one("report", 0, REPORT.index(name))
 
     def _free(self) -> None:
-        """What is best without bounds, and by how much it exceeds them."""
+        """Solve without bounds, and report the largest excess of a bound."""
         code, work = self.code, self.work
         with code.loop(0, self.shape.stages) as k:
-            here = work.stage(k)
-            here.put("curve", 0.0)
-            here.put("slope", here.get("gradient"))
+            rows = work.stage(k)
+            rows.put("curve", 0.0)
+            rows.put("slope", rows.get("gradient"))
         call(code, "factor")
         call(code, "sweep")
         worst = code.variables([-1.0])[0]
         low, high = self.common.get("low"), self.common.get("high")
         with code.loop(0, self.shape.stages) as k:
-            here = work.stage(k)
-            there = here.get("there")
-            here.put("here", there)
-            over = _larger(code, there - high, low - there)
+            rows = work.stage(k)
+            trial = rows.get("trial")
+            rows.put("iterate", trial)
+            over = _larger(code, trial - high, low - trial)
             worst.set(_larger(code, worst.get(), over))
         self._report("excess", over_lanes(code, worst.get(), "fmax"))
 
     def _begin(self) -> None:
-        """On the central path of the barrier, where the nodes are."""
+        """Start on the central path of the barrier, at the nodes."""
         code, common, shape = self.code, self.common, self.shape
         price = common.get("price")
         barrier = everywhere(code, self._reported("barrier"))
         soft = barrier / price
         with code.loop(0, self.shape.stages) as k:
-            here = self.work.stage(k)
-            node = here.get("node")
+            rows = self.work.stage(k)
+            node = rows.get("node")
             further = {
-                shape.both + i: over_lanes(code, here.get("extra", i) * node, "fadd")
+                shape.both + i: over_lanes(code, rows.get("extra", i) * node, "fadd")
                 for i in range(shape.inputs)
             }
-            node = with_elements(code, node, further) + here.get("apart")
-            here.put("here", node)
+            node = with_elements(code, node, further) + rows.get("extra_shift")
+            rows.put("iterate", node)
             for side in _SIDES:
                 room = self._room(node, side)
                 root = code.call("llvm.sqrt", room * room + 4.0 * (soft * soft))
                 slack, excess = soft + 0.5 * (root + room), soft + 0.5 * (root - room)
-                here.put(f"slack_{side}", slack)
-                here.put(f"excess_{side}", excess)
-                here.put(f"force_{side}", barrier / slack)
-                here.put(f"relief_{side}", barrier / excess)
+                rows.put(f"slack_{side}", slack)
+                rows.put(f"excess_{side}", excess)
+                rows.put(f"force_{side}", barrier / slack)
+                rows.put(f"relief_{side}", barrier / excess)
 
     def _room(self, value: Value, side: str) -> Value:
         bound = self.common.get(side)
         return bound - value if side == "high" else value - bound
 
     def _iterate(self, gap: Value) -> Value:
-        """The step of an iteration, prepared in the stages; returns how much of it may be taken."""
+        """Prepare a step, and return the share of it that keeps slacks positive."""
         code = self.code
         with code.loop(0, self.shape.stages) as k:
             self._weigh(self.work.stage(k))
@@ -151,106 +151,108 @@ class _Solve:
             self._correct(self.work.stage(k), centred, ratio)
         return _SHORT / over_lanes(code, ratio.get(), "fmax")
 
-    def _weigh(self, here: Rows) -> None:
-        """Curvature of the barriers, and the slope towards the bounds themselves."""
+    def _weigh(self, rows: MemoryRows) -> None:
+        """Compute the curvature of the barriers, and the slope of the predictor."""
         forces = {}
         for side in _SIDES:
             per_force, per_relief = (
-                1.0 / here.get(f"force_{side}"),
-                1.0 / here.get(f"relief_{side}"),
+                1.0 / rows.get(f"force_{side}"),
+                1.0 / rows.get(f"relief_{side}"),
             )
-            here.put(f"per_force_{side}", per_force)
-            here.put(f"per_relief_{side}", per_relief)
+            rows.put(f"per_force_{side}", per_force)
+            rows.put(f"per_relief_{side}", per_relief)
             stiff = 1.0 / (
-                here.get(f"slack_{side}") * per_force + here.get(f"excess_{side}") * per_relief
+                rows.get(f"slack_{side}") * per_force + rows.get(f"excess_{side}") * per_relief
             )
-            here.put(f"stiff_{side}", stiff)
-            forces[side] = here.get(f"force_{side}"), stiff
-        here.put("curve", forces["high"][1] + forces["low"][1])
-        self._slope(here, {side: 0.0 for side in _SIDES})
+            rows.put(f"stiff_{side}", stiff)
+            forces[side] = rows.get(f"force_{side}"), stiff
+        rows.put("curve", forces["high"][1] + forces["low"][1])
+        self._slope(rows, {side: 0.0 for side in _SIDES})
 
-    def _slope(self, here: Rows, bent: dict[str, Any]) -> None:
-        """Gradient of cost and barriers at zero, in states and inputs."""
+    def _slope(self, rows: MemoryRows, bent: dict[str, Any]) -> None:
+        """Compute the gradient of cost and barriers at zero, in states and inputs."""
         code, shape = self.code, self.shape
-        pull: Any = here.get("curve") * here.get("apart")
+        pull: Any = rows.get("curve") * rows.get("extra_shift")
         for side, sign in _SIDES.items():
             bound = self.common.get(side)
             aim = bound - bent[side] if sign > 0.0 else -bound - bent[side]
-            pull = pull + sign * (here.get(f"force_{side}") - here.get(f"stiff_{side}") * aim)
-        parts = [here.get("gradient"), pull]
+            pull = pull + sign * (rows.get(f"force_{side}") - rows.get(f"stiff_{side}") * aim)
+        terms = [rows.get("gradient"), pull]
         for i in range(shape.inputs):
-            parts.append(
-                here.get("extra", i) * everywhere(code, element(code, pull, shape.both + i))
+            terms.append(
+                rows.get("extra", i) * everywhere(code, element(code, pull, shape.both + i))
             )
-        here.put("slope", total(parts))
+        rows.put("slope", total(terms))
 
-    def _predict(self, here: Rows, ratio: Any, crossed: Any) -> None:
-        """Where the step would lead that aims at the bounds themselves."""
+    def _predict(self, rows: MemoryRows, ratio: Any, crossed: Any) -> None:
+        """Compute the predictor step, which aims at the bounds themselves."""
         code = self.code
         for side in _SIDES:
-            dforce = -(here.get(f"stiff_{side}") * self._room(here.get("there"), side))
+            dforce = -(rows.get(f"stiff_{side}") * self._room(rows.get("trial"), side))
             share, against = (
-                dforce * here.get(f"per_{kind}_{side}") for kind in ("force", "relief")
+                dforce * rows.get(f"per_{kind}_{side}") for kind in ("force", "relief")
             )
-            dslack = -(here.get(f"slack_{side}") * (1.0 + share))
-            dexcess = -(here.get(f"excess_{side}") * (1.0 - against))
-            for part in (-share, 1.0 + share, against, 1.0 - against):
-                ratio.set(_larger(code, ratio.get(), part))
-            product, other = dforce * dslack, -(dforce * dexcess)
-            here.put(f"dslack_{side}", product)
-            here.put(f"dexcess_{side}", other)
-            crossed.set(crossed.get() + product + other)
+            dslack = -(rows.get(f"slack_{side}") * (1.0 + share))
+            dexcess = -(rows.get(f"excess_{side}") * (1.0 - against))
+            for candidate in (-share, 1.0 + share, against, 1.0 - against):
+                ratio.set(_larger(code, ratio.get(), candidate))
+            product, excess_product = dforce * dslack, -(dforce * dexcess)
+            rows.put(f"dslack_{side}", product)
+            rows.put(f"dexcess_{side}", excess_product)
+            crossed.set(crossed.get() + product + excess_product)
 
-    def _bend(self, here: Rows, centred: Value) -> None:
-        """The slope that aims at a point of the central path, to second order."""
+    def _bend(self, rows: MemoryRows, centred: Value) -> None:
+        """Compute the slope of the corrector, which aims at a point of the central path, to second
+        order.
+        """
         bent = {}
         for side in _SIDES:
-            per_force, per_relief = here.get(f"per_force_{side}"), here.get(f"per_relief_{side}")
-            bent[side] = (centred - here.get(f"dslack_{side}")) * per_force - (
-                centred - here.get(f"dexcess_{side}")
+            per_force, per_relief = rows.get(f"per_force_{side}"), rows.get(f"per_relief_{side}")
+            bent[side] = (centred - rows.get(f"dslack_{side}")) * per_force - (
+                centred - rows.get(f"dexcess_{side}")
             ) * per_relief
-            here.put(f"bend_{side}", bent[side])
-        self._slope(here, bent)
+            rows.put(f"bend_{side}", bent[side])
+        self._slope(rows, bent)
 
-    def _correct(self, here: Rows, centred: Value, ratio: Any) -> None:
-        """The step itself, and how much of it may be taken."""
+    def _correct(self, rows: MemoryRows, centred: Value, ratio: Any) -> None:
+        """Compute the combined step, and the ratio that limits it."""
         code = self.code
         for side in _SIDES:
-            per_force, per_relief = here.get(f"per_force_{side}"), here.get(f"per_relief_{side}")
-            slack, excess = here.get(f"slack_{side}"), here.get(f"excess_{side}")
-            room = self._room(here.get("there"), side)
-            dforce = here.get(f"stiff_{side}") * (here.get(f"bend_{side}") - room)
+            per_force, per_relief = rows.get(f"per_force_{side}"), rows.get(f"per_relief_{side}")
+            slack, excess = rows.get(f"slack_{side}"), rows.get(f"excess_{side}")
+            room = self._room(rows.get("trial"), side)
+            dforce = rows.get(f"stiff_{side}") * (rows.get(f"bend_{side}") - room)
             share, against = dforce * per_force, dforce * per_relief
-            dslack = (centred - here.get(f"dslack_{side}")) * per_force - slack * (1.0 + share)
-            dexcess = (centred - here.get(f"dexcess_{side}")) * per_relief - excess * (
+            dslack = (centred - rows.get(f"dslack_{side}")) * per_force - slack * (1.0 + share)
+            dexcess = (centred - rows.get(f"dexcess_{side}")) * per_relief - excess * (
                 1.0 - against
             )
-            for part in (-share, against, -(dslack / slack), -(dexcess / excess)):
-                ratio.set(_larger(code, ratio.get(), part))
-            here.put(f"dforce_{side}", dforce)
-            here.put(f"dslack_{side}", dslack)
-            here.put(f"dexcess_{side}", dexcess)
+            for candidate in (-share, against, -(dslack / slack), -(dexcess / excess)):
+                ratio.set(_larger(code, ratio.get(), candidate))
+            rows.put(f"dforce_{side}", dforce)
+            rows.put(f"dslack_{side}", dslack)
+            rows.put(f"dexcess_{side}", dexcess)
 
     def _move(self, step: Value) -> Value:
-        """Take the step; returns the mean product of slacks and multipliers after it."""
+        """Take the step, and return the mean product of slacks and multipliers after it."""
         code = self.code
         share, products = everywhere(code, step), code.variables([0.0])[0]
         with code.loop(0, self.shape.stages) as k:
-            here = self.work.stage(k)
-            at = here.get("here")
-            here.put("here", at + share * (here.get("there") - at))
+            rows = self.work.stage(k)
+            iterate = rows.get("iterate")
+            rows.put("iterate", iterate + share * (rows.get("trial") - iterate))
             for side in _SIDES:
-                dforce = share * here.get(f"dforce_{side}")
-                force = here.get(f"force_{side}") + dforce
-                relief = here.get(f"relief_{side}") - dforce
-                slack = here.get(f"slack_{side}") + share * here.get(f"dslack_{side}")
-                excess = here.get(f"excess_{side}") + share * here.get(f"dexcess_{side}")
+                dforce = share * rows.get(f"dforce_{side}")
+                force = rows.get(f"force_{side}") + dforce
+                relief = rows.get(f"relief_{side}") - dforce
+                slack = rows.get(f"slack_{side}") + share * rows.get(f"dslack_{side}")
+                excess = rows.get(f"excess_{side}") + share * rows.get(f"dexcess_{side}")
                 for name, value in zip(
                     ("force", "relief", "slack", "excess"),
                     (force, relief, slack, excess),
                     strict=True,
                 ):
-                    here.put(f"{name}_{side}", value)
+                    rows.put(f"{name}_{side}", value)
                 products.set(products.get() + force * slack + relief * excess)
         count = 4.0 * self.shape.stages * self.shape.lanes
         return over_lanes(code, products.get(), "fadd") * (1.0 / count)

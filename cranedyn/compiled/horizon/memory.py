@@ -1,4 +1,4 @@
-"""What stands where in the memory of one optimisation, and how code gets at it."""
+"""Memory layout of one optimisation, and its access in code."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ BLOCK = 8
 
 
 @dataclass(frozen=True)
-class Shape:
-    """How large a problem is.
+class HorizonShape:
+    """Dimensions of a problem.
 
-    A row of memory holds, one after another, the states of a stage, its inputs, and what else is
-    bounded there: a linear function for each input.
+    A row of memory holds the states of a stage, its inputs, and the values of its other bounded
+    functions, one linear function for each input.
 
     Attributes:
         states: Numbers of a state.
         inputs: Numbers of an input.
-        stages: Of the horizon.
+        stages: Number of stages of the horizon.
     """
 
     states: int
@@ -38,24 +38,26 @@ class Shape:
 
     @property
     def lanes(self) -> int:
-        """Numbers of a row: all that is bounded, in whole vectors."""
+        """Numbers in a row: all bounded values, in whole vectors."""
         return -(-(self.both + self.inputs) // 8) * 8
 
     @property
     def entries(self) -> int:
-        """Numbers of a stage's model, at most."""
+        """Largest number of entries in a stage's model."""
         return 2 * self.states * self.both + self.states + self.inputs * (self.both + 1)
 
     @property
     def padded(self) -> int:
-        """Stages that there is memory for: whole blocks."""
+        """Number of stages in memory: whole blocks."""
         return -(-self.stages // BLOCK) * BLOCK
 
     @property
     def common(self) -> dict[str, int]:
-        """Rows that all stages share, by name: weights; the first state; bounds and what exceeding
-        them costs; least and most that a state can be; cost-to-go of the end and its gradient; room
-        for intermediate results; where the path ends; a report, see `REPORT`.
+        """Numbers of rows that all stages share, by name.
+
+        They are weights; the first state; bounds and the price of exceeding them; least and largest
+        plausible state; cost-to-go at the end and its gradient; space for intermediate results; the
+        goal; and the report, see `REPORT`.
         """
         z, w = self.states, self.both
         return {
@@ -78,12 +80,13 @@ class Shape:
 
     @property
     def stage(self) -> dict[str, int]:
-        """Rows of each stage, by name.
+        """Numbers of rows of each stage, by name.
 
-        The model: next state = forward @ (state, input) + shift, by rows and by columns, and what
-        else is bounded, extra @ (state, input) + apart. The cost's gradient. What is bounded at the
-        node about which all is linear, now, and after a step. Feedback. Slacks, multipliers and
-        what an iteration keeps of them, above and below.
+        The model is next state = forward @ (state, input) + shift, by rows and by columns, and the
+        other bounded values are extra @ (state, input) + extra_shift. The others are the gradient
+        of the cost; bounded values at the node of linearisation, at the iterate, and at the trial
+        point; feedback; and slacks, multipliers and terms of an iteration for the upper and lower
+        bounds.
         """
         z, w, u = self.states, self.both, self.inputs
         sides = ("slack", "excess", "force", "relief", "per_force", "per_relief")
@@ -93,7 +96,7 @@ class Shape:
             "columns": w,
             "shift": 1,
             "extra": u,
-            "apart": 1,
+            "extra_shift": 1,
             "gradient": 1,
             "slope": 1,
             "curve": 1,
@@ -101,30 +104,32 @@ class Shape:
             "feedback": u,
             "open": 1,
             "node": 1,
-            "here": 1,
-            "there": 1,
+            "iterate": 1,
+            "trial": 1,
             **{f"{name}_{side}": 1 for side in ("high", "low") for name in (*sides, *steps)},
         }
 
     @property
     def size(self) -> int:
-        """Doubles in all."""
+        """Total size [doubles]."""
         return self.lanes * (sum(self.common.values()) + self.padded * sum(self.stage.values()))
 
     @property
     def stride(self) -> int:
-        """Doubles from a stage to the next."""
+        """Distance from a stage to the next [doubles]."""
         return self.lanes * sum(self.stage.values())
 
     def place(self, name: str, row: int = 0) -> int:
-        """Where a row begins: of the shared ones, or of a stage after the stage's beginning."""
+        """Return the offset of a row: of a shared one from the beginning of memory, of another from
+        the beginning of its stage.
+        """
         rows = self.common if name in self.common else self.stage
         before = sum(list(rows.values())[: list(rows).index(name)])
         return self.lanes * (before + row)
 
     @property
     def first(self) -> int:
-        """Where the first stage begins."""
+        """Offset of the first stage."""
         return self.lanes * sum(self.common.values())
 
 
@@ -135,33 +140,33 @@ solved, 0 if not; iterations; mean product of slacks and multipliers; what is le
 at the beginning; largest share by which a bound is exceeded without bounds in the way."""
 
 
-class Other(Code):
+class LaneView(Code):
     """The same function with values of another number of lanes."""
 
     def __init__(self, code: Code, lanes: int) -> None:
-        self.lanes = self.apart = lanes
+        self.lanes = self.stride = lanes
         self.function, self.builder = code.function, code.builder
         self.type = lane_type(lanes)
         self.argument = code.argument
-        self._know_nothing()
+        self._clear_caches()
 
 
-class Rows:
-    """Rows of memory by name, from a place on."""
+class MemoryRows:
+    """Rows of memory by name, relative to a base index."""
 
-    def __init__(self, code: Code, shape: Shape, base: Any) -> None:
+    def __init__(self, code: Code, shape: HorizonShape, base: Any) -> None:
         self._code, self._shape, self._base = code, shape, base
-        self._one = Other(code, 1)
+        self._one = LaneView(code, 1)
 
     def at(self, name: str, row: int = 0, lane: int = 0) -> Any:
-        """Index of a number."""
+        """Return the index of a number."""
         offset = self._shape.place(name, row) + lane
         if isinstance(self._base, int):
             return self._base + offset
         return self._code.builder.add(self._base, self._code.integer(offset))
 
     def get(self, name: str, row: int = 0) -> Value:
-        """A row."""
+        """Return a row."""
         return self._code.load(self._code.argument["work"], self.at(name, row))
 
     def put(self, name: str, value: Any, row: int = 0) -> None:
@@ -169,11 +174,11 @@ class Rows:
         self._code.store(value, self._code.argument["work"], self.at(name, row))
 
     def every(self, name: str, row: int, lane: int) -> Value:
-        """One number of a row in all lanes."""
+        """Return one number of a row in all lanes."""
         return self._code.spread(self._code.argument["work"], self.at(name, row, lane))
 
     def one(self, name: str, row: int, lane: int) -> Value:
-        """One number of a row."""
+        """Return one number of a row."""
         return self._one.spread(self._code.argument["work"], self.at(name, row, lane))
 
     def put_one(self, name: str, row: int, lane: int, value: Any) -> None:
@@ -182,17 +187,17 @@ class Rows:
 
 
 class Work:
-    """The whole memory in a function under construction, whose argument `work` it is."""
+    """Memory of an optimisation, the argument `work` of a function under construction."""
 
-    def __init__(self, code: Code, shape: Shape) -> None:
-        self.code, self.shape, self.common = code, shape, Rows(code, shape, 0)
+    def __init__(self, code: Code, shape: HorizonShape) -> None:
+        self.code, self.shape, self.common = code, shape, MemoryRows(code, shape, 0)
 
-    def stage(self, k: Any) -> Rows:
-        """The rows of a stage."""
+    def stage(self, k: Any) -> MemoryRows:
+        """Return the rows of a stage."""
         if isinstance(k, int):
-            return Rows(self.code, self.shape, self.shape.first + k * self.shape.stride)
+            return MemoryRows(self.code, self.shape, self.shape.first + k * self.shape.stride)
         code = self.code
-        return Rows(
+        return MemoryRows(
             code,
             self.shape,
             code.builder.add(code.product(k, self.shape.stride), code.integer(self.shape.first)),
@@ -200,55 +205,55 @@ class Work:
 
 
 def element(code: Code, value: Value, lane: int) -> Value:
-    """One number of a vector."""
+    """Return one number of a vector."""
     if code.lanes == 1:
         return value
-    place = ir.Constant(ir.IntType(32), lane)
-    return Value(Other(code, 1), code.builder.extract_element(value.register, place))
+    index = ir.Constant(ir.IntType(32), lane)
+    return Value(LaneView(code, 1), code.builder.extract_element(value.register, index))
 
 
 def everywhere(code: Code, value: Value) -> Value:
-    """One number in every lane."""
+    """Return one number in every lane."""
     return code.from_double(value.register)
 
 
 def with_elements(code: Code, value: Value, elements: Mapping[int, Value]) -> Value:
-    """A vector with other numbers in some lanes."""
+    """Return a vector with other numbers in some lanes."""
     register = value.register
-    for lane, part in elements.items():
-        place = ir.Constant(ir.IntType(32), lane)
-        register = code.builder.insert_element(register, part.register, place)
+    for lane, number in elements.items():
+        index = ir.Constant(ir.IntType(32), lane)
+        register = code.builder.insert_element(register, number.register, index)
     return Value(code, register)
 
 
-def over_lanes(code: Code, value: Value, how: str) -> Value:
-    """Sum ("fadd") or largest ("fmax") of the numbers of a vector."""
+def over_lanes(code: Code, value: Value, operation: str) -> Value:
+    """Return the sum ("fadd") or maximum ("fmax") of the numbers of a vector."""
     kind = value.register.type
     arguments = [value.register]
-    if how == "fadd":
+    if operation == "fadd":
         arguments = [ir.Constant(DOUBLE, -0.0), *arguments]
-    name, module = f"llvm.vector.reduce.{how}.v{code.lanes}f64", code.function.module
+    name, module = f"llvm.vector.reduce.{operation}.v{code.lanes}f64", code.function.module
     function = module.globals.get(name) or ir.Function(
         module, ir.FunctionType(DOUBLE, [argument.type for argument in arguments]), name
     )
     assert kind == code.type
     return Value(
-        Other(code, 1),
+        LaneView(code, 1),
         code.builder.call(function, arguments, fastmath=("reassoc", "nsz", "contract")),
     )
 
 
 def unit(code: Code, lane: int) -> Value:
-    """1 in one lane, 0 in the others."""
+    """Return 1 in one lane, 0 in the others."""
     return constant(code, [float(i == lane) for i in range(code.lanes)])
 
 
 def constant(code: Code, numbers: list[float]) -> Value:
-    """Numbers known now, one for each lane."""
+    """Return constants, one for each lane."""
     return Value(code, ir.Constant(code.type, numbers))
 
 
 def pointer(code: Code, base: ir.Value, offset: Any) -> ir.Value:
-    """The address so many doubles after another."""
-    place = offset if isinstance(offset, ir.Value) else code.integer(offset)
-    return code.builder.gep(base, [place], source_etype=DOUBLE)
+    """Return an address, shifted by an offset [doubles]."""
+    index = offset if isinstance(offset, ir.Value) else code.integer(offset)
+    return code.builder.gep(base, [index], source_etype=DOUBLE)

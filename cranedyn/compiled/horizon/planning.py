@@ -1,4 +1,4 @@
-"""One optimisation in code: shift the last plan, linearise along it, solve, keep what is found.
+"""One optimisation in code: shift the last plan, linearise along it, solve, store the new plan.
 
 This is one real-time iteration (Diehl, Bock and Schlöder 2005, "A real-time iteration scheme for
 nonlinear optimization in optimal feedback control").
@@ -9,7 +9,7 @@ from __future__ import annotations
 from llvmlite import ir
 
 from cranedyn.compiled.code import INTEGER, Code, Value
-from cranedyn.compiled.horizon.memory import REPORT, Other, Shape, Work, everywhere
+from cranedyn.compiled.horizon.memory import REPORT, HorizonShape, LaneView, Work, everywhere
 from cranedyn.compiled.horizon.riccati import call, mask, total
 from cranedyn.dynamics.scalars import array
 from cranedyn.plant.plant import Plant
@@ -33,7 +33,7 @@ one optimisation to the next: cranes in lanes share the memory of the optimisati
 
 
 def emit(
-    module: ir.Module, shape: Shape, plant: Plant, length: float, period: float, swing: float
+    module: ir.Module, shape: HorizonShape, plant: Plant, length: float, period: float, swing: float
 ) -> None:
     """Add the function `plan`.
 
@@ -54,7 +54,7 @@ def emit(
 
 
 class _Plan:
-    """The function under construction."""
+    """Function under construction."""
 
     def __init__(
         self, work: Work, plant: Plant, length: float, period: float, swing: float
@@ -62,25 +62,25 @@ class _Plan:
         self.work, self.code, self.shape, self.common = work, work.code, work.shape, work.common
         self.plant, self.layout, self.swing = plant, plant.topology.layout, swing
         self.length, self.period = length, period
-        self.one, self.marks = Other(self.code, 1), self.shape.stages * self.shape.lanes
+        self.one, self.marks = LaneView(self.code, 1), self.shape.stages * self.shape.lanes
 
     def emit(self) -> None:
-        code, shape, given = self.code, self.shape, self.code.argument
-        self.common.put("start", code.load(given["query"]) * mask(code, shape.states))
+        code, shape, arguments = self.code, self.shape, self.code.argument
+        self.common.put("start", code.load(arguments["query"]) * mask(code, shape.states))
         fresh = self._mark("begun") < 0.5
         wider = _WIDER * self.common.one("report", 0, REPORT.index("first"))
         barrier = self.one.chosen(fresh, wider, self._mark("barrier"))
         self.common.put_one("report", 0, REPORT.index("barrier"), barrier)
         with code.when(fresh), code.loop(0, shape.stages) as k:
-            still = code.load(given["query"]) * mask(code, shape.states // 2)
-            code.store(still, given["plan"], code.product(k, shape.lanes))
+            still = code.load(arguments["query"]) * mask(code, shape.states // 2)
+            code.store(still, arguments["plan"], code.product(k, shape.lanes))
         self._shift()
         for name in ("flag", "iterations", "excess"):
             self.common.put_one("report", 0, REPORT.index(name), 0.0)
-        possible = self.one.load(given["query"], shape.lanes + len(QUERY)) > 0.5
-        with code.when(possible):
+        plausible = self.one.load(arguments["query"], shape.lanes + len(QUERY)) > 0.5
+        with code.when(plausible):
             self._solve()
-        self._keep(possible)
+        self._keep(plausible)
         code.end()
 
     def _solve(self) -> None:
@@ -100,18 +100,18 @@ class _Plan:
         return self.one.load(self.code.argument["plan"], self.marks + MARKS.index(name))
 
     def _shift(self) -> None:
-        """Nodes on the last plan, as much later as it is."""
+        """Set the nodes to the last plan, shifted to the present time."""
         code, shape = self.code, self.shape
         ahead, share = divmod(self.period / self.length, 1.0)
         last = code.integer(shape.stages - 1)
         with code.loop(0, shape.padded) as k:
             before = code.least(code.builder.add(k, code.integer(int(ahead))), last)
             after = code.least(code.builder.add(before, code.integer(1)), last)
-            parts = [
+            nodes = [
                 code.load(code.argument["plan"], code.product(row, shape.lanes))
                 for row in (before, after)
             ]
-            self.work.stage(k).put("node", (1.0 - share) * parts[0] + share * parts[1])
+            self.work.stage(k).put("node", (1.0 - share) * nodes[0] + share * nodes[1])
 
     def _begin_at_state(self) -> None:
         """Move the first node to the state."""
@@ -120,14 +120,16 @@ class _Plan:
         first.put("node", first.get("node") * inputs + self.common.get("start"))
 
     def _aim(self) -> None:
-        """Weights for where the path ends, and gradients of the cost, which is about the path."""
+        """Compute weights about the end of the path, and the gradient of the cost, which is about
+        the path.
+        """
         code, shape, layout = self.code, self.shape, self.layout
         query, path = code.argument["query"], code.argument["path"]
         row, last, hop = (code.load_one(query, shape.lanes + i, INTEGER) for i in range(len(QUERY)))
 
         def number(k: ir.Value, i: int) -> Value:
-            there = code.least(code.builder.add(row, code.builder.mul(hop, k)), last)
-            first = code.product(there, shape.states)
+            path_row = code.least(code.builder.add(row, code.builder.mul(hop, k)), last)
+            first = code.product(path_row, shape.states)
             return self.one.load(path, code.builder.add(first, code.integer(i)))
 
         for i in range(shape.states):
@@ -138,18 +140,18 @@ class _Plan:
             for i in range(shape.states):
                 self.common.put_one("spill", 0, i, number(k, i))
             coming = code.builder.add(k, code.integer(1))
-            parts = [
+            terms = [
                 self.common.get("weight", i) * self.common.every("spill", 0, i)
                 for i in range(shape.states)
             ]
             for c, drive in enumerate((layout.n + layout.drives).tolist()):
                 pull = (number(coming, drive) - number(k, drive)) * (1.0 / self.length)
-                parts.append(self.common.get("weight", shape.states + c) * everywhere(code, pull))
-            self.work.stage(k).put("gradient", -total(parts))
+                terms.append(self.common.get("weight", shape.states + c) * everywhere(code, pull))
+            self.work.stage(k).put("gradient", -total(terms))
 
     def _bound(self) -> None:
-        """Bounds of swing joints whose rest depends on the drives: about where they hang now, about
-        where they hang at the goal, and between.
+        """Set bounds of swing joints whose rest depends on the drives: about the present rest, the
+        rest at the goal, and between.
         """
         if self.plant.plumb_at_zero:
             return
@@ -162,35 +164,35 @@ class _Plan:
             self.common.put_one("low", 0, i, self.one.call("llvm.minnum", a, b) - self.swing)
             self.common.put_one("high", 0, i, self.one.call("llvm.maxnum", a, b) + self.swing)
 
-    def _keep(self, possible: ir.Value) -> None:
-        """What was found becomes the plan; if nothing was, the last plan goes on."""
-        code, shape, one = self.code, self.shape, self.one
+    def _keep(self, plausible: ir.Value) -> None:
+        """Store the new plan; after a failure keep the last one."""
+        code, shape, single = self.code, self.shape, self.one
         plan = code.argument["plan"]
         flag = self.common.one("report", 0, REPORT.index("flag"))
         finite = code.variables([1.0])[0]
         with code.loop(0, shape.stages) as k:
-            size = code.call("llvm.fabs", self.work.stage(k).get("here"))
+            size = code.call("llvm.fabs", self.work.stage(k).get("iterate"))
             finite.set(code.chosen(size < _HUGE, finite.get(), 0.0))
         solved = code.both(flag > 0.5, code.everywhere(finite.get() > 0.5))
         with code.loop(0, shape.stages) as k:
-            here = self.work.stage(k)
-            kept = code.variables([here.get("node")])[0]
+            rows = self.work.stage(k)
+            plan_row = code.variables([rows.get("node")])[0]
             with code.when(solved):
-                kept.set(here.get("here"))
-            code.store(kept.get(), plan, code.product(k, shape.lanes))
+                plan_row.set(rows.get("iterate"))
+            code.store(plan_row.get(), plan, code.product(k, shape.lanes))
         first = self.common.one("report", 0, REPORT.index("first"))
         barrier = self.common.one("report", 0, REPORT.index("barrier"))
-        wider = one.call("llvm.minnum", _WIDER * barrier, _WIDEST * first)
-        failed = self._mark("failures") + one.chosen(solved, 0.0, 1.0)
-        found = {
-            "begun": one.chosen(possible, 1.0, self._mark("begun")),
+        wider = single.call("llvm.minnum", _WIDER * barrier, _WIDEST * first)
+        failed = self._mark("failures") + single.chosen(solved, 0.0, 1.0)
+        marks = {
+            "begun": single.chosen(plausible, 1.0, self._mark("begun")),
             "failures": failed,
-            "flag": one.chosen(solved, 1.0, 0.0),
+            "flag": single.chosen(solved, 1.0, 0.0),
             **{
                 name: self.common.one("report", 0, REPORT.index(name))
                 for name in ("iterations", "excess")
             },
-            "barrier": one.chosen(solved, first, wider),
+            "barrier": single.chosen(solved, first, wider),
         }
-        for name, value in found.items():
-            one.store(value, plan, self.marks + MARKS.index(name))
+        for name, value in marks.items():
+            single.store(value, plan, self.marks + MARKS.index(name))

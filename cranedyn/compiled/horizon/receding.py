@@ -1,4 +1,4 @@
-"""Model predictive control to a setpoint or along a motion, whose optimisation is compiled code."""
+"""Model predictive control to a setpoint or along a motion, with a compiled optimisation."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from llvmlite import ir
 
 from cranedyn.checks import ShortRepr, check_choice, finite, number, whole, within
 from cranedyn.clocks import SAME_PERIOD, multiple, whole_periods
-from cranedyn.compiled.door import Instant
+from cranedyn.compiled.binding import Instant
 from cranedyn.compiled.horizon import model
 from cranedyn.compiled.horizon.control import (
-    Parts,
+    MemoryOffsets,
     Programme,
     emit_instant,
     emit_plan,
+    lane_memory,
     plan_size,
-    remembered,
 )
 from cranedyn.compiled.horizon.memory import REPORT
 from cranedyn.compiled.horizon.planning import MARKS
-from cranedyn.compiled.machine import Machine, translated
+from cranedyn.compiled.machine import Machine, translate
 from cranedyn.controllers.tracking import check_finite
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.pinocchio import holding_effort
@@ -70,7 +70,7 @@ with 14.9 m of cable, the middle of its range."""
 
 @dataclass(frozen=True)
 class Tuning:
-    """Times and errors with which a predictive controller is made, ours.
+    """Times and errors of a predictive controller, ours.
 
     The defaults are for a load that swings with a period of `PENDULUM`. Motions of another crane
     are alike where all times go with its period and all lengths with the square of that.
@@ -101,13 +101,13 @@ class Tuning:
 
     def errors(self, layout: Layout) -> tuple[float, ...]:
         """Return errors of coordinates, then of rates of each joint that weigh alike."""
-        each = [
+        errors = [
             self.revolute if joint.kind == "revolute" else self.prismatic for joint in layout.joints
         ]
-        return tuple(error[part] for part in (0, 1) for error in each)
+        return tuple(error[i] for i in (0, 1) for error in errors)
 
     def slower(self, time: float) -> Tuning:
-        """Return that of a crane all of whose motions take so many times as long."""
+        """Return the tuning for a crane whose motions take a multiple of the time."""
         length = time**2  # so that rates go with the time
         return Tuning(
             period=self.period * time,
@@ -123,7 +123,7 @@ class Tuning:
 
 
 class Marks(NamedTuple):
-    """What came of the optimisations so far.
+    """Outcome of the optimisations so far.
 
     Attributes:
         begun: 1 once there was one.
@@ -144,7 +144,7 @@ class Marks(NamedTuple):
 
 @dataclass(eq=False, repr=False)
 class Receding(ShortRepr):
-    """A predictive controller; it remembers: make a new one for each run.
+    """Predictive controller with memory: create a new one for each run.
 
     Attributes:
         programme: What its code is made from.
@@ -162,7 +162,7 @@ class Receding(ShortRepr):
     _last: float = field(default=-math.inf, init=False)
 
     def __post_init__(self) -> None:
-        """Have code and memory.
+        """Check the arrays, compile the code and allocate its memory.
 
         Raises:
             OutOfRange: If the table or the path is not of the programme's size.
@@ -174,88 +174,90 @@ class Receding(ShortRepr):
         self._bind()
 
     def _bind(self) -> None:
-        self._instant = Instant(_made(self.programme).machine, self._memory, self.programme)
+        self._instant = Instant(_compile(self.programme).machine, self._memory, self.programme)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return all but the code, for a copy that has memory of its own."""
+        """Return all but the code, for a copy with its own memory."""
         return {name: value for name, value in vars(self).items() if name != "_instant"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take what a copy has, and bind the code to its memory."""
+        """Restore a copy and bind the code to its memory."""
         vars(self).update(state)
         self._bind()
 
     def memory(self, lanes: int) -> np.ndarray:
-        """Memory of a group of so many cranes before a run, shape (doubles,)."""
-        parts = Parts.of(self.programme, lanes)
-        found = np.zeros(parts.size)
-        found[parts.work :] = self.table
-        self._of_lanes(found, lanes, "read")[:] = self._row("start")[:, None]
-        found[parts.path : parts.path + self.path.size] = self.path.ravel()
-        return found
+        """Return the memory of a group of so many cranes before a run, shape (doubles,)."""
+        offsets = MemoryOffsets.of(self.programme, lanes)
+        memory = np.zeros(offsets.size)
+        memory[offsets.work :] = self.table
+        self._of_lanes(memory, lanes, "read")[:] = self._row("start")[:, None]
+        memory[offsets.path : offsets.path + self.path.size] = self.path.ravel()
+        return memory
 
     def _row(self, name: str) -> np.ndarray:
-        """A row of the table about states, shape (2 n,)."""
+        """Return a row of the table about states, shape (2 n,)."""
         shape = self.programme.shape
         return self.table[shape.place(name) :][: shape.states]
 
     def _of_lanes(self, memory: np.ndarray, lanes: int, name: str) -> np.ndarray:
-        """What the lanes of a memory remember of something, shape (numbers, lanes)."""
-        parts, slots = self.programme.parts(lanes), remembered(self.programme.topology.layout)
-        return memory[parts.lanes : parts.plans].reshape(-1, lanes)[slots[name]]
+        """Return a view of a section of the lanes' memory, shape (numbers, lanes)."""
+        offsets, slots = self.programme.parts(lanes), lane_memory(self.programme.topology.layout)
+        return memory[offsets.lanes : offsets.plans].reshape(-1, lanes)[slots[name]]
 
     def refusals(self, memory: np.ndarray, lanes: int) -> np.ndarray:
-        """How often a crane of each lane was said to be where it cannot be, shape (lanes,)."""
+        """Return the number of implausible readings in each lane, shape (lanes,)."""
         return self._of_lanes(memory, lanes, "refusals")[0].astype(int)
 
-    def fresh(self, t: float, lanes: int) -> np.ndarray:
-        """As `memory`, for a compiled loop that begins at a time [s]."""
-        found = self.memory(lanes)
-        found[self.programme.parts(lanes).counts :][:2].view(np.int64)[:] = self._count(t)
-        return found
+    def initial_memory(self, t: float, lanes: int) -> np.ndarray:
+        """Return memory as `memory`, for a compiled loop that begins at a time [s]."""
+        memory = self.memory(lanes)
+        memory[self.programme.parts(lanes).counts :][:2].view(np.int64)[:] = self._count(t)
+        return memory
 
     @property
     def marks(self) -> Marks:
-        """What came of the optimisations so far."""
-        return self.marked(self._memory, 1)[0]
+        """Outcome of the optimisations so far."""
+        return self.marks_by_lane(self._memory, 1)[0]
 
     def memory_of_optimisation(self) -> np.ndarray:
-        """A copy of what the last optimisation left, see `cranedyn.compiled.horizon.memory`."""
+        """Return a copy of the memory of the last optimisation, see
+        `cranedyn.compiled.horizon.memory`.
+        """
         return self._memory[self.programme.parts(1).work :].copy()
 
     def notes(self) -> dict[str, object]:
-        """See `cranedyn.simulation.record.Noting`."""
-        found: dict[str, object] = {"failed_optimisations": int(self.marks.failures)}
+        """Return notes for a run, see `cranedyn.simulation.record.Noting`."""
+        notes: dict[str, object] = {"failed_optimisations": int(self.marks.failures)}
         if refusals := int(self.refusals(self._memory, 1)[0]):
             joints = self.programme.topology.layout.joints
             columns = [joint.columns[i] for i in (0, 1) for joint in joints]
             read = self._of_lanes(self._memory, 1, "refused")[:, 0]
             wrong = (read < self._row("least")) | (read > self._row("most"))
-            found["refused_readings"] = refusals
-            found["last_refused"] = {columns[i]: float(read[i]) for i in np.flatnonzero(wrong)}
-        return found
+            notes["refused_readings"] = refusals
+            notes["last_refused"] = {columns[i]: float(read[i]) for i in np.flatnonzero(wrong)}
+        return notes
 
-    def marked(self, memory: np.ndarray, lanes: int) -> list[Marks]:
-        """The same of each lane of a memory."""
+    def marks_by_lane(self, memory: np.ndarray, lanes: int) -> list[Marks]:
+        """Return the outcome of the optimisations in each lane of a memory."""
         size, shape = plan_size(self.programme.shape), self.programme.shape
         first = self.programme.parts(lanes).plans - shape.lanes
         ends = [first + (lane + 1) * size for lane in range(lanes)]
         return [Marks(*memory[end : end + len(MARKS)].tolist()) for end in ends]
 
     def begin_run(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Clocked`.
+        """Check the control period, see `cranedyn.clocks.Clocked`.
 
         Raises:
             OutOfRange: If the run's control period is another than the controller's.
         """
-        own = self.programme.period
-        if not math.isclose(control_period, own, rel_tol=SAME_PERIOD):
+        period = self.programme.period
+        if not math.isclose(control_period, period, rel_tol=SAME_PERIOD):
             raise OutOfRange(
-                "control period of the run", control_period, f"the controller's, {own:g}", "s"
+                "control period of the run", control_period, f"the controller's, {period:g}", "s"
             )
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Efforts [N m or N], accelerations or rates, shape (m,).
+        """Return efforts [N m or N], accelerations or rates, shape (m,).
 
         Raises:
             OutOfRange: If a coordinate or rate is not finite.
@@ -275,9 +277,9 @@ class Receding(ShortRepr):
     def _begin(self) -> None:
         self._memory[:], self._when = self.memory(1), None
 
-    def ahead(self, t: float) -> np.ndarray:
-        """Its memory for a compiled loop that goes on from a control instant [s], shape (1,
-        doubles).
+    def resume_memory(self, t: float) -> np.ndarray:
+        """Return its memory for a compiled loop that continues from a control instant [s], shape
+        (1, doubles).
         """
         if t < self._last:
             self._begin()
@@ -285,24 +287,24 @@ class Receding(ShortRepr):
         counts[:] = self._count(t), self._count(t) if self._when is None else -1
         return self._memory[None]
 
-    def went_on(self, t: float) -> None:
-        """Know that a compiled loop went on up to and with a control instant [s]."""
+    def advance_to(self, t: float) -> None:
+        """Record that a compiled loop has advanced through a control instant [s]."""
         self._when, self._last = self._count(t) // self.programme.ratio, t
 
 
-class _Made(NamedTuple):
-    """The code of a programme, and what stands in the memory of each stage before all else."""
+class _CompiledProgramme(NamedTuple):
+    """Code of a programme, and the constants in the memory of each stage."""
 
     machine: Machine
-    known: list[tuple[str, int, int, float]]
+    constants: list[tuple[str, int, int, float]]
 
 
 @lru_cache(maxsize=64)
-def _made(programme: Programme) -> _Made:
+def _compile(programme: Programme) -> _CompiledProgramme:
     module = ir.Module()
-    known = emit_plan(module, programme)
+    constants = emit_plan(module, programme)
     emit_instant(module, programme)
-    return _Made(translated(module), known)
+    return _CompiledProgramme(translate(module), constants)
 
 
 def receding(
@@ -323,7 +325,7 @@ def receding(
     settling: float | None = None,
     smoothing: float | None = None,
 ) -> Receding:
-    """Model predictive control on the nonlinear crane, from any state.
+    """Create a model predictive controller on the nonlinear crane, from any state.
 
     Kept are, where they can be, the ranges of the joints, rates and accelerations of the drives,
     their effort limits, a bound of the swing, and a least tension of the rope; what cannot be kept
@@ -392,8 +394,8 @@ def receding(
         raise OutOfRange(
             "period of the motion", motion.period, f"the control period, {control_period:g}", "s"
         )
-    kept = limits.for_crane(crane)
-    rates, accelerations = np.array(kept.rates), np.array(kept.accelerations)
+    drive_limits = limits.for_crane(crane)
+    rates, accelerations = np.array(drive_limits.rates), np.array(drive_limits.accelerations)
     lags = fitting(crane, drive, converters)
     hoist = layout.drive_of("hoist")
     weight = 0.0 if hoist is None else float(abs(holding_effort(crane, crane.start.q)[hoist]))
@@ -419,13 +421,13 @@ def receding(
     cost = _weights(crane, accelerations, state_weight, input_weight)
     rows = {
         **_bounds(crane, rates, accelerations, swing, programme.taut),
-        **_possible(crane, rates, programme),
+        **_plausible(crane, rates, programme),
     }
     return Receding(programme, _table(programme, cost, rows), path)
 
 
 def usual_input_weight(accelerations: np.ndarray) -> np.ndarray:
-    """R for drives of some limits of acceleration, shape (m, m), see `INPUT`."""
+    """Return R for drives with limits of acceleration, shape (m, m), see `INPUT`."""
     return np.diag((INPUT * accelerations) ** -2.0)
 
 
@@ -435,24 +437,24 @@ def _weights(
     state_weight: np.ndarray | None,
     input_weight: np.ndarray | None,
 ) -> np.ndarray:
-    """Weight of states and inputs together, shape (2 n + m, 2 n + m)."""
+    """Return the weight of states and inputs together, shape (2 n + m, 2 n + m)."""
     layout = crane.layout
     z = 2 * layout.n
     q = np.eye(z) if state_weight is None else state_weight
     r = usual_input_weight(accelerations) if input_weight is None else input_weight
-    found = np.zeros((z + layout.m, z + layout.m))
-    found[:z, :z] = finite("state weight", q, (z, z))
-    found[z:, z:] = finite("input weight", r, (layout.m, layout.m))
-    for name, part in (("state weight", found[:z, :z]), ("input weight", found[z:, z:])):
-        if not np.allclose(part, part.T) or np.linalg.eigvalsh(part).min() <= 0.0:
-            raise OutOfRange(name, part.tolist(), "symmetric and positive definite")
-    return found
+    weights = np.zeros((z + layout.m, z + layout.m))
+    weights[:z, :z] = finite("state weight", q, (z, z))
+    weights[z:, z:] = finite("input weight", r, (layout.m, layout.m))
+    for name, block in (("state weight", weights[:z, :z]), ("input weight", weights[z:, z:])):
+        if not np.allclose(block, block.T) or np.linalg.eigvalsh(block).min() <= 0.0:
+            raise OutOfRange(name, block.tolist(), "symmetric and positive definite")
+    return weights
 
 
 def _bounds(
     crane: Crane, rates: np.ndarray, accelerations: np.ndarray, swing: float, taut: float
 ) -> dict[str, np.ndarray]:
-    """Least and largest of all that is bounded, and the price of exceeding each."""
+    """Return lower and upper bounds of all bounded values, and the prices of exceeding them."""
     layout = crane.layout
     n, m, drives = layout.n, layout.m, layout.drives
     low, high = np.full(2 * n + 2 * m, -_NONE), np.full(2 * n + 2 * m, _NONE)
@@ -471,37 +473,37 @@ def _bounds(
     return {"low": low, "high": high, "price": PRICE / size}
 
 
-def _possible(crane: Crane, rates: np.ndarray, programme: Programme) -> dict[str, np.ndarray]:
-    """Least and most of what coordinates and rates of a crane can be, and where it is until they
-    are read.
+def _plausible(crane: Crane, rates: np.ndarray, programme: Programme) -> dict[str, np.ndarray]:
+    """Return the least and largest plausible coordinates and rates, and the state before the first
+    reading.
     """
     layout, start = crane.layout, crane.start.q
     drives, swings, n = layout.drives, crane.swings, layout.n
-    least, most = np.full(2 * n, -_NONE), np.full(2 * n, _NONE)
+    low, high = np.full(2 * n, -_NONE), np.full(2 * n, _NONE)
     span = crane.upper - crane.lower
-    least[drives], most[drives] = (crane.lower - span)[drives], (crane.upper + span)[drives]
+    low[drives], high[drives] = (crane.lower - span)[drives], (crane.upper + span)[drives]
     ends = np.clip([crane.lower[drives], crane.upper[drives]], -_NONE, _NONE)[:, None]
     turned = crane.rest.slope * ends
     short = start.copy()
     if (hoist := layout.drive_of("hoist")) is not None:
         short[drives[hoist]] = crane.lower[drives[hoist]]
     swinging = 2.0 * math.sqrt(2.0) * _frequencies(programme.plant, short).max(initial=0.0)
-    least[swings] = crane.rest.angle + turned.min(axis=0).sum(axis=-1) - _RIGHT
-    most[swings] = crane.rest.angle + turned.max(axis=0).sum(axis=-1) + _RIGHT
-    most[n + swings], most[n + drives] = swinging, _FASTEST * rates
-    least[n:] = -most[n:]
+    low[swings] = crane.rest.angle + turned.min(axis=0).sum(axis=-1) - _RIGHT
+    high[swings] = crane.rest.angle + turned.max(axis=0).sum(axis=-1) + _RIGHT
+    high[n + swings], high[n + drives] = swinging, _FASTEST * rates
+    low[n:] = -high[n:]
     return {
-        "least": np.clip(least, -_NONE, _NONE),
-        "most": np.clip(most, -_NONE, _NONE),
+        "least": np.clip(low, -_NONE, _NONE),
+        "most": np.clip(high, -_NONE, _NONE),
         "start": np.concatenate([start, np.zeros(n)]),
     }
 
 
 def _frequencies(plant: Plant, q: np.ndarray) -> np.ndarray:
-    """Natural frequencies of what hangs free while the drives stand [rad/s], shape (n - m,)."""
+    """Return natural frequencies of free swing at standing drives [rad/s], shape (n - m,)."""
     layout = plant.topology.layout
     still = np.zeros(layout.n)
-    slopes = model.linear(plant, q, still, np.zeros(layout.m)).rates[layout.passive]
+    slopes = model.crane_derivatives(plant, q, still, np.zeros(layout.m)).rates[layout.passive]
     stiffness = -slopes[:, layout.passive].astype(float)
     return np.sqrt(np.clip(np.linalg.eigvals(stiffness).real, 0.0, None))
 
@@ -519,7 +521,7 @@ def _swing_period(crane: Crane, plant: Plant) -> float:
 
 
 def _table(programme: Programme, cost: np.ndarray, rows: dict[str, np.ndarray]) -> np.ndarray:
-    """Memory of an optimisation before the first."""
+    """Return the memory of an optimisation before the first."""
     shape = programme.shape
     table = np.zeros(shape.size)
 
@@ -533,6 +535,6 @@ def _table(programme: Programme, cost: np.ndarray, rows: dict[str, np.ndarray]) 
         row(name)[: len(values)] = values
     row("report")[REPORT.index("first")] = _BARRIER * PRICE
     stages = table[shape.first :].reshape(shape.padded, shape.stride)
-    for name, i, lane, value in _made(programme).known:
+    for name, i, lane, value in _compile(programme).constants:
         stages[:, shape.place(name, i) + lane] = value
     return table

@@ -352,7 +352,7 @@ def namespace() -> dict[str, Any]:
         "SITE": "Path(cranedyn.__file__).parent / 'planning' / 'sites' / 'open_yard.toml'",
         "RECORDING": "Path(cranedyn.__file__).parents[1] / 'experiments' / 'recordings' / 'gazebo' "
         "/ 'a1_l5.parquet'",
-        "model": "Model.of(Known(), [Record.of(crane, {'t_s': t, 'phi_rad': 0.1 * np.sin(t)})], "
+        "model": "Model.of(Prior(), [Record.of(crane, {'t_s': t, 'phi_rad': 0.1 * np.sin(t)})], "
         "['phi_bias'])",
         "site": "read_site(Path(cranedyn.__file__).parent / 'planning' / 'sites' / "
         "'open_yard.toml')",

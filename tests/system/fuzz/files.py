@@ -576,7 +576,7 @@ _DOCUMENT = (
 def _document(content: bytes, which: int, folder: Path) -> str:
     path = folder / "doc.md"
     path.write_bytes(content)
-    table = harness.Table("Some table", [("a", ".1f")], [(1.0,)])
+    table = harness.ResultTable("Some table", [("a", ".1f")], [(1.0,)])
 
     def both() -> None:
         read_document(path, "a1").write([table])

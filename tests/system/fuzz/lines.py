@@ -680,7 +680,11 @@ def _trial(options: object, setup: harness.Setup) -> harness.Outcome:
         label="",
     )
     return harness.Outcome(
-        [harness.Table("End", [("q", "g"), ("v", "g")], list(zip(*run.state(-1), strict=True)))],
+        [
+            harness.ResultTable(
+                "End", [("q", "g"), ("v", "g")], list(zip(*run.state(-1), strict=True))
+            )
+        ],
         [],
         {},
         {"run": run},

@@ -316,7 +316,7 @@ def _seen(one: Any) -> list[np.ndarray]:
         return [one.z.copy()]
     if isinstance(one, Stepper):
         return [np.array(one.state), np.array([one.t])]
-    return [one.task.fleet.z.copy(), one.task.goal.copy(), one.task.far.copy()]
+    return [one.task.fleet.z.copy(), one.task.goal.copy(), one.task.goal_distance.copy()]
 
 
 def _same(some: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> bool:

@@ -198,10 +198,12 @@ def _twin(content: bytes, which: int, folder: Path) -> str:
 
     def both() -> None:
         twin = read_twin(path)
-        if not all(map(np.isfinite, twin.off.values())):
-            raise Broken("a twin was read that is off by what is not finite", twin.off)
-        if not twin.words.isprintable():
-            raise Broken("a twin was read whose words cannot be printed", twin.words)
+        if not all(map(np.isfinite, twin.device_parameters.values())):
+            raise Broken(
+                "a twin was read that is off by what is not finite", twin.device_parameters
+            )
+        if not twin.options.isprintable():
+            raise Broken("a twin was read whose words cannot be printed", twin.options)
         again = read_twin(twin.write(folder / "again.json"))
         if again.text != twin.text or not np.array_equal(again.crane.damping, twin.crane.damping):
             raise Broken("a twin that is written again is another", again.text)

@@ -14,7 +14,7 @@ SHARE = Path(__file__).resolve().parents[1]
 
 
 def generate_launch_description():
-    """Sliders, transforms, RViz."""
+    """Launch sliders, transforms and RViz."""
     description = {"robot_description": (SHARE / "urdf" / "crane.urdf").read_text()}
     by_hand = DeclareLaunchArgument(
         "sliders", default_value="true", description="whether sliders move the joints"

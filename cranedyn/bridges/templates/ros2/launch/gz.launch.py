@@ -15,7 +15,7 @@ SHARE = Path(__file__).resolve().parents[1]
 
 
 def generate_launch_description():
-    """The world, the crane in it, its clock, its controllers."""
+    """Launch the world with the crane, its clock and its controllers."""
     controllers = SHARE / "config" / "controllers.yaml"
     urdf = (SHARE / "urdf" / "crane.urdf").read_text().replace("CONTROLLERS_YAML", str(controllers))
     simulator = Path(get_package_share_directory("ros_gz_sim"), "launch", "gz_sim.launch.py")

@@ -1,4 +1,4 @@
-"""Code for a crane, made once for each, and held against Pinocchio before it is used."""
+"""Compiled code of a crane, cached, and compared with Pinocchio before it is used."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.compiled.door import accelerations
-from cranedyn.compiled.kernel import Kernel, Recipe, kernel, text
+from cranedyn.compiled.binding import kernel_accelerations
+from cranedyn.compiled.kernel import Kernel, Recipe, build_module, kernel
 from cranedyn.compiled.machine import object_code
 from cranedyn.dynamics.converters import Response, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces
@@ -26,24 +26,23 @@ from cranedyn.plant.plant import Topology, numbers
 _CHECKED, _REMEMBERED = 16, 4096
 _MAKING = threading.Lock()
 
-Answers = Callable[[Kernel, np.ndarray, np.ndarray], np.ndarray]
-"""Accelerations at one state in each lane, see `cranedyn.compiled.door.accelerations`."""
+Accelerations = Callable[[Kernel, np.ndarray, np.ndarray], np.ndarray]
+"""Accelerations at one state in each lane, see `cranedyn.compiled.binding.kernel_accelerations`."""
 
 
-def compiled(
+def compile_kernel(
     cranes: Sequence[Crane] | Cranes, recipe: Recipe, converters: np.ndarray | None = None
 ) -> tuple[Kernel, np.ndarray]:
-    """Code for cranes that differ in numbers only, and the numbers in which they do, shape (n, m).
+    """Return code for cranes that differ in numbers only, and their varied numbers, shape (n, m).
 
-    It is compared with Pinocchio for each of the first 16 of them: the code is the same for all.
-    Threads that ask at the same time wait for each other, so that the code for a crane is made
-    once.
+    The code is the same for all cranes, and is compared with Pinocchio for the first 16 of them. A
+    lock makes threads compile it only once.
 
     Args:
         cranes: The cranes.
-        recipe: What the code can do.
-        converters: Numbers of their frequency converters, one row for all or one for each; None
-            for drives without.
+        recipe: Features of the code.
+        converters: Parameters of their frequency converters, one row for all or one for each; None
+            for drives without converters.
 
     Raises:
         ModelError: If the code does not do what Pinocchio does.
@@ -57,25 +56,25 @@ def compiled(
         rows = np.hstack([rows, np.broadcast_to(converters, (len(rows), converters.shape[-1]))])
     varied = (rows != rows[0]).any(axis=0)
     constants = np.where(varied, np.nan, rows[0])
-    own = np.ascontiguousarray(rows[:, varied])
+    varied_numbers = np.ascontiguousarray(rows[:, varied])
     with _MAKING:
         code = _kernel(Topology.of(cranes[0]), constants.tobytes(), recipe)
-        if len(code.agreed) > _REMEMBERED:
-            code.agreed.clear()
-        check_all(cranes, code, own, code.agreed, converters)
-    return code, own
+        if len(code.verified) > _REMEMBERED:
+            code.verified.clear()
+        verify_cranes(cranes, code, varied_numbers, code.verified, converters)
+    return code, varied_numbers
 
 
-def check_all(
+def verify_cranes(
     cranes: Sequence[Crane] | Cranes,
     code: Kernel,
-    own: np.ndarray,
-    agreed: set[bytes],
+    varied: np.ndarray,
+    verified: set[bytes],
     converters: np.ndarray | None = None,
-    answers: Answers = accelerations,
+    answers: Accelerations = kernel_accelerations,
 ) -> None:
-    """Compare accelerations of the first 16 cranes with Pinocchio's, unless they are known to
-    agree; with numbers of their frequency converters as of `compiled`.
+    """Compare accelerations of the first 16 cranes with Pinocchio's, except those that have agreed
+    before; converters are as in `compile_kernel`.
 
     Raises:
         ModelError: If they differ by more than round-off.
@@ -83,47 +82,47 @@ def check_all(
     rows: Any = (
         repeat(None)
         if converters is None
-        else np.broadcast_to(converters, (len(own), converters.shape[-1]))
+        else np.broadcast_to(converters, (len(varied), converters.shape[-1]))
     )
-    for crane, row, response in zip(cranes[:_CHECKED], own, rows, strict=False):
-        if row.tobytes() not in agreed:
-            check(crane, code, row, response, answers)
-            agreed.add(row.tobytes())
+    for crane, row, response in zip(cranes[:_CHECKED], varied, rows, strict=False):
+        if row.tobytes() not in verified:
+            verify_crane(crane, code, row, response, answers)
+            verified.add(row.tobytes())
 
 
-def elsewhere(crane: Crane, recipe: Recipe) -> bytes:
-    """The code for one crane as an object file for other programs, held against Pinocchio here, see
-    `compiled`.
+def object_file(crane: Crane, recipe: Recipe) -> bytes:
+    """Return the code for one crane as an object file for other programs, verified as in
+    `compile_kernel`.
 
     Raises:
         OutOfRange: If there is no code for the stepping rule.
         ModelError: If the code does not do what Pinocchio does.
     """
-    compiled([crane], recipe)
-    return object_code(text(Topology.of(crane), numbers(crane).tolist(), recipe))
+    compile_kernel([crane], recipe)
+    return object_code(build_module(Topology.of(crane), numbers(crane).tolist(), recipe))
 
 
 @lru_cache(maxsize=256)
 def _kernel(topology: Topology, constants: bytes, recipe: Recipe) -> Kernel:
-    known = [None if np.isnan(value) else value for value in np.frombuffer(constants).tolist()]
-    return kernel(topology, known, recipe)
+    values = [None if np.isnan(value) else value for value in np.frombuffer(constants).tolist()]
+    return kernel(topology, values, recipe)
 
 
-def check(
+def verify_crane(
     crane: Crane,
     code: Kernel,
     varied: np.ndarray,
     converters: np.ndarray | None = None,
-    answers: Answers = accelerations,
+    answers: Accelerations = kernel_accelerations,
 ) -> None:
-    """Compare accelerations with Pinocchio's at random states.
+    """Compare accelerations of a crane with Pinocchio's at random states.
 
     Args:
         crane: The crane.
         code: The code.
-        varied: The numbers that this crane has of its own.
-        converters: Numbers of its frequency converters, see `cranedyn.dynamics.converters`.
-        answers: Where the code runs, see `cranedyn.compiled.door.accelerations`.
+        varied: Varied numbers of this crane.
+        converters: Parameters of its frequency converters, see `cranedyn.dynamics.converters`.
+        answers: Function that runs the code, see `cranedyn.compiled.binding.kernel_accelerations`.
 
     Raises:
         ModelError: If they differ by more than round-off.
@@ -136,7 +135,7 @@ def check(
         crane.layout,
         JointForces.of(crane),
     )
-    own = np.repeat(varied[:, None], lanes, axis=1)
+    lanes_of_numbers = np.repeat(varied[:, None], lanes, axis=1)
     for _ in range(8):
         q = rng.uniform(crane.lower, crane.upper)
         q[crane.swings] = rng.uniform(-1.4, 1.4, len(crane.swings))
@@ -160,7 +159,7 @@ def check(
         elif recipe.drive == "velocity":
             assert converters is not None
             lags = np.array_split(converters, len(Response._fields))[3]
-            # every other time more than the drives can do
+            # every other time beyond the effort limits
             strong = rng.choice([1.0, 3.0]) * crane.effort_limit / mass.diagonal()[layout.drives]
             command = v[layout.drives] + lags * strong * command
             expected = saturate_acceleration(
@@ -181,8 +180,8 @@ def check(
                 layout.passive,
                 external,
             )
-        given = np.repeat(np.concatenate([q, v, command, force])[:, None], lanes, axis=1)
-        if off := rigid_body.disagreement(answers(code, given, own).T, expected, mass):
+        query = np.repeat(np.concatenate([q, v, command, force])[:, None], lanes, axis=1)
+        if off := rigid_body.disagreement(answers(code, query, lanes_of_numbers).T, expected, mass):
             raise ModelError(
                 "The compiled crane moves otherwise than Pinocchio's: accelerations differ by "
                 f"{off:.1e} of the largest."

@@ -1,5 +1,5 @@
-"""Doors to other programs: recordings of ROS that are read, and cranes of any numbers and names
-that are exported anywhere; what is written can be read back.
+"""Interfaces to other programs: recordings of ROS that are read, and cranes of any numbers and
+names that are exported anywhere; what is written can be read back.
 """
 
 from __future__ import annotations
@@ -120,10 +120,10 @@ def _read(ending: str) -> Callable[[bytes, int, Path], str]:
         path.write_bytes(content)
 
         def all_of_it() -> None:
-            found = bags.read_columns(path, _COLUMNS)
+            found = bags.read_joint_states(path, _COLUMNS)
             check_read("a recording", found["t_s"], *found.values())
 
-        ended(lambda: bags.columns(path))
+        ended(lambda: bags.joint_state_columns(path))
         return ended(all_of_it)
 
     return give
@@ -184,7 +184,7 @@ _NAMES += [
 ]
 
 _ENDINGS = {"mjcf": ".xml", "mcap": ".mcap", "fmu": ".fmu"}
-"""Of the doors that write a file."""
+"""Endings of the exporters that write a file."""
 
 
 @dataclass(frozen=True)
@@ -193,18 +193,18 @@ class Exports:
     nothing, or what was written is read back as that crane.
     """
 
-    door: str
+    exporter: str
     weight: float = 0.5
     interruptible: bool = False
 
     @property
     def name(self) -> str:
         """Of the kind."""
-        return f"export {self.door}"
+        return f"export {self.exporter}"
 
     def draw(self, rng: Random) -> Case:
         """Where it goes, its step and gravity, and what is odd about the crane."""
-        good = f"new{_ENDINGS.get(self.door, '')}"
+        good = f"new{_ENDINGS.get(self.exporter, '')}"
         place = good if rng.random() < 0.8 else rng.choice(FILES) + rng.choice(["", good])
         step = 5e-4 if rng.random() < 0.9 else rng.choice(_numbers())
         gravity = rng.choice([9.80665, 9.80665, 1.62, 1e-3, 1e3])
@@ -232,10 +232,10 @@ class Exports:
             return "no crane"
         (crane,) = made
         before = sorted(os.listdir(folder))
-        write, read = _DOORS[self.door]
+        write, read = _EXPORTERS[self.exporter]
         if ended(lambda: write(Path(place), crane, step)) == "refused":
             if sorted(os.listdir(folder)) != before:
-                raise Broken(f"a {self.door} export was refused and left something", place)
+                raise Broken(f"a {self.exporter} export was refused and left something", place)
             return "refused"
         read(Path(place), crane)
         return "good"
@@ -324,7 +324,7 @@ def _read_mcap(path: Path, crane: Crane) -> None:
     roles = {joint.symbol: joint.name for joint in crane.layout.joints}
     names = {symbol: name for symbol, name in roles.items() if symbol in bags.NAMES}
     columns = [column for column in ("l_m", "phi_rad") if column in _ran(crane).columns]
-    found = bags.read_columns(path, columns, names)
+    found = bags.read_joint_states(path, columns, names)
     if not all(np.array_equal(found[column], _ran(crane)[column]) for column in columns):
         raise Broken("a run is read back from MCAP with other numbers", found)
 
@@ -341,7 +341,9 @@ def _write_gazebo(path: Path, crane: Crane, dt: float) -> object:
     return gazebo.export(path, Program(crane, law, None, crane.start, 0.1, dt=dt))
 
 
-_DOORS: dict[str, tuple[Callable[[Path, Crane, float], object], Callable[[Path, Crane], None]]] = {
+_EXPORTERS: dict[
+    str, tuple[Callable[[Path, Crane, float], object], Callable[[Path, Crane], None]]
+] = {
     "mjcf": (lambda path, crane, dt: mjcf.export(path, crane, dt=dt), _read_mjcf),
     "ros2": (lambda path, crane, dt: ros2.export(path, crane, dt=dt), _read_ros2),
     "gazebo": (_write_gazebo, _read_gazebo),
@@ -353,5 +355,5 @@ GENERATORS: list[Generator] = [
     Edited("file MCAP, bytes", 1.0, lambda: _recordings("mcap"), _read("mcap")),
     Edited("file bag, bytes", 1.0, lambda: _recordings("bag"), _read("bag")),
     Messages(),
-    *(Exports(door, 0.05 if door == "fmu" else 0.5) for door in _DOORS),
+    *(Exports(exporter, 0.05 if exporter == "fmu" else 0.5) for exporter in _EXPORTERS),
 ]

@@ -26,15 +26,15 @@ import pytest
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
 
 from cranedyn.clocks import clocks
-from cranedyn.compiled import checked, door
+from cranedyn.compiled import binding, verify
 from cranedyn.compiled.batch import simulate_batch
-from cranedyn.compiled.call import Sizes, size
-from cranedyn.compiled.checked import compiled
-from cranedyn.compiled.door import Loop
+from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.horizon.receding import receding
 from cranedyn.compiled.kernel import Recipe
-from cranedyn.compiled.model import forward_dynamics
-from cranedyn.compiled.tables import Table
+from cranedyn.compiled.layout import BufferLayout, size
+from cranedyn.compiled.model import compile_forward_dynamics
+from cranedyn.compiled.tables import RowTable
+from cranedyn.compiled.verify import compile_kernel
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.hold import Hold
@@ -307,12 +307,12 @@ def test_only_the_door_takes_addresses_and_calls_compiled_code() -> None:
     }
     address = re.compile(r"\.ctypes\b|__array_interface__|data_as\(|\.function\(")
     assert [name for name, text in texts.items() if address.search(text)] == [
-        "cranedyn/compiled/door.py"
+        "cranedyn/compiled/binding.py"
     ]
 
 
 _LANES, _CRANES, _PERIODS = 8, 11, 20
-_SIZES = Sizes.of(crane().layout)
+_SIZES = BufferLayout.of(crane().layout)
 _LAW, _AIM, _FORCE, _OFFSET = map(
     size, (_SIZES.gain_table, _SIZES.setpoint_table, _SIZES.force, _SIZES.offset)
 )
@@ -333,7 +333,7 @@ _RECIPE = Recipe(
 
 def _loop(**changed: Any) -> Loop:
     """A loop over two groups with two gain tables of three rows each."""
-    code, _ = compiled([crane(), crane(payload_mass=700.0)], _RECIPE)
+    code, _ = compile_kernel([crane(), crane(payload_mass=700.0)], _RECIPE)
     groups = -(-_CRANES // _LANES)
     starts = np.zeros((groups, 4, _LANES), dtype=np.int64)
     starts[:, 0] = 3
@@ -349,16 +349,16 @@ def _loop(**changed: Any) -> Loop:
     law, aim, force = np.zeros((6, _LAW)), np.zeros((4, _AIM)), np.zeros((1, _FORCE))
     offset = np.zeros((2, _OFFSET))
     tables = [
-        Table(law, 3, starts[0, 0]),
-        Table(aim, 4, starts[0, 1]),
-        Table(force, 1, starts[0, 2]),
-        Table(offset, 2, starts[0, 3]),
+        RowTable(law, 3, starts[0, 0]),
+        RowTable(aim, 4, starts[0, 1]),
+        RowTable(force, 1, starts[0, 2]),
+        RowTable(offset, 2, starts[0, 3]),
     ]
     for i, name in enumerate(("gain_table", "setpoint_table", "force", "offset")):
         tables[i] = changed.pop(name, tables[i])
     clock, given = (
         clocks(0.2, 1e-3, 1e-2),
-        {"last": _PERIODS + 1, "end": _PERIODS, "remembered": 3, **memory, **changed},
+        {"last": _PERIODS + 1, "end": _PERIODS, "reading_count": 3, **memory, **changed},
     )
     return Loop(code, clock, tuple(tables), **given)  # type: ignore[arg-type]
 
@@ -413,22 +413,22 @@ def test_the_door_opens_for_arrays_that_can_be_written_to_where_code_writes(name
     [
         {"starts": np.full((2, 4, _LANES), 4, dtype=np.int64)},
         {"starts": np.full((2, 4, _LANES), -1, dtype=np.int64)},
-        {"gain_table": Table(np.zeros((2, _LAW)), 3, np.zeros(1, int))},
-        {"setpoint_table": Table(np.zeros((4, _AIM)), 5, np.zeros(1, int))},
-        {"setpoint_table": Table(np.zeros((0, _AIM)), 0, np.zeros(1, int))},
-        {"force": Table(np.zeros((1, 5)), 1, np.zeros(1, int))},
-        {"force": Table(np.full((1, 6), math.nan), 1, np.zeros(1, int))},
-        {"offset": Table(np.full((1, 10), math.inf), 1, np.zeros(1, int))},
-        {"offset": Table(np.zeros((1, 10)), 2, np.zeros(1, int))},
+        {"gain_table": RowTable(np.zeros((2, _LAW)), 3, np.zeros(1, int))},
+        {"setpoint_table": RowTable(np.zeros((4, _AIM)), 5, np.zeros(1, int))},
+        {"setpoint_table": RowTable(np.zeros((0, _AIM)), 0, np.zeros(1, int))},
+        {"force": RowTable(np.zeros((1, 5)), 1, np.zeros(1, int))},
+        {"force": RowTable(np.full((1, 6), math.nan), 1, np.zeros(1, int))},
+        {"offset": RowTable(np.full((1, 10), math.inf), 1, np.zeros(1, int))},
+        {"offset": RowTable(np.zeros((1, 10)), 2, np.zeros(1, int))},
         {"delay": np.full((2, 1, _LANES), 3, dtype=np.int64)},
         {"delay": np.full((2, 1, _LANES), -1, dtype=np.int64)},
-        {"remembered": 0},
-        {"remembered": 4},
+        {"reading_count": 0},
+        {"reading_count": 4},
         {"last": _PERIODS + 2},
         {"last": 0},
-        {"every": 0},
+        {"log_interval": 0},
         {"end": -1},
-        {"after": 1.5},
+        {"residual_from": 1.5},
     ],
     ids=(
         "starts too far, starts before, law short, aim short, no aim, narrow force, nan force, inf "
@@ -444,10 +444,10 @@ def test_the_door_opens_for_counts_that_stay_within_the_arrays_only(
 
 
 def test_the_door_knows_its_groups() -> None:
-    _loop().over(range(2))
+    _loop().run_groups(range(2))
     for group in (-1, 2):
         with pytest.raises(OutOfRange, match=f"group is {group}; allowed is 0 to 1"):
-            _loop().over([group])
+            _loop().run_groups([group])
 
 
 @pytest.mark.parametrize(
@@ -464,7 +464,7 @@ def test_the_door_knows_its_groups() -> None:
 @pytest.mark.parametrize("place", [0, 1, 2])
 def test_forward_dynamics_take_rows_of_finite_numbers_only(place: int, value: Any) -> None:
     model = load_crane().model
-    made, given = forward_dynamics(model), [np.ones((2, 5))] * 3
+    made, given = compile_forward_dynamics(model), [np.ones((2, 5))] * 3
     # Which is not in the code.
     model.addJoint(5, type(model.joints[1])(), model.jointPlacements[1], "one more")
     assert np.isfinite(made(*given)).all()
@@ -578,7 +578,7 @@ def test_a_run_in_pieces_is_the_same_to_the_bit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     whole = _everything(integrator, dt, drive, buffers)
-    monkeypatch.setattr(door, "_PIECE", steps)
+    monkeypatch.setattr(binding, "_PIECE", steps)
     assert _everything(integrator, dt, drive, buffers) == whole
 
 
@@ -602,7 +602,7 @@ def test_integrals_are_the_same_in_pieces(monkeypatch: pytest.MonkeyPatch) -> No
 
     whole = integral()
     assert whole[0] != 0.0
-    monkeypatch.setattr(door, "_PIECE", 7)
+    monkeypatch.setattr(binding, "_PIECE", 7)
     assert integral() == whole
 
 
@@ -776,9 +776,9 @@ def test_code_that_many_threads_ask_for_is_made_once(monkeypatch: pytest.MonkeyP
         time.sleep(0.05)
         return honest(*given)
 
-    honest = checked.kernel
-    monkeypatch.setattr(checked, "kernel", slowly)
+    honest = verify.kernel
+    monkeypatch.setattr(verify, "kernel", slowly)
     with ThreadPoolExecutor(4) as pool:
-        codes = list(pool.map(lambda _: compiled([c], recipe)[0], range(4)))
+        codes = list(pool.map(lambda _: compile_kernel([c], recipe)[0], range(4)))
     assert len(made) == 1
     assert all(code is codes[0] for code in codes)

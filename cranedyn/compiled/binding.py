@@ -1,9 +1,8 @@
-"""The one door to compiled code, which trusts every address and every count that it is given: they
-are taken from arrays here alone.
+"""Binding of compiled code to arrays: the only module that passes addresses to it.
 
-Shapes, types and counts are looked at once, when a function is bound to its arrays, and not again
-while it runs. What is not finite is refused, too, but for the state, which may diverge. Long runs
-are called in pieces, between which Python answers Ctrl-C.
+Shapes, types and counts are checked once, when a function is bound to its arrays. Numbers must be
+finite, except for the state, which may diverge. Long runs are called in pieces, between which
+Python handles Ctrl-C.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 
 from cranedyn.checks import number, whole
-from cranedyn.compiled.call import SLOTS, TURNS, size
+from cranedyn.compiled.layout import SLOTS, TURNS, size
 from cranedyn.errors import CraneError, Misshapen, OutOfRange
 
 if TYPE_CHECKING:
@@ -24,17 +23,17 @@ if TYPE_CHECKING:
     from cranedyn.compiled.horizon.control import Programme
     from cranedyn.compiled.kernel import Kernel
     from cranedyn.compiled.machine import Machine
-    from cranedyn.compiled.tables import Table
+    from cranedyn.compiled.tables import RowTable
 
 _PIECE = 100_000
-"""Physics steps, or rows, that code goes through before Python is asked whether to end; of eight
-cranes at once some tenths of a second."""
+"""Physics steps, or rows, of one call, after which Python handles Ctrl-C: some tenths of a second
+for eight cranes at once."""
 
 _INSTANT = 4
-"""What control and log of an instant cost, in steps."""
+"""Cost of control and log at an instant, in steps."""
 
 _STAGE = 4
-"""What each stage of an optimisation of one crane costs at most, in steps: some microseconds."""
+"""Largest cost of a stage of an optimisation of one crane, in steps: some microseconds."""
 
 
 def _address(
@@ -45,10 +44,10 @@ def _address(
     *,
     written: bool = False,
 ) -> int:
-    """Where an array begins, if it is what the code takes it for.
+    """Return the address of an array after checking its type, shape and memory order.
 
     Raises:
-        Misshapen: If it is another.
+        Misshapen: If it is anything else.
     """
     allowed = (
         f"an array of {kind.__name__} of shape {shape}, "
@@ -62,16 +61,16 @@ def _address(
         or array.shape != shape
         or not (flags.c_contiguous and flags.aligned and (flags.writeable or not written))
     ):
-        given = (
+        description = (
             f"an array of {array.dtype.name} of shape "
             f"{array.shape}{'' if flags.c_contiguous else ', not contiguous'}"
         )
-        raise Misshapen(name, given, allowed)
+        raise Misshapen(name, description, allowed)
     return array.ctypes.data
 
 
-def _known(name: str, array: np.ndarray, *, infinite: bool = False) -> None:
-    """Return if every number is finite, or is one at least.
+def _check_finite(name: str, array: np.ndarray, *, infinite: bool = False) -> None:
+    """Check that every number is finite, or only not NaN.
 
     Raises:
         OutOfRange: If not.
@@ -82,62 +81,62 @@ def _known(name: str, array: np.ndarray, *, infinite: bool = False) -> None:
             raise OutOfRange(name, float(wrong[0]), "a number" if infinite else "finite")
 
 
-class Rows:
-    """Code that answers rows of numbers, each by itself."""
+class RowFunction:
+    """Compiled function that maps each row of numbers to a row of results."""
 
-    def __init__(self, machine: Machine, name: str, given: int, answered: int) -> None:
-        """Take a function of a module by its name, and how many numbers it reads and writes for
+    def __init__(self, machine: Machine, name: str, width_in: int, width_out: int) -> None:
+        """Bind a function of a module by its name, with the numbers that it reads and writes for
         each row.
         """
         self._machine, self._run, self._given, self._answered = (
             machine,
             machine.function(name, 3),
-            given,
-            answered,
+            width_in,
+            width_out,
         )
 
     def __call__(self, rows: np.ndarray) -> np.ndarray:
-        """The answers to rows, shape (n, given), in rows, shape (n, answered).
+        """Return the results for rows, shape (n, width_in), in rows, shape (n, width_out).
 
         Raises:
             Misshapen: If the rows are of another length, or no contiguous doubles.
         """
         answers, count = np.empty((len(rows), self._answered)), np.empty(1, dtype=np.int64)
         for first in range(0, len(rows), _PIECE):
-            part, out = (array[first : first + _PIECE] for array in (rows, answers))
-            count[0] = len(part)
+            row_chunk, answer_chunk = (array[first : first + _PIECE] for array in (rows, answers))
+            count[0] = len(row_chunk)
             self._run(
-                _address("rows", part, (len(part), self._given)),
+                _address("rows", row_chunk, (len(row_chunk), self._given)),
                 count.ctypes.data,
-                _address("answers", out, (len(part), self._answered)),
+                _address("answers", answer_chunk, (len(row_chunk), self._answered)),
             )
         return answers
 
 
-def accelerations(code: Kernel, given: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """What the code of a crane answers at one state in each lane, shape (n, lanes).
+def kernel_accelerations(code: Kernel, query: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    """Return the accelerations by the code of a crane at one state in each lane, shape (n, lanes).
 
     Args:
         code: The code.
-        given: q, v, command and force, see `Sizes.given`, shape (numbers, lanes).
+        query: q, v, command and force, see `BufferLayout.query`, shape (numbers, lanes).
         numbers: The varied numbers, shape (varied, lanes).
     """
     lanes = code.recipe.lanes
-    found = np.empty((code.sizes.n, lanes))
+    result = np.empty((code.sizes.n, lanes))
     run = code.machine.function("answer", 3)
     run(
-        _address("given", given, (size(code.sizes.given), lanes)),
+        _address("given", query, (size(code.sizes.query), lanes)),
         _address("numbers", numbers, (code.varied, lanes)),
-        found.ctypes.data,
+        result.ctypes.data,
     )
-    return found
+    return result
 
 
 class Instant:
-    """The control instant of a predictive controller, bound to the memory of one crane."""
+    """Control instant of a predictive controller, bound to the memory of one crane."""
 
     def __init__(self, machine: Machine, memory: np.ndarray, programme: Programme) -> None:
-        """Look at the memory and take its address.
+        """Check the memory and bind the function to it.
 
         Raises:
             Misshapen: If it is of another size, or no contiguous doubles.
@@ -154,12 +153,12 @@ class Instant:
         )
 
     def __reduce__(self) -> NoReturn:
-        """Refuse to be copied: addresses in a copy would be those of the memory of this one."""
+        """Refuse to be copied: the addresses would still be those of the original memory."""
         raise CraneError("Code that is bound to memory cannot be copied.")
 
     def __call__(self, numbers: np.ndarray, row: int, due: bool) -> np.ndarray:
-        """The command at coordinates, rates and a setpoint of the drives, all in a row; with the
-        row of the path, and whether an optimisation is due.
+        """Return the command for coordinates, rates and a setpoint of the drives, all in a row; row
+        is that of the path, due says whether to optimise.
 
         Raises:
             Misshapen: If there are more or fewer numbers.
@@ -167,7 +166,7 @@ class Instant:
         """
         if numbers.shape != (self._numbers,):
             raise Misshapen("state and setpoint", f"{numbers.size} numbers", f"{self._numbers}")
-        _known("state and setpoint", numbers)
+        _check_finite("state and setpoint", numbers)
         self._given[: self._numbers] = numbers
         self._counts[:] = whole("row", row, 0), due
         self._run(*self._addresses)
@@ -175,46 +174,49 @@ class Instant:
 
 
 class Loop:
-    """A closed loop bound to the arrays that it works on, for some groups of lanes."""
+    """Closed loop bound to its arrays, for some groups of lanes."""
 
     def __init__(
         self,
         code: Kernel,
         clock: Clocks,
-        tables: Sequence[Table],
+        tables: Sequence[RowTable],
         *,
         last: int,
         end: int,
-        every: int = 1,
-        after: int = 0,
-        remembered: int = 0,
+        log_interval: int = 1,
+        residual_from: int = 0,
+        reading_count: int = 0,
         **memory: np.ndarray,
     ) -> None:
-        """Look at everything and take the addresses.
+        """Check all arrays and counts, and bind the loop to them.
 
         Args:
             code: The code.
             clock: How the run is divided.
-            tables: Of controllers, of what they are about, of forces, and of what sensors add, as
-                far as the code has them.
-            last: Control instants to go through, from 0 up to, but without, this one.
-            end: The instant that is not followed by steps.
-            every: Control instants for a row of the log.
-            after: Instant from which a swing is residual.
-            remembered: Readings that late sensors keep.
-            memory: What belongs to each group, the group first: state, numbers, starts of the
-                tables, delay and readings of sensors, summary, log, as far as the code has them.
+            tables: Gain table, setpoint table, forces, and sensor offsets, as far as the code has
+                them.
+            last: Number of control instants to run.
+            end: Instant that no steps follow.
+            log_interval: Control instants from one row of the log to the next.
+            residual_from: Instant from which swing counts as residual.
+            reading_count: Number of readings stored for delayed sensors.
+            memory: Arrays with the group as first axis: state, numbers, starts of the tables, delay
+                and readings of sensors, summary, log, as far as the code has them.
 
         Raises:
-            OutOfRange: If an array is not what the code takes it for, or a number is not finite.
+            OutOfRange: If an array has another type or shape, or a number is not finite.
         """
         recipe, lanes, sizes = code.recipe, code.recipe.lanes, code.sizes
         self._instant = _INSTANT
         if (programme := recipe.programme) is not None:
             self._instant += -(-_STAGE * programme.stages * lanes // programme.ratio)
         self._last, self._end = whole("control instants", last, 1), whole("end", end, 0)
-        self._steps, small = whole("steps", clock.steps, 1), whole("small steps", clock.substeps, 1)
-        self._weight = small if recipe.buffers and recipe.integrator.smooth else 1
+        self._steps, substeps = (
+            whole("steps", clock.steps, 1),
+            whole("small steps", clock.substeps, 1),
+        )
+        self._weight = substeps if recipe.buffers and recipe.integrator.smooth else 1
         self._run, self._groups = code.machine.function("run", 1), len(memory["state"])
         self._call, self._moving = (
             np.zeros(len(SLOTS), dtype=np.int64),
@@ -224,20 +226,20 @@ class Loop:
         self._arrays = dict[str, tuple[np.ndarray, int, bool]]()
         counts = {
             "end": end,
-            "small": small,
-            "every": whole("every", every, 1),
-            "after": whole("after", after, 0),
-            "remembered": whole("remembered", remembered, int(recipe.delayed)),
+            "substeps": substeps,
+            "log_interval": whole("log_interval", log_interval, 1),
+            "residual_from": whole("residual_from", residual_from, 0),
+            "reading_count": whole("reading_count", reading_count, int(recipe.delayed)),
         }
         for name, count in counts.items():
             self._call[SLOTS[name]] = count
         for name, time in (("dt", clock.dt), ("period", clock.period)):
             self._call.view(np.float64)[SLOTS[name]] = number(name, time, "s", "> 0")
-        rows = (self._last - 1) // every + 1
+        rows = (self._last - 1) // log_interval + 1
         widths = {
             "state": size(sizes.state),
             "numbers": code.varied,
-            "readings": remembered * sizes.z * recipe.delayed,
+            "readings": reading_count * sizes.z * recipe.delayed,
             "summary": size(sizes.summary) * recipe.summary,
             "log": rows * size(sizes.row) * recipe.log,
         }
@@ -250,12 +252,12 @@ class Loop:
                     written=name in ("state", "readings", "summary", "log"),
                 )
         if widths["numbers"]:
-            _known("numbers", memory["numbers"], infinite=True)
+            _check_finite("numbers", memory["numbers"], infinite=True)
         if recipe.delayed:
             self._bind("delay", memory["delay"], (self._groups, 1, lanes), np.int64)
             first, final = int(memory["delay"].min()), int(memory["delay"].max())
-            if first < 0 or final >= remembered:
-                allowed = f"0 to {remembered - 1}"
+            if first < 0 or final >= reading_count:
+                allowed = f"0 to {reading_count - 1}"
                 raise OutOfRange("delay", f"{first} to {final}", allowed, "control periods")
         if recipe.programme is not None:
             self._bind(
@@ -273,9 +275,11 @@ class Loop:
             "force": sizes.force,
             "offset": sizes.offset,
         }
-        known = zip(columns.items(), tables, recipe.shared, strict=False)
-        for i, ((name, parts), table, shared) in enumerate(known):
-            self._bind_table(name, table, size(parts), None if shared else memory["starts"][:, i])
+        bound_tables = zip(columns.items(), tables, recipe.shared, strict=False)
+        for i, ((name, sections), table, shared) in enumerate(bound_tables):
+            self._bind_table(
+                name, table, size(sections), None if shared else memory["starts"][:, i]
+            )
 
     def _bind(
         self,
@@ -291,7 +295,9 @@ class Loop:
         )
         self._arrays[name] = (array, array.strides[0], written)
 
-    def _bind_table(self, name: str, table: Table, columns: int, starts: np.ndarray | None) -> None:
+    def _bind_table(
+        self, name: str, table: RowTable, columns: int, starts: np.ndarray | None
+    ) -> None:
         total, length = len(table.rows), whole(f"rows of {name}", table.length, 1)
         first, final = (0, 0) if starts is None else (int(starts.min()), int(starts.max()))
         if first < 0 or final + length > total:
@@ -304,17 +310,17 @@ class Loop:
         self._arrays[name] = (table.rows, 0, False)
         self._call[SLOTS[f"{name}_rows"]] = length
         # Limits of a gain table may be infinite.
-        _known(f"rows of {name}", table.rows, infinite=name == "gain_table")
+        _check_finite(f"rows of {name}", table.rows, infinite=name == "gain_table")
 
     __reduce__ = Instant.__reduce__
 
     def __len__(self) -> int:
-        """Number of groups."""
+        """Return the number of groups."""
         return self._groups
 
     def _pieces(self, piece: int) -> Iterator[tuple[int, int, int, bool]]:
-        """The run in pieces of about so many steps: instants from the first up to, but without, the
-        last, steps of each, whether the first goes on from steps.
+        """Yield pieces of about so many steps: first instant, instant after the last, steps of
+        each, and whether the control of the first instant has already run.
         """
         together = piece // (self._steps * self._weight + self._instant)
         if together:
@@ -326,63 +332,65 @@ class Loop:
             for done in range(0, self._steps if instant < self._end else 1, together):
                 yield instant, instant + 1, min(together, self._steps - done), done > 0
 
-    def over(self, groups: Iterable[int], stopped: Callable[[], bool] = bool) -> None:
-        """Run some groups, one after another, unless it is stopped between two pieces."""
+    def run_groups(self, groups: Iterable[int], stopped: Callable[[], bool] = bool) -> None:
+        """Run some groups, one after another, until stopped between two pieces."""
         call = self._call.copy()
         address = call.ctypes.data
-        first, last, steps, going_on = (
-            SLOTS[name] for name in ("first", "last", "steps", "going_on")
+        first, last, steps, resumed = (
+            SLOTS[name] for name in ("first", "last", "steps", "resumed")
         )
         for group in groups:
             if not 0 <= group < self._groups:
                 raise OutOfRange("group", group, f"0 to {self._groups - 1}")
             for slot, begin, stride in self._moving:
                 call[slot] = begin + group * stride
-            for call[first], call[last], call[steps], call[going_on] in self._pieces(_PIECE):
+            for call[first], call[last], call[steps], call[resumed] in self._pieces(_PIECE):
                 if stopped():
                     return
                 self._run(address)
 
-    def elsewhere(
-        self, placed: Callable[[np.ndarray, bool], int], strides: Sequence[str], most: int
+    def device_calls(
+        self, upload: Callable[[np.ndarray, bool], int], strides: Sequence[str], max_steps: int
     ) -> Iterator[np.ndarray]:
-        """The calls, one for each piece of the run, by which all groups run on a device that has
-        memory of its own.
+        """Yield the arguments of one call for each piece of the run, for a device with its own
+        memory.
 
         Args:
-            placed: Puts an array into that memory and answers its address there; it is told whether
+            upload: Puts an array into that memory and answers its address there; it is told whether
                 the code writes to it.
             strides: Whose strides, from group to group, stand behind the slots of each call
                 [numbers].
-            most: Steps of all cranes together in a piece, or those of one control instant.
+            max_steps: Steps of all cranes together in a piece, or those of one control instant.
         """
         call = np.concatenate([self._call, np.zeros(len(strides), dtype=np.int64)])
         for name, (array, stride, written) in self._arrays.items():
-            call[SLOTS[name]] = placed(array, written)
+            call[SLOTS[name]] = upload(array, written)
             if stride:
                 call[len(SLOTS) + strides.index(name)] = stride // array.itemsize
-        names = [SLOTS[name] for name in ("first", "last", "steps", "going_on")]
+        names = [SLOTS[name] for name in ("first", "last", "steps", "resumed")]
         cranes = self._groups * self._kept[0].recipe.lanes
-        for piece in self._pieces(min(_PIECE, max(1, most // cranes))):
+        for piece in self._pieces(min(_PIECE, max(1, max_steps // cranes))):
             call[names] = piece
             yield call
 
-    def alone(self) -> Callable[[], None]:
-        """The run of all groups, as quick to call as can be where it is one group and one piece."""
+    def bind_call(self) -> Callable[[], None]:
+        """Return a function that runs all groups; for one group and one piece it has the least
+        overhead.
+        """
         pieces = list(islice(self._pieces(_PIECE), 2))
         if len(pieces) > 1 or self._groups > 1:
-            return partial(self.over, range(self._groups))
+            return partial(self.run_groups, range(self._groups))
         for slot, begin, _ in self._moving:
             self._call[slot] = begin
-        for name, value in zip(("first", "last", "steps", "going_on"), pieces[0], strict=True):
+        for name, value in zip(("first", "last", "steps", "resumed"), pieces[0], strict=True):
             self._call[SLOTS[name]] = value
         run = partial(self._run, self._call.ctypes.data)
         run.kept = self  # type: ignore[attr-defined]  # an address keeps nothing
         return run
 
-    def steps(self) -> Callable[[int, int], None]:
-        """Steps of one control period for the groups from one up to, but without, another, under
-        the commands that their states hold.
+    def step_function(self) -> Callable[[int, int], None]:
+        """Return a function that advances a range of groups by one control period under the
+        commands in their states.
 
         Many groups are gone through in one call, which takes some tenths of a second at most.
 
@@ -393,22 +401,25 @@ class Loop:
             raise OutOfRange(
                 "steps in a control period", self._steps, f"{_PIECE // self._weight} or less"
             )
-        run, most = (
+        run, groups_per_call = (
             self._kept[0].machine.function("several", 2),
             _PIECE // (self._steps * self._weight),
         )
         calls = np.repeat(self._call[None], self._groups, axis=0)
         for slot, begin, stride in self._moving:
             calls[:, slot] = begin + stride * np.arange(self._groups)
-        for name, value in {"first": 0, "last": 1, "steps": self._steps, "going_on": 1}.items():
+        for name, value in {"first": 0, "last": 1, "steps": self._steps, "resumed": 1}.items():
             calls[:, SLOTS[name]] = value
 
         def over(first: int, last: int) -> None:
             if not 0 <= first <= last <= self._groups:
                 raise OutOfRange("groups", f"{first} to {last}", f"0 to {self._groups}")
-            for begin in range(first, last, most):
-                part, count = calls[begin : min(begin + most, last)], np.empty(1, dtype=np.int64)
-                count[0] = len(part)
-                run(part.ctypes.data, count.ctypes.data)
+            for begin in range(first, last, groups_per_call):
+                chunk, count = (
+                    calls[begin : min(begin + groups_per_call, last)],
+                    np.empty(1, dtype=np.int64),
+                )
+                count[0] = len(chunk)
+                run(chunk.ctypes.data, count.ctypes.data)
 
         return over

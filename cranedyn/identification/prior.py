@@ -1,4 +1,4 @@
-"""What one knows, or believes, of a crane before its records are looked at."""
+"""Prior knowledge of a crane, before identification."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from cranedyn.model.load import load_crane
 
 
 @dataclass(frozen=True)
-class Known:
-    """A description of a crane with the values that one believes in.
+class Prior:
+    """Description of a crane with prior values of its arguments.
 
     Attributes:
         urdf: A ``.xacro`` file or a plain URDF; None for the tower crane of this project.
-        values: Of arguments of the xacro file.
-        gravity: [m/s²].
+        values: Prior values of arguments of the xacro file.
+        gravity: Prior value of gravity [m/s²].
     """
 
     urdf: str | Path | None = None
@@ -35,32 +35,32 @@ class Known:
 
     @cached_property
     def crane(self) -> Crane:
-        """The crane as believed."""
+        """Crane with the prior values."""
         return self.load()
 
     @cached_property
     def arguments(self) -> dict[str, Argument]:
-        """Arguments of the description that are numbers, by name; gravity is one, too."""
+        """Numeric arguments of the description by name, and gravity."""
         path = XACRO if self.urdf is None else Path(self.urdf)
-        found = arguments(path) if path.suffix == ".xacro" else {}
-        numbers = {name: one for name, one in found.items() if one.allowed}
+        declared = arguments(path) if path.suffix == ".xacro" else {}
+        numbers = {name: argument for name, argument in declared.items() if argument.allowed}
         return {"gravity": Argument("", "m/s²", "> 0", "gravity of the world"), **numbers}
 
     def load(self, **values: float) -> Crane:
-        """The crane with some values changed, gravity among them."""
-        given = {**self.values, **values}
-        gravity = float(given.pop("gravity", self.gravity))  # type: ignore[arg-type]
-        return load_crane(self.urdf, gravity=gravity, values=given)
+        """Load the crane with some values changed, gravity among them."""
+        merged = {**self.values, **values}
+        gravity = float(merged.pop("gravity", self.gravity))  # type: ignore[arg-type]
+        return load_crane(self.urdf, gravity=gravity, values=merged)
 
-    def family(self, first: Mapping[str, float], other: Mapping[str, float]) -> Family:
-        """Cranes of this description, see `Family`; the same are made once."""
-        key = (*first.items(), *other.items())
+    def family(self, first: Mapping[str, float], second: Mapping[str, float]) -> Family:
+        """Return the cranes of this description, see `Family`; cached."""
+        key = (*first.items(), *second.items())
         if key not in self._families:
-            self._families[key] = Family(self.load, first, other)
+            self._families[key] = Family(self.load, first, second)
         return self._families[key]
 
     def value(self, name: str) -> float:
-        """What one believes of an argument.
+        """Return the prior value of an argument.
 
         Raises:
             UnknownName: If there is no such argument.
@@ -69,5 +69,7 @@ class Known:
             raise UnknownName("argument", name, self.arguments)
         if name == "gravity":
             return self.gravity
-        one = self.arguments[name]
-        return number(name, self.values.get(name, one.default), one.unit, one.allowed)
+        argument = self.arguments[name]
+        return number(
+            name, self.values.get(name, argument.default), argument.unit, argument.allowed
+        )

@@ -1,0 +1,185 @@
+"""Layout of the memory that compiled loops share with Python."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import accumulate
+
+from cranedyn.compiled.code import DOUBLE, INTEGER, POINTER
+from cranedyn.model.layout import Layout
+
+Sections = dict[str, int]
+"""Number of doubles in each section of a buffer, in the order of memory."""
+
+
+@dataclass(frozen=True)
+class BufferLayout:
+    """Numbers in each section of a buffer.
+
+    Attributes:
+        n: Number of joints.
+        m: Number of drives.
+        points: Number of points that external forces act on.
+        delay_steps: Control periods by which frequency converters delay commands; None for drives
+            without converters.
+    """
+
+    n: int
+    m: int
+    points: int
+    delay_steps: int | None = None
+
+    @classmethod
+    def of(cls, layout: Layout, delay_steps: int | None = None) -> BufferLayout:
+        """Return the layout of the buffers of a crane."""
+        return cls(layout.n, layout.m, len(layout.points), delay_steps)
+
+    @property
+    def converters(self) -> Sections:
+        """Memory of the frequency converters: reference rates, their rates of change, and delayed
+        commands.
+        """
+        if self.delay_steps is None:
+            return {}
+        return {"reference": self.m, "rising": self.m, "unheard": self.delay_steps * self.m}
+
+    @property
+    def z(self) -> int:
+        """Number of coordinates and rates together."""
+        return 2 * self.n
+
+    @property
+    def state(self) -> Sections:
+        """State of a crane at a control instant: coordinates, rates, integrals of the controller,
+        the last command, work of the buffers, and memory of the frequency converters.
+        """
+        sections = {
+            "q": self.n,
+            "v": self.n,
+            "integral": self.m,
+            "last_command": self.m,
+            "buffers": 1,
+        }
+        return sections | self.converters
+
+    @property
+    def gain_table(self) -> Sections:
+        """Row of the gain table of a controller that is affine in the state."""
+        return {
+            "feed_forward": self.m,
+            "gain": self.m * self.z,
+            "integral_gain": self.m,
+            "limit": self.m,
+        }
+
+    @property
+    def setpoint_table(self) -> Sections:
+        """Row of the setpoint table: the state about which the controller acts, and the setpoint of
+        the drives.
+        """
+        return {"setpoint": self.z, "position": self.m}
+
+    @property
+    def force(self) -> Sections:
+        """Row of external forces on the points of the crane."""
+        return {"force": 3 * self.points}
+
+    @property
+    def offset(self) -> Sections:
+        """Row of offsets that sensors add to coordinates and rates."""
+        return {"reading": self.z}
+
+    @property
+    def row(self) -> Sections:
+        """Row of the log; cut is 1 where the command exceeds the largest rate of a converter."""
+        sections = {
+            "q": self.n,
+            "v": self.n,
+            "command": self.m,
+            "effort": self.m,
+            "before": self.m,
+            "energy": 1,
+            "buffers": 1,
+            "stop_force": 1,
+        }
+        return sections if self.delay_steps is None else sections | {"cut": 1}
+
+    @property
+    def summary(self) -> Sections:
+        """Summary of a run.
+
+        Squares of the largest swing and of the largest amplitude from a row on, the first row at
+        which the model does not hold, and the largest efforts.
+        """
+        return {"peak": 1, "residual": 1, "invalid": 1, "effort": self.m}
+
+    @property
+    def query(self) -> Sections:
+        """Arguments of the function for accelerations: coordinates, rates, a command, external
+        forces.
+        """
+        return {"q": self.n, "v": self.n, "command": self.m, "force": 3 * self.points}
+
+
+def size(sections: Sections) -> int:
+    """Return the number of all numbers in the sections."""
+    return sum(sections.values())
+
+
+def slices(sections: Sections) -> dict[str, slice]:
+    """Return the slice of each section."""
+    ends = accumulate(sections.values())
+    return {
+        name: slice(end - count, end)
+        for (name, count), end in zip(sections.items(), ends, strict=True)
+    }
+
+
+TURNS = 16
+"""Steps after which sines and cosines are computed afresh; until then each step rotates them, with
+a rounding error each."""
+
+CALL = {
+    POINTER: (
+        "state",
+        "numbers",
+        "offset",
+        "gain_table",
+        "setpoint_table",
+        "force",
+        "starts",
+        "delay",
+        "readings",
+        "log",
+        "summary",
+        "horizon",
+    ),
+    INTEGER: (
+        "gain_table_rows",
+        "setpoint_table_rows",
+        "force_rows",
+        "offset_rows",
+        "reading_count",
+        "first",
+        "last",
+        "end",
+        "steps",
+        "substeps",
+        "log_interval",
+        "residual_from",
+        "resumed",
+    ),
+    DOUBLE: ("dt", "period"),
+}
+"""Arguments of the loop by type, eight bytes each.
+
+Addresses point to the memory of a group of lanes, to the tables, to the first row [rows] of each
+lane's tables, to the sensor delay [control periods] of each lane and its stored readings, and to
+the memory of a predictive controller.
+
+Whole numbers are the rows of the tables, the number of stored readings, the first control instant
+and the one after the last, the instant that no steps follow, steps in a period, substeps of a step
+where buffers act, instants between rows of the log, the instant from which swing is residual, and
+resumed: 1 if the control of the first instant has already run, else 0. Times are in seconds."""
+
+SLOTS = {name: slot for slot, name in enumerate(name for names in CALL.values() for name in names)}
