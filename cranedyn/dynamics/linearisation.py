@@ -148,8 +148,8 @@ def sampled(
 
 
 def feedback_gain(crane: Crane, stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
-    """Gain of proportional-derivative control of each drive by itself, shape (m, 2 n), from its k_p
-    and k_d, shape (m,) each.
+    """Return the gain of proportional-derivative control of each drive by itself, shape (m, 2 n),
+    from its k_p and k_d, shape (m,) each.
     """
     layout = crane.layout
     gain = np.zeros((layout.m, 2 * layout.n))
@@ -180,8 +180,8 @@ class FreeModes:
     passive: np.ndarray
 
     def amplitudes(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Amplitude of each mode in small motions, shape (rows, p), of coordinates and rates, shape
-        (rows, n) each.
+        """Return the amplitude of each mode in small motions, shape (rows, p), of coordinates and
+        rates, shape (rows, n) each.
 
         Times the column of `shapes` it is the amplitude in each passive joint.
         """
@@ -191,7 +191,8 @@ class FreeModes:
 
 
 def free_modes(crane: Crane, state: State) -> FreeModes:
-    """Frequencies and shapes of the passive joints with the drives locked, from K x = ω² M x.
+    """Return frequencies and shapes of the passive joints with the drives locked,
+    from K x = ω² M x.
 
     K are the second derivatives of the energy of gravity and springs, M is the mass matrix, both of
     the passive joints alone.

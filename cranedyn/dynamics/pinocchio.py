@@ -20,8 +20,8 @@ from cranedyn.model.crane import Crane, Point
 
 
 def full(crane: Crane, drives: np.ndarray) -> np.ndarray:
-    """Numbers of the drives, shape (m,), among those of all joints, shape (n,): zero for the
-    passive ones.
+    """Return the numbers of the drives, shape (m,), among those of all joints, shape (n,): zero for
+    the passive ones.
     """
     among = np.zeros(crane.layout.n)
     among[crane.layout.drives] = drives
@@ -29,8 +29,8 @@ def full(crane: Crane, drives: np.ndarray) -> np.ndarray:
 
 
 def acceleration(crane: Crane, state: State, effort: np.ndarray) -> np.ndarray:
-    """Accelerations of all joints [rad/s² or m/s²], shape (n,), under drive efforts, with damping
-    and springs: ABA.
+    """Return the accelerations of all joints [rad/s² or m/s²], shape (n,), under drive efforts,
+    with damping and springs: ABA.
     """
     return pin.aba(
         crane.model, crane.data, *state, full(crane, effort) + JointForces.of(crane).effort(*state)
@@ -40,8 +40,8 @@ def acceleration(crane: Crane, state: State, effort: np.ndarray) -> np.ndarray:
 def prescribed_acceleration(
     crane: Crane, state: State, drive_acceleration: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Accelerations of all joints when those of the drives are given, and the drive efforts that
-    this costs.
+    """Return the accelerations of all joints when those of the drives are given, and the drive
+    efforts that this costs.
 
     Solves the passive rows of M a + b = τ for the passive joints, then reads the drive rows.
 
@@ -142,8 +142,8 @@ def inverse_dynamics(
     joint: np.ndarray,
     outside: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Generalized forces that cause these accelerations beside those of joints and outside, shape
-    (n,); arguments as `follow_drives`.
+    """Return the generalized forces that cause these accelerations beside those of joints and
+    outside, shape (n,); arguments as `follow_drives`.
     """
     needed = pin.rnea(model, data, q, v, a) - joint
     return needed if outside is None else needed - outside
@@ -152,7 +152,7 @@ def inverse_dynamics(
 def outside_effort(
     points: Sequence[Point], model: pin.Model, data: pin.Data, q: np.ndarray, force: np.ndarray
 ) -> np.ndarray:
-    """Generalized forces of a force on each of some points, shape (n,).
+    """Return the generalized forces of a force on each of some points, shape (n,).
 
     Args:
         points: The points.
@@ -170,7 +170,9 @@ def outside_effort(
 def _jacobians(
     points: Sequence[Point], model: pin.Model, data: pin.Data, q: np.ndarray
 ) -> list[np.ndarray]:
-    """Velocity of each point in the world per rate of the coordinates, shape (3, n) each."""
+    """Return the velocity of each point in the world per rate of the coordinates, shape (3, n)
+    each.
+    """
     pin.computeJointJacobians(model, data, q)
     jacobians = []
     for _, body, lever in points:
@@ -184,7 +186,7 @@ def _jacobians(
 
 
 def energy(crane: Crane, state: State) -> float:
-    """Mechanical energy, that of springs included [J], zero of height at the ground."""
+    """Return the mechanical energy, that of springs included [J], zero of height at the ground."""
     rigid = float(pin.computeMechanicalEnergy(crane.model, crane.data, *state))
     return rigid + float(crane.springs.energy(state.q)) if crane.springs.any else rigid
 
@@ -206,7 +208,7 @@ def point_velocities(crane: Crane, state: State) -> np.ndarray:
 
 
 def payload_position(crane: Crane, q: np.ndarray) -> np.ndarray:
-    """Centre of the payload in the world [m], shape (3,)."""
+    """Return the centre of the payload in the world [m], shape (3,)."""
     return point_positions(crane, q)[0]
 
 
@@ -226,12 +228,12 @@ def payload_orientation(crane: Crane, q: np.ndarray) -> np.ndarray:
 
 
 def payload_velocity(crane: Crane, state: State) -> np.ndarray:
-    """Velocity of the centre of the payload in the world [m/s], shape (3,)."""
+    """Return the velocity of the centre of the payload in the world [m/s], shape (3,)."""
     return point_velocities(crane, state)[0]
 
 
 def rope_tension(crane: Crane, state: State, effort: np.ndarray) -> float:
-    """Tension of the rope [N]; at zero or below a real rope would be slack.
+    """Return the tension of the rope [N]; at zero or below a real rope would be slack.
 
     Raises:
         MissingRole: If no joint is a hoist.

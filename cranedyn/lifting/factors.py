@@ -137,7 +137,7 @@ def release_beta(periods: float) -> float:
 
 
 def phi_6(phi_2: float) -> float:
-    """Factor of the dynamic test load: ½ (1 + φ2). EN 1991-3, 2.10 (second hand)."""
+    """Return the factor of the dynamic test load: ½ (1 + φ2). EN 1991-3, 2.10 (second hand)."""
     return 0.5 * (1.0 + number("phi_2", phi_2, "", ">= 0"))
 
 

@@ -113,7 +113,7 @@ def _point(point: np.ndarray) -> str:
 
 
 def _loads(analysis: LiftAnalysis, source_note: str) -> Table:
-    """Extremes of the loads, and when."""
+    """Return the extremes of the loads and their times."""
     carried, t = analysis.loads, analysis.loads.t
     rows: list[Row] = []
 

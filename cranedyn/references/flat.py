@@ -149,7 +149,7 @@ def flat(
 
 
 def recover(path: np.ndarray, rope: np.ndarray, height: float, inertia: float = 0.0) -> np.ndarray:
-    """Coordinates of the crane from a path of its payload.
+    """Return the coordinates of the crane from a path of its payload.
 
     Args:
         path: Centre of oscillation of the payload in the world [m], shape (n, 3).

@@ -25,7 +25,7 @@ class Still:
         return self.setpoint
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, m) each."""
+        """Return setpoints at many times [s], shape (n, m) each."""
         return Setpoint(
             *(
                 np.broadcast_to(component, (len(times), len(component)))

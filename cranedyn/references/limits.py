@@ -95,8 +95,8 @@ def check_limits(
 
 
 def fastest(crane: Crane, plan: Callable[[float], Motion], limits: Limits) -> float:
-    """Shortest duration [s] at which a plan keeps the limits, to a thousandth of a second; a
-    quarter of a second at least.
+    """Return the shortest duration [s] at which a plan keeps the limits, to a thousandth of a
+    second; a quarter of a second at least.
 
     Args:
         crane: The crane.

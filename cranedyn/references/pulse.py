@@ -37,7 +37,7 @@ class Pulse:
         )
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, m) each."""
+        """Return setpoints at many times [s], shape (n, m) each."""
         setpoint = tabulated(self.base, times, len(self.step))
         aside = (self.first <= times) & (times < self.last)
         return setpoint._replace(position=setpoint.position + np.outer(aside, self.step))

@@ -39,7 +39,7 @@ class Ramp:
         return moved._replace(velocity=setpoint.velocity + self.rates) if t < self.last else moved
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, m) each."""
+        """Return setpoints at many times [s], shape (n, m) each."""
         setpoint = tabulated(self.base, times, len(self.rates))
         elapsed, moving = (
             np.clip(times, self.first, self.last) - self.first,

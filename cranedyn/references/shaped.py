@@ -41,8 +41,8 @@ class Shaper:
         object.__setattr__(self, "amplitudes", amplitudes)
 
     def residual(self, ratio: float | np.ndarray) -> np.ndarray:
-        """Swing that is left, as a share of that without shaping, when the true frequency is
-        `ratio` times the one shaped for; undamped.
+        """Return the swing that is left, as a share of that without shaping, when the true
+        frequency is `ratio` times the one shaped for; undamped.
         """
         angles = 2.0 * math.pi * np.multiply.outer(np.asarray(ratio, dtype=float), self.fractions)
         return np.abs(np.exp(1.0j * angles) @ self.amplitudes)
@@ -92,7 +92,7 @@ class Shaped(Tabulating):
     amplitudes: np.ndarray
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, m) each."""
+        """Return setpoints at many times [s], shape (n, m) each."""
         delayed = tabulated(self.base, np.subtract.outer(times, self.delays).ravel())
         shape = len(times), len(self.delays), -1
         return Setpoint(*(self.amplitudes @ derivative.reshape(shape) for derivative in delayed))
@@ -144,7 +144,7 @@ class ShapedHoisting(Tabulating):
     curves: tuple[scipy.interpolate.BSpline, ...]
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, m) each."""
+        """Return setpoints at many times [s], shape (n, m) each."""
         inside = np.clip(times, 0.0, self.end)
         position, *derivatives = (curve(inside) for curve in self.curves)
         moving = ((times >= 0.0) & (times < self.end))[:, None]

@@ -58,7 +58,7 @@ class Spline:
         return Setpoint(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, m) each."""
+        """Return setpoints at many times [s], shape (n, m) each."""
         inside = np.clip(times, self.times[0], self.times[-1])
         return Setpoint(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
 
@@ -107,7 +107,8 @@ def shortest(
     rates: Sequence[float],
     accelerations: Sequence[float],
 ) -> list[float]:
-    """Shortest durations of the sections [s] at which no drive exceeds its rate or acceleration.
+    """Return the shortest durations of the sections [s] at which no drive exceeds its rate or
+    acceleration.
 
     Args:
         crane: The crane.

@@ -108,7 +108,7 @@ class Tabulating(ABC):
 
     @abstractmethod
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (rows, m) each."""
+        """Return setpoints at many times [s], shape (rows, m) each."""
 
     def __call__(self, t: float) -> Setpoint:
         """Return the setpoint at a time [s]."""
