@@ -349,7 +349,7 @@ def _fleet(rng: np.random.Generator) -> Call:
             fleet.push(chosen, force)
         fleet.advance(
             part,
-            command[:, fleet.parts[0]]
+            command[:, fleet.chunks[0]]
             if isinstance(command, np.ndarray) and command.ndim > 1
             else command,
         )

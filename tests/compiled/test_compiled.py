@@ -342,7 +342,7 @@ def _wrong_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("drive", ["effort", "motion"])
 def test_code_that_moves_otherwise_is_refused(drive: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cranedyn.plant.rigid_body.cross", _wrong_cross)
+    monkeypatch.setattr("cranedyn.plant.rigid_body.cross_product", _wrong_cross)
     c = load_crane(payload_mass=1234.5)
     with pytest.raises(
         ModelError,
