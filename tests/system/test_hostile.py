@@ -603,7 +603,7 @@ def test_a_load_that_does_not_swing_through_has_no_period() -> None:
     with pytest.raises(
         DataError, match="The load swings through 0 times in 40 s; a period needs two"
     ):
-        mass_ratio.mean_period(run)
+        mass_ratio.crossing_period(run)
 
 
 def test_a_result_that_is_not_finite_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
