@@ -38,7 +38,7 @@ from cranedyn.simulation.simulate import simulate
 
 def experiment(options, world):
     run = simulate(world.crane, hold_controller(world.crane), duration=0.5)
-    table = harness.Table("φ and θ", [("φ [rad]", ".3f")], [(0.0,)] * 2000)
+    table = harness.ResultTable("φ and θ", [("φ [rad]", ".3f")], [(0.0,)] * 2000)
     claim = harness.Claim("ω is √(g/l).", True)
     figures, shown = {"figure": panels()[0]}, [Run("r", world.crane, run)]
     return harness.Outcome([table], [claim], {}, {"run": run}, figures, shown)

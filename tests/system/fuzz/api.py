@@ -592,8 +592,10 @@ def called(function: Callable[..., Any], texts: dict[str, str]) -> Any:
         if parameter.kind is parameter.POSITIONAL_ONLY:
             positional.append(given[key])
         elif parameter.kind is parameter.VAR_KEYWORD:
-            name = "t_start" if key == "options" else "x"
-            keyed |= given[key] if isinstance(given[key], dict) else {name: given[key]}
+            values = given[key] if isinstance(given[key], dict) else {"x": given[key]}
+            if "Options" in str(parameter.annotation):  # any other name is Python's own error
+                values = {"t_start": value for value in values.values()}
+            keyed |= values
         elif parameter.kind is not parameter.VAR_POSITIONAL:
             keyed[key] = given[key]
     before = {
