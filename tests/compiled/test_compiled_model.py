@@ -173,7 +173,9 @@ def _heavier(tree: Bodies) -> np.ndarray:
 _NUMBERS = Bodies.numbers
 
 
-@pytest.mark.parametrize(("what", "wrong"), [("cross_product", _wrong_cross), ("Bodies.numbers", _heavier)])
+@pytest.mark.parametrize(
+    ("what", "wrong"), [("cross_product", _wrong_cross), ("Bodies.numbers", _heavier)]
+)
 def test_code_that_moves_otherwise_is_refused(
     what: str, wrong: Callable, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -594,7 +594,7 @@ def called(function: Callable[..., Any], texts: dict[str, str]) -> Any:
         elif parameter.kind is parameter.VAR_KEYWORD:
             values = given[key] if isinstance(given[key], dict) else {"x": given[key]}
             if "Options" in str(parameter.annotation):  # any other name is Python's own error
-                values = {"t_start": value for value in values.values()}
+                values = {"t_start": next(iter(values.values()), 0.0)}
             keyed |= values
         elif parameter.kind is not parameter.VAR_POSITIONAL:
             keyed[key] = given[key]
