@@ -548,7 +548,7 @@ MUTATIONS = (
         "cranedyn/dynamics/joint_forces.py",
         "Springs(stiffness * force, rest, scaled)",
         "Springs(stiffness, rest, scaled)",
-        "cranes::a_crane_hangs_where_nothing_accelerates_and_its_energy_has_the_springs",
+        "cranes::forces_in_steps_are_the_same_forces",
     ),
     Mutation(
         "free modes forget the springs",

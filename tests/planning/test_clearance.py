@@ -8,7 +8,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from cranedyn.planning.bodies import shape_corners
@@ -137,6 +137,7 @@ def test_no_point_of_a_plumb_load_travels_farther_than_said(
 
 
 @given(PLACES, SMALL, st.floats(0.0, 0.3), st.floats(-np.pi, np.pi))
+@example(np.array([0.0, 14.0, 10.0]), np.array([0.0, 0.3, -0.3]), 0.3, 0.0)  # nearly the bound
 def test_hoisting_along_a_leaning_rope_moves_the_load_no_farther_than_said(
     place: np.ndarray, step: np.ndarray, lean: float, towards: float
 ) -> None:
