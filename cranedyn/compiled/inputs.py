@@ -219,7 +219,7 @@ def _references(
         return distinct_objects(reference, len(start.q))
     drives = start.q[:, crane.layout.drives]
     if (drives == drives[0]).all():
-        return distinct_objects(hold(crane, State(start.q[0], start.v[0])), len(start.q))
+        return distinct_objects(hold(crane, State(*(rows[0] for rows in start))), len(start.q))
     firsts: dict[bytes, int] = {}
     for i, position in enumerate(map(np.ndarray.tobytes, drives)):
         if position not in firsts:

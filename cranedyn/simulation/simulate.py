@@ -154,7 +154,9 @@ def simulate(
                 t = t_start + k * control_period
                 check_bounded(crane.layout, t, state)
                 setpoint = constant or as_setpoint(reference(t), (crane.layout.m,))
-                force = disturbance and as_force(disturbance(t, state), crane.layout)
+                force = None
+                if disturbance is not None:
+                    force = as_force(disturbance(t, state), crane.layout)
                 command = as_command(controller(t, state, setpoint), t, crane.layout)
                 log.append(state, setpoint, moving.apply_command(command, force))
                 for monitor in monitors:
