@@ -15,16 +15,13 @@ from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Mapping
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from pkgutil import resolve_name
+from typing import Any, Literal
 
 from cranedyn.errors import CraneError, UnknownName
-
-if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
 
 Kind = Literal["engine", "exporter", "experiment"]
 
@@ -33,7 +30,7 @@ _PACKAGE = Path(__file__).resolve().parent
 
 def names(kind: Kind) -> list[str]:
     """Return the names of all plugins of a kind, those of cranedyn first."""
-    return list(_entry_points(kind))
+    return list(_own(kind) | _foreign(kind))
 
 
 def load(kind: Kind, name: str) -> Any:
@@ -43,11 +40,11 @@ def load(kind: Kind, name: str) -> Any:
         UnknownName: If there is no plugin of this name.
         CraneError: If its package is not there, or fails to be imported.
     """
-    entry = _entry_point(kind, name)
+    value = _value(kind, name)
     try:
-        return entry.load()
+        return resolve_name(value)
     except (ImportError, AttributeError) as error:
-        raise CraneError(f"The {kind} {name} ({entry.value}) cannot be loaded: {error}.") from error
+        raise CraneError(f"The {kind} {name} ({value}) cannot be loaded: {error}.") from error
 
 
 def description(kind: Kind, name: str) -> str:
@@ -57,42 +54,58 @@ def description(kind: Kind, name: str) -> str:
         UnknownName: If there is no plugin of this name.
     """
     try:
-        spec = find_spec(_entry_point(kind, name).module)
+        spec = find_spec(_value(kind, name).partition(":")[0])
         text = Path((spec and spec.origin) or "").read_bytes()
     except (ImportError, OSError):
         return "cannot be loaded"
     return " ".join((ast.get_docstring(ast.parse(text)) or "").partition("\n\n")[0].split())
 
 
-def _entry_point(kind: Kind, name: str) -> EntryPoint:
-    entries = _entry_points(kind)
-    if name not in entries:
-        raise UnknownName(kind, name, entries)
-    if entries[name].module.startswith("experiments."):
+def _value(kind: Kind, name: str) -> str:
+    """Return where a plugin is, as module or module:object.
+
+    Other packages, which take long to look through, matter only if cranedyn has none of this name.
+    """
+    value = _own(kind).get(name) or _foreign(kind).get(name)
+    if value is None:
+        raise UnknownName(kind, name, names(kind))
+    if value.startswith("experiments."):
         _make_experiments_importable()
-    return entries[name]
+    return value
 
 
 @cache
-def _entry_points(kind: Kind) -> Mapping[str, EntryPoint]:
-    """Return entry points by name; one of cranedyn is not replaced by one of another package.
+def _own(kind: Kind) -> dict[str, str]:
+    """Return the plugins of cranedyn by name.
 
     In a checkout pyproject.toml says what cranedyn has: a new line there needs no new installation.
     """
-    import tomllib  # it and the next take long, and few runs need them
-    from importlib.metadata import EntryPoint, entry_points
+    import tomllib  # it takes long, and few runs need it
 
-    group, project = f"cranedyn.{kind}s", _PACKAGE.with_name("pyproject.toml")
-    installed = sorted(entry_points(group=group), key=lambda entry: entry.name)
-    ours = [entry for entry in installed if entry.dist and entry.dist.name == "cranedyn"]
-    foreign = [entry for entry in installed if entry not in ours]
+    project = _PACKAGE.with_name("pyproject.toml")
     if project.is_file():
         declared = tomllib.loads(project.read_text("utf-8"))["project"]
         if declared["name"] == "cranedyn":
-            entries = declared["entry-points"][group].items()
-            ours = [EntryPoint(name, value, group) for name, value in entries]
-    named = {entry.name: entry for entry in ours}
-    return named | {entry.name: entry for entry in foreign if entry.name not in named}
+            return dict(declared["entry-points"][f"cranedyn.{kind}s"])
+    return _installed(kind, own=True)
+
+
+@cache
+def _foreign(kind: Kind) -> dict[str, str]:
+    """Return the plugins of other packages by name."""
+    return _installed(kind, own=False)
+
+
+def _installed(kind: Kind, *, own: bool) -> dict[str, str]:
+    """Return the plugins of cranedyn's installation, or those of other packages, by name."""
+    from importlib.metadata import entry_points  # it takes long, too
+
+    entries = sorted(entry_points(group=f"cranedyn.{kind}s"), key=lambda entry: entry.name)
+    return {
+        entry.name: f"{entry.module}:{entry.attr}" if entry.attr else entry.module
+        for entry in entries
+        if (entry.dist is not None and entry.dist.name == "cranedyn") is own
+    }
 
 
 def _make_experiments_importable() -> None:

@@ -882,8 +882,8 @@ MUTATIONS = (
     Mutation(
         "an exporter of another package replaces one of ours",
         "cranedyn/plugins.py",
-        "for entry in foreign if entry.name not in named}",
-        "for entry in foreign}",
+        "value = _own(kind).get(name) or _foreign(kind).get(name)",
+        "value = _foreign(kind).get(name) or _own(kind).get(name)",
         "plugins::an_exporter_of_another_package_writes_what_it_says_and_replaces_none_of_ours",
     ),
 )
