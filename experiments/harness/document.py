@@ -1,6 +1,6 @@
 """Tables of experiments in documents, between marks that name them, and which of them are stale.
 
-``python -m experiments.harness.document README.md docs/control.md`` prints which cells differ from
+``python -m experiments.harness.document docs/results/control.md`` prints which cells differ from
 the results in ``out``; with ``--write`` it puts the results in.
 """
 

@@ -352,7 +352,7 @@ def test_the_start_is_measured_of_those_that_run_and_is_longer_than_that_of_pyth
 
 def test_the_readme_says_how_many_times_faster_as_the_table_of_the_engines_does() -> None:
     root = Path(__file__).parents[2]
-    table = (root / "docs" / "engine.md").read_text(encoding="utf-8")
+    table = (root / "docs" / "results" / "speed.md").read_text(encoding="utf-8")
     row = next(line for line in table.splitlines() if line.startswith("| compiled closed loop |"))
     ratio = float(row.split("|")[5])
     assert missing([f"{ratio:.0f} times faster alone"], "README.md") == []

@@ -18,7 +18,7 @@ from cranedyn.errors import CraneError
 from experiments import a3, harness
 from tests.helpers import FAST, ROOT, python
 
-PAGE = (ROOT / "docs" / "bridges.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "howto" / "export.md").read_text(encoding="utf-8")
 EXPORTERS = plugins.names("exporter")
 COMMANDS = re.findall(r"^python -m cranedyn export (.+)$", PAGE, re.MULTILINE)
 

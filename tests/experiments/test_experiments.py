@@ -210,7 +210,7 @@ def test_help_is_printed(name: str, capsys: pytest.CaptureFixture[str]) -> None:
 @each
 def test_documents_tell_the_numbers_of_the_command(name: str, ran: Callable[[str], Ran]) -> None:
     for document, numbers in zip(
-        ("README.md", "docs/findings.md"), TOLD[name](ran(name)), strict=True
+        ("README.md", "docs/results/article.md"), TOLD[name](ran(name)), strict=True
     ):
         assert missing(numbers, document) == []
 

@@ -123,7 +123,7 @@ def test_the_command_sweeps_shows_and_does_not_sweep_again(
 
 
 def test_the_readme_tells_the_worst_of_the_whole_sweep_as_its_document_shows_it() -> None:
-    whole = (ROOT / "docs" / "sweeps.md").read_text(encoding="utf-8")
+    whole = (ROOT / "docs" / "results" / "robustness.md").read_text(encoding="utf-8")
     shown = whole[whole.index("<!-- sweep: ") : whole.index("<!-- sweep_velocity: ")]
     rows = {
         row[0]: row

@@ -32,7 +32,7 @@ from experiments.report import page
 from tests.helpers import FAST, ROOT, files, turned
 from tests.lagrangian import Lagrangian
 
-DOCUMENT = ROOT / "docs" / "validation.md"
+DOCUMENT = ROOT / "docs" / "results" / "validation.md"
 
 HALVINGS = 3
 """One less than by default, so that the tests take half of the time; what is allowed follows from

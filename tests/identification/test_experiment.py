@@ -30,7 +30,7 @@ def test_the_examples_hold_their_claims(tmp_path: Path, capsys: pytest.CaptureFi
     }
     assert (out / "identify.rrd").stat().st_size > 1e5
     made = [ResultTable.of(kept) for kept in result["tables"]]
-    stale = read_document(ROOT / "docs" / "identify.md", "identify").stale(made)
+    stale = read_document(ROOT / "docs" / "results" / "identification.md", "identify").stale(made)
     # What is left of Gazebo's noiseless files, and so its intervals, is round-off.
     assert [sentence for sentence in stale if "Gazebo Classic" not in sentence] == []
 

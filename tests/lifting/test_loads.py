@@ -311,7 +311,7 @@ def test_the_python_of_the_page_on_lifting_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    page = (ROOT / "docs" / "lifting.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "results" / "factors.md").read_text(encoding="utf-8")
     code = page.split("```python\n")[1].split("```")[0]
     exec(compile(code.replace("duration=20.0", "duration=5.0"), "lifting.md", "exec"), {})
     assert "cut-out" not in capsys.readouterr().out
