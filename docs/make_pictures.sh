@@ -26,4 +26,18 @@ for drive in ideal velocity; do
 done
 mv "$work/drawn_ideal/sweep_map.png" docs/pictures/sweep_drawn_map.png
 mv "$work/drawn_velocity/sweep_map.png" docs/pictures/sweep_drawn_velocity_map.png
+"$python" -m experiments.a1 --gravity 9.8 --engine compiled --out "$work/a1"
+mv "$work/a1/budget.png" docs/pictures/a1_budget.png
+"$python" -m experiments.validate --engine compiled --out "$work/validate"
+mv "$work/validate/convergence.png" docs/pictures/
+"$python" -m experiments.compare --engine compiled --out "$work/compare" --only \
+  "operator" "operator + ZVD" "spline + PD" "paper's LQR + PID" "flat + LQR" "MPC to the goal"
+mv "$work/compare/robustness.png" docs/pictures/compare_robustness.png
+"$python" -m experiments.compare --drive velocity --engine compiled --out "$work/compare_velocity" --only \
+  "operator" "operator + ZVD" "spline + PD" "full-model LQR" "flat + LQR" "MPC to the goal"
+mv "$work/compare_velocity/robustness.png" docs/pictures/compare_velocity_robustness.png
+"$python" -m experiments.factors --out "$work/factors"
+mv "$work/factors/needed.png" docs/pictures/factors_needed.png
+"$python" -m experiments.identify --out "$work/identify"
+mv "$work/identify/twin_1.png" docs/pictures/twin.png
 rm -r "$work"

@@ -175,8 +175,8 @@ def _listening(session: int) -> dict[int, set[str]]:
 
 @contextmanager
 def _documented(folder: Path, kind: int, listeners: int = 0) -> Iterator[tuple[str, str]]:
-    """What the commands of a block of docs/results/robustness.md said, and the address of their
-    scheduler, while their servers still run.
+    """What the commands of a block of docs/howto/sweep.md said, and the address of their scheduler,
+    while their servers still run.
 
     Of these there are to be so many processes. None of them, and not the program that sweeps, ever
     listens beyond 127.0.0.1.
@@ -184,7 +184,7 @@ def _documented(folder: Path, kind: int, listeners: int = 0) -> Iterator[tuple[s
     port = free_port()
     study, *blocks = re.findall(
         r"```(?:python)?\n(.*?)```",
-        (ROOT / "docs" / "results" / "robustness.md").read_text().replace("8786", str(port)),
+        (ROOT / "docs" / "howto" / "sweep.md").read_text().replace("8786", str(port)),
         re.DOTALL,
     )
     (folder / "swings.py").write_text(study)
