@@ -15,6 +15,7 @@ from cranedyn import plugins
 from tests.helpers import ROOT
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+NUMBER = r"[+-]?\d+(?:\.\d+)?(?:e-\d+)?"
 PAGES = sorted(
     [ROOT / "README.md", *(ROOT / "docs").glob("**/*.md"), *(ROOT / "examples").glob("*.md")]
 )
@@ -22,6 +23,16 @@ PAGES = sorted(
 
 def test_the_readme_is_short_enough_to_read_whole() -> None:
     assert len(README.split()) < 1200
+
+
+def test_the_japanese_readme_has_commands_pictures_and_numbers_of_the_english_one() -> None:
+    japanese = (ROOT / "docs/README.ja.md").read_text(encoding="utf-8")
+    for block in re.findall(r"```.*?```", japanese, re.DOTALL):
+        assert block in README
+    for picture in re.findall(r"!\[.*?\]\((.*?)\)", japanese):
+        assert f"(docs/{picture})" in README
+    shown = {cell for line in README.splitlines() for cell in re.findall(NUMBER, line)}
+    assert {cell for cell in re.findall(NUMBER, japanese.partition("|---")[2])} <= shown
 
 
 def test_the_python_of_the_readme_runs_and_makes_what_it_says(
