@@ -22,8 +22,10 @@ BANNED = (
     "|of one's own|of which|says otherwise|shall|somebody|that hangs|what hangs|what is left"
     "|who asks|whoever"
 )
-ELSEWHERE = {"README.md", "sweep.md", "experiment.md"}
+ELSEWHERE = {"README.md", "README.ja.md", "sweep.md", "experiment.md"}
 """Pages whose code other tests run: test_readme.py, tests/sweep/test_sweep_dask.py and below."""
+LONG = {"first_lift.md", "judge_lift.md"}
+"""Pages whose code takes 20 s."""
 MODULES = {"compiled": "llvmlite", "optimal": "casadi", "planning": "toppra"}
 """Module to look for by the name of its extra, where they differ."""
 
@@ -85,7 +87,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize(
     "page",
     [
-        page
+        pytest.param(page, marks=pytest.mark.long if page.name in LONG else ())
         for page in PAGES
         if scripts(page) and page.name not in ELSEWHERE and page.parent.name != "tutorial"
     ],
@@ -100,7 +102,14 @@ def test_the_python_of_a_page_runs(page: Path, folder: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", of_kinds("tutorial"), ids=name)
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=pytest.mark.long if page.name in LONG else ())
+        for page in of_kinds("tutorial")
+    ],
+    ids=name,
+)
 def test_every_line_of_a_tutorial_runs(page: Path, folder: Path) -> None:
     if page.name == "first_lift.md":
         pytest.importorskip("toppra", reason="the extra planning is not installed")
