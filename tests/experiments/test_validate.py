@@ -4,7 +4,6 @@ plant that is wrong is noticed.
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import shutil
@@ -59,12 +58,6 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, An
 BEGIN, END = "<!-- validate csv: -->\n", "<!-- end -->\n"
 
 
-def _rows(folder: Path) -> list[list[str]]:
-    """Return the rows of the tables beside the page in a folder, headers among them."""
-    files = sorted(folder.glob("validate_*.csv"))
-    return [row for file in files for row in csv.reader(file.open(encoding="utf-8"))]
-
-
 # --- the command ----------------------------------------------------------------------------------
 
 
@@ -89,14 +82,6 @@ def test_the_error_goes_with_the_first_or_second_power_of_the_step(
         for name in orders
         if name.startswith("period of")
     )
-
-
-def test_the_document_shows_the_rows_of_the_command_and_their_closed_forms(
-    result: tuple[Path, dict[str, Any]],
-) -> None:
-    shown, made = _rows(DOCUMENT.parent), _rows(result[0])
-    assert [row[:2] for row in shown] == [row[:2] for row in made]
-    assert len(shown) == sum(len(table["rows"]) + 1 for table in result[1]["tables"])
 
 
 def test_the_document_shows_the_numbers_of_the_command() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import re
 import tomllib
 from pathlib import Path
@@ -66,15 +65,6 @@ def test_every_command_of_ours_that_a_page_names_is_there(page: Path) -> None:
     for word, name in re.findall(r"^cranedyn (\w+)(?: (\w+))?", text, re.MULTILINE):
         assert word in face.COMMANDS
         assert word != "run" or name in plugins.names("experiment")
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_whatever_the_python_of_a_page_imports_is_there(page: Path) -> None:
-    for script in re.findall(r"^```python\n(.*?)^```", page.read_text("utf-8"), re.DOTALL | re.M):
-        imports = [
-            line for line in ast.parse(script).body if isinstance(line, ast.Import | ast.ImportFrom)
-        ]
-        exec(compile(ast.Module(list(imports), []), page.name, "exec"), {})
 
 
 def test_version_changelog_and_citation_agree_on_a_dated_release() -> None:
