@@ -86,13 +86,14 @@ def check_choice(name: str, value: str, choices: Any) -> None:
         raise OutOfRange(name, value, " or ".join(get_args(choices)))
 
 
-def as_array(name: str, value: Any, *shapes: Shape) -> np.ndarray:
+def as_array(name: str, value: Any, *shapes: Shape, meaning: str = "") -> np.ndarray:
     """Return a value as an array of doubles, finite or not; an array of doubles is not copied.
 
     Args:
         name: Name of the array for the error message.
         value: Array or nested sequence of real numbers.
         shapes: Shapes that are allowed.
+        meaning: What the numbers are, for the error message.
 
     Raises:
         Misshapen: If it is no array of real numbers, has masked elements, or another shape.
@@ -104,6 +105,7 @@ def as_array(name: str, value: Any, *shapes: Shape) -> np.ndarray:
     except ValueError:  # rows of different lengths
         array = np.asarray(None)
     allowed = f"shape {' or '.join(_format_shape(shape) for shape in shapes)}"
+    allowed += f", {meaning}" if meaning else ""
     if array.dtype.kind not in "iuf" or np.ma.is_masked(value):
         kind = f"one of {array.dtype}" if array.shape else type(value).__name__
         kind = "one with masked numbers" if np.ma.is_masked(value) else kind
@@ -113,14 +115,14 @@ def as_array(name: str, value: Any, *shapes: Shape) -> np.ndarray:
     return array.astype(float, copy=False)
 
 
-def finite(name: str, value: Any, *shapes: Shape, unit: str = "") -> np.ndarray:
+def finite(name: str, value: Any, *shapes: Shape, unit: str = "", meaning: str = "") -> np.ndarray:
     """Return a value as an array of finite doubles, see `as_array`.
 
     Raises:
         Misshapen: As `as_array`.
         OutOfRange: If a number is not finite.
     """
-    array = as_array(name, value, *shapes)
+    array = as_array(name, value, *shapes, meaning=meaning)
     wrong = ~np.isfinite(array)
     if wrong.any():
         raise OutOfRange(name, float(array[wrong][0]), "finite", unit)

@@ -84,6 +84,7 @@ class CompiledEngine(Engine):
     def _create_views(self) -> None:
         """Create the views of the memory."""
         self._here = self._memory[: self._sizes.z]
+        self._position, self._rate = np.split(self._here, 2)
         self._last_command = self._gain_table[0, slices(self._sizes.gain_table)["feed_forward"]]
 
     def __getstate__(self) -> dict[str, Any]:
@@ -175,7 +176,7 @@ class CompiledEngine(Engine):
         if self._setting.converters is not None or self._setting.buffers:
             self._recall()
         actuation = super().apply_command(command, force)
-        self._last_command[:] = actuation.effort if self._setting.drive == "effort" else command
+        self._last_command[...] = actuation.effort if self._setting.drive == "effort" else command
         if force is not None:
             self._force[0] = actuation.force
         return actuation
@@ -199,10 +200,9 @@ class CompiledEngine(Engine):
         return self._read_state()
 
     def _read_state(self) -> State:
-        z = np.frombuffer(self._here.tobytes())  # a copy that cannot be written to
-        n = self._sizes.n
+        q, v = self._position.tobytes(), self._rate.tobytes()  # copies that cannot be written to
         # what State(q, v) makes, in half the time
-        self.state = tuple.__new__(State, (z[:n], z[n:]))
+        self.state = tuple.__new__(State, (np.frombuffer(q), np.frombuffer(v)))
         return self.state
 
     def run_ahead(

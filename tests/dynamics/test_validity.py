@@ -262,7 +262,7 @@ def test_what_a_controller_cannot_answer_is_said_with_the_record_so_far() -> Non
             r"force of the disturbance is an array of shape \(3,\)",
         ),
         ({"disturbance": lambda t, state: np.full((2, 3), np.nan)}, "force of the disturbance is"),
-        ({"controller": lambda t, state, setpoint: "up"}, "command of the controller is 'up'"),
+        ({"controller": lambda t, state, setpoint: "up"}, "command of the controller is no array"),
     ],
 )
 def test_what_cannot_be_run_is_refused_at_once(arguments: dict, words: str) -> None:

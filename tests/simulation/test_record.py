@@ -21,8 +21,7 @@ from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.errors import CraneError, DataError
 from cranedyn.model.load import load_crane
 from cranedyn.references import hanging_reference, hold, pulse
-from cranedyn.references.hold import Still
-from cranedyn.references.pulse import Pulse
+from cranedyn.references.simple import Pulse, Still
 from cranedyn.simulation.record import json_value, run_record
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import crane
@@ -96,7 +95,7 @@ def test_a_run_is_made_again_from_the_gains_and_the_reference_in_its_file(tmp_pa
     control, base = kept.record["controller"], kept.record["reference"]
     assert (control["kind"], base["kind"]) == (
         "cranedyn.controllers.hold.Hold",
-        "cranedyn.references.pulse.Pulse",
+        "cranedyn.references.simple.Pulse",
     )
     gains = (np.array(control[name]) for name in ("stiffness", "damping", "feed_forward"))
     still = hold(again, kept.state(0))

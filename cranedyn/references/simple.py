@@ -1,0 +1,170 @@
+"""References without a plan: hold still, a pulse on top of another reference, and a ramp."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn.checks import number, read_only
+from cranedyn.interfaces import Reference, Setpoint, State
+from cranedyn.model.crane import Crane
+from cranedyn.references.tabulated import as_setpoint, tabulated
+
+
+@dataclass(frozen=True, eq=False)
+class Still:
+    """A reference that does not move.
+
+    Attributes:
+        setpoint: The setpoint at all times, read-only.
+    """
+
+    setpoint: Setpoint
+
+    def __post_init__(self) -> None:
+        """Check the setpoint and copy it."""
+        arrays = (read_only(np.array(component)) for component in as_setpoint(self.setpoint))
+        object.__setattr__(self, "setpoint", Setpoint(*arrays))
+
+    def __call__(self, t: float) -> Setpoint:
+        """Return the setpoint at a time [s]."""
+        return self.setpoint
+
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Return setpoints at many times [s], shape (n, m) each."""
+        shape = len(times), len(self.setpoint.position)
+        return Setpoint(*(np.broadcast_to(component, shape) for component in self.setpoint))
+
+
+def hold(crane: Crane, state: State | None = None) -> Reference:
+    """Keep the drives of a crane where a state has them; None for where it starts."""
+    q = crane.layout.as_state("state", crane.start if state is None else state).q
+    zero = np.zeros(crane.layout.m)
+    return Still(Setpoint(q[crane.layout.drives], zero, zero))
+
+
+def checked(reference: Reference, drives: int) -> Reference:
+    """Return a reference that checks its setpoints for a number of drives, as `as_setpoint`; those
+    of `Still`, which cannot change, only once.
+    """
+    if type(reference) is Still:
+        as_setpoint(reference.setpoint, (drives,))
+        return reference
+
+    def checked_reference(t: float) -> Setpoint:
+        return as_setpoint(reference(t), (drives,))
+
+    return checked_reference
+
+
+@dataclass(frozen=True, eq=False)
+class Pulse:
+    """A reference and a rectangular pulse.
+
+    Attributes:
+        base: The reference otherwise.
+        step: How far the drives are aside [rad or m], shape (m,).
+        first, last: When the pulse starts and ends [s].
+    """
+
+    base: Reference
+    step: np.ndarray
+    first: float
+    last: float
+
+    def __call__(self, t: float) -> Setpoint:
+        """Return the setpoint at a time [s]."""
+        setpoint = as_setpoint(self.base(t), self.step.shape)
+        if not self.first <= t < self.last:
+            return setpoint
+        return setpoint._replace(position=setpoint.position + self.step)
+
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Return setpoints at many times [s], shape (n, m) each."""
+        setpoint = tabulated(self.base, times, len(self.step))
+        aside = (self.first <= times) & (times < self.last)
+        return setpoint._replace(position=setpoint.position + np.outer(aside, self.step))
+
+
+def pulse(
+    crane: Crane, base: Reference, drive: str, amplitude: float, *, at: float, width: float
+) -> Reference:
+    """Add a rectangular pulse to one drive of a reference.
+
+    A pivot that follows it and comes back after half a swing period leaves a swing of 2 amplitude /
+    cable length (small angles).
+
+    Args:
+        crane: The crane.
+        base: The reference otherwise.
+        drive: Symbol of its coordinate, such as "x".
+        amplitude: How far aside [rad or m].
+        at: When it starts [s].
+        width: How long it lasts [s].
+
+    Raises:
+        UnknownName: For another drive.
+        OutOfRange: For a number that is not finite, or a width that is not positive.
+    """
+    step = number("pulse amplitude", amplitude) * crane.layout.along(drive)
+    start, duration = number("pulse start", at, "s"), number("pulse width", width, "s", "> 0")
+    return Pulse(base, step, start, start + duration)
+
+
+@dataclass(frozen=True, eq=False)
+class Ramp:
+    """A reference and a move at constant speed.
+
+    Attributes:
+        base: The reference otherwise.
+        rates: Of the drives during the move [rad/s or m/s], shape (m,).
+        first, last: When the move starts and ends [s].
+    """
+
+    base: Reference
+    rates: np.ndarray
+    first: float
+    last: float
+
+    def __call__(self, t: float) -> Setpoint:
+        """Return the setpoint at a time [s]."""
+        setpoint = as_setpoint(self.base(t), self.rates.shape)
+        if t < self.first:
+            return setpoint
+        elapsed = min(t, self.last) - self.first
+        moved = setpoint._replace(position=setpoint.position + elapsed * self.rates)
+        return moved._replace(velocity=setpoint.velocity + self.rates) if t < self.last else moved
+
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Return setpoints at many times [s], shape (n, m) each."""
+        setpoint = tabulated(self.base, times, len(self.rates))
+        elapsed = np.clip(times, self.first, self.last) - self.first
+        moving = (self.first <= times) & (times < self.last)
+        return setpoint._replace(
+            position=setpoint.position + np.outer(elapsed, self.rates),
+            velocity=setpoint.velocity + np.outer(moving, self.rates),
+        )
+
+
+def ramp(
+    crane: Crane, base: Reference, drive: str, by: float, *, rate: float, at: float
+) -> Reference:
+    """Add a move at constant speed to one drive of a reference.
+
+    Args:
+        crane: The crane.
+        base: The reference otherwise.
+        drive: Symbol of its coordinate, such as "x".
+        by: How far to move, with sign [rad or m].
+        rate: Speed [rad/s or m/s].
+        at: When it starts [s].
+
+    Raises:
+        UnknownName: For another drive.
+        OutOfRange: For a number that is not finite, or a rate that is not positive.
+    """
+    direction = math.copysign(1.0, number("ramp distance", by)) * crane.layout.along(drive)
+    speed = number("ramp rate", rate, "rad/s or m/s", "> 0")
+    return Ramp(base, speed * direction, number("ramp start", at, "s"), at + abs(by) / speed)
