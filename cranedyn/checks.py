@@ -93,7 +93,7 @@ def as_array(name: str, value: Any, *shapes: Shape, meaning: str = "") -> np.nda
         name: Name of the array for the error message.
         value: Array or nested sequence of real numbers.
         shapes: Shapes that are allowed.
-        meaning: What the numbers are, for the error message.
+        meaning: What is allowed, in words; empty for the shapes.
 
     Raises:
         Misshapen: If it is no array of real numbers, has masked elements, or another shape.
@@ -105,13 +105,13 @@ def as_array(name: str, value: Any, *shapes: Shape, meaning: str = "") -> np.nda
     except ValueError:  # rows of different lengths
         array = np.asarray(None)
     allowed = f"shape {' or '.join(_format_shape(shape) for shape in shapes)}"
-    allowed += f", {meaning}" if meaning else ""
     if array.dtype.kind not in "iuf" or np.ma.is_masked(value):
         kind = f"one of {array.dtype}" if array.shape else type(value).__name__
         kind = "one with masked numbers" if np.ma.is_masked(value) else kind
-        raise Misshapen(name, f"no array of numbers but {kind}", f"an array of {allowed}")
+        given = f"no array of numbers but {kind}"
+        raise Misshapen(name, given, meaning or f"an array of {allowed}")
     if not any(_matches(array.shape, shape) for shape in shapes):
-        raise Misshapen(name, f"an array of shape {array.shape}", f"one of {allowed}")
+        raise Misshapen(name, f"an array of shape {array.shape}", meaning or f"one of {allowed}")
     return array.astype(float, copy=False)
 
 

@@ -10,6 +10,8 @@ import numpy as np
 from cranedyn.checks import number, read_only
 from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
+from cranedyn.model.layout import Layout
+from cranedyn.references.motion import Motion
 from cranedyn.references.tabulated import as_setpoint, tabulated
 
 
@@ -45,16 +47,21 @@ def hold(crane: Crane, state: State | None = None) -> Reference:
     return Still(Setpoint(q[crane.layout.drives], zero, zero))
 
 
-def checked(reference: Reference, drives: int) -> Reference:
-    """Return a reference that checks its setpoints for a number of drives, as `as_setpoint`; those
-    of `Still`, which cannot change, only once.
+def checked(reference: Reference, layout: Layout) -> Reference:
+    """Return a reference for a crane of a layout that checks its setpoints, see `as_setpoint`;
+    those of `Still`, which cannot change, only once.
+
+    Raises:
+        OutOfRange: If it is a `Motion` of another crane.
     """
+    if isinstance(reference, Motion):
+        reference.check_fits("reference", layout)
     if type(reference) is Still:
-        as_setpoint(reference.setpoint, (drives,))
+        as_setpoint(reference.setpoint, (layout.m,))
         return reference
 
     def checked_reference(t: float) -> Setpoint:
-        return as_setpoint(reference(t), (drives,))
+        return as_setpoint(reference(t), (layout.m,))
 
     return checked_reference
 

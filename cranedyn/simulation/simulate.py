@@ -24,7 +24,6 @@ from cranedyn.interfaces import (
     Validity,
 )
 from cranedyn.model.crane import Crane
-from cranedyn.references.motion import Motion
 from cranedyn.references.simple import checked, hold
 from cranedyn.simulation.log import Log
 from cranedyn.simulation.record import RunRecord
@@ -131,9 +130,7 @@ def simulate(
     )
     moving, layout, monitors = stepper.engine, crane.layout, settings["monitors"]
     reference = hold(crane, moving.state) if reference is None else reference
-    if isinstance(reference, Motion):
-        reference.check_fits("reference", layout)
-    setpoint_at = checked(reference, layout.m)
+    setpoint_at = checked(reference, layout)
     log = Log(stepper.setting, validity, t_start, clock.periods + 1)
     record = RunRecord(stepper.setting, engine, validity, controller, reference, disturbance)
     if isinstance(controller, Clocked):

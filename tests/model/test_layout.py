@@ -7,18 +7,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import cranedyn
 from cranedyn.errors import CraneError, MissingRole, ModelError, OutOfRange, UnknownName
-from cranedyn.interfaces import EngineName
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from cranedyn.references.flat import flat
-from cranedyn.simulation.simulate import simulate
-from tests.helpers import ROOT, crane
+from tests.helpers import ROOT
 from tests.indices import everywhere, integer_indices
 
 ENDING = "</robot>"
@@ -249,13 +246,3 @@ def test_a_rope_whose_stiffness_is_not_positive_is_refused(tmp_path: Path) -> No
         OutOfRange, match=r"EA of the rope at rope_stretch_joint is 0.*; allowed is > 0"
     ):
         load_crane(path)
-
-
-@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
-@pytest.mark.parametrize("width", [2, 5, 7])
-def test_a_command_of_the_wrong_width_is_refused(engine: EngineName, width: int) -> None:
-    hooked = crane(hook_mass=300.0)
-    with pytest.raises(
-        OutOfRange, match=rf"shape \({width},\); allowed is three numbers: slew, trolley, hoist"
-    ):
-        simulate(hooked, lambda t, state, setpoint: np.zeros(width), duration=0.01, engine=engine)

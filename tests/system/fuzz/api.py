@@ -92,7 +92,7 @@ INTERNAL = tuple(
         "lifting.checks lifting.figures lifting.judgement lifting.page lifting.pdf "
         "lifting.site_figures lifting.tables lifting.wrench "
         "model.joints model.layout model.rest model.solvability model.springs "
-        "model.summary model.urdf model.values "
+        "model.urdf model.values "
         "version planning.bim planning.bodies planning.clearance planning.curve "
         "planning.drive_trajectory planning.fields planning.grid planning.half_spaces "
         "planning.ifc_shapes planning.move planning.neighbour planning.proof planning.search "
