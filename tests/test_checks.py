@@ -22,7 +22,7 @@ from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import QUANTITIES, read
 from cranedyn.disturbances import wind
 from cranedyn.dynamics import linearisation as linear
-from cranedyn.dynamics.validity import valid
+from cranedyn.dynamics.validity import conditions
 from cranedyn.errors import CraneError, OutOfRange, RunError
 from cranedyn.estimation.sensor_model import with_sensor_model
 from cranedyn.interfaces import Setpoint, State
@@ -157,7 +157,7 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
         "There is no linear-quadratic regulator for this crane",
     ),
     (
-        lambda: valid(C, RUN.q, RUN.v[:1], RUN.effort[:, 2]),
+        lambda: conditions(C, RUN.q, RUN.v[:1], RUN.effort[:, 2]),
         "v is an array of shape (1, 5); allowed is one of shape (3, 5).",
     ),
     (lambda: RUN.state(3), "row is 3; allowed is a whole number from -3 to 2."),

@@ -11,7 +11,7 @@ import numpy as np
 
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import point_positions
-from cranedyn.dynamics.validity import first_event, hoisting, valid
+from cranedyn.dynamics.validity import Bound, conditions, first_event, hoisting, valid
 from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State, Validity
 from cranedyn.simulation.setting import Setting
@@ -146,8 +146,8 @@ class Log:
         rows = self._judge()
         if self._validity != "mark" and not (self._valid[rows] == 1.0).all():
             motion = self._setting.drive == "motion"
-            conditions = self._conditions(rows, needed=motion, rates=motion)
-            if event := first_event(self._crane, **conditions):
+            state_bounds = self._conditions(rows, needed=motion, rates=motion)
+            if event := first_event(self._crane, state_bounds):
                 last = rows.start + event.row
                 self._written, t = last + 1, self._t_start + self._setting.clocks.period * last
                 hint = "; validity = mark goes on all the same" * (self._validity == "stop")
@@ -163,21 +163,22 @@ class Log:
         rows = slice(self._checked, self._written)
         missing = rows.start + np.flatnonzero(np.isnan(self._valid[rows]))
         if len(missing):
-            holds = valid(self._crane, **self._all_conditions(missing))
+            holds = valid(self._all_conditions(missing))
             self._valid[missing] = holds & (self._columns["saturated"][missing, 0] == 0.0)
         return rows
 
-    def _conditions(self, rows: slice | np.ndarray, *, needed: bool, rates: bool) -> dict[str, Any]:
-        """Return the arguments of `cranedyn.dynamics.validity.first_event` for some rows."""
+    def _conditions(self, rows: slice | np.ndarray, *, needed: bool, rates: bool) -> list[Bound]:
+        """Return the conditions under which the model holds in some rows."""
         column = {name: values[rows] for name, values in self._columns.items()}
-        return {
-            "q": column["q"],
-            "v": column["v"],
-            "hoist": hoisting(self._crane, column["effort"]) + column["buffers"][:, 1],
-            "buffers": self._setting.buffers,
-            "needed": column["needed"] if needed else None,
-            "rates": rates,
-        }
+        return conditions(
+            self._crane,
+            column["q"],
+            column["v"],
+            hoisting(self._crane, column["effort"]) + column["buffers"][:, 1],
+            buffers=self._setting.buffers,
+            needed=column["needed"] if needed else None,
+            rates=rates,
+        )
 
     def trajectory(
         self,
@@ -238,13 +239,13 @@ class Log:
     def _reason(self) -> str:
         """Return why the first row that is not valid is not."""
         rows = slice(self._written)
-        event = first_event(self._crane, **self._all_conditions(rows))
+        event = first_event(self._crane, self._all_conditions(rows))
         saturated = np.flatnonzero(self._columns["saturated"][rows, 0])
         if event is None or (len(saturated) and saturated[0] < event.row):
             return "a drive is commanded beyond its largest rate"
         return event.words
 
-    def _all_conditions(self, rows: slice | np.ndarray) -> dict[str, Any]:
+    def _all_conditions(self, rows: slice | np.ndarray) -> list[Bound]:
         drive = self._setting.drive
         return self._conditions(rows, needed=drive != "effort", rates=drive != "velocity")
 

@@ -17,7 +17,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances import wind
 from cranedyn.dynamics.converters import converters
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
-from cranedyn.dynamics.validity import events, first_event
+from cranedyn.dynamics.validity import conditions, events, first_event
 from cranedyn.errors import CraneError, RunError
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
@@ -227,6 +227,6 @@ def test_without_efforts_given_rows_are_judged_as_before() -> None:
     weak = crane(slew_effort=1.0)
     run = simulate(c, hold_controller(c), start=c.state(phi=0.1, theta=0.1), duration=0.2)
     rows = run.q, run.v, run.effort[:, 2]
-    assert first_event(weak, *rows) is None
-    event = first_event(weak, *rows, needed=run.effort)
+    assert first_event(weak, conditions(weak, *rows)) is None
+    event = first_event(weak, conditions(weak, *rows, needed=run.effort))
     assert event is not None and event.joint == "yaw_joint"

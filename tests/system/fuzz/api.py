@@ -165,9 +165,8 @@ simulate.duration: 0.05; simulate_batch.duration: 0.05; simulate_batch.threads: 
 fit_swing.swing: 0.1 * np.exp(-0.01 * t) * np.cos(t); fit_power_law.x: np.arange(1.0, 9.0);
 fit_power_law.y: np.arange(1.0, 9.0) ** 2; swing_amplitude.swing: np.full((7, 2), 0.1);
 swing_amplitude.rates: np.full((7, 2), 0.1); settling_time.distance: np.exp(-t);
-settling_time.within: 0.1; first_event.hoist: trajectory.effort[:, 2];
-valid.hoist: trajectory.effort[:, 2]; first_event.q: trajectory.q; valid.q: trajectory.q;
-first_event.v: trajectory.v; valid.v: trajectory.v; swing_mode.loop: loop;
+settling_time.within: 0.1; conditions.hoist: trajectory.effort[:, 2];
+conditions.q: trajectory.q; conditions.v: trajectory.v; swing_mode.loop: loop;
 swing_mode.coordinate: 2; swing_mode.period: 0.005; hanging.q: start.q; resting.q: start.q;
 swing_angles.q: start.q; feedback_gain.stiffness: (5e5, 3e5, 3e4);
 feedback_gain.damping: (1e6, 5e4, 2e4); closed.gain: np.zeros((3, 10)); free_swing.since: 1.0;
