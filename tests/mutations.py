@@ -159,8 +159,8 @@ MUTATIONS = (
     Mutation(
         "a force on the payload acts on the trolley",
         "cranedyn/dynamics/pinocchio.py",
-        "point_force @ jacobian for point_force, jacobian in zip(force, ",
-        "point_force @ jacobian for point_force, jacobian in zip(force[::-1], ",
+        "pairs = zip(force, ",
+        "pairs = zip(force[::-1], ",
         "wind::a_force_does_the_work_of_its_way",
     ),
     Mutation(

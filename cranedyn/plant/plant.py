@@ -303,12 +303,8 @@ class Plant:
 
 def numbers(crane: Crane) -> np.ndarray:
     """Return all numbers of a crane in a row, in the order of `plant`."""
-    tree, springs, stops, rope = (
-        bodies(crane.model),
-        crane.springs,
-        Stops.of(crane),
-        crane.springs.rope,
-    )
+    tree, springs, stops = bodies(crane.model), crane.springs, Stops.of(crane)
+    rope = springs.rope
     levers = np.concatenate([point.lever for point in crane.points])
     return np.concatenate(
         [

@@ -48,17 +48,11 @@ def _sound(setpoint: Any, drives: int | str) -> bool:
     instant.
     """
     try:
-        position, velocity, acceleration = (
-            setpoint.position.tolist(),
-            setpoint.velocity.tolist(),
-            setpoint.acceleration.tolist(),
-        )
+        position, velocity = setpoint.position.tolist(), setpoint.velocity.tolist()
+        acceleration = setpoint.acceleration.tolist()
         alike = len(position) == len(velocity) == len(acceleration) == drives
-        return (
-            alike
-            and math.isfinite(sum(position) + sum(velocity) + sum(acceleration))
-            and type(setpoint) is Setpoint
-        )
+        is_finite = math.isfinite(sum(position) + sum(velocity) + sum(acceleration))
+        return alike and is_finite and type(setpoint) is Setpoint
     except (AttributeError, TypeError, ValueError):
         return False
 
