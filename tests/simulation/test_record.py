@@ -59,6 +59,7 @@ CRANES: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 @pytest.mark.parametrize("values", CRANES.values(), ids=list(CRANES))
 def test_a_run_is_made_again_from_its_file_alone_to_the_bit(
@@ -150,6 +151,7 @@ def test_a_file_that_names_no_crane_is_a_sentence(record: str, tmp_path: Path) -
         load_crane(from_record=path)
 
 
+@pytest.mark.slow
 def test_the_looks_of_our_own_crane_are_made_again_unless_they_are_of_another(
     tmp_path: Path,
 ) -> None:

@@ -53,6 +53,7 @@ def agree(c: Crane, one: Trajectory, other: Trajectory) -> None:
     assert (other.valid == one.valid).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rule", "strong", "blows"),
     [
@@ -93,6 +94,7 @@ def test_both_engines_and_a_batch_record_the_same(
     assert batch.valid_until[1] == pytest.approx(first, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_cranes_of_a_batch_may_have_converters_of_their_own() -> None:
     c = crane()
     made = [converters(c, lags={"x": lag, "gamma": lag}) for lag in (0.05, 0.1, 0.3)]
