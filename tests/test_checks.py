@@ -17,7 +17,7 @@ from cranedyn.clocks import clocks, intervals
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import hold_controller, lqr
 from cranedyn.controllers.hold import Hold
-from cranedyn.controllers.riccati import riccati
+from cranedyn.controllers.lqr import riccati
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import QUANTITIES, read
 from cranedyn.disturbances import wind
@@ -33,7 +33,7 @@ from cranedyn.planning.tour import tour
 from cranedyn.references import Motion, flat, hanging_reference, hold, spline
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.shaped import Shaper
-from cranedyn.references.spline import Spline
+from cranedyn.references.simple import Spline
 from cranedyn.simulation.simulate import simulate
 from cranedyn.simulation.stepper import Stepper
 from cranedyn.sweep import grid

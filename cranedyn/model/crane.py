@@ -16,8 +16,14 @@ from cranedyn.data.time_series import html_table
 from cranedyn.errors import Misshapen, ModelError, UnknownName
 from cranedyn.interfaces import State
 from cranedyn.model.layout import Layout
-from cranedyn.model.rest import Rest, linearise_rest, no_rest, solve_rest, stiffness
-from cranedyn.model.springs import Springs
+from cranedyn.model.springs import (
+    Rest,
+    Springs,
+    linearise_rest,
+    no_rest,
+    rest_stiffness,
+    solve_rest,
+)
 
 STANDARD_GRAVITY = 9.80665
 """Standard gravity [m/s²], exact by definition (CGPM 1901)."""
@@ -244,7 +250,7 @@ class Crane:
             q = self.hanging(self.start.q)
         except ModelError:
             return no_rest(self.start.q, layout, swings)
-        tangent = stiffness(self.model, self.data, self.springs, q)
+        tangent = rest_stiffness(self.model, self.data, self.springs, q)
         return linearise_rest(tangent, q, layout, swings)
 
     def __repr__(self) -> str:

@@ -108,7 +108,7 @@ class Plant:
         effort_limit, rate_limit: Of the drives, shape (m,).
         levers: Where the points are in the frames of their joints [m], shape (points, 3).
         arms: From each swing joint to the payload, but for the cable [m], shape (swings,).
-        rest: Where the swing joints hang, see `cranedyn.model.rest.Rest`: angle and slope.
+        rest: Where the swing joints hang, see `cranedyn.model.springs.Rest`: angle and slope.
         drive: Whether commands are efforts, "effort", accelerations, "motion", or reference rates,
             "velocity".
         buffers: Whether there are buffers.

@@ -19,8 +19,7 @@ from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.references.flat import flat
 from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
-from cranedyn.references.simple import hold, pulse, ramp
-from cranedyn.references.spline import shortest, spline
+from cranedyn.references.simple import hold, pulse, ramp, shortest, spline
 
 __all__ = [
     "Motion",

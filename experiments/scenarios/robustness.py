@@ -22,7 +22,7 @@ from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.references.shaped import Shaper, shaped, shaped_hoisting, zv, zvd
-from cranedyn.references.spline import spline
+from cranedyn.references.simple import spline
 from cranedyn.theory import point_period
 from experiments.harness.setup import Setup
 from experiments.scenarios import strategies as strategies

@@ -15,7 +15,7 @@ from scipy.linalg import expm, solve_discrete_are
 
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import follow
-from cranedyn.controllers.lqr import effort_weight_of, lqr, state_weight_of
+from cranedyn.controllers.lqr import effort_weight_of, lqr, riccati, state_weight_of
 from cranedyn.controllers.paper import (
     SLEW_WEIGHTS,
     TROLLEY_WEIGHTS,
@@ -23,7 +23,6 @@ from cranedyn.controllers.paper import (
     slew_plane,
     trolley_plane,
 )
-from cranedyn.controllers.riccati import riccati
 from cranedyn.dynamics.linearisation import sampled
 from cranedyn.dynamics.pinocchio import (
     acceleration,
@@ -40,7 +39,7 @@ from cranedyn.references.flat import flat, smoothstep
 from cranedyn.references.limits import Limits, check_limits, fastest, use
 from cranedyn.references.motion import hanging_reference
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
-from cranedyn.references.spline import shortest, spline
+from cranedyn.references.simple import shortest, spline
 from cranedyn.references.tabulated import tabulated
 from tests.helpers import G, big_crane, crane, quickly
 

@@ -23,7 +23,7 @@ from cranedyn.references import hold
 from cranedyn.references.flat import flat
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
-from cranedyn.references.spline import spline
+from cranedyn.references.simple import spline
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import FAST, crane
 

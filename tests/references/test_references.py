@@ -28,7 +28,7 @@ from cranedyn.references import (
 )
 from cranedyn.references.limits import Limits, fastest
 from cranedyn.references.motion import Motion
-from cranedyn.references.spline import PEAK_RATE, shortest
+from cranedyn.references.simple import PEAK_RATE, shortest
 from cranedyn.references.tabulated import tabulated
 from tests.helpers import crane
 

@@ -91,7 +91,7 @@ INTERNAL = tuple(
         "data.tables data.time_series display dynamics errors interfaces lifting lifting.analysis "
         "lifting.checks lifting.figures lifting.judgement lifting.page lifting.pdf "
         "lifting.site_figures lifting.tables lifting.wrench "
-        "model.joints model.layout model.rest model.solvability model.springs "
+        "model.joints model.layout model.solvability model.springs "
         "model.urdf model.values "
         "version planning.bim planning.bodies planning.clearance planning.curve "
         "planning.drive_trajectory planning.fields planning.grid planning.half_spaces "
