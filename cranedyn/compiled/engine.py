@@ -30,8 +30,7 @@ from cranedyn.dynamics.drives import VelocityDrives
 from cranedyn.errors import Misshapen
 from cranedyn.interfaces import Reference, State
 from cranedyn.references.tabulated import tabulated
-from cranedyn.simulation.engine import Engine, Setting
-from cranedyn.simulation.log import Actuation, Log
+from cranedyn.simulation.engine import Actuation, Engine, Extend, Setting
 from cranedyn.simulation.stepper import DIVERGED
 
 _BLOCK, _STEPS = 2000, 1_000_000
@@ -206,7 +205,7 @@ class CompiledEngine(Engine):
         return self.state
 
     def run_ahead(
-        self, controller: object, reference: Reference, t_start: float, periods: int, log: Log
+        self, controller: object, reference: Reference, t_start: float, periods: int, extend: Extend
     ) -> Iterator[int]:
         """Log rows under a controller that is affine in the state, block by block, and yield the
         number of rows.
@@ -257,7 +256,7 @@ class CompiledEngine(Engine):
                 "buffers": np.hstack([rows["buffers"], rows["stop_force"]]),
                 "saturated": rows.get("cut", np.zeros((len(times), 1))),
             }
-            log.extend(columns, rows["energy"][:, 0], valid=valid)
+            extend(columns, rows["energy"][:, 0], valid=valid)
             first += len(times)
             self._read_state()
             yield first

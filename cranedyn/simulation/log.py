@@ -5,7 +5,7 @@ ledger.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from cranedyn.dynamics.pinocchio import point_positions
 from cranedyn.dynamics.validity import Bound, conditions, first_event, hoisting, valid
 from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State, Validity
-from cranedyn.simulation.setting import Setting
+from cranedyn.simulation.engine import Actuation, Setting
 
 _CHUNK = 1000
 """Rows that are collected as bytes, then written and checked at once, which is faster than one by
@@ -25,27 +25,6 @@ _MEMORY = 4e9
 
 Energies = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """From coordinates and rates, shape (rows, n) each, to mechanical energies [J], shape (rows,)."""
-
-
-class Actuation(NamedTuple):
-    """What acts on the crane at a control instant, as the log keeps it: arrays of doubles.
-
-    Attributes:
-        needed: Efforts that the command asks for [N m or N], shape (m,).
-        effort: Efforts exerted from this instant on, shape (m,).
-        effort_before: Efforts exerted until this instant, shape (m,).
-        force: External forces on the points in the world [N], shape (3 points,).
-        buffers: Work of all buffers so far [J] and the force of the buffers at the ends of the
-            cable [N], shape (2,).
-        saturated: 1 if the command was beyond the largest rate of a converter, else 0, shape (1,).
-    """
-
-    needed: np.ndarray
-    effort: np.ndarray
-    effort_before: np.ndarray
-    force: np.ndarray
-    buffers: np.ndarray
-    saturated: np.ndarray
 
 
 class Log:

@@ -18,9 +18,8 @@ import scipy
 
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
-from cranedyn.simulation.engine import Engine
+from cranedyn.simulation.engine import Engine, Setting
 from cranedyn.simulation.log import Log
-from cranedyn.simulation.setting import Setting
 from cranedyn.version import __version__
 
 _SHORT = 64

@@ -25,9 +25,10 @@ from cranedyn.interfaces import (
 )
 from cranedyn.model.crane import Crane
 from cranedyn.references.simple import checked, hold
+from cranedyn.simulation.engine import Setting, load_engine
 from cranedyn.simulation.log import Log
 from cranedyn.simulation.record import RunRecord
-from cranedyn.simulation.stepper import Stepper, as_command, as_force, check_bounded
+from cranedyn.simulation.stepper import as_command, as_force, check_bounded, initial_state
 
 
 class Options(TypedDict, total=False):
@@ -117,28 +118,20 @@ def simulate(
     t = t_start = settings["t_start"]
     validity, disturbance = settings["validity"], settings["disturbance"]
     clock = clocks(duration, dt, control_period)
-    stepper = Stepper(
-        crane,
-        start=start,
-        dt=dt,
-        control_period=control_period,
-        drive=drive,
-        forces=disturbance is not None,
-        buffers=validity == "buffers",
-        integrator=settings["integrator"],
-        engine=engine,
-    )
-    moving, layout, monitors = stepper.engine, crane.layout, settings["monitors"]
+    forces, buffers, rule = disturbance is not None, validity == "buffers", settings["integrator"]
+    setting = Setting.of(crane, clock, drive, forces=forces, buffers=buffers, integrator=rule)
+    moving = load_engine(engine)(setting, initial_state(crane, start))
+    layout, monitors = crane.layout, settings["monitors"]
     reference = hold(crane, moving.state) if reference is None else reference
     setpoint_at = checked(reference, layout)
-    log = Log(stepper.setting, validity, t_start, clock.periods + 1)
-    record = RunRecord(stepper.setting, engine, validity, controller, reference, disturbance)
+    log = Log(setting, validity, t_start, clock.periods + 1)
+    record = RunRecord(setting, engine, validity, controller, reference, disturbance)
     if isinstance(controller, Clocked):
         controller.begin_run(t_start, control_period)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             rows = 0
-            for rows in moving.run_ahead(controller, reference, t_start, clock.periods, log):
+            for rows in moving.run_ahead(controller, reference, t_start, clock.periods, log.extend):
                 t = t_start + (rows - 1) * control_period
                 for monitor in monitors:
                     monitor(rows - 1, t, moving.state)

@@ -7,17 +7,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cranedyn import plugins
-from cranedyn.checks import as_array, check_choice, finite
+from cranedyn.checks import as_array, finite
 from cranedyn.clocks import clocks
-from cranedyn.dynamics.converters import Converters, fitting
+from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interfaces import Drive, EngineName, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
-from cranedyn.simulation.engine import Engine
-from cranedyn.simulation.setting import Setting
+from cranedyn.simulation.engine import Setting, load_engine
 
 DIVERGED = 1e6
 """No joint of a crane moves this fast [rad/s or m/s]."""
@@ -67,16 +65,12 @@ class Stepper:
                 of this crane.
             UnknownName: If there is no such engine.
         """
-        kind: Drive = "velocity" if isinstance(drive, Converters) else drive
-        check_choice("drive", kind, Drive)
-        if buffers and kind != "effort":
-            raise OutOfRange("buffers", "True", "False where the drives take no efforts")
-        converters = fitting(crane, kind, drive if isinstance(drive, Converters) else None)
         clock = clocks(control_period, dt, control_period)
         self.crane, self._periods = crane, 0
-        self.setting = Setting(crane, clock, kind, forces, buffers, integrator, converters)
-        make = Engine if engine == "pinocchio" else plugins.load("engine", engine)
-        self.engine: Engine = make(self.setting, initial_state(crane, start))
+        self.setting = Setting.of(
+            crane, clock, drive, forces=forces, buffers=buffers, integrator=integrator
+        )
+        self.engine = load_engine(engine)(self.setting, initial_state(crane, start))
 
     @property
     def t(self) -> float:

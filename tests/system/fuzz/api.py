@@ -98,7 +98,7 @@ INTERNAL = tuple(
         "planning.ifc_shapes planning.move planning.neighbour planning.proof planning.search "
         "planning.site planning.solids planning.structure planning.symbolic planning.timing "
         "planning.transcription plant plotting plugins processes simulation.engine simulation.log "
-        "simulation.record simulation.setting bridges"
+        "simulation.record bridges"
     ).split()
 )
 """What only our own code calls, in inner loops or with what was checked before; of the packages
