@@ -175,7 +175,8 @@ class Engine:
         """Hold a command, and external forces, until the next one.
 
         Args:
-            command: Of the drives, in the unit of their kind, shape (m,).
+            command: Of the drives, in the unit of their kind, shape (m,). The array is the
+                controller's own: an engine copies what it keeps.
             force: On the points of the crane in the world [N], shape (points, 3); None for none.
 
         Returns:
