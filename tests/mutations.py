@@ -159,8 +159,8 @@ MUTATIONS = (
     Mutation(
         "a force on the payload acts on the trolley",
         "cranedyn/dynamics/pinocchio.py",
-        "point_force @ jacobian for point_force, jacobian in zip(force, ",
-        "point_force @ jacobian for point_force, jacobian in zip(force[::-1], ",
+        "pairs = zip(force, ",
+        "pairs = zip(force[::-1], ",
         "wind::a_force_does_the_work_of_its_way",
     ),
     Mutation(
@@ -193,7 +193,7 @@ MUTATIONS = (
     ),
     Mutation(
         "a table is read at the row before",
-        "cranedyn/references/interpolation.py",
+        "cranedyn/references/tabulated.py",
         "return value + share * (table[row + 1] - value) if share else value",
         "return value",
         "controllers::between_rows_tracking_goes_on_straight_lines",
@@ -305,7 +305,7 @@ MUTATIONS = (
     ),
     Mutation(
         "the Riccati sweep forgets the cost of effort on the way",
-        "cranedyn/controllers/riccati.py",
+        "cranedyn/controllers/lqr.py",
         "effort_weight + input_cost @ b[k]",
         "0.5 * effort_weight + input_cost @ b[k]",
         "control::the_finite_horizon_tends_to_the_algebraic_riccati_equation",
@@ -553,8 +553,8 @@ MUTATIONS = (
     Mutation(
         "free modes forget the springs",
         "cranedyn/dynamics/linearisation.py",
-        " + crane.springs.tangent(q))[block]",
-        ")[block]",
+        "rest_stiffness(crane.model, data, crane.springs, q)[block]",
+        "pin.computeGeneralizedGravityDerivatives(crane.model, data, q)[block]",
         "cranes::free_modes_are_normal_and_keep_their_amplitudes",
     ),
     Mutation(

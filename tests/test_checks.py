@@ -17,12 +17,12 @@ from cranedyn.clocks import clocks, intervals
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import hold_controller, lqr
 from cranedyn.controllers.hold import Hold
-from cranedyn.controllers.riccati import riccati
+from cranedyn.controllers.lqr import riccati
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import QUANTITIES, read
 from cranedyn.disturbances import wind
 from cranedyn.dynamics import linearisation as linear
-from cranedyn.dynamics.validity import valid
+from cranedyn.dynamics.validity import conditions
 from cranedyn.errors import CraneError, OutOfRange, RunError
 from cranedyn.estimation.sensor_model import with_sensor_model
 from cranedyn.interfaces import Setpoint, State
@@ -33,7 +33,7 @@ from cranedyn.planning.tour import tour
 from cranedyn.references import Motion, flat, hanging_reference, hold, spline
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.shaped import Shaper
-from cranedyn.references.spline import Spline
+from cranedyn.references.simple import Spline
 from cranedyn.simulation.simulate import simulate
 from cranedyn.simulation.stepper import Stepper
 from cranedyn.sweep import grid
@@ -157,7 +157,7 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
         "There is no linear-quadratic regulator for this crane",
     ),
     (
-        lambda: valid(C, RUN.q, RUN.v[:1], RUN.effort[:, 2]),
+        lambda: conditions(C, RUN.q, RUN.v[:1], RUN.effort[:, 2]),
         "v is an array of shape (1, 5); allowed is one of shape (3, 5).",
     ),
     (lambda: RUN.state(3), "row is 3; allowed is a whole number from -3 to 2."),
@@ -312,7 +312,7 @@ def test_an_error_of_whoever_a_run_calls_is_its_cause_and_its_rows_are_kept(who:
 def test_a_command_of_complex_numbers_is_refused() -> None:
     with pytest.raises(
         OutOfRange,
-        match=r"command of the controller is \[1j, 0j, 0j\]; allowed is three numbers",
+        match=r"command of the controller is no array of numbers but one of complex128",
     ):
         simulate(C, lambda t, state, setpoint: np.array([1j, 0, 0]), duration=0.1)
 

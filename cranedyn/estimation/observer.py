@@ -15,7 +15,7 @@ import numpy as np
 
 from cranedyn.checks import ShortRepr, number, whole
 from cranedyn.clocks import SAME_PERIOD
-from cranedyn.controllers.linearised import Linearised, linearised
+from cranedyn.controllers.lqr import Linearised, linearised
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import Controller, Setpoint, State

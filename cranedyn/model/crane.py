@@ -11,13 +11,19 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.checks import as_array, finite, number, within
+from cranedyn.checks import finite, number, within
+from cranedyn.data.time_series import html_table
 from cranedyn.errors import Misshapen, ModelError, UnknownName
 from cranedyn.interfaces import State
 from cranedyn.model.layout import Layout
-from cranedyn.model.rest import Rest, linearise_rest, no_rest, solve_rest, stiffness
-from cranedyn.model.springs import Springs
-from cranedyn.model.summary import as_html, as_text, joint_rows
+from cranedyn.model.springs import (
+    Rest,
+    Springs,
+    linearise_rest,
+    no_rest,
+    rest_stiffness,
+    solve_rest,
+)
 
 STANDARD_GRAVITY = 9.80665
 """Standard gravity [m/s²], exact by definition (CGPM 1901)."""
@@ -85,14 +91,7 @@ class Crane:
     _scratch: _Scratch = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Create scratch memory.
-
-        Raises:
-            OutOfRange: If an array has another shape.
-        """
-        n, m = self.layout.n, self.layout.m
-        for name, count in {"damping": n, "lower": n, "upper": n, "effort_limit": m}.items():
-            object.__setattr__(self, name, as_array(name, getattr(self, name), (count,)))
+        """Create scratch memory."""
         object.__setattr__(self, "_scratch", _Scratch(self.model))
 
     @property
@@ -251,16 +250,17 @@ class Crane:
             q = self.hanging(self.start.q)
         except ModelError:
             return no_rest(self.start.q, layout, swings)
-        tangent = stiffness(self.model, self.data, self.springs, q)
+        tangent = rest_stiffness(self.model, self.data, self.springs, q)
         return linearise_rest(tangent, q, layout, swings)
 
     def __repr__(self) -> str:
         """Return a title and a line for each joint."""
-        return as_text(self._title, self._rows)
+        line = "{:7} {:24} {:4} {:>9} {:>9} {:>9} {:>12}"
+        return "\n".join([self._title, *(line.format(*row).rstrip() for row in self._rows)])
 
     def _repr_html_(self) -> str:
         """Return title and joints as an HTML table, for notebooks."""
-        return as_html(self._title, self._rows)
+        return html_table(self._title, self._rows)
 
     @property
     def _title(self) -> str:
@@ -269,4 +269,12 @@ class Crane:
 
     @property
     def _rows(self) -> list[tuple[str, ...]]:
-        return joint_rows(self.layout, self.lower, self.upper, self.start.q, self.effort_limit)
+        """Headings, and a row of texts for each joint."""
+        limits = dict(zip(self.layout.drives.tolist(), self.effort_limit, strict=True))
+        headings = ("symbol", "joint", "unit", "from", "to", "start", "drive")
+        rows: list[tuple[str, ...]] = [headings]
+        for i, joint in enumerate(self.layout.joints):
+            ends = (f"{values[i]:.5g}" for values in (self.lower, self.upper, self.start.q))
+            drive = f"{limits[i]:g} {joint.effort_unit}" if joint.driven else "passive"
+            rows.append((joint.symbol, joint.name, joint.unit, *ends, drive))
+        return rows

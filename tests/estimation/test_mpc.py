@@ -16,8 +16,7 @@ from scipy.optimize import lsq_linear
 
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import lqr
-from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
-from cranedyn.controllers.riccati import riccati
+from cranedyn.controllers.lqr import effort_weight_of, riccati, state_weight_of
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.linearisation import sampled
 from cranedyn.dynamics.pinocchio import holding_effort

@@ -14,7 +14,7 @@ from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import hold_controller, lqr
-from cranedyn.controllers.linearised import linearised
+from cranedyn.controllers.lqr import linearised
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.linearisation import sampled

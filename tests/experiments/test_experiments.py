@@ -37,7 +37,7 @@ from cranedyn.interfaces import Setpoint
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO
 from cranedyn.model.load import load_crane
-from cranedyn.simulation.setting import Setting
+from cranedyn.simulation.engine import Setting
 from cranedyn.simulation.simulate import simulate
 from experiments import a1, a2, a3, energy, harness, mass_ratio, report
 from experiments.a1 import identify as a1_identify

@@ -91,14 +91,14 @@ INTERNAL = tuple(
         "data.tables data.time_series display dynamics errors interfaces lifting lifting.analysis "
         "lifting.checks lifting.figures lifting.judgement lifting.page lifting.pdf "
         "lifting.site_figures lifting.tables lifting.wrench "
-        "model.joints model.layout model.rest model.solvability model.springs "
-        "model.summary model.urdf model.values "
+        "model.joints model.layout model.solvability model.springs "
+        "model.urdf model.values "
         "version planning.bim planning.bodies planning.clearance planning.curve "
         "planning.drive_trajectory planning.fields planning.grid planning.half_spaces "
         "planning.ifc_shapes planning.move planning.neighbour planning.proof planning.search "
         "planning.site planning.solids planning.structure planning.symbolic planning.timing "
         "planning.transcription plant plotting plugins processes simulation.engine simulation.log "
-        "simulation.monitors simulation.record simulation.setting bridges"
+        "simulation.record bridges"
     ).split()
 )
 """What only our own code calls, in inner loops or with what was checked before; of the packages
@@ -165,9 +165,8 @@ simulate.duration: 0.05; simulate_batch.duration: 0.05; simulate_batch.threads: 
 fit_swing.swing: 0.1 * np.exp(-0.01 * t) * np.cos(t); fit_power_law.x: np.arange(1.0, 9.0);
 fit_power_law.y: np.arange(1.0, 9.0) ** 2; swing_amplitude.swing: np.full((7, 2), 0.1);
 swing_amplitude.rates: np.full((7, 2), 0.1); settling_time.distance: np.exp(-t);
-settling_time.within: 0.1; first_event.hoist: trajectory.effort[:, 2];
-valid.hoist: trajectory.effort[:, 2]; first_event.q: trajectory.q; valid.q: trajectory.q;
-first_event.v: trajectory.v; valid.v: trajectory.v; swing_mode.loop: loop;
+settling_time.within: 0.1; conditions.hoist: trajectory.effort[:, 2];
+conditions.q: trajectory.q; conditions.v: trajectory.v; swing_mode.loop: loop;
 swing_mode.coordinate: 2; swing_mode.period: 0.005; hanging.q: start.q; resting.q: start.q;
 swing_angles.q: start.q; feedback_gain.stiffness: (5e5, 3e5, 3e4);
 feedback_gain.damping: (1e6, 5e4, 2e4); closed.gain: np.zeros((3, 10)); free_swing.since: 1.0;

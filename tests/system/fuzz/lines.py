@@ -38,9 +38,8 @@ import experiments
 from cranedyn.checks import number
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import read
-from cranedyn.interfaces import State
+from cranedyn.interfaces import Monitor, State
 from cranedyn.model.description import Argument, arguments
-from cranedyn.simulation.monitors import Monitor
 from cranedyn.sweep.study import Task
 from cranedyn.sweep.workers import LocalPool
 from experiments import harness
