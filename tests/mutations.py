@@ -748,7 +748,7 @@ MUTATIONS = (
     ),
     Mutation(
         "errors with a memory count as if they had none",
-        "cranedyn/identification/noise.py",
+        "cranedyn/identification/estimate.py",
         "covariance += (1.0 - lag / (reach + 1.0)) * (cross + cross.T)",
         "covariance += 0.0 * (cross + cross.T)",
         "estimate::errors_with_a_memory_are_no_white_noise_and_widen_the_intervals",
@@ -769,7 +769,7 @@ MUTATIONS = (
     ),
     Mutation(
         "noise of a record is taken for its second differences",
-        "cranedyn/identification/noise.py",
+        "cranedyn/identification/estimate.py",
         "np.mean(bent**2, axis=1) / 6.0",
         "np.mean(bent**2, axis=1) / 1.0",
         "preflight::margins_foretold_are_those_that_come_out",

@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from cranedyn.bridges import bags
 from cranedyn.checks import finite
+from cranedyn.data.external import Source, read_external
+from cranedyn.data.tables import column_names
 from cranedyn.errors import DataError
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Joint
@@ -118,6 +122,45 @@ def relevant_columns(crane: Crane) -> list[str]:
         for name in (*joint.columns, joint.setpoint_column, joint.effort_column)
     ]
     return ["t_s", *swings, *driven]
+
+
+def load_record(
+    path: str | Path,
+    crane: Crane,
+    *,
+    sources: Mapping[str, Source] | None = None,
+    joints: Mapping[str, str] | None = None,
+    since: float = -math.inf,
+    until: float = math.inf,
+) -> Record:
+    """Load a record from a file; columns other than those of drives and swings are not read.
+
+    Args:
+        path: ``.csv`` or ``.parquet`` with columns of cranedyn; ``.mcap`` or ``.bag`` with joint
+            states.
+        crane: Crane with prior values.
+        sources: Names and units of columns of CSV and Parquet files, by the names of cranedyn,
+            see `cranedyn.data.external.parse_sources`.
+        joints: Names of the joints in a recording of ROS by the symbols of coordinates.
+        since: Start of the record [s], on its own clock.
+        until: End of the record [s].
+
+    Raises:
+        DataError: As `cranedyn.data.external.read_external`,
+            `cranedyn.bridges.bags.read_joint_states` and `Record.of`.
+        UnknownName: If a source names an unknown column.
+    """
+    path = Path(path)
+    if path.suffix in bags.ENDINGS:
+        present = {"t_s", *bags.joint_state_columns(path, joints)}
+        wanted = [name for name in relevant_columns(crane) if name in present]
+        data = bags.read_joint_states(path, wanted, joints)
+    else:
+        sources = sources or {}
+        present = {"t_s", *column_names(path), *sources}
+        wanted = [name for name in relevant_columns(crane) if name in present]
+        data = read_external(path, list(dict.fromkeys([*wanted, *sources])), sources)
+    return Record.of(crane, data, name=path.name, since=since, until=until)
 
 
 def _check_clock(name: str, t: np.ndarray) -> None:

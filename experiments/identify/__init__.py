@@ -16,7 +16,7 @@ from cranedyn.data.external import parse_sources
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError, quoted
 from cranedyn.identification import Estimate, Model, Prior, load_record
-from cranedyn.identification.noise import WHITE
+from cranedyn.identification.estimate import WHITE
 from cranedyn.identification.parameters import Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import add_values, parse_values

@@ -14,7 +14,7 @@ from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, DataError, UnknownName
 from cranedyn.identification import Estimate, Model, Prior, Record, identify, load_record
 from cranedyn.identification.motion import lagged
-from cranedyn.identification.noise import is_white
+from cranedyn.identification.estimate import is_white
 from cranedyn.identification.search import jacobian
 from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.simulation.simulate import simulate

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cranedyn.identification import Model, Prior, Record, identify, preflight
-from cranedyn.identification.moves import propose_records
+from cranedyn.identification.preflight import propose_records
 from experiments.identify.trial import TRUTH, trial_record
 from tests.identification.test_estimate import TRUTH as TRUE
 from tests.identification.test_estimate import recorded
