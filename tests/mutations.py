@@ -751,7 +751,7 @@ MUTATIONS = (
         "cranedyn/identification/estimate.py",
         "covariance += (1.0 - lag / (reach + 1.0)) * (cross + cross.T)",
         "covariance += 0.0 * (cross + cross.T)",
-        "estimate::errors_with_a_memory_are_no_white_noise_and_widen_the_intervals",
+        "estimate::coloured_errors_widen_the_intervals_and_never_narrow_them",
     ),
     Mutation(
         "how a record begins counts as known before it is made",
