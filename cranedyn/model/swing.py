@@ -26,6 +26,9 @@ _ALIGNED = math.cos(1e-3)
 _SHORTEST = 0.02
 """Shortest rope as a share of the longest, where the range of a hoist reaches above the pivot."""
 
+_AWAY = 0.01
+"""Share of a range by which a start is away from its ends."""
+
 _SMALL = 1e-9
 """Offsets below this need no note [m or rad]."""
 
@@ -234,7 +237,8 @@ def _formula(role: str, name: str, sign: float, zero: float) -> str:
     """Return the coordinate of a role in terms of that of the file, sign (q - zero)."""
     unit = "rad" if ROLES[role].kind == "revolute" else "m"
     offset = f"{-sign * zero:.6g} {unit} " if zero else ""
-    return f"{ROLES[role].symbol} = {offset}{'-' if sign < 0.0 else '+' if offset else ''} {name}"
+    mark = "-" if sign < 0.0 else "+" if zero else ""
+    return f"{ROLES[role].symbol} = {offset}{mark}{' ' if offset else ''}{name}"
 
 
 def _is_along(axis: Sequence[float], component: int) -> bool:
@@ -253,7 +257,7 @@ def _turn(robot: ET.Element, name: str, sign: float, zero: float, least: float =
     """Replace the coordinate q of a joint by sign (q - zero): placement, axis, limits and start.
 
     No coordinate below `least` is allowed. A joint starts where the file has it, or at its zero
-    there if that is in its range.
+    there if that is well within its range.
     """
     element = next(joint for joint in robot.iterfind("joint") if joint.get("name") == name)
     axis = np.array([float(number) for number in _axis(element).get("xyz", "1 0 0").split()])
@@ -271,13 +275,14 @@ def _turn(robot: ET.Element, name: str, sign: float, zero: float, least: float =
     ends[0] = max(ends[0], least)
     limit.set("lower", repr(ends[0]))
     limit.set("upper", repr(ends[1]))
-    start = robot.find(
+    margin = _AWAY * (ends[1] - ends[0])
+    initial = robot.find(
         f"ros2_control/joint[@name='{name}']/state_interface[@name='position']"
         "/param[@name='initial_value']"
     )
-    if start is not None:
-        start.text = repr(sign * (float(start.text or 0.0) - zero))
-    elif ends[0] <= -sign * zero <= ends[1]:
+    if initial is not None:
+        initial.text = repr(sign * (float(initial.text or 0.0) - zero))
+    elif ends[0] + margin <= -sign * zero <= ends[1] - margin:
         control = ET.SubElement(robot, "ros2_control", name=f"start of {name}", type="system")
         state = ET.SubElement(ET.SubElement(control, "joint", name=name), "state_interface")
         state.set("name", "position")

@@ -115,7 +115,7 @@ def test_rope_and_load_can_be_given(tmp_path: Path) -> None:
     assert crane.payload_mass == 2000.0
     np.testing.assert_allclose(crane.payload_inertia, np.eye(3) * 800.0)
     assert crane.damping[crane.layout.at("phi", "theta")].tolist() == [3.0, 3.0]
-    np.testing.assert_allclose([crane.lower[4], crane.upper[4], crane.start.q[4]], [7, 30, 30])
+    np.testing.assert_allclose([crane.lower[4], crane.upper[4], crane.start.q[4]], [7, 30, 18.5])
     short = cd.load_crane(saved(tmp_path, RIGID), swing={"length": 20.0})
     np.testing.assert_allclose([short.lower[4], short.upper[4]], [0.4, 20.0])
     assert "The shortest rope is 0.4 m." in short.assumptions
