@@ -69,6 +69,7 @@ class Crane:
         points: Points on which external forces act, the payload first.
         record: All that `cranedyn.model.load.load_crane` needs to load the crane again, as it is
             recorded with a run.
+        assumptions: What was assumed or turned when the crane was loaded, a sentence each.
     """
 
     layout: Layout
@@ -82,6 +83,7 @@ class Crane:
     start: State
     points: tuple[Point, ...]
     record: Mapping[str, Any] = field(repr=False)
+    assumptions: tuple[str, ...] = ()
     _scratch: _Scratch = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -255,8 +257,8 @@ class Crane:
         return linearise_rest(tangent, q, layout, swings)
 
     def __repr__(self) -> str:
-        """Return a title and a line for each joint."""
-        return as_text(self._title, self._rows)
+        """Return a title, a line for each joint, and the assumptions."""
+        return "\n".join([as_text(self._title, self._rows), *self.assumptions])
 
     def _repr_html_(self) -> str:
         """Return title and joints as an HTML table, for notebooks."""
