@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.stats import chi2
@@ -19,6 +19,9 @@ CONFIDENCE = 0.95
 
 WHITE = 1e-3
 """Significance level of the test: share of white residuals that it rejects."""
+
+ENOUGH = 0.9
+"""Share of the variance of a swing that an estimate must explain to be believed."""
 
 _LAGS, _FLOOR = 20, 1e-13
 
@@ -98,6 +101,31 @@ class Estimate:
         )
 
     @cached_property
+    def explained(self) -> tuple[np.ndarray, ...]:
+        """Share of the variance of each channel of each record that the model explains."""
+        return tuple(
+            1.0 - np.sum(residual**2, axis=1) / np.sum((recorded - mean) ** 2, axis=1)
+            for i, residual in enumerate(self.residuals)
+            for recorded in (self.model.measured(i),)
+            for mean in (recorded.mean(axis=1, keepdims=True),)
+        )
+
+    @property
+    def least_explained(self) -> tuple[float, str]:
+        """Least share of the variance of a swing that the model explains, and its column with its
+        record.
+        """
+        model = self.model
+        return min(
+            (float(share), f"{channel.column} of {record.name}")
+            for record, channels, shares in zip(
+                model.records, model.channels, self.explained, strict=True
+            )
+            for channel, share in zip(channels, shares, strict=True)
+            if channel.kind == "swing"
+        )
+
+    @cached_property
     def at_bound(self) -> tuple[str, ...]:
         """Names of parameters that ended at a bound; their intervals are meaningless."""
         ends = zip(self.model.parameters, self.values.tolist(), strict=True)
@@ -109,7 +137,10 @@ class Estimate:
 def identify(model: Model, *, progress: Callable[[int], object] | None = None) -> Estimate:
     """Estimate the parameters of a model by least squares, each channel weighted by its noise.
 
-    Finite differences give the Jacobian; its columns are simulated in one batch.
+    Finite differences give the Jacobian; its columns are simulated in one batch. If the estimate
+    explains less than `ENOUGH` of a swing, the search begins again from other delays of the swing
+    sensor, with each sign of each swing, and the best estimate counts; its `Estimate.model` has the
+    records with the signs found.
 
     Args:
         model: Records and parameters.
@@ -120,6 +151,24 @@ def identify(model: Model, *, progress: Callable[[int], object] | None = None) -
             there are fewer rows than parameters.
     """
     check_units(model)
+    best = _fit(model, progress)
+    if best.least_explained[0] >= ENOUGH:
+        return best
+    done = best.evaluations
+    for other in model.alternatives():
+        found = _fit(other, None if progress is None else partial(_count_on, progress, done))
+        done += found.evaluations
+        if found.least_explained[0] > best.least_explained[0]:
+            best = found
+    return replace(best, evaluations=done)
+
+
+def _count_on(progress: Callable[[int], object], before: int, count: int) -> None:
+    progress(before + count)
+
+
+def _fit(model: Model, progress: Callable[[int], object] | None) -> Estimate:
+    """Estimate the parameters from the first values of a model."""
     search = Search(model, progress)
     values, noise = initial_values(model), initial_noise(model)
     for share in HORIZONS:
@@ -211,7 +260,20 @@ def _covariance(
     wider = scale * np.sqrt(np.maximum(short, long) / np.where(long > 0.0, long, 1.0))
     covariance = wider[:, None] * remembered * wider
     covariance[~determined, ~determined] = np.inf
-    return covariance
+    return covariance + np.diag(_rounding(model))
+
+
+def _rounding(model: Model) -> np.ndarray:
+    """Return the variance that the rounding of a drive's position adds to its offset, shape
+    (parameters,): r²/12 a record, since a drive that stands is rounded in the same way in each row.
+    """
+    variance = np.zeros(len(model.parameters))
+    for i, p in enumerate(model.parameters):
+        if p.kind == "offset":
+            joint = model.prior.crane.layout.joints[model.prior.crane.layout.index(p.of)]
+            rounded = [record.resolution.get(joint.columns[0], 0.0) for record in model.records]
+            variance[i] = sum(r**2 for r in rounded) / (12.0 * len(rounded) ** 2)
+    return variance
 
 
 def invert_information(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

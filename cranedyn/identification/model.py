@@ -15,7 +15,6 @@ from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.identification.motion import SampledMotion, lagged, recorded_motion, recorded_setpoint
-from cranedyn.identification.parameters import EARLY
 from cranedyn.identification.problem import Channel, EstimationProblem
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -48,8 +47,7 @@ class _Variants:
         self.layout, self.period = self.crane.layout, PERIODS[problem.drives]
         self.t = self.record.t[problem.rows(index, until)]
         duration = float(self.t[-1]) if len(self.t) else 0.0
-        has_delay = any(p.kind == "delay" for p in problem.parameters)
-        count = int(np.ceil((duration - (EARLY if has_delay else 0.0)) / self.period)) + 2
+        count = int(np.ceil((duration - problem.delay_bounds[0]) / self.period)) + 2
         self.grid = self.period * np.arange(count)
         self.inside = np.minimum(self.grid, self.record.t[-1])
         self.indices = {p.name: i for i, p in enumerate(problem.own)}

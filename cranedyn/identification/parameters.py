@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -36,7 +36,8 @@ MEANINGS = {
 }
 
 EARLY, LATE = -0.5, 1.0
-"""Bounds of the delay of the swing sensor [s]."""
+"""Bounds of the delay of the swing sensor [s], and a quarter of the period of the swing: a delay of
+half a period is the other sign."""
 
 
 @dataclass(frozen=True)
@@ -120,25 +121,32 @@ def _device_parameters(crane: Crane) -> dict[str, Parameter]:
 
 def default_names(prior: Prior, records: Sequence[Record], drives: Drives) -> list[str]:
     """Return the names of the parameters that the recorded columns can determine."""
-    layout = prior.crane.layout
-    chosen = ["l_offset"] if layout.has("hoist") and "l" in layout.symbols else []
-    chosen += [name for name in ("damp_swing",) if name in prior.arguments]
-    chosen += ["delay"] if drives == "motion" else []
+    layout, winch = prior.crane.layout, prior.crane.winch
+    chosen = [] if winch is None else [f"{layout.driven[winch].symbol}_offset"]
     biased = {joint.symbol for record in records for joint in record.swings}
+    damped = ("damp_swing", *(f"damp_{symbol}" for symbol in layout.symbols if symbol in biased))
+    chosen += [name for name in damped if name in prior.arguments]
+    chosen += ["delay"] if drives == "motion" else []
     chosen += [f"{symbol}_bias" for symbol in layout.symbols if symbol in biased]
-    for joint in layout.driven:
+    for drive, joint in enumerate(layout.driven):
         moved = any(record.moves(joint.columns[0]) for record in records)
         aimed = any(record.moves(joint.setpoint_column) for record in records)
         effort = any(record.moves(joint.effort_column) for record in records)
         if drives == "motion" and aimed:
             chosen.append(f"{joint.symbol}_lag")
-        if effort and joint.role == "hoist" and "payload_mass" in prior.arguments:
+        if effort and drive == winch and "payload_mass" in prior.arguments:
             chosen.append("payload_mass")
         if drives == "motion" and effort and (moved or aimed) and joint.role == "trolley":
             chosen.append(f"{joint.symbol}_friction")
         if drives == "hold":
             chosen += [f"{joint.symbol}_{gain}" for gain in ("stiffness", "damping") if moved]
     return chosen
+
+
+def bound_delay(delay: Parameter, records: Sequence[Record]) -> Parameter:
+    """Return the delay of the swing sensor with bounds less than a quarter of a swing."""
+    quarter = 0.25 * min(record.swing_period for record in records)
+    return replace(delay, low=max(EARLY, -quarter), high=min(LATE, quarter))
 
 
 def initial_parameters(record: Record, index: int, drives: Drives) -> list[Parameter]:

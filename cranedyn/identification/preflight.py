@@ -154,7 +154,8 @@ def _further_information(
     }
     width = model.prior.crane.upper - model.prior.crane.lower
     spread = [spreads.get(c.column, 1e-4 * width[c.at]) for c in further.channels[0]]
-    return information(further, start, [np.array(spread)])
+    added = information(further, start, [np.array(spread)])
+    return added if np.isfinite(added).all() else np.zeros_like(added)  # it cannot be simulated
 
 
 def propose_records(model: Model, values: np.ndarray) -> Iterator[tuple[str, Record]]:
@@ -165,13 +166,13 @@ def propose_records(model: Model, values: np.ndarray) -> Iterator[tuple[str, Rec
     if model.drives != "motion":
         return
     crane, template = model.prior.crane, _RecordTemplate(model, values)
-    sideways = [joint for joint in crane.layout.driven if joint.role != "hoist"]
+    hoist = crane.winch
+    sideways = [joint for i, joint in enumerate(crane.layout.driven) if i != hoist]
     for joint in sideways:
         for share, scale in ((0.5, 1.0), (0.2, 0.4)):
             size, lasts = scale * template.size(joint), share * template.period
             text = f"{joint.symbol} by {size:.2g} {joint.unit} in {lasts:.1f} s and back at once"
             yield text, template.record({joint.symbol: (size, lasts, 2.0)})
-    hoist = crane.layout.drive_of("hoist")
     if hoist is None or not sideways:
         return
     lift, size = crane.layout.driven[hoist], template.size(sideways[0])
@@ -218,7 +219,7 @@ class _RecordTemplate:
             column = columns.get(joint.columns[0], columns.get(joint.setpoint_column))
             self.positions[joint.symbol] = float(start if column is None else column[-1])
         self.positions |= overrides or {}
-        hoist = layout.drive_of("hoist")
+        hoist = self.crane.winch
         length = 10.0 if hoist is None else self.positions[layout.driven[hoist].symbol]
         self.period = float(point_period(length, self.crane.gravity))
 
@@ -243,10 +244,10 @@ class _RecordTemplate:
         """
         recorded, t = self.like.columns, np.arange(0.0, 4.0 + 5.0 * self.period, self.like.interval)
         columns: dict[str, np.ndarray] = {}
-        for joint in self.crane.layout.driven:
+        for drive, joint in enumerate(self.crane.layout.driven):
             distance, lasts, begins = moved.get(joint.symbol, (0.0, 1.0, 0.0))
             aim = self.positions[joint.symbol] + distance * _smooth((t - begins) / lasts)
-            if joint.role != "hoist":
+            if drive != self.crane.winch:
                 aim = aim - distance * _smooth((t - begins - lasts) / lasts)
             position = joint.columns[0]
             if joint.setpoint_column in recorded:

@@ -92,11 +92,13 @@ class Prior:
         urdf: A ``.xacro`` file or a plain URDF; None for the tower crane of this project.
         values: Prior values of arguments of the xacro file.
         gravity: Prior value of gravity [m/s²].
+        loading: Further arguments of `cranedyn.load_crane`, such as ``driven``, by name.
     """
 
     urdf: str | Path | None = None
     values: Mapping[str, object] = field(default_factory=dict)
     gravity: float = STANDARD_GRAVITY
+    loading: Mapping[str, Any] = field(default_factory=dict)
     _families: dict[Any, Family] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -108,17 +110,45 @@ class Prior:
 
     @cached_property
     def arguments(self) -> dict[str, Argument]:
-        """Numeric arguments of the description by name, and gravity."""
+        """Numeric arguments of the description by name, and gravity; of a description without
+        arguments the damping of each passive joint, such as damp_phi.
+        """
         path = XACRO if self.urdf is None else Path(self.urdf)
         declared = arguments(path) if path.suffix == ".xacro" else {}
         numbers = {name: argument for name, argument in declared.items() if argument.allowed}
-        return {"gravity": Argument("", "m/s²", "> 0", "gravity of the world"), **numbers}
+        dampings = {} if numbers else self._dampings
+        return {
+            "gravity": Argument("", "m/s²", "> 0", "gravity of the world"),
+            **numbers,
+            **dampings,
+        }
+
+    @cached_property
+    def _dampings(self) -> dict[str, Argument]:
+        """Viscous damping of each passive joint as an argument, by name."""
+        crane = self.load()
+        return {
+            f"damp_{crane.layout.symbols[i]}": Argument(
+                repr(float(crane.damping[i])), f"{crane.layout.joints[i].effort_unit} s", ">= 0",
+                f"damping of {crane.layout.joints[i].name}",
+            )
+            for i in crane.layout.passive.tolist()
+        }  # fmt: skip
 
     def load(self, **values: float) -> Crane:
         """Load the crane with some values changed, gravity among them."""
         merged = {**self.values, **values}
         gravity = float(merged.pop("gravity", self.gravity))  # type: ignore[arg-type]
-        return load_crane(self.urdf, gravity=gravity, values=merged)
+        damped = {
+            name: merged.pop(name) for name in values if name in self.__dict__.get("_dampings", {})
+        }
+        crane = load_crane(self.urdf, gravity=gravity, values=merged, **self.loading)
+        if not damped:
+            return crane
+        damping = crane.damping.copy()
+        for name, value in damped.items():
+            damping[crane.layout.index(name.removeprefix("damp_"))] = value
+        return replace(crane, damping=damping)
 
     def family(self, first: Mapping[str, float], second: Mapping[str, float]) -> Family:
         """Return the cranes of this description, see `Family`; cached."""

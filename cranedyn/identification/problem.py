@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -12,10 +13,9 @@ import numpy as np
 from cranedyn.checks import check_choice
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.identification.parameters import (
-    EARLY,
-    LATE,
     Drives,
     Parameter,
+    bound_delay,
     default_names,
     initial_parameters,
     parameter,
@@ -96,11 +96,33 @@ class EstimationProblem:
                 f"A record has no effort of some drive; efforts that act need {needed}."
             )
         parameters = [parameter(prior, name) for name in chosen]
+        parameters = [bound_delay(p, records) if p.kind == "delay" else p for p in parameters]
         for p in parameters:
             _check_determined(p, records, mode)
         for i, record in enumerate(records):
             parameters += initial_parameters(record, i, mode)
         return cls(prior, tuple(records), tuple(parameters), mode)
+
+    def alternatives(self) -> Iterator[Self]:
+        """Yield the same problem with each swing of either sign, and with the search begun from
+        other delays of the swing sensor.
+        """
+        swings = dict.fromkeys(
+            joint.columns[0] for record in self.records for joint in record.swings
+        )
+        delays = np.unique([0.0, *(0.6 * np.array(self.delay_bounds))]).tolist()
+        for signs in product((1, -1), repeat=len(swings)):
+            records = self.records
+            for column in (name for name, sign in zip(swings, signs, strict=True) if sign < 0):
+                records = tuple(r.turned(column) if column in r.columns else r for r in records)
+            for delay in delays:
+                if (delay, *signs) == (0.0, *np.ones(len(swings))):
+                    continue
+                own = [replace(p, start=delay) if p.kind == "delay" else p for p in self.own]
+                initial = [
+                    p for i, r in enumerate(records) for p in initial_parameters(r, i, self.drives)
+                ]
+                yield replace(self, records=records, parameters=(*own, *initial))
 
     @cached_property
     def own(self) -> tuple[Parameter, ...]:
@@ -122,6 +144,12 @@ class EstimationProblem:
     def scale(self) -> np.ndarray:
         """Typical change of each parameter, shape (parameters,)."""
         return np.array([p.scale for p in self.parameters])
+
+    @cached_property
+    def delay_bounds(self) -> tuple[float, float]:
+        """Bounds of the delay of the swing sensor [s], zero where none is estimated."""
+        bounds = [(p.low, p.high) for p in self.own if p.kind == "delay"]
+        return bounds[0] if bounds else (0.0, 0.0)
 
     def of_record(self, index: int) -> list[int]:
         """Return the indices of the parameters on which a record depends."""
@@ -154,7 +182,7 @@ class EstimationProblem:
             has_lag = f"{joint.symbol}_lag" in names
             if has_lag and {position, joint.setpoint_column} <= record.columns.keys():
                 channels.append(Channel(position, joint.unit, "lagged", at, drive))
-            weighs = joint.role == "hoist" and "payload_mass" in names
+            weighs = drive == self.prior.crane.winch and "payload_mass" in names
             if (weighs or f"{joint.symbol}_friction" in names) and effort in record.columns:
                 channels.append(Channel(effort, joint.effort_unit, "effort", at, drive))
         return tuple(channels)
@@ -166,9 +194,8 @@ class EstimationProblem:
         of the record.
         """
         t = self.records[index].t
-        delay = any(p.kind == "delay" for p in self.parameters)
-        low, high = (LATE, t[-1] + EARLY) if delay else (0.0, t[-1])
-        return np.flatnonzero((t >= low) & (t <= min(high, until)))
+        early, late = self.delay_bounds
+        return np.flatnonzero((t >= late) & (t <= min(t[-1] + early, until)))
 
     def measured(self, index: int, until: float = np.inf) -> np.ndarray:
         """Return the channels of a record, shape (channels, rows evaluated)."""

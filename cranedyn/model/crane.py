@@ -120,6 +120,23 @@ class Crane:
         limit = self.model.velocityLimit[self.layout.drives]
         return np.where(limit > 0.0, limit, np.inf)
 
+    @cached_property
+    def winch(self) -> int | None:
+        """Index among the drives of the joint that sets the length of the rope: the only prismatic
+        drive that a passive revolute joint carries; None if there is none or are several.
+        """
+        joints = self.layout.joints
+        winches = [
+            drive
+            for drive, i in enumerate(self.layout.drives.tolist())
+            if joints[i].kind == "prismatic"
+            and any(
+                above > 0 and joints[above - 1].kind == "revolute" and not joints[above - 1].driven
+                for above in self.model.supports[i + 1].tolist()
+            )
+        ]
+        return winches[0] if len(winches) == 1 else None
+
     @property
     def payload(self) -> Point:
         """Centre of mass of the payload."""

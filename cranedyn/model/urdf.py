@@ -231,7 +231,9 @@ def _check_element(element: ET.Element, context: str) -> None:
             raise OutOfRange(f"{name} of {element.tag} in {context}", repr(numbers), allowed)
     if element.tag == "dynamics" and float(element.get("friction", "0")) != 0.0:
         raise OutOfRange(
-            f"friction of {context}", element.get("friction"), "0: only viscous damping acts; set it to 0, or say it as damping"
+            f"friction of {context}",
+            element.get("friction"),
+            "0: only viscous damping acts; set it to 0, or say it as damping",
         )
 
 
