@@ -271,8 +271,8 @@ MUTATIONS = (
     Mutation(
         "noise of the sensors does not make an observer less sure",
         "cranedyn/estimation/observer.py",
-        "residual @ self.covariance @ residual.T + self.gain @ self.noise @ self.gain.T",
-        "residual @ self.covariance @ residual.T",
+        "residual @ covariance @ residual.T + gain @ noise @ gain.T",
+        "residual @ covariance @ residual.T",
         "sensing::the_filters_gain_tends_to_that_of_the_dual_riccati_equation",
     ),
     Mutation(
@@ -281,13 +281,6 @@ MUTATIONS = (
         "self._identity + step + step @ step / 2.0",
         "self._identity + step",
         "load_estimate::the_covariance_of_a_load_at_rest_goes_on_to_second_order_in_the_period",
-    ),
-    Mutation(
-        "noise of the sensors does not make an observer of the load less sure",
-        "cranedyn/estimation/load_filter.py",
-        "residual @ self.covariance @ residual.T + gain @ self._noise @ gain.T",
-        "residual @ self.covariance @ residual.T",
-        "load_estimate::a_correction_adds_what_the_sensors_tell_to_what_is_known",
     ),
     Mutation(
         "a reading of the cable says nothing of its share",
@@ -748,10 +741,10 @@ MUTATIONS = (
     ),
     Mutation(
         "errors with a memory count as if they had none",
-        "cranedyn/identification/noise.py",
+        "cranedyn/identification/estimate.py",
         "covariance += (1.0 - lag / (reach + 1.0)) * (cross + cross.T)",
         "covariance += 0.0 * (cross + cross.T)",
-        "estimate::errors_with_a_memory_are_no_white_noise_and_widen_the_intervals",
+        "estimate::coloured_errors_widen_the_intervals_and_never_narrow_them",
     ),
     Mutation(
         "how a record begins counts as known before it is made",
@@ -769,7 +762,7 @@ MUTATIONS = (
     ),
     Mutation(
         "noise of a record is taken for its second differences",
-        "cranedyn/identification/noise.py",
+        "cranedyn/identification/estimate.py",
         "np.mean(bent**2, axis=1) / 6.0",
         "np.mean(bent**2, axis=1) / 1.0",
         "preflight::margins_foretold_are_those_that_come_out",

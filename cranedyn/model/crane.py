@@ -75,6 +75,7 @@ class Crane:
         points: Points on which external forces act, the payload first.
         record: All that `cranedyn.model.load.load_crane` needs to load the crane again, as it is
             recorded with a run.
+        assumptions: What was assumed or turned when the crane was loaded, a sentence each.
     """
 
     layout: Layout
@@ -88,6 +89,7 @@ class Crane:
     start: State
     points: tuple[Point, ...]
     record: Mapping[str, Any] = field(repr=False)
+    assumptions: tuple[str, ...] = ()
     _scratch: _Scratch = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -116,6 +118,23 @@ class Crane:
         """Largest rates of the drives [rad/s or m/s], shape (m,); inf where the URDF gives none."""
         limit = self.model.velocityLimit[self.layout.drives]
         return np.where(limit > 0.0, limit, np.inf)
+
+    @cached_property
+    def winch(self) -> int | None:
+        """Index among the drives of the joint that sets the length of the rope: the only prismatic
+        drive that a passive revolute joint carries; None if there is none or are several.
+        """
+        joints = self.layout.joints
+        winches = [
+            drive
+            for drive, i in enumerate(self.layout.drives.tolist())
+            if joints[i].kind == "prismatic"
+            and any(
+                above > 0 and joints[above - 1].kind == "revolute" and not joints[above - 1].driven
+                for above in self.model.supports[i + 1].tolist()
+            )
+        ]
+        return winches[0] if len(winches) == 1 else None
 
     @property
     def payload(self) -> Point:
@@ -254,9 +273,10 @@ class Crane:
         return linearise_rest(tangent, q, layout, swings)
 
     def __repr__(self) -> str:
-        """Return a title and a line for each joint."""
+        """Return a title, a line for each joint, and the assumptions."""
         line = "{:7} {:24} {:4} {:>9} {:>9} {:>9} {:>12}"
-        return "\n".join([self._title, *(line.format(*row).rstrip() for row in self._rows)])
+        rows = [line.format(*row).rstrip() for row in self._rows]
+        return "\n".join([self._title, *rows, *self.assumptions])
 
     def _repr_html_(self) -> str:
         """Return title and joints as an HTML table, for notebooks."""
