@@ -149,10 +149,10 @@ class _Variants:
 
     def start(self) -> State:
         """Return the initial state of each variant."""
-        position, velocity = self.motion
+        position, velocity = (rows.take(0, axis=1) for rows in self.motion)
         q = np.tile(self.crane.start.q, (len(self.values), 1))
         v = np.zeros_like(q)
-        q[:, self.layout.drives], v[:, self.layout.drives] = position[:, 0], velocity[:, 0]
+        q[:, self.layout.drives], v[:, self.layout.drives] = position, velocity
         for (kind, symbol), index in self.record_indices.items():
             if kind == "start":
                 q[:, self.layout.index(symbol)] = self.values[:, index]
