@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.bridges.names import input_names, state_names
+from cranedyn.bridges.joints import input_names, state_names
 from cranedyn.checks import check_choice, finite, short_repr
 from cranedyn.controllers.lqr import linearised
 from cranedyn.controllers.tracking import Tracking

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cranedyn.bridges.names import input_names, state_names
+from cranedyn.bridges.joints import input_names, state_names
 from cranedyn.controllers.affine import affine_form
 from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
 from cranedyn.data.trajectory import Trajectory

@@ -17,7 +17,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn.__main__ import main
 from cranedyn.bridges import fmi
-from cranedyn.bridges.names import force_names, input_names, state_names
+from cranedyn.bridges.joints import force_names, input_names, state_names
 from cranedyn.disturbances.wind import constant_force
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange
 from cranedyn.interfaces import Drive
