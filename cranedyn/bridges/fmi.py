@@ -160,8 +160,9 @@ def _variables(crane: Crane, drive: str) -> list[FmiVariable]:
     for name in force_names(crane):
         variables.append(FmiVariable(name, "N", "input", 0.0, about=about))
     about = "where it begins"
-    for name, unit, *numbers in zip(names, units, starts, low, high, strict=True):
-        variables.append(FmiVariable(f"{name}_start", unit, "parameter", *numbers, about))
+    for name, unit, value, lower, upper in zip(names, units, starts, low, high, strict=True):
+        parameter = FmiVariable(f"{name}_start", unit, "parameter", value, lower, upper, about)
+        variables.append(parameter)
     for name, unit in zip(names, units, strict=True):
         variables.append(FmiVariable(name, unit, "output"))
     for name, unit in zip(input_names(crane, "effort"), efforts, strict=True):
