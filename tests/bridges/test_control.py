@@ -78,6 +78,7 @@ def test_the_sampled_system_answers_a_small_step_as_the_nonlinear_crane_does(dri
 
 @pytest.mark.parametrize("drive", ["effort", "motion"])
 @pytest.mark.parametrize("relative", [HOOK, ROPE, BRIDGE], ids=lambda relative: relative.name)
+@pytest.mark.slow
 def test_the_system_of_a_crane_of_other_topology_answers_a_small_step_as_that_crane_does(
     relative: Relative, drive: Drive
 ) -> None:

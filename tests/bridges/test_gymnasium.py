@@ -75,6 +75,7 @@ def test_gymnasium_makes_many_by_name_and_they_keep_to_their_spaces() -> None:
 
 @pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 @pytest.mark.parametrize("action", ["velocity", "acceleration"])
+@pytest.mark.slow
 def test_each_crane_moves_as_in_simulate_whatever_its_load_wind_and_neighbours(
     engine: Any, action: str
 ) -> None:
@@ -248,6 +249,7 @@ def test_a_seed_draws_the_same_episodes_and_starts_lie_in_reach() -> None:
     assert 0.045 < swing.max() <= 0.05 + 1e-12
 
 
+@pytest.mark.slow
 def test_an_episode_is_drawn_by_rerun_and_is_the_one_that_was_seen(tmp_path: Path) -> None:
     env = gym.make(ID, crane=crane(), render_mode="rrd", folder=tmp_path, wind=8.0)
     env.reset(seed=2)
@@ -295,60 +297,41 @@ def test_what_cannot_be_is_refused_in_a_sentence(how: dict[str, Any], sentence: 
 
 
 def test_a_crane_for_which_the_task_is_not_made_is_refused_in_a_sentence() -> None:
-    with pytest.raises(
-        ModelError,
-        match="The task of moving a load without swing is made for a tower crane of five joints; "
-        "this one also",
-    ):
+    with pytest.raises(ModelError, match="is made for a tower crane of five joints; this one also"):
         many(2, crane=HOOK.crane())
     with pytest.raises(OutOfRange, match=r"rate limit is \(1.0, 1.0\); allowed is three numbers"):
         many(2, limits=Limits(rates=(1.0, 1.0), accelerations=(1.0, 1.0)))
-    env = many(2)
-    with pytest.raises(OutOfRange, match="start is a state of 4 coordinates and 4 rates"):
-        env.reset(options={"start": State(np.zeros(4), np.zeros(4))})
 
 
-def test_actions_and_options_that_are_none_are_refused_in_a_sentence() -> None:
+def test_actions_that_are_none_are_refused_and_change_nothing() -> None:
     env = many(2)
     with pytest.raises(OutOfRange, match="call reset"):
         env.step(np.zeros((2, 3)))
     env.reset(seed=0)
-    for wrong in (
-        np.zeros((3, 2)),
-        np.zeros(3),
-        np.full((2, 3), np.nan),
-        np.full((2, 3), 1.5),
-        np.zeros((2, 3), dtype=complex),
-    ):
+    nan, large = np.full((2, 3), np.nan), np.full((2, 3), 1.5)
+    for wrong in (np.zeros((3, 2)), np.zeros(3), nan, large, np.zeros((2, 3), dtype=complex)):
         before = env.task.fleet.z.copy()
         with pytest.raises(OutOfRange):
             env.step(wrong)
         assert np.array_equal(env.task.fleet.z, before)
-    with pytest.raises(UnknownName, match="There is no option of reset 'begin'"):
-        env.reset(options={"begin": 0})
     with pytest.raises(OutOfRange, match="reset_mask"):
         env.reset(options={"reset_mask": [1, 0]})
-    with pytest.raises(OutOfRange, match="goal"):
-        env.reset(options={"goal": (0.0, 500.0, 10.0)})
-    for one in (env, TowerCraneEnv(crane=crane())):
-        with pytest.raises(OutOfRange, match=r"options is \[1\]; allowed is a dictionary or None"):
-            one.reset(options=[1])
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    ("wrong", "sentence"),
     [
-        {"goal": (0.3, np.nan, 10.0)},
-        {"goal": (0.0, 500.0, 10.0)},
-        {"start": State(np.zeros(4), np.zeros(4))},
-        {"begin": 0},
-        [1],
+        ({"goal": (0.3, np.nan, 10.0)}, "goal"),
+        ({"goal": (0.0, 500.0, 10.0)}, "goal"),
+        ({"start": State(np.zeros(4), np.zeros(4))}, "start is a state of 4 coordinates and 4 rat"),
+        ({"begin": 0}, "There is no option of reset 'begin'"),
+        ([1], r"options is \[1\]; allowed is a dictionary or None"),
     ],
 )
-def test_a_reset_that_is_refused_changes_nothing(wrong: Any) -> None:
+def test_a_reset_that_is_refused_changes_nothing(wrong: Any, sentence: str) -> None:
     for asked, alone in ((many(2), many(2)), [TowerCraneEnv(crane=crane()) for _ in "ab"]):
         asked.reset(seed=3), alone.reset(seed=3)
-        with pytest.raises(CraneError):
+        with pytest.raises(CraneError, match=sentence):
             asked.reset(seed=5, options=wrong)
         assert np.array_equal(asked.task.fleet.z, alone.task.fleet.z)
         assert np.array_equal(asked.task.goal, alone.task.goal)
