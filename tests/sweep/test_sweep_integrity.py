@@ -6,7 +6,6 @@ import dataclasses
 import json
 import os
 import shutil
-import stat
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -24,8 +23,7 @@ from cranedyn.sweep.folder import (
     is_whole,
     read_manifest,
 )
-from cranedyn.sweep.sources import source_digests
-from cranedyn.sweep.study import Task
+from cranedyn.sweep.study import Task, source_digests
 from experiments import sweep as experiment
 from tests import studies
 from tests.helpers import files
@@ -144,26 +142,6 @@ def test_a_pipe_or_a_folder_in_the_place_of_a_file_is_refused_at_once(
         with pytest.raises(DataError, match=name.replace(".", r"\.")):
             act()
     assert time.monotonic() - began < 1.0
-
-
-def test_files_are_on_the_disk_before_their_names_are(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    said: list[str] = []
-    fsync, replace = os.fsync, os.replace
-
-    def synced(file: int) -> None:
-        said.append("file" if stat.S_ISREG(os.fstat(file).st_mode) else "folder")
-        fsync(file)
-
-    def replaced(draft: Path, final: Path) -> None:
-        said.append(final.name)
-        replace(draft, final)
-
-    monkeypatch.setattr(os, "fsync", synced)
-    monkeypatch.setattr(os, "replace", replaced)
-    sweep(studies.squares, grid(x=[1.0]), tmp_path, workers=1)
-    assert said == ["file", MANIFEST, "folder", "file", CHUNK_FILE.format(0), "folder"]
 
 
 # --- the code -------------------------------------------------------------------------------------
