@@ -363,17 +363,6 @@ def test_a_recording_of_many_joint_states_takes_the_memory_of_its_columns(tmp_pa
     assert peak < 2 * 0.75e6 + bags._BLOCK + 40 * count
 
 
-@pytest.mark.parametrize(
-    ("limit", "most"), [("_MOST_STATES", 9), ("_ALL_STATES", 200), ("_LARGEST_STATE", 20)]
-)
-def test_more_or_larger_joint_states_than_a_run_has_are_refused(
-    limit: str, most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(bags, limit, most)
-    with pytest.raises(CraneError, match="too many or too large joint states; allowed are"):
-        bags.read_joint_states(recorded(tmp_path / "many.mcap", 10), ["l_m"])
-
-
 def test_what_cannot_be_written_is_a_sentence(
     tmp_path: Path, run: Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:

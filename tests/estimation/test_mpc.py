@@ -22,7 +22,7 @@ from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, RunError
 from cranedyn.estimation import mpc, with_observer, with_sensor_model
 from cranedyn.estimation.mpc import PredictiveController
-from cranedyn.interfaces import Setpoint, State
+from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references import hanging_reference, spline
 from tests.estimation.motions import REST, STILL, at_rest, combined, residual
 from tests.helpers import G, crane, quickly
@@ -312,12 +312,15 @@ def test_an_optimisation_that_fails_ends_the_run_and_no_old_command_goes_on() ->
 
 
 @needs_solver
-def test_a_state_that_is_not_finite_is_refused() -> None:
-    controller = mpc(crane(), at_rest(crane()))
-    with pytest.raises(
-        CraneError, match="coordinate 4 of the state is nan; allowed is a finite number"
-    ):
-        controller(0.0, State(np.array([0.0, 10.0, 0.0, math.nan, 15.0]), np.zeros(5)), STILL)
+@pytest.mark.parametrize(("index", "name"), [(3, "coordinate 4"), (9, "rate 5")])
+@pytest.mark.parametrize("controller_of", [lqr, mpc])
+def test_a_state_that_is_not_finite_is_named_and_gives_no_efforts(
+    controller_of: Callable[..., Controller], index: int, name: str
+) -> None:
+    controller, z = controller_of(crane(), at_rest(crane())), np.concatenate(crane().state(**REST))
+    z[index] = math.nan
+    with pytest.raises(CraneError, match=f"{name} of the state is nan; allowed is a finite number"):
+        controller(0.0, state_of(z), STILL)
 
 
 @needs_solver
