@@ -30,21 +30,18 @@ COMMANDS = dict.fromkeys(
 )
 
 
-@pytest.mark.parametrize("words", COMMANDS)
 @pytest.mark.slow
+@pytest.mark.parametrize("words", COMMANDS)
 def test_a_command_of_the_page_writes_what_it_says(
     words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     exporter, target, *others = shlex.split(words)
     if exporter == "mcap":
-        pytest.importorskip(
-            "mcap_ros2", reason="mcap-ros2-support is not installed: pip install 'cranedyn[mcap]'"
-        )
+        pytest.importorskip("mcap_ros2", reason="not installed: pip install 'cranedyn[mcap]'")
         Path("out/a3").mkdir(parents=True)
-        a3.run(harness.Setup(9.8, engine=FAST)).before(1.0).write(
-            others[others.index("--trajectory") + 1]
-        )
+        run = a3.run(harness.Setup(9.8, engine=FAST)).before(1.0)
+        run.write(others[others.index("--trajectory") + 1])
     assert main(["export", exporter, target, *others]) == 0
     assert Path(target).exists()
 
@@ -97,16 +94,15 @@ def test_a_target_is_whole_or_not_there(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_without_llvmlite_only_the_door_that_needs_it_stays_shut(tmp_path: Path) -> None:
+def test_without_llvmlite_only_the_exporter_that_needs_it_is_missing(tmp_path: Path) -> None:
     script = (
         "import sys; sys.modules['llvmlite'] = None; from cranedyn.__main__ import "
         "main; sys.exit(main(['export', *sys.argv[1:]]))"
     )
     assert python(script, "mjcf", tmp_path / "crane.xml").returncode == 0
-    shut = python(script, "fmu", tmp_path / "crane.fmu")
-    assert shut.returncode == 2 and shut.stderr.startswith(
-        "error: The compiled engine needs llvmlite, which is not installed: pip install"
-    )
+    refused = python(script, "fmu", tmp_path / "crane.fmu")
+    sentence = "error: The compiled engine needs llvmlite, which is not installed: pip install"
+    assert refused.returncode == 2 and refused.stderr.startswith(sentence)
     assert [path.name for path in tmp_path.iterdir()] == ["crane.xml"]
 
 

@@ -125,12 +125,8 @@ def test_drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges() -> 
 
 
 def test_starts_goals_and_drives_keep_to_the_ranges_that_all_cranes_have() -> None:
-    env = many(
-        50,
-        crane=[crane(), crane(trolley_max=12.0)],
-        reach=(1.0, 20.0, 20.0),
-        max_episode_steps=10_000,
-    )
+    cranes, reach = [crane(), crane(trolley_max=12.0)], (1.0, 20.0, 20.0)
+    env = many(50, crane=cranes, reach=reach, max_episode_steps=10_000)
     env.reset(seed=0)
     assert env.task.goal[1].max() < 12.0
     for _ in range(100):
@@ -173,26 +169,23 @@ def test_the_reward_is_that_of_the_distance_the_load_would_have_from_its_goal() 
 
 
 def test_too_much_swing_ends_an_episode() -> None:
+    fast = {"start": crane().state(phi=0.19, phi_dot=0.3)}
     env = many(2, swing_limit=0.2, swing=0.0, autoreset_mode="Disabled")
-    env.reset(options={"start": crane().state(phi=0.19, phi_dot=0.3), "goal": (0.0, 12.0, 10.0)})
+    env.reset(options={**fast, "goal": (0.0, 12.0, 10.0)})
     _, reward, terminated, truncated, _ = env.step(np.zeros((2, 3)))
     assert terminated.all() and not truncated.any() and (reward == PENALTY).all()
     with pytest.raises(OutOfRange, match="call reset"):
         env.step(np.zeros((2, 3)))
     last = many(2, swing_limit=0.2, max_episode_steps=1)
-    last.reset(options={"start": crane().state(phi=0.19, phi_dot=0.3)})
+    last.reset(options=fast)
     _, _, terminated, truncated, _ = last.step(np.zeros((2, 3)))
     assert terminated.all() and not truncated.any()
     alone = TowerCraneEnv(crane=crane(), swing_limit=0.2)
-    alone.reset(options={"start": crane().state(phi=0.19, phi_dot=0.3)})
+    alone.reset(options=fast)
     assert alone.step(np.zeros(3))[1:4] == (PENALTY, True, False)
     env.reset(options={"reset_mask": np.array([True, False])})
-    assert (
-        np.hypot(*env.task.fleet.z[PASSIVE, 0])
-        < 1e-12
-        < 0.19
-        < np.hypot(*env.task.fleet.z[PASSIVE, 1])
-    )
+    swung = np.hypot(*env.task.fleet.z[PASSIVE])
+    assert swung[0] < 1e-12 < 0.19 < swung[1]
 
 
 def test_the_wind_pushes_with_its_dynamic_pressure_on_the_payload() -> None:
@@ -235,16 +228,12 @@ def test_next_step_and_same_step_are_followed_by_the_next_episode_as_gymnasium_s
 
 def test_a_seed_draws_the_same_episodes_and_starts_lie_in_reach() -> None:
     rules = Rules(reach=(0.1, 2.0, 1.0), swing=0.05)
-    tasks = [SwingTask(crane(), 500, rules, 0.1, 5e-4, 1) for _ in range(2)]
-    for task in tasks:
-        task.begin(np.random.default_rng(7), np.arange(500))
-    assert np.array_equal(tasks[0].fleet.z, tasks[1].fleet.z) and np.array_equal(
-        tasks[0].goal, tasks[1].goal
-    )
-    z, way = tasks[0].fleet.z, np.abs(tasks[0].goal - tasks[0].fleet.z[DRIVES])
-    assert (way.max(axis=1) <= rules.reach).all() and (
-        way.max(axis=1) > 0.9 * np.array(rules.reach)
-    ).all()
+    task, other = (SwingTask(crane(), 500, rules, 0.1, 5e-4, 1) for _ in range(2))
+    for one in (task, other):
+        one.begin(np.random.default_rng(7), np.arange(500))
+    assert np.array_equal(task.fleet.z, other.fleet.z) and np.array_equal(task.goal, other.goal)
+    z, way = task.fleet.z, np.abs(task.goal - task.fleet.z[DRIVES]).max(axis=1)
+    assert (way <= rules.reach).all() and (way > 0.9 * np.array(rules.reach)).all()
     swing = np.sqrt((z[PASSIVE] ** 2 + z[5 + PASSIVE] ** 2 * z[4] / crane().gravity).sum(axis=0))
     assert 0.045 < swing.max() <= 0.05 + 1e-12
 
@@ -377,13 +366,11 @@ def test_a_seed_of_numpy_is_the_same_as_that_of_python_and_gymnasiums_own_is_tak
 
 
 def test_the_benchmark_counts_steps(capsys: pytest.CaptureFixture[str]) -> None:
-    assert environment.main(["--counts", "64", "--rounds", "1", "--seconds", "0"]) == 0
+    words = ["--rounds", "1", "--seconds", "0"]
+    assert environment.main(["--counts", "64", *words]) == 0
     count, *rates = capsys.readouterr().out.splitlines()[1].split()
     assert count == "64" and all(float(rate) > 0.0 for rate in rates)
-    assert (
-        environment.main(["--counts", "8", "--rounds", "1", "--seconds", "0", "--least", "1e6"])
-        == 1
-    )
+    assert environment.main(["--counts", "8", *words, "--least", "1e6"]) == 1
 
 
 def test_cranes_can_be_drawn_between_two_ends() -> None:

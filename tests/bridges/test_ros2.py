@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cranedyn.__main__ import main
 from cranedyn.bridges import ros2
 from cranedyn.controllers import hold_controller
 from cranedyn.dynamics.pinocchio import full
+from cranedyn.errors import ModelError
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
@@ -168,16 +168,14 @@ def test_the_worlds_take_the_physics_step_that_is_asked_for(tmp_path: Path, cran
 
 def test_the_articles_traps_are_answered(package: Path, robot: ET.Element) -> None:
     text = (package / "urdf" / "crane.urdf").read_text()
-    assert "<!--" not in text  # a colon and a space in a comment broke gazebo_ros2_control
-    assert "<mesh" not in text and "package://" not in text and "file://" not in text
+    # A colon and a space in a comment broke gazebo_ros2_control.
+    assert not [word for word in ("<!--", "<mesh", "package://", "file://") if word in text]
     assert robot.find(".//gravity") is None  # nothing turns gravity off for a link
-    assert [
-        link.get("name") for link in robot.iterfind("link") if link.find("inertial") is None
-    ] == ["world"]
-    for world in ("crane.sdf", "classic.sdf"):
-        assert (
-            ET.parse(package / "worlds" / world).getroot().findtext("world/gravity") == "0 0 -9.8"
-        )
+    light = [link.get("name") for link in robot.iterfind("link") if link.find("inertial") is None]
+    assert light == ["world"]
+    for name in ("crane.sdf", "classic.sdf"):
+        world = ET.parse(package / "worlds" / name).getroot()
+        assert world.findtext("world/gravity") == "0 0 -9.8"
 
 
 def test_the_controllers_run_at_200_hz_on_the_drives(package: Path) -> None:
@@ -256,93 +254,71 @@ class _Stub:
 @pytest.fixture
 def launched(package: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Runs a launch file where ROS is not, and gives its description."""
-    made = {
-        "launch": {"LaunchDescription": _Stub},
-        "launch.actions": {"DeclareLaunchArgument": _Stub, "IncludeLaunchDescription": _Stub},
-        "launch.conditions": {"IfCondition": _Stub},
-        "launch.launch_description_sources": {"PythonLaunchDescriptionSource": _Stub},
-        "launch.substitutions": {"LaunchConfiguration": _Stub},
-        "launch_ros": {},
-        "launch_ros.actions": {"Node": _Stub},
-        "ament_index_python": {},
-        "ament_index_python.packages": {
-            "get_package_share_directory": lambda name: f"/opt/ros/share/{name}"
-        },
+    made: dict[str, list[str]] = {
+        "launch": ["LaunchDescription"],
+        "launch.actions": ["DeclareLaunchArgument", "IncludeLaunchDescription"],
+        "launch.conditions": ["IfCondition"],
+        "launch.launch_description_sources": ["PythonLaunchDescriptionSource"],
+        "launch.substitutions": ["LaunchConfiguration"],
+        "launch_ros": [],
+        "launch_ros.actions": ["Node"],
+        "ament_index_python": [],
+        "ament_index_python.packages": [],
     }
-    for name, content in made.items():
+    for name, classes in made.items():
         module = ModuleType(name)
-        vars(module).update(content)
+        vars(module).update(dict.fromkeys(classes, _Stub))
         monkeypatch.setitem(sys.modules, name, module)
-    return lambda name: runpy.run_path(str(package / "launch" / name))[
-        "generate_launch_description"
-    ]().args[0]
+    vars(module)["get_package_share_directory"] = lambda name: f"/opt/ros/share/{name}"
+
+    def entries(name: str) -> list[_Stub]:
+        launch_file = runpy.run_path(str(package / "launch" / name))
+        return launch_file["generate_launch_description"]().args[0]
+
+    return entries
 
 
 def test_the_launch_files_start_what_the_package_depends_on(launched: Any, package: Path) -> None:
-    depends = {
-        tag.text for tag in ET.parse(package / "package.xml").getroot().iterfind("exec_depend")
-    }
-    nodes = [
-        one
-        for name in ("display.launch.py", "gz.launch.py")
-        for one in launched(name)
-        if "executable" in one.named
-    ]
-    assert {node.named["package"] for node in nodes} < depends
+    root = ET.parse(package / "package.xml").getroot()
+    depends = {tag.text for tag in root.iterfind("exec_depend")}
+    entries = [*launched("display.launch.py"), *launched("gz.launch.py")]
+    nodes = [entry.named for entry in entries if "executable" in entry.named]
+    assert {node["package"] for node in nodes} < depends
     controllers = (package / "config" / "controllers.yaml").read_text()
     assert set(re.findall(r"type: (\w+)/", controllers)) < depends
-    assert {node.named["executable"] for node in nodes} >= {
-        "rviz2",
-        "robot_state_publisher",
-        "create",
-        "spawner",
-    }
+    needed = {"rviz2", "robot_state_publisher", "create", "spawner"}
+    assert {node["executable"] for node in nodes} >= needed
 
 
 def test_the_simulated_crane_is_told_where_its_controllers_stand(
     launched: Any, package: Path
 ) -> None:
-    (publisher,) = [
-        one
-        for one in launched("gz.launch.py")
-        if one.named.get("package") == "robot_state_publisher"
-    ]
-    robot = ET.fromstring(publisher.named["parameters"][0]["robot_description"].encode())
-    assert robot.findtext("gazebo/plugin/parameters") == str(
-        package.resolve() / "config" / "controllers.yaml"
-    )
-    spawned = [
-        one.named["arguments"][0]
-        for one in launched("gz.launch.py")
-        if one.named.get("executable") == "spawner"
-    ]
+    entries, package = [entry.named for entry in launched("gz.launch.py")], package.resolve()
+    (publisher,) = [one for one in entries if one.get("package") == "robot_state_publisher"]
+    robot = ET.fromstring(publisher["parameters"][0]["robot_description"].encode())
+    controllers = str(package / "config" / "controllers.yaml")
+    assert robot.findtext("gazebo/plugin/parameters") == controllers
+    spawned = [one["arguments"][0] for one in entries if one.get("executable") == "spawner"]
     assert spawned == ["joint_state_broadcaster", "drives"]
-    (world,) = [one for one in launched("gz.launch.py") if "launch_arguments" in one.named]
-    assert dict(world.named["launch_arguments"]) == {
-        "gz_args": f"-r {package.resolve() / 'worlds' / 'crane.sdf'}"
-    }
+    (world,) = [one for one in entries if "launch_arguments" in one]
+    assert dict(world["launch_arguments"]) == {"gz_args": f"-r {package / 'worlds' / 'crane.sdf'}"}
 
 
-def test_the_inertia_of_a_motor_which_gazebo_does_not_know_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_inertia_of_a_motor_which_gazebo_does_not_know_is_refused(tmp_path: Path) -> None:
     text = load_crane().urdf.replace('armature="0"', 'armature="250.0"')
     (tmp_path / "geared.urdf").write_text(text)
-    assert load_crane(tmp_path / "geared.urdf").model.armature.max() == 250.0
-    assert (
-        main(["export", "ros2", str(tmp_path / "out"), "--urdf", str(tmp_path / "geared.urdf")])
-        == 2
-    )
-    assert "The joint yaw_joint has an armature" in capsys.readouterr().err
+    geared = load_crane(tmp_path / "geared.urdf")
+    assert geared.model.armature.max() == 250.0
+    with pytest.raises(ModelError, match="The joint yaw_joint has an armature"):
+        ros2.export(tmp_path / "out", geared)
 
 
 def test_a_crane_that_hangs_on_another_root_is_hung_on_the_world(tmp_path: Path) -> None:
     text = load_crane().urdf
     old = text[text.index('<link name="world"/>') : text.index('<link name="base_link">')]
     (tmp_path / "bare.urdf").write_text(text.replace(old, ""))
-    assert (
-        main(["export", "ros2", str(tmp_path / "out"), "--urdf", str(tmp_path / "bare.urdf")]) == 0
-    )
-    robot = ET.parse(tmp_path / "out" / "urdf" / "crane.urdf").getroot()
-    assert robot.find("joint[@name='fixed_to_the_world']/parent[@link='world']") is not None
-    assert load_crane(tmp_path / "out" / "urdf" / "crane.urdf").model.nq == 5
+    bare = load_crane(tmp_path / "bare.urdf")
+    path = ros2.export(tmp_path / "out", bare) / "urdf" / "crane.urdf"
+    parent = "joint[@name='fixed_to_the_world']/parent[@link='world']"
+    assert ET.parse(path).getroot().find(parent) is not None
+    assert load_crane(path).model.nq == 5
