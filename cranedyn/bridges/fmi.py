@@ -133,10 +133,11 @@ def export(
     token = f"{{{hashlib.sha256(content).hexdigest()[:32]}}}"
     library = _link(code, _header(crane, variables, token, dt))
     with new_file(final) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as unit:
-        for name, part in {
+        parts = {
             "modelDescription.xml": _description(variables, token, dt, drive),
             f"binaries/{_platform()}/{NAME}{_SUFFIX}": library,
-        }.items():
+        }
+        for name, part in parts.items():
             unit.writestr(zipfile.ZipInfo(name, _DATE), part, zipfile.ZIP_DEFLATED)
     return final
 
@@ -226,10 +227,10 @@ def _description(variables: Sequence[FmiVariable], token: str, dt: float, drive:
             if value is not None and np.isfinite(value):
                 entries[name] = repr(value)
         ET.SubElement(listed, "Float64" if variable.unit else "Boolean", entries)
+    outputs = [str(i) for i, variable in enumerate(variables) if variable.causality == "output"]
     for kind in ("Output", "InitialUnknown"):
-        for reference, variable in enumerate(variables):
-            if variable.causality == "output":
-                add(structure, kind, valueReference=str(reference))
+        for output in outputs:
+            add(structure, kind, valueReference=output)
     return xml_bytes(root)
 
 
@@ -254,19 +255,15 @@ def _header(crane: Crane, variables: Sequence[FmiVariable], token: str, dt: floa
 
     sizes = BufferLayout.of(crane.layout)
     gains, row, summary = slices(sizes.gain_table), slices(sizes.row), slices(sizes.summary)
-    names = [variable.name for variable in variables]
-    first = {
-        kind: next(i for i, variable in enumerate(variables) if variable.causality == kind)
-        for kind in ("input", "parameter", "output")
-    }
+    names, kinds = [v.name for v in variables], [v.causality for v in variables]
     numbers = {
         "VARIABLES": len(variables),
-        "COMMAND": first["input"],
+        "COMMAND": kinds.index("input"),
         "FORCE": names.index(force_names(crane)[0]),
-        "START": first["parameter"],
-        "OUTPUT": first["output"],
+        "START": kinds.index("parameter"),
+        "OUTPUT": kinds.index("output"),
         "VALID": len(variables) - 1,
-        "STATES": first["output"] - first["parameter"],
+        "STATES": kinds.count("parameter"),
         "DRIVES": sizes.m,
         "SLOTS": len(SLOTS),
         **{f"SLOT_{name.upper()}": slot for name, slot in SLOTS.items()},
@@ -281,8 +278,8 @@ def _header(crane: Crane, variables: Sequence[FmiVariable], token: str, dt: floa
         "AT_ENERGY": row["energy"].start,
         "AT_INVALID": summary["invalid"].start,
     }
-    lines = [f'#define TOKEN "{token}"', f"#define DT {dt!r}"]
-    lines += [f"#define {name} {value}" for name, value in numbers.items()]
+    defined = {"TOKEN": f'"{token}"', "DT": repr(dt), **numbers}
+    lines = [f"#define {name} {value}" for name, value in defined.items()]
     lines += ["static const struct { const char *name; double start, least, most; } VARIABLE[] = {"]
     for v in variables:
         lines.append(f"  {{{_text(v.name)}, {_c(v.start or 0.0)}, {_c(v.lower)}, {_c(v.upper)}}},")
@@ -307,10 +304,8 @@ def _platform() -> str:
     system, machine = platform.system().lower(), platform.machine()
     kind = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine.lower(), machine)
     if system not in ("linux", "darwin") or kind not in ("x86_64", "aarch64"):
-        raise CraneError(
-            f"Units are made on Linux and macOS, x86_64 or aarch64; this machine is {system} on "
-            f"{kind}."
-        )
+        machine = f"this machine is {system} on {kind}"
+        raise CraneError(f"Units are made on Linux and macOS, x86_64 or aarch64; {machine}.")
     return f"{kind}-{system}"
 
 
