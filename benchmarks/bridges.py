@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.bridges import bags, fmi, gazebo, mcap, mjcf, ros2
-from cranedyn.bridges.names import input_names, state_names
+from cranedyn.bridges.joints import input_names, state_names
 from cranedyn.command import Parser, command
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory

@@ -59,10 +59,8 @@ class CableFamily:
     def __init__(self, motions: Sequence[Motion], spread: float, hoist: int) -> None:
         shorter, plan, longer = (np.stack([m.q, m.v, m.a], axis=1) for m in motions)
         self.spread, self._hoist = spread, hoist
-        first, second = (
-            (longer - shorter) / (2.0 * spread),
-            (longer - 2.0 * plan + shorter) / (spread**2),
-        )
+        first = (longer - shorter) / (2.0 * spread)
+        second = (longer - 2.0 * plan + shorter) / (spread**2)
         # q, v and a as planned, their first and their second derivatives, a row for each
         self._table = np.concatenate([plan, first, second], axis=1)
 
@@ -258,9 +256,8 @@ def _family(
     for variant in outer:
         variant.check_fits("motion on another cable", crane.layout)
         if variant.q.shape != motion.q.shape or variant.period != motion.period:
-            raise OutOfRange(
-                "motion on another cable",
-                f"one of {len(variant.q)} rows every {variant.period:g} s",
-                f"one of {len(motion.q)} rows every {motion.period:g} s, as planned",
+            given, planned = (
+                f"one of {len(m.q)} rows every {m.period:g} s" for m in (variant, motion)
             )
+            raise OutOfRange("motion on another cable", given, f"{planned}, as planned")
     return CableFamily([outer[0], motion, outer[1]], spread, hoist)
