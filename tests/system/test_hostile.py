@@ -4,6 +4,7 @@ file is lost or half there.
 
 from __future__ import annotations
 
+import errno
 import io
 import itertools
 import json
@@ -15,6 +16,7 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -23,17 +25,22 @@ import pyarrow.parquet
 import pytest
 from PIL import Image
 
+from cranedyn.analysis.prediction import free_swing
+from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import join, read, read_columns
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange
 from cranedyn.model.description import describe, parse_values
 from cranedyn.model.load import load_crane
 from cranedyn.model.urdf import parse_urdf, skeleton
+from cranedyn.planning.itinerary import Leg, itinerary
 from cranedyn.recording import snapshot as pictures
 from cranedyn.simulation.simulate import simulate
+from cranedyn.sweep import grid, sweep
 from experiments import a1, a2, a3, energy, harness, mass_ratio, report
 from experiments import snapshot as snapshots
 from tests.helpers import RESULT, crane, files, python, turned
+from tests.studies import squares
 
 
 @pytest.fixture(scope="module")
@@ -472,6 +479,65 @@ def test_an_energy_that_grows_leaves_the_band_of_its_ripple() -> None:
     assert not least <= mean <= most
 
 
+class Mine(Exception):
+    """What a caller's own function raises."""
+
+
+def raising(*_: object) -> Any:
+    """A function of the caller's own."""
+    raise Mine("not today")
+
+
+@pytest.mark.parametrize("whose", ["batch", "free swing"])
+def test_what_a_callers_own_reference_raises_is_a_sentence_with_its_place_and_its_cause(
+    whose: str,
+) -> None:
+    c, law = crane(), hold_controller(crane())
+    words = rf"The reference raised Mine in \w+, line \d+ of {Path(__file__).name}: not today\."
+    with pytest.raises(CraneError, match=words) as caught:
+        if whose == "batch":
+            simulate_batch(c, law, raising, start=c.start, duration=0.05)
+        else:
+            free_swing(c, law, raising, c.state(phi=0.1), since=1.0, until=3.0)
+    assert isinstance(caught.value.__cause__, Mine)
+
+
+def test_a_leg_that_would_never_end_is_refused() -> None:
+    c = crane()
+    legs = [Leg("out", x=12.0), Leg("back", x=float(c.start.q[c.layout.index("x")]))]
+    with pytest.raises(OutOfRange, match="time that leg out takes at these rates is inf s"):
+        itinerary(c, c.start, legs, rates=(0.1, 5e-324, 1.0), dwell=1.0)
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "says"),
+    [
+        ("gamma_dot_rad_s", 1e7, "gamma_dot_rad_s is -?[19].* in some row; allowed is -10 to 10"),
+        ("theta_dot_rad_s", 1e4, "theta_dot_rad_s is -?[19].* in some row; allowed is -10 to 10"),
+        ("x_m", 1e4, r"the trolley sideways by up to 2e\+05 m/s²; allowed is up to 1000 m/s²"),
+    ],
+)
+def test_a_jib_or_a_load_faster_than_any_crane_is_refused_before_it_is_integrated(
+    column: str, factor: float, says: str, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = pyarrow.csv.read_csv("good.csv")
+    at, values = table.column_names.index(column), table[column].to_numpy() * factor
+    pyarrow.csv.write_csv(table.set_column(at, column, pa.array(values)), "fast.csv")
+    monkeypatch.setattr(a3, "_integrate", lambda *_: pytest.fail("a model was integrated"))
+    code, err = said(a3, ["--from", "fast.csv", "--out", "out"])
+    assert code == 2 and re.search(says, err), err
+
+
+def test_where_a_file_system_knows_no_locks_a_sweep_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unknown(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("cranedyn.data.files.fcntl.flock", unknown)
+    assert sweep(squares, grid(x=[1.0]), tmp_path / "swept", workers=1).done == 1
+
+
 # --- pictures and the report ----------------------------------------------------------------------
 
 
@@ -584,3 +650,28 @@ def test_a_result_of_another_shape_is_one_sentence_and_no_report(
     err = capsys.readouterr().err
     assert err.startswith("error: Cannot read ") and err.count("\n") == 1
     assert not (tmp_path / "report.html").exists()
+
+
+@pytest.mark.parametrize("code", [2, 130])
+def test_a_report_may_go_into_a_folder_that_looks_like_an_option_and_ends_as_its_experiment(
+    code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folders: list[str] = []
+
+    def main(argv: list[str]) -> int:
+        folders.append(harness.parser("mass_ratio", "A trial.").parse_args(argv).out)
+        return code
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(mass_ratio, "main", main)
+    assert report.main(["--out=-", "--only", "mass_ratio"]) == code
+    assert folders == ["-/mass_ratio"] and files(tmp_path) == []
+
+
+def test_a_report_judges_all_folders_before_the_first_experiment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(a1, "main", lambda argv: pytest.fail("a1 was run"))
+    (tmp_path / "a2").write_text("in the way", encoding="utf-8")
+    assert report.main(["--out", str(tmp_path), "--only", "a1", "a2"]) == 2
+    assert files(tmp_path) == ["a2"]
