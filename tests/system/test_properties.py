@@ -206,18 +206,10 @@ def test_a_run_ends_with_finite_numbers_or_with_a_sentence(
     wild = case._replace(what=what)
     with np.errstate(over="ignore"):
         commands = wild.efforts if drive == "effort" else wild.accelerations
+    how = dict(start=case.start, duration=0.2, dt=dt, control_period=1e-2)
+    how |= dict(drive=drive, validity=validity, disturbance=WINDS[blows](case))
     try:
-        found = simulate(
-            case.crane,
-            quarters(commands, 0.2),
-            start=case.start,
-            duration=0.2,
-            dt=dt,
-            control_period=1e-2,
-            drive=drive,
-            validity=validity,
-            disturbance=WINDS[blows](case),
-        )
+        found = simulate(case.crane, quarters(commands, 0.2), **how)
         assert len(found) == 21
         # Drives that take efforts may be too fast, which marks rows but stops no run.
         drives = case.crane.layout.drives
@@ -237,9 +229,8 @@ def _passive(case: Case, drive: str, step: float) -> Trajectory:
     hoist held; a step per natural time.
     """
     c = replace(case.crane, damping=np.zeros(5), effort_limit=np.full(3, np.inf))
-    start = State(
-        case.start.q, case.start.v * ([0, 0, 1, 1, 0] if drive == "motion" else [1, 1, 1, 1, 0])
-    )
+    free = [0, 0, 1, 1, 0] if drive == "motion" else [1, 1, 1, 1, 0]
+    start = State(case.start.q, case.start.v * free)
     weight = c.payload_mass * G
     compliance = np.linalg.inv(_mass_matrix(c, start.q))[PASSIVE, PASSIVE].max()
     dt = step / np.sqrt(weight * start.q[4] * compliance)
@@ -252,17 +243,8 @@ def _passive(case: Case, drive: str, step: float) -> Trajectory:
         return np.array([0.0, 0.0, -free / (carried - free) * weight])
 
     controller = constant(0.0, 0.0, 0.0) if drive == "motion" else hoist_held
-    periods = round(0.8 / step)
-    return simulate(
-        c,
-        controller,
-        start=start,
-        dt=dt,
-        control_period=dt,
-        duration=periods * dt,
-        drive=drive,
-        validity="mark",
-    )  # type: ignore[arg-type]
+    clock = dict(dt=dt, control_period=dt, duration=round(0.8 / step) * dt)
+    return simulate(c, controller, start=start, drive=drive, validity="mark", **clock)
 
 
 def _mass_matrix(c: Crane, q: np.ndarray) -> np.ndarray:
@@ -281,20 +263,12 @@ def _ripple(c: Crane, run: Trajectory) -> np.ndarray:
     a = np.diff(run.v, axis=0) / dt
     h = 1e-4 / (np.abs(a).max() + 1e-6)
     there, back = (
-        np.array(
-            [
-                dynamics.energy(c, State(q + s * aa, v))
-                for q, v, aa in zip(run.q, run.v, a, strict=False)
-            ]
-        )
-        for s in (h, -h)
+        np.array([dynamics.energy(c, State(q, v)) for q, v in zip(moved, run.v[:-1], strict=True)])
+        for moved in (run.q[:-1] + h * a, run.q[:-1] - h * a)
     )
     momentum = np.array([_mass_matrix(c, q) @ v for q, v in zip(run.q, run.v, strict=True)])[:-1]
-    return (
-        dt**2
-        / 2.0
-        * ((there - back) / (2.0 * h) - (momentum * np.gradient(a, dt, axis=0)).sum(axis=1))
-    )
+    slope = (there - back) / (2.0 * h)
+    return dt**2 / 2.0 * (slope - (momentum * np.gradient(a, dt, axis=0)).sum(axis=1))
 
 
 @settings(max_examples=50)
@@ -310,12 +284,8 @@ def test_without_damping_and_work_energy_changes_by_the_ripple_of_the_step_which
     allowed = 0.03 * np.abs(steps).sum() + rounding
     assert_allclose(np.diff(coarse.q[:, 4]), 0.0, atol=1e-9)
     assert_allclose(coarse.energy[1:] - coarse.energy[0], np.cumsum(steps), rtol=0.0, atol=allowed)
-    assert_allclose(
-        coarse.energy - coarse.energy[0],
-        2.0 * (fine.energy[::2] - fine.energy[0]),
-        rtol=0.0,
-        atol=allowed,
-    )
+    halved = 2.0 * (fine.energy[::2] - fine.energy[0])
+    assert_allclose(coarse.energy - coarse.energy[0], halved, rtol=0.0, atol=allowed)
 
 
 # --- symmetries -----------------------------------------------------------------------------------
