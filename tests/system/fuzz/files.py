@@ -45,6 +45,7 @@ from cranedyn.simulation.simulate import simulate
 from cranedyn.sweep import grid, results, sweep
 from experiments import a1, a2, a3, harness, report
 from experiments.harness.document import read_document
+from tests.helpers import RESULT
 from tests.studies import squares
 from tests.system.fuzz.api import namespace
 from tests.system.fuzz.core import NUMBERS, Broken, Generator, check_line, outcome
@@ -224,28 +225,12 @@ _PICTURE = bytes.fromhex(
     "89504e470d0a1a0a0000000d49484452000000010000000108060000001f15c4890000000d49444154789c6360606060000000050001a5f645400000000049454e44ae426082"
 )
 
-_RESULT: dict[str, Any] = {
-    "experiment": "a1",
+_RESULT: dict[str, Any] = RESULT | {
     "about": "What <b>it</b> is.",
-    "command": "python -m experiments.a1",
-    "claims": [
-        {"sentence": "It holds.", "holds": True},
-        {"sentence": "It was not judged.", "holds": None},
-    ],
+    "claims": [{"sentence": "It holds.", "holds": True}, {"sentence": "Unknown.", "holds": None}],
     "parameters": {"dt_s": 5e-4, "values": [1.0, "a"]},
     "figures": ["a.png"],
     "files": {"a.png": hashlib.sha256(_PICTURE).hexdigest()},
-    "tables": [
-        {
-            "title": "t",
-            "columns": ["a", "b"],
-            "formats": ["", ".3f"],
-            "rows": [["x", 1.0], ["y", None]],
-            "note": "n",
-        }
-    ],
-    "versions": {"python": "3.11", "numpy": None},
-    "machine": "m",
 }
 
 
