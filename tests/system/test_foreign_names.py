@@ -58,7 +58,7 @@ def test_a_urdf_that_is_no_tree_is_one_sentence_with_its_reason_and_nothing_else
     row = row.replace("MORE", _MORE).replace("CHILD", _CHILD).replace("PARENT", _PARENT)
     *old, new, sentence = row.split(" => ")
     path = tmp_path / "crane.urdf"
-    path.write_text(re.sub(*(old or ["(?=</robot>)"]), new, urdf, count=1))
+    path.write_text(re.sub(old[0] if old else "(?=</robot>)", new, urdf, count=1))
     with pytest.raises(CraneError, match=sentence) as caught:
         load_crane(path)
     assert str(caught.value).isprintable()

@@ -63,7 +63,23 @@ def commands() -> dict[str, Callable[[list[str]], int]]:
     """Return every command by its module."""
     names = [f"experiments.{module.name}" for module in pkgutil.iter_modules(experiments.__path__)]
     modules = [importlib.import_module(name) for name in ("cranedyn.model.description", *names)]
-    return {module.__name__: module.main for module in modules if hasattr(module, "main")}
+    mains = {module.__name__: module.main for module in modules if hasattr(module, "main")}
+    return mains | {"experiments.trial": _trial}
+
+
+def _trial(argv: list[str]) -> int:
+    """Run a short experiment in any setup, as the command of one."""
+    parser = harness.parser("trial", "A trial.")
+    harness.add_setup(parser)
+    return harness.run_experiment(parser, _experiment, argv)
+
+
+def _experiment(options: object, setup: harness.Setup) -> harness.Outcome:
+    law, start = hold_controller(setup.crane), setup.crane.start
+    run = setup.simulate(setup.crane, law, None, start=start, duration=0.03, label="")
+    rows = list(zip(*run.state(-1), strict=True))
+    table = harness.ResultTable("End", [("q", "g"), ("v", "g")], rows)
+    return harness.Outcome([table], [], {}, {"run": run})
 
 
 arguments = cache(description.arguments)
@@ -271,48 +287,9 @@ def check_whole(paths: list[Path]) -> None:
             raise Broken("a recording without rows", path)
 
 
-# --- any setup ------------------------------------------------------------------------------------
-
-
-def draw_setup(rng: Random) -> list[str]:
-    """Return words that set up to three numbers of the crane and one of the world."""
-    odd = ("0.0", "1e-300", "1e-9", "1e9", "1e29", "1e300", "-1.0", "5e-324", "nan", "inf", "-0.0")
-
-    def value() -> str:
-        wide = repr(10.0 ** rng.uniform(-300.0, 300.0))
-        return rng.choice([rng.choice(odd), wide, *(repr(rng.uniform(0.1, 10.0)) for _ in "ab")])
-
-    names = rng.sample(sorted(arguments()), rng.choice([0, 1, 1, 2, 3]))
-    words = [word for name in names for word in ("--set", f"{name}:={value()}")]
-    flags = rng.sample(["gravity", "dt", "control-period"], rng.choice([0, 0, 1]))
-    return words + [f"--{flag}={value()}" for flag in flags]
-
-
-def attempt_setup(words: list[str], folder: Path) -> str:
-    """Run 0.05 s of an experiment: a result with whole files, or a sentence."""
-    parser, out = harness.parser("trial", "A trial."), folder / "out"
-    harness.add_setup(parser)
-    with _streams() as err:
-        code = harness.run_experiment(parser, _experiment, ["--out", str(out), *words])
-    if code not in (0, 1, 2, 130) or (err() == "") is not (code == 0):
-        raise Broken("a run neither went well nor ended in a sentence", f"{code} {err()}")
-    check_line(code, err())
-    check_whole([*out.rglob("*")])
-    return f"code {code}"
-
-
-def _experiment(options: object, setup: harness.Setup) -> harness.Outcome:
-    law, start = hold_controller(setup.crane), setup.crane.start
-    run = setup.simulate(setup.crane, law, None, start=start, duration=0.05, label="")
-    rows = list(zip(*run.state(-1), strict=True))
-    table = harness.ResultTable("End", [("q", "g"), ("v", "g")], rows)
-    return harness.Outcome([table], [], {}, {"run": run})
-
-
 GENERATORS = [
     Generator(
         f"line {name.rpartition('.')[2]}", partial(draw, name), partial(attempt, name), long=True
     )
     for name in commands()
 ]
-GENERATORS.append(Generator("line setup", draw_setup, attempt_setup, long=True))
