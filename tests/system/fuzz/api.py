@@ -210,6 +210,7 @@ VALUES = {
     "(lambda*a:np.full(3,1e300)) (lambda*a:np.zeros((3,1)))",
     "still": "motion short (lambda*a:np.zeros(3)) (lambda*a:Setpoint(*np.zeros((3,2)))) "
     "(lambda*a:Setpoint(*np.full((3,3),nan)))",
+    "motion.q": "motion.q*nan motion.q[1:] motion.q[:,1:] motion.q[:0] motion.q*1e300",
     "motion": "short elsewhere still",
     "t": "t[::-1] t[:0] t[:1] t*nan t[:,None] np.zeros(1200) np.full(1200,1e300) t.astype('f2')",
     "points": "points[:1] points*nan points[0] points+1e300",
@@ -219,7 +220,9 @@ VALUES = {
 """Values of the same kind, by name."""
 
 _NUMBER = r"\d+\.?\d*(?:e-?\d+)?"
-_PLACES = re.compile(rf"(?<![\w.'])(?:{_NUMBER}|{'|'.join(VALUES)})(?![\w.=(])|'[^']*'")
+_PLACES = re.compile(
+    rf"(?<![\w.'])(?:{_NUMBER}|{'|'.join(map(re.escape, VALUES))})(?![\w.=(])|'[^']*'"
+)
 
 _OURS = str(ROOT / "cranedyn")
 
@@ -337,7 +340,9 @@ def attempt(call: str, folder: Path) -> str:
 
 
 def _check(answer: Any) -> None:
-    """Return if a trajectory or reference has finite numbers only; else raise `Broken`."""
+    """Return if a number, trajectory or reference is finite; else raise `Broken`."""
+    if isinstance(answer, float | np.ndarray) and not np.isfinite(answer).all():
+        raise Broken("an answer is not finite", answer)
     if isinstance(answer, Trajectory) and not np.isfinite(answer.q).all():
         raise Broken("a trajectory that is not finite was returned as good")
     if callable(answer) and type(answer).__module__.startswith("cranedyn.references"):

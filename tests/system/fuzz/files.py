@@ -155,17 +155,21 @@ def _run() -> Trajectory:
     return simulate(load_crane(), hold_controller(load_crane()), duration=0.2)
 
 
+def _written(write: Callable[..., object], **how: Any) -> bytes:
+    sink = io.BytesIO()
+    write(_run().table(), sink, **how)
+    return sink.getvalue()
+
+
 @cache
-def _tables() -> dict[str, bytes]:
-    """A trajectory as CSV and in ways in which Parquet is written."""
-    table, csv = _run().table(), io.BytesIO()
-    pyarrow.csv.write_csv(table, csv)
-    contents = {"a.csv": csv.getvalue()}
-    for compression in ("snappy", "none", "gzip", "zstd"):
-        sink = io.BytesIO()
-        pyarrow.parquet.write_table(table, sink, compression=compression)
-        contents[f"{compression}.parquet"] = sink.getvalue()
-    return contents
+def _csv() -> dict[str, bytes]:
+    return {"a.csv": _written(pyarrow.csv.write_csv)}
+
+
+@cache
+def _parquet() -> dict[str, bytes]:
+    kinds = ("snappy", "none", "gzip", "zstd")
+    return {f"{k}.parquet": _written(pyarrow.parquet.write_table, compression=k) for k in kinds}
 
 
 def _use_table(path: Path) -> None:
@@ -384,7 +388,8 @@ def _named(name: str, content: bytes) -> Callable[[], dict[str, bytes]]:
 
 GENERATORS = [
     edits_of("crane", _cranes, _use_crane),
-    edits_of("table", _tables, _use_table),
+    edits_of("CSV", _csv, _use_table),
+    edits_of("Parquet", _parquet, _use_table),
     edits_of("signals", _signals, _analyse),
     edits_of("sweep", _swept, _use_sweep, _furnish_sweep),
     edits_of("result", _named("result.json", json.dumps(_RESULT, indent=1).encode()), _use_result),
