@@ -24,6 +24,7 @@ def test_the_readme_is_short_enough_to_read_whole() -> None:
     assert len(README.split()) < 1200
 
 
+@pytest.mark.slow
 def test_the_python_of_the_readme_runs_and_makes_what_it_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
