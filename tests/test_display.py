@@ -110,6 +110,7 @@ def test_a_column_that_is_not_there_is_a_sentence_with_those_that_are(run: Traje
         cd.plot(run, "phi")
 
 
+@pytest.mark.slow
 def test_the_figure_of_a_run_has_its_drives_its_setpoints_and_its_swing(run: Trajectory) -> None:
     figure = cd.plot(run)
     *drives, swing = figure.axes
@@ -169,6 +170,7 @@ def test_every_colour_of_a_run_is_legible_on_white_and_on_black_and_no_two_are_a
     assert len(set(RUN_COLOURS)) == len(RUN_COLOURS)
 
 
+@pytest.mark.slow
 def test_the_sketch_has_the_load_where_the_model_has_it() -> None:
     state = crane().state(x=12.0, l=10.0)
     (ax,) = sketch(crane(), state).axes
@@ -188,6 +190,7 @@ def test_a_run_is_recorded_and_opened_in_one_step(
     assert recording.Run is not None
 
 
+@pytest.mark.slow
 def test_a_run_is_looked_at_without_its_crane_which_its_record_names(
     run: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -33,6 +33,7 @@ def urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_check_urdf_accepts_it(urdf: Path) -> None:
     program = Path(sys.executable).with_name("check_urdf")
     if not program.exists():
@@ -60,6 +61,7 @@ def test_yourdfpy_puts_the_load_where_we_do(urdf: Path) -> None:
     same_place()
 
 
+@pytest.mark.slow
 def test_the_visuals_show_a_crane_of_its_measures(urdf: Path) -> None:
     yourdfpy = pytest.importorskip("yourdfpy")
     robot = yourdfpy.URDF.load(str(urdf))
@@ -82,6 +84,7 @@ def engine(urdf: Path) -> Any:
     return mujoco, model, mujoco.MjData(model)
 
 
+@pytest.mark.slow
 def test_mujoco_has_the_same_joints_in_the_same_order(engine: Any) -> None:
     _, model, _ = engine
     assert [model.joint(i).name for i in range(model.njnt)] == [

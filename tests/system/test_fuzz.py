@@ -6,7 +6,9 @@ A bounded number is tried here, the same every time. More: ``python -m tests.sys
 
 from __future__ import annotations
 
+import importlib
 import os
+import re
 import sys
 import time
 from collections.abc import Callable
@@ -48,6 +50,13 @@ def test_every_public_function_is_called_rightly_before_it_is_called_wrongly(
     api.furnish(tmp_path)
     for call in api.calls(group):
         eval(call, dict(api.namespace()))
+
+
+def test_every_function_of_a_public_package_is_called() -> None:
+    called = {word for group in api.CALLS for word in re.findall(r"\w+", api.CALLS[group])}
+    packages = [importlib.import_module(name) for name in api.MODULES]
+    public = {name for package in packages for name in getattr(package, "__all__", ())}
+    assert {name for name in public if name.islower()} - called == api.NOT_CALLED
 
 
 @pytest.mark.slow
@@ -100,6 +109,7 @@ def test_each_kind_of_broken_promise_is_seen(
     assert fault in verdict.fault and bool(verdict.fault) is bool(fault)
 
 
+@pytest.mark.slow
 def test_the_command_counts_what_it_tried_and_repeats_a_case(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

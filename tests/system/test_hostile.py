@@ -166,6 +166,7 @@ def test_nothing_that_a_description_names_is_opened_or_fetched(urdf: str, tmp_pa
     assert load_crane(path).payload_mass == 1000.0
 
 
+@pytest.mark.slow
 def test_a_plain_urdf_is_never_expanded(urdf: str, tmp_path: Path) -> None:
     path = tmp_path / "crane.urdf"
     (tmp_path / "secret.yaml").write_text("a: 1")
@@ -519,6 +520,7 @@ def test_a_jib_or_a_load_faster_than_any_crane_is_refused_before_it_is_integrate
     assert code == 2 and re.search(says, err), err
 
 
+@pytest.mark.slow
 def test_where_a_file_system_knows_no_locks_a_sweep_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -192,7 +192,6 @@ CALLS = {
         wind_force(1.0, 1.0)
         wind_lean(1.0, 1000.0, 9.81)
         read_site(SITE)
-        plan_lift(read_site(SITE), limits)
         identify(model)
         preflight(model)
         read_twin(twin_of(identify(model)).write('new.json'))
@@ -200,6 +199,9 @@ CALLS = {
         """,
 }
 """Good calls of public functions, in the names of `namespace`."""
+
+NOT_CALLED = {"check_display", "check_enabled", "open_viewer", "serve", "sweep", "view"}
+"""Functions of public packages that open a window or a port, or start processes."""
 
 VALUES = {
     "three": "five (1.0,2.0) [[1.0]*3] [nan]*3 [1e300]*3 [-1.0]*3 np.zeros(0) np.ones(3)*1j",
