@@ -200,8 +200,8 @@ CALLS = {
 }
 """Good calls of public functions, in the names of `namespace`."""
 
-NOT_CALLED = {"check_display", "check_enabled", "open_viewer", "serve", "sweep", "view"}
-"""Functions of public packages that open a window or a port, or start processes."""
+NOT_CALLED = {*"check_display check_enabled open_viewer serve view sweep results".split()}
+"""Functions of public packages that open a window or a port, start processes, or read a sweep."""
 
 VALUES = {
     "three": "five (1.0,2.0) [[1.0]*3] [nan]*3 [1e300]*3 [-1.0]*3 np.zeros(0) np.ones(3)*1j",
