@@ -179,7 +179,7 @@ def test_a_server_that_is_told_to_end_ends_its_viewer_and_with_the_code_of_its_c
     process, viewer, _ = _serving(tmp_path / "out")
     os.kill(viewer, 0)  # it runs
     process.send_signal(signal.SIGTERM)
-    _, err = process.communicate(timeout=30)
+    _, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (0, "")
     with pytest.raises(ProcessLookupError):
         os.kill(viewer, 0)
