@@ -86,13 +86,14 @@ def check_choice(name: str, value: str, choices: Any) -> None:
         raise OutOfRange(name, value, " or ".join(get_args(choices)))
 
 
-def as_array(name: str, value: Any, *shapes: Shape) -> np.ndarray:
+def as_array(name: str, value: Any, *shapes: Shape, meaning: str = "") -> np.ndarray:
     """Return a value as an array of doubles, finite or not; an array of doubles is not copied.
 
     Args:
         name: Name of the array for the error message.
         value: Array or nested sequence of real numbers.
         shapes: Shapes that are allowed.
+        meaning: What is allowed, in words; empty for the shapes.
 
     Raises:
         Misshapen: If it is no array of real numbers, has masked elements, or another shape.
@@ -107,20 +108,21 @@ def as_array(name: str, value: Any, *shapes: Shape) -> np.ndarray:
     if array.dtype.kind not in "iuf" or np.ma.is_masked(value):
         kind = f"one of {array.dtype}" if array.shape else type(value).__name__
         kind = "one with masked numbers" if np.ma.is_masked(value) else kind
-        raise Misshapen(name, f"no array of numbers but {kind}", f"an array of {allowed}")
+        given = f"no array of numbers but {kind}"
+        raise Misshapen(name, given, meaning or f"an array of {allowed}")
     if not any(_matches(array.shape, shape) for shape in shapes):
-        raise Misshapen(name, f"an array of shape {array.shape}", f"one of {allowed}")
+        raise Misshapen(name, f"an array of shape {array.shape}", meaning or f"one of {allowed}")
     return array.astype(float, copy=False)
 
 
-def finite(name: str, value: Any, *shapes: Shape, unit: str = "") -> np.ndarray:
+def finite(name: str, value: Any, *shapes: Shape, unit: str = "", meaning: str = "") -> np.ndarray:
     """Return a value as an array of finite doubles, see `as_array`.
 
     Raises:
         Misshapen: As `as_array`.
         OutOfRange: If a number is not finite.
     """
-    array = as_array(name, value, *shapes)
+    array = as_array(name, value, *shapes, meaning=meaning)
     wrong = ~np.isfinite(array)
     if wrong.any():
         raise OutOfRange(name, float(array[wrong][0]), "finite", unit)

@@ -291,7 +291,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         nargs="+",
         metavar="FILE",
         default=None,
-        help="sites as TOML, see docs/lift.md; all examples if not given",
+        help="sites as TOML, see docs/howto/plan_lift.md; all examples if not given",
     )
     parser.add_argument(
         "--from",

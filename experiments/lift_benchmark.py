@@ -26,7 +26,7 @@ from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.planning.lift import Lift, NoWay, plan_lift
 from cranedyn.planning.site import Site
 from cranedyn.planning.solids import Solid, box
-from cranedyn.references.spline import shortest, spline
+from cranedyn.references.simple import shortest, spline
 from experiments import harness
 from experiments.lift import IN_LEAST_TIME, OF_BOUND, OF_LEAST
 from experiments.scenarios.moves import LIMITS

@@ -138,10 +138,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     harness.add_setup(parser, "payload_mass")
     add = parser.add_argument
-    add("--site", metavar="FILE", help="site as TOML, see docs/lift.md; open_yard")
+    add("--site", metavar="FILE", help="site as TOML, see docs/howto/plan_lift.md; open_yard")
     add("--crane", metavar="FILE", help="crane as xacro or URDF instead of ours")
     add("--load", type=float, metavar="KG", help="mass that hangs, hook counted [kg]")
-    add("--chart", metavar="FILE", help="chart as TOML, see docs/lifting.md")
+    add("--chart", metavar="FILE", help="chart as TOML, see docs/howto/judge_lift.md")
     add("--falls", type=int, metavar="N", help="falls of rope; the fewest there are")
     add("--hoisting", choices=get_args(HoistingClass), default="HC2", help="class of the hoist")
     add("--drive", choices=get_args(DriveClass), default="HD4", help="class of its drive")

@@ -101,8 +101,8 @@ cranedyn/dynamics/pinocchio.py
 + (m12 * open_j - m11 * open_i)
 * a force on the payload acts on the trolley
 ? wind::a_force_does_the_work_of_its_way
-- point_force @ jacobian for point_force, jacobian in zip(force,
-+ point_force @ jacobian for point_force, jacobian in zip(force[::-1],
+- pairs = zip(force,
++ pairs = zip(force[::-1],
 * springs are forgotten where a crane is linearised
 ? cranes::the_linear_crane_has_its_springs
 - by_q = by_q - inverse_mass @ crane.springs.tangent(state.q)
@@ -174,7 +174,7 @@ cranedyn/controllers/integral.py
 ? controllers::an_integrator_goes_by_the_period_of_its_loop
 - integral = self.integral + error * self._elapsed
 + integral = self.integral + error * self.tracking.period
-cranedyn/references/interpolation.py
+cranedyn/references/tabulated.py
 * a table is read at the row before
 ? controllers::between_rows_tracking_goes_on_straight_lines
 - return value + share * (table[row + 1] - value) if share else value
@@ -230,17 +230,13 @@ cranedyn/estimation/observer.py
 + command.clip(-np.inf, np.inf)
 * noise of the sensors does not make an observer less sure
 ? sensing::the_filters_gain_tends_to_that_of_the_dual_riccati_equation
-- residual @ self.covariance @ residual.T + self.gain @ self.noise @ self.gain.T
-+ residual @ self.covariance @ residual.T
+- residual @ covariance @ residual.T + gain @ noise @ gain.T
++ residual @ covariance @ residual.T
 cranedyn/estimation/load_filter.py
 * how sure an observer of the load is moves on to first order
 ? load_estimate::the_covariance_of_a_load_at_rest_goes_on_to_second_order_in_the_period
 - self._identity + step + step @ step / 2.0
 + self._identity + step
-* noise of the sensors does not make an observer of the load less sure
-? load_estimate::a_correction_adds_what_the_sensors_tell_to_what_is_known
-- residual @ self.covariance @ residual.T + gain @ self._noise @ gain.T
-+ residual @ self.covariance @ residual.T
 * a reading of the cable says nothing of its share
 ? load_estimate::what_the_sensors_should_say_has_the_derivatives_that_differences_give
 - by[read, -1] = -values[read] / scale
@@ -250,7 +246,7 @@ cranedyn/estimation/load_estimate.py
 ? load_estimate::rates_and_accelerations_of_a_cable_twice_as_long_are_how_its_motion_changes
 - half, turned = beyond**2 / 2.0, acceleration * beyond + rate**2
 + half, turned = beyond**2 / 2.0, acceleration * beyond
-cranedyn/controllers/riccati.py
+cranedyn/controllers/lqr.py
 * the Riccati sweep forgets the cost of effort on the way
 ? control::the_finite_horizon_tends_to_the_algebraic_riccati_equation
 - effort_weight + input_cost @ b[k]
@@ -383,8 +379,8 @@ cranedyn/model/springs.py
 cranedyn/dynamics/linearisation.py
 * free modes forget the springs
 ? cranes::free_modes_are_normal_and_keep_their_amplitudes
-- + crane.springs.tangent(q))[block]
-+ )[block]
+- rest_stiffness(crane.model, data, crane.springs, q)[block]
++ pin.computeGeneralizedGravityDerivatives(crane.model, data, q)[block]
 cranedyn/model/load.py
 * an elastic crane starts where its springs are slack
 ? cranes::a_crane_hangs_where_nothing_accelerates_and_its_energy_has_the_springs
@@ -501,11 +497,15 @@ cranedyn/lifting/checks.py
 ? judgement::a_wind_is_borne_and_a_ground_bears_up_to_what_was_found_and_no_further
 - limit >= required.wind
 + broken >= required.wind
-cranedyn/identification/noise.py
+cranedyn/identification/estimate.py
 * errors with a memory count as if they had none
-? estimate::errors_with_a_memory_are_no_white_noise_and_widen_the_intervals
+? estimate::coloured_errors_widen_the_intervals_and_never_narrow_them
 - covariance += (1.0 - lag / (reach + 1.0)) * (cross + cross.T)
 + covariance += 0.0 * (cross + cross.T)
+* intervals are left open on one side
+? preflight::margins_foretold_are_those_that_come_out
+- student.ppf(0.5 + CONFIDENCE / 2.0
++ student.ppf(CONFIDENCE
 * noise of a record is taken for its second differences
 ? preflight::margins_foretold_are_those_that_come_out
 - np.mean(bent**2, axis=1) / 6.0
@@ -515,11 +515,6 @@ cranedyn/identification/preflight.py
 ? preflight::margins_foretold_are_those_that_come_out
 - total += full[:count, :count] - full[:count, count:] @ beside @ full[count:, :count]
 + total += full[:count, :count]
-cranedyn/identification/estimate.py
-* intervals are left open on one side
-? preflight::margins_foretold_are_those_that_come_out
-- student.ppf(0.5 + CONFIDENCE / 2.0
-+ student.ppf(CONFIDENCE
 cranedyn/sweep/folder.py
 * a chunk file of a sweep may stand for another
 ? sweep_integrity::a_part_that_stands_for_another_counts_as_not_done

@@ -16,14 +16,14 @@ from cranedyn.checks import finite, number, short_repr, whole
 from cranedyn.clocks import clocks, intervals
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.hold import Hold
-from cranedyn.controllers.riccati import riccati
+from cranedyn.controllers.lqr import riccati
 from cranedyn.data.trajectory import QUANTITIES, read
 from cranedyn.errors import CraneError, OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.references import Motion, hanging_reference, hold
 from cranedyn.references.limits import Limits
 from cranedyn.references.shaped import Shaper
-from cranedyn.references.spline import Spline
+from cranedyn.references.simple import Spline
 from cranedyn.simulation.simulate import simulate
 from cranedyn.simulation.stepper import Stepper
 from tests.helpers import crane
@@ -70,7 +70,7 @@ fit_swing(t, t[:9]) => swing is an array of shape (9,); allowed is one of shape 
 agreement(t, nan * t) => modelled is nan; allowed is finite.
 fit_swing(0.0 * t, t) => The times of a record must increase from row to row where a swing is to be
 riccati(2.0 * one, 0.0 * one, one[0], one[0]) => There is no linear-quadratic regulator for this
-valid(crane, rows, rows[:1], rows[:, 2]) => v is an array of shape (1, 5); allowed is one of shape
+conditions(crane, rows, rows[:1], rows[:, 2]) => v is an array of shape (1, 5); allowed is
 trajectory.state(21) => row is 21; allowed is a whole number from -21 to 20.
 trajectory.state(0.5) => row is 0.5; allowed is a whole number from -21 to 20.
 grid(x=[1.0, 2.0]).rows(0, 3) => last is 3; allowed is 0 to 2.
@@ -213,7 +213,7 @@ def test_an_error_of_whoever_a_run_calls_is_its_cause_and_its_rows_are_kept(who:
 def test_a_command_of_complex_numbers_is_refused() -> None:
     with pytest.raises(
         OutOfRange,
-        match=r"command of the controller is \[1j, 0j, 0j\]; allowed is three numbers",
+        match=r"command of the controller is no array of numbers but one of complex128",
     ):
         simulate(C, lambda t, state, setpoint: np.array([1j, 0, 0]), duration=0.1)
 

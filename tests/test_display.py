@@ -13,7 +13,7 @@ from cranedyn import recording
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory, read
 from cranedyn.errors import CraneError, UnknownColumn
-from cranedyn.plotting.curves import plot_runs
+from cranedyn.plotting.figures import plot_runs
 from cranedyn.plotting.style import COLOURS, RUN_COLOURS, colour_of, rgb, run_colour
 from cranedyn.recording.sketch import sketch
 from cranedyn.references import hold, pulse

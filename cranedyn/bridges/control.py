@@ -11,7 +11,7 @@ import numpy as np
 
 from cranedyn.bridges.names import input_names, state_names
 from cranedyn.checks import check_choice, finite, short_repr
-from cranedyn.controllers.linearised import linearised
+from cranedyn.controllers.lqr import linearised
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.dynamics.linearisation import linear
 from cranedyn.dynamics.pinocchio import holding_effort

@@ -15,12 +15,15 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
 from cranedyn.model.layout import Joint
 from cranedyn.model.load import load_crane
+from cranedyn.model.options import load_options
 from cranedyn.model.urdf import parse_urdf
 
 
 def crane_from_options(options: Namespace) -> Crane:
     """Load the crane that the command line describes."""
-    return load_crane(options.urdf, gravity=options.gravity, values=parse_values(options.values))
+    return load_crane(
+        **load_options(options), gravity=options.gravity, values=parse_values(options.values)
+    )
 
 
 @dataclass(frozen=True)
@@ -57,19 +60,17 @@ class ExportedJoint(Joint):
 
 
 def urdf_element(crane: Crane) -> ET.Element:
-    """Return the crane's URDF as XML, without comments, its axes of length one: other programs take
-    a very short axis for none.
+    """Return the crane's URDF as XML, without comments and meshes, its axes of length one: other
+    programs take a very short axis for none.
 
     Raises:
-        ModelError: If it has meshes, which are files of their own, or a rope whose stiffness
-            changes with its length.
+        ModelError: If it has a rope whose stiffness changes with its length.
     """
     robot = parse_urdf(crane.urdf, "the crane")
-    for mesh in robot.iter("mesh"):
-        raise ModelError(
-            f"The crane has the mesh {quoted(mesh.get('filename', ''))}; exports carry primitives "
-            "only."
-        )
+    for link in robot.iterfind("link"):
+        for body in [*link.iterfind("visual"), *link.iterfind("collision")]:
+            if body.find("geometry/mesh") is not None:  # a file of its own
+                link.remove(body)
     for _ in robot.iter("ropeStiffness"):
         raise ModelError(
             "The crane has a rope that stretches; no format that is exported knows a stiffness "

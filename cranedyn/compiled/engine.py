@@ -30,8 +30,7 @@ from cranedyn.dynamics.drives import VelocityDrives
 from cranedyn.errors import Misshapen
 from cranedyn.interfaces import Reference, State
 from cranedyn.references.tabulated import tabulated
-from cranedyn.simulation.engine import Engine, Setting
-from cranedyn.simulation.log import Actuation, Log
+from cranedyn.simulation.engine import Actuation, Engine, Extend, Setting
 from cranedyn.simulation.stepper import DIVERGED
 
 _BLOCK, _STEPS = 2000, 1_000_000
@@ -84,6 +83,7 @@ class CompiledEngine(Engine):
     def _create_views(self) -> None:
         """Create the views of the memory."""
         self._here = self._memory[: self._sizes.z]
+        self._position, self._rate = np.split(self._here, 2)
         self._last_command = self._gain_table[0, slices(self._sizes.gain_table)["feed_forward"]]
 
     def __getstate__(self) -> dict[str, Any]:
@@ -175,7 +175,7 @@ class CompiledEngine(Engine):
         if self._setting.converters is not None or self._setting.buffers:
             self._recall()
         actuation = super().apply_command(command, force)
-        self._last_command[:] = actuation.effort if self._setting.drive == "effort" else command
+        self._last_command[...] = actuation.effort if self._setting.drive == "effort" else command
         if force is not None:
             self._force[0] = actuation.force
         return actuation
@@ -199,14 +199,13 @@ class CompiledEngine(Engine):
         return self._read_state()
 
     def _read_state(self) -> State:
-        z = np.frombuffer(self._here.tobytes())  # a copy that cannot be written to
-        n = self._sizes.n
+        q, v = self._position.tobytes(), self._rate.tobytes()  # copies that cannot be written to
         # what State(q, v) makes, in half the time
-        self.state = tuple.__new__(State, (z[:n], z[n:]))
+        self.state = tuple.__new__(State, (np.frombuffer(q), np.frombuffer(v)))
         return self.state
 
     def run_ahead(
-        self, controller: object, reference: Reference, t_start: float, periods: int, log: Log
+        self, controller: object, reference: Reference, t_start: float, periods: int, extend: Extend
     ) -> Iterator[int]:
         """Log rows under a controller that is affine in the state, block by block, and yield the
         number of rows.
@@ -257,7 +256,7 @@ class CompiledEngine(Engine):
                 "buffers": np.hstack([rows["buffers"], rows["stop_force"]]),
                 "saturated": rows.get("cut", np.zeros((len(times), 1))),
             }
-            log.extend(columns, rows["energy"][:, 0], valid=valid)
+            extend(columns, rows["energy"][:, 0], valid=valid)
             first += len(times)
             self._read_state()
             yield first

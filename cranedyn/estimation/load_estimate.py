@@ -14,13 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.checks import ShortRepr, check_choice, number, whole
-from cranedyn.clocks import SAME_PERIOD
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import inverse_dynamics
-from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.errors import OutOfRange
 from cranedyn.estimation.load_filter import GYROSCOPE, LoadFilter, Sensors
 from cranedyn.estimation.longer_cable import with_longer_cable
-from cranedyn.estimation.observer import initial_std_of
+from cranedyn.estimation.observer import check_next_call, initial_std_of, standard_deviations
 from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
@@ -131,7 +130,7 @@ class LoadEstimateController(ShortRepr):
         if self.estimate is None:
             self.filter.correct(state)
         else:
-            self._expect(t)
+            check_next_call(t, self._t, self.period)
             if len(self._since) > self.delay:
                 self.filter.predict(self._since.popleft())
                 self.filter.correct(state)
@@ -153,13 +152,6 @@ class LoadEstimateController(ShortRepr):
         joint = JointForces.of(crane).effort(row.q, row.v)
         needed = inverse_dynamics(crane.model, crane.data, *row, joint)
         return needed[crane.layout.drives]
-
-    def _expect(self, t: float) -> None:
-        if abs(t - self._t - self.period) > SAME_PERIOD * self.period:
-            raise CraneError(
-                f"This observer has seen t = {self._t:g} s and is asked for t = {t:g} s; it needs "
-                f"a call every {self.period:g} s, and a new one for each run."
-            )
 
 
 def with_load_estimate(
@@ -213,8 +205,8 @@ def with_load_estimate(
     share = offset / abs(length) if length else 0.0
     if disturbance is None:
         disturbance = [CALM[joint.kind, joint.driven] for joint in layout.joints]
-    errors = _numbers("disturbance of the observer", disturbance, n, ">= 0")
-    noise_std = _numbers(
+    errors = standard_deviations("disturbance of the observer", disturbance, n)
+    noise_std = standard_deviations(
         "noise of the observer", noise_of(crane) if noise is None else noise, 2 * n, "> 0"
     )
     begins = State(motion.q[0], motion.v[0]) if start is None else layout.as_state("start", start)
@@ -272,12 +264,3 @@ def _family(
                 f"one of {len(motion.q)} rows every {motion.period:g} s, as planned",
             )
     return CableFamily([outer[0], motion, outer[1]], spread, hoist)
-
-
-def _numbers(
-    name: str, deviations: Sequence[float] | np.ndarray, count: int, allowed: str
-) -> np.ndarray:
-    elements = np.asarray(deviations, dtype=object).ravel()
-    if len(elements) != count:
-        raise OutOfRange(name, deviations, f"{count} standard deviations")
-    return np.array([number(name, element, allowed=allowed) for element in elements])

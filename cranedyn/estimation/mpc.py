@@ -19,15 +19,20 @@ import scipy
 
 from cranedyn.checks import ShortRepr, number, whole, within
 from cranedyn.clocks import multiple
-from cranedyn.controllers.linearised import Linearised, linearised
-from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
-from cranedyn.controllers.riccati import Sweep, riccati
+from cranedyn.controllers.lqr import (
+    Linearised,
+    Sweep,
+    effort_weight_of,
+    linearised,
+    riccati,
+    state_weight_of,
+)
 from cranedyn.controllers.tracking import check_finite
 from cranedyn.errors import CraneError, OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
-from cranedyn.references.interpolation import ROW_TOLERANCE, interpolate, locate
 from cranedyn.references.motion import Motion
+from cranedyn.references.tabulated import ROW_TOLERANCE, interpolate, locate
 
 PENALTY = 1e6
 """Cost of exceeding a bound by the bound itself: linear, and far above the cost of the LQR, so that

@@ -20,7 +20,7 @@ CREEP = 0.1
 """Creep speed of a hoist over its largest; ours."""
 
 _SECOND = "second hand"
-_MODEL = "docs/lifting.md"
+_MODEL = "docs/concepts/lifting.md"
 
 
 class Table(NamedTuple):
@@ -158,7 +158,9 @@ def _clearances(analysis: LiftAnalysis, source_note: str) -> Table:
         required = "kept out of" if name in zones else f"{analysis.site.distance:g}"
         rows.append([name, float(distance[k]), float(certificate.t[k]), required])
     columns = [("obstacle", ""), ("least [m]", ".2f"), ("at [s]", ".1f"), ("required [m]", "")]
-    note = f"Of all that hangs; proven between the instants (docs/lift.md).{source_note}"
+    note = (
+        f"Of all that hangs; proven between the instants (docs/concepts/planning.md).{source_note}"
+    )
     return Table("Clearances", columns, rows, note)
 
 
@@ -266,6 +268,6 @@ def _robustness(analysis: LiftAnalysis, perturbed: Perturbed, source_note: str) 
     ]
     note = (
         "Load ±30 %, cable ±0.5 m, mean wind to 4 m/s with gusts of 6 m/s more, sensors to 20 ms "
-        f"late; interval by Clopper and Pearson (docs/lift.md).{source_note}"
+        f"late; interval by Clopper and Pearson (docs/concepts/planning.md).{source_note}"
     )
     return Table("Perturbed lifts", [("", ""), ("value", "")], rows, note)

@@ -27,5 +27,5 @@ together. An optimal control problem is stated by `move` and `half_spaces` and s
 `transcription`.
 
 An obstacle of a new kind is one function in `site_file`, entered in its table of solids.
-Planning needs the extra `planning`; docs/lift.md says how it works and what it does not do.
+Planning needs the extra `planning`; docs/concepts/planning.md says how it works.
 """

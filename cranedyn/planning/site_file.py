@@ -1,4 +1,4 @@
-"""Sites from TOML files; errors name line and field. docs/lift.md describes the format."""
+"""Sites from TOML files (docs/howto/plan_lift.md); errors name line and field."""
 
 from __future__ import annotations
 

@@ -16,10 +16,11 @@ from cranedyn.data.external import parse_sources
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError, quoted
 from cranedyn.identification import Estimate, Model, Prior, load_record
-from cranedyn.identification.noise import WHITE
+from cranedyn.identification.estimate import ENOUGH, WHITE
 from cranedyn.identification.parameters import Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import add_values, parse_values
+from cranedyn.model.options import add_crane_options, load_options
 from cranedyn.sweep import grid, sweep
 from experiments import gazebo, harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup
@@ -80,10 +81,12 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     check_effect(options)
     if options.coverage is not None:
         return covered(options, setup)
+    loading = load_options(options)
     prior = Prior(
-        options.urdf,
+        loading.pop("urdf", None),
         parse_values(options.values),
         number("gravity", options.believed, "m/s²", "> 0"),
+        loading,
     )
     return files(options, setup, prior) if options.file else examples(setup)
 
@@ -136,13 +139,30 @@ def files(options: argparse.Namespace, setup: Setup, prior: Prior) -> Outcome:
     result = identify_records(model, setup, "records")
     return Outcome(
         tables=[*record_tables(result, "", {}), *of_trials(_trials(result.estimate))],
-        claims=[_white("The records", result)],
+        claims=[*_believed("The records", result), _white("The records", result)],
         parameters=_parameters(result),
         trajectories=_runs(result),
         figures=_figures(result),
         recording=_recording(result),
         texts={"twin.json": result.twin.text},
     )
+
+
+def _believed(subject: str, result: Identification) -> list[Claim]:
+    """Judge whether the twin explains the records, and whether its numbers lie within bounds."""
+    share, column = result.estimate.least_explained
+    bounds = result.estimate.at_bound
+    return [
+        Claim(
+            f"{subject}: the twin explains {100 * ENOUGH:g} % of the variance of each swing at "
+            f"least ({100 * share:.1f} % of {column}).",
+            share >= ENOUGH,
+        ),
+        Claim(
+            f"{subject}: no parameter ended at a bound ({', '.join(bounds) or 'none did'}).",
+            not bounds,
+        ),
+    ]
 
 
 def _white(subject: str, result: Identification) -> Claim:
@@ -382,7 +402,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--estimate", nargs="+", metavar="NAME", default=None, help=text)
     text = (
-        "how drives are parser again: as they moved, by the efforts that acted, or held at "
+        "how drives are simulated: as they moved, by the efforts that acted, or held at "
         "their setpoints by a brake"
     )
     parser.add_argument("--drives", choices=("motion", "effort", "hold"), default=None, help=text)
@@ -407,9 +427,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--joints", dest="named", nargs="+", default=[], metavar="l=NAME", help=text
     )
-    parser.add_argument(
-        "--urdf", metavar="FILE", default=None, help="a .xacro or URDF of another crane"
-    )
+    add_crane_options(parser)
     text = "gravity that one believes in [m/s²]"
     parser.add_argument(
         "--gravity", dest="believed", type=float, default=STANDARD_GRAVITY, metavar="G", help=text

@@ -424,7 +424,8 @@ def test_the_summary_is_that_of_the_recorded_rows(drive: Any) -> None:
         assert batch.residual_swing[i] == pytest.approx(amplitude.max(), rel=1e-14)
         assert batch.largest_effort[i].tolist() == np.abs(effort).max(axis=0).tolist()
         needed = effort if drive == "motion" else None
-        event = validity.first_event(c, q, v, effort[:, 2], needed=needed)
+        bounds = validity.conditions(c, q, v, effort[:, 2], needed=needed)
+        event = validity.first_event(c, bounds)
         assert batch.valid_until[i] == (
             math.inf if event is None else pytest.approx(batch.t[event.row], abs=1e-12)
         )

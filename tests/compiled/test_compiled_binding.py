@@ -43,9 +43,8 @@ from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.errors import CraneError, Misshapen, OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
-from cranedyn.references import hold
+from cranedyn.references import hold, ramp
 from cranedyn.references.limits import Limits
-from cranedyn.references.ramp import ramp
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import ROOT, crane
 

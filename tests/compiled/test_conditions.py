@@ -50,9 +50,8 @@ def test_where_code_says_that_the_model_holds_nobody_asks_again(
         asked.append(1)
         return judged(*given, **named)  # type: ignore[arg-type]
 
-    judged = log.valid
-    monkeypatch.setattr(log, "valid", counted)
-    monkeypatch.setattr(log, "first_event", counted)
+    judged = log.conditions
+    monkeypatch.setattr(log, "conditions", counted)
     start, brake = crane().state(phi=0.1), hold_controller(crane())
     run = simulate(crane(), brake, start=start, duration=20.0, engine="compiled")
     assert not asked and (run.valid == 1.0).all()

@@ -1,5 +1,5 @@
-"""What several threads may do at once, see docs/model.md: all of it with one crane, and the numbers
-are those of one thread alone.
+"""What several threads may do at once (docs/concepts/engine.md): all of it with one crane, and the
+numbers are those of one thread alone.
 """
 
 from __future__ import annotations

@@ -6,16 +6,13 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable
-from functools import cache
 
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 
-from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import hold_controller, lqr
-from cranedyn.controllers.linearised import linearised
-from cranedyn.controllers.tracking import Tracking
+from cranedyn.controllers.lqr import linearised
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.linearisation import sampled
 from cranedyn.errors import CraneError
@@ -29,36 +26,12 @@ from cranedyn.estimation.observer import (
 from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
-from cranedyn.references import Motion, flat, hanging_reference, spline
-from tests.helpers import G, crane, quickly
+from cranedyn.references import Motion, hanging_reference, spline
+from tests.estimation.motions import PERIOD, REST, STILL, at_rest, combined, residual, tracked
+from tests.helpers import crane, quickly
 
 MEASURED, NOISE = crane().layout.measured, noise_of(crane())
 DISTURBANCE, INITIAL_STD = disturbance_of(crane()), initial_std_of(crane())
-STILL = Setpoint(np.zeros(3), np.zeros(3), np.zeros(3))
-PERIOD = 5e-3
-
-
-def at_rest(crane: Crane, **where: float) -> Motion:
-    """A motion that is none."""
-    return Motion(
-        PERIOD,
-        crane.state(**where).q[None],
-        np.zeros((1, 5)),
-        np.zeros((1, 5)),
-        crane.layout.drives,
-    )
-
-
-@cache
-def combined(crane: Crane) -> Motion:
-    """Slew, trolley and hoist together, in 20 s."""
-    return flat(crane, crane.state(x=10.0, l=15.0), crane.state(gamma=0.6, x=20.0, l=10.0), 20.0)
-
-
-@cache
-def tracked() -> Tracking:
-    """The LQR about the combined move, which remembers nothing."""
-    return lqr(crane(), combined(crane()))
 
 
 def random_states(n: int) -> list[State]:
@@ -94,6 +67,7 @@ def test_late_sensors_show_the_first_state_until_the_delay_has_passed_and_then_a
 
 
 @pytest.mark.parametrize("noise", [NOISE, NOISE.tolist(), (NOISE[:5], NOISE[5:])])
+@pytest.mark.slow
 def test_noise_is_white_and_has_the_deviations_asked_for(noise: object) -> None:
     inner, n = Watched(), 20_000
     noisy = with_sensor_model(crane(), inner, noise=noise, rng=np.random.default_rng(1))  # type: ignore[arg-type]
@@ -110,7 +84,7 @@ def test_noise_is_white_and_has_the_deviations_asked_for(noise: object) -> None:
 
 
 def test_an_equal_seed_gives_an_equal_run_and_another_seed_another() -> None:
-    start, motion = crane().state(x=10.0, l=15.0), at_rest(crane(), x=10.0, l=15.0)
+    start, motion = crane().state(**REST), at_rest(crane())
 
     def run(seed: int) -> Trajectory:
         controller = with_sensor_model(
@@ -122,8 +96,9 @@ def test_an_equal_seed_gives_an_equal_run_and_another_seed_another() -> None:
     assert (run(1).command != run(2).command).any()
 
 
+@pytest.mark.slow
 def test_noise_shakes_the_regulated_crane_as_much_as_the_lyapunov_equation_says() -> None:
-    start, motion = crane().state(x=10.0, l=15.0), at_rest(crane(), x=10.0, l=15.0)
+    start, motion = crane().state(**REST), at_rest(crane())
     controller = lqr(crane(), motion)
     run = quickly(
         crane(),
@@ -201,15 +176,11 @@ def process_noise() -> np.ndarray:
     return reach @ np.diag(np.square(DISTURBANCE)) @ reach.T
 
 
-def residual(run: Trajectory) -> float:
-    """Amplitude of the swing at the end [rad]."""
-    return float(swing_amplitude(run.q[-1:, 2:4], run.v[-1:, 2:4], run.q[-1:, 4], G)[0])
-
-
+@pytest.mark.slow
 def test_the_filters_gain_tends_to_that_of_the_dual_riccati_equation() -> None:
-    motion = at_rest(crane(), x=10.0, l=15.0)
+    motion = at_rest(crane())
     observer = with_observer(lqr(crane(), motion), crane(), motion)
-    model, state = sampled(crane(), crane().state(x=10.0, l=15.0)), crane().state(x=10.0, l=15.0)
+    model, state = sampled(crane(), crane().state(**REST)), crane().state(**REST)
     for k in range(4000):
         observer(k * PERIOD, state, STILL)
     noise = np.diag(NOISE[MEASURED] ** 2)
@@ -220,9 +191,10 @@ def test_the_filters_gain_tends_to_that_of_the_dual_riccati_equation() -> None:
     np.testing.assert_allclose(observer.gain, steady, rtol=1e-5, atol=1e-7 * np.abs(steady).max())
 
 
+@pytest.mark.slow
 def test_the_filter_errs_as_much_as_it_says() -> None:
-    motion, rng, runs = at_rest(crane(), x=10.0, l=15.0), np.random.default_rng(11), 30
-    model = sampled(crane(), crane().state(x=10.0, l=15.0))
+    motion, rng, runs = at_rest(crane()), np.random.default_rng(11), 30
+    model = sampled(crane(), crane().state(**REST))
     shares, (values, vectors) = [], np.linalg.eigh(process_noise())
     root = vectors * np.sqrt(values.clip(0.0))
     for _ in range(runs):
@@ -246,10 +218,9 @@ def test_the_filter_errs_as_much_as_it_says() -> None:
     assert np.mean(shares) == pytest.approx(10.0, abs=4.0 * math.sqrt(20.0 / runs))
 
 
-@pytest.mark.parametrize(
-    "motion_of", [lambda c: at_rest(c, x=10.0, l=15.0), combined], ids=["rest", "move"]
-)
+@pytest.mark.parametrize("motion_of", [at_rest, combined], ids=["rest", "move"])
 @pytest.mark.parametrize("swing", ["phi", "theta"])
+@pytest.mark.slow
 def test_a_swing_that_no_sensor_sees_is_known_to_a_hundredth_after_two_seconds(
     motion_of: Callable[[Crane], Motion], swing: str
 ) -> None:
@@ -259,7 +230,7 @@ def test_a_swing_that_no_sensor_sees_is_known_to_a_hundredth_after_two_seconds(
         crane(),
         compared,
         motion,
-        start=crane().state(x=10.0, l=15.0, **{swing: 0.05}),
+        start=crane().state(**REST, **{swing: 0.05}),
         duration=10.0,
     )
     # The first estimate is that it hangs plumb.
@@ -267,8 +238,9 @@ def test_a_swing_that_no_sensor_sees_is_known_to_a_hundredth_after_two_seconds(
     assert compared.swing(2.0) < 5e-4
 
 
+@pytest.mark.slow
 def test_without_a_swing_sensor_the_combined_move_ends_as_still_as_with_one() -> None:
-    motion, start = combined(crane()), crane().state(x=10.0, l=15.0)
+    motion, start = combined(crane()), crane().state(**REST)
     run = quickly(
         crane(), with_observer(tracked(), crane(), motion), motion, start=start, duration=40.0
     )
@@ -278,8 +250,9 @@ def test_without_a_swing_sensor_the_combined_move_ends_as_still_as_with_one() ->
 
 
 @pytest.mark.parametrize("swing", ["phi", "theta"])
+@pytest.mark.slow
 def test_an_initial_swing_is_damped_almost_as_well_as_with_a_sensor(swing: str) -> None:
-    motion, start = combined(crane()), crane().state(x=10.0, l=15.0, **{swing: 0.1})
+    motion, start = combined(crane()), crane().state(**REST, **{swing: 0.1})
     controller = tracked()
     left = [
         residual(quickly(crane(), with_or_without, motion, start=start, duration=40.0))
@@ -290,6 +263,7 @@ def test_an_initial_swing_is_damped_almost_as_well_as_with_a_sensor(swing: str) 
 
 
 @pytest.mark.parametrize("delay", [0, 10])
+@pytest.mark.slow
 def test_noisy_and_late_sensors_of_the_drives_alone_still_end_the_move_below_a_milliradian(
     delay: int,
 ) -> None:
@@ -298,15 +272,14 @@ def test_noisy_and_late_sensors_of_the_drives_alone_still_end_the_move_below_a_m
     compared = Compared(
         observer, with_sensor_model(crane(), observer, delay=delay, rng=np.random.default_rng(2))
     )
-    run = quickly(crane(), compared, motion, start=crane().state(x=10.0, l=15.0), duration=40.0)
+    run = quickly(crane(), compared, motion, start=crane().state(**REST), duration=40.0)
     # five deviations of the swing as the filter says them
     assert compared.swing(2.0) < 5.0 * math.sqrt(np.trace(observer.covariance[2:4, 2:4]))
     assert residual(run) < 1e-3
 
 
-@pytest.mark.parametrize(
-    "motion_of", [lambda c: at_rest(c, x=10.0, l=15.0), combined], ids=["rest", "move"]
-)
+@pytest.mark.parametrize("motion_of", [at_rest, combined], ids=["rest", "move"])
+@pytest.mark.slow
 def test_a_delay_known_to_the_observer_is_predicted_away(
     motion_of: Callable[[Crane], Motion],
 ) -> None:
@@ -318,9 +291,7 @@ def test_a_delay_known_to_the_observer_is_predicted_away(
             crane(), observer, delay=6, noise=np.zeros(10), rng=np.random.default_rng(1)
         ),
     )
-    run = quickly(
-        crane(), compared, motion, start=crane().state(x=10.0, l=15.0, phi=0.05), duration=5.0
-    )
+    run = quickly(crane(), compared, motion, start=crane().state(**REST, phi=0.05), duration=5.0)
     assert np.abs(run.v[200:, 1]).max() * 6 * PERIOD > 5e-3  # so far the trolley runs meanwhile [m]
     # as without a delay: a hundredth of the swing; and a fiftieth of that way
     assert compared.swing(1.0) < 5e-4
@@ -328,7 +299,7 @@ def test_a_delay_known_to_the_observer_is_predicted_away(
 
 
 def test_the_observer_looks_at_the_drives_only() -> None:
-    motion = at_rest(crane(), x=10.0, l=15.0)
+    motion = at_rest(crane())
     one, other = (with_observer(lqr(crane(), motion), crane(), motion) for _ in range(2))
     for k, state in enumerate(random_states(5)):
         blind = State(
@@ -338,19 +309,20 @@ def test_the_observer_looks_at_the_drives_only() -> None:
         assert one(k * PERIOD, state, STILL).tolist() == other(k * PERIOD, blind, STILL).tolist()
 
 
+@pytest.mark.slow
 def test_the_observer_knows_what_the_drives_cannot_give() -> None:
     weak = crane(trolley_effort=300.0)
-    motion = at_rest(weak, x=10.0, l=15.0)
+    motion = at_rest(weak)
     compared = Compared(with_observer(lqr(weak, motion), weak, motion))
-    run = quickly(weak, compared, motion, start=weak.state(x=10.0, l=15.0, phi=0.05), duration=5.0)
+    run = quickly(weak, compared, motion, start=weak.state(**REST, phi=0.05), duration=5.0)
     assert np.abs(run.command[:, 1]).max() > 1000.0
     assert compared.swing(2.0) < 5e-4
 
 
 def test_a_start_that_is_told_is_believed() -> None:
     motion, start = (
-        at_rest(crane(), x=10.0, l=15.0),
-        crane().state(x=10.0, l=15.0, phi=0.05, theta=-0.03),
+        at_rest(crane()),
+        crane().state(**REST, phi=0.05, theta=-0.03),
     )
     compared = Compared(with_observer(lqr(crane(), motion), crane(), motion, start=start))
     quickly(crane(), compared, motion, start=start, duration=1.0)
@@ -359,11 +331,11 @@ def test_a_start_that_is_told_is_believed() -> None:
 
 
 def test_an_observer_is_refused_in_a_second_run_and_where_a_call_is_left_out() -> None:
-    motion = at_rest(crane(), x=10.0, l=15.0)
+    motion = at_rest(crane())
     used = with_observer(lqr(crane(), motion), crane(), motion)
-    quickly(crane(), used, motion, start=crane().state(x=10.0, l=15.0), duration=0.1)
+    quickly(crane(), used, motion, start=crane().state(**REST), duration=0.1)
     with pytest.raises(CraneError, match="a new one for each run"):
-        quickly(crane(), used, motion, start=crane().state(x=10.0, l=15.0), duration=0.1)
+        quickly(crane(), used, motion, start=crane().state(**REST), duration=0.1)
     with pytest.raises(CraneError, match=r"every 0\.005 s"):
         quickly(
             crane(),
@@ -387,11 +359,12 @@ def test_an_observer_is_refused_in_a_second_run_and_where_a_call_is_left_out() -
     ],
 )
 def test_an_observer_that_cannot_be_is_refused(given: dict[str, object], words: str) -> None:
-    motion = at_rest(crane(), x=10.0, l=15.0)
+    motion = at_rest(crane())
     with pytest.raises(CraneError, match=words):
         with_observer(Watched(), crane(), motion, **given)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_what_an_observer_needs_is_loaded_before_its_first_control_instant() -> None:
     program = """
 import sys
@@ -455,8 +428,8 @@ def test_the_last_row_of_a_motion_has_a_model_of_its_own_wherever_it_falls() -> 
 def test_a_state_that_is_not_finite_is_named_and_gives_no_efforts(
     place: int, name: str, value: float
 ) -> None:
-    tracking = lqr(crane(), at_rest(crane(), x=10.0, l=15.0))
-    z = np.concatenate(crane().state(x=10.0, l=15.0))
+    tracking = lqr(crane(), at_rest(crane()))
+    z = np.concatenate(crane().state(**REST))
     z[place] = value
     with (
         np.errstate(invalid="ignore"),

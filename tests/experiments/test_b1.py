@@ -48,7 +48,7 @@ def test_the_spline_alone_on_the_trolley_leaves_the_swing_of_the_closed_form(
     assert row[3] == pytest.approx(closed, rel=2e-3)
 
 
-@pytest.mark.parametrize("document", ["docs/control.md"])
+@pytest.mark.parametrize("document", ["docs/results/control.md"])
 def test_documents_show_the_tables_as_printed(document: str, result: Ran) -> None:
     assert (
         read_document(ROOT / document, "b1").stale(

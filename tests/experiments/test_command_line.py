@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cranedyn.controllers.riccati import riccati, stationary
+from cranedyn.controllers.lqr import riccati, stationary
 from cranedyn.data.trajectory import read
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.model.description import main as description_main

@@ -212,7 +212,7 @@ def test_the_command_compares_the_ways_asked_for(done: Path) -> None:
     assert all(claim["holds"] for claim in result["claims"])
 
 
-@pytest.mark.parametrize("document", ["docs/control.md"])
+@pytest.mark.parametrize("document", ["docs/results/control.md"])
 def test_documents_show_the_ways_asked_for_as_printed(document: str, done: Path) -> None:
     tables = [
         ResultTable.of(kept) for kept in json.loads((done / "result.json").read_text())["tables"]

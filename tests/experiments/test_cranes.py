@@ -377,5 +377,5 @@ def test_every_claim_of_the_experiment_holds_and_none_goes_unjudged(
     assert "25 of 25 claims hold, 0 not judged." in capsys.readouterr().out
     assert (tmp_path / "cranes" / "cranes.rrd").stat().st_size > 1e6
     kept = json.loads((tmp_path / "cranes" / "result.json").read_text())["tables"]
-    document = read_document(ROOT / "docs" / "cranes.md", "cranes")
+    document = read_document(ROOT / "docs" / "results" / "cranes.md", "cranes")
     assert document.stale([ResultTable.of(one) for one in kept]) == []

@@ -22,7 +22,7 @@ from cranedyn.errors import CraneError
 from cranedyn.estimation.sensor_model import noise_of, with_sensor_model
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.references.spline import spline
+from cranedyn.references.simple import spline
 from cranedyn.simulation.simulate import simulate
 from cranedyn.sweep import Design, Progress, results
 from cranedyn.sweep import sweep as swept

@@ -37,7 +37,7 @@ from cranedyn.interfaces import Setpoint
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO
 from cranedyn.model.load import load_crane
-from cranedyn.simulation.setting import Setting
+from cranedyn.simulation.engine import Setting
 from cranedyn.simulation.simulate import simulate
 from experiments import a1, a2, a3, energy, harness, mass_ratio, report
 from experiments.a1 import identify as a1_identify
@@ -210,7 +210,7 @@ def test_help_is_printed(name: str, capsys: pytest.CaptureFixture[str]) -> None:
 @each
 def test_documents_tell_the_numbers_of_the_command(name: str, ran: Callable[[str], Ran]) -> None:
     for document, numbers in zip(
-        ("README.md", "docs/findings.md"), TOLD[name](ran(name)), strict=True
+        ("README.md", "docs/results/article.md"), TOLD[name](ran(name)), strict=True
     ):
         assert missing(numbers, document) == []
 

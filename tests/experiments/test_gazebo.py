@@ -103,7 +103,7 @@ def test_the_experiment_claims_it_and_documents_tell_its_numbers(result: Any) ->
     readme.append(f"| {slewing[0][1]:.4f}, {slewing[0][2]:+.4f}, {slewing[0][3]:.5f} |")
     assert missing(readme, "README.md") == []
     tables = [ResultTable.of(table) for table in result["tables"]]
-    assert read_document(ROOT / "docs" / "findings.md", "gazebo").stale(tables) == []
+    assert read_document(ROOT / "docs" / "results" / "article.md", "gazebo").stale(tables) == []
 
 
 @pytest.mark.parametrize(("main", "name"), [(a1.main, "a1_l5"), (a2.main, "a2"), (a3.main, "a3")])
@@ -154,7 +154,7 @@ def test_a_plugin_that_overwrites_the_passive_rates_is_a_damper_and_takes_what_t
     ]
     told = f"| {theirs[0]:.4f}, {theirs[2]:.2f} J | {ours[0]:.4f}, {ours[2]:.2f} J |"
     assert missing([told], "README.md") == []
-    assert missing([*rows, f"{dampings[1.0][0]:.2f} J are"], "docs/findings.md") == []
+    assert missing([*rows, f"{dampings[1.0][0]:.2f} J are"], "docs/results/article.md") == []
 
 
 def test_what_it_took_cannot_be_judged_in_another_world(tmp_path: Path) -> None:
@@ -181,4 +181,4 @@ def test_the_period_of_pure_gazebo_is_inertia_amplitude_and_gravity() -> None:
     )
     assert period == pytest.approx(7.793010, abs=7e-6)
     error = 100.0 * (period / float(theory.point_period(15.0, 9.80665)) - 1.0)
-    assert missing([f"{period:.6f} s", f"{error:+.3f} %"], "docs/findings.md") == []
+    assert missing([f"{period:.6f} s", f"{error:+.3f} %"], "docs/results/article.md") == []

@@ -27,7 +27,7 @@ from cranedyn.planning.structure import Arm, Base
 from cranedyn.references import hold, pulse
 from cranedyn.simulation.simulate import simulate
 from experiments.relatives.catalogue import BRIDGE, HOOK, RELATIVES, relative_crane
-from tests.helpers import ROOT, G, crane, efforts, locked, quickly, states
+from tests.helpers import G, crane, efforts, locked, quickly, states
 
 ROUND_OFF = 1e-11
 """Relative: both sides add some hundred products of doubles."""
@@ -305,14 +305,3 @@ def test_what_cannot_be_judged_is_a_sentence(call: object, words: str) -> None:
     run, _ = still(of)
     with pytest.raises(CraneError, match="(?s).*" + words.replace("(", r"\(")):
         call(of, run)  # type: ignore[operator]
-
-
-def test_the_python_of_the_page_on_lifting_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    page = (ROOT / "docs" / "lifting.md").read_text(encoding="utf-8")
-    code = page.split("```python\n")[1].split("```")[0]
-    exec(compile(code.replace("duration=20.0", "duration=5.0"), "lifting.md", "exec"), {})
-    assert "cut-out" not in capsys.readouterr().out
-    assert {one.name for one in tmp_path.iterdir()} == {"loads.png", "loads.parquet"}

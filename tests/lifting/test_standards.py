@@ -49,5 +49,5 @@ def test_a_shaped_drive_needs_no_more_than_a_load_that_leans(result: dict) -> No
 
 def test_the_page_on_lifting_shows_what_the_experiment_prints(result: dict) -> None:
     tables = [ResultTable.of(kept) for kept in result["tables"]]
-    page = read_document(ROOT / "docs" / "lifting.md", "factors")
+    page = read_document(ROOT / "docs" / "results" / "factors.md", "factors")
     assert page.stale(tables) == []

@@ -175,7 +175,7 @@ def _listening(session: int) -> dict[int, set[str]]:
 
 @contextmanager
 def _documented(folder: Path, kind: int, listeners: int = 0) -> Iterator[tuple[str, str]]:
-    """What the commands of a block of docs/sweeps.md said, and the address of their scheduler,
+    """What the commands of a block of docs/howto/sweep.md said, and the address of their scheduler,
     while their servers still run.
 
     Of these there are to be so many processes. None of them, and not the program that sweeps, ever
@@ -184,7 +184,7 @@ def _documented(folder: Path, kind: int, listeners: int = 0) -> Iterator[tuple[s
     port = free_port()
     study, *blocks = re.findall(
         r"```(?:python)?\n(.*?)```",
-        (ROOT / "docs" / "sweeps.md").read_text().replace("8786", str(port)),
+        (ROOT / "docs" / "howto" / "sweep.md").read_text().replace("8786", str(port)),
         re.DOTALL,
     )
     (folder / "swings.py").write_text(study)

@@ -34,9 +34,9 @@ from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 from cranedyn.plant.plant import Plant, Topology, numbers, plant
-from cranedyn.references.interpolation import ROW_TOLERANCE
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
+from cranedyn.references.tabulated import ROW_TOLERANCE
 
 PRICE = 1e6
 """Cost of exceeding a bound by its own size in one stage."""

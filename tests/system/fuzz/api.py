@@ -125,9 +125,8 @@ CALLS = {
         agreement(np.cos(t), 0.9 * np.cos(t))
         swing_amplitude(np.full((7, 2), 0.1), np.full((7, 2), 0.1), 10.0, 9.81)
         settling_time(t, np.exp(-t), 0.1)
-        first_event(crane, trajectory.q, trajectory.v, trajectory.effort[:, 2])
         events(crane, trajectory)
-        valid(crane, trajectory.q, trajectory.v, trajectory.effort[:, 2])
+        conditions(crane, trajectory.q, trajectory.v, trajectory.effort[:, 2])
         """,
     "theory": """
         point_period(10.0, 9.81)
