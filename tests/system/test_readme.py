@@ -34,6 +34,7 @@ def test_the_japanese_readme_has_commands_pictures_and_numbers_of_the_english_on
     assert {cell for cell in re.findall(NUMBER, japanese.partition("|---")[2])} <= shown
 
 
+@pytest.mark.slow
 def test_the_python_of_the_readme_runs_and_makes_what_it_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
