@@ -615,8 +615,8 @@ MUTATIONS = (
     ),
     Mutation(
         "a parked neighbour has no rope",
-        "cranedyn/planning/neighbour.py",
-        "return [shape.T for shape in shapes] + [np.array(rope)]",
+        "cranedyn/planning/bodies.py",
+        "return [shape.T for shape in shapes] + [np.vstack(rope)]",
         "return [shape.T for shape in shapes]",
         "clearance::the_rope_of_a_parked_neighbour_is_in_the_way",
     ),

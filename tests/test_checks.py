@@ -27,9 +27,8 @@ from cranedyn.errors import CraneError, OutOfRange, RunError
 from cranedyn.estimation.sensor_model import with_sensor_model
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
-from cranedyn.planning.itinerary import Leg
+from cranedyn.planning.itinerary import Leg, tour
 from cranedyn.planning.optimal import optimal
-from cranedyn.planning.tour import tour
 from cranedyn.references import Motion, flat, hanging_reference, hold, spline
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.shaped import Shaper

@@ -24,7 +24,7 @@ from cranedyn.dynamics.validity import hoisting
 from cranedyn.errors import OutOfRange, UnknownColumn
 from cranedyn.lifting.wrench import Moving, Wrench
 from cranedyn.model.crane import Crane
-from cranedyn.planning.structure import Arm, Base
+from cranedyn.planning.site import Arm, Base
 
 _UP = np.array([0.0, 0.0, 1.0])
 _PRINCIPAL = ("load_moment_Nm", "rope_N", "off_lead_rad", "side_lead_rad")

@@ -29,8 +29,8 @@ from cranedyn.lifting.wind_limit import GUST_FACTOR, WindLimit, wind_limit
 from cranedyn.model.load import load_crane
 from cranedyn.planning.certificate import Check
 from cranedyn.planning.perturbed import _DRAG, Perturbed, _silhouette
+from cranedyn.planning.site import Arm, Base
 from cranedyn.planning.site_file import SITES
-from cranedyn.planning.structure import Arm, Base
 from experiments import lift_report
 from tests.planning.sites import certificate, lift
 

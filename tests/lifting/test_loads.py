@@ -23,7 +23,7 @@ from cranedyn.lifting.loads import Loads, hanging_mass, jib_moment, loads, loads
 from cranedyn.lifting.wrench import Moving
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from cranedyn.planning.structure import Arm, Base
+from cranedyn.planning.site import Arm, Base
 from cranedyn.references import hold, pulse
 from cranedyn.simulation.simulate import simulate
 from experiments.relatives.catalogue import BRIDGE, HOOK, RELATIVES, relative_crane

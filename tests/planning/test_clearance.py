@@ -11,10 +11,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from cranedyn.planning.bodies import shape_corners
+from cranedyn.planning.bodies import neighbour, shape_corners
 from cranedyn.planning.clearance import GROUND, MAST, ROUNDING, Clearance
 from cranedyn.planning.fields import Body, Field
-from cranedyn.planning.neighbour import neighbour
 from cranedyn.planning.solids import body, box, hull, prism
 from tests.planning.sites import HEIGHT, WALL, clearance, corners, crane, site
 

@@ -21,11 +21,11 @@ from cranedyn.estimation.sensor_model import with_sensor_model
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
 from cranedyn.planning import search
+from cranedyn.planning.bodies import neighbour
 from cranedyn.planning.certificate import ARRIVAL_SWING, Certificate, certify, controller_of
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import straight_time
 from cranedyn.planning.lift import RESERVE, NoWay, _way, plan_lift
-from cranedyn.planning.neighbour import neighbour
 from cranedyn.planning.perturbed import (
     HOIST_INTEGRAL,
     Perturbed,

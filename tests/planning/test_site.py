@@ -19,8 +19,8 @@ from cranedyn.planning.bim import read_ifc
 from cranedyn.planning.bodies import shape_corners
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.lift import crane_of
+from cranedyn.planning.site import Arm, Base
 from cranedyn.planning.site_file import SITES, read_site
-from cranedyn.planning.structure import Arm, Base
 from tests.planning.sites import crane, site
 
 

@@ -59,7 +59,6 @@ PUBLIC = {
         "cranedyn.planning.optimal",
         "cranedyn.planning.itinerary",
         "cranedyn.planning.joystick",
-        "cranedyn.planning.tour",
     ),
     "linear": ("cranedyn.dynamics.linearisation", "cranedyn.analysis.prediction"),
     "analysis": ("cranedyn.analysis.swing", "cranedyn.dynamics.validity"),
@@ -95,8 +94,8 @@ INTERNAL = tuple(
         "model.urdf model.values "
         "version planning.bim planning.bodies planning.clearance planning.curve "
         "planning.drive_trajectory planning.fields planning.grid planning.half_spaces "
-        "planning.ifc_shapes planning.move planning.neighbour planning.proof planning.search "
-        "planning.site planning.solids planning.structure planning.symbolic planning.timing "
+        "planning.ifc_shapes planning.move planning.proof planning.search "
+        "planning.site planning.solids planning.symbolic planning.timing "
         "planning.transcription plant plotting plugins processes simulation.engine simulation.log "
         "simulation.record bridges"
     ).split()
