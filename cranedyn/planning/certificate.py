@@ -17,11 +17,10 @@ from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.interfaces import EngineName
+from cranedyn.interfaces import EngineName, State
 from cranedyn.planning.clearance import Clearance, Nearest
 from cranedyn.planning.lift import Lift
-from cranedyn.planning.proof import SlewRange, slew_range, unproven_row
-from cranedyn.planning.site import Site
+from cranedyn.planning.proof import slew_range, unproven_row
 from cranedyn.simulation.simulate import simulate
 
 HOIST_INTEGRAL = 4.0e3
@@ -119,7 +118,7 @@ def certify(
     """
     clearance = lift.clearance if clearance is None else clearance
     controller = controller_of(lift, dt=dt) if controller is None else controller
-    motion, (start, goal_state) = lift.timed.motion, lift.states()
+    motion, (start, goal) = lift.timed.motion, lift.states()
     run = simulate(
         lift.crane,
         replace(controller, integral=0.0),
@@ -130,66 +129,77 @@ def certify(
         control_period=motion.period,
         engine=engine,
     )
-    arrival = run.since(motion.arrival - 1e-9)
-    passive, length = lift.crane.layout.passive, float(arrival.q[0, clearance.joints.hoist])
-    q, v = arrival.q[:1, passive], arrival.v[:1, passive]
-    residual_swing = float(swing_amplitude(q, v, length, lift.crane.gravity)[0])
-
-    stride = max(1, round(_MEASURED / motion.period))
-    rows = np.unique(np.append(np.arange(0, len(run), stride), len(run) - 1))
-    pairs = [clearance.distances(run.q[k], jib=False) for k in rows]
-    distances = {name: np.array([row[name].distance for row in pairs]) for name in pairs[0]}
     k = clearance.nearest_row(run.q)
     nearest, nearest_t = clearance.nearest(run.q[k]), float(run.t[k])
-    peak_swing = float(clearance.tilt(run.q).max())
-    end, goal = clearance.point(np.array([run.q[-1], goal_state.q])[:, clearance.drive_joints])
-
-    slew = run.q[:, clearance.joints.slew]
-    unproven = unproven_row(clearance, run.q, motion.period)
-    free = slew_range(clearance, float(slew[0]), float(slew.min()), float(slew.max()))
-    rates = np.abs(run.v[:, clearance.drive_joints]).max(axis=0) / np.array(lift.limits.rates)
+    t, distances = _distances(clearance, run, max(1, round(_MEASURED / motion.period)))
+    residual_swing = _swing_at(lift, run, motion.arrival)
     checks = [
-        _distance_check(clearance.site, run, nearest, nearest_t, unproven),
-        _slewing_check(clearance.site, slew, free),
-        _swing_check(clearance.site, peak_swing),
-        _arrival_check(residual_swing, float(np.linalg.norm(end - goal))),
-        _drives_check(run, float(rates.max())),
+        _distance_check(clearance, run, motion.period, nearest, nearest_t),
+        _slewing_check(clearance, run),
+        _swing_check(clearance, run),
+        _arrival_check(clearance, run, residual_swing, goal),
+        _drives_check(lift, run),
     ]
-    return Certificate(
-        lift, run, run.t[rows], distances, nearest, nearest_t, residual_swing, checks
-    )
+    return Certificate(lift, run, t, distances, nearest, nearest_t, residual_swing, checks)
+
+
+def _distances(
+    clearance: Clearance, run: Trajectory, stride: int
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return the times [s] of every so many rows of a run, and the distance from each obstacle [m]
+    at these.
+    """
+    rows = np.unique(np.append(np.arange(0, len(run), stride), len(run) - 1))
+    pairs = [clearance.distances(run.q[row], jib=False) for row in rows]
+    return run.t[rows], {
+        name: np.array([nearest[name].distance for nearest in pairs]) for name in pairs[0]
+    }
+
+
+def _swing_at(lift: Lift, run: Trajectory, t: float) -> float:
+    """Return the amplitude of the swing at a time [s]; in [rad]."""
+    row, layout = int(np.searchsorted(run.t, t - 1e-9)), lift.crane.layout
+    q, v = (columns[row : row + 1, layout.passive] for columns in (run.q, run.v))
+    length = float(run.q[row, lift.clearance.joints.hoist])
+    return float(swing_amplitude(q, v, length, lift.crane.gravity)[0])
 
 
 def _distance_check(
-    site: Site, run: Trajectory, nearest: Nearest, nearest_t: float, unproven: int | None
+    clearance: Clearance, run: Trajectory, period: float, nearest: Nearest, nearest_t: float
 ) -> Check:
+    required = clearance.site.distance
+    unproven = unproven_row(clearance, run.q, period)
     proof = "proven between all instants"
     if unproven is not None:
         proof = f"not proven at t = {run.t[unproven]:.2f} s"
     return Check(
-        f"Nothing that hangs comes nearer than {site.distance:g} m: least is "
-        f"{nearest.distance:.2f} m, {nearest.body} and {nearest.obstacle} at "
-        f"t = {nearest_t:.1f} s; {proof}.",
-        unproven is None and nearest.distance >= site.distance,
+        f"Nothing that hangs comes nearer than {required:g} m: least is {nearest.distance:.2f} m, "
+        f"{nearest.body} and {nearest.obstacle} at t = {nearest_t:.1f} s; {proof}.",
+        unproven is None and nearest.distance >= required,
     )
 
 
-def _slewing_check(site: Site, slew: np.ndarray, free: SlewRange) -> Check:
-    low, high = slew.min(), slew.max()
+def _slewing_check(clearance: Clearance, run: Trajectory) -> Check:
+    slew = run.q[:, clearance.joints.slew]
+    low, high = float(slew.min()), float(slew.max())
+    free = slew_range(clearance, float(slew[0]), low, high)
     if low == high or (free.low <= low and high <= free.high and free.low < free.high):
-        turns = f"jib and counter-jib turn freely, with {site.distance:g} m at least"
+        turns = f"jib and counter-jib turn freely, with {clearance.site.distance:g} m at least"
         return Check(f"Slewing: {turns}.", True)
     return Check(f"Slewing: the jib comes too near to {free.below or free.above}.", False)
 
 
-def _swing_check(site: Site, peak: float) -> Check:
+def _swing_check(clearance: Clearance, run: Trajectory) -> Check:
+    peak, allowed = float(clearance.tilt(run.q).max()), clearance.site.swing
     return Check(
-        f"The load swings {1000 * peak:.1f} mrad at most, {1000 * site.swing:.1f} allowed.",
-        peak <= site.swing,
+        f"The load swings {1000 * peak:.1f} mrad at most, {1000 * allowed:.1f} allowed.",
+        peak <= allowed,
     )
 
 
-def _arrival_check(swing: float, off: float) -> Check:
+def _arrival_check(clearance: Clearance, run: Trajectory, swing: float, goal: State) -> Check:
+    end, planned = clearance.point(np.array([run.q[-1], goal.q])[:, clearance.drive_joints])
+    off = float(np.linalg.norm(end - planned))
     return Check(
         f"At the arrival it swings {1e3 * swing:.4f} mrad, {1e3 * ARRIVAL_SWING:g} allowed; it "
         f"ends {1000.0 * off:.1f} mm from its goal.",
@@ -197,8 +207,9 @@ def _arrival_check(swing: float, off: float) -> Check:
     )
 
 
-def _drives_check(run: Trajectory, rate: float) -> Check:
-    cut = bool((run.command != run.effort).any())
+def _drives_check(lift: Lift, run: Trajectory) -> Check:
+    rates = np.abs(run.v[:, lift.clearance.drive_joints]).max(axis=0) / np.array(lift.limits.rates)
+    rate, cut = float(rates.max()), bool((run.command != run.effort).any())
     return Check(
         f"Rates are {100 * rate:.1f} % of their limits at most; efforts are "
         f"{'cut' if cut else 'never cut'}.",

@@ -25,7 +25,7 @@ from cranedyn.planning.bodies import neighbour
 from cranedyn.planning.certificate import ARRIVAL_SWING, Certificate, certify, controller_of
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import straight_time
-from cranedyn.planning.lift import RESERVE, NoWay, _way, plan_lift
+from cranedyn.planning.lift import RESERVE, NoWay, _ways, plan_lift
 from cranedyn.planning.perturbed import (
     HOIST_INTEGRAL,
     Perturbed,
@@ -47,7 +47,6 @@ from experiments import lift as experiment
 from tests.helpers import FAST, G
 from tests.planning.sites import (
     LIMITS,
-    RATES,
     WALL,
     certificate,
     corners,
@@ -135,8 +134,10 @@ def test_a_lift_is_measured_against_the_shorter_way_round_whichever_way_it_goes(
     # A cell of half a second more at both ends.
     assert made.on_grid - 1.0 <= made.way <= 1.02 * made.on_grid
     round_about = made.ends - np.array([[0.0, 0.0, 0.0], [2.0 * math.pi, 0.0, 0.0]])
-    long = _way(made.clearance, round_about, made.slews, RATES, 0.5, LIMITS, 5e-3)
-    assert long is not None
+    long = min(
+        _ways(made.clearance, round_about, made.slews, LIMITS, 0.5, 5e-3),
+        key=lambda lift: lift.timed.motion.arrival,
+    )
     assert long.least == pytest.approx(made.least, rel=1e-12)
     assert long.timed.motion.arrival > 1.4 * long.least
 

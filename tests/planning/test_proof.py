@@ -18,7 +18,6 @@ from cranedyn.planning import lift as planned
 from cranedyn.planning.certificate import certify
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import Path, rounded_path
-from cranedyn.planning.grid import best_on_grid
 from cranedyn.planning.lift import plan_lift
 from cranedyn.planning.proof import (
     CLOSE,
@@ -28,6 +27,7 @@ from cranedyn.planning.proof import (
     unproven_parameter,
     unproven_row,
 )
+from cranedyn.planning.search import best_on_grid
 from cranedyn.planning.solids import box
 from cranedyn.planning.timing import STEP, load_motion
 from cranedyn.references.flat import smoothstep

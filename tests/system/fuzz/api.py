@@ -93,7 +93,7 @@ INTERNAL = tuple(
         "model.joints model.layout model.solvability model.springs "
         "model.urdf model.values "
         "version planning.bim planning.bodies planning.clearance planning.curve "
-        "planning.drive_trajectory planning.fields planning.grid planning.half_spaces "
+        "planning.drive_trajectory planning.fields planning.half_spaces "
         "planning.ifc_shapes planning.move planning.proof planning.search "
         "planning.site planning.solids planning.symbolic planning.timing "
         "planning.transcription plant plotting plugins processes simulation.engine simulation.log "
