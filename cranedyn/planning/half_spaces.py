@@ -16,7 +16,7 @@ import numpy as np
 
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.proof import CLOSE
-from cranedyn.planning.symbolic import ca
+from cranedyn.planning.transcription import ca
 
 _MOST, _FAR = 6, 8.0
 """Most half spaces at a point, and distance from which on an obstacle has none [m]."""

@@ -6,17 +6,22 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 from scipy.interpolate import BPoly
 
 from cranedyn.checks import number
+from cranedyn.dynamics.bodies import bodies
+from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.linearisation import free_modes
 from cranedyn.dynamics.pinocchio import holding_effort, payload_position
+from cranedyn.dynamics.scalars import array
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.planning import symbolic, transcription
+from cranedyn.planning import transcription
 from cranedyn.planning.curve import interpolate_columns, rest_to_rest_time
 from cranedyn.planning.half_spaces import HalfSpaces
-from cranedyn.planning.symbolic import ca
+from cranedyn.planning.transcription import ca
+from cranedyn.plant import rigid_body
 from cranedyn.references.motion import Motion
 
 _TAUT = 0.1
@@ -134,6 +139,43 @@ def is_at_rest(crane: Crane, state: State) -> bool:
     return bool(not state.v.any() and off <= PLUMB)
 
 
+def rnea(model: pin.Model, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
+    """Return generalized forces [N m or N], shape (n,), that cause accelerations, on symbols: as
+    `pin.rnea` damping and friction not counted, gravity and armature counted.
+
+    Args:
+        model: A model whose joints have one coordinate each; the only source of the numbers.
+        q: Coordinates [rad or m], shape (n,).
+        v: Their rates, shape (n,).
+        a: Their accelerations, shape (n,).
+    """
+    tree = bodies(model)
+    tree = tree.with_numbers(tree.numbers().tolist())
+    angles, rates, accelerations = (array(ca.vertsplit(ca.densify(column))) for column in (q, v, a))
+    frames = rigid_body.frames(tree, angles)
+    return ca.vertcat(*rigid_body.tree_inverse_dynamics(tree, frames, rates, accelerations))
+
+
+def hybrid_dynamics(
+    crane: Crane, q: ca.SX, v: ca.SX, drive_acceleration: ca.SX
+) -> tuple[ca.SX, ca.SX]:
+    """Return accelerations of all joints when those of the drives are given, and the drive efforts
+    that this costs.
+
+    The same as `cranedyn.dynamics.pinocchio.prescribed_acceleration`, on symbols: shapes (n,),
+    (n,), (m,) to (n,) and (m,).
+    """
+    drives, passive = crane.layout.drives.tolist(), crane.layout.passive.tolist()
+    a, free = ca.SX(crane.layout.n, 1), ca.SX.sym("free", len(passive))
+    a[drives], a[passive] = drive_acceleration, free
+    angles, rates = (array(ca.vertsplit(ca.densify(column))) for column in (q, v))
+    force = rnea(crane.model, q, v, a) - ca.vertcat(*JointForces.of(crane).effort(angles, rates))
+    mass, force = ca.jacobian(force, free), ca.substitute(force, free, np.zeros(len(passive)))
+    solved = -ca.solve(mass[passive, :], force[passive])
+    a[passive] = solved
+    return a, (force + mass @ solved)[drives]
+
+
 def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Problem:
     """Return the problem of a move.
 
@@ -157,7 +199,7 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
         rate,
         acceleration,
     )
-    full, effort = symbolic.hybrid_dynamics(crane, q, v, a)
+    full, effort = hybrid_dynamics(crane, q, v, a)
     swings = np.isin(layout.passive, crane.swings)
     angle, angle_rate = (column[np.flatnonzero(swings).tolist()] for column in (free, free_rate))
     moved, moving = (column[layout.drives.tolist()] for column in (q, v))

@@ -18,7 +18,13 @@ import numpy as np
 
 from cranedyn.command import defer_sigint
 from cranedyn.errors import CraneError
-from cranedyn.planning.symbolic import ca
+
+try:
+    import casadi as ca
+except ModuleNotFoundError as error:
+    raise CraneError(
+        "Optimal moves need CasADi, which is not installed: pip install 'cranedyn[optimal]'."
+    ) from error
 
 _POINTS = 3
 _RADAU = np.array(ca.collocation_points(_POINTS, "radau"))

@@ -19,7 +19,7 @@ from scipy.optimize import linprog
 
 from cranedyn.controllers import lqr
 from cranedyn.dynamics import pinocchio as dynamics
-from cranedyn.errors import CraneError, ModelError
+from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.references import Motion
@@ -29,7 +29,8 @@ from tests.helpers import G, accelerations, big_crane, crane, quickly, states
 
 ca = pytest.importorskip("casadi", reason="CasADi is not installed")
 
-from cranedyn.planning import symbolic, transcription  # noqa: E402
+from cranedyn.planning import transcription  # noqa: E402
+from cranedyn.planning.move import hybrid_dynamics, rnea  # noqa: E402
 from cranedyn.planning.optimal import optimal  # noqa: E402
 
 LIMITS = Limits((0.0838, 1.583, 1.0), (0.02, 0.4, 0.4))
@@ -70,7 +71,7 @@ def squared_swing(motion: Motion) -> float:
 @cache
 def _symbolic_rnea(model: pin.Model) -> Any:
     q, v, a = (ca.SX.sym(name, model.nv) for name in "qva")
-    return ca.Function("rnea", [q, v, a], [symbolic.rnea(model, q, v, a)])
+    return ca.Function("rnea", [q, v, a], [rnea(model, q, v, a)])
 
 
 @given(states, accelerations)
@@ -113,9 +114,7 @@ def test_symbolic_swing_under_prescribed_drives_is_that_of_the_dynamics_with_dam
 ) -> None:
     damped = crane(damp_slew=3e4, damp_trolley=200.0, damp_swing=5e3, damp_hoist=700.0)
     q, v, a = ca.SX.sym("q", 5), ca.SX.sym("v", 5), ca.SX.sym("a", 3)
-    ours = ca.Function("prescribed", [q, v, a], symbolic.hybrid_dynamics(damped, q, v, a))(
-        *state, drives
-    )
+    ours = ca.Function("prescribed", [q, v, a], hybrid_dynamics(damped, q, v, a))(*state, drives)
     for one, other in zip(
         ours, dynamics.prescribed_acceleration(damped, state, drives), strict=True
     ):
@@ -125,19 +124,11 @@ def test_symbolic_swing_under_prescribed_drives_is_that_of_the_dynamics_with_dam
         )
 
 
-def test_a_joint_of_several_coordinates_is_refused() -> None:
-    model = pin.buildSampleModelHumanoid()
-    with pytest.raises(ModelError, match="with one degree of freedom each"):
-        symbolic.rnea(
-            model, ca.SX.sym("q", model.nq), ca.SX.sym("v", model.nv), ca.SX.sym("a", model.nv)
-        )
-
-
 def test_without_casadi_a_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "casadi", None)
-    monkeypatch.delitem(sys.modules, "cranedyn.planning.symbolic")
+    monkeypatch.delitem(sys.modules, "cranedyn.planning.transcription")
     with pytest.raises(CraneError, match=r"pip install 'cranedyn\[optimal\]'"):
-        importlib.import_module("cranedyn.planning.symbolic")
+        importlib.import_module("cranedyn.planning.transcription")
 
 
 # --- transcription --------------------------------------------------------------------------------

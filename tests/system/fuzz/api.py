@@ -95,7 +95,7 @@ INTERNAL = tuple(
         "version planning.bim planning.bodies planning.clearance planning.curve "
         "planning.drive_trajectory planning.fields planning.half_spaces "
         "planning.ifc_shapes planning.move planning.proof planning.search "
-        "planning.site planning.solids planning.symbolic planning.timing "
+        "planning.site planning.solids planning.timing "
         "planning.transcription plant plotting plugins processes simulation.engine simulation.log "
         "simulation.record bridges"
     ).split()
