@@ -19,7 +19,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.planning.solids import Solid, convex_hull, hull, rotation_z
 
-Placed = tuple[coal.CollisionGeometry, np.ndarray, np.ndarray]
+Shape = tuple[coal.CollisionGeometry, np.ndarray, np.ndarray]
 """A shape with its rotation and translation in the frame of the joint that carries it."""
 
 
@@ -37,8 +37,8 @@ class CollisionBodies:
             width of the hook's block.
     """
 
-    mast: list[Placed]
-    upper: list[Placed]
+    mast: list[coal.Convex]
+    upper: list[Shape]
     trolley: tuple[np.ndarray, np.ndarray]
     hook: tuple[np.ndarray, np.ndarray]
     load: np.ndarray
@@ -121,7 +121,7 @@ def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionB
     )
 
 
-def _mast(shapes: list[Placed]) -> list[Placed]:
+def _mast(shapes: list[Shape]) -> list[coal.Convex]:
     """Return two hulls instead of a hundred bars: one around all bars that reach above a quarter of
     the height, one around the foot.
     """
@@ -131,8 +131,7 @@ def _mast(shapes: list[Placed]) -> list[Placed]:
         [points for points in corners if bool(points[:, 2].max() > quarter) is high]
         for high in (True, False)
     )
-    identity = np.eye(3), np.zeros(3)
-    return [(hull(np.concatenate(half)), *identity) for half in halves if half]
+    return [hull(np.concatenate(half)) for half in halves if half]
 
 
 def shape_corners(crane: Crane) -> list[tuple[int, np.ndarray]]:
@@ -144,13 +143,13 @@ def shape_corners(crane: Crane) -> list[tuple[int, np.ndarray]]:
     ]
 
 
-def _shapes(crane: Crane) -> dict[int, list[Placed]]:
+def _shapes(crane: Crane) -> dict[int, list[Shape]]:
     urdf = crane.urdf
     if ET.fromstring(urdf).find("link/visual/geometry/mesh") is not None:
         raise ModelError(
             "The URDF of the crane shows a mesh; clearance needs boxes, cylinders or spheres."
         )
-    shapes: dict[int, list[Placed]] = {}
+    shapes: dict[int, list[Shape]] = {}
     for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):
         for shape in pin.buildGeomFromUrdfString(crane.model, urdf, kind).geometryObjects:
             placed = (shape.geometry, shape.placement.rotation, shape.placement.translation)
@@ -158,11 +157,11 @@ def _shapes(crane: Crane) -> dict[int, list[Placed]]:
     return shapes
 
 
-def _corners(placed: Placed) -> np.ndarray:
+def _corners(shape: Shape) -> np.ndarray:
     """Return the corners of the box around a shape, aligned with it, in the frame of the joint [m],
     shape (8, 3).
     """
-    geometry, rotation, translation = placed
+    geometry, rotation, translation = shape
     geometry.computeLocalAABB()
     low, high = geometry.aabb_local.min_, geometry.aabb_local.max_
     box = np.array(

@@ -49,12 +49,11 @@ def test_the_broad_phase_gives_the_distances_of_brute_force_for_inflated_bodies(
     """What coal's margins get wrong (its issue 625), shapes inflated by a metre get right."""
     rng = np.random.default_rng(1)
     named = [
-        (str(i), (coal.Box(*rng.uniform(1, 6, 3)), np.eye(3), rng.uniform(-15, 15, 3)))
-        for i in range(25)
+        (str(i), hull(corners(*rng.uniform(1, 6, 3)) + rng.uniform(-15, 15, 3))) for i in range(25)
     ]
     mesh = body("mesh", *_cube_of_triangles(2.0)).moved(np.eye(3), np.array([0.0, 0.0, 20.0]))
-    field = Field([*named, ("mesh", (mesh.geometries()[0], np.eye(3), np.zeros(3)))])
-    moving = Body((hull(corners(1.0, 2.0, 3.0)), np.eye(3), np.zeros(3)), 1.0)
+    field = Field([*named, ("mesh", mesh.geometries()[0])])
+    moving = Body(hull(corners(1.0, 2.0, 3.0)), 1.0)
     touching = 0
     for _ in range(300):
         put = moving.put(coal.Transform3s(rng.uniform(-18, 18, 3)))
@@ -71,10 +70,10 @@ def test_inflating_takes_exactly_as_much_off_a_distance_from_hulls_and_meshes() 
     dented = vertices.copy()
     dented[0] *= 0.2  # no longer convex, so measured from its triangles
     for solid in (body("cube", vertices, triangles), body("dented", dented, triangles)):
-        field = Field([("it", (one, np.eye(3), np.zeros(3))) for one in solid.geometries()])
+        field = Field([("it", one) for one in solid.geometries()])
         found = [
             field.least(
-                Body((hull(corners(1.0, 1.0, 1.0)), np.eye(3), np.zeros(3)), by).put(
+                Body(hull(corners(1.0, 1.0, 1.0)), by).put(
                     coal.Transform3s(np.array([0.0, 0.0, 5.0]))
                 )
             )
@@ -181,8 +180,8 @@ def test_the_rope_of_a_parked_neighbour_is_in_the_way() -> None:
     """A ball beside it, ten metres above its load and as far below its trolley."""
     place = {"slew": 0.0, "trolley": 15.0, "cable": 24.0}
     (solid,) = neighbour("n", np.array([30.0, 0.0, 0.0]), np.pi, place, {})
-    field = Field([("n", (one, np.eye(3), np.zeros(3))) for one in solid.geometries()])
-    ball = Body((coal.Sphere(0.25), np.eye(3), np.zeros(3)), 0.0)
+    field = Field([("n", one) for one in solid.geometries()])
+    ball = Body(coal.Sphere(0.25), 0.0)
     least = field.least(ball.put(coal.Transform3s(np.array([13.0, 0.0, 14.0]))))
     assert least == pytest.approx(2.0 - 0.25 - clearance().bodies.falls, abs=1e-6)
 
@@ -193,8 +192,8 @@ def test_a_concave_prism_is_hollow_where_its_outline_is() -> None:
     )
     outline += np.array([5.0, -5.0])
     solid = prism("u", outline, 0.0, 10.0)
-    field = Field([("u", (one, np.eye(3), np.zeros(3))) for one in solid.geometries()])
-    moving = Body((coal.Sphere(0.25), np.eye(3), np.zeros(3)), 0.0)
+    field = Field([("u", one) for one in solid.geometries()])
+    moving = Body(coal.Sphere(0.25), 0.0)
     assert field.least(moving.put(coal.Transform3s(np.array([10.0, 3.0, 5.0])))) == pytest.approx(
         0.75, abs=1e-6
     )

@@ -15,7 +15,6 @@ from cranedyn.planning.fields import Body, Field
 from cranedyn.planning.solids import FARTHEST, body, box, convex_hull, hull, prism
 from tests.planning.sites import corners
 
-HERE = np.eye(3), np.zeros(3)
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 
 
@@ -63,8 +62,8 @@ def test_triangles_of_a_hull_are_closed_and_turn_outward(points: np.ndarray) -> 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_fewer_than_four_points_have_a_hull_a_micrometre_thick(count: int) -> None:
     solid = body("few", np.eye(3)[:count], np.zeros((0, 3), dtype=int), as_hull=True)
-    field = Field([("few", (one, *HERE)) for one in solid.geometries()])
-    moving = Body((hull(corners(2.0, 2.0, 2.0)), *HERE), 0.0)
+    field = Field([("few", one) for one in solid.geometries()])
+    moving = Body(hull(corners(2.0, 2.0, 2.0)), 0.0)
     apart = field.least(moving.put(coal.Transform3s(np.array([5.0, 0.0, 0.0]))))
     assert apart == pytest.approx(3.0, abs=2e-6)  # a micrometre, and coal's tolerance
 
@@ -74,10 +73,10 @@ def test_an_outline_with_a_corner_a_hair_off_a_line_is_measured_as_without_it(
     offset: float,
 ) -> None:
     outline = [[0.0, 0.0], [10.0, 0.0], [10.0, 5.0], [5.0, 5.0 + offset], [5.0, 10.0], [0.0, 10.0]]
-    moving = Body((hull(corners(1.0, 1.0, 1.0)), *HERE), 0.5)
+    moving = Body(hull(corners(1.0, 1.0, 1.0)), 0.5)
     put = moving.put(coal.Transform3s(np.array([8.0, 8.0, 1.0])))
     found = [
-        Field([("l", (one, *HERE)) for one in prism("l", np.array(shape), 0.0, 3.0).geometries()])
+        Field([("l", one) for one in prism("l", np.array(shape), 0.0, 3.0).geometries()])
         for shape in (outline, [*outline[:3], [5.0, 5.0], *outline[4:]])
     ]
     least, plain = (field.least(put) for field in found)
