@@ -17,7 +17,7 @@ pytest.importorskip("toppra", reason="extra planning (toppra) is not installed")
 
 from cranedyn.data.trajectory import read
 from cranedyn.disturbances.wind import AIR_DENSITY
-from cranedyn.lifting import pdf, wind
+from cranedyn.lifting import page, wind
 from cranedyn.lifting import wind_limit as wind_limit_module
 from cranedyn.lifting.analysis import LiftAnalysis, Requirements
 from cranedyn.lifting.chart import CHARTS, assess_run, read_chart
@@ -92,7 +92,7 @@ def test_numbers_of_the_page_are_made_again_from_the_run_that_lies_beside_it(
 
 
 @pytest.mark.skipif(
-    not any(map(shutil.which, pdf.BROWSERS)), reason="no browser that prints is installed"
+    not any(map(shutil.which, page.BROWSERS)), reason="no browser that prints is installed"
 )
 def test_the_page_is_printed(folder: Path) -> None:
     content = (folder / "lift.pdf").read_bytes()
@@ -143,7 +143,7 @@ def test_in_a_browser_it_fits_paper_and_a_phone_and_leaves_no_error(
 def test_without_a_browser_there_is_a_sentence_and_the_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(pdf, "BROWSERS", ("no such browser",))
+    monkeypatch.setattr(page, "BROWSERS", ("no such browser",))
     assert lift_report.write_pages(Judgement(small(), []), tmp_path, "") == 0
     assert (tmp_path / "lift.html").exists() and not (tmp_path / "lift.pdf").exists()
     assert "install Chromium, or print the page from any browser" in capsys.readouterr().err

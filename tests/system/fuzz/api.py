@@ -88,8 +88,8 @@ INTERNAL = tuple(
     for name in (
         "__main__ checks clocks command compiled data.columns data.external data.files "
         "data.tables data.time_series display dynamics errors interfaces lifting lifting.analysis "
-        "lifting.checks lifting.figures lifting.judgement lifting.page lifting.pdf "
-        "lifting.site_figures lifting.tables lifting.wrench "
+        "lifting.checks lifting.figures lifting.judgement lifting.page "
+        "lifting.tables lifting.wrench "
         "model.joints model.layout model.solvability model.springs "
         "model.urdf model.values "
         "version planning.bim planning.bodies planning.clearance planning.curve "
