@@ -163,31 +163,22 @@ class Clearance:
     # --- places -----------------------------------------------------------------------------------
 
     def place(self, point: np.ndarray, label: str = "point") -> np.ndarray:
-        """Return the place at which the centre of the load is at a point of the site.
-
-        Args:
-            point: The point [m], shape (3,).
-            label: Name of the point, for errors.
-
-        Returns:
-            The place, its slew from -π to π.
+        """Return the place, its slew from -π to π, at which the centre of the load is at a point of
+        the site [m], shape (3,), that errors call by a label.
 
         Raises:
             OutOfRange: If the crane does not reach it: which coordinate is how far out of its
                 range.
         """
         x, y, z = self.site.to_crane(point)
-        drive_position = np.array([math.atan2(x, -y), math.hypot(x, y), self.height - z])
-        (_, low, _), (_, *high) = (
+        radius, length = math.hypot(x, y), self.height - z
+        lower, upper = (
             ends[self.drive_joints].tolist() for ends in (self.crane.lower, self.crane.upper)
         )
-        ranges = zip((low, self.shortest_cable), high, strict=True)
-        coordinates = quoted(np.round(point, 3).tolist())
-        for name, value, (low, high) in zip(
-            ("trolley radius", "cable length"), drive_position[1:].tolist(), ranges, strict=True
-        ):
-            within(f"{name} for the {label} {coordinates}", value, low, high, "m")
-        return drive_position
+        where = f"for the {label} {quoted(np.round(point, 3).tolist())}"
+        within(f"trolley radius {where}", radius, lower[1], upper[1], "m")
+        within(f"cable length {where}", length, self.shortest_cable, upper[2], "m")
+        return np.array([math.atan2(x, -y), radius, length])
 
     def point(self, drive_position: np.ndarray) -> np.ndarray:
         """Return the centre of the load in the frame of the crane [m], shape (..., 3), at places,
@@ -287,11 +278,8 @@ class Clearance:
     # --- by name ----------------------------------------------------------------------------------
 
     def distances(self, q: np.ndarray, *, jib: bool = True) -> dict[str, Nearest]:
-        """Return the nearest body to each obstacle, by name of the obstacle.
-
-        Args:
-            q: Coordinates of all joints, shape (n,).
-            jib: Whether the jib counts.
+        """Return the nearest body to each obstacle, by name of the obstacle, at coordinates of all
+        joints, shape (n,); with or without the jib.
         """
         nearest: dict[str, Nearest] = {}
         jib_parts = self._slewing(float(q[self.joints.slew])) if jib else ()
@@ -303,11 +291,8 @@ class Clearance:
         return nearest
 
     def nearest(self, q: np.ndarray, *, beside_zones: bool = False) -> Nearest:
-        """Return the pair of body and obstacle with the least margin.
-
-        Args:
-            q: Coordinates of all joints, shape (n,).
-            beside_zones: Whether zones also count where nothing is in them.
+        """Return the pair of body and obstacle with the least margin at coordinates of all joints,
+        shape (n,); zones count where something is in them, or always beside zones.
         """
         zones = {solid.name for solid in self.solids if solid.zone}
         pairs = [
@@ -319,11 +304,8 @@ class Clearance:
         return min(pairs, key=lambda pair: pair.distance - required * (pair.obstacle not in zones))
 
     def touches(self, q: np.ndarray, margin_limit: float) -> Iterator[Touch]:
-        """Yield the nearest points of each body that hangs and each obstacle.
-
-        Args:
-            q: Coordinates of all joints, shape (n,).
-            margin_limit: Margin from which on an obstacle is left out [m].
+        """Yield the nearest points of each body that hangs and each obstacle at coordinates of all
+        joints, shape (n,), but for those with a margin from a limit on [m].
         """
         for body, field, moving in self._placed(q):
             for distance, on_body, on_obstacle, normal in field.witnesses(moving):

@@ -91,7 +91,6 @@ class Move:
         jerk: Limits of their jerks, shape (m,); None for drives whose acceleration may jump.
         swing: Bound of each swing [rad].
         preference: Weights of the cost.
-        worth: Weight of the cost, as a share of the duration.
         tilt: Bound of the angle of the rope from plumb [rad]; None for none.
         given_ranges: Least and largest coordinates, shape (2, n); None for those of the crane.
     """
@@ -105,7 +104,6 @@ class Move:
     jerk: np.ndarray | None
     swing: float
     preference: Preference
-    worth: float
     tilt: float | None = None
     given_ranges: np.ndarray | None = None
 
@@ -241,7 +239,7 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
         u=u,
         gap=gap,
         rates=ca.vertcat(free_rate, full[passive], rate, *drive_acceleration, u),
-        cost=1.0 + move.worth * _cost(move, angle, acceleration, u),
+        cost=1.0 + move.preference.longer * _cost(move, angle, acceleration, u),
         path=ca.vertcat(shares, margins),
         bounds=np.array(
             [

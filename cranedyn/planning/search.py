@@ -68,7 +68,7 @@ def search(
     Args:
         clearance: Crane and site.
         ends: First and last place, shape (2, 3).
-        bounds: Least and largest slew, trolley radius and cable length, shape (2, 3).
+        bounds: Least and largest place, shape (2, 3).
         rates: Rates of the drives, in whose time a way is measured, shape (3,).
 
     Returns:
@@ -203,7 +203,7 @@ def best_on_grid(
     Args:
         clearance: Crane and site.
         ends: First and last place, shape (2, 3).
-        bounds: Least and largest slew, trolley radius and cable length, shape (2, 3).
+        bounds: Least and largest place, shape (2, 3).
         rates: Rates of the drives, shape (3,).
         cell: Edge of a cell [s]: as far as each drive gets in that time.
         cell_limit: Number of cells after which the search gives up.
@@ -228,7 +228,11 @@ def best_on_grid(
             continue
         parents[node], cost = parent, -negative_cost
         to_goal = grid.cost_to_goal(node)
-        if grid.beside_goal(node) and cost + to_goal < best and grid.is_free_to_goal(node):
+        if (
+            grid.beside_goal(node)
+            and cost + to_goal < best
+            and is_proven_free(clearance, grid.place(node), ends[1])
+        ):
             best, last = cost + to_goal, node
         for step in _NEIGHBOURS:
             neighbour = (node[0] + step[0], node[1] + step[1], node[2] + step[2])
@@ -287,9 +291,6 @@ class _Grid:
 
     def beside_goal(self, node: Node) -> bool:
         return all(abs(goal - i) <= 1.0 + 1e-9 for goal, i in zip(self._goal, node, strict=True))
-
-    def is_free_to_goal(self, node: Node) -> bool:
-        return is_proven_free(self._clearance, self.place(node), self._ends[1])
 
     def margin(self, node: Node) -> float:
         if node not in self._margins:

@@ -109,11 +109,8 @@ class CollocationPlan(NamedTuple):
 
 
 def times(durations: np.ndarray, steps: int = 1) -> np.ndarray:
-    """Return the times of the states of a plan [s], shape (1 + 3 n steps,).
-
-    Args:
-        durations: Of the intervals [s], shape (n,).
-        steps: Steps in each interval.
+    """Return the times of the states of a plan [s], shape (1 + 3 n steps,), by the durations of its
+    intervals [s], shape (n,), of so many steps each.
     """
     lengths = np.repeat(durations / steps, steps)
     ends = np.cumsum(lengths)

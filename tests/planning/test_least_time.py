@@ -278,7 +278,7 @@ def test_drives_reach_no_farther_between_two_times_than_is_said(seed: int) -> No
     rng = np.random.default_rng(seed)
     ones, of = np.ones(3), big_crane()
     jerk = ones if seed % 2 else None
-    move = Move(of, of.start, of.start, np.arange(3), ones, ones, jerk, 0.1, USUAL, 1e-3)
+    move = Move(of, of.start, of.start, np.arange(3), ones, ones, jerk, 0.1, USUAL)
     durations, controls = rng.uniform(0.1, 1.0, 8), rng.normal(size=(8, 3))
     plan = transcription.CollocationPlan(durations, controls, np.zeros((25, 13)))
     driven = DriveTrajectory(move, plan)
