@@ -33,6 +33,8 @@ from cranedyn.planning.site import Arm, Base
 from experiments import lift_report
 from tests.planning.sites import certificate, lift
 
+pytestmark = pytest.mark.slow
+
 CHART = read_chart(CHARTS / "laboratory.toml")
 
 Drawn = dict[str, np.ndarray]

@@ -68,6 +68,7 @@ def test_what_passes_through_a_joint_is_what_pinocchio_says(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("relative", RELATIVES, ids=lambda one: one.name)
 def test_cranes_of_other_topology_stand_on_what_they_weigh(relative: object) -> None:
     of = relative_crane(relative)  # type: ignore[arg-type]
@@ -270,6 +271,7 @@ def test_a_hook_hangs_on_the_rope_with_its_load_and_an_overhead_crane_has_no_rin
     assert hanging_mass(hook) == 2300.0
 
 
+@pytest.mark.slow
 def test_loads_are_a_table_like_a_run(tmp_path: Path) -> None:
     of = load_crane()
     _, found = still(of)

@@ -30,6 +30,8 @@ from cranedyn.planning.move import USUAL, Move, Preference  # noqa: E402
 from cranedyn.planning.optimal import optimal  # noqa: E402
 from cranedyn.planning.proof import Unproven, unproven_row  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 RATE, ACCELERATION = 1.0, 0.4
 """Of the hoist."""
 

@@ -53,6 +53,8 @@ from tests.planning.sites import (
     with_wall,
 )
 
+pytestmark = pytest.mark.slow
+
 
 def red(certified: Certificate) -> list[str]:
     return [check.sentence for check in certified.checks if not check.holds]

@@ -32,6 +32,8 @@ from cranedyn.planning import transcription  # noqa: E402
 from cranedyn.planning.move import hybrid_dynamics, rnea  # noqa: E402
 from cranedyn.planning.optimal import optimal  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 LIMITS = Limits((0.0838, 1.583, 1.0), (0.02, 0.4, 0.4))
 RAMP = 0.5
 ENDS = {

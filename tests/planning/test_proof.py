@@ -77,6 +77,7 @@ def test_a_plate_between_two_samples_is_met_by_proof_and_missed_by_sampling() ->
     assert where == pytest.approx(0.5, abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_sampling_validator_in_the_place_of_the_proving_one_gets_no_certificate(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -83,6 +83,7 @@ centre = 6.0
 """
 
 
+@pytest.mark.slow
 def test_what_only_the_people_on_the_site_know_is_entered_in_tables_of_its_own(
     tmp_path: Path,
 ) -> None:
@@ -126,6 +127,7 @@ def test_a_number_that_the_site_gives_cannot_be_given_besides(tmp_path: Path) ->
         crane_of(read_site(tmp_path / "site.toml"), counter_jib=9.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["open_yard", "city_block", "tower", "neighbour"])
 def test_the_examples_can_be_read_and_their_lifts_begin_and_end_free(name: str) -> None:
     here = read_site(SITES / f"{name}.toml")
