@@ -190,21 +190,15 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
     )
     acceleration = drive_acceleration[0] if ramp else u
     q, v, a = ca.SX(move.start.q), ca.SX(layout.n, 1), ca.SX(layout.m, 1)
-    q[passive], v[passive], q[move.joints], v[move.joints], a[move.drives.tolist()] = (
-        free,
-        free_rate,
-        position,
-        rate,
-        acceleration,
-    )
+    q[passive], q[move.joints] = free, position
+    v[passive], v[move.joints] = free_rate, rate
+    a[move.drives.tolist()] = acceleration
     full, effort = hybrid_dynamics(crane, q, v, a)
     swings = np.isin(layout.passive, crane.swings)
     angle, angle_rate = (column[np.flatnonzero(swings).tolist()] for column in (free, free_rate))
     moved, moving = (column[layout.drives.tolist()] for column in (q, v))
-    angle, angle_rate = (
-        angle - crane.rest.angle - crane.rest.slope @ moved,
-        angle_rate - crane.rest.slope @ moving,
-    )
+    angle = angle - crane.rest.angle - crane.rest.slope @ moved
+    angle_rate = angle_rate - crane.rest.slope @ moving
     # Between two points a parabola stays below the higher of them or the crossing of its tangents,
     # half a gap ahead.
     ahead = angle + gap / 2.0 * angle_rate
@@ -212,9 +206,8 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
     if ramp:  # else rates are straight lines between points
         share_terms.append((rate + gap / 2.0 * acceleration) / move.rate)
     if move.tilt is not None:
-        share_terms += [
-            ca.sumsqr(angles) / (move.tilt * (1.0 - _WITHIN)) ** 2 for angles in (angle, ahead)
-        ]
+        largest = (move.tilt * (1.0 - _WITHIN)) ** 2
+        share_terms += [ca.sumsqr(angles) / largest for angles in (angle, ahead)]
     lower, upper = move.ranges
     bound, any_rate = np.full(p, np.inf), np.full(p, np.inf)
     bound[swings] = move.swing
@@ -228,11 +221,13 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
         holding = abs(holding_effort(crane, move.start.q)[hoist])
         nonnegative.append((crane.damping[cable] * v[cable] - effort[hoist]) / holding - _TAUT)
     margins = ca.vertcat(*nonnegative)
-    low = [np.maximum(-bound, lower[passive]), -any_rate, lower[move.joints]]
-    high = [np.minimum(bound, upper[passive]), any_rate, upper[move.joints]]
     kinds = [move.rate, move.acceleration][: len(sizes) - 3]
+    negative = [-limits for limits in kinds]
+    low = [np.maximum(-bound, lower[passive]), -any_rate, lower[move.joints], *negative]
+    high = [np.minimum(bound, upper[passive]), any_rate, upper[move.joints], *kinds]
     control = move.acceleration if move.jerk is None else move.jerk
-    upper_shares, none = np.ones(shares.numel()), np.zeros(margins.numel())
+    ones, none = np.ones(shares.numel()), np.zeros(margins.numel())
+    path_bounds = [np.concatenate([-ones, none]), np.concatenate([ones, none + np.inf])]
     drive_scale = [_SIZE[layout.driven[drive].kind] for drive in move.drives]
     return transcription.Problem(
         x=x,
@@ -241,19 +236,9 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
         rates=ca.vertcat(free_rate, full[passive], rate, *drive_acceleration, u),
         cost=1.0 + move.preference.longer * _cost(move, angle, acceleration, u),
         path=ca.vertcat(shares, margins),
-        bounds=np.array(
-            [
-                np.concatenate([*low, *(-angles for angles in kinds)]),
-                np.concatenate([*high, *kinds]),
-            ]
-        ),
+        bounds=np.array([np.concatenate(low), np.concatenate(high)]),
         control_bounds=np.array([-control, control]),
-        path_bounds=np.array(
-            [
-                np.concatenate([-upper_shares, none]),
-                np.concatenate([upper_shares, np.full(len(none), np.inf)]),
-            ]
-        ),
+        path_bounds=np.array(path_bounds),
         scale=np.concatenate([np.full(2 * p, 0.1), drive_scale, *kinds]),
         parameters=None if spaces is None else spaces.symbols,
         values=None if spaces is None else spaces.values,

@@ -79,10 +79,7 @@ class Spread:
         for delay in finite("delays of the sensors", self.late, ("n",), unit="s"):
             within("delay of the sensors", delay, 0.0, 10.0, "s")
         if not len(self.late):
-            raise CraneError(
-                "delays of the sensors is (); allowed is one or more [s], of which one is drawn "
-                "for each lift."
-            )
+            raise CraneError("delays of the sensors is (); allowed is one or more [s].")
 
 
 @dataclass(frozen=True, eq=False)

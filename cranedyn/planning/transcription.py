@@ -147,10 +147,8 @@ def solve(
     """
     controls, states = np.abs(problem.control_bounds).max(axis=0), problem.scale
     scale = _pack(_alike(guess, 1.0, controls, states))
-    bounds = [
-        _alike(guess, *bound)
-        for bound in zip((shortest, longest), problem.control_bounds, problem.bounds, strict=True)
-    ]
+    limits = zip((shortest, longest), problem.control_bounds, problem.bounds, strict=True)
+    bounds = [_alike(guess, *limit) for limit in limits]
     for bound in bounds:
         bound.states[[0, -1]] = guess.states[[0, -1]]
     lower, upper = (_pack(bound) / scale for bound in bounds)
@@ -162,12 +160,10 @@ def solve(
         solution = solver(x0=_pack(guess) / scale, lbx=lower, ubx=upper, lbg=low, ubg=high)
     if not solver.stats()["success"]:
         raise Unsolved(solver.stats()["return_status"])
-    arrays = np.split(
-        solution["x"].full().ravel() * scale, np.cumsum([part.size for part in guess])[:-1]
-    )
-    return CollocationPlan(
-        *(part.reshape(like.shape) for part, like in zip(arrays, guess, strict=True))
-    )
+    solved = solution["x"].full().ravel() * scale
+    parts = np.split(solved, np.cumsum([part.size for part in guess])[:-1])
+    shaped = (part.reshape(like.shape) for part, like in zip(parts, guess, strict=True))
+    return CollocationPlan(*shaped)
 
 
 class _Stop(ca.Callback):  # type: ignore[misc]
