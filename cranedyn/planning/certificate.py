@@ -17,10 +17,11 @@ from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.interfaces import EngineName, State
+from cranedyn.interfaces import EngineName
 from cranedyn.planning.clearance import Clearance, Nearest
 from cranedyn.planning.lift import Lift
-from cranedyn.planning.proof import slew_range, unproven_row
+from cranedyn.planning.proof import SlewRange, slew_range, unproven_row
+from cranedyn.planning.site import Site
 from cranedyn.simulation.simulate import simulate
 
 HOIST_INTEGRAL = 4.0e3
@@ -129,31 +130,31 @@ def certify(
         control_period=motion.period,
         engine=engine,
     )
+    # Measured, then proven, then judged.
     k = clearance.nearest_row(run.q)
     nearest, nearest_t = clearance.nearest(run.q[k]), float(run.t[k])
-    t, distances = _distances(clearance, run, max(1, round(_MEASURED / motion.period)))
-    residual_swing = _swing_at(lift, run, motion.arrival)
-    checks = [
-        _distance_check(clearance, run, motion.period, nearest, nearest_t),
-        _slewing_check(clearance, run),
-        _swing_check(clearance, run),
-        _arrival_check(clearance, run, residual_swing, goal),
-        _drives_check(lift, run),
-    ]
-    return Certificate(lift, run, t, distances, nearest, nearest_t, residual_swing, checks)
-
-
-def _distances(
-    clearance: Clearance, run: Trajectory, stride: int
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return the times [s] of every so many rows of a run, and the distance from each obstacle [m]
-    at these.
-    """
+    stride = max(1, round(_MEASURED / motion.period))
     rows = np.unique(np.append(np.arange(0, len(run), stride), len(run) - 1))
     pairs = [clearance.distances(run.q[row], jib=False) for row in rows]
-    return run.t[rows], {
-        name: np.array([nearest[name].distance for nearest in pairs]) for name in pairs[0]
-    }
+    distances = {name: np.array([row[name].distance for row in pairs]) for name in pairs[0]}
+    end, planned = clearance.point(np.array([run.q[-1], goal.q])[:, clearance.drive_joints])
+    peak_swing = float(clearance.tilt(run.q).max())
+    residual_swing = _swing_at(lift, run, motion.arrival)
+    rates = np.abs(run.v[:, clearance.drive_joints]).max(axis=0) / np.array(lift.limits.rates)
+    slew = run.q[:, clearance.joints.slew]
+    row = unproven_row(clearance, run.q, motion.period)
+    unproven_t = None if row is None else float(run.t[row])
+    free = slew_range(clearance, float(slew[0]), float(slew.min()), float(slew.max()))
+    checks = [
+        _distance_check(clearance.site, nearest, nearest_t, unproven_t),
+        _slewing_check(clearance.site, slew, free),
+        _swing_check(clearance.site, peak_swing),
+        _arrival_check(residual_swing, float(np.linalg.norm(end - planned))),
+        _drives_check(float(rates.max()), bool((run.command != run.effort).any())),
+    ]
+    return Certificate(
+        lift, run, run.t[rows], distances, nearest, nearest_t, residual_swing, checks
+    )
 
 
 def _swing_at(lift: Lift, run: Trajectory, t: float) -> float:
@@ -165,41 +166,35 @@ def _swing_at(lift: Lift, run: Trajectory, t: float) -> float:
 
 
 def _distance_check(
-    clearance: Clearance, run: Trajectory, period: float, nearest: Nearest, nearest_t: float
+    site: Site, nearest: Nearest, nearest_t: float, unproven_t: float | None
 ) -> Check:
-    required = clearance.site.distance
-    unproven = unproven_row(clearance, run.q, period)
     proof = "proven between all instants"
-    if unproven is not None:
-        proof = f"not proven at t = {run.t[unproven]:.2f} s"
+    if unproven_t is not None:
+        proof = f"not proven at t = {unproven_t:.2f} s"
     return Check(
-        f"Nothing that hangs comes nearer than {required:g} m: least is {nearest.distance:.2f} m, "
-        f"{nearest.body} and {nearest.obstacle} at t = {nearest_t:.1f} s; {proof}.",
-        unproven is None and nearest.distance >= required,
+        f"Nothing that hangs comes nearer than {site.distance:g} m: least is "
+        f"{nearest.distance:.2f} m, {nearest.body} and {nearest.obstacle} at "
+        f"t = {nearest_t:.1f} s; {proof}.",
+        unproven_t is None and nearest.distance >= site.distance,
     )
 
 
-def _slewing_check(clearance: Clearance, run: Trajectory) -> Check:
-    slew = run.q[:, clearance.joints.slew]
-    low, high = float(slew.min()), float(slew.max())
-    free = slew_range(clearance, float(slew[0]), low, high)
+def _slewing_check(site: Site, slew: np.ndarray, free: SlewRange) -> Check:
+    low, high = slew.min(), slew.max()
     if low == high or (free.low <= low and high <= free.high and free.low < free.high):
-        turns = f"jib and counter-jib turn freely, with {clearance.site.distance:g} m at least"
+        turns = f"jib and counter-jib turn freely, with {site.distance:g} m at least"
         return Check(f"Slewing: {turns}.", True)
     return Check(f"Slewing: the jib comes too near to {free.below or free.above}.", False)
 
 
-def _swing_check(clearance: Clearance, run: Trajectory) -> Check:
-    peak, allowed = float(clearance.tilt(run.q).max()), clearance.site.swing
+def _swing_check(site: Site, peak: float) -> Check:
     return Check(
-        f"The load swings {1000 * peak:.1f} mrad at most, {1000 * allowed:.1f} allowed.",
-        peak <= allowed,
+        f"The load swings {1000 * peak:.1f} mrad at most, {1000 * site.swing:.1f} allowed.",
+        peak <= site.swing,
     )
 
 
-def _arrival_check(clearance: Clearance, run: Trajectory, swing: float, goal: State) -> Check:
-    end, planned = clearance.point(np.array([run.q[-1], goal.q])[:, clearance.drive_joints])
-    off = float(np.linalg.norm(end - planned))
+def _arrival_check(swing: float, off: float) -> Check:
     return Check(
         f"At the arrival it swings {1e3 * swing:.4f} mrad, {1e3 * ARRIVAL_SWING:g} allowed; it "
         f"ends {1000.0 * off:.1f} mm from its goal.",
@@ -207,9 +202,7 @@ def _arrival_check(clearance: Clearance, run: Trajectory, swing: float, goal: St
     )
 
 
-def _drives_check(lift: Lift, run: Trajectory) -> Check:
-    rates = np.abs(run.v[:, lift.clearance.drive_joints]).max(axis=0) / np.array(lift.limits.rates)
-    rate, cut = float(rates.max()), bool((run.command != run.effort).any())
+def _drives_check(rate: float, cut: bool) -> Check:
     return Check(
         f"Rates are {100 * rate:.1f} % of their limits at most; efforts are "
         f"{'cut' if cut else 'never cut'}.",
