@@ -350,7 +350,8 @@ class Clearance:
             shape, within = shapes.get(name, (None, None))
             body = None if shape is None else Body(shape, inflated, within)
             fields = [self._fields[kind] for kind in kinds if len(self._fields[kind])]
-            hanging.append((name, body, inflated, fields))
+            if fields:
+                hanging.append((name, body, inflated, fields))
         return hanging
 
     @cached_property
