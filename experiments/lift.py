@@ -62,7 +62,7 @@ class SiteResult:
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Plan and certify a lift on each site."""
-    from cranedyn.lifting.site_figures import clearance_over_time, scenery, site_views
+    from cranedyn.lifting.figures import clearance_over_time, scenery, site_views
     from cranedyn.recording import Run
 
     count = whole("lifts", options.lifts, 0)

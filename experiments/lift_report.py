@@ -63,7 +63,7 @@ def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
 
 
 def _outcome(judgement: Judgement, setup: harness.Setup, command: str) -> harness.Outcome:
-    from cranedyn.lifting.site_figures import scenery
+    from cranedyn.lifting.figures import scenery
     from cranedyn.recording import Run
 
     lift, required = judgement.analysis, judgement.analysis.requirements
@@ -119,7 +119,7 @@ def write_pages(judgement: Judgement, folder: Path, command_line: str) -> int:
         folder: Folder of the experiment.
         command_line: The command that makes the numbers again.
     """
-    from cranedyn.lifting.pdf import NoBrowser, print_pdf
+    from cranedyn.lifting.page import NoBrowser, print_pdf
 
     page = judgement.report(folder / "lift.html", command_line)
     print(f"The page: {page}.")

@@ -414,10 +414,9 @@ cranedyn/planning/bodies.py
 ? clearance::rope_and_trolley_keep_from_a_post_beside_them_by_what_the_urdf_draws
 - falls=float(np.ptp(block[:, :2], axis=0).max()) / 2.0
 + falls=1e-3 * float(np.ptp(block[:, :2], axis=0).max()) / 2.0
-cranedyn/planning/neighbour.py
 * a parked neighbour has no rope
 ? clearance::the_rope_of_a_parked_neighbour_is_in_the_way
-- return [shape.T for shape in shapes] + [np.array(rope)]
+- return [shape.T for shape in shapes] + [np.vstack(rope)]
 + return [shape.T for shape in shapes]
 cranedyn/planning/proof.py
 * a run is proven by the lesser half of its way

@@ -13,6 +13,8 @@ from experiments.standards import derived
 from experiments.standards.formulas import FORMULAS, Formula
 from tests.helpers import ROOT
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> dict:

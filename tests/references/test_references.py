@@ -11,9 +11,8 @@ import pytest
 from cranedyn.errors import OutOfRange, UnknownName
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.load import load_crane
-from cranedyn.planning.itinerary import Leg, itinerary
+from cranedyn.planning.itinerary import Leg, itinerary, tour
 from cranedyn.planning.joystick import JoystickPulse, joystick
-from cranedyn.planning.tour import tour
 from cranedyn.references import (
     ei,
     flat,

@@ -33,7 +33,7 @@ MODULES = [
         "model.description model.load controllers controllers.damping controllers.integral "
         "compiled.horizon.receding controllers.velocity_command dynamics.converters estimation "
         "references references.limits references.shaped planning.optimal planning.itinerary "
-        "planning.joystick planning.tour analysis.prediction analysis.swing dynamics.validity "
+        "planning.joystick analysis.prediction analysis.swing dynamics.validity "
         "theory data.trajectory dynamics.linearisation disturbances.wind lifting.loads "
         "lifting.chart lifting.factors lifting.wind lifting.wind_limit sweep recording "
         "recording.snapshot planning.site_file planning.lift planning.least_time "
