@@ -5,6 +5,7 @@ and air are not as planned.
 from __future__ import annotations
 
 import argparse
+import itertools
 from collections.abc import Sequence
 from concurrent.futures import Future, as_completed
 from dataclasses import replace
@@ -13,12 +14,15 @@ from typing import Any
 from cranedyn.dynamics.converters import converters
 from cranedyn.sweep.workers import ignore_sigint
 from experiments import harness
-from experiments.compare.claims import converter_claims, ideal_claims, time_claims
-from experiments.compare.figures import robustness_figure, swing_figure
-from experiments.compare.observers import observer_claims, observer_table
-from experiments.compare.result import IDEAL, PREDICTIVE, Results, StrategyResult, TourResult
-from experiments.compare.runs import processes, strategy_results, tour_results
-from experiments.compare.tables import case_tables, drives_table, move_table, tour_table
+from experiments.compare import claims, figures, tables
+from experiments.compare.runs import (
+    IDEAL,
+    Results,
+    TourResult,
+    processes,
+    strategy_results,
+    tour_results,
+)
 from experiments.harness import Outcome, ProgressReporter, Setup
 from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import LIMITS, MOVES, SWINGING, RestToRest
@@ -45,19 +49,18 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     runs = {strategy: run for strategy, run in nominal.items() if run is not None}
     return Outcome(
         tables=[
-            *(move_table(move, of_move[move.name], drive) for move in moves),
-            *(drives_table(move, of_move[move.name], beyond=not ideal) for move in moves),
-            *([tour_table(tours)] * ideal),
-            *case_tables(_perturbed(combined), drive),
-            *([observer_table(combined)] * ideal),
+            *(tables.move_table(move, of_move[move.name], drive) for move in moves),
+            *(tables.drives_table(move, of_move[move.name], beyond=not ideal) for move in moves),
+            *([tables.tour_table(tours)] * ideal),
+            *tables.case_tables(_perturbed(combined), drive),
+            *([tables.observer_table(combined)] * ideal),
         ],
         claims=[
-            *(ideal_claims(setup, combined) if ideal else converter_claims(of_move)),
-            *(observer_claims(combined) if ideal else ()),
-            *(claim for strategy in PREDICTIVE for claim in time_claims(setup, of_move, strategy)),
+            *(claims.ideal_claims(setup, combined) if ideal else claims.converter_claims(of_move)),
+            *(claims.observer_claims(combined) if ideal else ()),
+            *claims.time_claims(setup, of_move),
         ],
         parameters={
-            **setup.parameters(),
             "rate_limits": list(LIMITS.rates),
             "acceleration_limits": list(LIMITS.accelerations),
             "moves": {
@@ -67,8 +70,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         },
         trajectories={f"compare_{file_name(strategy)}": run for strategy, run in runs.items()},
         figures={
-            "swing": swing_figure(COMBINED, runs),
-            "robustness": robustness_figure(_perturbed(combined)),
+            "swing": figures.swing_figure(COMBINED, runs),
+            "robustness": figures.robustness_figure(_perturbed(combined)),
         },
         recording=[
             Run(s, setup.crane, runs[s], colour=strategy_colour(s))
@@ -82,25 +85,22 @@ def _compute(
 ) -> tuple[dict[str, Results], dict[str, TourResult | str]]:
     """Return the results of each move, and the tours if drives are ideal, computed in processes."""
     drive, quiet = options.drive, replace(setup, reporter=ProgressReporter())
+    names = options.only or STRATEGIES
     with processes(options.jobs) as workers:
-        tasks: dict[Future[dict[str, StrategyResult]], tuple[RestToRest, str]] = {}
-        tours: dict[Future[TourResult | str], str] = {}
+        submit = workers.submit
         with ignore_sigint():  # submitting starts processes
-            for move in moves:
-                for strategy in options.only or STRATEGIES:
-                    work = quiet, move, strategy, move == COMBINED, drive
-                    task = workers.submit(strategy_results, *work)
-                    tasks[task] = move, strategy
-            for control in CONTROLS if drive == IDEAL else ():
-                tours[workers.submit(tour_results, quiet, control)] = control
-        update = setup.reporter.count("comparison", len(tasks) + len(tours))
-        everything: list[Future[Any]] = [*tasks, *tours]
+            tasks = {
+                (move, name): submit(strategy_results, quiet, move, name, move == COMBINED, drive)
+                for move, name in itertools.product(moves, names)
+            }
+            controls = CONTROLS if drive == IDEAL else ()
+            tours = {control: submit(tour_results, quiet, control) for control in controls}
+        everything: list[Future[Any]] = [*tasks.values(), *tours.values()]
+        update = setup.reporter.count("comparison", len(everything))
         for done, _ in enumerate(as_completed(everything), start=1):
             update(done)
-    of_move: dict[str, Results] = {move.name: {} for move in moves}
-    for task, (move, strategy) in tasks.items():
-        of_move[move.name][strategy] = task.result()
-    return of_move, {control: tour.result() for tour, control in tours.items()}
+    of_move = {move.name: {name: tasks[move, name].result() for name in names} for move in moves}
+    return of_move, {control: tour.result() for control, tour in tours.items()}
 
 
 def recorded_strategies(strategies: Sequence[str]) -> Sequence[str]:
@@ -127,11 +127,7 @@ def _numbers_of_converters(setup: Setup) -> dict[str, object]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "compare",
-        "every strategy for a move, on the same moves and limits, as planned and when things are "
-        "not as planned.",
-    )
+    parser = harness.parser("compare", __doc__)
     harness.add_setup(parser, "damp_swing")
     text = (
         "ideal: drives take what each strategy answers, efforts or accelerations; velocity: "

@@ -4,21 +4,16 @@ Begin with `run_experiment`, which runs an experiment from the command line, and
 what an experiment returns.
 """
 
-from cranedyn.command import FAILED, INTERRUPTED, REFUSED
 from cranedyn.errors import CraneError
-from experiments.harness.arguments import add_mode, parser
-from experiments.harness.outcome import MARKS, Claim, Outcome
+from experiments.harness.arguments import add_condition, add_mode, parser
+from experiments.harness.outcome import Claim, Outcome, side_by_side
 from experiments.harness.progress import ProgressReporter
-from experiments.harness.recorded import add_files, name_file, read_recorded
+from experiments.harness.recorded import add_files, add_sources, analyse_files, swept_columns
 from experiments.harness.run import run_experiment
 from experiments.harness.setup import Setup, add_setup
-from experiments.harness.table import Column, ResultTable, finite_or_none, tabulate
+from experiments.harness.table import Column, ResultTable, finite_or_none, make_table, tabulate
 
 __all__ = [
-    "FAILED",
-    "INTERRUPTED",
-    "MARKS",
-    "REFUSED",
     "Claim",
     "Column",
     "CraneError",
@@ -26,13 +21,17 @@ __all__ = [
     "ProgressReporter",
     "ResultTable",
     "Setup",
+    "add_condition",
     "add_files",
     "add_mode",
     "add_setup",
+    "add_sources",
+    "analyse_files",
     "finite_or_none",
-    "name_file",
+    "make_table",
     "parser",
-    "read_recorded",
     "run_experiment",
+    "side_by_side",
+    "swept_columns",
     "tabulate",
 ]

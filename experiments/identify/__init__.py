@@ -4,30 +4,22 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
-import numpy as np
-from scipy.stats import binom
-
-from cranedyn.checks import number, whole
+from cranedyn.checks import number
 from cranedyn.data.external import parse_sources
-from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError, quoted
 from cranedyn.identification import Estimate, Model, Prior, load_record
-from cranedyn.identification.estimate import ENOUGH, WHITE
+from cranedyn.identification.estimate import ENOUGH
 from cranedyn.identification.parameters import Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import add_values, parse_values
 from cranedyn.model.options import add_crane_options, load_options
-from cranedyn.sweep import grid, sweep
 from experiments import gazebo, harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup
-from experiments.harness.arguments import ROS
 from experiments.harness.recorded import parse_joints
-from experiments.harness.swept import columns_swept
-from experiments.identify.coverage import NAMES, PLANTS, SWING, coverage
+from experiments.identify.coverage import PLANTS, covered
 from experiments.identify.figures import beside, correlations
 from experiments.identify.tables import (
     Identification,
@@ -37,12 +29,7 @@ from experiments.identify.tables import (
     record_tables,
     values_table,
 )
-from experiments.identify.trial import TRUTH, Trial, trial_record, try_strategies
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from cranedyn.recording import Run
+from experiments.identify.trial import NOISE, TRIED, TRUTH, Trial, trial_record, try_strategies
 
 FREE = ("a1_l5", "a1_l10", "a1_l15", "a1_l20")
 """Recordings of Gazebo Classic in which the load swings freely from 12 s on."""
@@ -72,13 +59,11 @@ CLOSE = {"gravity": 1e-6, **dict.fromkeys(("dummy_inertia", "damp_swing", *GAINS
 step, as if each k_d were k_p dt/2 larger (0.15 % of the trolley's), and moves centres along
 chords."""
 
-_SHOWN, _APART = 4, 60.0
-_TAIL = 5e-4
+_SHOWN = 4
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Identify what the command line asks for."""
-    check_effect(options)
     if options.coverage is not None:
         return covered(options, setup)
     loading = load_options(options)
@@ -88,35 +73,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         number("gravity", options.believed, "m/s²", "> 0"),
         loading,
     )
-    return files(options, setup, prior) if options.file else examples(setup)
-
-
-def check_effect(options: argparse.Namespace) -> None:
-    """Check that every argument has an effect.
-
-    Raises:
-        DataError: If one has none.
-    """
-    synthetic = options.coverage is not None
-    if synthetic and options.file:
-        raise DataError("A FILE has no effect beside --coverage; leave it out.")
-    for name in ("workers", "plant"):
-        if getattr(options, name) is not None and not synthetic:
-            raise DataError(f"--{name} has no effect without --coverage; leave it out.")
-    ros = {Path(file).suffix in ROS for file in options.file}
-    for flag, changed, file, has_effect in (
-        ("estimate", options.estimate, "a FILE", bool(ros)),
-        ("drives", options.drives, "a FILE", bool(ros)),
-        ("since", options.since != -math.inf, "a FILE", bool(ros)),
-        ("until", options.until != math.inf, "a FILE", bool(ros)),
-        ("columns", options.sources, "a .csv or .parquet FILE", False in ros),
-        ("joints", options.named, "an .mcap or .bag FILE", True in ros),
-        ("urdf", options.urdf is not None, "a FILE", bool(ros)),
-        ("gravity", options.believed != STANDARD_GRAVITY, "a FILE", bool(ros)),
-        ("set", options.values, "a FILE", bool(ros)),
-    ):
-        if changed and not has_effect:
-            raise DataError(f"--{flag} has no effect without {file}; leave it out.")
+    return files(options, setup, prior) if options.files else examples(setup)
 
 
 def files(options: argparse.Namespace, setup: Setup, prior: Prior) -> Outcome:
@@ -125,27 +82,21 @@ def files(options: argparse.Namespace, setup: Setup, prior: Prior) -> Outcome:
         load_record(
             file,
             prior.crane,
-            sources=parse_sources(options.sources),
-            joints=parse_joints(options.named),
+            sources=parse_sources(options.columns),
+            joints=parse_joints(options.joints),
             since=options.since,
             until=options.until,
         )
-        for file in options.file
+        for file in options.files
     ]
     names = [record.name for record in records]
     if len(set(names)) < len(names):
         raise DataError(f"Two records have one name: {', '.join(map(quoted, names))}.")
     model = Model.of(prior, records, options.estimate, drives=options.drives)
     result = identify_records(model, setup, "records")
-    return Outcome(
-        tables=[*record_tables(result, "", {}), *of_trials(_trials(result.estimate))],
-        claims=[*_believed("The records", result), _white("The records", result)],
-        parameters=_parameters(result),
-        trajectories=_runs(result),
-        figures=_figures(result),
-        recording=_recording(result),
-        texts={"twin.json": result.twin.text},
-    )
+    tables = [*record_tables(result, "", {}), *of_trials(_trials(result.estimate))]
+    claims = [*_believed("The records", result), _white("The records", result)]
+    return _outcome(result, tables, claims)
 
 
 def _believed(subject: str, result: Identification) -> list[Claim]:
@@ -187,34 +138,36 @@ def examples(setup: Setup) -> Outcome:
     alone = identify_records(
         Model.of(world, [trial_record(world, positions=False)]), setup, "trial, setpoints"
     )
-    whole_trial = identify_records(
+    both = identify_records(
         Model.of(world, [trial_record(world, positions=True)]), setup, "trial, positions"
     )
-    trials = _trials(whole_trial.estimate)
+    trials = _trials(both.estimate)
     worlds = {"free swing": free, "brake": brake}
-    return Outcome(
-        tables=[
-            *(values_table(result, f"Gazebo Classic 11.1, {name}", MADE_WITH) for name, result in
-              worlds.items()),
-            values_table(alone, "The trial, setpoints of the drives alone", TRUTH),
-            *doubts(alone, "The trial, setpoints of the drives alone"),
-            *record_tables(whole_trial, "The trial, positions of the drives recorded, too", TRUTH),
-            *of_trials(trials),
-        ],
-        claims=[
-            *(claim for name, result in worlds.items() for claim in _worlds_claims(name, result)),
-            *_trials_claims(alone, whole_trial, trials),
-        ],
-        parameters={"noise_rad": 2e-3, **_parameters(whole_trial)},
-        trajectories=_runs(whole_trial),
-        figures={
-            **_figures(whole_trial),
-            "gazebo": beside(free.estimate, FREE.index("a1_l15")),
-            "correlation": correlations(list(alone.judged.margins), alone.judged.correlation),
-        },
-        recording=_recording(whole_trial),
-        texts={"twin.json": whole_trial.twin.text},
-    )  # fmt: skip
+    subject = "The trial, setpoints of the drives alone"
+    tables = [
+        *(
+            values_table(found, f"Gazebo Classic 11.1, {n}", MADE_WITH)
+            for n, found in worlds.items()
+        ),
+        values_table(alone, subject, TRUTH),
+        *doubts(alone, subject),
+        *record_tables(both, "The trial, positions of the drives recorded, too", TRUTH),
+        *of_trials(trials),
+    ]
+    claims = [
+        *(claim for name, found in worlds.items() for claim in _worlds_claims(name, found)),
+        *_trials_claims(alone, both, trials),
+    ]
+    outcome = _outcome(both, tables, claims)
+    figures = {
+        "gazebo": beside(free.estimate, FREE.index("a1_l15")),
+        "correlation": correlations(list(alone.judged.margins), alone.judged.correlation),
+    }
+    return replace(
+        outcome,
+        parameters={"noise_rad": NOISE, **outcome.parameters},
+        figures={**outcome.figures, **figures},
+    )
 
 
 def _recordings(
@@ -231,68 +184,53 @@ def _recordings(
     return Model.of(prior, records, parameters, drives=drives)
 
 
-def _worlds_claims(name: str, result: Identification) -> list[Claim]:
-    claims = []
+def _worlds_claims(name: str, result: Identification) -> Iterator[Claim]:
     for parameter, (value, _) in result.estimate.intervals.items():
         off, allowed = abs(value / MADE_WITH[parameter] - 1.0), CLOSE[parameter]
-        claims.append(
-            Claim(
-                f"Gazebo, {name}: {parameter} is found within {allowed:.1g} of what the recordings "
-                f"were made with ({value:.8g}, {off:.1e} off), from files alone.",
-                off <= allowed,
-            )
+        yield Claim(
+            f"Gazebo, {name}: {parameter} is found within {allowed:.1g} of what the recordings "
+            f"were made with ({value:.8g}, {off:.1e} off), from files alone.",
+            off <= allowed,
         )
-    return claims
 
 
 def _trials_claims(
     alone: Identification, both: Identification, trials: Sequence[Trial]
-) -> list[Claim]:
-    claims = []
+) -> Iterator[Claim]:
     for columns, result in (("setpoints alone", alone), ("positions, too", both)):
         off = {
             name: abs(value - TRUTH[name]) / margin
             for name, (value, margin) in result.estimate.intervals.items()
         }
         worst = max(off, key=lambda name: off[name])
-        claims.append(
-            Claim(
-                f"The trial, {columns}: everything is found within twice its interval (at most "
-                f"{off[worst]:.2f} times, {worst}).",
-                off[worst] <= 2.0,
-            )
+        yield Claim(
+            f"The trial, {columns}: everything is found within twice its interval (at most "
+            f"{off[worst]:.2f} times, {worst}).",
+            off[worst] <= 2.0,
         )
-        claims.append(_white(f"The trial, {columns}", result))
+        yield _white(f"The trial, {columns}", result)
     pairs = [p for p in alone.judged.alike if {p.first, p.second} == {"delay", "x_lag"}]
     rho = abs(pairs[0].correlation) if pairs else 0.0
-    claims.append(
-        Claim(
-            f"Setpoints alone do not tell delay and lag apart (correlation {rho:.3f}), and the "
-            "preflight says so.",
-            bool(pairs),
-        )
+    yield Claim(
+        f"Setpoints alone do not tell delay and lag apart (correlation {rho:.3f}), and the "
+        "preflight says so.",
+        bool(pairs),
     )
     best = alone.judged.advice[0]
     promised = best.margins["delay"] / alone.judged.margins["delay"]
-    claims.append(
-        Claim(
-            f"It knows a record that would: {best.move} ({promised:.2f} times the interval of the "
-            "delay).",
-            promised < 0.5,
-        )
+    yield Claim(
+        f"It knows a record that would: {best.move} ({promised:.2f} times the interval of the "
+        "delay).",
+        promised < 0.5,
     )
-    for strategy in dict.fromkeys(result.strategy for result in trials):
+    for strategy in TRIED[1:]:
         worst_of = {t.designed: float(t.swing.max()) for t in trials if t.strategy == strategy}
-        if strategy != trials[0].strategy:
-            claims.append(
-                Claim(
-                    f"{strategy} designed for the twin leaves less swing on it than designed for "
-                    f"the crane that was believed in ({1e3 * worst_of['twin']:.3g} and "
-                    f"{1e3 * worst_of['believed']:.3g} mrad at worst).",
-                    worst_of["twin"] < worst_of["believed"],
-                )
-            )
-    return claims
+        yield Claim(
+            f"{strategy} designed for the twin leaves less swing on it than designed for "
+            f"the crane that was believed in ({1e3 * worst_of['twin']:.3g} and "
+            f"{1e3 * worst_of['believed']:.3g} mrad at worst).",
+            worst_of["twin"] < worst_of["believed"],
+        )
 
 
 def _trials(estimate: Estimate) -> list[Trial]:
@@ -301,142 +239,70 @@ def _trials(estimate: Estimate) -> list[Trial]:
     return try_strategies(estimate) if prior.urdf is None else []
 
 
-def _parameters(result: Identification) -> dict[str, object]:
-    model = result.estimate.model
-    return {
-        "drives": model.drives,
-        "records": [record.name for record in model.records],
-        "evaluations": result.estimate.evaluations,
-        "twin": result.twin.options,
-    }
-
-
-def _runs(result: Identification) -> dict[str, Trajectory]:
-    model = result.estimate.model
-    return {
-        f"twin_{index + 1}": model.run(index, result.estimate.values, result.twin.crane)
-        for index in range(len(model.records))
-    }
-
-
-def _figures(result: Identification) -> dict[str, Figure]:
-    count = min(len(result.estimate.model.records), _SHOWN)
-    return {f"twin_{index + 1}": beside(result.estimate, index) for index in range(count)}
-
-
-def _recording(result: Identification) -> list[Run]:
-    from cranedyn.recording import Run
-
-    names = [record.name for record in result.estimate.model.records]
-    return [
-        Run(name, result.twin.crane, run, (_APART * i, 0.0, 0.0))
-        for i, (name, run) in enumerate(zip(names, _runs(result).values(), strict=True))
-    ]
-
-
-def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
-    """Identify synthetic cranes, and count how often the intervals hold the truth."""
-    count, plant = whole("coverage", options.coverage, 1), options.plant or "simulate"
-    folder = options.folder / "cases"
-    end = sweep(
-        coverage,
-        grid(seed=list(range(count)), plant=plant),
-        folder,
-        chunk=10,
-        workers=options.workers,
-        progress=setup.reporter.sweep("cranes"),
-    )
-    data = columns_swept(folder)
-    rows, claims = [], []
-    low, high = (int(binom.ppf(share, count, 0.95)) for share in (_TAIL, 1.0 - _TAIL))
-    for name in NAMES:
-        off, margin = data[f"{name}_off"], data[f"{name}_margin"]
-        hits = int((np.abs(off) <= margin).sum())
-        rows.append((name, hits, 100.0 * hits / count, float(margin.mean()), float(off.std())))
-        claims.append(
-            Claim(
-                f"{name}: {hits} of {count} intervals hold the truth; 95 % of as many would be "
-                f"{low} to {high}.",
-                low <= hits <= high,
-            )
-        )
-    channels, coloured = 4 * count, int(data["not_white"].sum())
-    bound = int(binom.ppf(1.0 - _TAIL, channels, WHITE))
-    claims.append(
-        Claim(
-            f"{coloured} of {channels} residuals are not white; of white ones {bound} would be at "
-            "most.",
-            coloured <= bound,
-        )
-    )
-    claims.append(Claim("No crane failed.", end.errors == 0))
-    columns = [("what", ""), ("held", "d"), ("%", ".1f"), ("±, mean", ".3g"), ("off, std", ".3g")]
-    note = (
-        f"Between {low} and {high} lie {100 * (1 - 2 * _TAIL):g} % of all counts of a sure 95 %. "
-        f"Records are made by {'MuJoCo' if plant == 'mujoco' else '`simulate`'}, with efforts as "
-        f"logged; swings begin at up to {math.degrees(SWING):.0f}° in each joint. Each crane has "
-        "numbers, moves and noise of its own, and is looked for from the same wrong start."
-    )
+def _outcome(
+    result: Identification, tables: Sequence[ResultTable], claims: Sequence[Claim]
+) -> Outcome:
+    """Return the outcome with the twin, its runs of the records, and their figures."""
+    estimate, twin = result.estimate, result.twin
+    model = estimate.model
+    names = [record.name for record in model.records]
+    runs = [model.run(i, estimate.values, twin.crane) for i in range(len(names))]
     return Outcome(
-        tables=[ResultTable(f"Intervals of {count:,} synthetic cranes", columns, rows, note)],
-        claims=claims,
-        parameters={"cranes": count, "plant": plant},
+        tables,
+        claims,
+        parameters={
+            "drives": model.drives,
+            "records": names,
+            "evaluations": estimate.evaluations,
+            "twin": twin.options,
+        },
+        trajectories={f"twin_{i + 1}": run for i, run in enumerate(runs)},
+        figures={f"twin_{i + 1}": beside(estimate, i) for i in range(min(len(names), _SHOWN))},
+        recording=harness.side_by_side(
+            {name: (twin.crane, run) for name, run in zip(names, runs, strict=True)}, apart=60.0
+        ),
+        texts={"twin.json": twin.text},
     )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "identify",
-        "A crane found from its records, with intervals, and a twin of it.",
-        engines=("compiled",),
-    )
+    parser = harness.parser("identify", __doc__, engines=("compiled",))
+    add = parser.add_argument
     text = (
         "records of one crane: CSV, Parquet, .mcap or .bag with a swing and the drives; "
         "without any the examples are identified"
     )
-    parser.add_argument("file", nargs="*", metavar="FILE", default=[], help=text)
+    add("files", nargs="*", metavar="FILE", default=[], help=text)
     text = (
         "what is to be found: delay, l_offset, x_lag, x_friction, phi_bias, x_stiffness, "
         "x_damping, gravity or an argument of the crane; by default all that the columns tell"
     )
-    parser.add_argument("--estimate", nargs="+", metavar="NAME", default=None, help=text)
+    add("--estimate", nargs="+", metavar="NAME", help=text)
     text = (
         "how drives are simulated: as they moved, by the efforts that acted, or held at "
         "their setpoints by a brake"
     )
-    parser.add_argument("--drives", choices=("motion", "effort", "hold"), default=None, help=text)
-    for name, ends in (("since", "before"), ("until", "after")):
-        parser.add_argument(
-            f"--{name}",
-            type=float,
-            default=-math.inf if name == "since" else math.inf,
-            metavar="T",
-            help=f"leave out what was recorded {ends} this time [s]",
-        )
-    parser.add_argument(
-        "--columns",
-        dest="sources",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="OURS=NAME[UNIT]",
-        help="what columns are called in CSV and Parquet, and their units, as phi_rad=Angle[deg]",
-    )
-    text = "names of joints in .mcap and .bag files"
-    parser.add_argument(
-        "--joints", dest="named", nargs="+", default=[], metavar="l=NAME", help=text
-    )
+    add("--drives", choices=("motion", "effort", "hold"), help=text)
+    for name, end, default in (("since", "before", -math.inf), ("until", "after", math.inf)):
+        text = f"leave out what was recorded {end} this time [s]"
+        add(f"--{name}", type=float, default=default, metavar="T", help=text)
+    harness.add_sources(parser, "{} FILE")
     add_crane_options(parser)
-    text = "gravity that one believes in [m/s²]"
-    parser.add_argument(
-        "--gravity", dest="believed", type=float, default=STANDARD_GRAVITY, metavar="G", help=text
-    )
+    text, default = "gravity that one believes in [m/s²]", STANDARD_GRAVITY
+    add("--gravity", dest="believed", type=float, default=default, metavar="G", help=text)
     add_values(parser, "numbers of the crane that one believes in")
     text = "identify N synthetic cranes instead, and count how often the intervals hold the truth"
-    parser.add_argument("--coverage", type=int, default=None, metavar="N", help=text)
+    add("--coverage", type=int, metavar="N", help=text)
     text = "what makes their records: simulate (default) or mujoco (extra mujoco)"
-    parser.add_argument("--plant", choices=tuple(PLANTS), default=None, help=text)
+    add("--plant", choices=tuple(PLANTS), help=text)
     text = "processes for that, by default one for each processor"
-    parser.add_argument("--workers", type=int, default=None, metavar="N", help=text)
+    add("--workers", type=int, metavar="N", help=text)
+    of_files = "estimate", "drives", "since", "until", "urdf", "believed", "values"
+    harness.add_condition(parser, "a FILE", lambda options: bool(options.files), *of_files)
+    of_coverage = "plant", "workers"
+    harness.add_condition(
+        parser, "--coverage", lambda options: options.coverage is not None, *of_coverage
+    )
+    harness.add_mode(parser, "coverage", *of_coverage)
     return harness.run_experiment(parser, experiment, argv)

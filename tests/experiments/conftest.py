@@ -12,7 +12,17 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from tests.helpers import FAST
+
+ARTICLE = {"a1", "a2", "a3"}
+"""Experiments that stand in the article's gravity here, so that its published numbers are judged.
+"""
+
+PLAIN = {"a1", "a2"}
+"""Those that the plain loop computes, as by default; they print the same by compiled code."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +49,10 @@ class Ran:
         return [claim["sentence"] for claim in self.result["claims"] if claim["holds"] is not True]
 
 
+Standard = Callable[[str], Ran]
+"""A fixture that runs an experiment by its name."""
+
+
 def parse_strict(text: str) -> Any:
     """Parse JSON without numbers that are none."""
     return json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} in result.json"))
@@ -59,3 +73,20 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Ran]:
     return cache(
         lambda name, *argv: run_command(name, tmp_path_factory.mktemp("out") / name, *argv)
     )
+
+
+@pytest.fixture(scope="session")
+def standard(ran: Callable[..., Ran]) -> Standard:
+    """Runs an experiment as the article has it, by the engine that is fast where it may."""
+
+    def run(name: str) -> Ran:
+        gravity = ["--gravity", "9.8"] if name in ARTICLE else []
+        return ran(name, *gravity, *([] if name in PLAIN else ["--engine", FAST]))
+
+    return run
+
+
+def write_csv(path: Path, **columns: np.ndarray) -> None:
+    """Write columns with all their digits."""
+    table, header = np.stack(list(columns.values()), axis=1), ",".join(columns)
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.17g")

@@ -10,7 +10,7 @@ import pytest
 
 from experiments import compare, harness
 from experiments.compare import claims, runs, tables
-from experiments.compare.result import Results, StrategyResult
+from experiments.compare.runs import Results, StrategyResult
 from experiments.harness.document import read_document
 from experiments.harness.outcome import ResultTable
 from experiments.scenarios.moves import CLOSE, MOVES, SWINGING, Score
@@ -29,7 +29,7 @@ from experiments.scenarios.strategies import (
 )
 from tests.helpers import FAST, ROOT
 
-TITLE = "{}: {} to {}"
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -74,15 +74,9 @@ def test_every_strategy_runs_on_converters(strategy: str) -> None:
     setup = harness.Setup(engine=FAST)
     plan = on_converters(setup, STRATEGIES[strategy](setup, MOVES[0]))
     assert plan.drive == "velocity"
-    run = setup.simulate(
-        setup.crane,
-        plan.controller(),
-        plan.reference,
-        start=MOVES[0].ends(setup.crane)[0],
-        duration=4.0,
-        label="",
-        drive=plan.drive,
-    )
+    crane, start = setup.crane, MOVES[0].ends(setup.crane)[0]
+    means = {"start": start, "duration": 4.0, "label": "", "drive": plan.drive}
+    run = setup.simulate(crane, plan.controller(), plan.reference, **means)
     assert run.valid.all()
     assert run["x_m"][-1] > 10.0  # it is on its way
 
@@ -103,15 +97,8 @@ def test_what_is_affine_runs_on_converters_in_a_batch() -> None:
             duration=2.0,
             drive="velocity",
         )
-        run = setup.simulate(
-            setup.crane,
-            plan.controller(),
-            plan.reference,
-            start=start,
-            duration=2.0,
-            label="",
-            drive="velocity",
-        )
+        means = {"start": start, "duration": 2.0, "label": "", "drive": "velocity"}
+        run = setup.simulate(setup.crane, plan.controller(), plan.reference, **means)
         np.testing.assert_allclose(batch.end.q[1], run.q[-1], rtol=0.0, atol=1e-12)
 
 
@@ -128,7 +115,7 @@ def test_a_claim_about_converters_that_does_not_hold_is_one() -> None:
     assert [claim.holds for claim in claims.converter_claims(worst)] == [False]
     broken = {"one": {FLAT: {"gust": StrategyResult(None, "the rope goes slack")}}}
     assert [claim.holds for claim in claims.converter_claims(broken)] == [False]
-    assert claims.converter_claims({"one": {PD: {"as planned": scored(1.0)}}}) == []
+    assert list(claims.converter_claims({"one": {PD: {"as planned": scored(1.0)}}})) == []
     table = tables.drives_table(MOVES[0], good)
     assert table.columns[-1][0] == "beyond [s]" and table.rows[0][-1] == 0.5
 

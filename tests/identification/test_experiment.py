@@ -14,6 +14,7 @@ from experiments import identify
 from experiments.gazebo import RECORDINGS
 from experiments.harness import ResultTable
 from experiments.harness.document import read_document
+from experiments.identify.coverage import NAMES
 from experiments.identify.figures import spectra
 from tests.helpers import ROOT
 from tests.identification.test_estimate import TRUTH, recorded
@@ -95,7 +96,7 @@ def test_a_file_of_a_stranger_in_degrees_gives_a_twin(
         (["--plant", "mujoco"], "--plant has no effect without --coverage"),
         (["--coverage", "0"], "coverage is 0; allowed is a whole number >= 1"),
         (["{l5}", "--coverage", "3"], "A FILE has no effect beside --coverage"),
-        (["--coverage", "3", "--set", "a:=1"], "--set has no effect without a FILE"),
+        (["--coverage", "3", "--set", "a:=1"], "--set has no effect beside --coverage"),
     ],
 )
 def test_what_cannot_be_is_one_sentence_and_leaves_no_file(
@@ -116,7 +117,7 @@ def test_coverage_counts_intervals_that_hold_the_truth(tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert identify.main(["--coverage", "2", "--workers", "1", "--out", str(out)]) == 0
     (table,) = json.loads((out / "result.json").read_text())["tables"]
-    assert [row[0] for row in table["rows"]] == list(identify.NAMES)
+    assert [row[0] for row in table["rows"]] == list(NAMES)
     assert all(row[1] in (0, 1, 2) for row in table["rows"])
 
 
