@@ -489,8 +489,8 @@ MUTATIONS = (
     Mutation(
         "a swing of a batch counts as residual a row late",
         "cranedyn/compiled/batch.py",
-        """"residual_from", t, t_start, end, "s") - t_start) / clock.period - 1e-6)""",
-        """"residual_from", t, t_start, end, "s") - t_start) / clock.period - 1e-6) + 1""",
+        "math.ceil(periods - 1e-6)",
+        "math.ceil(periods - 1e-6) + 1",
         "batch::the_summary_is_that_of_the_recorded_rows",
     ),
     Mutation(

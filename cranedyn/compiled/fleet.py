@@ -108,11 +108,11 @@ class Fleet:
         check_fits_memory(
             "number of cranes",
             str(count),
-            groups * _LANES * (3 * size(sizes.state) + code.varied + size(sizes.force) + 10),
+            groups * _LANES * (3 * size(sizes.state) + code.source.varied + size(sizes.force) + 10),
         )
         self._state, self._numbers = (
             np.zeros((groups, size(sizes.state), _LANES)),
-            np.zeros((groups, code.varied, _LANES)),
+            np.zeros((groups, code.source.varied, _LANES)),
         )
         self._force = np.zeros((groups * _LANES if forces else 1, size(sizes.force)))
         self._pushed, self._last_command = forces, slices(sizes.state)["last_command"]

@@ -240,6 +240,10 @@ class Instructions:
         """Return a multiple of a whole number."""
         return self.builder.mul(a, self.integer(number))
 
+    def plus(self, a: ir.Value, number: int) -> ir.Value:
+        """Return the sum of a whole number and a constant."""
+        return self.builder.add(a, self.integer(number))
+
     def from_integer(self, number: ir.Value) -> Value:
         """Return a whole number in every lane."""
         return self.from_double(self.builder.sitofp(number, DOUBLE))

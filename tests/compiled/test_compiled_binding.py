@@ -365,7 +365,7 @@ def _loop(**changed: Any) -> Loop:
 
 
 def _with(name: str, change: Callable[[np.ndarray], Any]) -> dict[str, Any]:
-    return {name: change(_loop()._kept[2][name])}
+    return {name: change(_loop()._arrays[name].array)}
 
 
 def _read_only(array: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ import pytest
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
 
 from benchmarks import gpu
-from cranedyn.compiled import cuda, memory
+from cranedyn.compiled import batch, cuda
 from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.compiled.horizon.receding import receding
 from cranedyn.compiled.threads import WARP
@@ -135,7 +135,7 @@ def _apart(one: Batch, other: Batch) -> float:
 def one_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
     """The threads of a GPU run on this processor."""
     monkeypatch.setattr(cuda, "check_available", lambda: None)
-    monkeypatch.setattr(cuda, "run", lambda loop, *_: memory.run(loop, 1))
+    monkeypatch.setattr(cuda, "run", lambda loop, *_: batch.run_in_threads(loop, 1))
 
 
 @pytest.mark.usefixtures("one_after_another")
