@@ -703,7 +703,7 @@ def test_places_and_references_that_are_too_many_are_refused_before_there_is_a_t
     monkeypatch.setattr("cranedyn.compiled.inputs._LARGEST", 1.5e6)
     with pytest.raises(
         OutOfRange,
-        match=r"number of places at which drives start is 5\d\d or more; allowed is what takes "
+        match=r"number of places at which drives start is 1000; allowed is what takes "
         r"0\.0015 GB",
     ):
         simulate_batch(c, hold_controller(c), start=starts, **CLOCK)

@@ -336,7 +336,7 @@ def _loop(**changed: Any) -> Loop:
     starts[:, 0] = 3
     memory = {
         "state": np.zeros((groups, size(_SIZES.state), _LANES)),
-        "numbers": np.ones((groups, code.varied, _LANES)),
+        "numbers": np.ones((groups, code.source.varied, _LANES)),
         "delay": np.full((groups, 1, _LANES), 2, dtype=np.int64),
         "readings": np.zeros((groups, 3 * 10, _LANES)),
         "starts": starts,

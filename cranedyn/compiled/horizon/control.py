@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from cranedyn.compiled.code import INTEGER, Code, Value
+from cranedyn.compiled.code import DOUBLE, INTEGER, Code, Value
 from cranedyn.compiled.horizon import interior, model, planning, riccati
 from cranedyn.compiled.horizon.memory import HorizonShape, element, pointer
 from cranedyn.compiled.horizon.planning import QUERY
@@ -80,7 +80,16 @@ class Programme:
 
     def offsets(self, lanes: int) -> MemoryOffsets:
         """Return the offsets of the sections in the memory of a group of lanes."""
-        return MemoryOffsets.of(self, lanes)
+        shape = self.shape
+        counts = [
+            shape.lanes + 8,
+            8,
+            lanes * -(-lane_memory(self.topology.layout)["begun"].stop // 8) * 8,
+            lanes * plan_size(shape),
+            -(-max(self.rows, 1) * shape.states // 8) * 8 + shape.lanes,
+            shape.size,
+        ]
+        return MemoryOffsets(0, *np.cumsum(counts).tolist())
 
     @property
     def plant(self) -> Plant:
@@ -120,20 +129,6 @@ class MemoryOffsets(NamedTuple):
     work: int
     size: int
 
-    @classmethod
-    def of(cls, programme: Programme, lanes: int) -> MemoryOffsets:
-        """Return the offsets for a group of so many lanes."""
-        shape, layout = programme.shape, programme.topology.layout
-        counts = [
-            shape.lanes + 8,
-            8,
-            lanes * -(-lane_memory(layout)["begun"].stop // 8) * 8,
-            lanes * plan_size(shape),
-            -(-max(programme.rows, 1) * shape.states // 8) * 8 + shape.lanes,
-            shape.size,
-        ]
-        return cls(0, *np.cumsum(counts).tolist())
-
 
 def lane_memory(layout: Layout) -> dict[str, range]:
     """Return the slots of each lane's memory by name.
@@ -153,10 +148,8 @@ def lane_memory(layout: Layout) -> dict[str, range]:
         refused=2 * n,
         begun=1,
     )
-    ends = np.cumsum(list(sizes.values())).tolist()
-    return {
-        name: range(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)
-    }
+    ends = zip(sizes, np.cumsum(list(sizes.values())).tolist(), strict=True)
+    return {name: range(end - sizes[name], end) for name, end in ends}
 
 
 def plan_size(shape: HorizonShape) -> int:
@@ -193,13 +186,8 @@ def emit_instant(module: ir.Module, programme: Programme) -> None:
     position = array([code.load(query, z + i) for i in range(layout.m)])
     row, due = (code.load_one(query, z + layout.m + i, INTEGER) for i in range(2))
     control = PredictiveControl(code, programme, code.argument["memory"])
-    command = control.command(
-        state[: layout.n],
-        state[layout.n :],
-        position,
-        row,
-        code.builder.icmp_signed("!=", due, code.integer(0)),
-    )
+    optimise = code.builder.icmp_signed("!=", due, code.integer(0))
+    command = control.command(state[: layout.n], state[layout.n :], position, row, optimise)
     for i, value in enumerate(command):
         code.store(value, code.argument["command"], i)
     code.end()
@@ -210,10 +198,7 @@ class PredictiveControl:
 
     def __init__(self, code: Code, programme: Programme, memory: ir.Value) -> None:
         self.code, self.programme, self.memory = code, programme, memory
-        self.offsets, self.layout = (
-            MemoryOffsets.of(programme, code.lanes),
-            programme.topology.layout,
-        )
+        self.offsets, self.layout = programme.offsets(code.lanes), programme.topology.layout
         self._slots = lane_memory(self.layout)
 
     def count_instant(self) -> tuple[ir.Value, ir.Value]:
@@ -224,11 +209,9 @@ class PredictiveControl:
         code.builder.store(code.builder.add(count, code.integer(1)), address, align=8)
         turn = code.builder.srem(count, code.integer(self.programme.ratio))
         first = code.load_one(self.memory, self.offsets.counts + 1, INTEGER)
-        due = code.builder.or_(
-            code.builder.icmp_signed("==", turn, code.integer(0)),
-            code.builder.icmp_signed("==", count, first),
-        )
-        return count, due
+        compared = code.builder.icmp_signed
+        due = compared("==", turn, code.integer(0)), compared("==", count, first)
+        return count, code.builder.or_(*due)
 
     def command(
         self, q: np.ndarray, v: np.ndarray, position: np.ndarray, row: ir.Value, due: ir.Value
@@ -259,9 +242,8 @@ class PredictiveControl:
             return acceleration
         rates = estimated[1][self.layout.drives]
         self._store_memory("expected", rates + self.programme.period * acceleration)
-        return array(
-            [r + t * a for r, t, a in zip(rates, self.programme.lead, acceleration, strict=True)]
-        )
+        lead = self.programme.lead
+        return array([r + t * a for r, t, a in zip(rates, lead, acceleration, strict=True)])
 
     def call_instant(
         self, q: np.ndarray, v: np.ndarray, position: np.ndarray, row: ir.Value, due: ir.Value
@@ -272,14 +254,12 @@ class PredictiveControl:
         code = self.code
         numbers = [*q, *v, *position]
         with code.builder.goto_entry_block():
-            query, command = (
-                code.builder.alloca(ir.DoubleType(), size)
-                for size in (len(numbers) + 2, len(position))
-            )
+            query = code.builder.alloca(DOUBLE, len(numbers) + 2)
+            command = code.builder.alloca(DOUBLE, len(position))
         for i, value in enumerate(numbers):
             code.store(value, query, i)
         for i, number in enumerate((row, code.builder.zext(due, INTEGER)), len(numbers)):
-            bits = code.builder.bitcast(number, ir.DoubleType())
+            bits = code.builder.bitcast(number, DOUBLE)
             code.store(Value(code, bits), query, i)
         function = code.function.module.globals["instant"]
         code.builder.call(function, [self.memory, query, command])
@@ -295,9 +275,8 @@ class PredictiveControl:
         plausible: Value,
     ) -> None:
         code, offsets, shape = self.code, self.offsets, self.programme.shape
-        query, path = (
-            pointer(code, self.memory, offset) for offset in (offsets.query, offsets.path)
-        )
+        query = pointer(code, self.memory, offsets.query)
+        path = pointer(code, self.memory, offsets.path)
         for i, value in enumerate([*q, *v]):
             self._store_one(element(code, value, lane), query, i)
         rows = self.programme.rows
@@ -316,7 +295,7 @@ class PredictiveControl:
         work = pointer(code, self.memory, offsets.work)
         code.builder.call(code.function.module.globals["plan"], [work, plan, query, path])
         for i in range(self.layout.m):
-            value = code.load_one(plan, shape.states + i, ir.DoubleType())
+            value = code.load_one(plan, shape.states + i, DOUBLE)
             to = pointer(code, self.memory, offsets.lanes + i * code.lanes + lane)
             code.builder.store(value, to, align=8)
 
@@ -350,9 +329,8 @@ class PredictiveControl:
             "refusals": (self._load_memory("refusals"), self._load_memory("refusals") + 1.0),
         }
         for name, pairs in updates.items():
-            self._store_memory(
-                name, [code.chosen(holds, a, b) for a, b in zip(*pairs, strict=True)]
-            )
+            values = [code.chosen(holds, a, b) for a, b in zip(*pairs, strict=True)]
+            self._store_memory(name, values)
         q, v = np.split(self._load_memory("read"), 2)
         return q, v, code.chosen(holds, 1.0, 0.0)
 
@@ -417,9 +395,8 @@ class PredictiveControl:
         estimate, expected = self._load_memory("estimate"), self._load_memory("expected")
         rates = v[layout.drives]
         gain = learns * (programme.share / programme.period)
-        estimate = array(
-            [e + gain * (r - x) for e, r, x in zip(estimate, rates, expected, strict=True)]
-        )
+        read = zip(estimate, rates, expected, strict=True)
+        estimate = array([e + gain * (r - x) for e, r, x in read])
         crane = programme.plant
         effort = crane.answer(q, v, acceleration - estimate, None)[1]
         cut = [
