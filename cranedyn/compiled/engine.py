@@ -5,13 +5,12 @@ in the loop is Python.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from cranedyn.checks import read_only
 from cranedyn.compiled.binding import Loop, RowFunction
-from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.layout import BufferLayout, size, slices
 from cranedyn.compiled.step import check_rule
@@ -32,8 +31,26 @@ from cranedyn.references.tabulated import tabulated
 from cranedyn.simulation.engine import Actuation, Engine, Extend, Setting
 from cranedyn.simulation.stepper import DIVERGED
 
+if TYPE_CHECKING:
+    from cranedyn.compiled.horizon.control import Programme
+
 _BLOCK, _STEPS = 2000, 1_000_000
 """Largest numbers of control instants, and of physics steps, in a block."""
+
+
+@runtime_checkable
+class Predictive(Protocol):
+    """Controller whose optimisation runs in compiled loops: `Receding` of
+    `cranedyn.compiled.horizon.receding`, which takes long to import.
+    """
+
+    programme: Programme
+
+    def resume_memory(self, t: float) -> np.ndarray:
+        """Return its memory for a loop that continues from a control instant [s]."""
+
+    def advance_to(self, t: float) -> None:
+        """Record that a loop has advanced through a control instant [s]."""
 
 
 class _Block(NamedTuple):
@@ -69,7 +86,7 @@ class CompiledEngine(Engine):
         self._memory = np.zeros(size(sizes.state))
         self._gain_table, self._setpoint_table = command_tables(sizes)
         self._create_views()
-        self._predictive: Receding | None = None
+        self._predictive: Predictive | None = None
         self._step: Callable[[], None] | None = None
         self._horizon: np.ndarray | None = None
         self._blocks: dict[tuple[bool, int, int, int], _Block] = {}
@@ -200,7 +217,7 @@ class CompiledEngine(Engine):
         if self._setting.forces:
             return
         clocks, first = self._setting.clocks, 0
-        predictive = controller if isinstance(controller, Receding) else None
+        predictive = controller if isinstance(controller, Predictive) else None
         if predictive is not None and predictive.programme.drive != self._setting.drive:
             return
         ahead = max(1, min(_BLOCK, _STEPS // clocks.steps))
@@ -267,7 +284,7 @@ class CompiledEngine(Engine):
             self._horizon[:] = predictive
         return None
 
-    def _plan_with(self, predictive: Receding | None, t: float) -> None:
+    def _plan_with(self, predictive: Predictive | None, t: float) -> None:
         """Prepare the memory of a predictive controller that continues from a time [s]."""
         if predictive is not self._predictive:
             self._blocks.clear()

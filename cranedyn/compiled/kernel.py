@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain, count
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.angles import SHORTER, all_within
 from cranedyn.compiled.code import INTEGER, Code, StackVariable, Value
-from cranedyn.compiled.horizon.control import PredictiveControl, Programme, emit_instant, emit_plan
 from cranedyn.compiled.layout import CALL, SLOTS, TURNS, BufferLayout, Sections, size, slices
 from cranedyn.compiled.machine import Machine, translate
 from cranedyn.compiled.step import Step, StepState
@@ -20,6 +19,9 @@ from cranedyn.compiled.threads import THREAD, emit_lane_loop
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.dynamics.scalars import array
 from cranedyn.plant.plant import SI, Plant, Topology, Units, plant
+
+if TYPE_CHECKING:
+    from cranedyn.compiled.horizon.control import Programme
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,8 @@ def build_module(source: Source) -> ir.Module:
     module, recipe = ir.Module(), source.recipe
     lanes = 1 if recipe.threads else recipe.lanes
     if recipe.programme is not None:
+        from cranedyn.compiled.horizon.control import emit_instant, emit_plan  # few runs need it
+
         emit_plan(module, recipe.programme)
         if recipe.lanes == 1:
             emit_instant(module, recipe.programme)
@@ -394,6 +398,8 @@ class _Loop:
         if self.recipe.delayed:
             z = self._delay_reading(instant, z)
         if self.recipe.programme is not None:
+            from cranedyn.compiled.horizon.control import PredictiveControl
+
             control = PredictiveControl(code, self.recipe.programme, self.call_values["horizon"])
             row, due = control.count_instant()
             command_of = control.call_instant if code.lanes == 1 else control.command
