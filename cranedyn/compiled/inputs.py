@@ -348,8 +348,9 @@ def required_numbers(
     Raises:
         OutOfRange: If they, or the tables of one controller, take more than 4 GB.
     """
-    check_fits_memory("number of cranes", str(cranes), cranes * (_CRANE + extra))
-    used = cranes * (_CRANE + extra + 2 * instants * size(sizes.row))
+    used = cranes * (_CRANE + extra)
+    check_fits_memory("number of cranes", str(cranes), used)
+    used += 2 * cranes * instants * size(sizes.row)
     check_fits_memory("record", f"{instants} rows of {cranes} cranes", used)
     tables = 2 * periods * (size(sizes.gain_table) + size(sizes.setpoint_table))
     check_fits_memory("duration", f"{periods} control periods", tables)

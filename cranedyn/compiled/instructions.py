@@ -248,11 +248,11 @@ class Instructions:
 
     def load(self, pointer: ir.Value, first: Any = 0) -> Value:
         """Load the lanes from consecutive doubles of memory, beginning at an index."""
-        return Value(self, self.builder.load(self._at(pointer, first), align=8, typ=self.type))
+        return Value(self, self.builder.load(self.address(pointer, first), align=8, typ=self.type))
 
     def store(self, value: Any, pointer: ir.Value, first: Any = 0) -> None:
         """Store the lanes in consecutive doubles of memory."""
-        self.builder.store(self.value(value).register, self._at(pointer, first), align=8)
+        self.builder.store(self.value(value).register, self.address(pointer, first), align=8)
 
     def spread(self, pointer: ir.Value, index: Any) -> Value:
         """Load one double of memory into every lane."""
@@ -270,9 +270,10 @@ class Instructions:
 
     def load_one(self, pointer: ir.Value, index: Any, kind: ir.Type) -> ir.Value:
         """Load one whole number, double or address."""
-        return self.builder.load(self._at(pointer, index), align=8, typ=kind)
+        return self.builder.load(self.address(pointer, index), align=8, typ=kind)
 
-    def _at(self, pointer: ir.Value, index: Any) -> ir.Value:
+    def address(self, pointer: ir.Value, index: Any) -> ir.Value:
+        """Return the address of a double at an index, whole number of code or of Python."""
         offset = index if isinstance(index, ir.Value) else self.integer(index)
         return self.builder.gep(pointer, [offset], source_etype=DOUBLE)
 

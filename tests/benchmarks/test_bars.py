@@ -69,6 +69,7 @@ def test_a_bar_that_is_missed_gives_exit_code_1(
     assert main(["--seconds", "300", "--share", "0.5"]) == 0
 
 
+@pytest.mark.slow
 def test_the_bars_of_this_project_are_measured_and_ci_asks_for_them() -> None:
     found = bars.all_bars()
     assert len({bar.name for bar in found}) == len(found)

@@ -47,6 +47,7 @@ ROUNDING = 4e-13
 
 
 @pytest.mark.parametrize("contestant", CONTESTANTS, ids=lambda one: one.name)
+@pytest.mark.slow
 def test_each_contestant_makes_the_trajectory_of_the_plain_loop_but_for_its_damping(
     contestant: Contestant,
 ) -> None:
@@ -58,6 +59,7 @@ def test_each_contestant_makes_the_trajectory_of_the_plain_loop_but_for_its_damp
     assert max_deviation(contestant) > 100.0 * ROUNDING
 
 
+@pytest.mark.slow
 def test_a_contestant_gives_the_same_run_twice() -> None:
     for contestant in CONTESTANTS:
         if contestant.missing() is None:
@@ -84,6 +86,7 @@ def shifted(by: float, *, many: bool) -> Contestant:
 
 
 @pytest.mark.parametrize("many", [False, True])
+@pytest.mark.slow
 def test_who_is_off_by_more_than_allowed_is_not_shown_and_it_is_said_by_how_much(
     many: bool,
 ) -> None:
@@ -113,6 +116,7 @@ def test_a_result_that_is_no_number_or_has_no_log_agrees_with_nothing() -> None:
     assert TRUTH.max_deviation(broken(0.0, False), many=False) == np.inf
 
 
+@pytest.mark.slow
 def test_who_cannot_run_or_fails_is_named_with_the_reason() -> None:
     def fails(case: Case) -> Run:
         raise RuntimeError("no such joint\nand more")
@@ -131,12 +135,14 @@ def test_who_cannot_run_or_fails_is_named_with_the_reason() -> None:
     assert list(table.rows) == refused
 
 
+@pytest.mark.slow
 def test_without_the_plain_loop_nothing_is_compared() -> None:
     words = "Nothing can be compared without the plain loop: it does not take part"
     with pytest.raises(CraneError, match=words):
         engines.engines_benchmark(1, True, [shifted(0.0, many=False)])
 
 
+@pytest.mark.slow
 def test_a_double_pendulum_is_compared_by_those_that_run_any_crane() -> None:
     hook = Case(load_crane(hook_mass=engines.HOOK_MASS))
     able = [one for one in CONTESTANTS if one.any_crane and not one.missing()]
@@ -202,6 +208,7 @@ def test_c_refuses_a_crane_that_its_equations_do_not_describe() -> None:
 
 
 @needs_compiler
+@pytest.mark.slow
 def test_what_the_compiler_says_is_the_reason(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -255,6 +262,7 @@ def test_a_run_is_cut_to_its_time_but_not_below_ten_times_its_fixed_cost_nor_bey
     assert stretch(CASE, run, 1, 0.5) == 70.0
 
 
+@pytest.mark.slow
 def test_engines_leaves_tables_in_a_document_and_a_figure(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -298,6 +306,7 @@ def test_the_reference_is_where_runs_go_as_their_step_vanishes() -> None:
     assert np.abs(limit - exact).max() < 1e-10
 
 
+@pytest.mark.slow
 def test_half_the_step_halves_errors_of_semi_implicit_euler_and_rk4_errs_a_sixteenth() -> None:
     table = accuracy.integrators(1, RNG, steps=(1e-2, 5e-3, 2e-3, 1e-3), duration=6.0)
     euler, rk4 = (
@@ -312,6 +321,7 @@ def test_half_the_step_halves_errors_of_semi_implicit_euler_and_rk4_errs_a_sixte
     assert accuracy.accuracy_figure(table).axes[0].get_xscale() == "log"
 
 
+@pytest.mark.slow
 def test_the_start_is_measured_of_those_that_run_and_is_longer_than_that_of_python() -> None:
     absent = Contestant("absent", lambda: "absent is not installed", ours.PLAIN.prepare)
     unknown = Contestant("nobody of this name", lambda: None, ours.PLAIN.prepare)

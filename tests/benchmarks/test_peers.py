@@ -31,6 +31,7 @@ def test_everybody_takes_part_but_slower_ways_of_our_own() -> None:
     }
 
 
+@pytest.mark.slow
 def test_the_table_is_sorted_and_the_chart_has_a_bar_for_each() -> None:
     few = [
         one for one in ours.CONTESTANTS if one.name in ("plain loop", "compiled batch, all cores")

@@ -128,6 +128,7 @@ def _pushed(rows: np.ndarray) -> Callable[[float, State], np.ndarray]:
 
 
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 20])
+@pytest.mark.slow
 def test_each_crane_of_a_batch_does_what_it_does_alone(count: int) -> None:
     cranes, starts, references = _cranes(count), _starts(count), _references(count)
     rng = np.random.default_rng(6)
@@ -156,6 +157,7 @@ RULES = pytest.mark.parametrize(
 
 @RULES
 @pytest.mark.parametrize("drive", ["effort", "motion"])
+@pytest.mark.slow
 def test_drives_and_stepping_rules_are_those_of_a_run_alone(
     drive: Any, integrator: Integrator, dt: float
 ) -> None:
@@ -174,6 +176,7 @@ def test_drives_and_stepping_rules_are_those_of_a_run_alone(
 
 
 @RULES
+@pytest.mark.slow
 def test_buffers_act_on_the_cranes_that_reach_them(integrator: Integrator, dt: float) -> None:
     count, c, how = 9, crane(trolley_max=11.0), {**CLOCK, "dt": dt, "integrator": integrator}
     starts = [c.state(x=9.0 + 0.24 * i, x_dot=0.5, phi=0.05, theta=0.02) for i in range(count)]
@@ -185,6 +188,7 @@ def test_buffers_act_on_the_cranes_that_reach_them(integrator: Integrator, dt: f
     assert 0 < sum(alone.outside[-1, 1] != 0.0 for alone in runs) < count
 
 
+@pytest.mark.slow
 def test_without_a_reference_each_holds_where_it_starts_and_what_is_given_once_is_for_all() -> None:
     c, brake, starts = crane(), hold_controller(crane(), gravity=G), _starts(5)
     force, offset = np.full((1, 6), 100.0), np.full(10, 0.001)
@@ -206,6 +210,7 @@ def test_without_a_reference_each_holds_where_it_starts_and_what_is_given_once_i
 
 
 @pytest.mark.parametrize("buffers", [False, True])
+@pytest.mark.slow
 def test_cranes_from_the_workshop_to_the_harbour_on_any_planet_are_one_batch(buffers: bool) -> None:
     rng = np.random.default_rng(3)
     cranes = [
@@ -298,6 +303,7 @@ def test_neither_the_order_of_the_cranes_nor_the_number_of_threads_changes_a_bit
         assert _bits(_many(range(20), threads=threads), range(20)) == usual
 
 
+@pytest.mark.slow
 def test_a_crane_that_diverges_harms_no_other_and_says_so() -> None:
     starts = _starts(9)
     calm = hold_controller(crane(), gravity=G)
@@ -396,6 +402,7 @@ def test_what_is_not_recorded_takes_no_memory() -> None:
     assert_allclose(found.end.q, starts.q, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_tables_are_kept_once_and_no_longer_than_they_change() -> None:
     spread = np.random.default_rng(0).uniform(-0.5, 0.5, (100, 5)) * [1, 1, 0.1, 0.1, 1]
     starts = State(crane().start.q + spread, np.zeros((100, 5)))
@@ -526,6 +533,7 @@ def test_ten_million_cranes_run_and_are_refused_where_each_needs_more() -> None:
         simulate_batch(c, hold_controller(c), start=many, record=1000, **CLOCK)
 
 
+@pytest.mark.slow
 def test_places_and_references_that_are_too_many_are_refused_before_there_is_a_table_of_each(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -176,6 +176,7 @@ FORCES: dict[str, Callable[[], Disturbance | None]] = {
 
 
 @pytest.mark.parametrize("controller", ["hold", "integral", "python", "follow"])
+@pytest.mark.slow
 def test_a_run_of_many_blocks_is_the_same(controller: str) -> None:
     drive, made = CONTROLLERS[controller]
     c, told = crane(**DAMPED), list[float]()
@@ -251,6 +252,7 @@ def _midpoint(
     return q, v
 
 
+@pytest.mark.slow
 def test_a_stepping_rule_of_ones_own_runs_in_both_engines() -> None:
     c, rule = crane(**DAMPED), Integrator("midpoint", _midpoint, lead=0.0)
     how: dict[str, Any] = {"duration": LASTS, "control_period": PERIOD}
@@ -311,6 +313,7 @@ def test_a_crane_that_is_a_billionth_heavier_than_its_model_is_refused(
         simulate(c, hold_controller(c), duration=0.1, engine="compiled")
 
 
+@pytest.mark.slow
 def test_llvmlite_is_imported_where_it_is_used_and_missed_in_a_sentence() -> None:
     script = """
 import sys
@@ -356,6 +359,7 @@ def test_what_an_integrator_remembers_is_what_the_plain_loop_leaves_it() -> None
     assert compiled._t == plain._t == 0.8
 
 
+@pytest.mark.slow
 def test_at_its_limit_the_integrator_stops_alike_and_comes_back() -> None:
     c, quiet = crane(payload_mass=1300.0, trolley_max=30.0), hold(crane(), _start())
     tracking = lqr(crane(), hanging_reference(c, quiet, 3.0, PERIOD), dt=1e-3)
@@ -479,6 +483,7 @@ def _raise(error: BaseException) -> Any:
     ids=["not a number", "two numbers", "an error", "Ctrl-C"],
 )
 @pytest.mark.parametrize("integrator", [semi_implicit_euler, rk4], ids=["Euler", "RK4"])
+@pytest.mark.slow
 def test_a_controller_that_cannot_answer_ends_both_runs_in_the_same_words(
     action: Callable[[], np.ndarray], words: str, integrator: Integrator
 ) -> None:
@@ -569,6 +574,7 @@ def test_disturbances_that_are_no_forces_end_both_runs_in_the_same_words() -> No
 @pytest.mark.parametrize(
     ("integrator", "dt"), [(semi_implicit_euler, 1e-3), (rk4, PERIOD)], ids=["Euler", "RK4"]
 )
+@pytest.mark.slow
 def test_both_engines_record_the_same(
     controller: str, integrator: Integrator, dt: float, blows: str, validity: Any
 ) -> None:
@@ -644,6 +650,7 @@ def test_rk4_keeps_the_energy_of_a_swing(engine: Any) -> None:
 
 
 @IN_BOTH
+@pytest.mark.slow
 def test_where_buffers_act_rk4_gives_way_to_small_steps(engine: Any) -> None:
     c, push = crane(trolley_max=11.0, **DAMPED), constant(0.0, 500.0, -1000.0 * G)
     how: dict[str, Any] = {
@@ -685,6 +692,7 @@ def soft_hold(c: Crane, q: np.ndarray) -> Hold:
 
 @settings(max_examples=12)
 @given(cases(CALM), kinds)
+@pytest.mark.slow
 def test_cranes_of_all_sizes_agree_step_by_step(case: Case, drive: str) -> None:
     plain, compiled = (
         run(case, drive, duration=0.2, engine=engine) for engine in ("pinocchio", "compiled")
@@ -696,6 +704,7 @@ def test_cranes_of_all_sizes_agree_step_by_step(case: Case, drive: str) -> None:
 @given(
     cases(CALM), st.sampled_from(["mark", "buffers"]), st.sampled_from([semi_implicit_euler, rk4])
 )
+@pytest.mark.slow
 def test_cranes_of_all_sizes_agree_where_loops_run_ahead(
     case: Case, validity: Any, integrator: Integrator
 ) -> None:

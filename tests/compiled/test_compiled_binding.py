@@ -322,6 +322,7 @@ _CHANGES: dict[str, Callable[[np.ndarray], Any]] = {
 @pytest.mark.parametrize(
     "name", ["state", "numbers", "starts", "delay", "readings", "summary", "log"]
 )
+@pytest.mark.slow
 def test_only_arrays_of_the_right_shape_and_type_are_bound(name: str, change: str) -> None:
     changed = _with(name, _CHANGES[change])
     if change == "a group less" and name == "state":  # which says how many there are
@@ -396,6 +397,7 @@ def _tried(*arguments: str, **environment: str) -> list[str]:
     return run.stdout.splitlines()
 
 
+@pytest.mark.slow
 def test_no_public_call_reads_or_writes_beside_an_array_or_what_nobody_has_written() -> None:
     """Between guard pages, and under the checks of the C library with freed memory filled; both
     times the same comes out, to the bit.
@@ -457,6 +459,7 @@ def _everything(integrator: Any, dt: float, drive: Any, buffers: bool) -> list[b
     ],
     ids=["Euler", "RK4 with buffers", "motion"],
 )
+@pytest.mark.slow
 def test_a_run_in_pieces_is_the_same_to_the_bit(
     steps: int,
     integrator: Any,
@@ -538,6 +541,7 @@ def _prepared(run: Callable[..., object], how: dict[str, Any]) -> None:
 
 
 @LONG
+@pytest.mark.slow
 def test_ctrl_c_is_answered_within_two_seconds_whatever_runs(
     run: Callable[..., object], how: dict[str, Any]
 ) -> None:
@@ -552,6 +556,7 @@ def test_ctrl_c_is_answered_within_two_seconds_whatever_runs(
 
 
 @pytest.mark.parametrize("run", [simulate, simulate_batch])
+@pytest.mark.slow
 def test_ctrl_c_is_answered_within_two_seconds_under_the_longest_horizon(
     run: Callable[..., object],
 ) -> None:
@@ -571,6 +576,7 @@ def test_ctrl_c_is_answered_within_two_seconds_under_the_longest_horizon(
 # --- many threads ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_code_that_many_threads_ask_for_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     c, made = load_crane(payload_mass=1023.0), []
     recipe = replace(_RECIPE, lanes=1, shared=(True, True, True, True))

@@ -178,6 +178,7 @@ def _resident() -> float:
     return int(Path("/proc/self/statm").read_text().split()[1]) * mmap.PAGESIZE / 1e6
 
 
+@pytest.mark.slow
 def test_code_that_is_part_of_a_cycle_is_freed_in_the_right_order() -> None:
     for _ in range(5):
         made = _machine.__wrapped__(1, _cut)
@@ -188,6 +189,7 @@ def test_code_that_is_part_of_a_cycle_is_freed_in_the_right_order() -> None:
         gc.collect()
 
 
+@pytest.mark.slow
 def test_code_that_nobody_needs_any_more_leaves_no_memory_behind() -> None:
     def made(i: int) -> None:
         _machine.__wrapped__(1, lambda code, x: [np.sin(np.array([x + float(i)]))[0]])

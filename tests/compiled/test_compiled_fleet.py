@@ -94,6 +94,7 @@ def test_efforts_are_cut_to_the_limits_of_each_crane_as_in_simulate() -> None:
 
 @pytest.mark.parametrize("drive", ["effort", "motion"])
 @pytest.mark.parametrize("relative", [HOOK, ROPE, BRIDGE], ids=lambda relative: relative.name)
+@pytest.mark.slow
 def test_cranes_of_other_topology_move_as_in_simulate_under_forces_on_their_points(
     relative: Relative, drive: DirectDrive
 ) -> None:
@@ -125,6 +126,7 @@ SPRING = (
 )
 
 
+@pytest.mark.slow
 def test_cranes_with_springs_in_different_joints_do_not_run_together(tmp_path: Path) -> None:
     path = tmp_path / "sprung.urdf"
     path.write_text(crane().urdf.replace("</robot>", SPRING))

@@ -96,6 +96,7 @@ def _worst(model: pin.Model, rng: np.random.Generator, states: int = 20) -> floa
     st.booleans(),
     st.booleans(),
 )
+@pytest.mark.slow
 def test_any_tree_moves_as_in_pinocchio(
     kinds: list[str], seed: int, branch: bool, armature: bool
 ) -> None:
@@ -106,6 +107,7 @@ def test_any_tree_moves_as_in_pinocchio(
 
 
 @pytest.mark.parametrize("name", [*ROBOTS, "kinova.urdf"])
+@pytest.mark.slow
 def test_real_robots_move_as_in_pinocchio(name: str) -> None:
     assert _worst(_robot(name), np.random.default_rng(3)) < 1.0
 

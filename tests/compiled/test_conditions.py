@@ -83,6 +83,7 @@ def test_rows_are_marked_where_code_says_that_the_model_does_not_hold() -> None:
         ("velocity", 1e5, 4.0),
     ],
 )
+@pytest.mark.slow
 def test_code_says_whether_drives_can_and_rows_are_marked_where_they_cannot(
     drive: Drive, effort: float, away: float, asked: list[str]
 ) -> None:

@@ -139,6 +139,7 @@ def one_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("one_after_another")
 @pytest.mark.parametrize("study", STUDIES)
+@pytest.mark.slow
 def test_one_crane_a_thread_does_what_eight_in_a_vector_do(study: str) -> None:
     given = {**CLOCK, **STUDIES[study](), "duration": 0.5}
     # Round-off alone: sums are fused in another order.
@@ -171,12 +172,14 @@ def machine(stand_in: Callable[..., SimpleNamespace]) -> SimpleNamespace:
 @pytest.mark.parametrize(
     "study", ["one controller", "all different", "buffers and RK4", "converters"]
 )
+@pytest.mark.slow
 def test_the_kernels_of_a_gpu_do_what_vectors_do(machine: SimpleNamespace, study: str) -> None:
     given = {**CLOCK, **STUDIES[study](), "duration": 0.05}
     assert _apart(simulate_batch(**given), simulate_batch(**given, device="cuda")) < 1e-13
     assert machine.calls.count("cuMemAlloc") == machine.calls.count("cuMemFree") > 0
 
 
+@pytest.mark.slow
 def test_a_run_on_the_gpu_goes_on_from_piece_to_piece_to_the_bit(
     machine: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -210,6 +213,7 @@ def test_a_gpu_that_refuses_is_told_of_and_leaves_nothing_behind(
 
 
 @pytest.mark.usefixtures("one_after_another")
+@pytest.mark.slow
 def test_a_predictive_controller_is_refused_on_a_gpu() -> None:
     limits = Limits(rates=(0.08, 1.5, 1.0), accelerations=(0.02, 0.4, 0.4))
     with pytest.raises(OutOfRange, match="cpu where the controller is a predictive one"):
@@ -223,6 +227,7 @@ def test_a_predictive_controller_is_refused_on_a_gpu() -> None:
 
 @pytest.mark.parametrize("kind", gpu.KINDS)
 @pytest.mark.parametrize("name", gpu.CRANES)
+@pytest.mark.slow
 def test_ptx_assembles_without_spills(name: str, kind: str) -> None:
     if (assembler := gpu.assembler()) is None:
         pytest.skip("extra ptxas (nvidia-cuda-nvcc-cu12) is not installed")
@@ -253,6 +258,7 @@ def test_the_benchmark_of_a_gpu_runs_both_sides(monkeypatch: pytest.MonkeyPatch)
         assert 0.0 < there == pytest.approx(ratio * here)
 
 
+@pytest.mark.slow
 def test_nvidias_functions_take_what_they_are_given() -> None:
     driver = pytest.importorskip(
         "cuda.bindings.driver", reason="extra cuda (cuda-bindings) is not installed"

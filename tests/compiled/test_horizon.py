@@ -35,6 +35,8 @@ from cranedyn.references import flat, hold
 from cranedyn.references.limits import Limits
 from tests.helpers import ROOT, crane, quickly
 
+pytestmark = pytest.mark.slow
+
 LIMITS = Limits(rates=(0.0838, 1.583, 1.0), accelerations=(0.02, 0.4, 0.4))
 MOVES = {
     "trolley": ((0.0, 10.0, 15.0), (0.0, 20.0, 15.0)),

@@ -106,6 +106,7 @@ def test_motions_are_planned_and_controllers_made_in_two_threads_as_in_one(restl
 
 
 @pytest.mark.skipif(FAST != "compiled", reason="extra compiled (llvmlite) is not installed")
+@pytest.mark.slow
 def test_code_is_made_and_batches_run_in_two_threads_as_in_one(restless: None) -> None:
     from cranedyn.compiled.batch import simulate_batch
 

@@ -103,6 +103,7 @@ def test_roundings_of_turned_angles_do_not_add_up_over_a_long_control_period() -
     assert np.abs(swing(100.0) - swing(0.05)).max() < 1e-14
 
 
+@pytest.mark.slow
 def test_rates_told_in_other_units_do_not_drift() -> None:
     start = crane().state(phi=0.2, theta=0.1, l=15.0)
     runs = [

@@ -24,7 +24,7 @@ from llvmlite import ir
 
 from cranedyn.compiled.code import DOUBLE, INTEGER, Code, Value
 from cranedyn.compiled.horizon import interior, model, planning, riccati
-from cranedyn.compiled.horizon.memory import HorizonShape, element, pointer
+from cranedyn.compiled.horizon.memory import HorizonShape, element
 from cranedyn.compiled.horizon.planning import QUERY
 from cranedyn.dynamics.scalars import array, clipped
 from cranedyn.model.layout import Layout
@@ -205,7 +205,7 @@ class PredictiveControl:
         """Count an instant; return the row of the path and whether to optimise."""
         code = self.code
         count = code.load_one(self.memory, self.offsets.counts, INTEGER)
-        address = pointer(code, self.memory, self.offsets.counts)
+        address = code.address(self.memory, self.offsets.counts)
         code.builder.store(code.builder.add(count, code.integer(1)), address, align=8)
         turn = code.builder.srem(count, code.integer(self.programme.ratio))
         first = code.load_one(self.memory, self.offsets.counts + 1, INTEGER)
@@ -275,8 +275,8 @@ class PredictiveControl:
         plausible: Value,
     ) -> None:
         code, offsets, shape = self.code, self.offsets, self.programme.shape
-        query = pointer(code, self.memory, offsets.query)
-        path = pointer(code, self.memory, offsets.path)
+        query = code.address(self.memory, offsets.query)
+        path = code.address(self.memory, offsets.path)
         for i, value in enumerate([*q, *v]):
             self._store_one(element(code, value, lane), query, i)
         rows = self.programme.rows
@@ -288,19 +288,19 @@ class PredictiveControl:
                 if isinstance(value, Value):  # constants are zeros, already in memory
                     self._store_one(element(code, value, lane), path, i)
         for i, number in enumerate(numbers):
-            code.builder.store(number, pointer(code, query, shape.lanes + i), align=8)
+            code.builder.store(number, code.address(query, shape.lanes + i), align=8)
         assert len(numbers) == len(QUERY)
         self._store_one(element(code, plausible, lane), query, shape.lanes + len(QUERY))
-        plan = pointer(code, self.memory, offsets.plans + lane * plan_size(shape))
-        work = pointer(code, self.memory, offsets.work)
+        plan = code.address(self.memory, offsets.plans + lane * plan_size(shape))
+        work = code.address(self.memory, offsets.work)
         code.builder.call(code.function.module.globals["plan"], [work, plan, query, path])
         for i in range(self.layout.m):
             value = code.load_one(plan, shape.states + i, DOUBLE)
-            to = pointer(code, self.memory, offsets.lanes + i * code.lanes + lane)
+            to = code.address(self.memory, offsets.lanes + i * code.lanes + lane)
             code.builder.store(value, to, align=8)
 
     def _store_one(self, value: Value, base: ir.Value, offset: int) -> None:
-        self.code.builder.store(value.register, pointer(self.code, base, offset), align=8)
+        self.code.builder.store(value.register, self.code.address(base, offset), align=8)
 
     def _place(self, i: int) -> int:
         return self.offsets.lanes + i * self.code.lanes

@@ -165,7 +165,7 @@ class MemoryRows:
         offset = self._shape.place(name, row) + lane
         if isinstance(self._base, int):
             return self._base + offset
-        return self._code.builder.add(self._base, self._code.integer(offset))
+        return self._code.plus(self._base, offset)
 
     def get(self, name: str, row: int = 0) -> Value:
         """Return a row."""
@@ -196,14 +196,10 @@ class Work:
 
     def stage(self, k: Any) -> MemoryRows:
         """Return the rows of a stage."""
+        shape, code = self.shape, self.code
         if isinstance(k, int):
-            return MemoryRows(self.code, self.shape, self.shape.first + k * self.shape.stride)
-        code = self.code
-        return MemoryRows(
-            code,
-            self.shape,
-            code.builder.add(code.product(k, self.shape.stride), code.integer(self.shape.first)),
-        )
+            return MemoryRows(code, shape, shape.first + k * shape.stride)
+        return MemoryRows(code, shape, code.plus(code.product(k, shape.stride), shape.first))
 
 
 def element(code: Code, value: Value, lane: int) -> Value:
@@ -230,19 +226,15 @@ def with_elements(code: Code, value: Value, elements: Mapping[int, Value]) -> Va
 
 def over_lanes(code: Code, value: Value, operation: str) -> Value:
     """Return the sum ("fadd") or maximum ("fmax") of the numbers of a vector."""
-    kind = value.register.type
+    assert value.register.type == code.type
     arguments = [value.register]
     if operation == "fadd":
         arguments = [ir.Constant(DOUBLE, -0.0), *arguments]
     name, module = f"llvm.vector.reduce.{operation}.v{code.lanes}f64", code.function.module
-    function = module.globals.get(name) or ir.Function(
-        module, ir.FunctionType(DOUBLE, [argument.type for argument in arguments]), name
-    )
-    assert kind == code.type
-    return Value(
-        LaneView(code, 1),
-        code.builder.call(function, arguments, fastmath=("reassoc", "nsz", "contract")),
-    )
+    kind = ir.FunctionType(DOUBLE, [argument.type for argument in arguments])
+    function = module.globals.get(name) or ir.Function(module, kind, name)
+    flags = ("reassoc", "nsz", "contract")
+    return Value(LaneView(code, 1), code.builder.call(function, arguments, fastmath=flags))
 
 
 def unit(code: Code, lane: int) -> Value:
@@ -253,9 +245,3 @@ def unit(code: Code, lane: int) -> Value:
 def constant(code: Code, numbers: list[float]) -> Value:
     """Return constants, one for each lane."""
     return Value(code, ir.Constant(code.type, numbers))
-
-
-def pointer(code: Code, base: ir.Value, offset: Any) -> ir.Value:
-    """Return an address, shifted by an offset [doubles]."""
-    index = offset if isinstance(offset, ir.Value) else code.integer(offset)
-    return code.builder.gep(base, [index], source_etype=DOUBLE)

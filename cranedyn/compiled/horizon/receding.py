@@ -224,9 +224,8 @@ class Receding(ShortRepr):
         """
         period = self.programme.period
         if not math.isclose(control_period, period, rel_tol=SAME_PERIOD):
-            raise OutOfRange(
-                "control period of the run", control_period, f"the controller's, {period:g}", "s"
-            )
+            allowed = f"the controller's, {period:g}"
+            raise OutOfRange("control period of the run", control_period, allowed, "s")
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return efforts [N m or N], accelerations or rates, shape (m,).
@@ -356,15 +355,13 @@ def receding(
     within("stages", whole("stages", stages, 2, "stages"), 2, _STAGES)
     within("settling", number("settling", settling, "s", "> 0"), control_period, 1e3, "s")
     within("smoothing", number("smoothing", smoothing, "s", "> 0"), 0.0, 1e3, "s")
-    swing = within(
-        "swing limit", number("swing limit", swing_limit, "rad", "> 0"), 0.0, 1.57, "rad"
-    )
+    swing = number("swing limit", swing_limit, "rad", "> 0")
+    within("swing limit", swing, 0.0, 1.57, "rad")
     if motion is not None:
         motion.check_fits("motion", layout)
     if motion is not None and not math.isclose(motion.period, control_period, rel_tol=SAME_PERIOD):
-        raise OutOfRange(
-            "period of the motion", motion.period, f"the control period, {control_period:g}", "s"
-        )
+        allowed = f"the control period, {control_period:g}"
+        raise OutOfRange("period of the motion", motion.period, allowed, "s")
     drive_limits = limits.for_crane(crane)
     rates, accelerations = np.array(drive_limits.rates), np.array(drive_limits.accelerations)
     lags = fitting(crane, drive, converters)
@@ -390,10 +387,8 @@ def receding(
         () if lags is None else tuple((lags.lags + lags.ahead(control_period)).tolist()),
     )
     cost = _weights(crane, accelerations, state_weight, input_weight)
-    rows = {
-        **_bounds(crane, rates, accelerations, swing, programme.taut),
-        **_plausible(crane, rates, programme),
-    }
+    bounds = _bounds(crane, rates, accelerations, swing, programme.taut)
+    rows = bounds | _plausible(crane, rates, programme)
     return Receding(programme, _table(programme, cost, rows), path)
 
 
