@@ -447,8 +447,8 @@ MUTATIONS = (
     Mutation(
         "compiled RK4 gives way to small steps too late",
         "cranedyn/compiled/step.py",
-        "rough = code.either(*plant.stops.beyond(before[0]), *plant.stops.beyond(smooth[0]))",
-        "rough = code.either(*plant.stops.beyond(before[0]))",
+        "rough = code.either(*beyond(before.q), *beyond(smooth.q))",
+        "rough = code.either(*beyond(before.q))",
         "compiled::both_engines_record_the_same",
     ),
     Mutation(

@@ -620,25 +620,6 @@ def test_the_error_of_rk4_falls_with_the_fourth_power_of_the_step(engine: Any) -
 
 
 @IN_BOTH
-def test_one_step_of_rk4_a_period_is_as_good_as_a_thousand_times_smaller_ones(engine: Any) -> None:
-    c, how = crane(**DAMPED), {"start": _start(), "duration": 1.0, "control_period": PERIOD}
-    found, fine = (
-        simulate(
-            c,
-            hold_controller(c, gravity=G),
-            _reference(),
-            **how,
-            dt=dt,
-            integrator=rk4,
-            engine=engine,
-        )
-        for dt in (PERIOD, PERIOD / 20)
-    )
-    # (stiffest rate 50/s of the brake · 10 ms)⁵ / 120 of some centimetres, damped.
-    assert np.abs(found.q - fine.q).max() < 1e-7
-
-
-@IN_BOTH
 def test_rk4_keeps_the_energy_of_a_swing(engine: Any) -> None:
     c = crane(damp_swing=0.0)
     how: dict[str, Any] = {"dt": 5e-3, "drive": "motion", "integrator": rk4, "engine": engine}

@@ -203,34 +203,6 @@ def test_a_form_that_goes_wrong_later_leaves_what_was_recorded_up_to_then() -> N
     assert isinstance(caught.value.__cause__, Misshapen)
 
 
-@STRATEGIES
-@pytest.mark.parametrize("what", ["times", "positions", "times of the reference"])
-def test_who_is_asked_for_a_table_cannot_change_what_it_is_asked_for(
-    strategy: Callable[..., object], what: str
-) -> None:
-    class Meddling(Hold):
-        def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
-            (times if what == "times" else positions)[0] += 1.0
-            return super().affine(times, positions)
-
-    def meddling(times: np.ndarray) -> Setpoint:
-        times[0] += 1.0
-        return _setpoint((len(times), 3))(times)
-
-    controller: Hold = Meddling(crane(), *_parts(hold_controller(crane())))
-    reference = None
-    if what == "times of the reference":
-        controller, reference = hold_controller(crane()), _Table(meddling)
-    try:
-        found = strategy(controller, reference)
-    except CraneError as error:
-        assert "read-only" in str(error)
-    else:  # it was asked at each instant instead
-        assert isinstance(found, Trajectory)
-        plain = _asked_at_each_instant(hold_controller(crane()))
-        assert found.q.tobytes() == plain.q.tobytes()
-
-
 # --- the binding itself ---------------------------------------------------------------------------
 
 
