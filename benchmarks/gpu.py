@@ -21,7 +21,7 @@ from benchmarks.timing import seconds
 from benchmarks.workload import Case
 from cranedyn.compiled import cuda
 from cranedyn.compiled.batch import Device, simulate_batch
-from cranedyn.compiled.kernel import Recipe, Source
+from cranedyn.compiled.kernel import KernelSource, Recipe
 from cranedyn.compiled.threads import WARP
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
 from cranedyn.errors import CraneError
@@ -80,7 +80,7 @@ def ptx_text(description: dict[str, Any], kind: str) -> str:
     if differ:
         half_loaded = numbers(load_crane(**description, payload_mass=crane.payload_mass / 2.0))
         constants = [a if a == b else None for a, b in zip(constants, half_loaded, strict=True)]
-    return cuda.ptx(Source(Topology.of(crane), tuple(constants), variant))
+    return cuda.ptx(KernelSource(Topology.of(crane), tuple(constants), variant))
 
 
 class AssemblerReport(NamedTuple):

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cranedyn.compiled.kernel import Kernel, Source, build_module
+from cranedyn.compiled.kernel import Kernel, KernelSource, build_module
 from cranedyn.compiled.layout import size
 from cranedyn.compiled.machine import assembly
 from cranedyn.compiled.threads import GROUP_POINTERS, WARP, emit_gpu_kernels
@@ -40,7 +40,7 @@ second or two on a small GPU."""
 _LOADING = threading.Lock()
 
 
-def ptx(source: Source) -> str:
+def ptx(source: KernelSource) -> str:
     """Return PTX with the kernels run and answer, see `cranedyn.compiled.threads.emit_gpu_kernels`;
     the source's recipe is for threads.
     """
@@ -204,5 +204,5 @@ class _Module:
 
 
 @lru_cache(maxsize=256)
-def _module(source: Source) -> _Module:
+def _module(source: KernelSource) -> _Module:
     return _Module(ptx(source))

@@ -66,7 +66,7 @@ class Recipe:
     threads: bool = False
 
 
-class Source(NamedTuple):
+class KernelSource(NamedTuple):
     """What code is made from; equal sources give equal code.
 
     Attributes:
@@ -116,12 +116,12 @@ class Kernel(NamedTuple):
         verified: Varied numbers of the cranes for which it was compared with Pinocchio.
     """
 
-    source: Source
+    source: KernelSource
     machine: Machine
     verified: set[bytes]
 
 
-def kernel(source: Source) -> Kernel:
+def kernel(source: KernelSource) -> Kernel:
     """Compile the loop."""
     module = build_module(source)
     if source.recipe.threads:
@@ -129,7 +129,7 @@ def kernel(source: Source) -> Kernel:
     return Kernel(source, translate(module), set())
 
 
-def build_module(source: Source) -> ir.Module:
+def build_module(source: KernelSource) -> ir.Module:
     """Return the loop as a module for LLVM; for threads it is the loop of one thread, see
     `cranedyn.compiled.threads`.
     """
@@ -152,7 +152,7 @@ def build_module(source: Source) -> ir.Module:
     return module
 
 
-def _emit_answer(code: Code, source: Source) -> None:
+def _emit_answer(code: Code, source: KernelSource) -> None:
     for attribute in () if source.recipe.threads else ("noinline", "optnone"):  # called rarely
         code.function.attributes.add(attribute)
     crane, units = source.in_steps(source.plant(code, code.argument["numbers"]), 1.0)
@@ -165,7 +165,7 @@ def _emit_answer(code: Code, source: Source) -> None:
     code.end()
 
 
-def _emit_energies(code: Code, source: Source) -> None:
+def _emit_energies(code: Code, source: KernelSource) -> None:
     states, n = code.argument["given"], source.sizes.n
     crane = source.plant(code, states)
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
@@ -186,7 +186,7 @@ def _emit_several(code: Code, run: ir.Function) -> None:
 class _Loop:
     """Loop over control instants under construction."""
 
-    def __init__(self, code: Code, source: Source) -> None:
+    def __init__(self, code: Code, source: KernelSource) -> None:
         self.code, self.recipe, self.sizes = code, source.recipe, source.sizes
         self.call_values = {
             name: code.load_one(code.argument["call"], SLOTS[name], kind)

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.compiled.binding import kernel_accelerations
-from cranedyn.compiled.kernel import Kernel, Recipe, Source, build_module, kernel
+from cranedyn.compiled.kernel import Kernel, KernelSource, Recipe, build_module, kernel
 from cranedyn.compiled.machine import object_code
 from cranedyn.dynamics.converters import Response, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces
@@ -60,7 +60,7 @@ def compile_kernel(
     )
     varied_numbers = np.ascontiguousarray(rows[:, varied])
     with _MAKING:
-        code = _kernel(Source(Topology.of(cranes[0]), tuple(constants), recipe))
+        code = _kernel(KernelSource(Topology.of(cranes[0]), tuple(constants), recipe))
         if len(code.verified) > _REMEMBERED:
             code.verified.clear()
         verify_cranes(cranes, code, varied_numbers, code.verified, converters)
@@ -103,7 +103,7 @@ def object_file(crane: Crane, recipe: Recipe) -> bytes:
 
 
 @lru_cache(maxsize=256)
-def _kernel(source: Source) -> Kernel:
+def _kernel(source: KernelSource) -> Kernel:
     return kernel(source)
 
 

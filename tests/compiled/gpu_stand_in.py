@@ -39,7 +39,7 @@ class _Kernel:
     def __init__(self, text: str, machine: Machine, name: str) -> None:
         head = re.search(rf'define void @"{name}"\((.*?)\)', text)
         assert head
-        self.kinds = [_KINDS[argument.split()[0]] for argument in head[1].split(", ")]
+        self.kinds: list[Any] = [_KINDS[argument.split()[0]] for argument in head[1].split(", ")]
         self._machine = machine
         address = machine.engine.get_function_address(name)
         self._run = ctypes.CFUNCTYPE(None, *self.kinds)(address)
@@ -98,7 +98,7 @@ def driver(change: Callable[[str], str] = str) -> SimpleNamespace:
         "cuCtxPopCurrent": lambda: "context",
         "cuCtxSynchronize": lambda: None,
         "cuModuleLoadData": load,
-        "cuModuleGetFunction": lambda module, name: _Kernel(*module, name.decode()),
+        "cuModuleGetFunction": lambda module, name: _Kernel(module[0], module[1], name.decode()),
         "cuMemAlloc": allocate,
         "cuMemFree": memory.pop,
         "cuMemcpyHtoD": copy_in,

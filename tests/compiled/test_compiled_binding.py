@@ -329,7 +329,7 @@ def test_arrays_to_which_code_writes_are_bound_only_if_writeable(name: str) -> N
         {"end": -1},
         {"residual_from": 1.5},
     ],
-    ids=str,
+    ids=lambda changed: next(iter(changed)),
 )
 def test_only_counts_within_the_arrays_are_bound(changed: dict[str, Any]) -> None:
     with pytest.raises(OutOfRange, match="allowed is"):
