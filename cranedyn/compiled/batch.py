@@ -80,9 +80,8 @@ class Batch:
     def __repr__(self) -> str:
         """Return how many cranes and rows there are, and where the model ceased to hold."""
         invalid = int(np.isfinite(self.valid_until).sum())
-        return (
-            f"Batch of {len(self)} cranes, {len(self.t)} rows each, {invalid} not valid throughout"
-        )
+        rows = f"{len(self.t)} rows each, {invalid} not valid throughout"
+        return f"Batch of {len(self)} cranes, {rows}"
 
     def __len__(self) -> int:
         """Return the number of cranes."""

@@ -88,25 +88,21 @@ def _moved() -> dict[str, Any]:
 def _on_converters() -> dict[str, Any]:
     """Drives with lags of their own that hear commands two control periods late."""
     none, share = np.zeros(3), np.array([0.3, 0.4, 0.5])
+    lags = [{"x": 0.1 + 0.1 * i} for i in range(4)]
     return {
         "crane": _cranes(4),
         "controller": Hold(crane(), share, none, none),
         "reference": hold(crane(), crane().state(gamma=0.1, x=20.0, l=12.0)),
         "start": _starts(4),
         "drive": "velocity",
-        "converters": [
-            converters(crane(), lags={"x": 0.1 + 0.1 * i}, delay=0.02) for i in range(4)
-        ],
+        "converters": [converters(crane(), lags=one, delay=0.02) for one in lags],
     }
 
 
 def _another_crane() -> dict[str, Any]:
     c = load_crane(**HOOK)
-    return {
-        "crane": c,
-        "controller": hold_controller(c),
-        "start": [c.state(phi=0.1 * i) for i in range(3)],
-    }
+    starts = [c.state(phi=0.1 * i) for i in range(3)]
+    return {"crane": c, "controller": hold_controller(c), "start": starts}
 
 
 STUDIES = {

@@ -138,16 +138,8 @@ def lane_memory(layout: Layout) -> dict[str, range]:
     rates, the number of implausible readings, the last of these, and 1 after the first instant.
     """
     n, m = layout.n, layout.m
-    sizes = dict(
-        held=m,
-        estimate=m,
-        expected=m,
-        swing=2 * (n - m),
-        read=2 * n,
-        refusals=1,
-        refused=2 * n,
-        begun=1,
-    )
+    sizes = {"held": m, "estimate": m, "expected": m, "swing": 2 * (n - m)}
+    sizes |= {"read": 2 * n, "refusals": 1, "refused": 2 * n, "begun": 1}
     ends = zip(sizes, np.cumsum(list(sizes.values())).tolist(), strict=True)
     return {name: range(end - sizes[name], end) for name, end in ends}
 
@@ -233,7 +225,7 @@ class PredictiveControl:
             plant, tracked = self.programme.plant, self.programme.rows > 0
             goal = array([]) if tracked else model.hanging(plant, position)
             for lane in range(code.lanes):
-                self._plan(lane, *estimated, goal, row, plausible)
+                self._plan(lane, np.concatenate(estimated), goal, row, plausible)
         acceleration = self._load_memory("held")
         if self.programme.drive == "effort":
             return self._efforts(q, v, acceleration, begun * plausible)
@@ -266,18 +258,13 @@ class PredictiveControl:
         return array([code.load(command, i) for i in range(len(position))])
 
     def _plan(
-        self,
-        lane: int,
-        q: np.ndarray,
-        v: np.ndarray,
-        goal: np.ndarray,
-        row: ir.Value,
-        plausible: Value,
+        self, lane: int, z: np.ndarray, goal: np.ndarray, row: ir.Value, plausible: Value
     ) -> None:
+        """Optimise for one lane from coordinates and rates, and hold the first accelerations."""
         code, offsets, shape = self.code, self.offsets, self.programme.shape
         query = code.address(self.memory, offsets.query)
         path = code.address(self.memory, offsets.path)
-        for i, value in enumerate([*q, *v]):
+        for i, value in enumerate(z):
             self._store_one(element(code, value, lane), query, i)
         rows = self.programme.rows
         if rows:
@@ -376,12 +363,8 @@ class PredictiveControl:
         """Return expected values, corrected by a share of their difference from the measured ones;
         measured ones at the first instant.
         """
-        return array(
-            [
-                self.code.chosen(begun, e + share * (s - e), s)
-                for e, s in zip(expected, measured, strict=True)
-            ]
-        )
+        pairs = zip(expected, measured, strict=True)
+        return array([self.code.chosen(begun, e + share * (s - e), s) for e, s in pairs])
 
     def _efforts(
         self, q: np.ndarray, v: np.ndarray, acceleration: np.ndarray, learns: Value
@@ -399,9 +382,8 @@ class PredictiveControl:
         estimate = array([e + gain * (r - x) for e, r, x in read])
         crane = programme.plant
         effort = crane.answer(q, v, acceleration - estimate, None)[1]
-        cut = [
-            clipped(f, -limit, limit) for f, limit in zip(effort, crane.effort_limit, strict=True)
-        ]
+        limits = zip(effort, crane.effort_limit, strict=True)
+        cut = [clipped(f, -limit, limit) for f, limit in limits]
         hoist = layout.drive_of("hoist")
         if hoist is not None:
             joint = int(layout.drives[hoist])

@@ -60,23 +60,10 @@ class HorizonShape:
         goal; and the report, see `REPORT`.
         """
         z, w = self.states, self.both
-        return {
-            "weight": w,
-            "start": 1,
-            "low": 1,
-            "high": 1,
-            "price": 1,
-            "least": 1,
-            "most": 1,
-            "end": z,
-            "end_gradient": 1,
-            "togo": z,
-            "product": w,
-            "spill": 1,
-            "goal": 1,
-            "report": 1,
-            "block": -(-BLOCK * self.entries // self.lanes),
-        }
+        rows = {"weight": w, "start": 1}
+        rows |= dict.fromkeys(("low", "high", "price", "least", "most"), 1)
+        rows |= {"end": z, "end_gradient": 1, "togo": z, "product": w, "spill": 1}
+        return rows | {"goal": 1, "report": 1, "block": -(-BLOCK * self.entries // self.lanes)}
 
     @property
     def stage(self) -> dict[str, int]:
@@ -91,23 +78,11 @@ class HorizonShape:
         z, w, u = self.states, self.both, self.inputs
         sides = ("slack", "excess", "force", "relief", "per_force", "per_relief")
         steps = ("stiff", "bend", "dslack", "dexcess", "dforce")
-        return {
-            "forward": z,
-            "columns": w,
-            "shift": 1,
-            "extra": u,
-            "extra_shift": 1,
-            "gradient": 1,
-            "slope": 1,
-            "curve": 1,
-            "carried": 1,
-            "feedback": u,
-            "open": 1,
-            "node": 1,
-            "iterate": 1,
-            "trial": 1,
-            **{f"{name}_{side}": 1 for side in ("high", "low") for name in (*sides, *steps)},
-        }
+        rows = {"forward": z, "columns": w, "shift": 1, "extra": u, "extra_shift": 1}
+        rows |= dict.fromkeys(("gradient", "slope", "curve", "carried"), 1)
+        rows |= {"feedback": u, "open": 1, "node": 1, "iterate": 1, "trial": 1}
+        bounds = [f"{name}_{side}" for side in ("high", "low") for name in (*sides, *steps)]
+        return rows | dict.fromkeys(bounds, 1)
 
     @property
     def size(self) -> int:
