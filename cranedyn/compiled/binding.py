@@ -73,6 +73,8 @@ def _check_finite(name: str, array: np.ndarray, *, infinite: bool = False) -> No
     Raises:
         OutOfRange: If not.
     """
+    if np.isfinite(array).all():  # quick
+        return
     wrong = array[np.isnan(array) if infinite else ~np.isfinite(array)]
     if len(wrong):
         raise OutOfRange(name, float(wrong[0]), "a number" if infinite else "finite")

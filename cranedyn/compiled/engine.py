@@ -86,6 +86,7 @@ class CompiledEngine(Engine):
         self._memory = np.zeros(size(sizes.state))
         self._gain_table, self._setpoint_table = command_tables(sizes)
         self._create_views()
+        self._codes: dict[tuple[bool, bool, Programme | None], Kernel] = {}
         self._predictive: Predictive | None = None
         self._step: Callable[[], None] | None = None
         self._horizon: np.ndarray | None = None
@@ -100,7 +101,7 @@ class CompiledEngine(Engine):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but what is bound to the memory, for a copy with its own memory."""
-        return vars(self) | {"_blocks": {}, "_step": None, "_horizon": None}
+        return vars(self) | {"_codes": {}, "_blocks": {}, "_step": None, "_horizon": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore a copy and its views of the memory."""
@@ -118,8 +119,14 @@ class CompiledEngine(Engine):
             unheard[:] = self._memory[self._at["reference"]]
 
     def _code(self, *, integral: bool, log: bool) -> Kernel:
-        """Return the code, compiled and verified at the first use."""
+        """Return the code, compiled and verified at the first use.
+
+        To find it again by the numbers of the crane would take half a millisecond.
+        """
         setting = self._setting
+        programme = self._predictive.programme if self._predictive and log else None
+        if code := self._codes.get((integral, log, programme)):
+            return code
         recipe = Recipe(
             1,
             setting.drive,
@@ -132,11 +139,13 @@ class CompiledEngine(Engine):
             log=log,
             summary=log,
             delay_steps=setting.delay_steps,
-            programme=self._predictive.programme if self._predictive and log else None,
+            programme=programme,
         )
         converters = setting.converters
         numbers = None if converters is None else np.concatenate(converters.response)
-        return compile_kernel([setting.crane], recipe, numbers)[0]
+        code = compile_kernel([setting.crane], recipe, numbers)[0]
+        self._codes[integral, log, programme] = code
+        return code
 
     def _loop(
         self,
