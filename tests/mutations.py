@@ -333,8 +333,8 @@ cranedyn/compiled/step.py
 + work = work + 0.25 * dt *
 * compiled RK4 gives way to small steps too late
 ? compiled::both_engines_record_the_same
-- rough = code.either(*plant.stops.beyond(before[0]), *plant.stops.beyond(smooth[0]))
-+ rough = code.either(*plant.stops.beyond(before[0]))
+- rough = code.either(*beyond(before.q), *beyond(smooth.q))
++ rough = code.either(*beyond(before.q))
 cranedyn/compiled/engine.py
 * a stepping rule that looks at numbers becomes code all the same
 ? compiled::a_stepping_rule_without_code_is_refused_before_anything_is_asked_whatever_its_name
@@ -351,8 +351,8 @@ cranedyn/compiled/batch.py
 + group_lanes([varied[crane_index[::-1]]], lanes)
 * a swing of a batch counts as residual a row late
 ? batch::the_summary_is_that_of_the_recorded_rows
-- "residual_from", t, t_start, end, "s") - t_start) / clock.period - 1e-6)
-+ "residual_from", t, t_start, end, "s") - t_start) / clock.period - 1e-6) + 1
+- math.ceil(periods - 1e-6)
++ math.ceil(periods - 1e-6) + 1
 cranedyn/compiled/binding.py
 * tables are read beyond their end
 ? compiled_binding::only_counts_within_the_arrays_are_bound
