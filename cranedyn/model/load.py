@@ -42,7 +42,7 @@ from cranedyn.model.layout import Layout
 from cranedyn.model.mjcf import read_mjcf
 from cranedyn.model.solvability import check_ranges, check_solvable
 from cranedyn.model.springs import read_springs
-from cranedyn.model.swing import hang_load, read_swing, turn_tower
+from cranedyn.model.swing import hang_load, swing_numbers, turn_tower
 from cranedyn.model.urdf import bare, check_urdf, parse_urdf, skeleton
 from cranedyn.model.values import CraneValues
 
@@ -164,7 +164,7 @@ def _foreign_crane(
     if swing:
         roles: dict[str, str] = {}
         driven = options.driven
-        for complete in (turn_tower, partial(hang_load, swing=read_swing(swing))):
+        for complete in (turn_tower, partial(hang_load, swing=swing_numbers(swing))):
             check_urdf(robot, path)
             model = _build(skeleton(robot), path)
             check_joints(model, path)

@@ -69,7 +69,7 @@ class Swing(NamedTuple):
     link_inertia: float | None = None
 
 
-def read_swing(values: bool | Mapping[str, float]) -> Swing:
+def swing_numbers(values: bool | Mapping[str, float]) -> Swing:
     """Return the numbers of a swing, checked; True stands for none.
 
     Raises:

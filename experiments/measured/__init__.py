@@ -16,7 +16,7 @@ from cranedyn.model.description import XACRO
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, finite_or_none, tabulate
 from experiments.identify.figures import beside
-from experiments.measured.sources import SOURCES, Source
+from experiments.measured.sources import SOURCES, PublicRecords
 
 STEPS = 60
 """Least peak-to-peak swing of a record in steps of its sensor; below, the steps are the swing."""
@@ -67,7 +67,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     return _outcome(singles)
 
 
-def _identified(source: Source, folder: Path, setup: Setup) -> list[Single]:
+def _identified(source: PublicRecords, folder: Path, setup: Setup) -> list[Single]:
     """Identify the records of a crane whose swing is more than its sensor's steps."""
     path = XACRO.with_name("overhead_crane.urdf.xacro")
     prior = Prior(path, source.values)

@@ -22,8 +22,8 @@ Columns = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Source:
-    """A public repository with records of one crane.
+class PublicRecords:
+    """Public repository with records of one crane.
 
     Attributes:
         name: Name of the crane.
@@ -187,7 +187,7 @@ def read_mat(content: bytes, name: str) -> Columns:
 
 
 SOURCES = (
-    Source(
+    PublicRecords(
         "gantry",
         "Cristian-Napitupulu/gantry_crane_model_optimizer",
         "dc22e97",
@@ -195,7 +195,7 @@ SOURCES = (
         _gantry,
     ),
     *(
-        Source(
+        PublicRecords(
             f"container crane, {path.rpartition('/')[2]}",
             "borlum/aaucrane",
             commit,
