@@ -190,7 +190,8 @@ def _references(
         return distinct_objects(reference, len(start.q))
     drives = start.q[:, crane.layout.drives]
     if (drives == drives[0]).all():
-        return distinct_objects(hold(crane, State(start.q[0], start.v[0])), len(start.q))
+        first_start = State(*(array.take(0, axis=0) for array in start))
+        return distinct_objects(hold(crane, first_start), len(start.q))
     seen: dict[bytes, int] = {}
     first = [seen.setdefault(position.tobytes(), i) for i, position in enumerate(drives)]
     rows, reference_index = np.unique(first, return_inverse=True)

@@ -110,6 +110,8 @@ def driven_joints(
             contradicts the names given.
     """
     declared, source = _declared_drives(robot)
+    if driven is not None and source == "<transmission>":
+        declared = set()  # it says how a drive is geared, rather than which are driven
     if driven is not None and declared and declared != {*driven}:
         raise ModelError(
             f"{path} says by {source} that drives move "
