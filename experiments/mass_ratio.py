@@ -22,7 +22,7 @@ from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import spline
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
-from experiments.oracles.reading import locked
+from experiments.oracles.bench import locked
 
 LINKS = (50.0, 10.0, 1.0, 0.1, 1e-2, 1e-4, 1e-6, 0.0)
 """Masses of each dummy link [kg]; its inertia is 1 m² times that."""

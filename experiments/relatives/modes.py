@@ -18,7 +18,7 @@ from cranedyn.dynamics.pinocchio import holding_effort, linearise
 from cranedyn.interfaces import Drive, EngineName, State
 from cranedyn.model.crane import Crane
 from cranedyn.simulation.simulate import simulate
-from experiments.oracles.reading import locked
+from experiments.oracles.bench import locked
 from experiments.relatives.catalogue import BEND, BRIDGE, HOOK, JIB, POINT, ROPE, TWIST, moved
 
 EXACT = 1e-8

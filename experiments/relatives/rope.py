@@ -15,7 +15,7 @@ from cranedyn.interfaces import Controller, EngineName, Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
-from experiments.oracles.reading import locked
+from experiments.oracles.bench import locked
 from experiments.relatives.catalogue import POINT, ROPE, moved
 from experiments.relatives.modes import crane_ea
 

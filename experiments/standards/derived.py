@@ -14,7 +14,7 @@ from cranedyn.lifting import factors, wind
 from cranedyn.lifting.loads import hanging_mass, loads_of_rows
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from experiments.oracles.reading import locked
+from experiments.oracles.bench import locked
 from experiments.relatives.catalogue import POINT
 
 if TYPE_CHECKING:

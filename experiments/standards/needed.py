@@ -18,7 +18,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.references.shaped import shaped, zv
 from experiments.harness import Setup
-from experiments.oracles.reading import locked
+from experiments.oracles.bench import locked
 from experiments.relatives.catalogue import POINT, ROPE
 from experiments.relatives.modes import crane_ea
 from experiments.scenarios.moves import LIMITS, MOVES, RestToRest

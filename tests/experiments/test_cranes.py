@@ -38,7 +38,7 @@ from cranedyn.simulation.simulate import simulate
 from experiments import cranes
 from experiments.harness.document import read_document
 from experiments.harness.outcome import ResultTable
-from experiments.oracles.reading import locked
+from experiments.oracles.bench import locked
 from experiments.relatives.catalogue import (
     BEND,
     BRIDGE,
