@@ -124,6 +124,11 @@ class Score:
         return self.arrives + self.settled
 
 
+def instant(t: float, control_period: float) -> float:
+    """Return the first control instant at or after a time [s]."""
+    return control_period * float(np.ceil(t / control_period - 1e-9))
+
+
 def of_sampling(gravity: float, length: float, control_period: float, peak: float) -> float:
     """Swing that a plan which leaves none may leave [rad], because efforts are held for a control
     period and so come half of it late.

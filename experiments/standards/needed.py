@@ -19,8 +19,7 @@ from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.references.shaped import shaped, zv
 from experiments.harness import Setup
 from experiments.oracles.bench import locked
-from experiments.relatives.catalogue import POINT, ROPE
-from experiments.relatives.modes import crane_ea
+from experiments.relatives.catalogue import POINT, ROPE, at_start, rope_stiffness
 from experiments.scenarios.moves import LIMITS, MOVES, RestToRest
 from experiments.scenarios.strategies import FASTEST, FLAT, STRATEGIES
 
@@ -121,8 +120,8 @@ def upwards(setup: Setup) -> list[Need]:
     this rope: 1 + v ω/g at full speed.
     """
     crane = ROPE.crane(gravity=setup.gravity, **POINT)
-    length = float(crane.start.q[crane.layout.index("l")])
-    omega = theory.rope_bounce(crane_ea(crane), length, crane.payload_mass)
+    length = at_start(crane, "l")
+    omega = theory.rope_bounce(rope_stiffness(crane), length, crane.payload_mass)
     allowed = theory.pickup_factor(_FULL, omega, crane.gravity)
     return [_taken_up(setup, crane, hoisting, omega, allowed) for hoisting in HOISTINGS]
 
