@@ -18,7 +18,6 @@ from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.plotting.style import LINE_STYLES
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, finite_or_none, tabulate
-from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import AFTER, CLOSE, MOVES, RestToRest, Score, of_sampling
 from experiments.scenarios.perturbations import make
 from experiments.scenarios.strategies import (
@@ -29,6 +28,7 @@ from experiments.scenarios.strategies import (
     STRATEGIES,
     file_name,
     flat_motion,
+    strategy_colour,
 )
 
 SHOWN = ("spline alone", PD, PAPER, LQR, FLAT)

@@ -5,7 +5,6 @@ beside what else one might do.
 from __future__ import annotations
 
 import argparse
-import itertools
 import math
 import sys
 import time
@@ -22,15 +21,14 @@ from cranedyn.interfaces import Reference
 from cranedyn.model.crane import Crane
 from cranedyn.planning.certificate import AFTER, certify
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.planning.lift import Lift, NoWay, plan_lift
 from cranedyn.planning.site import Site
 from cranedyn.planning.solids import Solid, box
 from cranedyn.references.spline import shortest, spline
 from experiments import harness
 from experiments.lift import IN_LEAST_TIME, OF_BOUND, OF_LEAST
-from experiments.scenarios.moves import LIMITS
-from experiments.scenarios.strategies import instant
+from experiments.scenarios.moves import LIMITS, instant
+from experiments.scenarios.shaping import joystick_path
 
 SITES, SEED = 100, 14
 """How many sites, and the seed of them."""
@@ -154,35 +152,12 @@ def _others(setup: harness.Setup, lift: Lift) -> dict[str, tuple[float, float, f
         lift.crane, start, corners, rates=lift.limits.rates, accelerations=lift.limits.accelerations
     )
     splines = spline(lift.crane, start, corners, durations)
-    joystick, end = _operated(lift)
+    joystick, end = joystick_path(lift.crane, start, lift.points.tolist(), lift.limits)
     return {
         "stop at corners": _run(setup, lift, splines, splines.arrival, True),
         "spline + PD": _run(setup, lift, splines, splines.arrival, False),
         "operator": _run(setup, lift, joystick, end, True),
     }
-
-
-def _operated(lift: Lift) -> tuple[Reference, float]:
-    """Return an operator's reference from corner to corner at full rate, and its duration [s]."""
-    pulses, t_start, drives = [], 0.0, [joint.symbol for joint in lift.crane.layout.driven]
-    limits = lift.limits
-    for corner, next_corner in itertools.pairwise(lift.points):
-        lasts = 0.0
-        for drive, distance, rate, acceleration in zip(
-            drives, next_corner - corner, limits.rates, limits.accelerations, strict=True
-        ):
-            if abs(distance) > 1e-6:
-                speed = min(rate, math.sqrt(abs(distance) * acceleration))
-                pulses.append(
-                    JoystickPulse(
-                        drive, math.copysign(speed, distance), t_start, abs(distance) / speed
-                    )
-                )
-                lasts = max(lasts, abs(distance) / speed + speed / acceleration)
-        t_start += lasts
-    return joystick(
-        lift.crane, lift.states()[0], pulses, accelerations=limits.accelerations
-    ), t_start
 
 
 def _run(
@@ -194,7 +169,7 @@ def _run(
         if exact
         else hold_controller(lift.crane)
     )
-    duration, start = instant(setup, arrives + AFTER), lift.states()[0]
+    duration, start = instant(arrives + AFTER, setup.control_period), lift.states()[0]
     batch = simulate_batch(
         lift.crane,
         controller,

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from scipy.stats import binned_statistic_2d
 
 from cranedyn.plotting.figures import panels
-from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.drawn import RANGES
+from experiments.scenarios.strategies import strategy_colour
 
 Columns = Mapping[str, np.ndarray]
 

@@ -20,10 +20,17 @@ from experiments.compare.result import IDEAL, PREDICTIVE, Results, StrategyResul
 from experiments.compare.runs import processes, strategy_results, tour_results
 from experiments.compare.tables import case_tables, drives_table, move_table, tour_table
 from experiments.harness import Outcome, ProgressReporter, Setup
-from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import LIMITS, MOVES, SWINGING, RestToRest
 from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS
-from experiments.scenarios.strategies import FLAT, PAPER, PD, STRATEGIES, TIME, file_name
+from experiments.scenarios.strategies import (
+    FLAT,
+    PAPER,
+    PD,
+    STRATEGIES,
+    TIME,
+    file_name,
+    strategy_colour,
+)
 from experiments.scenarios.tours import CONTROLS
 
 COMBINED = MOVES[-1]

@@ -20,9 +20,18 @@ from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.sweep.workers import end_with_parent
 from experiments.compare.result import IDEAL, PREDICTIVE, UNSEEING, StrategyResult, TourResult
 from experiments.harness import Setup
-from experiments.scenarios.moves import AFTER, DWELL, TOUR_LIMITS, RestToRest, residual
+from experiments.scenarios.moves import (
+    AFTER,
+    DWELL,
+    TOUR_LIMITS,
+    RestToRest,
+    on_converters,
+    residual,
+)
 from experiments.scenarios.perturbations import AFTER_UNTOLD, NOMINAL, PERTURBATIONS, UNTOLD, make
-from experiments.scenarios.strategies import STRATEGIES, on_converters
+from experiments.scenarios.strategies import (
+    STRATEGIES,
+)
 from experiments.scenarios.tours import CONTROLS
 
 

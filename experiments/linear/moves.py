@@ -24,6 +24,7 @@ from cranedyn.references import shortest, spline
 from experiments.harness import Setup
 from experiments.linear.model import Miss, Model, all_rates, dropped, integrate, miss, paper
 from experiments.relatives.catalogue import POINT
+from experiments.scenarios.moves import instant
 
 RAMPS = (5.0, 4.0)
 """Time in which slew and trolley reach their speed [s]; ours."""
@@ -237,7 +238,7 @@ def move(setup: Setup, crane: Crane, job: Job, label: str) -> Trajectory:
         follow(crane, job.reference, setup.control_period),
         job.reference,
         start=job.start,
-        duration=math.ceil((job.arrival + period) / setup.control_period) * setup.control_period,
+        duration=instant(job.arrival + period, setup.control_period),
         label=label,
         drive="motion",
     )

@@ -9,7 +9,8 @@ from cranedyn.bridges.programs import Program
 from cranedyn.errors import DataError, UnknownName
 from experiments import a1, a2, a3, energy
 from experiments.harness import Setup
-from experiments.scenarios.moves import AFTER, MOVES
+from experiments.scenarios.moves import MOVES
+from experiments.scenarios.perturbations import make
 from experiments.scenarios.strategies import FLAT, STRATEGIES
 
 RUNS = ("a1", "a2", "a3", "swing", "move")
@@ -42,18 +43,8 @@ class _Asking(Setup):
         label: str,
         **options: Any,
     ) -> NoReturn:
-        raise _Asked(
-            Program(
-                crane,
-                controller,
-                reference,
-                start,
-                duration,
-                self.dt,
-                self.control_period,
-                options.get("drive", "effort"),
-            )
-        )
+        clocks, drive = (self.dt, self.control_period), options.get("drive", "effort")
+        raise _Asked(Program(crane, controller, reference, start, duration, *clocks, drive))
 
 
 def program(
@@ -79,8 +70,6 @@ def program(
     ):
         if value is not None and name not in users:
             raise DataError(f"{flag} has no effect on the run {name}; leave it out.")
-    if name == "move":
-        return _move(setup, FLAT if strategy is None else strategy)
     asking = _Asking(**{field.name: getattr(setup, field.name) for field in fields(setup)})
     along = _LENGTH if length is None else length
     try:
@@ -90,27 +79,12 @@ def program(
             a2.run(asking)
         elif name == "a3":
             a3.run(asking)
-        else:
+        elif name == "swing":
             energy.run(asking, asking.crane, energy.SWING, along, energy.AUDIT)
+        elif (strategy := strategy or FLAT) in STRATEGIES:
+            make(asking, MOVES[-1], STRATEGIES[strategy](asking, MOVES[-1]))
+        else:
+            raise UnknownName("strategy", strategy, STRATEGIES)
     except _Asked as asked:
         return asked.program
     raise AssertionError(name)  # every experiment runs something
-
-
-def _move(setup: Setup, strategy: str) -> Program:
-    if strategy not in STRATEGIES:
-        raise UnknownName("strategy", strategy, STRATEGIES)
-    move = MOVES[-1]
-    plan = STRATEGIES[strategy](setup, move)
-    start = move.ends(setup.crane)[0]
-    duration = setup.control_period * round((plan.arrives + AFTER) / setup.control_period)
-    return Program(
-        setup.crane,
-        plan.controller(),
-        plan.reference,
-        start,
-        duration,
-        setup.dt,
-        setup.control_period,
-        plan.drive,
-    )

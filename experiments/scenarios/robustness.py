@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 
@@ -21,12 +21,18 @@ from cranedyn.dynamics.validity import hoisting, valid
 from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.references.shaped import Shaper, shaped, shaped_hoisting, zv, zvd
-from cranedyn.references.spline import spline
-from cranedyn.theory import point_period
+from cranedyn.references.shaped import zv, zvd
 from experiments.harness.setup import Setup
-from experiments.scenarios import strategies as strategies
-from experiments.scenarios.moves import DRAG, MOVES, RestToRest
+from experiments.scenarios import shaping, strategies
+from experiments.scenarios.moves import (
+    DRAG,
+    MOVES,
+    MovePlan,
+    Planner,
+    RestToRest,
+    instant,
+    on_converters,
+)
 
 COMBINED = MOVES[-1]
 
@@ -37,37 +43,12 @@ CLOCKS = ("gravity_m_s2", "dt_s", "control_period_s")
 """Columns of a design that say in which world it takes place, the same in every case."""
 
 
-def _shaped_spline(shaper: Shaper) -> Callable[[Setup, RestToRest], strategies.MovePlan]:
-    """Return a plan of a shorter spline, shaped for the mean cable length, ending with the move."""
-
-    def plan(setup: Setup, move: RestToRest) -> strategies.MovePlan:
-        period = strategies.mean_period(setup, move)
-        base = spline(
-            setup.crane,
-            move.ends(setup.crane)[0],
-            [move.goal],
-            [move.duration - period * float(shaper.fractions[-1])],
-        )
-        reference = shaped(base, shaper, period)
-        return strategies.followed(setup, reference, move.duration)
-
-    return plan
-
-
-def _shaped_for_moving_cable(setup: Setup, move: RestToRest) -> strategies.MovePlan:
-    """Plan a shorter spline, shaped for a cable of varying length."""
-    shorter = move.duration - float(point_period(move.goal[2], setup.crane.gravity)) / 2.0
-    base = spline(setup.crane, move.ends(setup.crane)[0], [move.goal], [shorter])
-    reference = shaped_hoisting(setup.crane, base, zv(), shorter, step=setup.control_period)
-    return strategies.followed(setup, reference, move.duration)
-
-
-SWEPT: dict[str, Callable[[Setup, RestToRest], strategies.MovePlan]] = {
+SWEPT: dict[str, Planner] = {
     strategies.PD: strategies.STRATEGIES[strategies.PD],
     "spline alone": strategies.STRATEGIES["spline alone"],
-    "spline + ZV": _shaped_spline(zv()),
-    "spline + ZVD": _shaped_spline(zvd()),
-    "spline + ZV for a moving cable": _shaped_for_moving_cable,
+    "spline + ZV": shaping.shaped_plan(zv(), shaping.spline_base),
+    "spline + ZVD": shaping.shaped_plan(zvd(), shaping.spline_base),
+    "spline + ZV for a moving cable": shaping.plan_for_moving_cable(shaping.spline_base),
     strategies.PAPER: strategies.STRATEGIES[strategies.PAPER],
     strategies.LQR: strategies.STRATEGIES[strategies.LQR],
     strategies.FLAT: strategies.STRATEGIES[strategies.FLAT],
@@ -127,21 +108,16 @@ def robustness(cases: Cases) -> dict[str, np.ndarray]:
 @lru_cache(maxsize=64)
 def _planned(
     gravity: float, dt: float, control_period: float, strategy: str, duration: float, drive: str
-) -> tuple[strategies.MovePlan, RestToRest]:
+) -> tuple[MovePlan, RestToRest]:
     """Plan a move by a strategy, once for all chunks of a process."""
     setup = Setup(gravity, dt=dt, control_period=control_period)
     move = replace(COMBINED, duration=duration)
     plan = STRATEGIES[strategy](setup, move)
-    return (plan if drive == IDEAL else strategies.on_converters(setup, plan)), move
-
-
-def arrival(setup: Setup, plan: strategies.MovePlan, move: RestToRest) -> float:
-    """Return the arrival time of a move [s]; its duration where the plan states none."""
-    return strategies.instant(setup, plan.arrives or move.duration)
+    return (plan if drive == IDEAL else on_converters(setup, plan)), move
 
 
 def _made(
-    setup: Setup, plan: strategies.MovePlan, move: RestToRest, cases: Cases
+    setup: Setup, plan: MovePlan, move: RestToRest, cases: Cases
 ) -> list[tuple[str, np.ndarray]]:
     """Simulate moves by one plan as a batch and return the columns of results."""
     began = time.process_time()
@@ -149,8 +125,9 @@ def _made(
     cranes = [_crane(setup.gravity, mass) for mass in masses]
     errors, drawn = cases["cable_error_m"], "noise" in cases
     start, goal = (_longer(setup.crane, end, errors) for end in move.ends(setup.crane))
-    arrives = arrival(setup, plan, move)
-    ends = strategies.instant(setup, arrives + AFTER)
+    # A plan that states no arrival has the duration of the move for it.
+    arrives = instant(plan.arrives or move.duration, setup.control_period)
+    ends = instant(arrives + AFTER, setup.control_period)
     times = setup.control_period * np.arange(round(ends / setup.control_period) + 1)
     stride = max(1, round(_ROWS / setup.control_period))
     if plan.drive == "motion":  # drives that follow exactly know where they are

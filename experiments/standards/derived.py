@@ -16,6 +16,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from experiments.oracles.bench import locked
 from experiments.relatives.catalogue import POINT
+from experiments.scenarios.moves import instant
 
 if TYPE_CHECKING:
     from cranedyn.compiled.batch import Batch
@@ -81,10 +82,6 @@ def _simulated(crane: Crane, controller: Hold, **options: Any) -> Batch:
     return simulate_batch(crane, controller, **{"dt": _DT, "control_period": _PERIOD, **options})
 
 
-def _whole_periods(duration: float) -> float:
-    return _PERIOD * math.ceil(duration / _PERIOD)
-
-
 def _hoist(slope: float, mass: float = _LOAD) -> Crane:
     """Return a point load on a rope as stiff as a hoist of slope β2 [s/m] with 1 t."""
     stiffness = _LOAD * (slope * _HEAVY) ** 2
@@ -104,7 +101,7 @@ def _coast(crane: Crane, start: State, duration: float, force: np.ndarray | None
         crane,
         locked(crane),
         start=[start],
-        duration=_whole_periods(duration),
+        duration=instant(duration, _PERIOD),
         drive="motion",
         force=force,
         record=1,
@@ -189,7 +186,7 @@ def _braked(gravity: float) -> Iterator[Derived]:
         )
         period = 2.0 * math.pi / math.sqrt(gravity / _LENGTH * (1.0 + ratio))
         run = _simulated(
-            crane, controller, start=[crane.start], duration=_whole_periods(period), record=1
+            crane, controller, start=[crane.start], duration=instant(period, _PERIOD), record=1
         )
         psi = float(_swings_on(crane, run).max()) / _LEAN
         yield Derived(f"ψ_h at μ = {ratio:g}", "braking", factors.psi_h(ratio), psi)
@@ -224,7 +221,7 @@ def _swings_on(crane: Crane, run: Batch) -> np.ndarray:
     q, v = run.q[0], run.v[0].copy()
     v[:, crane.layout.drives] = 0.0
     period = 2.0 * math.pi * math.sqrt(_LENGTH / crane.gravity)
-    start, duration = State(q, v), _whole_periods(1.1 * period)
+    start, duration = State(q, v), instant(1.1 * period, _PERIOD)
     batch = _simulated(crane, locked(crane), start=start, duration=duration, drive="motion")
     return batch.peak_swing
 

@@ -19,8 +19,8 @@ from cranedyn.recording.scene import looks, payload_entity
 from cranedyn.recording.series import plots, series_table, time_series_view
 from experiments import harness
 from experiments.demo import in_step
-from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import TOUR_LIMITS
+from experiments.scenarios.strategies import strategy_colour
 from experiments.scenarios.tours import CONTROLS
 from tests.helpers import crane, quickly
 

@@ -25,6 +25,9 @@ from experiments.harness.outcome import ResultTable
 from experiments.report import page
 from experiments.scenarios.moves import LIMITS, MOVES, SWINGING, RestToRest, Score
 from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, Perturbation, make
+from experiments.scenarios.shaping import (
+    joystick_move,
+)
 from experiments.scenarios.strategies import (
     FASTEST,
     FLAT,
@@ -34,7 +37,6 @@ from experiments.scenarios.strategies import (
     PD,
     STRATEGIES,
     TIME,
-    joystick_move,
 )
 from tests.experiments.conftest import Ran
 from tests.helpers import FAST, ROOT

@@ -30,7 +30,11 @@ from experiments import sweep
 from experiments.harness.setup import Setup
 from experiments.scenarios import robustness as study
 from experiments.scenarios.drawn import DRAWN, LEVELS, RANGES, UNBATCHED, drawn
-from experiments.scenarios.moves import MOVES
+from experiments.scenarios.moves import (
+    MOVES,
+    instant,
+    on_converters,
+)
 from experiments.scenarios.robustness import AFTER, COMBINED, DRAG, robustness
 from experiments.scenarios.strategies import (
     COMPILED_MPC,
@@ -38,8 +42,6 @@ from experiments.scenarios.strategies import (
     LQR,
     PD,
     STRATEGIES,
-    instant,
-    on_converters,
 )
 from experiments.sweep_drawn import MOST_LEFT, drawn_claims, drawn_tables, failures
 

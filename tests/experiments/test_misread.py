@@ -17,7 +17,7 @@ from cranedyn.estimation import mpc
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references import Motion, flat
 from cranedyn.simulation.simulate import simulate
-from experiments.scenarios.misread import Misread
+from experiments.scenarios.perturbations import Misread
 from experiments.scenarios.tours import Repeated
 from tests.helpers import FAST, crane
 
