@@ -15,8 +15,8 @@ from cranedyn.lifting import factors
 from cranedyn.plotting.figures import COLOURS, panels
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
-from experiments.standards.derived import AGREES, RATIOS, Derived, derived
-from experiments.standards.formulas import DIGITS, FORMULAS
+from experiments.standards.derived import AGREES, RATIOS, derived
+from experiments.standards.formulas import DIGITS, FORMULAS, Compared
 from experiments.standards.needed import Need, across, upwards
 
 
@@ -44,23 +44,23 @@ def _formulas() -> ResultTable:
         FORMULAS,
         [
             ("formula", "", lambda f: f.name),
-            ("source", "", lambda f: f.source),
-            ("ours", ".6g", lambda f: f.value()),
-            ("printed", ".6g", lambda f: f.printed),
+            ("source", "", lambda f: f.origin),
+            ("ours", ".6g", lambda f: f.formula),
+            ("printed", ".6g", lambda f: f.other),
         ],
         "Sources were read second hand: none of the standards was before us.",
     )
 
 
-def _derived(factors: Sequence[Derived]) -> ResultTable:
+def _derived(factors: Sequence[Compared]) -> ResultTable:
     return tabulate(
         "The same by mechanics alone",
         factors,
         [
             ("factor", "", lambda d: d.name),
-            ("simulated", "", lambda d: d.means),
+            ("simulated", "", lambda d: d.origin),
             ("formula", ".6f", lambda d: d.formula),
-            ("found", ".6f", lambda d: d.simulated),
+            ("found", ".6f", lambda d: d.other),
             ("relative", "+.1e", lambda d: d.difference),
         ],
         "Pick-up: by an elastic hoist at 0.5 m/s; release: of a part of the load, slowly over "
@@ -103,7 +103,7 @@ def _hoists(needs: Sequence[Need]) -> ResultTable:
     )
 
 
-def _claims(factors_derived: Sequence[Derived]) -> list[Claim]:
+def _claims(factors_derived: Sequence[Compared]) -> list[Claim]:
     holding = sum(factor.holds for factor in FORMULAS)
     worst = max(factors_derived, key=lambda factor: abs(factor.difference))
     return [
@@ -144,40 +144,25 @@ def _gains(moves: Sequence[Need], hoists: Sequence[Need]) -> list[Claim]:
             f"hoist: taken up at full speed a load needs φ2 = {rough:.3f}, {hoists[0].allowed:.3f} "
             f"in closed form; creeping, from a taut rope, and shaped "
             f"{', '.join(f'{need:.3f}' for need in gentler)}, each less than the one before.",
-            all(
-                need > gentler_need for need, gentler_need in itertools.pairwise([rough, *gentler])
-            ),
+            all(one > next_one for one, next_one in itertools.pairwise([rough, *gentler])),
         )
     )
     return claims
 
 
-def _figure(factors_derived: Sequence[Derived]) -> Figure:
+def _figure(factors_derived: Sequence[Compared]) -> Figure:
     """Draw ψ_h over the mass ratio, and β2 over the class."""
     figure, (ratio, slope) = panels(1, 2, height=3.4, width=10.0)
     mus = [0.2 + 0.1 * i for i in range(110)]
     ratio.plot(mus, [factors.psi_h(mu) for mu in mus], color=COLOURS["setpoint"], label="formula")
-    derived_at = [
-        factor.simulated for factor in factors_derived if factor.name.startswith("ψ_h at μ")
-    ]
+    derived_at = [f.other for f in factors_derived if f.name.startswith("ψ_h at μ")]
     ratio.plot(RATIOS, derived_at, "o", color=COLOURS["phi"], label="worst braking, simulated")
     ratio.set(xlabel="load over carriage", ylabel="ψ_h")
-    slopes = [factor for factor in factors_derived if factor.name.startswith("β2")]
-    positions = range(len(slopes))
-    slope.bar(
-        positions,
-        [factor.formula for factor in slopes],
-        color=COLOURS["setpoint"],
-        label="EN 1991-3",
-    )
-    slope.plot(
-        positions,
-        [factor.simulated for factor in slopes],
-        "o",
-        color=COLOURS["phi"],
-        label="pick-up",
-    )
-    slope.set(xlabel="hoisting class", ylabel="β2 [s/m]", xticks=positions)
+    slopes = [f for f in factors_derived if f.name.startswith("β2")]
+    at = range(len(slopes))
+    slope.bar(at, [f.formula for f in slopes], color=COLOURS["setpoint"], label="EN 1991-3")
+    slope.plot(at, [f.other for f in slopes], "o", color=COLOURS["phi"], label="pick-up")
+    slope.set(xlabel="hoisting class", ylabel="β2 [s/m]", xticks=at)
     slope.set_xticklabels(list(factors.HOISTING))
     for ax in (ratio, slope):
         ax.legend()
@@ -188,11 +173,8 @@ def _needed(moves: Sequence[Need]) -> Figure:
     figure, axes = panels(1, 2, height=3.0, width=10.0)
     for ax, name in zip(axes, dict.fromkeys(need.move for need in moves), strict=True):
         of_move = [need for need in moves if need.move == name]
-        ax.barh(
-            [need.strategy for need in of_move],
-            [need.needed for need in of_move],
-            color=COLOURS["phi"],
-        )
+        strategies, needs = [n.strategy for n in of_move], [n.needed for n in of_move]
+        ax.barh(strategies, needs, color=COLOURS["phi"])
         ax.axvline(of_move[0].allowed, color=COLOURS["limit"], linestyle="--")
         ax.set(title=name, xlabel="ψ_h needed; the line is what a standard allows for")
         ax.invert_yaxis()

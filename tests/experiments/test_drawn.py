@@ -29,21 +29,20 @@ from cranedyn.sweep import sweep as swept
 from experiments import sweep
 from experiments.harness.setup import Setup
 from experiments.scenarios import robustness as study
-from experiments.scenarios.drawn import DRAWN, LEVELS, RANGES, UNBATCHED, drawn
-from experiments.scenarios.moves import (
-    MOVES,
-    instant,
-    on_converters,
+from experiments.scenarios.moves import MOVES, instant, on_converters
+from experiments.scenarios.robustness import (
+    AFTER,
+    COMBINED,
+    DRAG,
+    DRAWN,
+    LEVELS,
+    RANGES,
+    UNBATCHED,
+    drawn,
+    robustness,
 )
-from experiments.scenarios.robustness import AFTER, COMBINED, DRAG, robustness
-from experiments.scenarios.strategies import (
-    COMPILED_MPC,
-    FLAT,
-    LQR,
-    PD,
-    STRATEGIES,
-)
-from experiments.sweep_drawn import MOST_LEFT, drawn_claims, drawn_tables, failures
+from experiments.scenarios.strategies import COMPILED_MPC, FLAT, LQR, PD, STRATEGIES
+from experiments.sweep_results import MOST_LEFT, drawn_claims, drawn_tables, failures
 
 COARSE: dict[str, Any] = {"dt": 1e-3, "control_period": 1e-2}
 
@@ -91,7 +90,7 @@ def test_a_drawn_case_is_the_move_of_that_crane_alone(strategy: str, drive: str)
         seen,
         plan.reference,
         start=State(start.q + longer, start.v),
-        duration=instant(setup, plan.arrives + AFTER),
+        duration=instant(plan.arrives + AFTER, setup.control_period),
         disturbance=gust,
         drive=plan.drive if drive == "ideal" else replace(typical, lags=one["lag"] * typical.lags),
         validity="mark",
