@@ -46,6 +46,14 @@ def limited() -> Iterator[None]:
     signal.signal(signal.SIGALRM, before)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark as quick what is neither slow nor long, before `-m` selects."""
+    for item in items:
+        if not (item.get_closest_marker("slow") or item.get_closest_marker("long")):
+            item.add_marker(pytest.mark.quick)
+
+
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """Keep how many inputs the fuzzing of this process tried; a worker hands it to the process that
     sums up.
