@@ -4,11 +4,9 @@ and without control.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +17,7 @@ from cranedyn.controllers.damping import with_damping
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import lqr
 from cranedyn.dynamics.pinocchio import payload_position
-from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import EngineName, State
 from cranedyn.planning.itinerary import ARTICLE_TOUR, Leg
 from cranedyn.planning.tour import tour
@@ -28,7 +26,7 @@ from cranedyn.references.flat import cruise, flat
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
 from cranedyn.simulation.simulate import simulate
-from experiments import demo, harness
+from experiments import harness
 from experiments.scenarios.moves import TOUR_LIMITS as LIMITS
 from experiments.scenarios.tours import CONTROLS, Repeated
 from tests.helpers import FAST, G, big_crane, crane, quickly
@@ -189,45 +187,6 @@ def test_planned_tours_keep_the_limits(control: str) -> None:
     made, _ = CONTROLS[control](harness.Setup(), LIMITS, 6.0)
     shares = use(harness.Setup().crane, made.motion, LIMITS)  # type: ignore[attr-defined]
     assert max(shares.values()) < 1.0 + 1e-5  # a quintic's peak, rounded up to control periods
-
-
-@pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("demo") / "out"
-    assert (
-        demo.main(["--control", "flat", "--cycles", "1", "--engine", FAST, "--out", str(folder)])
-        == 0
-    )
-    return folder
-
-
-def test_the_controlled_demo_has_no_swing_worth_the_name_in_any_dwell(done: Path) -> None:
-    after, before = json.loads((done / "result.json").read_text())["tables"]
-    assert max(row[2] for row in after["rows"]) < 0.1
-    assert min(row[2] for row in before["rows"]) > 50.0
-
-
-def test_before_and_after_are_kept_and_recorded_together(done: Path) -> None:
-    assert {"demo.csv", "demo_before.csv", "demo.rrd", "swing.png"} <= {
-        path.name for path in done.iterdir()
-    }
-    recording = (done / "demo.rrd").read_bytes()
-    assert b"with flat" in recording
-    assert b"without control" in recording
-
-
-def test_a_dwell_too_short_for_shaped_commands_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert (
-        demo.main(
-            ["--control", "shaped", "--dwell", "2", "--cycles", "1", "--out", str(tmp_path / "out")]
-        )
-        == 2
-    )
-    assert "so it must be that at least" in capsys.readouterr().err
-    with pytest.raises(CraneError, match="dwell"):
-        CONTROLS["shaped"](harness.Setup(), LIMITS, 2.0)
 
 
 def test_a_load_heavier_than_planned_is_held_in_the_second_cycle_as_in_the_first() -> None:
