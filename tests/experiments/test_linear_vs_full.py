@@ -21,7 +21,7 @@ from experiments.linear.model import Miss, all_rates, dropped, integrate, miss, 
 from experiments.linear.moves import SITES, Job, LinearCase, jobs, reaches, short_slews, slow_slews
 from experiments.linear_vs_full import ALONE, OF_SLEWING
 from tests.experiments.conftest import Ran
-from tests.helpers import FAST, G, big_crane, crane, files, moved
+from tests.helpers import FAST, G, big_crane, crane, moved
 from tests.told import missing
 
 
@@ -31,11 +31,6 @@ def result(ran: Callable[..., Ran]) -> Ran:
 
 
 # --- the command ----------------------------------------------------------------------------------
-
-
-def test_every_claim_holds(result: Ran) -> None:
-    assert result.code == 0 and result.failed() == []
-    assert len(result.result["claims"]) == 6
 
 
 def test_the_readme_tells_its_largest_errors(result: Ran) -> None:
@@ -79,22 +74,6 @@ def test_slow_hoisting_tells_the_equations_apart(result: Ran) -> None:
     for row in result.table("Power of the cable"):
         assert row["plant"] == pytest.approx(-0.75, abs=5e-3)  # the claim's own
         assert row["Eq. (8)"] == pytest.approx(0.25, abs=5e-3)
-
-
-def test_figures_trajectories_and_recording_are_written(
-    result: Ran,
-) -> None:
-    runs = {
-        f"{name}{ending}"
-        for name in ("slew", "slew_trolley_fast_hoist")
-        for ending in (".csv", ".parquet")
-    }
-    figures = {
-        f"{name}{ending}"
-        for name in ("swing_slew", "swing_all", "slews", "dropped")
-        for ending in (".png", ".svg")
-    }
-    assert set(files(result.folder)) == runs | figures | {"result.json", "linear_vs_full.rrd"}
 
 
 # --- moves ----------------------------------------------------------------------------------------
