@@ -275,9 +275,7 @@ def _claims(tried: Sequence[SiteLift]) -> list[harness.Claim]:
             [(c.lift.timed.bound, c.lift.least) for _, c in certified],
         ),
         at_most(
-            "A planned motion lasts",
-            OF_LEAST,
-            [(arrival(c), c.lift.least) for _, c in certified],
+            "A planned motion lasts", OF_LEAST, [(arrival(c), c.lift.least) for _, c in certified]
         ),
     ]
     if any(result.least for result, _ in certified):

@@ -27,14 +27,7 @@ from cranedyn.references.shaped import shaped, zv
 from cranedyn.references.spline import spline
 from cranedyn.simulation.simulate import simulate
 from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
-from experiments.relatives.catalogue import (
-    HOOK,
-    POINT,
-    at_start,
-    moved,
-    relative_crane,
-    rest_at,
-)
+from experiments.relatives.catalogue import HOOK, POINT, at_start, moved, relative_crane, rest_at
 from experiments.relatives.control import ALIKE
 from experiments.scenarios.moves import instant, of_sampling
 

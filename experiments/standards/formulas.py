@@ -73,10 +73,7 @@ FORMULAS = (
     Compared("buffer at 2 m/s [m]", _FEMS, factors.buffer_stroke(2.0), 0.196),
     Compared("the same, frequent [m]", _FEMS, factors.buffer_stroke(2.0, 2.5), 0.392),
     Compared(
-        "slew of 0.8 rpm, stop [rad]",
-        "mechanics",
-        factors.stopping(0.8 * _RPM, 0.02)[0],
-        0.175460,
+        "slew of 0.8 rpm, stop [rad]", "mechanics", factors.stopping(0.8 * _RPM, 0.02)[0], 0.175460
     ),
     Compared("its time [s]", "mechanics", factors.stopping(0.8 * _RPM, 0.02)[1], 4.18879),
     Compared("wind of 28.5 m/s [Pa]", _AS2, wind.wind_pressure(28.5), 507.656),
@@ -87,12 +84,7 @@ FORMULAS = (
     Compared("its pressure [Pa]", _AS2, wind.wind_pressure(56.0), 1960.0),
     # Printed with three digits.
     *(
-        Compared(
-            f"f_rec of {years} years",
-            _AS2,
-            round(wind.recurrence_factor(years), 3),
-            factor,
-        )
+        Compared(f"f_rec of {years} years", _AS2, round(wind.recurrence_factor(years), 3), factor)
         for years, factor in ((5, 0.815), (10, 0.873), (25, 0.946))
     ),
     Compared("force on 10 m² [N]", _AS2, wind.wind_force(250.0, 10.0), 2500.0),

@@ -21,17 +21,13 @@ def result(ran: Callable[..., Ran]) -> Ran:
     return ran("b1", "--engine", FAST)
 
 
-def test_every_way_is_scored_on_every_move_and_the_spline_alone_among_them(
-    result: Ran,
-) -> None:
+def test_every_way_is_scored_on_every_move_and_the_spline_alone_among_them(result: Ran) -> None:
     for table, move in zip(result.result["tables"], MOVES, strict=True):
         assert move.name in table["title"]
         assert [row[0] for row in table["rows"]] == list(STRATEGIES)
 
 
-def test_the_spline_alone_on_the_trolley_leaves_the_swing_of_the_closed_form(
-    result: Ran,
-) -> None:
+def test_the_spline_alone_on_the_trolley_leaves_the_swing_of_the_closed_form(result: Ran) -> None:
     # Quintic of 10 m in 20 s on 15 m of cable: what a linear pendulum of the reduced length keeps;
     # 16 mrad is small (A²/16 = 2e-5).
     length = 15.0 + 500.0 / (1000.0 * 15.0)

@@ -46,11 +46,8 @@ def test_a_whole_run_stays_within_1e_4_rad_of_the_articles_own_simulator(
 
 
 def test_every_recording_is_compared(found: dict[str, gazebo.RecordedPair]) -> None:
-    assert (
-        {path.stem for path in gazebo.RECORDINGS.glob("*.parquet")}
-        == {*RUNS, "swing_overwritten"}
-        == {*found, "swing_overwritten"}
-    )
+    recorded = {path.stem for path in gazebo.RECORDINGS.glob("*.parquet")}
+    assert recorded == {*RUNS, "swing_overwritten"} == {*found, "swing_overwritten"}
 
 
 def test_a_world_of_another_gravity_or_inertia_would_not_pass() -> None:
@@ -71,15 +68,10 @@ def result(ran: Callable[..., Ran]) -> Any:
 def test_the_claims_and_the_readme_tell_the_largest_difference_of_either_swing_angle(
     result: Any, found: dict[str, gazebo.RecordedPair]
 ) -> None:
-    worst = {
-        run: max(
-            pair.largest(angle)
-            for name, pair in found.items()
-            for angle in ("phi_rad", "theta_rad")
-            if name.startswith(run.lower())
-        )
-        for run in ("A1", "A2", "A3")
-    }
+    worst = dict.fromkeys(("A1", "A2", "A3"), 0.0)
+    for name, pair in found.items():
+        run = name[:2].upper()
+        worst[run] = max(worst[run], pair.largest("phi_rad"), pair.largest("theta_rad"))
     told = ", ".join(f"{run} {value:.1e}".replace("e-0", "e-") for run, value in worst.items())
     assert missing([f"| {told} rad |"], "README.md") == []
     for claim, value in zip(result["claims"], worst.values(), strict=True):
@@ -121,10 +113,8 @@ def test_a_plugin_that_overwrites_the_passive_rates_is_a_damper_and_takes_what_t
     assert [claim["holds"] for claim in broken["claims"]] == [True, True, True]
     ratios, dampings = ({row[0]: row[1:] for row in table["rows"]} for table in broken["tables"])
     ours, theirs = ratios["here, damper ΣI/dt"], ratios["Gazebo 11.1, rates overwritten"]
-    # A²/8.
-    assert ours[0] == pytest.approx(
-        100.0 / 5e-4 / (2.0 * math.sqrt(225500.0 * 9800.0 * 15.0)), rel=0.0225 / 8
-    )
+    closed = 100.0 / 5e-4 / (2.0 * math.sqrt(225500.0 * 9800.0 * 15.0))
+    assert ours[0] == pytest.approx(closed, rel=0.0225 / 8)  # A²/8
     assert ours[2] == pytest.approx(theirs[2], abs=0.01)
     rows = [
         f"| {name} | {row[0]:.4f} | {row[1]:.4f} | {row[2]:.2f} |"
