@@ -11,12 +11,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cranedyn.analysis.swing import fit_swing
+from cranedyn.analysis.swing import SwingFit, fit_swing
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.data.trajectory import read_columns
 from cranedyn.errors import DataError, OutOfRange
-from cranedyn.model.crane import Crane
 from experiments import harness
+from experiments.a1 import figures, tables
 from experiments.a1.case import (
     FIT_FROM,
     PUBLISHED,
@@ -43,7 +43,8 @@ GAIN_RESIDUAL = {"error": 0.017, "damping ratio": 0.000011, "amplitude": 0.00025
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run all cases, or analyse recorded files."""
     if options.files:
-        return _from_files(options.files, options.columns, options.joints, setup.crane)
+        fits = [(file, *fit) for file, fit in harness.analyse_files(options, COLUMNS, _fit)]
+        return Outcome([tables.files_table(setup.crane, fits)], [])
     if options.identify:
         from experiments.a1.identify import identify_hoist
 
@@ -64,7 +65,6 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Outcome:
     """Return tables, claims, figures and files of the cable lengths and the soft trolley."""
     from cranedyn.recording import Run
-    from experiments.a1 import figures, tables
 
     return Outcome(
         tables=[
@@ -75,7 +75,6 @@ def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Outcom
         ],
         claims=_claims(setup, cases, soft),
         parameters={
-            **setup.parameters(),
             "stiffness": STIFFNESS,
             "damping": DAMPING,
             "fit_from_s": FIT_FROM,
@@ -97,22 +96,18 @@ def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Outcom
 
 def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> list[Claim]:
     listed = [(case, case.published) for case in cases]
-    misses = {
+    differences = {
         "error": [100 * case.error - p.point for case, p in listed if p.point],
         "damping ratio": [case.fit.damping_ratio - p.zeta for case, p in listed if p.zeta],
         "amplitude": [case.fit.amplitude - p.amplitude for case, p in listed if p.amplitude],
     }
-    all_cases = [*cases, soft]
-    explained, budget = _within(
-        [c.unexplained for c in all_cases], [c.second_order for c in all_cases]
-    )
+    runs = [*cases, soft]
+    explained, budget = _within([(run.unexplained, run.second_order) for run in runs])
+    agree, finite = _within([(run.prediction_error, run.finite_swing) for run in runs])
     # The prediction is of lowest order in the swing.
-    small = all(case.predicted.amplitude < 1.1 * SWING for case in all_cases)
-    agree, finite = _within(
-        [case.prediction_error for case in all_cases], [case.finite_swing for case in all_cases]
-    )
+    small = all(run.predicted.amplitude < 1.1 * SWING for run in runs)
     return [
-        *(_published_claim(setup, column, values) for column, values in misses.items()),
+        *(_published_claim(setup, column, values) for column, values in differences.items()),
         Claim(
             "What the budget leaves unexplained of a period is of second order in its parts (at "
             f"most {budget}).",
@@ -126,51 +121,43 @@ def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> list[C
     ]
 
 
-def _published_claim(setup: Setup, column: str, misses: Sequence[float]) -> Claim:
+def _published_claim(setup: Setup, column: str, differences: Sequence[float]) -> Claim:
     allowed = ROUNDING[column] + GAIN_RESIDUAL[column]
     unit = {"error": "percentage points", "amplitude": "rad"}.get(column, "")
     sentence = f"Every published {column} is met within {allowed:.2g} {unit}".rstrip()
-    if not misses:
+    if not differences:
         return Claim(f"{sentence} (none was run).", None)
-    worst = max(map(abs, misses))
+    worst = max(map(abs, differences))
     return Claim(
         f"{sentence}, half its last digit and what the identified gains leave (worst {worst:.2g}).",
         setup.judged(worst < allowed),
     )
 
 
-def _within(misses: Sequence[float], allowed: Sequence[float]) -> tuple[bool, str]:
-    """Return whether all misses are within their bounds, and a text with the extremes [%]."""
-    pairs = list(zip(map(abs, misses), allowed, strict=True))
-    largest, nearest = max(pairs), max(pairs, key=lambda pair: pair[0] / pair[1])
+def _within(pairs: Sequence[tuple[float, float]]) -> tuple[bool, str]:
+    """Return whether all errors are within their bounds, and a text with the largest error and the
+    one nearest to its bound [%].
+    """
+    sizes = [(abs(error), bound) for error, bound in pairs]
+    largest, nearest = max(sizes), max(sizes, key=lambda size: size[0] / size[1])
     texts = [
-        f"{100 * miss:.2g} % where {100 * bound:.2g} % are allowed"
-        for miss, bound in dict.fromkeys([largest, nearest])
+        f"{100 * error:.2g} % where {100 * bound:.2g} % are allowed"
+        for error, bound in dict.fromkeys([largest, nearest])
     ]
-    return all(miss < bound for miss, bound in pairs), ", and nearest to it ".join(texts)
+    return all(error < bound for error, bound in sizes), ", and nearest to it ".join(texts)
 
 
-def _from_files(
-    files: Sequence[str], sources: Sequence[str], joints: Sequence[str], crane: Crane
-) -> Outcome:
-    from experiments.a1.tables import files_table
-
-    fits = []
-    for file in files:
-        data = harness.read_recorded(file, COLUMNS, sources, joints)
-        late = data["t_s"] >= FIT_FROM
-        with harness.name_file(file):
-            fit = fit_swing(data["t_s"][late], data["phi_rad"][late])
-            fits.append((file, _length(file, data, late), fit))
-    return Outcome([files_table(crane, fits)], [])
-
-
-def _length(file: str, data: Mapping[str, np.ndarray], late: np.ndarray) -> float:
-    """Return the cable length [m]: setpoint of the hoist if recorded, else the measured mean."""
+def _fit(file: str, data: Mapping[str, np.ndarray]) -> tuple[float, SwingFit]:
+    """Return the cable length [m] in a recorded file and the fit to its swing. The length is the
+    setpoint of the hoist if recorded, else the measured mean.
+    """
+    late = data["t_s"] >= FIT_FROM
+    fit = fit_swing(data["t_s"][late], data["phi_rad"][late])
     try:
-        return float(read_columns(file, ["l_setpoint_m"])["l_setpoint_m"][late].mean())
+        length = read_columns(file, ["l_setpoint_m"])["l_setpoint_m"]
     except DataError:
-        return float(data["l_m"][late].mean())
+        length = data["l_m"]
+    return float(length[late].mean()), fit
 
 
 def main(argv: Sequence[str] | None = None) -> int:

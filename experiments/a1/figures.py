@@ -79,9 +79,8 @@ def budget_figure(cases: Sequence[SwingCase]) -> Figure:
         ax.bar(positions, parts, 0.5, bottom=floor, color=colour, label=cause)
         floor = floor + parts
     ours, published = _errors(cases)
-    style: Any = {"color": "white", "markeredgecolor": "black", "markersize": 8}
-    ax.plot(positions, ours, "D", label="simulated", **style)
-    style = {"color": "black", "markersize": 10, "markeredgewidth": 2}
+    style: Any = {"markeredgecolor": "black", "markersize": 9, "markeredgewidth": 1.5}
+    ax.plot(positions, ours, "D", color="white", label="simulated", **style)
     ax.plot(positions, published, "x", label="article", **style)
     ax.set_xticks(positions, [f"l = {case.length:g} m" for case in cases])
     ax.set_ylabel("error against 2π√(l/g) [%]")

@@ -6,10 +6,10 @@ what an experiment returns.
 
 from cranedyn.command import FAILED, INTERRUPTED, REFUSED
 from cranedyn.errors import CraneError
-from experiments.harness.arguments import add_mode, parser
+from experiments.harness.arguments import add_condition, add_mode, parser
 from experiments.harness.outcome import MARKS, Claim, Outcome
 from experiments.harness.progress import ProgressReporter
-from experiments.harness.recorded import add_files, name_file, read_recorded
+from experiments.harness.recorded import add_files, add_sources, analyse_files
 from experiments.harness.run import run_experiment
 from experiments.harness.setup import Setup, add_setup
 from experiments.harness.table import Column, ResultTable, finite_or_none, tabulate
@@ -26,13 +26,14 @@ __all__ = [
     "ProgressReporter",
     "ResultTable",
     "Setup",
+    "add_condition",
     "add_files",
     "add_mode",
     "add_setup",
+    "add_sources",
+    "analyse_files",
     "finite_or_none",
-    "name_file",
     "parser",
-    "read_recorded",
     "run_experiment",
     "tabulate",
 ]

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import get_args
 
 from cranedyn.command import Parser
 from cranedyn.errors import DataError
 from cranedyn.interfaces import EngineName
-
-ROS = (".mcap", ".bag")
-"""Endings of recordings of ROS."""
 
 
 def command_name(name: str) -> str:
@@ -48,7 +45,8 @@ def parser(
     result.add_argument("--out", metavar="DIR", help=text, default=argparse.SUPPRESS)
     text = "put the tables between their marks in this document, too"
     result.add_argument("--document", metavar="FILE.md", help=text, default=argparse.SUPPRESS)
-    result.set_defaults(experiment=name, live=False, modes={}, view=False, serve=False)
+    result.set_defaults(experiment=name, live=False, modes={}, conditions=[])
+    result.set_defaults(view=False, serve=False)
     if recording:
         text = "write the recording here instead of into the folder"
         result.add_argument("--save", metavar="FILE.rrd", help=text, default=argparse.SUPPRESS)
@@ -58,6 +56,7 @@ def parser(
         result.add_argument("--serve", action="store_true", help=text)
         text = "where --serve has its page; the data is at the next port"
         result.add_argument("--port", type=int, default=9090, metavar="P", help=text)
+        add_condition(result, "--serve", lambda options: options.serve, "port")
     add_engine(result, engines)
     return result
 
@@ -80,6 +79,24 @@ def add_mode(parser: argparse.ArgumentParser, name: str, *uses: str) -> None:
     parser.set_defaults(modes={**parser.get_default("modes"), name: uses})
 
 
+def add_condition(
+    parser: argparse.ArgumentParser,
+    needed: str,
+    holds: Callable[[argparse.Namespace], bool],
+    *names: str,
+) -> None:
+    """Refuse the arguments with these names unless a condition holds.
+
+    Args:
+        parser: The parser.
+        needed: What they need, as the error message says it: "--serve".
+        holds: Function that returns whether it is there.
+        names: Destinations of the arguments.
+    """
+    conditions = [*parser.get_default("conditions"), (needed, holds, names)]
+    parser.set_defaults(conditions=conditions)
+
+
 def parse_arguments(
     parser: argparse.ArgumentParser, argv: Sequence[str] | None
 ) -> argparse.Namespace:
@@ -98,24 +115,25 @@ def parse_arguments(
 
 
 def _check_effect(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    flags = {
+        action.dest: action.option_strings[0] if action.option_strings else f"A {action.metavar}"
+        for action in parser._actions
+    }
     changed = {
-        name: f"--{ {'files': 'from', 'values': 'set'}.get(name, name.replace('_', '-')) }"
+        name: flags[name]
         for name, value in vars(options).items()
-        if value != parser.get_default(name)
+        if name in flags and value != parser.get_default(name)
     }
     for mode, uses in options.modes.items():
-        for name in changed if mode in changed else ():
-            if name not in (mode, "out", "document", *uses):
-                flags = f"{changed[name]} has no effect beside {changed[mode]}"
-                raise DataError(f"{flags}; leave it out.")
-    ros = {Path(file).suffix in ROS for file in getattr(options, "files", None) or ()}
-    for name, condition, holds in (
-        ("joints", "--from and an .mcap or .bag file", True in ros),
-        ("columns", "--from and a .csv or .parquet file", False in ros),
-        ("port", "--serve", options.serve),
-    ):
-        if name in changed and not holds:
-            raise DataError(f"--{name} has no effect without {condition}; leave it out.")
+        allowed = {mode, "out", "document", *uses} if mode in changed else changed
+        for name in changed:
+            if name not in allowed:
+                message = f"{changed[name]} has no effect beside {changed[mode]}; leave it out."
+                raise DataError(message)
+    for needed, holds, names in options.conditions:
+        for name in names:
+            if name in changed and not holds(options):
+                raise DataError(f"{changed[name]} has no effect without {needed}; leave it out.")
 
 
 def _check_recording(options: argparse.Namespace) -> None:
@@ -132,12 +150,12 @@ def _check_recording(options: argparse.Namespace) -> None:
 def _targets(options: argparse.Namespace) -> tuple[Path, Path]:
     """Return the folder of the results and the file of the recording."""
     folder = Path(getattr(options, "out", Path("out") / options.experiment))
+    recording = Path(getattr(options, "save", folder / f"{options.experiment}.rrd"))
+    parent = folder.absolute().parent
     if os.path.exists(folder) and not os.path.isdir(folder):
         raise DataError(f"Cannot write to {folder}: it is not a folder.")
-    parent = folder.absolute().parent
     if hasattr(options, "out") and not os.path.isdir(parent):
         raise DataError(f"Cannot make the folder {folder}: its parent {parent} does not exist.")
-    recording = Path(getattr(options, "save", folder / f"{options.experiment}.rrd"))
     if recording.suffix != ".rrd":
         raise DataError(f"Cannot save the recording as {recording}: the ending must be .rrd.")
     if hasattr(options, "save") and not os.path.isdir(recording.absolute().parent):

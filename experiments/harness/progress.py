@@ -55,7 +55,7 @@ class ProgressReporter:
         """Return the callback of a run for `simulate`, None if nothing is shown."""
         bars = self.bars
         if bars is None:
-            return self._lines(lambda t: f"{name}: {t:.1f} of {duration:g} s")
+            return self.message(name, f"of {duration:g} s", ".1f")
         task, last = bars.add_task(name, total=duration, speed=""), -math.inf
 
         def update(t: float) -> None:
@@ -71,13 +71,13 @@ class ProgressReporter:
         """Return a callback that takes how many of several tasks are done."""
         bars = self.bars
         if bars is None:
-            return self._lines(lambda done: f"{name}: {done} of {total}") or (lambda done: None)
+            return self.message(name, f"of {total}") or (lambda done: None)
         task = bars.add_task(name, total=total, speed="")
         return lambda done: bars.update(task, completed=done, speed=f"{done} of {total}")
 
-    def message(self, name: str, unit: str) -> Callable[[int], None] | None:
-        """Return a callback that takes a number of unknown total, None on a terminal."""
-        return self._lines(lambda number: f"{name}: {number} {unit}")
+    def message(self, name: str, unit: str, form: str = "") -> Callable[[float], None] | None:
+        """Return a callback that prints a number with its unit in lines, None on a terminal."""
+        return self._lines(lambda number: f"{name}: {number:{form}} {unit}")
 
     def sweep(
         self, name: str, clock: Callable[[], float] = time.monotonic
@@ -106,12 +106,8 @@ def reporting() -> Iterator[ProgressReporter]:
     if not console.is_terminal:
         yield ProgressReporter(lines=ProgressLines())
         return
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.fields[speed]}"),
-        TimeElapsedColumn(),
-    )
+    texts = TextColumn("{task.description}"), TextColumn("{task.fields[speed]}")
+    columns = texts[0], BarColumn(), texts[1], TimeElapsedColumn()
     with Progress(*columns, console=console, transient=True) as bars:
         yield ProgressReporter(bars)
 

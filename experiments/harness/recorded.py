@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from cranedyn.data.external import parse_sources, read_external
 from cranedyn.errors import DataError, quoted
-from experiments.harness.arguments import ROS, add_mode
+from experiments.harness.arguments import add_condition, add_mode
+
+Analysis = TypeVar("Analysis")
+
+ROS = (".mcap", ".bag")
+"""Endings of recordings of ROS."""
 
 _LARGEST, _FASTEST, _LONGEST_GAP = 1e6, 10.0, 0.5
 """Largest number in any unit, fastest angle [rad/s], longest time from row to row [s]."""
@@ -31,6 +36,16 @@ def add_files(parser: argparse.ArgumentParser, columns: Sequence[str], *uses: st
         "or .mcap and .bag with joint states"
     )
     parser.add_argument("--from", dest="files", nargs="+", metavar="FILE", help=text)
+    add_sources(parser, "--from and {} file")
+
+
+def add_sources(parser: argparse.ArgumentParser, place: str) -> None:
+    """Add the arguments for the names of columns and joints in recorded files.
+
+    Args:
+        parser: The parser, whose argument `files` has the files.
+        place: What these arguments need, with braces for the ending of a file: "{} FILE".
+    """
     text = (
         "what columns of CSV and Parquet files are called, and their units where they are "
         "others than ours, as phi_rad=Angle[deg] t_s=time[ms]"
@@ -41,18 +56,41 @@ def add_files(parser: argparse.ArgumentParser, columns: Sequence[str], *uses: st
     text = "names of joints in .mcap and .bag files, where they are not those of this crane"
     parser.add_argument("--joints", nargs="+", default=[], metavar="l=NAME", help=text)
 
+    def has_file(options: argparse.Namespace, *, ros: bool) -> bool:
+        return any((Path(file).suffix in ROS) is ros for file in options.files or ())
 
-def read_recorded(
-    file: str, columns: Sequence[str], sources: Sequence[str] = (), joints: Sequence[str] = ()
-) -> dict[str, np.ndarray]:
-    """Return columns of a recorded file, time `t_s` and the cable length `l_m` among them.
+    bag, table = place.format("an .mcap or .bag"), place.format("a .csv or .parquet")
+    add_condition(parser, bag, lambda options: has_file(options, ros=True), "joints")
+    add_condition(parser, table, lambda options: has_file(options, ros=False), "columns")
+
+
+def analyse_files(
+    options: argparse.Namespace,
+    columns: Sequence[str],
+    analyse: Callable[[str, dict[str, np.ndarray]], Analysis],
+) -> list[tuple[str, Analysis]]:
+    """Return the names of the files of ``--from``, each with the analysis of its columns.
 
     Args:
-        file: CSV, Parquet, or a recording of ROS (.mcap, .bag).
+        options: The arguments of the command line.
         columns: Our names of the columns.
-        sources: Their names in CSV and Parquet, as on the command line, see
-            `cranedyn.data.external.parse_sources`.
-        joints: Names of joints in a recording of ROS, such as ``l=hoist``.
+        analyse: Function of the name of a file and its columns, shape (n,) each.
+
+    Raises:
+        DataError: If a file cannot be read or analysed; the message begins with its name.
+    """
+    results = []
+    for file in options.files:
+        data = _read(file, columns, options)
+        try:
+            results.append((file, analyse(file, data)))
+        except DataError as error:
+            raise DataError(f"{file}: {error}") from error
+    return results
+
+
+def _read(file: str, columns: Sequence[str], options: argparse.Namespace) -> dict[str, np.ndarray]:
+    """Return columns of a recorded file, time `t_s` and the cable length `l_m` among them.
 
     Raises:
         DataError: As `read_external`; if a cable is shorter than a millimetre, an angle changes by
@@ -62,9 +100,9 @@ def read_recorded(
     if Path(file).suffix in ROS:
         from cranedyn.bridges import bags
 
-        data = bags.read_joint_states(file, columns, parse_joints(joints))
+        data = bags.read_joint_states(file, columns, parse_joints(options.joints))
     else:
-        data = read_external(file, columns, parse_sources(sources))
+        data = read_external(file, columns, parse_sources(options.columns))
     for name, values in data.items():
         high = _FASTEST if name.endswith("_rad_s") else _LARGEST
         low = 1e-3 if name == "l_m" else -high
@@ -96,12 +134,3 @@ def parse_joints(pairs: Sequence[str]) -> dict[str, str]:
             )
         names[symbol] = name
     return names
-
-
-@contextmanager
-def name_file(file: str) -> Iterator[None]:
-    """Name the file in errors about its content."""
-    try:
-        yield
-    except DataError as error:
-        raise DataError(f"{file}: {error}") from error

@@ -42,6 +42,8 @@ def run_experiment(
 ) -> int:
     """Run an experiment from the command line: print its tables and claims, write its files.
 
+    Among the parameters in ``result.json`` are those of its setup.
+
     A claim that could not be judged under the arguments given is no pass: it is printed as "not
     judged", and the last line counts the claims that hold, all claims, and those not judged.
 
@@ -67,20 +69,21 @@ def _run(
     print(f"Written to {options.folder}.")
     if outcome.recording and not options.live:  # the demo has shown it already
         _view(options)
-    return (
-        FAILED
-        if any(claim.holds is not None and not claim.holds for claim in outcome.claims)
-        else 0
-    )
+    failed = any(claim.holds is not None and not claim.holds for claim in outcome.claims)
+    return FAILED if failed else 0
 
 
 def _outcome(experiment: Experiment, options: argparse.Namespace) -> Outcome:
     file = getattr(options, "document", None)
     document = None if file is None else read_document(file, options.experiment)
     with reporting() as reporter:
-        outcome = with_events(experiment(options, setup_of(options, reporter)))
+        setup = setup_of(options, reporter)
+        outcome = with_events(experiment(options, setup))
+    if hasattr(options, "gravity") and not getattr(options, "files", None):
+        parameters = {**setup.parameters(), **outcome.parameters}
+        outcome = replace(outcome, parameters=parameters)
     # Claims are about the errors of the default stepping rule.
-    if getattr(options, "integrator", "euler") != "euler":
+    if setup.integrator != "euler":
         outcome = replace(outcome, claims=[replace(claim, holds=None) for claim in outcome.claims])
     if document is not None:
         document.filled(outcome.tables)  # refuses a missing table before anything is written
@@ -122,11 +125,7 @@ def _json(result: dict[str, Any]) -> str:
     """
     try:
         return json.dumps(
-            result,
-            indent=1,
-            ensure_ascii=False,
-            allow_nan=False,
-            default=lambda number: number.item(),
+            result, indent=1, ensure_ascii=False, allow_nan=False, default=lambda n: n.item()
         )
     except ValueError:
         bad = [
@@ -143,19 +142,12 @@ def _json(result: dict[str, Any]) -> str:
 
 
 def _record(outcome: Outcome, options: argparse.Namespace) -> None:
-    from cranedyn import recording
+    from cranedyn.recording import record
 
-    text = [
-        options.about,
-        *(f"**{MARKS[claim.holds]}**: {claim.sentence}" for claim in outcome.claims),
-        *(table.markdown() for table in outcome.tables),
-    ]
-    recording.record(
-        options.recording,
-        outcome.recording,
-        title=f"Experiment {options.experiment}",
-        text="\n\n".join(text),
-    )
+    claims = [f"**{MARKS[claim.holds]}**: {claim.sentence}" for claim in outcome.claims]
+    text = "\n\n".join([options.about, *claims, *(t.markdown() for t in outcome.tables)])
+    title = f"Experiment {options.experiment}"
+    record(options.recording, outcome.recording, title=title, text=text)
 
 
 def _view(options: argparse.Namespace) -> None:
@@ -173,7 +165,12 @@ def _view(options: argparse.Namespace) -> None:
 
 
 def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
-    packages = ("cranedyn", "pin", "numpy", "scipy", "rerun-sdk")
+    versions: dict[str, str | None] = {"python": platform.python_version()}
+    for package in ("cranedyn", "pin", "numpy", "scipy", "rerun-sdk"):
+        try:
+            versions[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            versions[package] = None
     return {
         "experiment": options.experiment,
         "about": options.about,
@@ -183,29 +180,10 @@ def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
         "runs": {name: dict(run.record) for name, run in outcome.trajectories.items()},
         "figures": [f"{name}.png" for name in outcome.figures],
         "files": {},
-        "tables": [
-            {
-                "title": table.title,
-                "columns": [header for header, _ in table.columns],
-                "formats": [form for _, form in table.columns],
-                "rows": list(table.rows),
-                "note": table.note,
-            }
-            for table in outcome.tables
-        ],
-        "versions": {
-            "python": platform.python_version(),
-            **{name: _version(name) for name in packages},
-        },
+        "tables": [table.stored() for table in outcome.tables],
+        "versions": versions,
         "machine": f"{platform.system()} {platform.machine()}",
     }
-
-
-def _version(package: str) -> str | None:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def _store_partial_run(error: RunError, folder: Path) -> int:

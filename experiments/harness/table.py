@@ -86,6 +86,12 @@ class ResultTable:
         columns = list(zip(stored["columns"], stored["formats"], strict=True))
         return cls(stored["title"], columns, stored["rows"], stored["note"])
 
+    def stored(self) -> dict[str, Any]:
+        """Return the table as ``result.json`` holds it."""
+        headers, formats = ([column[i] for column in self.columns] for i in (0, 1))
+        values = {"columns": headers, "formats": formats, "rows": list(self.rows)}
+        return {"title": self.title, **values, "note": self.note}
+
     def shown(self) -> list[list[str]]:
         """Return the rows as text, each cell on one line."""
         return [

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +22,6 @@ from cranedyn.model.description import add_values, parse_values
 from cranedyn.sweep import grid, sweep
 from experiments import gazebo, harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup
-from experiments.harness.arguments import ROS
 from experiments.harness.recorded import parse_joints
 from experiments.harness.swept import columns_swept
 from experiments.identify.coverage import NAMES, PLANTS, SWING, coverage
@@ -77,7 +75,6 @@ _TAIL = 5e-4
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Identify what the command line asks for."""
-    check_effect(options)
     if options.coverage is not None:
         return covered(options, setup)
     prior = Prior(
@@ -85,35 +82,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         parse_values(options.values),
         number("gravity", options.believed, "m/s²", "> 0"),
     )
-    return files(options, setup, prior) if options.file else examples(setup)
-
-
-def check_effect(options: argparse.Namespace) -> None:
-    """Check that every argument has an effect.
-
-    Raises:
-        DataError: If one has none.
-    """
-    synthetic = options.coverage is not None
-    if synthetic and options.file:
-        raise DataError("A FILE has no effect beside --coverage; leave it out.")
-    for name in ("workers", "plant"):
-        if getattr(options, name) is not None and not synthetic:
-            raise DataError(f"--{name} has no effect without --coverage; leave it out.")
-    ros = {Path(file).suffix in ROS for file in options.file}
-    for flag, changed, file, has_effect in (
-        ("estimate", options.estimate, "a FILE", bool(ros)),
-        ("drives", options.drives, "a FILE", bool(ros)),
-        ("since", options.since != -math.inf, "a FILE", bool(ros)),
-        ("until", options.until != math.inf, "a FILE", bool(ros)),
-        ("columns", options.sources, "a .csv or .parquet FILE", False in ros),
-        ("joints", options.named, "an .mcap or .bag FILE", True in ros),
-        ("urdf", options.urdf is not None, "a FILE", bool(ros)),
-        ("gravity", options.believed != STANDARD_GRAVITY, "a FILE", bool(ros)),
-        ("set", options.values, "a FILE", bool(ros)),
-    ):
-        if changed and not has_effect:
-            raise DataError(f"--{flag} has no effect without {file}; leave it out.")
+    return files(options, setup, prior) if options.files else examples(setup)
 
 
 def files(options: argparse.Namespace, setup: Setup, prior: Prior) -> Outcome:
@@ -122,12 +91,12 @@ def files(options: argparse.Namespace, setup: Setup, prior: Prior) -> Outcome:
         load_record(
             file,
             prior.crane,
-            sources=parse_sources(options.sources),
-            joints=parse_joints(options.named),
+            sources=parse_sources(options.columns),
+            joints=parse_joints(options.joints),
             since=options.since,
             until=options.until,
         )
-        for file in options.file
+        for file in options.files
     ]
     names = [record.name for record in records]
     if len(set(names)) < len(names):
@@ -375,50 +344,38 @@ def main(argv: Sequence[str] | None = None) -> int:
         "records of one crane: CSV, Parquet, .mcap or .bag with a swing and the drives; "
         "without any the examples are identified"
     )
-    parser.add_argument("file", nargs="*", metavar="FILE", default=[], help=text)
+    parser.add_argument("files", nargs="*", metavar="FILE", default=[], help=text)
     text = (
         "what is to be found: delay, l_offset, x_lag, x_friction, phi_bias, x_stiffness, "
         "x_damping, gravity or an argument of the crane; by default all that the columns tell"
     )
-    parser.add_argument("--estimate", nargs="+", metavar="NAME", default=None, help=text)
+    parser.add_argument("--estimate", nargs="+", metavar="NAME", help=text)
     text = (
-        "how drives are parser again: as they moved, by the efforts that acted, or held at "
+        "how drives are simulated again: as they moved, by the efforts that acted, or held at "
         "their setpoints by a brake"
     )
-    parser.add_argument("--drives", choices=("motion", "effort", "hold"), default=None, help=text)
-    for name, ends in (("since", "before"), ("until", "after")):
-        parser.add_argument(
-            f"--{name}",
-            type=float,
-            default=-math.inf if name == "since" else math.inf,
-            metavar="T",
-            help=f"leave out what was recorded {ends} this time [s]",
-        )
+    parser.add_argument("--drives", choices=("motion", "effort", "hold"), help=text)
+    for name, end, default in (("since", "before", -math.inf), ("until", "after", math.inf)):
+        text = f"leave out what was recorded {end} this time [s]"
+        parser.add_argument(f"--{name}", type=float, default=default, metavar="T", help=text)
+    harness.add_sources(parser, "{} FILE")
+    parser.add_argument("--urdf", metavar="FILE", help="a .xacro or URDF of another crane")
+    text, default = "gravity that one believes in [m/s²]", STANDARD_GRAVITY
     parser.add_argument(
-        "--columns",
-        dest="sources",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="OURS=NAME[UNIT]",
-        help="what columns are called in CSV and Parquet, and their units, as phi_rad=Angle[deg]",
-    )
-    text = "names of joints in .mcap and .bag files"
-    parser.add_argument(
-        "--joints", dest="named", nargs="+", default=[], metavar="l=NAME", help=text
-    )
-    parser.add_argument(
-        "--urdf", metavar="FILE", default=None, help="a .xacro or URDF of another crane"
-    )
-    text = "gravity that one believes in [m/s²]"
-    parser.add_argument(
-        "--gravity", dest="believed", type=float, default=STANDARD_GRAVITY, metavar="G", help=text
+        "--gravity", dest="believed", type=float, default=default, metavar="G", help=text
     )
     add_values(parser, "numbers of the crane that one believes in")
     text = "identify N synthetic cranes instead, and count how often the intervals hold the truth"
-    parser.add_argument("--coverage", type=int, default=None, metavar="N", help=text)
+    parser.add_argument("--coverage", type=int, metavar="N", help=text)
     text = "what makes their records: simulate (default) or mujoco (extra mujoco)"
-    parser.add_argument("--plant", choices=tuple(PLANTS), default=None, help=text)
+    parser.add_argument("--plant", choices=tuple(PLANTS), help=text)
     text = "processes for that, by default one for each processor"
-    parser.add_argument("--workers", type=int, default=None, metavar="N", help=text)
+    parser.add_argument("--workers", type=int, metavar="N", help=text)
+    of_files = "estimate", "drives", "since", "until", "urdf", "believed", "values"
+    harness.add_condition(parser, "a FILE", lambda options: bool(options.files), *of_files)
+    of_coverage = "plant", "workers"
+    harness.add_condition(
+        parser, "--coverage", lambda options: options.coverage is not None, *of_coverage
+    )
+    harness.add_mode(parser, "coverage", *of_coverage)
     return harness.run_experiment(parser, experiment, argv)

@@ -92,7 +92,7 @@ def test_a_file_of_a_stranger_in_degrees_gives_a_twin(
         (["--plant", "mujoco"], "--plant has no effect without --coverage"),
         (["--coverage", "0"], "coverage is 0; allowed is a whole number >= 1"),
         (["{l5}", "--coverage", "3"], "A FILE has no effect beside --coverage"),
-        (["--coverage", "3", "--set", "a:=1"], "--set has no effect without a FILE"),
+        (["--coverage", "3", "--set", "a:=1"], "--set has no effect beside --coverage"),
     ],
 )
 def test_what_cannot_be_is_one_sentence_and_leaves_no_file(

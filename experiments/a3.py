@@ -6,9 +6,12 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 from scipy.signal import savgol_filter
@@ -20,6 +23,7 @@ from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
+from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import hold, pulse
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
@@ -45,6 +49,9 @@ PUBLISHED = Agreement(measured=0.0504, modelled=0.0504, correlation=0.9994, rms=
 
 STIFF_SLEW = (1.0e7, 5.0e6)
 """k_p [N m/rad] and k_d [N m s/rad] of a slew drive that follows the pulse."""
+
+EQUATION = "Eq. (10), γ̈ filtered"
+"""Name of the paper's model, driven as in the article."""
 
 COLUMNS = ("t_s", "gamma_dot_rad_s", "x_m", "theta_rad", "theta_dot_rad_s", "l_m")
 
@@ -122,16 +129,8 @@ def full_model(trajectory: Trajectory, gravity: float, extra_length: float = 0.0
 
 
 def _integrate(derivative: Callable, t: np.ndarray, start: Sequence[float]) -> np.ndarray:
-    solution = solve_ivp(
-        derivative,
-        (t[0], t[-1]),
-        start,
-        method="DOP853",
-        t_eval=t,
-        rtol=1e-8,
-        atol=1e-10,
-        max_step=0.05,
-    )
+    exact: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10, "max_step": 0.05}
+    solution = solve_ivp(derivative, (t[0], t[-1]), start, method="DOP853", t_eval=t, **exact)
     if not solution.success:
         end = solution.t[-1] if len(solution.t) else t[0]
         raise DataError(
@@ -219,19 +218,19 @@ def stages(crane: Crane, trajectory: Trajectory) -> list[tuple[str, Agreement]]:
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run the slew pulse with a soft and a stiff drive, or analyse recorded files."""
     if options.files:
-        return _from_files(options.files, options.columns, options.joints)
+        compared = harness.analyse_files(options, COLUMNS, lambda _, data: by_paper(data))
+        rows = [(file, EQUATION, agreement(*angles[1:3])) for file, angles in compared]
+        return Outcome([_table([*rows, ("article", "", PUBLISHED)])], [])
     from cranedyn.recording import Run
-    from experiments.a3.figures import slewing_figure, stages_figure
 
     position = {"radius": options.radius, "length": options.length}
     soft, stiff = run(setup, **position), run(setup, STIFF_SLEW, **position)
     results = {"soft": stages(setup.crane, soft), "stiff": stages(setup.crane, stiff)}
     rows = [(drive, name, a) for drive, models in results.items() for name, a in models]
     return Outcome(
-        tables=[_table([*rows, ("article", "Eq. (10), γ̈ filtered", PUBLISHED)])],
+        tables=[_table([*rows, ("article", EQUATION, PUBLISHED)])],
         claims=_claims(setup, results, position == {"radius": RADIUS, "length": LENGTH}),
         parameters={
-            **setup.parameters(),
             **position,
             "slew_soft": [STIFFNESS["slew"], DAMPING["slew"]],
             "slew_stiff": STIFF_SLEW,
@@ -239,7 +238,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             "pulse_at_s": PULSE_AT,
         },
         trajectories={"a3": soft, "a3_stiff": stiff},
-        figures={"slewing": slewing_figure(*by_paper(soft)), "stages": stages_figure(results)},
+        figures={"slewing": _slewing_figure(*by_paper(soft)), "stages": _stages_figure(results)},
         recording=[Run("soft slew drive", setup.crane, soft)],
     )
 
@@ -277,15 +276,6 @@ def _meets_published(ours: Agreement) -> bool:
     )
 
 
-def _from_files(files: Sequence[str], sources: Sequence[str], joints: Sequence[str]) -> Outcome:
-    rows = []
-    for file in files:
-        data = harness.read_recorded(file, COLUMNS, sources, joints)
-        with harness.name_file(file):
-            rows.append((file, "Eq. (10), γ̈ filtered", agreement(*by_paper(data)[1:3])))
-    return Outcome([_table([*rows, ("article", "", PUBLISHED)])], [])
-
-
 def _table(rows: Sequence[tuple[str, str, Agreement]]) -> ResultTable:
     return tabulate(
         "Tangential swing after a slew pulse",
@@ -304,17 +294,51 @@ def _table(rows: Sequence[tuple[str, str, Agreement]]) -> ResultTable:
     )
 
 
+def _slewing_figure(
+    t: np.ndarray, measured: np.ndarray, modelled: np.ndarray, excitation: np.ndarray
+) -> Figure:
+    """Draw the push x γ̈ above, measured and modelled swing below."""
+    figure, (above, below) = panels(2, height=2.6, sharex=True)
+    above.plot(t, excitation, color=COLOURS["gamma"])
+    above.set_ylabel("x γ̈ [m/s²]")
+    below.plot(t, np.degrees(measured), color=COLOURS["theta"], label="θ simulated")
+    style: Any = {"color": COLOURS["unexplained"], "linewidth": 1.0}
+    below.plot(t, np.degrees(modelled), "--", label="θ by Eq. (10)", **style)
+    below.set(ylabel="θ [°]", xlabel="time [s]")
+    below.legend(loc="upper right", ncols=2)
+    return figure
+
+
+def _stages_figure(results: Mapping[str, Sequence[tuple[str, Agreement]]]) -> Figure:
+    """Draw the difference that is left as one cause after the other is removed."""
+    figure, (ax,) = panels(1, height=3.0)
+    for (drive, models), colour, shift in zip(
+        results.items(), (COLOURS["theta"], COLOURS["gamma"]), (-0.18, 0.18), strict=True
+    ):
+        shares, positions = [100 * result.relative for _, result in models], np.arange(len(models))
+        name = f"{drive} slew drive"
+        bars = ax.barh(positions + shift, shares, 0.34, color=colour, label=name)
+        ax.bar_label(bars, fmt="%.2f %%", padding=3)
+    ax.set_yticks(range(len(models)), [name for name, _ in models])
+    ax.invert_yaxis()
+    ax.margins(x=0.12)
+    ax.set_xlabel("RMS difference in θ [% of its amplitude]")
+    ax.legend()
+    return figure
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = harness.parser(
         "a3", "Tangential swing after a slew pulse, against Eq. (10) and the full equations."
     )
     harness.add_setup(parser, "trolley_init", "hoist_init")
-    parser.add_argument(
-        "--radius", type=float, default=RADIUS, metavar="X", help="trolley radius [m]"
-    )
-    parser.add_argument(
-        "--length", type=float, default=LENGTH, metavar="L", help="cable length [m]"
-    )
+    add, text = parser.add_argument, "trolley radius [m]"
+    add("--radius", type=float, default=RADIUS, metavar="X", help=text)
+    add("--length", type=float, default=LENGTH, metavar="L", help="cable length [m]")
     harness.add_files(parser, COLUMNS)
     return harness.run_experiment(parser, experiment, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -6,27 +6,36 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 from cranedyn import theory
-from cranedyn.analysis.swing import PowerLaw, fit_power_law
+from cranedyn.analysis.swing import PowerLaw, fit_power_law, peaks, zero_crossings
 from cranedyn.controllers import follow, hold_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS, Gains
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.interfaces import Reference, State
+from cranedyn.errors import DataError
+from cranedyn.interfaces import Reference
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
+from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import hold, pulse, ramp
 from experiments import harness
-from experiments.a2.reading import RATE, Reading, read_swing
 from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
 
-LENGTH, TARGET, HOIST_AT, DURATION = 20.0, 8.0, 30.0, 110.0
-"""Cable length before and after [m], start of the hoisting, and duration of the run [s]."""
+LENGTH, TARGET, RATE = 20.0, 8.0, 0.5
+"""Cable length before and after [m], and hoisting speed [m/s]."""
 
-PULSE, PULSE_AT = 1.0, 2.0
-"""Trolley pulse [m], and its start (not published) [s]."""
+ANALYSED_FROM, HOIST_AT, DURATION = 12.0, 30.0, 110.0
+"""Start of the analysis, start of the hoisting, and duration of the run [s]."""
+
+PULSE, PULSE_AT, OTHER_PULSES = 1.0, 2.0, (1.0, 3.0, 4.0, 4.5, 5.0, 5.25)
+"""Trolley pulse [m], its start (not published), and other starts tried [s]."""
 
 PUBLISHED = {
     "mean": 0.79,
@@ -51,9 +60,65 @@ must meet it."""
 STIFF_HOIST = (1.0e6, 6.0e4)
 """k_p [N/m] and k_d [N s/m] of a stiff hoist."""
 
-
 COLUMNS = ("t_s", "phi_rad", "l_m")
 """Columns that a recorded file must have."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Periods and amplitudes of a record of t, φ, l.
+
+    Attributes:
+        times, errors: Middle of each half swing [s], and its period against 2π√(l/g) there,
+            relative.
+        lengths, amplitudes: Cable length [m] at each peak of |φ|, and the peak [rad].
+        hoisting: Whether the cable runs at more than half its speed at a peak.
+        everywhere, section: Power laws through all peaks and through those.
+    """
+
+    times: np.ndarray
+    errors: np.ndarray
+    lengths: np.ndarray
+    amplitudes: np.ndarray
+    hoisting: np.ndarray
+    everywhere: PowerLaw
+    section: PowerLaw
+
+    @property
+    def worst(self) -> float:
+        """Largest relative period error."""
+        return float(np.abs(self.errors).max())
+
+
+def read_swing(
+    t: np.ndarray, phi: np.ndarray, length: np.ndarray, *, since: float = ANALYSED_FROM
+) -> Reading:
+    """Read period and amplitude off a swing on a moving cable from a time on, shapes (n,).
+
+    Raises:
+        DataError: If the swing has less than three peaks while the cable runs.
+    """
+    late = t >= since
+    crossings = zero_crossings(t[late], phi[late])
+    middle = (crossings[1:] + crossings[:-1]) / 2.0
+    period = theory.point_period(np.interp(middle, t, length), STANDARD_GRAVITY)
+    errors = 2.0 * np.diff(crossings) / period - 1.0
+    peak_times, amplitudes = peaks(t[late], phi[late])
+    lengths = np.interp(peak_times, t, length)
+    hoisting = np.abs(np.interp(peak_times, t, np.gradient(length, t))) > RATE / 2.0
+    if hoisting.sum() < 3:
+        raise DataError(
+            f"From {since:g} s on the swing has {hoisting.sum()} peaks while the cable runs at "
+            f"{RATE / 2:g} m/s or more; three are needed."
+        )
+    everywhere = fit_power_law(lengths, amplitudes)
+    section = fit_power_law(lengths[hoisting], amplitudes[hoisting])
+    return Reading(middle, errors, lengths, amplitudes, hoisting, everywhere, section)
+
+
+def read_run(data: Trajectory | Mapping[str, np.ndarray]) -> Reading:
+    """Read period and amplitude off a run or recorded columns."""
+    return read_swing(data["t_s"], data["phi_rad"], data["l_m"])
 
 
 def run(
@@ -73,27 +138,6 @@ def _hoist(crane: Crane, base: Reference, t_start: float) -> Reference:
     return ramp(crane, base, "l", TARGET - LENGTH, rate=RATE, at=t_start)
 
 
-def exact_drives_law(setup: Setup, crane: Crane, start: State) -> PowerLaw:
-    """Return the law of the hoisting section from a swing at its start, with drives that follow the
-    ramp exactly.
-
-    A ramp stops at once, in which a real rope would go slack for an instant.
-    """
-    reference = _hoist(crane, hold(crane, start), 0.0)
-    drives = follow(crane, reference, setup.control_period)
-    trajectory = setup.simulate(
-        crane,
-        drives,
-        reference,
-        start=start,
-        duration=(LENGTH - TARGET) / RATE + 4.0,
-        label="exact drives",
-        drive="motion",
-        validity="mark",
-    )
-    return read_swing(trajectory.t, trajectory["phi_rad"], trajectory["l_m"], since=0.0).section
-
-
 def exponents(setup: Setup, ours: Reading, stiff: Trajectory) -> dict[str, PowerLaw]:
     """Return the law of the hoisting section, one effect after the other."""
     row = int(np.searchsorted(stiff.t, HOIST_AT))
@@ -106,8 +150,17 @@ def exponents(setup: Setup, ours: Reading, stiff: Trajectory) -> dict[str, Power
     point = setup.variant(payload_inertia=0, dummy_inertia=0, dummy_mass=0, damp_swing=0)
 
     def law(crane: Crane, factor: float = 1.0) -> PowerLaw:
+        """Return the law from a part of that swing, with drives that follow the ramp exactly.
+
+        A ramp stops at once, in which a real rope would go slack for an instant.
+        """
         start = crane.state(l=LENGTH, phi=phi / factor, phi_dot=rate / factor)
-        return exact_drives_law(setup, crane, start)
+        reference = _hoist(crane, hold(crane, start), 0.0)
+        drives = follow(crane, reference, setup.control_period)
+        means: Any = {"label": "exact drives", "drive": "motion", "validity": "mark"}
+        duration = (LENGTH - TARGET) / RATE + 4.0
+        run = setup.simulate(crane, drives, reference, start=start, duration=duration, **means)
+        return read_swing(run.t, run["phi_rad"], run["l_m"], since=0.0).section
 
     return {
         "slow hoisting, small swing: l^(-3/4)": fit_power_law(lengths, lengths**-0.75),
@@ -187,23 +240,17 @@ def _phase_table(readings: dict[float, Reading]) -> ResultTable:
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run the hoisting, or analyse recorded files."""
     if options.files:
-        return _from_files(options.files, options.columns, options.joints)
+        readings = harness.analyse_files(options, COLUMNS, lambda _, data: read_run(data))
+        return Outcome([_summary(dict(readings))], [])
     from cranedyn.recording import Run
-    from experiments.a2.figures import fits_figure, hoisting_figure
 
-    trajectory, stiff = (
-        run(setup),
-        run(setup, stiffness={"l": STIFF_HOIST[0]}, damping={"l": STIFF_HOIST[1]}),
-    )
+    trajectory = run(setup)
+    stiff = run(setup, stiffness={"l": STIFF_HOIST[0]}, damping={"l": STIFF_HOIST[1]})
     ours, hard = read_run(trajectory), read_run(stiff)
-    phases = {
-        start: read_run(run(setup, pulse_at=start)) for start in (1.0, 3.0, 4.0, 4.5, 5.0, 5.25)
-    }
+    phases = {start: read_run(run(setup, pulse_at=start)) for start in OTHER_PULSES}
     stages = exponents(setup, ours, stiff)
     small, bessel = stages[SMALL].exponent, stages[BESSEL].exponent
-    missed, without = (
-        abs(reading.section.exponent - PUBLISHED["hoisting"]) for reading in (ours, hard)
-    )
+    missed, without = (abs(r.section.exponent - PUBLISHED["hoisting"]) for r in (ours, hard))
     worst = 100 * max(reading.worst for reading in (ours, *phases.values()))
     claims = [
         Claim(
@@ -230,26 +277,61 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             _phase_table({PULSE_AT: ours, **phases}),
         ],
         claims=claims,
-        parameters=setup.parameters()
-        | {"stiffness": STIFFNESS, "damping": DAMPING, "pulse_at_s": PULSE_AT},
+        parameters={"stiffness": STIFFNESS, "damping": DAMPING, "pulse_at_s": PULSE_AT},
         trajectories={"a2": trajectory, "a2_stiff": stiff},
-        figures={"hoisting": hoisting_figure(trajectory, ours), "fits": fits_figure(ours)},
+        figures={"hoisting": _hoisting_figure(trajectory, ours), "fits": _fits_figure(ours)},
         recording=[Run("hoisting", setup.crane, trajectory)],
     )
 
 
-def read_run(trajectory: Trajectory) -> Reading:
-    """Read a run."""
-    return read_swing(trajectory.t, trajectory["phi_rad"], trajectory["l_m"])
+def _hoisting_figure(trajectory: Trajectory, reading: Reading) -> Figure:
+    """Draw the swing, the cable length, and the period of each half swing on the theoretical
+    curve.
+    """
+    figure, (swing, cable, period) = panels(3, height=2.2, sharex=True)
+    t, length = trajectory.t, trajectory["l_m"]
+    swing.plot(t, np.degrees(trajectory["phi_rad"]), color=COLOURS["phi"])
+    swing.set_ylabel("φ [°]")
+    cable.plot(t, trajectory["l_setpoint_m"], "--", color=COLOURS["setpoint"], label="setpoint")
+    cable.plot(t, length, color=COLOURS["l"], label="cable length")
+    cable.set_ylabel("l [m]")
+    point = theory.point_period(length, STANDARD_GRAVITY)
+    period.plot(t, point, color=COLOURS["setpoint"], label="2π√(l(t)/g)")
+    point = theory.point_period(np.interp(reading.times, t, length), STANDARD_GRAVITY)
+    measured = (1 + reading.errors) * point
+    period.plot(reading.times, measured, "o", color=COLOURS["phi"], label="half swings, doubled")
+    period.set(ylabel="period [s]", xlabel="time [s]")
+    cable.legend()
+    period.legend()
+    return figure
 
 
-def _from_files(files: Sequence[str], sources: Sequence[str], joints: Sequence[str]) -> Outcome:
-    readings = {}
-    for file in files:
-        data = harness.read_recorded(file, COLUMNS, sources, joints)
-        with harness.name_file(file):
-            readings[file] = read_swing(data["t_s"], data["phi_rad"], data["l_m"])
-    return Outcome([_summary(readings)], [])
+def _fits_figure(reading: Reading) -> Figure:
+    """Draw the amplitude over cable length: through all points, and where the cable moves."""
+    figure, axes = panels(1, 2, height=3.8, sharey=True)
+    lengths, amplitudes = reading.lengths, np.degrees(reading.amplitudes)
+    fine = np.linspace(lengths.min(), lengths.max(), 50)
+    slow = np.degrees(reading.amplitudes[0] * (lengths[0] / fine) ** 0.75)
+    moving = reading.hoisting
+    laws = {"all points": reading.everywhere, "hoisting only": reading.section}
+    for ax, (name, law), alpha in zip(axes, laws.items(), (1.0, 0.25), strict=True):
+        rest: Any = {"color": COLOURS["setpoint"], "alpha": alpha}
+        rest |= {"label": "cable at rest"} if law is reading.everywhere else {}
+        ax.plot(lengths[~moving], amplitudes[~moving], "o", **rest)
+        ax.plot(lengths[moving], amplitudes[moving], "o", color=COLOURS["l"], label="cable running")
+        fit = f"fit: exponent {law.exponent:.3f}"
+        ax.plot(fine, np.degrees(law(fine)), color=COLOURS["phi"], label=fit)
+        style: Any = {"color": COLOURS["unexplained"], "linewidth": 1.0}
+        ax.plot(fine, slow, "--", label="exponent -3/4", **style)
+        title = f"{name}, {law.points} points"
+        ax.set(xscale="log", yscale="log", xlabel="cable length [m]", title=title)
+        for axis, ticks in ((ax.xaxis, [8, 10, 12, 15, 20]), (ax.yaxis, [6, 8, 10, 12])):
+            axis.set_major_formatter(ScalarFormatter())
+            axis.set_minor_formatter(NullFormatter())
+            axis.set_ticks(ticks)
+        ax.legend()
+    axes[0].set_ylabel("amplitude [°]")
+    return figure
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -260,3 +342,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     harness.add_setup(parser, "hoist_init")
     harness.add_files(parser, COLUMNS)
     return harness.run_experiment(parser, experiment, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
