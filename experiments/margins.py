@@ -6,14 +6,17 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
 
 from cranedyn.checks import whole, within
 from cranedyn.command import interrupted
@@ -24,10 +27,10 @@ from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.estimation import with_observer
 from cranedyn.interfaces import Controller, Setpoint, State
+from cranedyn.plotting.figures import panels
 from cranedyn.references.motion import Motion
 from experiments import harness
 from experiments.harness import Claim, Column, Outcome, ResultTable, Setup, finite_or_none, tabulate
-from experiments.margins.figures import margin_values, margins_figure
 from experiments.scenarios.strategies import LQR, PAPER, PD, with_integral
 
 if TYPE_CHECKING:
@@ -50,16 +53,15 @@ WATCHED = 40.0
 MOST = 500
 """Radii, and cable lengths, of the largest map."""
 
-Mapped = list[list["Margins"]]
-"""Margins by cable length, then by radius."""
+MarginMap = dict[str, np.ndarray]
+"""Least "damping", and margins "stronger", "weaker" and "late" of the worst drive, by cable length,
+then by radius; shape (points, points) each."""
 
 
 def standstill(setup: Setup, equilibrium: State) -> Motion:
     """Return a motion that stands still."""
-    still = np.zeros((1, setup.crane.layout.n))
-    return Motion(
-        setup.control_period, equilibrium.q[None], still, still, setup.crane.layout.drives
-    )
+    layout, still = setup.crane.layout, np.zeros_like(equilibrium.q[None])
+    return Motion(setup.control_period, equilibrium.q[None], still, still, layout.drives)
 
 
 def integrating(setup: Setup, equilibrium: State) -> HoistIntegral:
@@ -67,71 +69,57 @@ def integrating(setup: Setup, equilibrium: State) -> HoistIntegral:
     return with_integral(setup, standstill(setup, equilibrium))
 
 
-def _linear(setup: Setup, controller: Controller, equilibrium: State) -> Regulator:
-    from cranedyn.bridges.margins import regulator
-
-    return regulator(setup.crane, controller, equilibrium, t=0.0, period=setup.control_period)
-
-
-def _held(setup: Setup, equilibrium: State) -> Regulator:
-    return _linear(setup, hold_controller(setup.crane), equilibrium)
-
-
-def _paper(setup: Setup, equilibrium: State) -> Regulator:
-    return _linear(
-        setup, paper_controller(setup.crane, standstill(setup, equilibrium)), equilibrium
-    )
-
-
-def _scheduled(setup: Setup, equilibrium: State) -> Regulator:
-    return _linear(setup, integrating(setup, equilibrium), equilibrium)
-
-
-def _kept(setup: Setup, equilibrium: State) -> Regulator:
-    return _scheduled(setup, setup.crane.state(x=MIDDLE[0], l=MIDDLE[1]))
-
-
-def _blind(setup: Setup, equilibrium: State) -> Regulator:
-    """Return the same behind the filter that sees the drives alone, when its gain has settled."""
-    from cranedyn.bridges.margins import behind_observer
-
-    crane = setup.crane
-    plant = _plant(setup, equilibrium)
-    observer = with_observer(
-        lqr(crane, standstill(setup, equilibrium), dt=setup.dt),
-        crane,
-        standstill(setup, equilibrium),
-        dt=setup.dt,
-    )
-    output = np.eye(len(plant.a))[observer.measured]
-    p = scipy.linalg.solve_discrete_are(plant.a.T, output.T, observer.disturbance, observer.noise)
-    gain = np.linalg.solve(output @ p @ output.T + observer.noise, output @ p).T
-    return behind_observer(_scheduled(setup, equilibrium), plant, gain, observer.measured)
-
-
-STRATEGIES: dict[str, Callable[[Setup, State], Regulator]] = {
-    PD: _held,
-    PAPER: _paper,
-    LQR: _scheduled,
-    KEPT: _kept,
-    BLIND: _blind,
+CONTROLLERS: dict[str, Callable[[Setup, State], Controller]] = {
+    PD: lambda setup, equilibrium: hold_controller(setup.crane),
+    PAPER: lambda setup, rest: paper_controller(setup.crane, standstill(setup, rest)),
+    LQR: integrating,
 }
 """How the drives are closed at a rest, by name. Plans that differ in what they feed forward only,
 such as flat paths, the shortest time and the MPC within its limits, end in the full-model LQR."""
 
+STRATEGIES = (*CONTROLLERS, KEPT, BLIND)
 
-def mapped(setup: Setup, points: int) -> dict[str, Mapped]:
-    """Return the margins of each strategy over the map."""
+
+def linear_form(setup: Setup, strategy: str, equilibrium: State) -> Regulator:
+    """Return the linear form of a strategy at a rest: of the LQR made for the middle everywhere the
+    same, of the LQR without a swing sensor behind a filter whose gain has settled.
+    """
+    from cranedyn.bridges.margins import behind_observer, regulator
+
+    crane, period = setup.crane, setup.control_period
+    if strategy == KEPT:
+        return linear_form(setup, LQR, crane.state(x=MIDDLE[0], l=MIDDLE[1]))
+    if strategy != BLIND:
+        controller = CONTROLLERS[strategy](setup, equilibrium)
+        return regulator(crane, controller, equilibrium, t=0.0, period=period)
+    plant, still = _plant(setup, equilibrium), standstill(setup, equilibrium)
+    observer = with_observer(lqr(crane, still, dt=setup.dt), crane, still, dt=setup.dt)
+    output = np.eye(len(plant.a))[observer.measured]
+    p = scipy.linalg.solve_discrete_are(plant.a.T, output.T, observer.disturbance, observer.noise)
+    gain = np.linalg.solve(output @ p @ output.T + observer.noise, output @ p).T
+    return behind_observer(linear_form(setup, LQR, equilibrium), plant, gain, observer.measured)
+
+
+def margins_at(setup: Setup, strategy: str, equilibrium: State) -> Margins:
+    """Return the margins of a strategy at a rest."""
     from cranedyn.bridges.margins import margins
 
+    return margins(_plant(setup, equilibrium), linear_form(setup, strategy, equilibrium))
+
+
+def margin_maps(setup: Setup, points: int) -> dict[str, MarginMap]:
+    """Return the margins of each strategy over the map."""
     radii, cables = axes(points)
-    update = setup.reporter.count("margins", len(STRATEGIES) * points)
-    maps: dict[str, Mapped] = {strategy: [] for strategy in STRATEGIES}
-    for strategy, law in STRATEGIES.items():
-        for length in cables.tolist():
-            rests = [setup.crane.state(x=radius, l=length) for radius in radii.tolist()]
-            maps[strategy].append([margins(_plant(setup, r), law(setup, r)) for r in rests])
-            update(sum(map(len, maps.values())))
+    update, done = setup.reporter.count("margins", len(STRATEGIES) * points), 0
+    maps = {}
+    for strategy in STRATEGIES:
+        values = np.empty((4, points, points))
+        for i, length in enumerate(cables.tolist()):
+            for j, radius in enumerate(radii.tolist()):
+                loop = margins_at(setup, strategy, setup.crane.state(x=radius, l=length))
+                values[:, i, j] = loop.damping, *loop.least
+            update(done := done + 1)
+        maps[strategy] = dict(zip(("damping", "stronger", "weaker", "late"), values, strict=True))
     return maps
 
 
@@ -144,29 +132,21 @@ def axes(points: int) -> tuple[np.ndarray, np.ndarray]:
     return np.linspace(*RADII, points), np.linspace(*CABLES, points)
 
 
-class Disturbed:
-    """A controller about a rest of whose drives one is late, or stronger than it is told.
-
-    Attributes:
-        controller: The controller.
-        drive: Which one.
-        factor: What its effort beyond holding the load is multiplied by.
-        periods: By how many control periods it is late.
+def disturbed(
+    controller: Controller, holding: np.ndarray, drive: int, factor: float, periods: int
+) -> Controller:
+    """Return a controller one drive of which is some control periods late, and whose effort beyond
+    holding the load is multiplied by a factor.
     """
+    waiting = deque([0.0] * periods)
 
-    def __init__(
-        self, controller: Controller, holding: np.ndarray, drive: int, factor: float, periods: int
-    ) -> None:
-        self.controller, self.holding = controller, holding
-        self.drive, self.factor = drive, factor
-        self._waiting = deque([0.0] * periods)
+    def command(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        efforts = np.array(controller(t, state, setpoint))
+        waiting.append(factor * (efforts[drive] - holding[drive]))
+        efforts[drive] = holding[drive] + waiting.popleft()
+        return efforts
 
-    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Return the efforts, shape (m,)."""
-        command = np.array(self.controller(t, state, setpoint))
-        self._waiting.append(self.factor * (command[self.drive] - self.holding[self.drive]))
-        command[self.drive] = self.holding[self.drive] + self._waiting.popleft()
-        return command
+    return command
 
 
 def grows(
@@ -189,11 +169,10 @@ def grows(
     row = np.concatenate([equilibrium.q, equilibrium.v])[None]
     holding = holding_effort(crane, equilibrium.q)
     moved = replace(designed, tracking=replace(table, setpoint=row, feed_forward=holding[None]))
-    disturbed = Disturbed(moved, holding, drive, factor, periods)
     try:
         run = setup.simulate(
             crane,
-            disturbed,
+            disturbed(moved, holding, drive, factor, periods),
             standstill(setup, equilibrium),
             start=State(q, equilibrium.v),
             duration=WATCHED,
@@ -212,13 +191,11 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Map the margins, then meet them."""
     points = whole("points", options.points, 2)
     within("points", points, 2, MOST)
-    maps = mapped(setup, points)
+    maps = margin_maps(setup, points)
     check, claims = _met(setup, maps[LQR], points)
-    unstable = [
-        name for name, margins in maps.items() if margin_values(margins, "damping").min() <= 0.0
-    ]
+    unstable = [strategy for strategy, margins in maps.items() if margins["damping"].min() <= 0.0]
     note = f" Unstable somewhere: {', '.join(unstable)}." if unstable else ""
-    least_delay = float(margin_values(maps[LQR], "late").min())
+    least_delay = float(maps[LQR]["late"].min())
     return Outcome(
         tables=[_table(maps, points, note), check],
         claims=[
@@ -226,7 +203,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
                 "Every strategy that is made for the place is stable over the whole map.",
                 not set(unstable) - {KEPT},
             ),
-            _needed(setup, maps[KEPT], points),
+            _needed(setup, maps[KEPT]["damping"], points),
             Claim(
                 "The full-model LQR, made for each place, bears a drive that is late by "
                 f"{1e3 * least_delay:.1f} ms, {least_delay / setup.control_period:.1f} control "
@@ -235,8 +212,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             ),
             *claims,
         ],
-        parameters=setup.parameters() | {"points": points, "radii_m": RADII, "cables_m": CABLES},
-        figures={"margins_map": margins_figure(*axes(points), maps)},
+        parameters={"points": points, "radii_m": RADII, "cables_m": CABLES},
+        figures={"margins_map": _figure(*axes(points), maps)},
     )
 
 
@@ -246,12 +223,12 @@ def _first(value: np.ndarray, extreme: float) -> tuple[int, int]:
     return divmod(index, value.shape[1])
 
 
-def _table(maps: Mapping[str, Mapped], points: int, note: str) -> ResultTable:
+def _table(maps: Mapping[str, MarginMap], points: int, note: str) -> ResultTable:
     radii, cables = axes(points)
 
     def least(strategy: str, name: str, scale: float, item: int) -> float:
         """Return the least margin over the map, or the radius or the cable length of its place."""
-        margin = scale * margin_values(maps[strategy], name)
+        margin = scale * maps[strategy][name]
         i, j = _first(margin, margin.max() if name == "weaker" else margin.min())
         return float((margin[i, j], radii[j], cables[i])[item])
 
@@ -275,41 +252,33 @@ def _table(maps: Mapping[str, Mapped], points: int, note: str) -> ResultTable:
     )
 
 
-def _met(setup: Setup, margins_of: Mapped, points: int) -> tuple[ResultTable, list[Claim]]:
+def _met(setup: Setup, mapped: MarginMap, points: int) -> tuple[ResultTable, list[Claim]]:
     """Simulate the place where the full-model LQR bears the least delay."""
     radii, cables = axes(points)
-    borne = margin_values(margins_of, "late")
-    i, j = _first(borne, borne.min())
-    margins_there = margins_of[i][j]
-    if not margins_there.drives:
+    i, j = _first(mapped["late"], mapped["late"].min())
+    equilibrium = setup.crane.state(x=radii[j], l=cables[i])
+    loop = margins_at(setup, LQR, equilibrium)
+    if not loop.drives:
         raise OutOfRange("the full-model LQR", "unstable", "stable, for margins to be met")
-    drive = int(np.argmin([d.late for d in margins_there.drives]))
-    margin, equilibrium = margins_there.drives[drive], setup.crane.state(x=radii[j], l=cables[i])
+    drive = int(np.argmin([margin.late for margin in loop.drives]))
+    stronger, periods = loop.drives[drive].stronger, loop.drives[drive].late / setup.control_period
     name = setup.crane.layout.driven[drive].effort_name
-    last = math.ceil(margin.late / setup.control_period) - 1
-    delays = [
-        (float(late), grows(setup, equilibrium, drive, periods=late)) for late in (last, last + 1)
+    last = math.ceil(periods) - 1
+    delays, factors = [last, last + 1], [0.98 * stronger, 1.02 * stronger]
+    late = [grows(setup, equilibrium, drive, periods=delay) for delay in delays]
+    strong = [grows(setup, equilibrium, drive, factor=factor) for factor in factors]
+    rows = [
+        (f"{name} {kind}", *map(finite_or_none, (limit, below, growth, beyond, growth_there)))
+        for kind, limit, (below, beyond), (growth, growth_there) in (
+            ("late [periods]", periods, delays, late),
+            ("stronger [times]", stronger, factors, strong),
+        )
     ]
-    factors = [
-        (share * margin.stronger, grows(setup, equilibrium, drive, factor=share * margin.stronger))
-        for share in (0.98, 1.02)
-    ]
-    periods = margin.late / setup.control_period
-    limits = (
-        (f"{name} late [periods]", periods, delays),
-        (f"{name} stronger [times]", margin.stronger, factors),
-    )
-    table = tabulate(
+    heads = ("predicted", ".4g"), ("below it", ".4g"), ("growth", ".3g")
+    table = ResultTable(
         f"Met in simulation at x = {radii[j]:g} m, l = {cables[i]:g} m",
-        limits,
-        [
-            ("full-model LQR", "", lambda limit: limit[0]),
-            ("predicted", ".4g", lambda limit: finite_or_none(limit[1])),
-            ("below it", ".4g", lambda limit: finite_or_none(limit[2][0][0])),
-            ("growth", ".3g", lambda limit: finite_or_none(limit[2][0][1])),
-            ("beyond it", ".4g", lambda limit: finite_or_none(limit[2][1][0])),
-            ("growth there", ".3g", lambda limit: finite_or_none(limit[2][1][1])),
-        ],
+        [("full-model LQR", ""), *heads, ("beyond it", ".4g"), ("growth there", ".3g")],
+        rows,
         "Growth: largest deviation of that drive in the last quarter of "
         f"{WATCHED:g} s over that in the second; a dash where the run breaks off.",
     )
@@ -318,25 +287,23 @@ def _met(setup: Setup, margins_of: Mapped, points: int) -> tuple[ResultTable, li
             "Where the map shows the least delay for the full-model LQR, simulation is stable with "
             f"{name} {last} control periods late and unstable with {last + 1}: predicted are "
             f"{periods:.2f}.",
-            delays[0][1] < 1.0 < delays[1][1],
+            late[0] < 1.0 < late[1],
         ),
         Claim(
-            f"There it is stable with {name} {factors[0][0]:.3g} times as strong and unstable with "
-            f"{factors[1][0]:.3g} times: predicted are {margin.stronger:.3g}.",
-            factors[0][1] < 1.0 < factors[1][1],
+            f"There it is stable with {name} {factors[0]:.3g} times as strong and unstable with "
+            f"{factors[1]:.3g} times: predicted are {stronger:.3g}.",
+            strong[0] < 1.0 < strong[1],
         ),
     ]
     return table, claims
 
 
-def _needed(setup: Setup, margins_of: Mapped, points: int) -> Claim:
+def _needed(setup: Setup, damping: np.ndarray, points: int) -> Claim:
     """Claim that the LQR made for the middle is unstable where the map says so, by simulation."""
     radii, cables = axes(points)
-    damping = margin_values(margins_of, "damping")
-    locations = [_first(damping, end) for end in (damping.min(), damping.max())]
     middle = setup.crane.state(x=MIDDLE[0], l=MIDDLE[1])
     agree, verdicts = True, []
-    for i, j in locations:
+    for i, j in (_first(damping, extreme) for extreme in (damping.min(), damping.max())):
         equilibrium = setup.crane.state(x=radii[j], l=cables[i])
         growth = grows(setup, equilibrium, setup.crane.layout.drive("x"), made_for=middle)
         stable = damping[i, j] > 0.0
@@ -352,11 +319,51 @@ def _needed(setup: Setup, margins_of: Mapped, points: int) -> Claim:
     )
 
 
+def _figure(radii: np.ndarray, cables: np.ndarray, maps: Mapping[str, MarginMap]) -> Figure:
+    """Draw damping, and the delay that the worst drive bears, of each strategy over radius and
+    cable.
+    """
+    count = len(maps)
+    figure, axes = panels(2, count, height=2.8, width=12.5, sharex=True, sharey=True)
+    for row, (title, name, scale, form) in enumerate(
+        (
+            ("least damping [% of critical]", "damping", 100.0, "{:.2g}"),
+            ("delay borne [ms]", "late", 1e3, "{:.0f}"),
+        )
+    ):
+        values = {strategy: scale * margins[name] for strategy, margins in maps.items()}
+        norm = LogNorm(
+            min(v[v > 0.0].min(initial=v.max()) for v in values.values()),
+            max(v.max() for v in values.values()),
+        )
+        strip = axes[row * count : (row + 1) * count]
+        for ax, (strategy, numbers) in zip(strip, values.items(), strict=True):
+            drawn = ax.pcolormesh(
+                radii, cables, numbers, norm=norm, cmap="viridis", rasterized=True
+            )
+            for (i, j), number in np.ndenumerate(numbers):
+                ends = number <= 0.0
+                text = "unstable" if ends else form.format(number)
+                style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 6.5}
+                style["color"] = "black" if ends or norm(number) > 0.6 else "white"
+                ax.text(float(radii[j]), float(cables[i]), text, **style)
+            ax.grid(visible=False)
+            if not row:
+                ax.set_title(strategy, fontsize=9.5)
+        figure.colorbar(drawn, ax=strip, label=title)
+    figure.supxlabel("trolley radius [m]", fontsize=11.0)
+    figure.supylabel("cable length [m]", fontsize=11.0)
+    return figure
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = harness.parser("margins", "how far each strategy is from its end, over the workspace.")
     harness.add_setup(parser)
-    parser.add_argument(
-        "--points", type=int, default=5, metavar="N", help="places along each side of the map"
-    )
+    text = "places along each side of the map"
+    parser.add_argument("--points", type=int, default=5, metavar="N", help=text)
     return harness.run_experiment(parser, experiment, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

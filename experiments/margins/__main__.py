@@ -1,8 +1,0 @@
-"""The command ``python -m experiments.margins``."""
-
-import sys
-
-from experiments.margins import main
-
-if __name__ == "__main__":
-    sys.exit(main())
