@@ -97,7 +97,7 @@ def _audit(setup: Setup, swing: float, length: float) -> Outcome:
             *_ledger_claims(setup, crane, audits[1.0], ripple, period),
             *_exact_claims(setup, cranes[DAMPINGS[2]], swing, length, bands[5e-4], period),
         ],
-        parameters=setup.parameters() | {"swing_rad": swing, "length_m": length},
+        parameters={"swing_rad": swing, "length_m": length},
         trajectories={f"energy_damp_{d:g}": r for d, r in audits.items()}
         | {f"energy_dt_{1e6 * dt:.0f}us": r for dt, r in steps.items()},
         figures={

@@ -5,7 +5,6 @@ does to the swing, in closed form.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,39 +16,25 @@ from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import COLOURS, panels
-from experiments.energy.swing import AUDIT, DAMPINGS, PUBLISHED, inertia_of, run, swing_energy
+from experiments.energy.swing import (
+    AUDIT,
+    DAMPINGS,
+    PUBLISHED,
+    Oscillation,
+    oscillation,
+    resting_energy,
+    run,
+    swing_energy,
+)
 from experiments.gazebo import RECORDINGS
 from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
 
 RATIO = 0.55
 """Damping ratio that the article saw, about."""
 
-JOINTS = ("gamma", "rad"), ("x", "m"), ("phi", "rad"), ("theta", "rad"), ("l", "m")
-"""Coordinates and units in the recordings."""
-
 APART = 1e-6
 """Largest difference in the swing of 6 s from Gazebo's [rad]; its step moves centres along chords,
 h l ω²/2 of the cable."""
-
-
-class Oscillation(NamedTuple):
-    """A swing let go from rest: J φ̈ + d φ̇ + m g l φ = 0.
-
-    Attributes:
-        frequency: ω = √(m g l/J) [rad/s].
-        ratio: ζ = d/(2 J ω).
-    """
-
-    frequency: float
-    ratio: float
-
-    def __call__(self, t: np.ndarray) -> np.ndarray:
-        """Swing at given times, as a share of that at the start, for ζ < 1."""
-        damped = math.sqrt(1.0 - self.ratio**2)
-        turned = self.frequency * damped * t
-        return np.exp(-self.ratio * self.frequency * t) * (
-            np.cos(turned) + self.ratio / damped * np.sin(turned)
-        )
 
 
 def closed_form(crane: Crane, length: float, dt: float) -> Oscillation:
@@ -64,41 +49,33 @@ def closed_form(crane: Crane, length: float, dt: float) -> Oscillation:
         length: Of the cable [m].
         dt: Physics step [s].
     """
-    inertia = inertia_of(crane, length)
-    frequency = math.sqrt(crane.payload_mass * crane.gravity * length / inertia)
-    return Oscillation(frequency, crane.dummy_inertia[0] / dt / (2.0 * inertia * frequency))
+    return oscillation(crane, length, crane.dummy_inertia[0] / dt)
 
 
 def fitted(t: np.ndarray, phi: np.ndarray) -> Oscillation:
     """Fit an oscillation to a swing from rest."""
 
     def misfit(parameters: np.ndarray) -> np.ndarray:
-        return Oscillation(*parameters)(t) - phi / phi[0]
+        return Oscillation(*parameters)(t)[0] - phi / phi[0]
 
     fit = least_squares(misfit, (0.8, 0.5), bounds=((0.01, 0.0), (100.0, 0.999)))
     return Oscillation(*fit.x.tolist())
 
 
-def recorded(name: str) -> dict[str, np.ndarray]:
-    """Read a recording of the swing in Gazebo, with coordinates and rates."""
-    columns = [
-        "t_s",
-        *(f"{symbol}_{unit}" for symbol, unit in JOINTS),
-        *(f"{symbol}_dot_{unit}_s" for symbol, unit in JOINTS),
-    ]
-    return read_columns(RECORDINGS / f"{name}.parquet", columns)
+def recorded(crane: Crane) -> dict[str, np.ndarray]:
+    """Read the swing recorded in Gazebo, with coordinates and rates."""
+    columns = [column for joint in crane.layout.joints for column in joint.columns]
+    return read_columns(RECORDINGS / "swing_overwritten.parquet", ["t_s", *columns])
 
 
 def left_there(crane: Crane, data: dict[str, np.ndarray]) -> float:
-    """Swing energy at the end of a recording [J], above the load hanging at rest where the drives
-    started.
+    """Return the swing energy at the end of a recording [J], above the load hanging at rest where
+    the drives started.
     """
-    first, last, rates = (
-        np.array([data[f"{symbol}_{kind.format(unit)}"][row] for symbol, unit in JOINTS])
-        for kind, row in (("{}", 0), ("{}", -1), ("dot_{}_s", -1))
-    )
-    hanging = first * [symbol not in ("phi", "theta") for symbol, _ in JOINTS]
-    return energy(crane, State(last, rates)) - energy(crane, State(hanging, np.zeros(len(hanging))))
+    names = [joint.columns for joint in crane.layout.joints]
+    first, last = (np.array([data[position][row] for position, _ in names]) for row in (0, -1))
+    rates = np.array([data[rate][-1] for _, rate in names])
+    return energy(crane, State(last, rates)) - resting_energy(crane, first)
 
 
 def experiment(setup: Setup, swing: float, length: float) -> Outcome:
@@ -115,7 +92,7 @@ def experiment(setup: Setup, swing: float, length: float) -> Outcome:
     broken = setup.variant(damp_swing=crane.dummy_inertia[0] / setup.dt)
     runs = {d: run(setup, variant, swing, length, AUDIT) for d, variant in cranes.items()}
     stopped = run(setup, broken, swing, length, AUDIT)
-    gazebo_run = recorded("swing_overwritten")
+    gazebo_run = recorded(crane)
     fits = fitted(stopped.t, stopped["phi_rad"]), fitted(gazebo_run["t_s"], gazebo_run["phi_rad"])
     kept_energy = float(swing_energy(broken, stopped)[-1])
     gazebo = left_there(broken, gazebo_run)
@@ -154,8 +131,7 @@ def experiment(setup: Setup, swing: float, length: float) -> Outcome:
     return Outcome(
         tables=tables,
         claims=claims,
-        parameters=setup.parameters()
-        | {"swing_rad": swing, "length_m": length, "overwritten": True},
+        parameters={"swing_rad": swing, "length_m": length, "overwritten": True},
         trajectories={"energy_overwritten": stopped},
         figures={"overwritten": _figure(runs[1.0], stopped, gazebo_run if same else None)},
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 import sys
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -37,13 +38,18 @@ def run(setup: Setup, crane: Crane, swing: float, length: float, duration: float
     )
 
 
+def resting_energy(crane: Crane, q: np.ndarray) -> float:
+    """Return the energy of the load hanging at rest with the drives where they are [J]."""
+    hanging = q.copy()
+    hanging[crane.swings] = 0.0
+    return energy(crane, State(hanging, np.zeros_like(hanging)))
+
+
 def swing_energy(crane: Crane, trajectory: Trajectory) -> np.ndarray:
     """Return the mechanical energy above that of the load hanging at rest where the drives started
     [J], shape (n,).
     """
-    hanging = trajectory.q[0].copy()
-    hanging[crane.swings] = 0.0
-    return trajectory.energy - energy(crane, State(hanging, np.zeros_like(hanging)))
+    return trajectory.energy - resting_energy(crane, trajectory.q[0])
 
 
 def half_step(crane: Crane, trajectory: Trajectory, dt: float) -> float:
@@ -89,17 +95,37 @@ def inertia_of(crane: Crane, length: float) -> float:
     return crane.payload_mass * length**2 + crane.payload_inertia[0, 0] + crane.dummy_inertia[0]
 
 
-def damped_share(crane: Crane, damping: float, length: float, t: float) -> float:
-    """Return the share of energy left of a small swing from rest under joint damping d, drives
-    fixed: the linear oscillator J φ̈ + d φ̇ + m g l φ = 0.
+class Oscillation(NamedTuple):
+    """A small swing let go from rest, drives fixed: J φ̈ + d φ̇ + m g l φ = 0.
+
+    Attributes:
+        frequency: ω = √(m g l/J) [rad/s].
+        ratio: ζ = d/(2 J ω).
     """
+
+    frequency: float
+    ratio: float
+
+    def __call__(self, t: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        """Return swing, and rate over ω, at given times, as shares of the swing at the start."""
+        damped = cmath.sqrt(1.0 - self.ratio**2)  # imaginary beyond critical damping
+        turned = self.frequency * damped * np.asarray(t)
+        decay = np.exp(-self.ratio * self.frequency * np.asarray(t))
+        swing = decay * (np.cos(turned) + self.ratio / damped * np.sin(turned))
+        return swing.real, -(decay / damped * np.sin(turned)).real
+
+
+def oscillation(crane: Crane, length: float, damping: float) -> Oscillation:
+    """Return the small swing on a cable [m] under a damping of the joint d [N m s/rad]."""
     inertia = inertia_of(crane, length)
-    omega2 = crane.payload_mass * crane.gravity * length / inertia
-    decay = damping / (2.0 * inertia)
-    omega = cmath.sqrt(omega2 - decay**2)  # imaginary beyond critical damping
-    swing = cmath.exp(-decay * t) * (cmath.cos(omega * t) + decay / omega * cmath.sin(omega * t))
-    rate = -cmath.exp(-decay * t) * omega2 / omega * cmath.sin(omega * t)
-    return (swing**2 + rate**2 / omega2).real
+    frequency = math.sqrt(crane.payload_mass * crane.gravity * length / inertia)
+    return Oscillation(frequency, damping / (2.0 * inertia * frequency))
+
+
+def damped_share(crane: Crane, damping: float, length: float, t: float) -> float:
+    """Return the share of energy left of a small swing from rest under a damping of the joint."""
+    swing, rate = oscillation(crane, length, damping)(t)
+    return float(swing**2 + rate**2)
 
 
 def locked_off(setup: Setup, crane: Crane, swing: float, length: float) -> tuple[float, float]:
