@@ -20,7 +20,7 @@ from cranedyn.errors import CraneError
 from cranedyn.plotting.figures import panels
 from cranedyn.plotting.style import run_colour
 from experiments import harness
-from experiments.compare.observers import LEFT
+from experiments.compare.claims import LEFT
 from experiments.harness import (
     Claim,
     Column,

@@ -13,12 +13,16 @@ from typing import Any
 from cranedyn.dynamics.converters import converters
 from cranedyn.sweep.workers import ignore_sigint
 from experiments import harness
-from experiments.compare.claims import converter_claims, ideal_claims, time_claims
-from experiments.compare.figures import robustness_figure, swing_figure
-from experiments.compare.observers import observer_claims, observer_table
-from experiments.compare.result import IDEAL, PREDICTIVE, Results, StrategyResult, TourResult
-from experiments.compare.runs import processes, strategy_results, tour_results
-from experiments.compare.tables import case_tables, drives_table, move_table, tour_table
+from experiments.compare import claims, figures, tables
+from experiments.compare.runs import (
+    IDEAL,
+    Results,
+    StrategyResult,
+    TourResult,
+    processes,
+    strategy_results,
+    tour_results,
+)
 from experiments.harness import Outcome, ProgressReporter, Setup
 from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import LIMITS, MOVES, SWINGING, RestToRest
@@ -45,19 +49,18 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     runs = {strategy: run for strategy, run in nominal.items() if run is not None}
     return Outcome(
         tables=[
-            *(move_table(move, of_move[move.name], drive) for move in moves),
-            *(drives_table(move, of_move[move.name], beyond=not ideal) for move in moves),
-            *([tour_table(tours)] * ideal),
-            *case_tables(_perturbed(combined), drive),
-            *([observer_table(combined)] * ideal),
+            *(tables.move_table(move, of_move[move.name], drive) for move in moves),
+            *(tables.drives_table(move, of_move[move.name], beyond=not ideal) for move in moves),
+            *([tables.tour_table(tours)] * ideal),
+            *tables.case_tables(_perturbed(combined), drive),
+            *([tables.observer_table(combined)] * ideal),
         ],
         claims=[
-            *(ideal_claims(setup, combined) if ideal else converter_claims(of_move)),
-            *(observer_claims(combined) if ideal else ()),
-            *(claim for strategy in PREDICTIVE for claim in time_claims(setup, of_move, strategy)),
+            *(claims.ideal_claims(setup, combined) if ideal else claims.converter_claims(of_move)),
+            *(claims.observer_claims(combined) if ideal else ()),
+            *claims.time_claims(setup, of_move),
         ],
         parameters={
-            **setup.parameters(),
             "rate_limits": list(LIMITS.rates),
             "acceleration_limits": list(LIMITS.accelerations),
             "moves": {
@@ -67,8 +70,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         },
         trajectories={f"compare_{file_name(strategy)}": run for strategy, run in runs.items()},
         figures={
-            "swing": swing_figure(COMBINED, runs),
-            "robustness": robustness_figure(_perturbed(combined)),
+            "swing": figures.swing_figure(COMBINED, runs),
+            "robustness": figures.robustness_figure(_perturbed(combined)),
         },
         recording=[
             Run(s, setup.crane, runs[s], colour=strategy_colour(s))

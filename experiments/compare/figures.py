@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.plotting.figures import panels
 from cranedyn.plotting.style import run_colour
-from experiments.compare.result import Results, score_of
+from experiments.compare.runs import Results, score_of
 from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import RestToRest
 

@@ -10,20 +10,61 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
 from multiprocessing import active_children, get_context
+from typing import NamedTuple
 
 import numpy as np
 
 from cranedyn.checks import number
 from cranedyn.command import interrupted
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.sweep.workers import end_with_parent
-from experiments.compare.result import IDEAL, PREDICTIVE, UNSEEING, StrategyResult, TourResult
 from experiments.harness import Setup
-from experiments.scenarios.moves import AFTER, DWELL, TOUR_LIMITS, RestToRest, residual
-from experiments.scenarios.perturbations import AFTER_UNTOLD, NOMINAL, PERTURBATIONS, UNTOLD, make
-from experiments.scenarios.strategies import STRATEGIES, on_converters
+from experiments.scenarios import perturbations as cases
+from experiments.scenarios import strategies
+from experiments.scenarios.moves import AFTER, DWELL, TOUR_LIMITS, RestToRest, Score, residual
+from experiments.scenarios.strategies import MovePlan
 from experiments.scenarios.tours import CONTROLS
+
+UNSEEING = "it does not look at the swing"
+
+IDEAL = "ideal"
+"""Drives that take what each strategy answers."""
+
+PREDICTIVE = (strategies.MPC, strategies.COMPILED_MPC, strategies.TO_GOAL)
+"""Strategies whose time to compute is noted."""
+
+
+class StrategyResult(NamedTuple):
+    """A strategy under a case: its score, or why there is none; calls [s] are processor times."""
+
+    score: Score | None
+    why: str = ""
+    run: Trajectory | None = None
+    calls: np.ndarray = np.empty(0)
+
+
+Results = dict[str, dict[str, StrategyResult]]
+"""Results by strategy, then by case."""
+
+
+def score_of(results: Results, strategy: str, case: str) -> Score | None:
+    """Return the score of a strategy under a case, None if there is none."""
+    result = results.get(strategy, {}).get(case)
+    return result.score if result else None
+
+
+class TourResult(NamedTuple):
+    """The seven legs under one control: length of the cycle [s], swing left in the dwells [mrad],
+    at the hook [mm], on the way [mrad].
+    """
+
+    cycle: float
+    worst: float
+    mean: float
+    hook: float
+    peak: float
 
 
 @contextmanager
@@ -53,33 +94,38 @@ def strategy_results(
     error becomes the reason of a result.
     """
     try:
-        plan = STRATEGIES[strategy](setup, move)
-        if drive != IDEAL:
-            plan = on_converters(setup, plan)
+        plan = strategies.STRATEGIES[strategy](setup, move)
+        plan = plan if drive == IDEAL else strategies.on_converters(setup, plan)
     except CraneError as error:
-        return {NOMINAL.name: StrategyResult(None, str(error))}
-    results = {}
-    cases = (*PERTURBATIONS, *(UNTOLD if drive == IDEAL else ())) if all_cases else (NOMINAL,)
-    for case in cases:
-        if case.sensors_only and not plan.uses_swing_sensor:
-            results[case.name] = StrategyResult(None, UNSEEING)
-            continue
-        calls: list[float] = []
-        timed = strategy in PREDICTIVE and case not in UNTOLD
-        case_plan = plan
-        if timed:
-            case_plan = plan._replace(controller=partial(_timed, plan.controller, calls))
-        after = AFTER_UNTOLD if case in UNTOLD else AFTER
-        try:
-            with collector_waits(timed):
-                run, score = make(setup, move, case_plan, case, after=after)
-            nominal_run = run if case == NOMINAL and all_cases else None
-            results[case.name] = StrategyResult(score, "", nominal_run, np.array(calls))
-        except CraneError as error:
-            if interrupted(error):
-                raise KeyboardInterrupt from None
-            results[case.name] = StrategyResult(None, str(error))
+        return {cases.NOMINAL.name: StrategyResult(None, str(error))}
+    perturbed = (*cases.PERTURBATIONS, *(cases.UNTOLD if drive == IDEAL else ()))
+    chosen = perturbed if all_cases else (cases.NOMINAL,)
+    results = {case.name: _result(setup, move, strategy, plan, case) for case in chosen}
+    if not all_cases:  # the run itself is of no use
+        results = {name: result._replace(run=None) for name, result in results.items()}
     return results
+
+
+def _result(
+    setup: Setup, move: RestToRest, strategy: str, plan: MovePlan, case: cases.Perturbation
+) -> StrategyResult:
+    """Return the result of a move under a case, with the run as planned."""
+    if case.sensors_only and not plan.uses_swing_sensor:
+        return StrategyResult(None, UNSEEING)
+    calls: list[float] = []
+    untold = case in cases.UNTOLD
+    timed = strategy in PREDICTIVE and not untold
+    if timed:
+        plan = plan._replace(controller=partial(_timed, plan.controller, calls))
+    try:
+        with collector_waits(timed):
+            after = cases.AFTER_UNTOLD if untold else AFTER
+            run, score = cases.make(setup, move, plan, case, after=after)
+    except CraneError as error:
+        if interrupted(error):
+            raise KeyboardInterrupt from None
+        return StrategyResult(None, str(error))
+    return StrategyResult(score, "", run if case == cases.NOMINAL else None, np.array(calls))
 
 
 @contextmanager

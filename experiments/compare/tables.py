@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from experiments.compare.result import (
+from experiments.compare.runs import (
     IDEAL,
     UNSEEING,
     Results,
@@ -16,7 +16,7 @@ from experiments.compare.result import (
 )
 from experiments.harness import Column, ResultTable, finite_or_none, tabulate
 from experiments.scenarios.moves import RestToRest, Score
-from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS
+from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, UNTOLD, Perturbation
 
 RESOLUTION = {IDEAL: (">0.001", ">0.01"), "velocity": (">0.1", ">1")}
 """Least swing [mrad] and way of the hook [mm] that are told apart, by drives. Rates of converters
@@ -34,11 +34,9 @@ def _reasons(results: Mapping[str, StrategyResult]) -> str:
     return "".join(f" {', '.join(names)}: {why}" for why, names in reasons.items())
 
 
-def _of_score(
-    value: Callable[[Score], float | None],
-) -> Callable[[tuple[str, StrategyResult]], Any]:
-    """Return the function for a column of strategies that takes a value of their scores."""
-    return lambda row: value(row[1].score) if row[1].score else None
+def _hook(score: Score) -> float:
+    """Return the amplitude of the hook on arrival [mm]."""
+    return 1e3 * score.arrival * score.length
 
 
 def move_table(move: RestToRest, results: Results, drive: str) -> ResultTable:
@@ -47,50 +45,50 @@ def move_table(move: RestToRest, results: Results, drive: str) -> ResultTable:
     nominal = {strategy: cases[NOMINAL.name] for strategy, cases in results.items()}
     return tabulate(
         f"Move {move.name}: {move.start} to {move.goal}",
-        nominal.items(),
+        [(strategy, result.score) for strategy, result in nominal.items()],
         [
             ("strategy", "", lambda row: row[0]),
-            ("arrives [s]", ".2f", _of_score(lambda s: s.arrives)),
-            ("peak [mrad]", ".1f", _of_score(lambda s: 1e3 * s.peak)),
-            ("at arrival [mrad]", f".3g{swing}", _of_score(lambda s: 1e3 * s.arrival)),
-            ("hook [mm]", f".4g{hook}", _of_score(lambda s: 1e3 * s.arrival * s.length)),
-            ("20 s later [mrad]", f".3g{swing}", _of_score(lambda s: 1e3 * s.later)),
-            ("settled [s]", ".2f", _of_score(lambda s: finite_or_none(s.settled))),
-            ("cycle [s]", ".2f", _of_score(lambda s: finite_or_none(s.cycle))),
+            ("arrives [s]", ".2f", lambda row: row[1] and row[1].arrives),
+            ("peak [mrad]", ".1f", lambda row: row[1] and 1e3 * row[1].peak),
+            ("at arrival [mrad]", f".3g{swing}", lambda row: row[1] and 1e3 * row[1].arrival),
+            ("hook [mm]", f".4g{hook}", lambda row: row[1] and _hook(row[1])),
+            ("20 s later [mrad]", f".3g{swing}", lambda row: row[1] and 1e3 * row[1].later),
+            ("settled [s]", ".2f", lambda row: row[1] and finite_or_none(row[1].settled)),
+            ("cycle [s]", ".2f", lambda row: row[1] and finite_or_none(row[1].cycle)),
         ],
         "Amplitudes of the swing; hook: the same at the hook on arrival; settled: time after it "
         "from which the payload stays within 10 mm of its goal, a dash where it does not in 20 s; "
-        f"cycle: from the start until then.{_quantised(drive)}{_reasons(nominal)}",
+        "cycle: from the start until then."
+        f"{_quantised(drive)}{_reasons(nominal)}",
     )
 
 
-def _effort(row: tuple[str, StrategyResult], name: str, drive: int) -> float | None:
-    return 1e-3 * float(getattr(row[1].score, name)[drive]) if row[1].score else None
+def _effort(row: tuple[str, Score], name: str, drive: int) -> float:
+    return 1e-3 * float(getattr(row[1], name)[drive])
 
 
 def drives_table(move: RestToRest, results: Results, *, beyond: bool = False) -> ResultTable:
     """Return what a move asks of the drives; if they are asked for more than they have, or
     `beyond`, for how long.
     """
-    nominal = {strategy: cases[NOMINAL.name] for strategy, cases in results.items()}
-    nominal = {strategy: result for strategy, result in nominal.items() if result.score}
-    beyond = beyond or any(result.score and result.score.beyond for result in nominal.values())
-    drives = (("T_γ", "kN m"), ("F_x", "kN"), ("F_l", "kN"))
+    scores = {strategy: score_of(results, strategy, NOMINAL.name) for strategy in results}
+    rows = [(strategy, score) for strategy, score in scores.items() if score]
+    beyond = beyond or any(score.beyond for _, score in rows)
     efforts: list[Column] = [
         (f"{drive} {kind} [{unit}]", ".2f", partial(_effort, name=name, drive=i))
         for kind, name in (("peak", "effort"), ("RMS", "rms"))
-        for i, (drive, unit) in enumerate(drives)
+        for i, (drive, unit) in enumerate((("T_γ", "kN m"), ("F_x", "kN"), ("F_l", "kN")))
     ]
-    late: list[Column] = [("beyond [s]", ".2f", _of_score(lambda s: s.beyond))]
+    late: list[Column] = [("beyond [s]", ".2f", lambda row: row[1].beyond)]
     return tabulate(
         f"What move {move.name} asks of the drives",
-        nominal.items(),
+        rows,
         [
             ("strategy", "", lambda row: row[0]),
             *efforts,
-            ("work [kJ]", ".1f", _of_score(lambda s: 1e-3 * s.work)),
-            ("rate", ".2f", _of_score(lambda s: s.rate)),
-            ("acc.", ".2f", _of_score(lambda s: s.acceleration)),
+            ("work [kJ]", ".1f", lambda row: 1e-3 * row[1].work),
+            ("rate", ".2f", lambda row: row[1].rate),
+            ("acc.", ".2f", lambda row: row[1].acceleration),
             *late[:beyond],
         ],
         "Efforts beyond holding the load at rest; work: what the drives put in, not counting what "
@@ -120,8 +118,8 @@ def tour_table(tours: Mapping[str, TourResult | str]) -> ResultTable:
     )
 
 
-def case_tables(results: Results, drive: str) -> Iterator[ResultTable]:
-    """Yield the swing and the settling time of each strategy under each case."""
+def case_tables(results: Results, drive: str) -> list[ResultTable]:
+    """Return the swing and the settling time of each strategy under each case."""
     reasons = {
         f"{strategy}, {case}": result
         for strategy, cases in results.items()
@@ -129,28 +127,45 @@ def case_tables(results: Results, drive: str) -> Iterator[ResultTable]:
         if result.why != UNSEEING
     }
     dash = "A dash: it does not look at the swing, or does not settle in 20 s, or breaks off."
-
-    def value(
-        row: tuple[str, dict[str, StrategyResult]], case: str, read: Callable
-    ) -> float | None:
-        score = score_of(results, row[0], case)
-        return read(score) if score else None
-
-    swing = RESOLUTION[drive][0]
-    for title, read, resolution, note in (
-        ("Swing 20 s after the arrival [mrad]", lambda s: 1e3 * s.later, swing, _quantised(drive)),
-        ("Settled within 10 mm [s after the arrival]", lambda s: finite_or_none(s.settled), "", ""),
-    ):
-        columns: list[Column] = [
-            (case.name, f".3g{resolution}", partial(value, case=case.name, read=read))
-            for case in PERTURBATIONS
-        ]
-        yield tabulate(
+    later = f".3g{RESOLUTION[drive][0]}", lambda s: 1e3 * s.later
+    settled = ".3g", lambda s: finite_or_none(s.settled)
+    return [
+        tabulate(
             f"{title}, combined move",
-            results.items(),
-            [("strategy", "", lambda row: row[0]), *columns],
+            results,
+            _case_columns(results, PERTURBATIONS, *quantity),
             f"{dash}{note}{_reasons(reasons)}",
         )
+        for title, quantity, note in (
+            ("Swing 20 s after the arrival [mrad]", later, _quantised(drive)),
+            ("Settled within 10 mm [s after the arrival]", settled, ""),
+        )
+    ]
+
+
+def observer_table(results: Results) -> ResultTable:
+    """Return the swing at the arrival of every strategy where the drives alone are seen."""
+    names = [case.name for case in UNTOLD]
+    return tabulate(
+        "Swing at the arrival where the drives alone are seen [mrad], combined move",
+        [s for s in results if any(score_of(results, s, name) for name in names)],
+        _case_columns(results, UNTOLD, ".3g", lambda s: 1e3 * s.arrival),
+        "State alone: an observer that believes load and cable as planned. Load too: one that "
+        "estimates both beside the state. A dash: it breaks off.",
+    )
+
+
+def _case_columns(
+    results: Results, cases: Sequence[Perturbation], form: str, read: Callable[[Score], Any]
+) -> list[Column]:
+    """Return the columns of strategies that show a number of their scores under each case."""
+
+    def value(strategy: str, case: str) -> float | None:
+        score = score_of(results, strategy, case)
+        return read(score) if score else None
+
+    cells: list[Column] = [(c.name, form, partial(value, case=c.name)) for c in cases]
+    return [("strategy", "", str), *cells]
 
 
 def _quantised(drive: str) -> str:

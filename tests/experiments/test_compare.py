@@ -19,7 +19,7 @@ from cranedyn.references.motion import hanging_reference
 from experiments import compare, harness
 from experiments.compare import claims as compare_claims
 from experiments.compare import runs as compare_runs
-from experiments.compare.result import StrategyResult
+from experiments.compare.runs import StrategyResult
 from experiments.harness.document import read_document
 from experiments.harness.outcome import ResultTable
 from experiments.report import page
@@ -299,7 +299,7 @@ def test_the_predictive_controller_is_judged_by_its_longest_call_in_any_run(
         case: {MPC: {case: _scored()._replace(calls=calls)}}
         for case, calls in (("one", quick), ("another", slow))
     }
-    (claim,) = compare_claims.time_claims(harness.Setup(), moves, MPC)
+    (claim,) = compare_claims.time_claims(harness.Setup(), moves)
     assert claim.holds is holds
     assert f"{1e3 * longest:.2g} ms of processor time at most" in claim.sentence
 

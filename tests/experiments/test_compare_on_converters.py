@@ -10,7 +10,7 @@ import pytest
 
 from experiments import compare, harness
 from experiments.compare import claims, runs, tables
-from experiments.compare.result import Results, StrategyResult
+from experiments.compare.runs import Results, StrategyResult
 from experiments.harness.document import read_document
 from experiments.harness.outcome import ResultTable
 from experiments.scenarios.moves import CLOSE, MOVES, SWINGING, Score
