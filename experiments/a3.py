@@ -218,8 +218,10 @@ def stages(crane: Crane, trajectory: Trajectory) -> list[tuple[str, Agreement]]:
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run the slew pulse with a soft and a stiff drive, or analyse recorded files."""
     if options.files:
-        compared = harness.analyse_files(options, COLUMNS, lambda _, data: by_paper(data))
-        rows = [(file, EQUATION, agreement(*angles[1:3])) for file, angles in compared]
+        compared = harness.analyse_files(
+            options, COLUMNS, lambda _, data: agreement(*by_paper(data)[1:3])
+        )
+        rows = [(file, EQUATION, result) for file, result in compared]
         return Outcome([_table([*rows, ("article", "", PUBLISHED)])], [])
     from cranedyn.recording import Run
 
