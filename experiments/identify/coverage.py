@@ -18,18 +18,16 @@ from scipy.stats import binom
 from cranedyn.bridges.joints import urdf_element
 from cranedyn.bridges.mjcf import mjcf
 from cranedyn.checks import whole
-from cranedyn.controllers import follow
-from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import DataError
 from cranedyn.identification import Model, Prior, Record, identify
 from cranedyn.identification.motion import SampledMotion
 from cranedyn.identification.noise import WHITE
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.simulation.simulate import simulate
 from cranedyn.sweep import grid, sweep
 from experiments.harness import Claim, Outcome, ResultTable, Setup
 from experiments.harness.swept import columns_swept
+from experiments.identify.trial import simulate_motion
 
 NAMES = ("l_offset", "payload_mass", "damp_swing", "delay", "phi_bias", "theta_bias", "x_friction")
 """What is found of each crane."""
@@ -125,18 +123,8 @@ def _simulated(
     crane: Crane, start: State, position: np.ndarray, velocity: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return coordinates, shape (rows, n), and logged efforts of drives that follow a motion."""
-    run = simulate(
-        crane,
-        follow(crane, SampledMotion(_PERIOD, position, velocity), _PERIOD),
-        start=start,
-        duration=DURATION,
-        dt=_PERIOD,
-        control_period=_PERIOD,
-        drive="motion",
-        validity="mark",
-        integrator=rk4,
-        engine="compiled",
-    )
+    motion = SampledMotion(_PERIOD, position, velocity)
+    run = simulate_motion(crane, start, motion, DURATION, validity="mark")
     return run.q, run.effort
 
 
