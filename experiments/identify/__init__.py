@@ -263,11 +263,7 @@ def _outcome(
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "identify",
-        "A crane found from its records, with intervals, and a twin of it.",
-        engines=("compiled",),
-    )
+    parser = harness.parser("identify", __doc__, engines=("compiled",))
     text = (
         "records of one crane: CSV, Parquet, .mcap or .bag with a swing and the drives; "
         "without any the examples are identified"
