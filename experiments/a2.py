@@ -26,7 +26,7 @@ from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import hold, pulse, ramp
 from experiments import harness
-from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 
 LENGTH, TARGET, RATE = 20.0, 8.0, 0.5
 """Cable length before and after [m], and hoisting speed [m/s]."""
@@ -176,16 +176,14 @@ def exponents(setup: Setup, ours: Reading, stiff: Trajectory) -> dict[str, Power
 
 def _exponents_table(stages: dict[str, PowerLaw]) -> ResultTable:
     published = PUBLISHED["hoisting"]
-    return tabulate(
+    return make_table(
         "Where the exponent comes from",
         stages.items(),
-        [
-            ("hoisting section, effect by effect", "", lambda s: s[0]),
-            ("exponent", "+.4f", lambda s: s[1].exponent),
-            ("less article", "+.4f", lambda s: s[1].exponent - published),
-            ("R²", ".6f", lambda s: s[1].r2),
-            ("points", "d", lambda s: s[1].points),
-        ],
+        ("hoisting section, effect by effect", "", lambda s: s[0]),
+        ("exponent", "+.4f", lambda s: s[1].exponent),
+        ("less article", "+.4f", lambda s: s[1].exponent - published),
+        ("R²", ".6f", lambda s: s[1].r2),
+        ("points", "d", lambda s: s[1].points),
         last_row=("article", published, 0.0, 1.0, int(PUBLISHED["hoisting points"])),
     )
 
@@ -193,10 +191,10 @@ def _exponents_table(stages: dict[str, PowerLaw]) -> ResultTable:
 def _summary(readings: dict[str, Reading]) -> ResultTable:
     p = PUBLISHED
     points = int(p["points"]), int(p["hoisting points"])
-    return tabulate(
+    return make_table(
         "Hoisting while swinging, beside the article",
         readings.items(),
-        [
+
             ("hold", "", lambda r: r[0]),
             ("mean [%]", "+.2f", lambda r: 100 * float(r[1].errors.mean())),
             ("max [%]", ".2f", lambda r: 100 * r[1].worst),
@@ -209,9 +207,8 @@ def _summary(readings: dict[str, Reading]) -> ResultTable:
             ("R²", ".4f", lambda r: r[1].section.r2),
             ("A before", ".4f", lambda r: float(r[1].amplitudes[0])),
             ("A after", ".4f", lambda r: float(r[1].amplitudes[-1])),
-        ],
-        "Period of each half swing against 2π√(l/g) at its middle. Neither half nor whole swings "
-        "give the article's 35 and 10 points: 98 s hold 29 half swings, 6 in the hoisting.",
+        note="Period of each half swing against 2π√(l/g) at its middle. Neither half nor whole "
+        "swings give the article's 35 and 10 points: 98 s hold 29 half swings, 6 in the hoisting.",
         last_row=("article", p["mean"], p["max"], None, p["all"], points[0], None,
                   p["hoisting"], points[1], 1.0, p["before"], p["after"]),
     )  # fmt: skip
@@ -219,20 +216,18 @@ def _summary(readings: dict[str, Reading]) -> ResultTable:
 
 def _phase_table(readings: dict[float, Reading]) -> ResultTable:
     p = PUBLISHED
-    return tabulate(
+    return make_table(
         "The phase of the swing when the hoist stops",
         readings.items(),
-        [
-            ("pulse at [s]", ".2f", lambda r: r[0]),
-            ("mean [%]", "+.2f", lambda r: 100 * float(r[1].errors.mean())),
-            ("max [%]", ".2f", lambda r: 100 * r[1].worst),
-            ("exp. all", "+.3f", lambda r: r[1].everywhere.exponent),
-            ("exp. hoisting", "+.4f", lambda r: r[1].section.exponent),
-            ("A after", ".4f", lambda r: float(r[1].amplitudes[-1])),
-        ],
-        "The article does not say when its pulse came. The phase in which the hoist stops decides "
-        "the largest error and the exponent over all points; no phase tried meets all its numbers "
-        "at once, and none the mean error, whose miss is not explained.",
+        ("pulse at [s]", ".2f", lambda r: r[0]),
+        ("mean [%]", "+.2f", lambda r: 100 * float(r[1].errors.mean())),
+        ("max [%]", ".2f", lambda r: 100 * r[1].worst),
+        ("exp. all", "+.3f", lambda r: r[1].everywhere.exponent),
+        ("exp. hoisting", "+.4f", lambda r: r[1].section.exponent),
+        ("A after", ".4f", lambda r: float(r[1].amplitudes[-1])),
+        note="The article does not say when its pulse came. The phase in which the hoist stops "
+        "decides the largest error and the exponent over all points; no phase tried meets all "
+        "its numbers at once, and none the mean error, whose miss is not explained.",
         last_row=(None, p["mean"], p["max"], p["all"], p["hoisting"], p["after"]),
     )
 
@@ -336,9 +331,7 @@ def _fits_figure(reading: Reading) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "a2", "Hoisting while swinging: period and amplitude against cable length."
-    )
+    parser = harness.parser("a2", __doc__)
     harness.add_setup(parser, "hoist_init")
     harness.add_files(parser, COLUMNS)
     return harness.run_experiment(parser, experiment, argv)

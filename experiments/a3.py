@@ -26,7 +26,7 @@ from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import hold, pulse
 from experiments import harness
-from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 
 RADIUS, LENGTH, PULSE, PULSE_AT, DURATION, ANALYSED_FROM = 20.0, 15.0, 0.05, 5.0, 70.0, 4.0
 """Trolley radius and cable length [m], slew pulse [rad], when it starts (ours), length of the run,
@@ -218,8 +218,10 @@ def stages(crane: Crane, trajectory: Trajectory) -> list[tuple[str, Agreement]]:
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run the slew pulse with a soft and a stiff drive, or analyse recorded files."""
     if options.files:
-        compared = harness.analyse_files(options, COLUMNS, lambda _, data: by_paper(data))
-        rows = [(file, EQUATION, agreement(*angles[1:3])) for file, angles in compared]
+        compared = harness.analyse_files(
+            options, COLUMNS, lambda _, data: agreement(*by_paper(data)[1:3])
+        )
+        rows = [(file, EQUATION, result) for file, result in compared]
         return Outcome([_table([*rows, ("article", "", PUBLISHED)])], [])
     from cranedyn.recording import Run
 
@@ -277,20 +279,19 @@ def _meets_published(ours: Agreement) -> bool:
 
 
 def _table(rows: Sequence[tuple[str, str, Agreement]]) -> ResultTable:
-    return tabulate(
+    return make_table(
         "Tangential swing after a slew pulse",
         rows,
-        [
-            ("slew drive", "", lambda row: row[0]),
-            ("model", "", lambda row: row[1]),
-            ("θ measured [rad]", ".4f", lambda row: row[2].measured),
-            ("θ model [rad]", ".4f", lambda row: row[2].modelled),
-            ("correlation", "+.5f", lambda row: row[2].correlation),
-            ("RMS [rad]", ".6f", lambda row: row[2].rms),
-            ("of amplitude [%]", ".2f", lambda row: 100 * row[2].relative),
-        ],
-        "Amplitudes are the largest |θ|. From one row to the next one cause of difference goes: "
-        "the filter, the constant of gravity, the dropped rates, the inertia, the small angle.",
+        ("slew drive", "", lambda row: row[0]),
+        ("model", "", lambda row: row[1]),
+        ("θ measured [rad]", ".4f", lambda row: row[2].measured),
+        ("θ model [rad]", ".4f", lambda row: row[2].modelled),
+        ("correlation", "+.5f", lambda row: row[2].correlation),
+        ("RMS [rad]", ".6f", lambda row: row[2].rms),
+        ("of amplitude [%]", ".2f", lambda row: 100 * row[2].relative),
+        note="Amplitudes are the largest |θ|. From one row to the next one cause of difference "
+        "goes: the filter, the constant of gravity, the dropped rates, the inertia, the small "
+        "angle.",
     )
 
 
@@ -329,9 +330,7 @@ def _stages_figure(results: Mapping[str, Sequence[tuple[str, Agreement]]]) -> Fi
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "a3", "Tangential swing after a slew pulse, against Eq. (10) and the full equations."
-    )
+    parser = harness.parser("a3", __doc__)
     harness.add_setup(parser, "trolley_init", "hoist_init")
     add, text = parser.add_argument, "trolley radius [m]"
     add("--radius", type=float, default=RADIUS, metavar="X", help=text)

@@ -30,7 +30,15 @@ from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.plotting.figures import panels
 from cranedyn.references.motion import Motion
 from experiments import harness
-from experiments.harness import Claim, Column, Outcome, ResultTable, Setup, finite_or_none, tabulate
+from experiments.harness import (
+    Claim,
+    Column,
+    Outcome,
+    ResultTable,
+    Setup,
+    finite_or_none,
+    make_table,
+)
 from experiments.scenarios.strategies import LQR, PAPER, PD, with_integral
 
 if TYPE_CHECKING:
@@ -242,13 +250,14 @@ def _table(maps: Mapping[str, MarginMap], points: int, note: str) -> ResultTable
         )
         for item, head in enumerate(((header, form), ("at x [m]", "g"), ("l [m]", "g")))
     ]
-    return tabulate(
+    return make_table(
         "Least margins over trolley radius and cable length",
         maps,
-        [("strategy", "", str), *columns],
-        "Damping: of the least damped mode, of critical. Stronger, weaker: factor on the effort of "
-        "one drive at which the loop is unstable; late: delay of its commands. Each with its "
-        f"place, the worst drive of it.{note}",
+        ("strategy", "", str),
+        *columns,
+        note="Damping: of the least damped mode, of critical. Stronger, weaker: factor on the "
+        "effort of one drive at which the loop is unstable; late: delay of its commands. Each "
+        f"with its place, the worst drive of it.{note}",
     )
 
 
@@ -358,7 +367,7 @@ def _figure(radii: np.ndarray, cables: np.ndarray, maps: Mapping[str, MarginMap]
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser("margins", "how far each strategy is from its end, over the workspace.")
+    parser = harness.parser("margins", __doc__)
     harness.add_setup(parser)
     text = "places along each side of the map"
     parser.add_argument("--points", type=int, default=5, metavar="N", help=text)

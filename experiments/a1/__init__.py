@@ -162,9 +162,7 @@ def _fit(file: str, data: Mapping[str, np.ndarray]) -> tuple[float, SwingFit]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "a1", "Free swing at four cable lengths: the period, its error budget, and its prediction."
-    )
+    parser = harness.parser("a1", __doc__)
     harness.add_setup(parser, "hoist_init")
     lengths = list(PUBLISHED)
     text = "cable lengths [m]"

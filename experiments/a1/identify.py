@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from experiments.a1 import case
 from experiments.a1.case import PUBLISHED, run
-from experiments.harness import Claim, Column, Outcome, ResultTable, Setup, tabulate
+from experiments.harness import Claim, Column, Outcome, ResultTable, Setup, make_table
 
 ROUNDING = np.array(list(case.ROUNDING.values()))
 """Half a unit in the last published digit of error [percentage points], ζ, and amplitude [rad],
@@ -130,10 +130,11 @@ def _table(
         for i, length in enumerate(PUBLISHED)
     ]
     columns.append(("misfit", ".2f", lambda row: float(np.sqrt(np.mean((row[1] / ROUNDING) ** 2)))))
-    return tabulate(
+    return make_table(
         title,
         rows,
-        [*labels, *columns],
-        "Error in percentage points, ζ in 1e-5, A in 1e-4 rad; misfit is the root mean square over "
-        "all twelve numbers in units of half their last digit.",
+        *labels,
+        *columns,
+        note="Error in percentage points, ζ in 1e-5, A in 1e-4 rad; misfit is the root mean "
+        "square over all twelve numbers in units of half their last digit.",
     )

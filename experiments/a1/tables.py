@@ -10,30 +10,28 @@ from cranedyn.analysis.swing import SwingFit
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from experiments.a1.case import FIT_FROM, SwingCase
-from experiments.harness import ResultTable, tabulate
+from experiments.harness import ResultTable, make_table
 
 
 def article_table(crane: Crane, cases: Sequence[SwingCase]) -> ResultTable:
     """Return the article's table beside ours."""
-    return tabulate(
+    return make_table(
         "Free swing beside the article (art.)",
         cases,
-        [
-            ("l [m]", "g", lambda c: c.length),
-            ("T [s]", ".4f", lambda c: c.fit.period),
-            ("art.", ".3f", lambda c: c.published.period),
-            ("T point", ".3f", lambda c: _point(c.length)),
-            ("error [%]", "+.3f", lambda c: 100 * c.error),
-            ("art.", "+.2f", lambda c: c.published.point),
-            ("diff", "+.3f", lambda c: _less(100 * c.error, c.published.point)),
-            ("rigid [%]", "+.3f", lambda c: 100 * (c.fit.period / _rigid(crane, c.length) - 1)),
-            ("art.", "+.2f", lambda c: c.published.rigid),
-            ("ζ", ".6f", lambda c: c.fit.damping_ratio),
-            ("art.", ".5f", lambda c: c.published.zeta),
-            ("A [rad]", ".5f", lambda c: c.fit.amplitude),
-            ("art.", ".4f", lambda c: c.published.amplitude),
-        ],
-        "Errors against the point and the rigid pendulum (payload inertia alone) in standard "
+        ("l [m]", "g", lambda c: c.length),
+        ("T [s]", ".4f", lambda c: c.fit.period),
+        ("art.", ".3f", lambda c: c.published.period),
+        ("T point", ".3f", lambda c: _point(c.length)),
+        ("error [%]", "+.3f", lambda c: 100 * c.error),
+        ("art.", "+.2f", lambda c: c.published.point),
+        ("diff", "+.3f", lambda c: _less(100 * c.error, c.published.point)),
+        ("rigid [%]", "+.3f", lambda c: 100 * (c.fit.period / _rigid(crane, c.length) - 1)),
+        ("art.", "+.2f", lambda c: c.published.rigid),
+        ("ζ", ".6f", lambda c: c.fit.damping_ratio),
+        ("art.", ".5f", lambda c: c.published.zeta),
+        ("A [rad]", ".5f", lambda c: c.fit.amplitude),
+        ("art.", ".4f", lambda c: c.published.amplitude),
+        note="Errors against the point and the rigid pendulum (payload inertia alone) in standard "
         "gravity, as published. The article's world had 9.8 m/s²: --gravity 9.8.",
     )
 
@@ -60,18 +58,16 @@ def budget_table(cases: Sequence[SwingCase]) -> ResultTable:
     def total(case: SwingCase) -> float:
         return sum(100 * share for share in case.budget.values())
 
-    return tabulate(
+    return make_table(
         "Error budget [% of the point pendulum's period]",
         cases,
-        [
-            ("l [m]", "g", lambda c: c.length),
-            ("k_p", ".0e", lambda c: c.stiffness),
-            *causes,
-            ("sum", "+.3f", total),
-            ("simulated", "+.3f", lambda c: 100 * c.error),
-            ("residual", "+.3f", lambda c: 100 * c.error - total(c)),
-            ("article", "+.2f", lambda c: c.published.point),
-        ],
+        ("l [m]", "g", lambda c: c.length),
+        ("k_p", ".0e", lambda c: c.stiffness),
+        *causes,
+        ("sum", "+.3f", total),
+        ("simulated", "+.3f", lambda c: 100 * c.error),
+        ("residual", "+.3f", lambda c: 100 * c.error - total(c)),
+        ("article", "+.2f", lambda c: c.published.point),
     )
 
 
@@ -91,60 +87,54 @@ def damping_table(crane: Crane, cases: Sequence[SwingCase]) -> ResultTable:
             joint,
         )
 
-    return tabulate(
+    return make_table(
         "Where the damping ratio ζ comes from",
         cases,
-        [
-            ("l [m]", "g", lambda c: c.length),
-            ("trolley k_d", ".6f", lambda c: parts(c)[0]),
-            ("hoist compliance", ".6f", lambda c: parts(c)[1]),
-            ("damp_swing", ".6f", lambda c: parts(c)[2]),
-            ("sum", ".6f", lambda c: sum(parts(c))),
-            ("simulated", ".6f", lambda c: c.fit.damping_ratio),
-            ("article", ".5f", lambda c: c.published.zeta),
-            (
-                "simulated less article",
-                "+.6f",
-                lambda c: _less(c.fit.damping_ratio, c.published.zeta),
-            ),
-        ],
-        "By closed forms for the reduced length l + I/(m l). The compliance of the hoist is the "
-        "part that no trolley k_d explains.",
+        ("l [m]", "g", lambda c: c.length),
+        ("trolley k_d", ".6f", lambda c: parts(c)[0]),
+        ("hoist compliance", ".6f", lambda c: parts(c)[1]),
+        ("damp_swing", ".6f", lambda c: parts(c)[2]),
+        ("sum", ".6f", lambda c: sum(parts(c))),
+        ("simulated", ".6f", lambda c: c.fit.damping_ratio),
+        ("article", ".5f", lambda c: c.published.zeta),
+        (
+            "simulated less article",
+            "+.6f",
+            lambda c: _less(c.fit.damping_ratio, c.published.zeta),
+        ),
+        note="By closed forms for the reduced length l + I/(m l). The compliance of the hoist is "
+        "the part that no trolley k_d explains.",
     )
 
 
 def prediction_table(cases: Sequence[SwingCase]) -> ResultTable:
     """Return period and damping ratio predicted and simulated."""
-    return tabulate(
+    return make_table(
         "Predicted: eigenvalue of the sampled linear loop, times the factors of finite amplitude",
         cases,
-        [
-            ("l [m]", "g", lambda c: c.length),
-            ("k_p [N/m]", ".0e", lambda c: c.stiffness),
-            ("T predicted [s]", ".5f", lambda c: c.predicted.period),
-            ("T simulated [s]", ".5f", lambda c: c.fit.period),
-            ("diff [%]", "+.4f", lambda c: 100 * c.prediction_error),
-            ("ζ predicted", ".6f", lambda c: c.predicted.damping_ratio),
-            ("ζ simulated", ".6f", lambda c: c.fit.damping_ratio),
-        ],
+        ("l [m]", "g", lambda c: c.length),
+        ("k_p [N/m]", ".0e", lambda c: c.stiffness),
+        ("T predicted [s]", ".5f", lambda c: c.predicted.period),
+        ("T simulated [s]", ".5f", lambda c: c.fit.period),
+        ("diff [%]", "+.4f", lambda c: 100 * c.prediction_error),
+        ("ζ predicted", ".6f", lambda c: c.predicted.damping_ratio),
+        ("ζ simulated", ".6f", lambda c: c.fit.damping_ratio),
     )
 
 
 def files_table(crane: Crane, fits: Sequence[tuple[str, float, SwingFit]]) -> ResultTable:
     """Return the fits of recorded files, each with its name and cable length [m]."""
-    return tabulate(
+    return make_table(
         "Free swing in files recorded elsewhere",
         fits,
-        [
-            ("file", "", lambda f: f[0]),
-            ("l [m]", ".3f", lambda f: f[1]),
-            ("T [s]", ".4f", lambda f: f[2].period),
-            ("point [%]", "+.3f", lambda f: 100 * (f[2].period / _point(f[1]) - 1)),
-            ("rigid [%]", "+.3f", lambda f: 100 * (f[2].period / _rigid(crane, f[1]) - 1)),
-            ("ζ", ".6f", lambda f: f[2].damping_ratio),
-            ("A [rad]", ".5f", lambda f: f[2].amplitude),
-            ("fit rms [rad]", ".1e", lambda f: f[2].rms),
-        ],
-        f"Fitted from t = {FIT_FROM:g} s; rigid pendulum of {crane.payload_mass:g} kg and "
+        ("file", "", lambda f: f[0]),
+        ("l [m]", ".3f", lambda f: f[1]),
+        ("T [s]", ".4f", lambda f: f[2].period),
+        ("point [%]", "+.3f", lambda f: 100 * (f[2].period / _point(f[1]) - 1)),
+        ("rigid [%]", "+.3f", lambda f: 100 * (f[2].period / _rigid(crane, f[1]) - 1)),
+        ("ζ", ".6f", lambda f: f[2].damping_ratio),
+        ("A [rad]", ".5f", lambda f: f[2].amplitude),
+        ("fit rms [rad]", ".1e", lambda f: f[2].rms),
+        note=f"Fitted from t = {FIT_FROM:g} s; rigid pendulum of {crane.payload_mass:g} kg and "
         f"{crane.payload_inertia[0, 0]:g} kg m².",
     )

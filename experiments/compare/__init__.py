@@ -137,11 +137,7 @@ def _numbers_of_converters(setup: Setup) -> dict[str, object]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "compare",
-        "every strategy for a move, on the same moves and limits, as planned and when things are "
-        "not as planned.",
-    )
+    parser = harness.parser("compare", __doc__)
     harness.add_setup(parser, "damp_swing")
     text = (
         "ideal: drives take what each strategy answers, efforts or accelerations; velocity: "

@@ -14,7 +14,7 @@ from experiments.compare.runs import (
     TourResult,
     score_of,
 )
-from experiments.harness import Column, ResultTable, finite_or_none, tabulate
+from experiments.harness import Column, ResultTable, finite_or_none, make_table
 from experiments.scenarios.moves import RestToRest, Score
 from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, UNTOLD, Perturbation
 
@@ -43,23 +43,20 @@ def move_table(move: RestToRest, results: Results, drive: str) -> ResultTable:
     """Return the swing of a move under each strategy."""
     swing, hook = RESOLUTION[drive]
     nominal = {strategy: cases[NOMINAL.name] for strategy, cases in results.items()}
-    return tabulate(
+    return make_table(
         f"Move {move.name}: {move.start} to {move.goal}",
         [(strategy, result.score) for strategy, result in nominal.items()],
-        [
-            ("strategy", "", lambda row: row[0]),
-            ("arrives [s]", ".2f", lambda row: row[1] and row[1].arrives),
-            ("peak [mrad]", ".1f", lambda row: row[1] and 1e3 * row[1].peak),
-            ("at arrival [mrad]", f".3g{swing}", lambda row: row[1] and 1e3 * row[1].arrival),
-            ("hook [mm]", f".4g{hook}", lambda row: row[1] and _hook(row[1])),
-            ("20 s later [mrad]", f".3g{swing}", lambda row: row[1] and 1e3 * row[1].later),
-            ("settled [s]", ".2f", lambda row: row[1] and finite_or_none(row[1].settled)),
-            ("cycle [s]", ".2f", lambda row: row[1] and finite_or_none(row[1].cycle)),
-        ],
-        "Amplitudes of the swing; hook: the same at the hook on arrival; settled: time after it "
-        "from which the payload stays within 10 mm of its goal, a dash where it does not in 20 s; "
-        "cycle: from the start until then."
-        f"{_quantised(drive)}{_reasons(nominal)}",
+        ("strategy", "", lambda row: row[0]),
+        ("arrives [s]", ".2f", lambda row: row[1] and row[1].arrives),
+        ("peak [mrad]", ".1f", lambda row: row[1] and 1e3 * row[1].peak),
+        ("at arrival [mrad]", f".3g{swing}", lambda row: row[1] and 1e3 * row[1].arrival),
+        ("hook [mm]", f".4g{hook}", lambda row: row[1] and _hook(row[1])),
+        ("20 s later [mrad]", f".3g{swing}", lambda row: row[1] and 1e3 * row[1].later),
+        ("settled [s]", ".2f", lambda row: row[1] and finite_or_none(row[1].settled)),
+        ("cycle [s]", ".2f", lambda row: row[1] and finite_or_none(row[1].cycle)),
+        note="Amplitudes of the swing; hook: the same at the hook on arrival; settled: time "
+        "after it from which the payload stays within 10 mm of its goal, a dash where it does "
+        f"not in 20 s; cycle: from the start until then.{_quantised(drive)}{_reasons(nominal)}",
     )
 
 
@@ -80,20 +77,18 @@ def drives_table(move: RestToRest, results: Results, *, beyond: bool = False) ->
         for i, (drive, unit) in enumerate((("T_γ", "kN m"), ("F_x", "kN"), ("F_l", "kN")))
     ]
     late: list[Column] = [("beyond [s]", ".2f", lambda row: row[1].beyond)]
-    return tabulate(
+    return make_table(
         f"What move {move.name} asks of the drives",
         rows,
-        [
-            ("strategy", "", lambda row: row[0]),
-            *efforts,
-            ("work [kJ]", ".1f", lambda row: 1e-3 * row[1].work),
-            ("rate", ".2f", lambda row: row[1].rate),
-            ("acc.", ".2f", lambda row: row[1].acceleration),
-            *late[:beyond],
-        ],
-        "Efforts beyond holding the load at rest; work: what the drives put in, not counting what "
-        "they took back; rate, acc.: largest rate and acceleration as a share of the limits that "
-        "the plans keep. Feedback is limited by effort only."
+        ("strategy", "", lambda row: row[0]),
+        *efforts,
+        ("work [kJ]", ".1f", lambda row: 1e-3 * row[1].work),
+        ("rate", ".2f", lambda row: row[1].rate),
+        ("acc.", ".2f", lambda row: row[1].acceleration),
+        *late[:beyond],
+        note="Efforts beyond holding the load at rest; work: what the drives put in, not counting "
+        "what they took back; rate, acc.: largest rate and acceleration as a share of the limits "
+        "that the plans keep. Feedback is limited by effort only."
         + " Beyond: time in which drives that follow a motion or a rate were asked for more effort "
         "or rate than they have." * beyond,
     )
@@ -103,18 +98,16 @@ def tour_table(tours: Mapping[str, TourResult | str]) -> ResultTable:
     """Return the swing of the tour under each control."""
     swing, hook = RESOLUTION[IDEAL]
     reasons = "".join(f" {name}: {why}" for name, why in tours.items() if isinstance(why, str))
-    return tabulate(
+    return make_table(
         "The article's seven legs as one tour",
         [(name, None if isinstance(tour, str) else tour) for name, tour in tours.items()],
-        [
-            ("control", "", lambda row: row[0]),
-            ("cycle [s]", ".1f", lambda row: row[1] and row[1].cycle),
-            ("worst dwell [mrad]", f".4g{swing}", lambda row: row[1] and row[1].worst),
-            ("mean of dwells [mrad]", f".4g{swing}", lambda row: row[1] and row[1].mean),
-            ("worst at the hook [mm]", f".4g{hook}", lambda row: row[1] and row[1].hook),
-            ("peak on the way [mrad]", ".1f", lambda row: row[1] and row[1].peak),
-        ],
-        f"Half the way across, radial and tangential together.{reasons}",
+        ("control", "", lambda row: row[0]),
+        ("cycle [s]", ".1f", lambda row: row[1] and row[1].cycle),
+        ("worst dwell [mrad]", f".4g{swing}", lambda row: row[1] and row[1].worst),
+        ("mean of dwells [mrad]", f".4g{swing}", lambda row: row[1] and row[1].mean),
+        ("worst at the hook [mm]", f".4g{hook}", lambda row: row[1] and row[1].hook),
+        ("peak on the way [mrad]", ".1f", lambda row: row[1] and row[1].peak),
+        note=f"Half the way across, radial and tangential together.{reasons}",
     )
 
 
@@ -130,11 +123,11 @@ def case_tables(results: Results, drive: str) -> list[ResultTable]:
     later = f".3g{RESOLUTION[drive][0]}", lambda s: 1e3 * s.later
     settled = ".3g", lambda s: finite_or_none(s.settled)
     return [
-        tabulate(
+        make_table(
             f"{title}, combined move",
             results,
-            _case_columns(results, PERTURBATIONS, *quantity),
-            f"{dash}{note}{_reasons(reasons)}",
+            *_case_columns(results, PERTURBATIONS, *quantity),
+            note=f"{dash}{note}{_reasons(reasons)}",
         )
         for title, quantity, note in (
             ("Swing 20 s after the arrival [mrad]", later, _quantised(drive)),
@@ -146,11 +139,11 @@ def case_tables(results: Results, drive: str) -> list[ResultTable]:
 def observer_table(results: Results) -> ResultTable:
     """Return the swing at the arrival of every strategy where the drives alone are seen."""
     names = [case.name for case in UNTOLD]
-    return tabulate(
+    return make_table(
         "Swing at the arrival where the drives alone are seen [mrad], combined move",
         [s for s in results if any(score_of(results, s, name) for name in names)],
-        _case_columns(results, UNTOLD, ".3g", lambda s: 1e3 * s.arrival),
-        "State alone: an observer that believes load and cable as planned. Load too: one that "
+        *_case_columns(results, UNTOLD, ".3g", lambda s: 1e3 * s.arrival),
+        note="State alone: an observer that believes load and cable as planned. Load too: one that "
         "estimates both beside the state. A dash: it breaks off.",
     )
 

@@ -32,7 +32,7 @@ from experiments.energy.swing import (
     run,
     swing_energy,
 )
-from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 
 LEAST_SWING, ROUNDING = 0.001, 1e-13
 """Smallest swing at the start [rad], and smallest share of the energy that stands clear of its
@@ -191,35 +191,31 @@ def _dampings(
     remaining: Mapping[float, float],
     expected: Mapping[float, float],
 ) -> ResultTable:
-    return tabulate(
+    return make_table(
         f"Damping of the swing joints, after {AUDIT:g} s",
         audits.items(),
-        [
-            ("damp_swing [N m s/rad]", "g", lambda a: a[0]),
-            ("energy left [J]", ".2f", lambda a: remaining[a[0]]),
-            ("closed form, fixed pivot [J]", ".2f", lambda a: expected[a[0]]),
-            ("dissipated [J]", ".3f", lambda a: float(a[1].dissipated[-1])),
-            ("drives [J]", "+.2f", lambda a: float(a[1].work[-1].sum())),
-            ("open, at most [J]", ".2f", lambda a: float(np.abs(a[1].unexplained).max())),
-        ],
-        "The closed form has no drives; the work of the hoist is the difference. The article was "
-        "left with 19.3 J.",
+        ("damp_swing [N m s/rad]", "g", lambda a: a[0]),
+        ("energy left [J]", ".2f", lambda a: remaining[a[0]]),
+        ("closed form, fixed pivot [J]", ".2f", lambda a: expected[a[0]]),
+        ("dissipated [J]", ".3f", lambda a: float(a[1].dissipated[-1])),
+        ("drives [J]", "+.2f", lambda a: float(a[1].work[-1].sum())),
+        ("open, at most [J]", ".2f", lambda a: float(np.abs(a[1].unexplained).max())),
+        note="The closed form has no drives; the work of the hoist is the difference. The "
+        "article was left with 19.3 J.",
     )
 
 
 def _steps(
     ripple: Mapping[float, float], bands: Mapping[float, tuple[float, float, float]]
 ) -> ResultTable:
-    return tabulate(
+    return make_table(
         f"What the ledger leaves open over {LONG:g} s",
         ripple,
-        [
-            ("dt [ms]", "g", lambda dt: 1000 * dt),
-            ("at most [J]", ".3f", lambda dt: ripple[dt]),
-            ("mean of the last swing [J]", "+.4f", lambda dt: bands[dt][0]),
-            ("first swing from [J]", "+.3f", lambda dt: bands[dt][1]),
-            ("to [J]", "+.3f", lambda dt: bands[dt][2]),
-        ],
+        ("dt [ms]", "g", lambda dt: 1000 * dt),
+        ("at most [J]", ".3f", lambda dt: ripple[dt]),
+        ("mean of the last swing [J]", "+.4f", lambda dt: bands[dt][0]),
+        ("first swing from [J]", "+.3f", lambda dt: bands[dt][1]),
+        ("to [J]", "+.3f", lambda dt: bands[dt][2]),
     )
 
 
@@ -254,9 +250,7 @@ def _remainder_figure(steps: Mapping[float, Trajectory]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "energy", "The energy ledger of a free swing: drives, damping, and what is left open."
-    )
+    parser = harness.parser("energy", __doc__)
     harness.add_setup(parser, "damp_swing", "hoist_init")
     text = "radial swing at the start [rad]"
     parser.add_argument("--swing", type=float, default=SWING, metavar="PHI", help=text)

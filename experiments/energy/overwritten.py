@@ -27,7 +27,7 @@ from experiments.energy.swing import (
     swing_energy,
 )
 from experiments.gazebo import RECORDINGS
-from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 
 RATIO = 0.55
 """Damping ratio that the article saw, about."""
@@ -161,15 +161,13 @@ def _ratios(
 
 
 def _dampings(kept_energy: dict[float, float], overwritten: float) -> ResultTable:
-    return tabulate(
+    return make_table(
         "Damping of the swing joints does not reach the swing",
         kept_energy,
-        [
-            ("damp_swing [N m s/rad]", "g", lambda damping: damping),
-            ("left as it should be [J]", ".2f", lambda damping: kept_energy[damping]),
-            ("left under the plugin [J]", ".2f", lambda damping: overwritten),
-        ],
-        "Under the plugin a joint's damper sees a rate of zero. In Gazebo the three runs are "
+        ("damp_swing [N m s/rad]", "g", lambda damping: damping),
+        ("left as it should be [J]", ".2f", lambda damping: kept_energy[damping]),
+        ("left under the plugin [J]", ".2f", lambda damping: overwritten),
+        note="Under the plugin a joint's damper sees a rate of zero. In Gazebo the three runs are "
         "then the same to the byte, as in the article.",
     )
 

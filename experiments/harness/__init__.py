@@ -12,7 +12,7 @@ from experiments.harness.progress import ProgressReporter
 from experiments.harness.recorded import add_files, add_sources, analyse_files
 from experiments.harness.run import run_experiment
 from experiments.harness.setup import Setup, add_setup
-from experiments.harness.table import Column, ResultTable, finite_or_none, tabulate
+from experiments.harness.table import Column, ResultTable, finite_or_none, make_table, tabulate
 
 __all__ = [
     "FAILED",
@@ -33,6 +33,7 @@ __all__ = [
     "add_sources",
     "analyse_files",
     "finite_or_none",
+    "make_table",
     "parser",
     "run_experiment",
     "tabulate",

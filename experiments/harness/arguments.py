@@ -23,7 +23,7 @@ def command_name(name: str) -> str:
 
 def parser(
     name: str,
-    description: str,
+    description: str | None,
     *,
     recording: bool = True,
     engines: Sequence[str] = get_args(EngineName),
@@ -32,13 +32,13 @@ def parser(
 
     Args:
         name: Name of the experiment.
-        description: What it shows.
+        description: What it shows: the first paragraph of a text, such as the module's docstring.
         recording: Whether it writes a recording, which can be saved elsewhere and viewed.
         engines: Engines that may compute its steps, the default first.
     """
     result = Parser(
         prog=command_name(name),
-        description=description,
+        description=" ".join((description or "").partition("\n\n")[0].split()),
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     text = f"folder for results, default out/{name}"

@@ -42,13 +42,8 @@ def _figure(runs: Sequence[Run]) -> Figure:
     figure, (ax,) = panels(height=0.8 + 0.4 * len(runs))
     for i, run in enumerate(runs):
         t, invalid = run.trajectory.t, run.trajectory.valid == 0.0
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], invalid, [False]]).astype(int)))
-        period = float(t[1] - t[0]) if len(t) > 1 else 0.0
-        spans = [
-            (float(t[a]), float(t[b - 1]) - float(t[a]) + period)
-            for a, b in zip(edges[::2], edges[1::2], strict=True)
-        ]
-        ax.broken_barh(spans, (i - 0.3, 0.6), color="#D55E00", edgecolor="#D55E00")
+        until_next = invalid | np.append(False, invalid[:-1])  # a row holds until the next one
+        ax.fill_between(t, i - 0.3, i + 0.3, where=until_next, color="#D55E00")
         ax.axhline(i, color="#999999", linewidth=0.8, zorder=0)
     ax.set(
         yticks=range(len(runs)),

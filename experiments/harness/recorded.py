@@ -9,14 +9,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from cranedyn.bridges import bags
 from cranedyn.data.external import parse_sources, read_external
 from cranedyn.errors import DataError, quoted
 from experiments.harness.arguments import add_condition, add_mode
 
 Analysis = TypeVar("Analysis")
-
-ROS = (".mcap", ".bag")
-"""Endings of recordings of ROS."""
 
 _LARGEST, _FASTEST, _LONGEST_GAP = 1e6, 10.0, 0.5
 """Largest number in any unit, fastest angle [rad/s], longest time from row to row [s]."""
@@ -57,7 +55,7 @@ def add_sources(parser: argparse.ArgumentParser, place: str) -> None:
     parser.add_argument("--joints", nargs="+", default=[], metavar="l=NAME", help=text)
 
     def has_file(options: argparse.Namespace, *, ros: bool) -> bool:
-        return any((Path(file).suffix in ROS) is ros for file in options.files or ())
+        return any((Path(file).suffix in bags.ENDINGS) is ros for file in options.files or ())
 
     bag, table = place.format("an .mcap or .bag"), place.format("a .csv or .parquet")
     add_condition(parser, bag, lambda options: has_file(options, ros=True), "joints")
@@ -97,9 +95,7 @@ def _read(file: str, columns: Sequence[str], options: argparse.Namespace) -> dic
             more than 10 rad/s, any other number is beyond a million of its unit, or rows are more
             than half a second apart.
     """
-    if Path(file).suffix in ROS:
-        from cranedyn.bridges import bags
-
+    if Path(file).suffix in bags.ENDINGS:
         data = bags.read_joint_states(file, columns, parse_joints(options.joints))
     else:
         data = read_external(file, columns, parse_sources(options.columns))

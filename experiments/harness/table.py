@@ -110,12 +110,11 @@ class ResultTable:
         return "\n\n".join(text for text in (f"**{self.title}**", lines, self.note) if text)
 
 
-def tabulate(
+def make_table(
     title: str,
     items: Iterable[Any],
-    columns: Sequence[Column],
+    *columns: Column,
     note: str = "",
-    *,
     last_row: Sequence[Cell] = (),
 ) -> ResultTable:
     """Return a table with a row for each item, and perhaps a last row of other origin, such as the
@@ -124,3 +123,10 @@ def tabulate(
     rows = [tuple(value(item) for *_, value in columns) for item in items]
     heads = [(header, form) for header, form, _ in columns]
     return ResultTable(title, heads, [*rows, last_row] if last_row else rows, note)
+
+
+def tabulate(
+    title: str, items: Iterable[Any], columns: Sequence[Column], note: str = "", **last: Any
+) -> ResultTable:
+    """Return the same table of a list of columns."""
+    return make_table(title, items, *columns, note=note, **last)

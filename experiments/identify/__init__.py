@@ -5,26 +5,19 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
-import numpy as np
-from scipy.stats import binom
-
-from cranedyn.checks import number, whole
+from cranedyn.checks import number
 from cranedyn.data.external import parse_sources
-from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError, quoted
 from cranedyn.identification import Estimate, Model, Prior, load_record
-from cranedyn.identification.noise import WHITE
 from cranedyn.identification.parameters import Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import add_values, parse_values
-from cranedyn.sweep import grid, sweep
 from experiments import gazebo, harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup
 from experiments.harness.recorded import parse_joints
-from experiments.harness.swept import columns_swept
-from experiments.identify.coverage import NAMES, PLANTS, SWING, coverage
+from experiments.identify.coverage import PLANTS, covered
 from experiments.identify.figures import beside, correlations
 from experiments.identify.tables import (
     Identification,
@@ -34,12 +27,7 @@ from experiments.identify.tables import (
     record_tables,
     values_table,
 )
-from experiments.identify.trial import TRUTH, Trial, trial_record, try_strategies
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from cranedyn.recording import Run
+from experiments.identify.trial import NOISE, TRUTH, Trial, trial_record, try_strategies
 
 FREE = ("a1_l5", "a1_l10", "a1_l15", "a1_l20")
 """Recordings of Gazebo Classic in which the load swings freely from 12 s on."""
@@ -70,7 +58,6 @@ step, as if each k_d were k_p dt/2 larger (0.15 % of the trolley's), and moves c
 chords."""
 
 _SHOWN, _APART = 4, 60.0
-_TAIL = 5e-4
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
@@ -103,15 +90,8 @@ def files(options: argparse.Namespace, setup: Setup, prior: Prior) -> Outcome:
         raise DataError(f"Two records have one name: {', '.join(map(quoted, names))}.")
     model = Model.of(prior, records, options.estimate, drives=options.drives)
     result = identify_records(model, setup, "records")
-    return Outcome(
-        tables=[*record_tables(result, "", {}), *of_trials(_trials(result.estimate))],
-        claims=[_white("The records", result)],
-        parameters=_parameters(result),
-        trajectories=_runs(result),
-        figures=_figures(result),
-        recording=_recording(result),
-        texts={"twin.json": result.twin.text},
-    )
+    tables = [*record_tables(result, "", {}), *of_trials(_trials(result.estimate))]
+    return _outcome(result, tables, [_white("The records", result)])
 
 
 def _white(subject: str, result: Identification) -> Claim:
@@ -136,34 +116,36 @@ def examples(setup: Setup) -> Outcome:
     alone = identify_records(
         Model.of(world, [trial_record(world, positions=False)]), setup, "trial, setpoints"
     )
-    whole_trial = identify_records(
+    both = identify_records(
         Model.of(world, [trial_record(world, positions=True)]), setup, "trial, positions"
     )
-    trials = _trials(whole_trial.estimate)
+    trials = _trials(both.estimate)
     worlds = {"free swing": free, "brake": brake}
-    return Outcome(
-        tables=[
-            *(values_table(result, f"Gazebo Classic 11.1, {name}", MADE_WITH) for name, result in
-              worlds.items()),
-            values_table(alone, "The trial, setpoints of the drives alone", TRUTH),
-            *doubts(alone, "The trial, setpoints of the drives alone"),
-            *record_tables(whole_trial, "The trial, positions of the drives recorded, too", TRUTH),
-            *of_trials(trials),
-        ],
-        claims=[
-            *(claim for name, result in worlds.items() for claim in _worlds_claims(name, result)),
-            *_trials_claims(alone, whole_trial, trials),
-        ],
-        parameters={"noise_rad": 2e-3, **_parameters(whole_trial)},
-        trajectories=_runs(whole_trial),
-        figures={
-            **_figures(whole_trial),
-            "gazebo": beside(free.estimate, FREE.index("a1_l15")),
-            "correlation": correlations(list(alone.judged.margins), alone.judged.correlation),
-        },
-        recording=_recording(whole_trial),
-        texts={"twin.json": whole_trial.twin.text},
-    )  # fmt: skip
+    subject = "The trial, setpoints of the drives alone"
+    tables = [
+        *(
+            values_table(found, f"Gazebo Classic 11.1, {n}", MADE_WITH)
+            for n, found in worlds.items()
+        ),
+        values_table(alone, subject, TRUTH),
+        *doubts(alone, subject),
+        *record_tables(both, "The trial, positions of the drives recorded, too", TRUTH),
+        *of_trials(trials),
+    ]
+    claims = [
+        *(claim for name, found in worlds.items() for claim in _worlds_claims(name, found)),
+        *_trials_claims(alone, both, trials),
+    ]
+    outcome = _outcome(both, tables, claims)
+    figures = {
+        "gazebo": beside(free.estimate, FREE.index("a1_l15")),
+        "correlation": correlations(list(alone.judged.margins), alone.judged.correlation),
+    }
+    return replace(
+        outcome,
+        parameters={"noise_rad": NOISE, **outcome.parameters},
+        figures={**outcome.figures, **figures},
+    )
 
 
 def _recordings(
@@ -250,96 +232,38 @@ def _trials(estimate: Estimate) -> list[Trial]:
     return try_strategies(estimate) if prior.urdf is None else []
 
 
-def _parameters(result: Identification) -> dict[str, object]:
-    model = result.estimate.model
-    return {
-        "drives": model.drives,
-        "records": [record.name for record in model.records],
-        "evaluations": result.estimate.evaluations,
-        "twin": result.twin.options,
-    }
-
-
-def _runs(result: Identification) -> dict[str, Trajectory]:
-    model = result.estimate.model
-    return {
-        f"twin_{index + 1}": model.run(index, result.estimate.values, result.twin.crane)
-        for index in range(len(model.records))
-    }
-
-
-def _figures(result: Identification) -> dict[str, Figure]:
-    count = min(len(result.estimate.model.records), _SHOWN)
-    return {f"twin_{index + 1}": beside(result.estimate, index) for index in range(count)}
-
-
-def _recording(result: Identification) -> list[Run]:
+def _outcome(
+    result: Identification, tables: Sequence[ResultTable], claims: Sequence[Claim]
+) -> Outcome:
+    """Return the outcome with the twin, its runs of the records, and their figures."""
     from cranedyn.recording import Run
 
-    names = [record.name for record in result.estimate.model.records]
-    return [
-        Run(name, result.twin.crane, run, (_APART * i, 0.0, 0.0))
-        for i, (name, run) in enumerate(zip(names, _runs(result).values(), strict=True))
-    ]
-
-
-def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
-    """Identify synthetic cranes, and count how often the intervals hold the truth."""
-    count, plant = whole("coverage", options.coverage, 1), options.plant or "simulate"
-    folder = options.folder / "cases"
-    end = sweep(
-        coverage,
-        grid(seed=list(range(count)), plant=plant),
-        folder,
-        chunk=10,
-        workers=options.workers,
-        progress=setup.reporter.sweep("cranes"),
-    )
-    data = columns_swept(folder)
-    rows, claims = [], []
-    low, high = (int(binom.ppf(share, count, 0.95)) for share in (_TAIL, 1.0 - _TAIL))
-    for name in NAMES:
-        off, margin = data[f"{name}_off"], data[f"{name}_margin"]
-        hits = int((np.abs(off) <= margin).sum())
-        rows.append((name, hits, 100.0 * hits / count, float(margin.mean()), float(off.std())))
-        claims.append(
-            Claim(
-                f"{name}: {hits} of {count} intervals hold the truth; 95 % of as many would be "
-                f"{low} to {high}.",
-                low <= hits <= high,
-            )
-        )
-    channels, coloured = 4 * count, int(data["not_white"].sum())
-    bound = int(binom.ppf(1.0 - _TAIL, channels, WHITE))
-    claims.append(
-        Claim(
-            f"{coloured} of {channels} residuals are not white; of white ones {bound} would be at "
-            "most.",
-            coloured <= bound,
-        )
-    )
-    claims.append(Claim("No crane failed.", end.errors == 0))
-    columns = [("what", ""), ("held", "d"), ("%", ".1f"), ("±, mean", ".3g"), ("off, std", ".3g")]
-    note = (
-        f"Between {low} and {high} lie {100 * (1 - 2 * _TAIL):g} % of all counts of a sure 95 %. "
-        f"Records are made by {'MuJoCo' if plant == 'mujoco' else '`simulate`'}, with efforts as "
-        f"logged; swings begin at up to {math.degrees(SWING):.0f}° in each joint. Each crane has "
-        "numbers, moves and noise of its own, and is looked for from the same wrong start."
-    )
+    estimate, twin = result.estimate, result.twin
+    model = estimate.model
+    names = [record.name for record in model.records]
+    runs = [model.run(i, estimate.values, twin.crane) for i in range(len(names))]
     return Outcome(
-        tables=[ResultTable(f"Intervals of {count:,} synthetic cranes", columns, rows, note)],
-        claims=claims,
-        parameters={"cranes": count, "plant": plant},
+        tables,
+        claims,
+        parameters={
+            "drives": model.drives,
+            "records": names,
+            "evaluations": estimate.evaluations,
+            "twin": twin.options,
+        },
+        trajectories={f"twin_{i + 1}": run for i, run in enumerate(runs)},
+        figures={f"twin_{i + 1}": beside(estimate, i) for i in range(min(len(names), _SHOWN))},
+        recording=[
+            Run(name, twin.crane, run, (_APART * i, 0.0, 0.0))
+            for i, (name, run) in enumerate(zip(names, runs, strict=True))
+        ],
+        texts={"twin.json": twin.text},
     )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "identify",
-        "A crane found from its records, with intervals, and a twin of it.",
-        engines=("compiled",),
-    )
+    parser = harness.parser("identify", __doc__, engines=("compiled",))
     text = (
         "records of one crane: CSV, Parquet, .mcap or .bag with a swing and the drives; "
         "without any the examples are identified"

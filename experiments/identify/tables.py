@@ -12,7 +12,7 @@ import numpy as np
 
 from cranedyn.identification import Estimate, Model, Preflight, Twin, identify, preflight, twin_of
 from cranedyn.identification.parameters import MEANINGS, Parameter
-from experiments.harness import Column, ResultTable, Setup, finite_or_none, tabulate
+from experiments.harness import Column, ResultTable, Setup, finite_or_none, make_table
 from experiments.identify.trial import Trial
 
 
@@ -77,7 +77,7 @@ def values_table(result: Identification, subject: str, truth: Mapping[str, float
         note += f" At the end of what is allowed, where an interval says nothing: {bounds}."
     note = " ".join([note, *(n for record in estimate.model.records for n in record.notes)])
     title = _titled("What the records say", subject)
-    return tabulate(title, estimate.model.own, columns, note.strip())
+    return make_table(title, estimate.model.own, *columns, note=note.strip())
 
 
 def _residual_table(result: Identification, subject: str) -> ResultTable:
@@ -88,21 +88,19 @@ def _residual_table(result: Identification, subject: str) -> ResultTable:
         for i, record in enumerate(model.records)
         for c, channel in enumerate(model.channels[i])
     ]
-    return tabulate(
+    return make_table(
         _titled("What the twin leaves", subject),
         channels,
-        [
-            ("record", "", lambda row: row[0].name),
-            ("column", "", lambda row: row[1].column),
-            ("rows", "d", lambda row: len(row[2])),
-            ("recorded, std", ".3g", lambda row: float(np.std(row[3]))),
-            ("left, RMS", ".3g", lambda row: float(np.sqrt(np.mean(row[2] ** 2)))),
-            ("left, most", ".3g", lambda row: float(np.abs(row[2]).max())),
-            ("white", "", lambda row: "yes" if row[4] else "no"),
-        ],
-        "White: no memory in what is left, by Ljung and Box at 0.1 %. Where there is, the model "
-        "lacks something, and intervals are widened to those of errors with a memory; what the "
-        "model gets wrong always in the same way they do not know.",
+        ("record", "", lambda row: row[0].name),
+        ("column", "", lambda row: row[1].column),
+        ("rows", "d", lambda row: len(row[2])),
+        ("recorded, std", ".3g", lambda row: float(np.std(row[3]))),
+        ("left, RMS", ".3g", lambda row: float(np.sqrt(np.mean(row[2] ** 2)))),
+        ("left, most", ".3g", lambda row: float(np.abs(row[2]).max())),
+        ("white", "", lambda row: "yes" if row[4] else "no"),
+        note="White: no memory in what is left, by Ljung and Box at 0.1 %. Where there is, the "
+        "model lacks something, and intervals are widened to those of errors with a memory; what "
+        "the model gets wrong always in the same way they do not know.",
     )
 
 
@@ -136,11 +134,13 @@ def doubts(result: Identification, subject: str) -> list[ResultTable]:
     columns: list[Column] = [(f"± {name}", ".2g", partial(margin, name=name)) for name in doubtful]
     if judged.alike:
         columns.append(("correlation", ".3f", lambda move: move[2]))
-    moves_table = tabulate(
+    moves_table = make_table(
         _titled("Moves that would tell", subject),
         moves,
-        [("a further record", "", lambda move: move[0]), *columns],
-        "Half intervals that a further record would leave together with these, the best first.",
+        ("a further record", "", lambda move: move[0]),
+        *columns,
+        note="Half intervals that a further record would leave together with these, the best "
+        "first.",
     )
     return [pairs_table, moves_table]
 
@@ -149,17 +149,15 @@ def of_trials(trials: Sequence[Trial]) -> list[ResultTable]:
     """Return the swing that strategies leave on the twin; no table if none was tried."""
     if not trials:
         return []
-    table = tabulate(
+    table = make_table(
         "Controllers tried on the twin",
         trials,
-        [
-            ("strategy", "", lambda trial: trial.strategy),
-            ("designed for", "", lambda trial: trial.designed),
-            ("median [mrad]", ".3g", lambda trial: 1e3 * np.quantile(trial.swing, 0.5)),
-            ("worst [mrad]", ".3g", lambda trial: 1e3 * np.quantile(trial.swing, 1.0)),
-        ],
-        f"Swing left by the combined move of experiment compare on {len(trials[0].swing)} cranes "
-        "that the estimate allows, with their cables and sensors as wrong as they were found; "
-        "lag and delay are not among it.",
+        ("strategy", "", lambda trial: trial.strategy),
+        ("designed for", "", lambda trial: trial.designed),
+        ("median [mrad]", ".3g", lambda trial: 1e3 * np.quantile(trial.swing, 0.5)),
+        ("worst [mrad]", ".3g", lambda trial: 1e3 * np.quantile(trial.swing, 1.0)),
+        note=f"Swing left by the combined move of experiment compare on {len(trials[0].swing)} "
+        "cranes that the estimate allows, with their cables and sensors as wrong as they were "
+        "found; lag and delay are not among it.",
     )
     return [table]

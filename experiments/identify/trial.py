@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -77,6 +78,27 @@ class Trial:
     swing: np.ndarray
 
 
+def simulate_motion(
+    crane: Crane, start: State, motion: SampledMotion, duration: float, **options: Any
+) -> Trajectory:
+    """Simulate drives that follow a motion exactly, at its own step, for a time [s]; further
+    options are those of `cranedyn.simulation.simulate.simulate`.
+    """
+    step = motion.period
+    return simulate(
+        crane,
+        follow(crane, motion, step),
+        start=start,
+        duration=duration,
+        dt=step,
+        control_period=step,
+        drive="motion",
+        integrator=rk4,
+        engine="compiled",
+        **options,
+    )
+
+
 @cache
 def trial_run() -> Trajectory:
     """Run the crane of the trial on drives that lag behind their setpoints."""
@@ -88,17 +110,8 @@ def trial_run() -> Trajectory:
     lags = [TRUTH[f"{joint.symbol}_lag"] for joint in crane.layout.driven]
     moved = [lagged(aim[:, i], _STEP, lag) for i, lag in enumerate(lags)]
     position, velocity = (np.stack(column, axis=1) for column in zip(*moved, strict=True))
-    return simulate(
-        crane,
-        follow(crane, SampledMotion(_STEP, position, velocity), _STEP),
-        aims,
-        start=start,
-        duration=DURATION,
-        dt=_STEP,
-        drive="motion",
-        integrator=rk4,
-        engine="compiled",
-    )
+    motion = SampledMotion(_STEP, position, velocity)
+    return simulate_motion(crane, start, motion, DURATION, reference=aims)
 
 
 def trial_record(prior: Prior, *, positions: bool) -> Record:
@@ -133,18 +146,11 @@ def try_strategies(estimate: Estimate) -> list[Trial]:
     cranes = [
         family.at(np.array([float(draws[name][i]) for name in family.names])) for i in range(DRAWS)
     ]
+    arguments = dict(estimate.arguments)
+    gravity = arguments.pop("gravity", prior.gravity)
     beliefs = {
         "believed": (Setup(prior.gravity, prior.values), dict[str, float]()),
-        "twin": (
-            Setup(
-                estimate.arguments.get("gravity", prior.gravity),
-                {
-                    **prior.values,
-                    **{n: v for n, v in estimate.arguments.items() if n != "gravity"},
-                },
-            ),
-            mean,
-        ),
+        "twin": (Setup(gravity, {**prior.values, **arguments}), mean),
     }
     return [
         Trial(strategy, belief, _left(setup, strategy, cranes, draws, corrected))

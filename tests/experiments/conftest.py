@@ -12,7 +12,17 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from tests.helpers import FAST
+
+ARTICLE = {"a1", "a2", "a3"}
+"""Experiments that stand in the article's gravity here, so that its published numbers are judged.
+"""
+
+PLAIN = {"a1", "a2"}
+"""Those that the plain loop computes, as by default; they print the same by compiled code."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +69,23 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Ran]:
     return cache(
         lambda name, *argv: run_command(name, tmp_path_factory.mktemp("out") / name, *argv)
     )
+
+
+@pytest.fixture(scope="session")
+def standard(ran: Callable[..., Ran]) -> Callable[[str], Ran]:
+    """Runs an experiment as the article has it, by the engine that is fast where it may."""
+
+    def run(name: str) -> Ran:
+        gravity = ["--gravity", "9.8"] if name in ARTICLE else []
+        return ran(name, *gravity, *([] if name in PLAIN else ["--engine", FAST]))
+
+    return run
+
+
+def write_csv(path: Path, **columns: np.ndarray) -> None:
+    """Write columns with all their digits."""
+    table, header = np.stack(list(columns.values()), axis=1), ",".join(columns)
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.17g")
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import gc
-import json
 import math
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cranedyn import theory
 from cranedyn.data.trajectory import read
 from cranedyn.references import zv
 from cranedyn.references.limits import use
@@ -31,7 +30,6 @@ from experiments.scenarios.shaping import (
 from experiments.scenarios.strategies import (
     FASTEST,
     FLAT,
-    LQR,
     MPC,
     PAPER,
     PD,
@@ -42,31 +40,15 @@ from tests.experiments.conftest import Ran
 from tests.helpers import FAST, ROOT
 from tests.told import missing
 
+pytestmark = pytest.mark.slow
+
 TROLLEY, COMBINED = MOVES[0], MOVES[-1]
+COMPARED = ["spline alone", PD, PAPER, FLAT]
 
 
 @pytest.fixture(scope="module")
 def setup() -> harness.Setup:
     return harness.Setup(engine=FAST)
-
-
-def quintic_residual(distance: float, duration: float, length: float, gravity: float) -> float:
-    """Swing that a quintic of the pivot leaves on a linear pendulum, from the Fourier integral of
-    its acceleration.
-    """
-    omega = math.sqrt(gravity / length)
-    w = omega * duration
-    return abs(
-        distance
-        / (duration * length * omega)
-        * 120.0
-        * (w**2 * math.sin(w / 2) + 6 * w * math.cos(w / 2) - 12 * math.sin(w / 2))
-        / w**4
-    )
-
-
-def test_no_name_of_a_strategy_holds_a_comma() -> None:
-    assert [name for name in STRATEGIES if "," in name] == []
 
 
 def test_the_spline_alone_leaves_what_the_closed_form_says() -> None:
@@ -76,7 +58,7 @@ def test_the_spline_alone_leaves_what_the_closed_form_says() -> None:
     # a hundredth: joint damping over 20 s (1e-4), large swing on the way (θ²/16 = 1e-4 of the
     # period, 3e-3 of a phase of 16 rad)
     assert found.arrival == pytest.approx(
-        quintic_residual(10.0, 20.0, length, setup.crane.gravity) * 15.0 / length, rel=0.01
+        theory.quintic_residual(10.0, 20.0, length, setup.crane.gravity) * 15.0 / length, rel=0.01
     )
 
 
@@ -126,15 +108,6 @@ def test_drives_that_yield_settle_what_the_operator_leaves(setup: harness.Setup)
     assert yielding.later < 0.05 * bare.later
 
 
-@pytest.mark.parametrize(
-    "case", [case for case in PERTURBATIONS if case != NOMINAL], ids=lambda case: case.name
-)
-def test_feedback_outlives_every_case(setup: harness.Setup, case: Perturbation) -> None:
-    _, found = make(setup, COMBINED, STRATEGIES[FLAT](setup, COMBINED), case)
-    _, before = make(setup, COMBINED, STRATEGIES["spline alone"](setup, COMBINED))
-    assert found.later < 0.05 * before.later
-
-
 @pytest.mark.parametrize("strategy", [FLAT, PAPER])
 @pytest.mark.parametrize("mass", [500.0, 1500.0])
 def test_a_load_of_another_mass_ends_where_it_shall(
@@ -162,15 +135,6 @@ def test_a_longer_cable_is_longer_and_the_goal_with_it(setup: harness.Setup) -> 
     assert found.settled < 10.0
 
 
-def test_a_swing_at_the_start_is_taken_away_by_feedback_and_not_without(
-    setup: harness.Setup,
-) -> None:
-    run, alone = make(setup, SWINGING, STRATEGIES["spline alone"](setup, SWINGING))
-    assert run.q[0, 2:4].tolist() == [0.1, 0.05]
-    _, tracked = make(setup, SWINGING, STRATEGIES[LQR](setup, SWINGING))
-    assert tracked.later < 1e-2 * alone.later
-
-
 def test_an_integrator_does_not_remember_another_run(setup: harness.Setup) -> None:
     plan = STRATEGIES[PAPER](setup, COMBINED)
     one, two = (make(setup, COMBINED, plan)[0] for _ in range(2))
@@ -189,57 +153,45 @@ def test_a_predictive_controller_is_made_once_and_a_copy_remembers_nothing_of_an
 
 
 @pytest.fixture(scope="module")
-def done(ran: Callable[..., Ran]) -> Path:
-    ways = ["--only", "spline alone", PD, PAPER, FLAT]
+def done(ran: Callable[..., Ran]) -> Ran:
     # code that one worker makes serves all moves
-    made = ran("compare", *ways, "--engine", FAST, "--jobs", "1")
-    assert made.code == 0
-    return made.folder
+    return ran("compare", "--only", *COMPARED, "--engine", FAST, "--jobs", "1")
 
 
-def test_the_command_compares_the_ways_asked_for(done: Path) -> None:
-    result = json.loads((done / "result.json").read_text())
-    tables = {table["title"]: table for table in result["tables"]}
-    combined = tables["Move combined: (0.0, 10.0, 15.0) to (0.6, 20.0, 10.0)"]
-    assert [row[0] for row in combined["rows"]] == ["spline alone", PD, PAPER, FLAT]
-    left = {row[0]: row[3] for row in combined["rows"]}
-    assert left[FLAT] < 0.05 < 1.0 < left[PD]  # mrad
-    assert [row[0] for row in tables["The article's seven legs as one tour"]["rows"]] == [
-        "none",
-        "shaped",
-        "paper",
-        "lqr",
-        "flat",
-    ]
-    assert all(claim["holds"] for claim in result["claims"])
+def test_the_command_compares_the_ways_asked_for(done: Ran) -> None:
+    assert (done.code, done.failed()) == (0, [])
+    rows = {row["strategy"]: row for row in done.table("Move combined: (0.0, 10.0, 15.0) to")}
+    assert list(rows) == COMPARED
+    left = {strategy: row["at arrival [mrad]"] for strategy, row in rows.items()}
+    assert left[FLAT] < 0.05 < 1.0 < left[PD]
+    tour = {row["control"]: row for row in done.table("The article's seven legs as one tour")}
+    assert list(tour) == ["none", "shaped", "paper", "lqr", "flat"]
+    worst = f"at most {tour['flat']['worst dwell [mrad]']:.3f} mrad"
+    assert missing([worst], "README.md") == []
 
 
-@pytest.mark.parametrize("document", ["docs/control.md"])
-def test_documents_show_the_ways_asked_for_as_printed(document: str, done: Path) -> None:
-    tables = [
-        ResultTable.of(kept) for kept in json.loads((done / "result.json").read_text())["tables"]
-    ]
-    assert read_document(ROOT / document, "compare").stale(tables, subset=True) == []
+def test_feedback_outlives_every_case_and_a_swing_at_the_start(done: Ran) -> None:
+    later = {row["strategy"]: row for row in done.table("Swing 20 s after the arrival")}
+    alone = later["spline alone"][NOMINAL.name]
+    assert all(later[FLAT][case.name] < 0.05 * alone for case in PERTURBATIONS)
+    swinging = {row["strategy"]: row for row in done.table(f"Move {SWINGING.name}")}
+    column = "20 s later [mrad]"
+    assert swinging[FLAT][column] < 1e-2 * swinging["spline alone"][column]
 
 
-def test_the_readme_tells_what_flat_paths_leave_of_the_tour(done: Path) -> None:
-    tables = json.loads((done / "result.json").read_text())["tables"]
-    rows = {
-        row[0]: row
-        for table in tables
-        if table["title"].startswith("The article's")
-        for row in table["rows"]
-    }
-    assert missing([f"at most {rows['flat'][2]:.3f} mrad"], "README.md") == []
+def test_documents_show_the_ways_asked_for_as_printed(done: Ran) -> None:
+    tables = [ResultTable.of(kept) for kept in done.result["tables"]]
+    document = read_document(ROOT / "docs/control.md", "compare")
+    assert document.stale(tables, subset=True) == []
 
 
-def test_it_keeps_runs_figures_and_a_recording_of_several_drawn_into_each_other(done: Path) -> None:
-    assert {"compare.rrd", "robustness.png", "swing.png", "compare_flat_lqr.parquet"} <= {
-        path.name for path in done.iterdir()
-    }
-    assert len(read(done / "compare_flat_lqr.parquet")) == 8001
-    recording = (done / "compare.rrd").read_bytes()
+def test_it_keeps_runs_figures_and_a_recording_of_several_drawn_into_each_other(done: Ran) -> None:
+    expected = {"compare.rrd", "robustness.png", "swing.png", "compare_flat_lqr.parquet"}
+    assert expected <= {path.name for path in done.folder.iterdir()}
+    assert len(read(done.folder / "compare_flat_lqr.parquet")) == 8001
+    recording = (done.folder / "compare.rrd").read_bytes()
     assert all(strategy.encode() in recording for strategy in (PD, FLAT))
+    assert '<section id="compare">' in page([done.folder])
 
 
 @pytest.mark.parametrize("timed", [True, False])
@@ -253,17 +205,6 @@ def test_garbage_is_not_collected_while_a_controller_is_timed(timed: bool) -> No
 def test_strategies_that_are_usually_not_recorded_are_where_there_are_no_others() -> None:
     assert compare.recorded_strategies([FLAT, "operator", PD]) == [PD, FLAT]
     assert compare.recorded_strategies(["operator", "spline alone"]) == ["operator", "spline alone"]
-
-
-def test_the_report_shows_the_result(done: Path) -> None:
-    assert '<section id="compare">' in page([done])
-
-
-def test_a_way_that_is_not_there_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        compare.main(["--only", "magic"])
-    assert caught.value.code == 2
-    assert "magic" in capsys.readouterr().err
 
 
 def _scored(settled: float = 0.0, arrives: float = 10.0) -> StrategyResult:

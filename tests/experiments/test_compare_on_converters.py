@@ -34,7 +34,7 @@ from experiments.scenarios.strategies import (
 )
 from tests.helpers import FAST, ROOT
 
-TITLE = "{}: {} to {}"
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -79,15 +79,9 @@ def test_every_strategy_runs_on_converters(strategy: str) -> None:
     setup = harness.Setup(engine=FAST)
     plan = on_converters(setup, STRATEGIES[strategy](setup, MOVES[0]))
     assert plan.drive == "velocity"
-    run = setup.simulate(
-        setup.crane,
-        plan.controller(),
-        plan.reference,
-        start=MOVES[0].ends(setup.crane)[0],
-        duration=4.0,
-        label="",
-        drive=plan.drive,
-    )
+    crane, start = setup.crane, MOVES[0].ends(setup.crane)[0]
+    means = {"start": start, "duration": 4.0, "label": "", "drive": plan.drive}
+    run = setup.simulate(crane, plan.controller(), plan.reference, **means)
     assert run.valid.all()
     assert run["x_m"][-1] > 10.0  # it is on its way
 
@@ -108,15 +102,8 @@ def test_what_is_affine_runs_on_converters_in_a_batch() -> None:
             duration=2.0,
             drive="velocity",
         )
-        run = setup.simulate(
-            setup.crane,
-            plan.controller(),
-            plan.reference,
-            start=start,
-            duration=2.0,
-            label="",
-            drive="velocity",
-        )
+        means = {"start": start, "duration": 2.0, "label": "", "drive": "velocity"}
+        run = setup.simulate(setup.crane, plan.controller(), plan.reference, **means)
         np.testing.assert_allclose(batch.end.q[1], run.q[-1], rtol=0.0, atol=1e-12)
 
 

@@ -29,7 +29,9 @@ from cranedyn.recording import Live, Run
 from cranedyn.simulation.simulate import simulate
 from experiments import a1, demo, harness, report
 from experiments.harness.document import read_document
-from tests.helpers import FAST, crane, files, python, quickly
+from tests.helpers import FAST, crane, files, quickly
+
+pytestmark = pytest.mark.slow
 
 SET = ["a1.rrd", "figure.png", "figure.svg", "result.json", "run.csv", "run.parquet"]
 
@@ -60,11 +62,8 @@ def conducted(
             [table], [], {"mass": mass}, {"run": run}, {"figure": figure}, [Run("r", heavy, run)]
         )
 
-    return said(
-        lambda: harness.run_experiment(
-            harness.parser("a1", "A trial."), experiment, ["--out", str(folder), *words]
-        )
-    )
+    parser, argv = harness.parser("a1", "A trial."), ["--out", str(folder), *words]
+    return said(lambda: harness.run_experiment(parser, experiment, argv))
 
 
 def reported(folder: Path) -> tuple[int, str]:
@@ -98,7 +97,7 @@ def test_a_result_lists_the_files_of_its_run_with_their_digests(folder: Path) ->
     assert reported(folder) == (0, "")
 
 
-@pytest.mark.parametrize("call", range(len(SET)))
+@pytest.mark.parametrize("call", [0, len(SET) - 1])
 def test_a_second_run_cut_off_while_it_writes_leaves_the_first_as_it_was(
     call: int, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -132,16 +131,12 @@ def test_files_of_two_runs_are_not_reported(folder: Path, monkeypatch: pytest.Mo
     assert conducted(folder, 900.0)[0] == 130
     monkeypatch.undo()
     assert files(folder) == SET
-    code, err = reported(folder)
-    assert (code, err.count("\n")) == (2, 1)
-    assert (
-        f"Cannot read {folder}: run.csv there is of another run than its result.json; run it "
-        "--again." in err
-    )
+    reason = "run.csv there is of another run than its result.json; run it --again."
+    assert reported(folder) == (2, f"error: Cannot read {folder}: {reason}\n")
     assert not (folder.parent / "report.html").exists()
 
 
-@pytest.mark.parametrize("lost", SET)
+@pytest.mark.parametrize("lost", ["figure.png", "result.json"])
 def test_a_report_makes_what_one_that_was_cut_off_has_not(
     lost: str, first: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -161,17 +156,10 @@ def test_a_report_makes_what_one_that_was_cut_off_has_not(
 
 def test_of_two_runs_in_one_folder_one_wins_whole_and_the_other_says_so(folder: Path) -> None:
     other: list[tuple[int, str]] = []
-    assert conducted(folder, 900.0, inside=lambda: other.append(conducted(folder, 800.0))) == (
-        0,
-        "",
-    )
-    assert other == [
-        (
-            2,
-            f"error: Cannot write to {folder}: another run is writing there; wait for it, or give "
-            "another folder.\n",
-        )
-    ]
+    first = conducted(folder, 900.0, inside=lambda: other.append(conducted(folder, 800.0)))
+    assert first == (0, "")
+    reason = "another run is writing there; wait for it, or give another folder."
+    assert other == [(2, f"error: Cannot write to {folder}: {reason}\n")]
     assert json.loads((folder / "result.json").read_text())["parameters"] == {"mass": 900.0}
     assert reported(folder) == (0, "")
     assert conducted(folder, 800.0) == (0, "")
@@ -190,18 +178,14 @@ def test_whatever_is_refused_at_the_last_file_has_written_none(
     assert contents(folder) == before and not (folder.parent / "new").exists()
 
 
-@pytest.mark.parametrize("value", ["off", "0", "False", "OFF"])
+@pytest.mark.parametrize("value", ["0", "OFF"])
 def test_a_recording_that_rerun_would_not_make_is_refused_before_the_run(
     value: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("RERUN", value)
     code, err = conducted(tmp_path / "a1", inside=lambda: pytest.fail("it was run"))
-    assert code == 2
-    assert (
-        err
-        == "error: Rerun is switched off by the environment variable RERUN; unset it to write a "
-        "recording.\n"
-    )
+    reason = "Rerun is switched off by the environment variable RERUN; unset it to write a"
+    assert (code, err) == (2, f"error: {reason} recording.\n")
     assert files(tmp_path) == []
 
 
@@ -220,17 +204,14 @@ def test_names_that_are_no_text_are_names(tmp_path: Path) -> None:
     assert len(read(folder / "run.csv")) == len(read(folder / "run.parquet")) > 1
     folder.rename(tmp_path / "a1")
     assert reported(tmp_path / "a1") == (0, "")
-    t = np.arange(0.0, 40.0, 0.01)
-    pyarrow.csv.write_csv(
-        pa.table({"t_s": t, "phi_rad": 0.1 * np.cos(t), "l_m": 0 * t + 10}), tmp_path / "a.csv"
-    )
-    (tmp_path / "a.csv").rename(tmp_path / f"{NAME}.csv")
-    assert said(
-        lambda: a1.main(["--from", str(tmp_path / f"{NAME}.csv"), "--out", str(tmp_path / "a1")])
-    ) == (0, "")
-    assert json.loads((tmp_path / "a1" / "result.json").read_text())["tables"][0]["rows"][0][
-        0
-    ] == str(tmp_path / f"{NAME}.csv")
+    t, file = np.arange(0.0, 40.0, 0.01), tmp_path / f"{NAME}.csv"
+    table = pa.table({"t_s": t, "phi_rad": 0.1 * np.cos(t), "l_m": 0 * t + 10})
+    pyarrow.csv.write_csv(table, tmp_path / "a.csv")
+    (tmp_path / "a.csv").rename(file)
+    words = ["--from", str(file), "--out", str(tmp_path / "a1")]
+    assert said(lambda: a1.main(words)) == (0, "")
+    result = json.loads((tmp_path / "a1" / "result.json").read_text())
+    assert result["tables"][0]["rows"][0][0] == str(file)
     assert reported(tmp_path / "a1") == (0, "")
 
 
@@ -262,25 +243,14 @@ def test_a_document_that_cannot_be_read_whole_or_written_is_refused_before_the_r
     assert files(tmp_path) == ["page.md"]
 
 
-def test_a_backend_that_matplotlib_lacks_stops_no_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    for backend, shown in (("bogus", "None"), ("svg", "svg")):
-        monkeypatch.setenv("MPLBACKEND", backend)
-        run = python(
-            "import os, experiments.harness.outcome, matplotlib as m; "
-            "print(m.rcParams._get_backend_or_none(), os.environ['MPLBACKEND'])"
-        )
-        assert (run.stdout.split(), run.stderr) == ([shown, backend], "")
-
-
 # --- a recording that grows -----------------------------------------------------------------------
 
 
 def test_arguments_that_are_refused_leave_the_recording_that_was_there(tmp_path: Path) -> None:
     for words in (["--dt", "1e-11"], ["--gravity", "-1"], ["--control-period", "0.0012"]):
         (tmp_path / "demo.rrd").write_text("old")
-        code, err = said(
-            lambda words=words: demo.main([*words, "--engine", FAST, "--out", str(tmp_path)])
-        )  # type: ignore[misc]
+        argv = [*words, "--engine", FAST, "--out", str(tmp_path)]
+        code, err = said(lambda argv=argv: demo.main(argv))  # type: ignore[misc]
         assert (code, err.count("\n")) == (2, 1)
         assert ((tmp_path / "demo.rrd").read_text(), files(tmp_path)) == ("old", ["demo.rrd"])
 
@@ -299,18 +269,6 @@ def test_a_demo_interrupted_before_its_first_row_is_130_and_leaves_the_recording
     assert files(tmp_path) == ["demo.rrd"]
 
 
-def test_a_demo_interrupted_while_its_scene_is_drawn_draws_it_no_second_time(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sys.modules["cranedyn.recording.record"], "dashboard", interrupted)
-    code, err = said(lambda: demo.main(["--engine", FAST, "--out", str(tmp_path)]))
-    assert (code, err) == (130, "Interrupted before the first half second was over.\n")
-    assert not files(tmp_path)
-
-
 def test_a_live_recording_has_its_name_when_its_first_row_stands(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     path.write_text("old")
@@ -324,13 +282,8 @@ def test_a_live_recording_has_its_name_when_its_first_row_stands(tmp_path: Path)
         recording.viewer.check_recording(path)
         first = path.stat()
         assert (files(tmp_path), first.st_mode & 0o777) == (["a.rrd"], 0o640)
+        t, start = float(run.t[-1]), run.state(-1)
         live.append(
-            simulate(
-                crane(),
-                hold_controller(crane()),
-                t_start=float(run.t[-1]),
-                start=run.state(-1),
-                duration=0.02,
-            )
+            simulate(crane(), hold_controller(crane()), t_start=t, start=start, duration=0.02)
         )
     assert path.stat().st_ino == first.st_ino and path.stat().st_size > first.st_size

@@ -14,6 +14,7 @@ from experiments import identify
 from experiments.gazebo import RECORDINGS
 from experiments.harness import ResultTable
 from experiments.harness.document import read_document
+from experiments.identify.coverage import NAMES
 from experiments.identify.figures import spectra
 from tests.helpers import ROOT
 from tests.identification.test_estimate import TRUTH, recorded
@@ -112,7 +113,7 @@ def test_coverage_counts_intervals_that_hold_the_truth(tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert identify.main(["--coverage", "2", "--workers", "1", "--out", str(out)]) == 0
     (table,) = json.loads((out / "result.json").read_text())["tables"]
-    assert [row[0] for row in table["rows"]] == list(identify.NAMES)
+    assert [row[0] for row in table["rows"]] == list(NAMES)
     assert all(row[1] in (0, 1, 2) for row in table["rows"])
 
 
