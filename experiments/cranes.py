@@ -1,5 +1,6 @@
-"""Cranes of other topology: hook and slung load, rope, tower and jib that give, overhead crane;
-what is made for any crane, on each.
+"""Cranes of other topology: closed forms, three engines, energy, and control on each.
+
+Hook and slung load, rope, tower and jib that give, overhead crane, and robots that are no cranes.
 """
 
 from __future__ import annotations
@@ -40,10 +41,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "cranes",
-        "Cranes of other topology: closed forms, three engines, energy, and control on each.",
-    )
+    parser = harness.parser("cranes", __doc__)
     return harness.run_experiment(parser, experiment, argv)
 
 

@@ -1,4 +1,6 @@
-"""The demo: seven legs at limited rates, again and again, and the residual swing in the dwells."""
+"""The seven legs of the article's demonstration, until Ctrl-C, and the swing that is left in every
+dwell.
+"""
 
 from __future__ import annotations
 
@@ -101,9 +103,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     return harness.Outcome(
         tables=tables,
         claims=claims,
-        parameters=setup.parameters()
-        | parameters
-        | ({"earlier_parts": earlier_files} if earlier_files else {}),
+        parameters=parameters | ({"earlier_parts": earlier_files} if earlier_files else {}),
         trajectories=trajectories,
         figures={"swing": _figure(tour, run)},
         recording=[Run(name, setup.crane, trajectory) for name, trajectory in runs.items()],
@@ -392,11 +392,7 @@ class _Sinks:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "demo",
-        "The seven legs of the article's demonstration, until Ctrl-C, and the swing that is left "
-        "in every dwell.",
-    )
+    parser = harness.parser("demo", __doc__)
     harness.add_setup(parser)
     parser.set_defaults(live=True)
     parser.add_argument(

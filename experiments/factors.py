@@ -1,6 +1,4 @@
-"""Factors of the standards: the formulas, the mechanics under them by simulation, and what of them
-a controlled move needs.
-"""
+"""Factors of the standards: formulas, the mechanics under them, and what control needs."""
 
 from __future__ import annotations
 
@@ -14,7 +12,7 @@ from matplotlib.figure import Figure
 from cranedyn.lifting import factors
 from cranedyn.plotting.figures import COLOURS, panels
 from experiments import harness
-from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.standards.derived import AGREES, RATIOS, derived
 from experiments.standards.formulas import DIGITS, FORMULAS, Compared
 from experiments.standards.needed import Need, across, upwards
@@ -29,7 +27,6 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     return Outcome(
         tables=[_formulas(), _derived(factors_derived), _moves(moves), _hoists(hoists)],
         claims=[*_claims(factors_derived), *_gains(moves, hoists)],
-        parameters=setup.parameters(),
         trajectories={f"{need.move}_{i}": need.run for i, need in enumerate(moves)},
         figures={"factors": _figure(factors_derived), "needed": _needed(moves)},
         recording=[
@@ -39,31 +36,27 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 
 def _formulas() -> ResultTable:
-    return tabulate(
+    return make_table(
         "Formulas of the standards",
         FORMULAS,
-        [
-            ("formula", "", lambda f: f.name),
-            ("source", "", lambda f: f.origin),
-            ("ours", ".6g", lambda f: f.formula),
-            ("printed", ".6g", lambda f: f.other),
-        ],
-        "Sources were read second hand: none of the standards was before us.",
+        ("formula", "", lambda f: f.name),
+        ("source", "", lambda f: f.origin),
+        ("ours", ".6g", lambda f: f.formula),
+        ("printed", ".6g", lambda f: f.other),
+        note="Sources were read second hand: none of the standards was before us.",
     )
 
 
 def _derived(factors: Sequence[Compared]) -> ResultTable:
-    return tabulate(
+    return make_table(
         "The same by mechanics alone",
         factors,
-        [
-            ("factor", "", lambda d: d.name),
-            ("simulated", "", lambda d: d.origin),
-            ("formula", ".6f", lambda d: d.formula),
-            ("found", ".6f", lambda d: d.other),
-            ("relative", "+.1e", lambda d: d.difference),
-        ],
-        "Pick-up: by an elastic hoist at 0.5 m/s; release: of a part of the load, slowly over "
+        ("factor", "", lambda d: d.name),
+        ("simulated", "", lambda d: d.origin),
+        ("formula", ".6f", lambda d: d.formula),
+        ("found", ".6f", lambda d: d.other),
+        ("relative", "+.1e", lambda d: d.difference),
+        note="Pick-up: by an elastic hoist at 0.5 m/s; release: of a part of the load, slowly over "
         "0.6034 of its periods; braking: of a carriage by a constant force, the worst of all "
         "durations, and of a slew; pushes: by a drive that keeps its acceleration; gust: comes at "
         "once and stays.",
@@ -71,35 +64,31 @@ def _derived(factors: Sequence[Compared]) -> ResultTable:
 
 
 def _moves(needs: Sequence[Need]) -> ResultTable:
-    return tabulate(
+    return make_table(
         "What a move needs of ψ_h",
         needs,
-        [
-            ("move", "", lambda n: n.move),
-            ("strategy", "", lambda n: n.strategy),
-            ("arrives [s]", ".1f", lambda n: n.arrives),
-            ("ψ_h allowed", ".2f", lambda n: n.allowed),
-            ("needed", ".3f", lambda n: n.needed),
-            ("unused [%]", ".0f", lambda n: 100.0 * n.unused),
-        ],
-        "Largest pull of the rope along the way of the drive, over the mass that hangs times the "
-        "drive's limit of acceleration. Allowed: 2, of one acceleration from rest for longer than "
-        "half a swing. A joystick that brakes while the load swings adds a second one to it.",
+        ("move", "", lambda n: n.move),
+        ("strategy", "", lambda n: n.strategy),
+        ("arrives [s]", ".1f", lambda n: n.arrives),
+        ("ψ_h allowed", ".2f", lambda n: n.allowed),
+        ("needed", ".3f", lambda n: n.needed),
+        ("unused [%]", ".0f", lambda n: 100.0 * n.unused),
+        note="Largest pull of the rope along the way of the drive, over the mass that hangs times "
+        "the drive's limit of acceleration. Allowed: 2, of one acceleration from rest for longer "
+        "than half a swing. A joystick that brakes while the load swings adds a second one to it.",
     )
 
 
 def _hoists(needs: Sequence[Need]) -> ResultTable:
-    return tabulate(
+    return make_table(
         "What taking up a load needs of φ2",
         needs,
-        [
-            ("taken up", "", lambda n: n.strategy),
-            ("φ2 at 1 m/s", ".3f", lambda n: n.allowed),
-            ("needed", ".3f", lambda n: n.needed),
-            ("unused [%]", ".0f", lambda n: 100.0 * n.unused),
-        ],
-        "On the rope that stretches of experiment cranes. At full speed: 1 + v ω/g, the φ2 of a "
-        "class with the slope ω/g of this rope, without the part φ2,min - 1 that needs no speed.",
+        ("taken up", "", lambda n: n.strategy),
+        ("φ2 at 1 m/s", ".3f", lambda n: n.allowed),
+        ("needed", ".3f", lambda n: n.needed),
+        ("unused [%]", ".0f", lambda n: 100.0 * n.unused),
+        note="On the rope that stretches of experiment cranes. At full speed: 1 + v ω/g, the φ2 of "
+        "a class with the slope ω/g of this rope, without the part φ2,min - 1 that needs no speed.",
     )
 
 
@@ -183,11 +172,7 @@ def _needed(moves: Sequence[Need]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "factors",
-        "Factors of the standards: formulas, the mechanics under them, and what control needs.",
-        engines=("compiled", "pinocchio"),
-    )
+    parser = harness.parser("factors", __doc__, engines=("compiled", "pinocchio"))
     harness.add_setup(parser)
     return harness.run_experiment(parser, experiment, argv)
 

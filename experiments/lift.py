@@ -1,5 +1,6 @@
-"""From a site with obstacles to a motion that provably touches nothing: planned, certified, and
-simulated ten thousand times with perturbations.
+"""From a site with obstacles to a motion that provably touches nothing.
+
+Planned, certified, and simulated ten thousand times with perturbations.
 """
 
 from __future__ import annotations
@@ -104,8 +105,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     return harness.Outcome(
         tables=_tables(certified, results),
         claims=[claim for result in results for claim in _claims(result)],
-        parameters=setup.parameters()
-        | {
+        parameters={
             "sites": [result.name for result in results],
             "lifts": count,
             "limits": {
@@ -176,33 +176,31 @@ def _tables(
     columns = [("planned [s]", 0), ("certified [s]", 1), ("perturbed [s]", 2)]
     times = [(header, ".1f", lambda r, i=i: r.seconds[i]) for header, i in columns]
     title = "How long it took on this machine"
-    return [*tables, harness.tabulate(title, results, [_SITE, *times])]
+    return [*tables, harness.make_table(title, results, _SITE, *times)]
 
 
 _SITE: harness.Column = ("site", "", lambda r: r.name)
 
 
 def _certified(results: Sequence[SiteResult]) -> harness.ResultTable:
-    return harness.tabulate(
+    return harness.make_table(
         "Certified lifts",
         results,
-        [
-            _SITE,
-            ("way [s]", ".2f", lambda r: r.lift.way),
-            ("grid [s]", ".2f", lambda r: r.lift.on_grid),
-            ("bound [s]", ".2f", lambda r: r.lift.least),
-            ("drives [s]", ".2f", lambda r: r.lift.timed.bound),
-            ("motion [s]", ".2f", lambda r: arrival(r.certificate)),
-            ("motion / bound", ".3f", lambda r: arrival(r.certificate) / r.lift.least),
-            ("clearance [m]", ".2f", lambda r: r.certificate.nearest.distance),
-            ("of", "", lambda r: f"{r.certificate.nearest.body}, {r.certificate.nearest.obstacle}"),
-            ("swing [mrad]", ".1f", lambda r: r.swing(r.certificate)),
-        ],
-        "Way: the path at full speed of the drives; grid: the best on cells of 0.5 s with no more "
-        "clearance than required, whichever way round. Bound: what the drives need at least, by "
-        "that grid and from start to goal. Drives: what they need along the path without a thought "
-        "of the load; motion: with the load at rest at the end. Clearance: the least in the "
-        "simulation.",
+        _SITE,
+        ("way [s]", ".2f", lambda r: r.lift.way),
+        ("grid [s]", ".2f", lambda r: r.lift.on_grid),
+        ("bound [s]", ".2f", lambda r: r.lift.least),
+        ("drives [s]", ".2f", lambda r: r.lift.timed.bound),
+        ("motion [s]", ".2f", lambda r: arrival(r.certificate)),
+        ("motion / bound", ".3f", lambda r: arrival(r.certificate) / r.lift.least),
+        ("clearance [m]", ".2f", lambda r: r.certificate.nearest.distance),
+        ("of", "", lambda r: f"{r.certificate.nearest.body}, {r.certificate.nearest.obstacle}"),
+        ("swing [mrad]", ".1f", lambda r: r.swing(r.certificate)),
+        note="Way: the path at full speed of the drives; grid: the best on cells of 0.5 s with no "
+        "more clearance than required, whichever way round. Bound: what the drives need at least, "
+        "by that grid and from start to goal. Drives: what they need along the path without a "
+        "thought of the load; motion: with the load at rest at the end. Clearance: the least in "
+        "the simulation.",
     )
 
 
@@ -210,41 +208,37 @@ def _perturbed(results: Sequence[SiteResult]) -> harness.ResultTable:
     def percent(perturbed: Perturbed, bound: int) -> float:
         return 100.0 * perturbed.interval()[bound]
 
-    return harness.tabulate(
+    return harness.make_table(
         "Perturbed lifts",
         [(result.name, result.perturbed) for result in results],
-        [
-            ("site", "", lambda r: r[0]),
-            ("lifts", "d", lambda r: len(r[1].least)),
-            ("below required clearance", "d", lambda r: r[1].failures),
-            ("%", ".2f", lambda r: 100.0 * (r[1].failures / len(r[1].least))),
-            ("from %", ".3f", lambda r: percent(r[1], 0)),
-            ("to %", ".3f", lambda r: percent(r[1], 1)),
-            ("least [m]", ".2f", lambda r: float(np.nanmin(r[1].least))),
-            ("swing after [mrad]", ".1f", lambda r: 1e3 * float(r[1].swing.max())),
-        ],
-        f"The probability lies from … to with {100 * CONFIDENCE:g} % confidence (Clopper and "
+        ("site", "", lambda r: r[0]),
+        ("lifts", "d", lambda r: len(r[1].least)),
+        ("below required clearance", "d", lambda r: r[1].failures),
+        ("%", ".2f", lambda r: 100.0 * (r[1].failures / len(r[1].least))),
+        ("from %", ".3f", lambda r: percent(r[1], 0)),
+        ("to %", ".3f", lambda r: percent(r[1], 1)),
+        ("least [m]", ".2f", lambda r: float(np.nanmin(r[1].least))),
+        ("swing after [mrad]", ".1f", lambda r: 1e3 * float(r[1].swing.max())),
+        note=f"The probability lies from … to with {100 * CONFIDENCE:g} % confidence (Clopper and "
         "Pearson). Load ±30 %, cable ±0.5 m off its measure, wind up to 4 m/s with a gust of up to "
         "6 m/s more, sensors up to 20 ms late. Least: negative where something is run into.",
     )
 
 
 def _least_time(results: Sequence[SiteResult]) -> harness.ResultTable:
-    return harness.tabulate(
+    return harness.make_table(
         "In least time",
         results,
-        [
-            _SITE,
-            ("planned [s]", ".2f", lambda r: arrival(r.certificate)),
-            ("least time [s]", ".2f", lambda r: arrival(r.least)),
-            ("planned / bound", ".3f", lambda r: arrival(r.certificate) / r.lift.least),
-            ("least / bound", ".3f", lambda r: arrival(r.least) / r.lift.least),
-            ("clearance [m]", ".2f", lambda r: r.least.nearest.distance),
-            ("swing [mrad]", ".1f", lambda r: r.swing(r.least)),
-            ("at arrival [mrad]", ".4f", lambda r: 1e3 * r.least.residual_swing),
-            ("found in [s]", ".1f", lambda r: r.least_seconds),
-        ],
-        "The same lifts with motions of least time near the planned ones, as proven and as "
+        _SITE,
+        ("planned [s]", ".2f", lambda r: arrival(r.certificate)),
+        ("least time [s]", ".2f", lambda r: arrival(r.least)),
+        ("planned / bound", ".3f", lambda r: arrival(r.certificate) / r.lift.least),
+        ("least / bound", ".3f", lambda r: arrival(r.least) / r.lift.least),
+        ("clearance [m]", ".2f", lambda r: r.least.nearest.distance),
+        ("swing [mrad]", ".1f", lambda r: r.swing(r.least)),
+        ("at arrival [mrad]", ".4f", lambda r: 1e3 * r.least.residual_swing),
+        ("found in [s]", ".1f", lambda r: r.least_seconds),
+        note="The same lifts with motions of least time near the planned ones, as proven and as "
         "certified. Bound: what drives need at least, whichever way round.",
     )
 
@@ -277,11 +271,7 @@ def _claims(result: SiteResult) -> Iterator[harness.Claim]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "lift",
-        "From a site with obstacles to a motion that provably touches nothing.",
-        engines=("compiled", "pinocchio"),
-    )
+    parser = harness.parser("lift", __doc__, engines=("compiled", "pinocchio"))
     harness.add_setup(parser, "payload_mass")
     add = parser.add_argument
     text = "sites as TOML, see docs/lift.md; all examples if not given"

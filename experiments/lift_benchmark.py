@@ -1,5 +1,6 @@
-"""A hundred random sites: how often a lift is found and certified, how fast, how near the best;
-beside what else one might do.
+"""Lifts on random sites, beside other means.
+
+How often one is found and certified, how fast, how near the best.
 """
 
 from __future__ import annotations
@@ -120,7 +121,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     return harness.Outcome(
         tables=[_summary(tried), _beside(tried), _failed(tried)],
         claims=_claims(tried),
-        parameters=setup.parameters() | {"sites": count, "seed": SEED},
+        parameters={"sites": count, "seed": SEED},
     )
 
 
@@ -287,12 +288,7 @@ def _claims(tried: Sequence[SiteLift]) -> list[harness.Claim]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "lift_benchmark",
-        "Lifts on random sites, beside other means.",
-        recording=False,
-        engines=("compiled",),
-    )
+    parser = harness.parser("lift_benchmark", __doc__, recording=False, engines=("compiled",))
     harness.add_setup(parser)
     parser.add_argument("--sites", type=int, default=SITES, metavar="N", help="how many sites")
     parser.add_argument("--least-time", action="store_true", help=LEAST_TIME)

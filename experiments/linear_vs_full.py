@@ -1,5 +1,6 @@
-"""Where the paper's linear swing, Eqs. (8) and (10), is good enough and where not, beside the plant
-under the same motion of the drives.
+"""The paper's linear swing, Eqs. (8) and (10), beside the plant on four cranes.
+
+Where it is good enough and where not, under the same motion of the drives.
 """
 
 from __future__ import annotations
@@ -145,10 +146,7 @@ def _span(shares: Sequence[float]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "linear_vs_full",
-        "The paper's linear swing, Eqs. (8) and (10), beside the plant on four cranes.",
-    )
+    parser = harness.parser("linear_vs_full", __doc__)
     return harness.run_experiment(parser, experiment, argv)
 
 

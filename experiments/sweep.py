@@ -1,5 +1,5 @@
-"""Sweep: a hundred thousand moves by cranes that differ from the planned one; how much swing each
-strategy leaves, and how often it fails.
+"""How much swing each strategy for the combined move leaves where load, cable and time for it
+differ, case by case.
 """
 
 from __future__ import annotations
@@ -117,13 +117,7 @@ def _cases(options: argparse.Namespace, setup: harness.Setup) -> Design:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "sweep",
-        "How much swing each strategy for the combined move leaves where load, cable and time for "
-        "it differ, case by case.",
-        recording=False,
-        engines=("compiled",),
-    )
+    parser = harness.parser("sweep", __doc__, recording=False, engines=("compiled",))
     option = parser.add_argument
     count: dict[str, Any] = {"type": _count, "metavar": "N"}
     option("--points", default=32, help="loads, and cables, evenly over their ranges", **count)

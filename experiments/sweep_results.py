@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from scipy.stats import binned_statistic_2d, binomtest
 
 from cranedyn.plotting.figures import panels
-from experiments.harness import Claim, ResultTable, tabulate
+from experiments.harness import Claim, ResultTable, make_table
 from experiments.harness.table import Cell
 from experiments.scenarios.moves import DRAG
 from experiments.scenarios.robustness import AFTER, COMBINED, IDEAL, RANGES, UNBATCHED
@@ -60,23 +60,21 @@ def grid_table(columns: Columns, drive: str) -> ResultTable:
         else "All drives have typical frequency converters."
     )
     suffix = "" if drive == IDEAL else " on velocity drives"
-    return tabulate(
+    return make_table(
         f"Swing left by {len(columns['case']):,} moves{suffix}",
         by_strategy(columns).items(),
-        [
-            ("strategy", "", lambda s: s[0]),
-            ("cases", ",d", lambda s: len(s[1]["case"])),
-            ("bad", "d", lambda s: int(np.isnan(s[1]["residual_swing_rad"]).sum())),
-            ("median [mrad]", ".3g", lambda s: quantile(s[1], 0.5)),
-            ("95 % below [mrad]", ".3g", lambda s: quantile(s[1], 0.95)),
-            ("worst [mrad]", ".3g", lambda s: quantile(s[1], 1.0)),
-            ("worst on the way [mrad]", ".3g", lambda s: 1e3 * np.nanmax(s[1]["peak_swing_rad"])),
-            ("worst off goal [mm]", ".3g", lambda s: 1e3 * np.nanmax(s[1]["off_goal_m"])),
-        ],
-        f"Swing that is left {AFTER:g} s after the arrival of the {COMBINED.name} move. Loads are "
-        f"{LOADS[0]:g} to {LOADS[1]:g} times that planned for, cables up to {CABLES[1]:g} m longer "
-        f"or shorter than measured, times for the move {DURATIONS[0]:g} to {DURATIONS[1]:g} s. "
-        + drives,
+        ("strategy", "", lambda s: s[0]),
+        ("cases", ",d", lambda s: len(s[1]["case"])),
+        ("bad", "d", lambda s: int(np.isnan(s[1]["residual_swing_rad"]).sum())),
+        ("median [mrad]", ".3g", lambda s: quantile(s[1], 0.5)),
+        ("95 % below [mrad]", ".3g", lambda s: quantile(s[1], 0.95)),
+        ("worst [mrad]", ".3g", lambda s: quantile(s[1], 1.0)),
+        ("worst on the way [mrad]", ".3g", lambda s: 1e3 * np.nanmax(s[1]["peak_swing_rad"])),
+        ("worst off goal [mm]", ".3g", lambda s: 1e3 * np.nanmax(s[1]["off_goal_m"])),
+        note=f"Swing that is left {AFTER:g} s after the arrival of the {COMBINED.name} move. Loads "
+        f"are {LOADS[0]:g} to {LOADS[1]:g} times that planned for, cables up to {CABLES[1]:g} m "
+        f"longer or shorter than measured, times for the move {DURATIONS[0]:g} to {DURATIONS[1]:g} "
+        "s. " + drives,
     )
 
 
@@ -147,21 +145,19 @@ def _swings(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
         return value if math.isfinite(value) else None
 
     low, high = RANGES["load"]
-    return tabulate(
+    return make_table(
         f"Swing of moves that are drawn, {drives}",
         strategies.items(),
-        [
-            ("strategy", "", lambda s: s[0]),
-            ("cases", ",d", lambda s: len(s[1]["case"])),
-            ("arrival, median [mrad]", ".3g", lambda s: quantile(s[1], "arrival", 0.5)),
-            ("arrival, 95 % below [mrad]", ".3g", lambda s: quantile(s[1], "arrival", 0.95)),
-            ("left, median [mrad]", ".3g", lambda s: quantile(s[1], "residual", 0.5)),
-            ("left, 95 % below [mrad]", ".3g", lambda s: quantile(s[1], "residual", 0.95)),
-            ("left, worst [mrad]", ".3g", lambda s: quantile(s[1], "residual", 1.0)),
-        ],
-        f"Amplitude of the swing at the arrival of the {COMBINED.name} move and {AFTER:g} s later. "
-        f"Drawn at random, evenly: load {low:g} to {high:g} times that planned for; cable up to "
-        f"{RANGES['cable_error_m'][1]:g} m longer or shorter than measured; a gust of up to "
+        ("strategy", "", lambda s: s[0]),
+        ("cases", ",d", lambda s: len(s[1]["case"])),
+        ("arrival, median [mrad]", ".3g", lambda s: quantile(s[1], "arrival", 0.5)),
+        ("arrival, 95 % below [mrad]", ".3g", lambda s: quantile(s[1], "arrival", 0.95)),
+        ("left, median [mrad]", ".3g", lambda s: quantile(s[1], "residual", 0.5)),
+        ("left, 95 % below [mrad]", ".3g", lambda s: quantile(s[1], "residual", 0.95)),
+        ("left, worst [mrad]", ".3g", lambda s: quantile(s[1], "residual", 1.0)),
+        note=f"Amplitude of the swing at the arrival of the {COMBINED.name} move and {AFTER:g} s "
+        f"later. Drawn at random, evenly: load {low:g} to {high:g} times that planned for; cable "
+        f"up to {RANGES['cable_error_m'][1]:g} m longer or shorter than measured; a gust of up to "
         f"{RANGES['gust_m_s'][1]:g} m/s from any side on {DRAG:g} m² of load, of "
         f"{RANGES['gust_lasts_s'][0]:g} to {RANGES['gust_lasts_s'][1]:g} s, begun in the first "
         f"{RANGES['gust_at_s'][1]:g} s; noise of the sensors up to {RANGES['noise'][1]:g} times "
@@ -201,15 +197,13 @@ def _failures(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
 
 
 def _costs(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
-    return tabulate(
+    return make_table(
         f"What moves cost that are drawn, {drives}",
         [(strategy, float(np.median(cases["spent_s"]))) for strategy, cases in strategies.items()],
-        [
-            ("strategy", "", lambda s: s[0]),
-            ("a case [ms]", ".2f", lambda s: 1e3 * s[1]),
-            (f"{MANY:,} cases [min]", ".1f", lambda s: s[1] * MANY / 60.0),
-        ],
-        "Processor time on this machine, the median of batches; n processors share it.",
+        ("strategy", "", lambda s: s[0]),
+        ("a case [ms]", ".2f", lambda s: 1e3 * s[1]),
+        (f"{MANY:,} cases [min]", ".1f", lambda s: s[1] * MANY / 60.0),
+        note="Processor time on this machine, the median of batches; n processors share it.",
     )
 
 

@@ -1,5 +1,5 @@
-"""The plant against mechanics: closed forms beside runs of the plant, with the step's own error
-known from halving it.
+"""The plant against the closed forms of mechanics, its error for a vanishing step, and its
+order.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
 from cranedyn.plotting.figures import COLOURS, panels
 from experiments import harness
-from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.oracles import conserved, moves, swings
 from experiments.oracles.bench import (
     STEP,
@@ -111,18 +111,16 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 def oracle_table(title: str, checks: Sequence[OracleCheck]) -> ResultTable:
     """Return the table of one part of mechanics."""
-    return tabulate(
+    return make_table(
         title,
         checks,
-        [
-            ("oracle", "", lambda c: f"{c.oracle.name} [{c.oracle.unit}]".removesuffix(" []")),
-            ("closed form", ".10g", lambda c: c.oracle.closed),
-            (f"dt = {1000 * checks[0].steps[-1]:g} ms", ".7g>1e-11", lambda c: c.values[-1]),
-            ("error", "+.1e>1e-11", lambda c: c.error),
-            ("of the step", "+.1e>1e-11", lambda c: c.of_step),
-            ("rest within", ".0e", lambda c: c.allowed),
-            ("order", ".2f", lambda c: c.order),
-        ],
+        ("oracle", "", lambda c: f"{c.oracle.name} [{c.oracle.unit}]".removesuffix(" []")),
+        ("closed form", ".10g", lambda c: c.oracle.closed),
+        (f"dt = {1000 * checks[0].steps[-1]:g} ms", ".7g>1e-11", lambda c: c.values[-1]),
+        ("error", "+.1e>1e-11", lambda c: c.error),
+        ("of the step", "+.1e>1e-11", lambda c: c.of_step),
+        ("rest within", ".0e", lambda c: c.allowed),
+        ("order", ".2f", lambda c: c.order),
     )
 
 
@@ -223,11 +221,7 @@ def _oval_figure(trajectory: Trajectory) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "validate",
-        "The plant against the closed forms of mechanics, its error for a vanishing step, and its "
-        "order.",
-    )
+    parser = harness.parser("validate", __doc__)
     text = f"how often the step of {1000 * STEP:g} ms is halved, 3 to 6"
     parser.add_argument("--halvings", type=int, default=4, metavar="N", help=text)
     text = (

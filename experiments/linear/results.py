@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cranedyn.plotting.figures import COLOURS, panels
-from experiments.harness import Column, ResultTable, tabulate
+from experiments.harness import Column, ResultTable, make_table
 from experiments.linear.model import all_rates, integrate, paper
 from experiments.linear.moves import (
     ANGLES,
@@ -30,21 +30,19 @@ RPM = 30.0 / math.pi
 
 def errors_table(site: SiteCrane, cases: Sequence[LinearCase]) -> ResultTable:
     """Return how far the paper's equations are from the plant in each move of a crane."""
-    return tabulate(
+    return make_table(
         f"{site.name}: error of Eqs. (8), (10) over the largest swing",
         cases,
-        [
-            ("move", "", lambda c: c.job.name),
-            ("takes [s]", ".1f", lambda c: c.job.arrival),
-            ("swing [°]", ".2f", lambda c: math.degrees(c.paper.swing)),
-            ("φ rms [%]", ".1f", lambda c: 100.0 * c.paper.phi),
-            ("θ rms [%]", ".1f", lambda c: 100.0 * c.paper.theta),
-            ("both rms [%]", ".1f", lambda c: 100.0 * c.paper.rms),
-            ("peak [%]", ".1f", lambda c: 100.0 * c.paper.peak),
-            ("all rates: rms [%]", ".1f", lambda c: 100.0 * c.rates.rms),
-            ("with inertia: rms [%]", ".1f", lambda c: c.rigid and 100.0 * c.rigid.rms),
-        ],
-        f"Jib {site.jib:g} m, cable {site.height:g} m, trolley {site.trolley:.2f} m/s, slew "
+        ("move", "", lambda c: c.job.name),
+        ("takes [s]", ".1f", lambda c: c.job.arrival),
+        ("swing [°]", ".2f", lambda c: math.degrees(c.paper.swing)),
+        ("φ rms [%]", ".1f", lambda c: 100.0 * c.paper.phi),
+        ("θ rms [%]", ".1f", lambda c: 100.0 * c.paper.theta),
+        ("both rms [%]", ".1f", lambda c: 100.0 * c.paper.rms),
+        ("peak [%]", ".1f", lambda c: 100.0 * c.paper.peak),
+        ("all rates: rms [%]", ".1f", lambda c: 100.0 * c.rates.rms),
+        ("with inertia: rms [%]", ".1f", lambda c: c.rigid and 100.0 * c.rigid.rms),
+        note=f"Jib {site.jib:g} m, cable {site.height:g} m, trolley {site.trolley:.2f} m/s, slew "
         f"{site.slew * RPM:.2f} rpm, hoist {site.hoist[0]:.2f} and {site.hoist[1]:.2f} m/s.",
     )
 
@@ -56,10 +54,12 @@ def dropped_table(site: SiteCrane, cases: Sequence[LinearCase]) -> ResultTable:
         return 100.0 * case.dropped[name]
 
     terms = [(f"{name} [%]", ".1f", partial(share, name=name)) for name in cases[0].dropped]
-    return tabulate(
+    return make_table(
         f"{site.name}: largest of each dropped term over the larger of ẍ and x γ̈",
         cases,
-        [("move", "", lambda c: c.job.name), ("kept [m/s²]", ".3f", lambda c: c.kept), *terms],
+        ("move", "", lambda c: c.job.name),
+        ("kept [m/s²]", ".3f", lambda c: c.kept),
+        *terms,
     )
 
 
@@ -99,20 +99,18 @@ def _scan_table(
         return 100.0 * errors[name][i]
 
     columns = [(header, ".1f", partial(error, i=i)) for i, header in enumerate(headers)]
-    return tabulate(title, errors, [("crane", "", str), *columns, limit], note)
+    return make_table(title, errors, ("crane", "", str), *columns, limit, note=note)
 
 
 def powers_table(powers: Mapping[str, Sequence[float]]) -> ResultTable:
     """Return how a free swing changes on a cable that is hoisted slowly."""
-    return tabulate(
+    return make_table(
         "Power of the cable length with which a free swing changes",
         powers,
-        [
-            ("crane", "", str),
-            ("plant", "+.3f", lambda name: powers[name][0]),
-            ("Eq. (8)", "+.3f", lambda name: powers[name][1]),
-        ],
-        f"Cable from {DEEP:g} to {HIGH:g} of its longest. By the action: -3/4, and +1/4 for l "
+        ("crane", "", str),
+        ("plant", "+.3f", lambda name: powers[name][0]),
+        ("Eq. (8)", "+.3f", lambda name: powers[name][1]),
+        note=f"Cable from {DEEP:g} to {HIGH:g} of its longest. By the action: -3/4, and +1/4 for l "
         "φ̈ + g φ = 0, which lacks 2 l̇ φ̇.",
     )
 

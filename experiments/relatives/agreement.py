@@ -21,7 +21,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.recording import Run
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
-from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.relatives.catalogue import RELATIVES, Relative, moved, relative_crane
 
 SWING, DURATION = 0.1, 6.0
@@ -167,18 +167,16 @@ def mujoco_deviation(crane: Crane, run: Trajectory) -> float:
 
 
 def _table(results: Sequence[EngineAgreement]) -> ResultTable:
-    return tabulate(
+    return make_table(
         f"Three engines, {DURATION:g} s with all drives moving and the load swinging",
         results,
-        [
-            ("crane", "", lambda a: a.relative.name),
-            ("joints", "d", lambda a: relative_crane(a.relative).layout.n),
-            ("Pinocchio - code", ".0e>1e-12", lambda a: a.engines),
-            ("Pinocchio - MuJoCo", ".0e>1e-12", lambda a: a.mujoco),
-            ("energy [J]", ".0f", lambda a: a.energy),
-            ("open [J]", ".0e", lambda a: a.left_open),
-        ],
-        "Largest difference of any coordinate or rate [rad, m, per second]. "
+        ("crane", "", lambda a: a.relative.name),
+        ("joints", "d", lambda a: relative_crane(a.relative).layout.n),
+        ("Pinocchio - code", ".0e>1e-12", lambda a: a.engines),
+        ("Pinocchio - MuJoCo", ".0e>1e-12", lambda a: a.mujoco),
+        ("energy [J]", ".0f", lambda a: a.energy),
+        ("open [J]", ".0e", lambda a: a.left_open),
+        note="Largest difference of any coordinate or rate [rad, m, per second]. "
         "Ledger by RK4: what the energy changes by, and what is left open.",
     )
 

@@ -28,7 +28,7 @@ from cranedyn.references import hold
 from cranedyn.references.limits import use
 from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.simulation.simulate import simulate
-from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.relatives.agreement import ROUNDING
 from experiments.relatives.catalogue import (
     RELATIVES,
@@ -234,24 +234,22 @@ def _lanes(crane: Crane, regulator: Controller, motion: Motion, start: State) ->
 
 
 def _table(results: Sequence[ControlResult]) -> ResultTable:
-    return tabulate(
+    return make_table(
         "Control",
         results,
-        [
-            ("crane", "", lambda c: c.relative.name),
-            ("gives way [mm]", ".2f", lambda c: 1e3 * c.deflection),
-            ("hold [mrad]", ".2f", lambda c: 1e3 * c.left_by_hold),
-            ("LQR", ".2f", lambda c: 1e3 * c.left_by_lqr),
-            ("observer", ".2f", lambda c: 1e3 * c.left_by_observer),
-            ("MPC", ".2f", lambda c: 1e3 * c.left_by_mpc),
-            ("least time [s]", ".2f", lambda c: c.arrival),
-            ("left [mrad]", ".3f", lambda c: 1e3 * c.residual),
-            ("limits [%]", ".1f", lambda c: 100.0 * c.limits),
-            ("wind [m]", ".2f", lambda c: c.blown),
-            ("batch", ".0e>1e-12", lambda c: c.lanes),
-        ],
-        f"From {1e3 * SWING:g} mrad in each swing joint: how far the trolley gives way under the "
-        "hold controller, and the swing left after 10 s by each controller. Then the trolley's "
+        ("crane", "", lambda c: c.relative.name),
+        ("gives way [mm]", ".2f", lambda c: 1e3 * c.deflection),
+        ("hold [mrad]", ".2f", lambda c: 1e3 * c.left_by_hold),
+        ("LQR", ".2f", lambda c: 1e3 * c.left_by_lqr),
+        ("observer", ".2f", lambda c: 1e3 * c.left_by_observer),
+        ("MPC", ".2f", lambda c: 1e3 * c.left_by_mpc),
+        ("least time [s]", ".2f", lambda c: c.arrival),
+        ("left [mrad]", ".3f", lambda c: 1e3 * c.residual),
+        ("limits [%]", ".1f", lambda c: 100.0 * c.limits),
+        ("wind [m]", ".2f", lambda c: c.blown),
+        ("batch", ".0e>1e-12", lambda c: c.lanes),
+        note=f"From {1e3 * SWING:g} mrad in each swing joint: how far the trolley gives way under "
+        "the hold controller, and the swing left after 10 s by each controller. Then the trolley's "
         f"move of {WAY:g} m in least time: how long, swing left, largest share of a limit. Wind of "
         f"{GUST:g} m/s on {AREA:g} m² for 4 s: where the load goes. Batch: eight cranes at once "
         "beside runs one by one [rad, m, per second].",

@@ -18,7 +18,7 @@ from cranedyn.dynamics.pinocchio import holding_effort, linearise
 from cranedyn.interfaces import Drive, EngineName, State
 from cranedyn.model.crane import Crane
 from cranedyn.simulation.simulate import simulate
-from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.oracles.bench import locked
 from experiments.relatives.catalogue import (
     BEND,
@@ -222,23 +222,21 @@ def _stepped(frequency: float) -> float:
 
 
 def _table(results: Sequence[Frequency]) -> ResultTable:
-    return tabulate(
+    return make_table(
         "Frequencies",
         results,
-        [
-            ("crane", "", lambda f: f.crane),
-            ("mode", "", lambda f: f.mode),
-            ("closed form [rad/s]", ".8f", lambda f: f.closed),
-            ("linearised", ".8f", lambda f: f.linear),
-            ("off", "+.0e>1e-11", lambda f: f.linear - f.closed),
-            ("small swing", ".8f", lambda f: f.simulated),
-            ("of the step", "+.0e", lambda f: f.stepped - f.linear),
-            ("rest", "+.0e>1e-11", lambda f: f.simulated - f.stepped),
-        ],
-        "Drives locked but where they roll. The tower that twists is that of a hand-derived 2 × 2 "
-        "model without the trolley, 0.79786094 and 4.53213150 rad/s: the multibody agrees when the "
-        "trolley's m x² is counted within the 1e6 kg m², and is slower by what the trolley adds "
-        "when it is not. A structure that leans at rest is held to the square of that angle.",
+        ("crane", "", lambda f: f.crane),
+        ("mode", "", lambda f: f.mode),
+        ("closed form [rad/s]", ".8f", lambda f: f.closed),
+        ("linearised", ".8f", lambda f: f.linear),
+        ("off", "+.0e>1e-11", lambda f: f.linear - f.closed),
+        ("small swing", ".8f", lambda f: f.simulated),
+        ("of the step", "+.0e", lambda f: f.stepped - f.linear),
+        ("rest", "+.0e>1e-11", lambda f: f.simulated - f.stepped),
+        note="Drives locked but where they roll. The tower that twists is that of a hand-derived 2 "
+        "× 2 model without the trolley, 0.79786094 and 4.53213150 rad/s: the multibody agrees when "
+        "the trolley's m x² is counted within the 1e6 kg m², and is slower by what the trolley "
+        "adds when it is not. A structure that leans at rest is held to the square of that angle.",
     )
 
 

@@ -26,7 +26,7 @@ from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.references.shaped import shaped, zv
 from cranedyn.references.spline import spline
 from cranedyn.simulation.simulate import simulate
-from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.relatives.catalogue import HOOK, POINT, at_start, moved, relative_crane, rest_at
 from experiments.relatives.control import ALIKE
 from experiments.scenarios.moves import instant, of_sampling
@@ -231,20 +231,18 @@ def _fastest(crane: Crane) -> Motion:
 
 
 def _table(title: str, results: Sequence[ModeResidual], note: str) -> ResultTable:
-    return tabulate(
+    return make_table(
         title,
         results,
-        [
-            ("strategy", "", lambda r: r.strategy),
-            ("arrives [s]", ".2f", lambda r: r.arrival),
-            ("slow [mrad]", ".4f", lambda r: 1e3 * r.slow),
-            ("closed", ".4f", lambda r: r.closed and 1e3 * r.closed[0]),
-            ("fast [mrad]", ".4f", lambda r: 1e3 * r.fast),
-            ("closed ", ".4f", lambda r: r.closed and 1e3 * r.closed[1]),
-            ("later: slow", ".4f", lambda r: 1e3 * _later(r)[0]),
-            ("fast", ".4f", lambda r: 1e3 * _later(r)[1]),
-        ],
-        note,
+        ("strategy", "", lambda r: r.strategy),
+        ("arrives [s]", ".2f", lambda r: r.arrival),
+        ("slow [mrad]", ".4f", lambda r: 1e3 * r.slow),
+        ("closed", ".4f", lambda r: r.closed and 1e3 * r.closed[0]),
+        ("fast [mrad]", ".4f", lambda r: 1e3 * r.fast),
+        ("closed ", ".4f", lambda r: r.closed and 1e3 * r.closed[1]),
+        ("later: slow", ".4f", lambda r: 1e3 * _later(r)[0]),
+        ("fast", ".4f", lambda r: 1e3 * _later(r)[1]),
+        note=note,
     )
 
 

@@ -20,7 +20,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold
 from cranedyn.simulation.simulate import simulate
-from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 
 ROBOTS = {
     "ur5_joint_limited_robot.urdf": ("wrist_3_joint", 4),
@@ -113,21 +113,19 @@ def _moved(crane: Crane, rule: Integrator, engine: EngineName, dt: float) -> Tra
 
 
 def _table(results: Sequence[Robot]) -> ResultTable:
-    return tabulate(
+    return make_table(
         "Robots of example-robot-data, loaded as cranes",
         results,
-        [
-            ("robot", "", lambda r: r.name),
-            ("joints", "d", lambda r: r.joints),
-            ("driven", "d", lambda r: r.driven),
-            ("Pinocchio - code", ".0e>1e-12", lambda r: max(r.engines.values())),
-            ("open, Euler [J]", ".1e", lambda r: r.open[semi_implicit_euler.name][0]),
-            ("order", ".3f", lambda r: r.order(semi_implicit_euler)),
-            ("open, RK4 [J]", ".1e", lambda r: r.open[rk4.name][0]),
-            ("order ", ".3f", lambda r: r.order(rk4)),
-        ],
-        f"Half a second under hold in steps of {1e3 * STEP:g} ms; what the ledger leaves open, and "
-        "the power of the step with which that falls.",
+        ("robot", "", lambda r: r.name),
+        ("joints", "d", lambda r: r.joints),
+        ("driven", "d", lambda r: r.driven),
+        ("Pinocchio - code", ".0e>1e-12", lambda r: max(r.engines.values())),
+        ("open, Euler [J]", ".1e", lambda r: r.open[semi_implicit_euler.name][0]),
+        ("order", ".3f", lambda r: r.order(semi_implicit_euler)),
+        ("open, RK4 [J]", ".1e", lambda r: r.open[rk4.name][0]),
+        ("order ", ".3f", lambda r: r.order(rk4)),
+        note=f"Half a second under hold in steps of {1e3 * STEP:g} ms; what the ledger leaves "
+        "open, and the power of the step with which that falls.",
     )
 
 

@@ -15,7 +15,7 @@ from cranedyn.interfaces import Controller, EngineName, Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
-from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.oracles.bench import locked
 from experiments.relatives.catalogue import POINT, ROPE, at_start, moved, rope_stiffness
 
@@ -114,15 +114,13 @@ def _bounce(crane: Crane) -> float:
 
 
 def _table(results: Sequence[Jump]) -> ResultTable:
-    return tabulate(
+    return make_table(
         "Rope that stretches: tension over the weight that hangs",
         results,
-        [
-            ("what happens", "", lambda j: j.name),
-            ("closed form", ".4f", lambda j: j.closed),
-            ("run", ".4f", lambda j: j.simulated),
-            ("off", "+.1e", lambda j: j.simulated - j.closed),
-            ("allowed", ".1e", lambda j: j.allowed),
-            ("because of", "", lambda j: j.why),
-        ],
+        ("what happens", "", lambda j: j.name),
+        ("closed form", ".4f", lambda j: j.closed),
+        ("run", ".4f", lambda j: j.simulated),
+        ("off", "+.1e", lambda j: j.simulated - j.closed),
+        ("allowed", ".1e", lambda j: j.allowed),
+        ("because of", "", lambda j: j.why),
     )
