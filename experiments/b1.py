@@ -70,7 +70,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 def _claims(setup: Setup, move: RestToRest, scores: Mapping[str, Score]) -> list[Claim]:
     pd, ours, lqr, best = (scores[strategy] for strategy in (PD, PAPER, LQR, FLAT))
-    planned = flat_motion(setup, move, move.duration)
+    planned = flat_motion(setup, move)
     plan = float(np.linalg.norm(planned.q[:, setup.crane.swings], axis=1).max())
     sampling = of_sampling(setup.gravity, best.length, setup.control_period, plan)
     return [

@@ -5,6 +5,7 @@ of each in every figure and recording.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 
@@ -67,34 +68,44 @@ def _paper(setup: Setup, move: RestToRest) -> MovePlan:
     )
 
 
-def _lqr(setup: Setup, move: RestToRest) -> MovePlan:
-    return _tracked(setup, _hanging(setup, move))
+def flat_motion(setup: Setup, move: RestToRest, duration: float | None = None) -> Motion:
+    """Return the motion along a flat path of the load in a time [s], by default the move's."""
+    ends = move.ends(setup.crane)
+    return flat(setup.crane, *ends, duration or move.duration, period=setup.control_period)
 
 
-def flat_motion(setup: Setup, move: RestToRest, duration: float) -> Motion:
-    """Return the motion along a flat path of the load in a time [s]."""
-    return flat(setup.crane, *move.ends(setup.crane), duration, period=setup.control_period)
-
-
-def _flat(setup: Setup, move: RestToRest) -> MovePlan:
-    return _tracked(setup, flat_motion(setup, move, move.duration))
-
-
-def _fastest_flat(setup: Setup, move: RestToRest) -> MovePlan:
+def _fastest_flat(setup: Setup, move: RestToRest) -> Motion:
     lasting = partial(flat_motion, setup, move)
-    return _tracked(setup, lasting(fastest(setup.crane, lasting, LIMITS)))
+    return lasting(fastest(setup.crane, lasting, LIMITS))
 
 
-def _tracked(setup: Setup, motion: Motion) -> MovePlan:
-    controller = with_integral(setup, motion)
-    return MovePlan(
-        lambda: replace(controller, integral=0.0),
-        motion,
-        "effort",
-        motion.arrival,
-        motion,
-        softer=lambda: with_integral(setup, motion, soft_weight(setup.crane)),
-    )
+def _least_time(setup: Setup, move: RestToRest, duration: float | None = None) -> Motion:
+    from cranedyn.planning.optimal import optimal
+
+    ends, period = move.ends(setup.crane), setup.control_period
+    return optimal(setup.crane, *ends, LIMITS, period=period, duration=duration)
+
+
+def _least_swing(setup: Setup, move: RestToRest) -> Motion:
+    return _least_time(setup, move, move.duration)
+
+
+def _tracked(motion_of: Callable[[Setup, RestToRest], Motion]) -> Planner:
+    """Return plans of a motion that the full-model LQR tracks."""
+
+    def plan(setup: Setup, move: RestToRest) -> MovePlan:
+        motion = motion_of(setup, move)
+        controller = with_integral(setup, motion)
+        return MovePlan(
+            lambda: replace(controller, integral=0.0),
+            motion,
+            "effort",
+            motion.arrival,
+            motion,
+            softer=lambda: with_integral(setup, motion, soft_weight(setup.crane)),
+        )
+
+    return plan
 
 
 def soft_weight(crane: Crane) -> np.ndarray:
@@ -125,7 +136,7 @@ def _damped(setup: Setup, move: RestToRest) -> MovePlan:
 
 
 def _mpc(setup: Setup, move: RestToRest) -> MovePlan:
-    motion = flat_motion(setup, move, move.duration)
+    motion = flat_motion(setup, move)
 
     def controller(effort_weight: np.ndarray | None = None) -> PredictiveController:
         return mpc(
@@ -167,7 +178,7 @@ def _receding(
 
 
 def _compiled_mpc(setup: Setup, move: RestToRest) -> MovePlan:
-    motion = flat_motion(setup, move, move.duration)
+    motion = flat_motion(setup, move)
     swing = math.pi / 4.0
     return MovePlan(
         lambda: _receding(setup, motion, swing),
@@ -188,18 +199,6 @@ def _to_goal(setup: Setup, move: RestToRest) -> MovePlan:
         0.0,
         rates=lambda: _receding(setup, None, 0.1, "velocity"),
     )
-
-
-def _least_time(setup: Setup, move: RestToRest, duration: float | None = None) -> MovePlan:
-    from cranedyn.planning.optimal import optimal
-
-    ends, period = move.ends(setup.crane), setup.control_period
-    motion = optimal(setup.crane, *ends, LIMITS, period=period, duration=duration)
-    return _tracked(setup, motion)
-
-
-def _least_swing(setup: Setup, move: RestToRest) -> MovePlan:
-    return _least_time(setup, move, move.duration)
 
 
 PAPER, PD, LQR = "paper's LQR + PID", "spline + PD", "full-model LQR"
@@ -233,14 +232,14 @@ STRATEGIES: dict[str, Planner] = {
     "spline alone": _alone,
     PD: _spline_pd,
     PAPER: _paper,
-    LQR: _lqr,
-    FLAT: _flat,
+    LQR: _tracked(_hanging),
+    FLAT: _tracked(flat_motion),
     MPC: _mpc,
     COMPILED_MPC: _compiled_mpc,
     TO_GOAL: _to_goal,
-    FASTEST: _fastest_flat,
-    SWING: _least_swing,
-    TIME: _least_time,
+    FASTEST: _tracked(_fastest_flat),
+    SWING: _tracked(_least_swing),
+    TIME: _tracked(_least_time),
     "operator": operator_plan,
     "operator + ZV": shaped_plan(zv()),
     "operator + ZVD": shaped_plan(zvd()),
