@@ -25,8 +25,7 @@ from cranedyn.identification.noise import WHITE
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.sweep import grid, sweep
-from experiments.harness import Claim, Outcome, ResultTable, Setup
-from experiments.harness.swept import columns_swept
+from experiments.harness import Claim, Outcome, ResultTable, Setup, swept_columns
 from experiments.identify.trial import simulate_motion
 
 NAMES = ("l_offset", "payload_mass", "damp_swing", "delay", "phi_bias", "theta_bias", "x_friction")
@@ -200,7 +199,7 @@ def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
         workers=options.workers,
         progress=setup.reporter.sweep("cranes"),
     )
-    data = columns_swept(folder)
+    data = swept_columns(folder)
     rows, claims = [], []
     low, high = (int(binom.ppf(share, count, 0.95)) for share in (_TAIL, 1.0 - _TAIL))
     for name in NAMES:
