@@ -7,7 +7,7 @@ The run is in `case`, the tables are in `tables`; `experiment` puts them togethe
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -73,7 +73,7 @@ def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Outcom
             tables.damping_table(setup.crane, cases),
             tables.prediction_table([*cases, soft]),
         ],
-        claims=_claims(setup, cases, soft),
+        claims=list(_claims(setup, cases, soft)),
         parameters={
             "stiffness": STIFFNESS,
             "damping": DAMPING,
@@ -94,7 +94,7 @@ def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Outcom
     )
 
 
-def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> list[Claim]:
+def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Iterator[Claim]:
     listed = [(case, case.published) for case in cases]
     differences = {
         "error": [100 * case.error - p.point for case, p in listed if p.point],
@@ -106,19 +106,18 @@ def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> list[C
     agree, finite = _within([(run.prediction_error, run.finite_swing) for run in runs])
     # The prediction is of lowest order in the swing.
     small = all(run.predicted.amplitude < 1.1 * SWING for run in runs)
-    return [
-        *(_published_claim(setup, column, values) for column, values in differences.items()),
-        Claim(
-            "What the budget leaves unexplained of a period is of second order in its parts (at "
-            f"most {budget}).",
-            setup.judged(explained),
-        ),
-        Claim(
-            "Predicted and simulated period differ by less than a finite swing A changes the "
-            f"pivot's give, A² of it (at most {finite}).",
-            agree if small else None,
-        ),
-    ]
+    for column, values in differences.items():
+        yield _published_claim(setup, column, values)
+    yield Claim(
+        "What the budget leaves unexplained of a period is of second order in its parts (at "
+        f"most {budget}).",
+        setup.judged(explained),
+    )
+    yield Claim(
+        "Predicted and simulated period differ by less than a finite swing A changes the "
+        f"pivot's give, A² of it (at most {finite}).",
+        agree if small else None,
+    )
 
 
 def _published_claim(setup: Setup, column: str, differences: Sequence[float]) -> Claim:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -113,25 +113,23 @@ def _audit(setup: Setup, swing: float, length: float) -> Outcome:
 
 def _ledger_claims(
     setup: Setup, crane: Crane, audit: Trajectory, ripple: Mapping[float, float], period: float
-) -> list[Claim]:
+) -> Iterator[Claim]:
     first = float(swing_energy(crane, audit)[0])
     worst, lead = float(np.abs(audit.unexplained).max()), half_step(crane, audit, setup.dt)
     halving = [ripple[a] / ripple[b] for a, b in itertools.pairwise(STEPS)]
     # What the next power of the step changes in a ratio is a few ω dt.
     second = [8.0 * math.pi / period * dt for dt in STEPS[:-1]]
-    return [
-        Claim(
-            f"Nothing vanishes: of {first:.1f} J the ledger leaves {worst:.3f} J open at most "
-            f"at dt = {1000 * setup.dt:g} ms, what the weight works in the half step by which "
-            f"positions are ahead of velocities ({lead:.3f} J), within 1 %.",
-            worst < 1.01 * lead,
-        ),
-        Claim(
-            f"What stays open halves with the step: ratios {halving[0]:.5f} and "
-            f"{halving[1]:.5f}, 2 within {second[0]:.5f} and {second[1]:.5f}, 4 ω dt.",
-            all(abs(ratio - 2.0) < bound for ratio, bound in zip(halving, second, strict=True)),
-        ),
-    ]
+    yield Claim(
+        f"Nothing vanishes: of {first:.1f} J the ledger leaves {worst:.3f} J open at most "
+        f"at dt = {1000 * setup.dt:g} ms, what the weight works in the half step by which "
+        f"positions are ahead of velocities ({lead:.3f} J), within 1 %.",
+        worst < 1.01 * lead,
+    )
+    yield Claim(
+        f"What stays open halves with the step: ratios {halving[0]:.5f} and "
+        f"{halving[1]:.5f}, 2 within {second[0]:.5f} and {second[1]:.5f}, 4 ω dt.",
+        all(abs(ratio - 2.0) < bound for ratio, bound in zip(halving, second, strict=True)),
+    )
 
 
 def _exact_claims(
@@ -141,28 +139,26 @@ def _exact_claims(
     length: float,
     limits: tuple[float, float, float],
     period: float,
-) -> list[Claim]:
+) -> Iterator[Claim]:
     exact, rounding = lowered(setup, length)
     mean, low, high = limits
     error, allowed = locked_off(setup, damped, swing, length)
-    return [
-        Claim(
-            "Where the step is exact, a plumb load being lowered, the work of the drives "
-            f"closes the ledger to {exact:.0e} J, rounding being {rounding:.0e} J.",
-            exact <= rounding,
-        ),
-        Claim(
-            f"It does not run away: its mean over the last swing in {LONG:g} s, {mean:+.4f} J, "
-            f"lies in what the first swing spans, {low:+.2f} to {high:+.2f} J.",
-            low <= mean <= high if 2.0 * period < LONG else None,
-        ),
-        Claim(
-            "Damping acts: with 2e5 N m s/rad and the drives locked, the energy is that of "
-            f"the damped pendulum at every time up to {AUDIT:g} s, off by {error:.1e} of the start "
-            f"at most, within {allowed:.1e}, which is ω dt/2.",
-            error < allowed,
-        ),
-    ]
+    yield Claim(
+        "Where the step is exact, a plumb load being lowered, the work of the drives "
+        f"closes the ledger to {exact:.0e} J, rounding being {rounding:.0e} J.",
+        exact <= rounding,
+    )
+    yield Claim(
+        f"It does not run away: its mean over the last swing in {LONG:g} s, {mean:+.4f} J, "
+        f"lies in what the first swing spans, {low:+.2f} to {high:+.2f} J.",
+        low <= mean <= high if 2.0 * period < LONG else None,
+    )
+    yield Claim(
+        "Damping acts: with 2e5 N m s/rad and the drives locked, the energy is that of "
+        f"the damped pendulum at every time up to {AUDIT:g} s, off by {error:.1e} of the start "
+        f"at most, within {allowed:.1e}, which is ω dt/2.",
+        error < allowed,
+    )
 
 
 def _ledger(crane: Crane, trajectory: Trajectory) -> ResultTable:

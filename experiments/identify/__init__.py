@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from cranedyn.checks import number
@@ -27,7 +27,7 @@ from experiments.identify.tables import (
     record_tables,
     values_table,
 )
-from experiments.identify.trial import NOISE, TRUTH, Trial, trial_record, try_strategies
+from experiments.identify.trial import NOISE, TRIED, TRUTH, Trial, trial_record, try_strategies
 
 FREE = ("a1_l5", "a1_l10", "a1_l15", "a1_l20")
 """Recordings of Gazebo Classic in which the load swings freely from 12 s on."""
@@ -162,68 +162,53 @@ def _recordings(
     return Model.of(prior, records, parameters, drives=drives)
 
 
-def _worlds_claims(name: str, result: Identification) -> list[Claim]:
-    claims = []
+def _worlds_claims(name: str, result: Identification) -> Iterator[Claim]:
     for parameter, (value, _) in result.estimate.intervals.items():
         off, allowed = abs(value / MADE_WITH[parameter] - 1.0), CLOSE[parameter]
-        claims.append(
-            Claim(
-                f"Gazebo, {name}: {parameter} is found within {allowed:.1g} of what the recordings "
-                f"were made with ({value:.8g}, {off:.1e} off), from files alone.",
-                off <= allowed,
-            )
+        yield Claim(
+            f"Gazebo, {name}: {parameter} is found within {allowed:.1g} of what the recordings "
+            f"were made with ({value:.8g}, {off:.1e} off), from files alone.",
+            off <= allowed,
         )
-    return claims
 
 
 def _trials_claims(
     alone: Identification, both: Identification, trials: Sequence[Trial]
-) -> list[Claim]:
-    claims = []
+) -> Iterator[Claim]:
     for columns, result in (("setpoints alone", alone), ("positions, too", both)):
         off = {
             name: abs(value - TRUTH[name]) / margin
             for name, (value, margin) in result.estimate.intervals.items()
         }
         worst = max(off, key=lambda name: off[name])
-        claims.append(
-            Claim(
-                f"The trial, {columns}: everything is found within twice its interval (at most "
-                f"{off[worst]:.2f} times, {worst}).",
-                off[worst] <= 2.0,
-            )
+        yield Claim(
+            f"The trial, {columns}: everything is found within twice its interval (at most "
+            f"{off[worst]:.2f} times, {worst}).",
+            off[worst] <= 2.0,
         )
-        claims.append(_white(f"The trial, {columns}", result))
+        yield _white(f"The trial, {columns}", result)
     pairs = [p for p in alone.judged.alike if {p.first, p.second} == {"delay", "x_lag"}]
     rho = abs(pairs[0].correlation) if pairs else 0.0
-    claims.append(
-        Claim(
-            f"Setpoints alone do not tell delay and lag apart (correlation {rho:.3f}), and the "
-            "preflight says so.",
-            bool(pairs),
-        )
+    yield Claim(
+        f"Setpoints alone do not tell delay and lag apart (correlation {rho:.3f}), and the "
+        "preflight says so.",
+        bool(pairs),
     )
     best = alone.judged.advice[0]
     promised = best.margins["delay"] / alone.judged.margins["delay"]
-    claims.append(
-        Claim(
-            f"It knows a record that would: {best.move} ({promised:.2f} times the interval of the "
-            "delay).",
-            promised < 0.5,
-        )
+    yield Claim(
+        f"It knows a record that would: {best.move} ({promised:.2f} times the interval of the "
+        "delay).",
+        promised < 0.5,
     )
-    for strategy in dict.fromkeys(result.strategy for result in trials):
+    for strategy in TRIED[1:]:
         worst_of = {t.designed: float(t.swing.max()) for t in trials if t.strategy == strategy}
-        if strategy != trials[0].strategy:
-            claims.append(
-                Claim(
-                    f"{strategy} designed for the twin leaves less swing on it than designed for "
-                    f"the crane that was believed in ({1e3 * worst_of['twin']:.3g} and "
-                    f"{1e3 * worst_of['believed']:.3g} mrad at worst).",
-                    worst_of["twin"] < worst_of["believed"],
-                )
-            )
-    return claims
+        yield Claim(
+            f"{strategy} designed for the twin leaves less swing on it than designed for "
+            f"the crane that was believed in ({1e3 * worst_of['twin']:.3g} and "
+            f"{1e3 * worst_of['believed']:.3g} mrad at worst).",
+            worst_of["twin"] < worst_of["believed"],
+        )
 
 
 def _trials(estimate: Estimate) -> list[Trial]:

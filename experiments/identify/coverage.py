@@ -200,29 +200,30 @@ def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
         progress=setup.reporter.sweep("cranes"),
     )
     data = swept_columns(folder)
-    rows, claims = [], []
-    low, high = (int(binom.ppf(share, count, 0.95)) for share in (_TAIL, 1.0 - _TAIL))
+    rows = []
     for name in NAMES:
         off, margin = data[f"{name}_off"], data[f"{name}_margin"]
         hits = int((np.abs(off) <= margin).sum())
         rows.append((name, hits, 100.0 * hits / count, float(margin.mean()), float(off.std())))
-        claims.append(
+    low, high = (int(binom.ppf(share, count, 0.95)) for share in (_TAIL, 1.0 - _TAIL))
+    channels, coloured = 4 * count, int(data["not_white"].sum())
+    bound = int(binom.ppf(1.0 - _TAIL, channels, WHITE))
+    claims = [
+        *(
             Claim(
                 f"{name}: {hits} of {count} intervals hold the truth; 95 % of as many would be "
                 f"{low} to {high}.",
                 low <= hits <= high,
             )
-        )
-    channels, coloured = 4 * count, int(data["not_white"].sum())
-    bound = int(binom.ppf(1.0 - _TAIL, channels, WHITE))
-    claims.append(
+            for name, hits, *_ in rows
+        ),
         Claim(
             f"{coloured} of {channels} residuals are not white; of white ones {bound} would be at "
             "most.",
             coloured <= bound,
-        )
-    )
-    claims.append(Claim("No crane failed.", end.errors == 0))
+        ),
+        Claim("No crane failed.", end.errors == 0),
+    ]
     columns = [("what", ""), ("held", "d"), ("%", ".1f"), ("±, mean", ".3g"), ("off, std", ".3g")]
     note = (
         f"Between {low} and {high} lie {100 * (1 - 2 * _TAIL):g} % of all counts of a sure 95 %. "
