@@ -326,8 +326,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = harness.parser("a3", __doc__)
     harness.add_setup(parser, "trolley_init", "hoist_init")
-    add, text = parser.add_argument, "trolley radius [m]"
-    add("--radius", type=float, default=RADIUS, metavar="X", help=text)
+    add = parser.add_argument
+    add("--radius", type=float, default=RADIUS, metavar="X", help="trolley radius [m]")
     add("--length", type=float, default=LENGTH, metavar="L", help="cable length [m]")
     harness.add_files(parser, COLUMNS)
     return harness.run_experiment(parser, experiment, argv)

@@ -163,13 +163,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = harness.parser("a1", __doc__)
     harness.add_setup(parser, "hoist_init")
-    lengths = list(PUBLISHED)
-    text = "cable lengths [m]"
-    parser.add_argument("--length", type=float, nargs="+", default=lengths, metavar="L", help=text)
-    text = "swing to aim at [rad]"
-    parser.add_argument("--swing", type=float, default=SWING, metavar="PHI", help=text)
+    add, lengths = parser.add_argument, list(PUBLISHED)
+    add("--length", type=float, nargs="+", default=lengths, metavar="L", help="cable lengths [m]")
+    add("--swing", type=float, default=SWING, metavar="PHI", help="swing to aim at [rad]")
     text = "find the unpublished gains of trolley and hoist from the published columns"
-    parser.add_argument("--identify", action="store_true", help=text)
+    add("--identify", action="store_true", help=text)
     harness.add_files(parser, COLUMNS, "values")
     harness.add_mode(parser, "identify", "gravity", "dt", "control_period", "values", "engine")
     return harness.run_experiment(parser, experiment, argv)

@@ -248,11 +248,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = harness.parser("energy", __doc__)
     harness.add_setup(parser, "damp_swing", "hoist_init")
-    text = "radial swing at the start [rad]"
-    parser.add_argument("--swing", type=float, default=SWING, metavar="PHI", help=text)
-    parser.add_argument(
-        "--length", type=float, default=LENGTH, metavar="L", help="cable length [m]"
-    )
+    add, text = parser.add_argument, "radial swing at the start [rad]"
+    add("--swing", type=float, default=SWING, metavar="PHI", help=text)
+    add("--length", type=float, default=LENGTH, metavar="L", help="cable length [m]")
     text = "what a plugin that overwrites the passive rates does to the swing"
-    parser.add_argument("--overwritten", action="store_true", help=text)
+    add("--overwritten", action="store_true", help=text)
     return harness.run_experiment(parser, experiment, argv)

@@ -249,37 +249,36 @@ def _outcome(
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = harness.parser("identify", __doc__, engines=("compiled",))
+    add = parser.add_argument
     text = (
         "records of one crane: CSV, Parquet, .mcap or .bag with a swing and the drives; "
         "without any the examples are identified"
     )
-    parser.add_argument("files", nargs="*", metavar="FILE", default=[], help=text)
+    add("files", nargs="*", metavar="FILE", default=[], help=text)
     text = (
         "what is to be found: delay, l_offset, x_lag, x_friction, phi_bias, x_stiffness, "
         "x_damping, gravity or an argument of the crane; by default all that the columns tell"
     )
-    parser.add_argument("--estimate", nargs="+", metavar="NAME", help=text)
+    add("--estimate", nargs="+", metavar="NAME", help=text)
     text = (
         "how drives are simulated again: as they moved, by the efforts that acted, or held at "
         "their setpoints by a brake"
     )
-    parser.add_argument("--drives", choices=("motion", "effort", "hold"), help=text)
+    add("--drives", choices=("motion", "effort", "hold"), help=text)
     for name, end, default in (("since", "before", -math.inf), ("until", "after", math.inf)):
         text = f"leave out what was recorded {end} this time [s]"
-        parser.add_argument(f"--{name}", type=float, default=default, metavar="T", help=text)
+        add(f"--{name}", type=float, default=default, metavar="T", help=text)
     harness.add_sources(parser, "{} FILE")
-    parser.add_argument("--urdf", metavar="FILE", help="a .xacro or URDF of another crane")
+    add("--urdf", metavar="FILE", help="a .xacro or URDF of another crane")
     text, default = "gravity that one believes in [m/s²]", STANDARD_GRAVITY
-    parser.add_argument(
-        "--gravity", dest="believed", type=float, default=default, metavar="G", help=text
-    )
+    add("--gravity", dest="believed", type=float, default=default, metavar="G", help=text)
     add_values(parser, "numbers of the crane that one believes in")
     text = "identify N synthetic cranes instead, and count how often the intervals hold the truth"
-    parser.add_argument("--coverage", type=int, metavar="N", help=text)
+    add("--coverage", type=int, metavar="N", help=text)
     text = "what makes their records: simulate (default) or mujoco (extra mujoco)"
-    parser.add_argument("--plant", choices=tuple(PLANTS), help=text)
+    add("--plant", choices=tuple(PLANTS), help=text)
     text = "processes for that, by default one for each processor"
-    parser.add_argument("--workers", type=int, metavar="N", help=text)
+    add("--workers", type=int, metavar="N", help=text)
     of_files = "estimate", "drives", "since", "until", "urdf", "believed", "values"
     harness.add_condition(parser, "a FILE", lambda options: bool(options.files), *of_files)
     of_coverage = "plant", "workers"
