@@ -223,8 +223,6 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         )
         rows = [(file, EQUATION, result) for file, result in compared]
         return Outcome([_table([*rows, ("article", "", PUBLISHED)])], [])
-    from cranedyn.recording import Run
-
     position = {"radius": options.radius, "length": options.length}
     soft, stiff = run(setup, **position), run(setup, STIFF_SLEW, **position)
     results = {"soft": stages(setup.crane, soft), "stiff": stages(setup.crane, stiff)}
@@ -241,7 +239,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         },
         trajectories={"a3": soft, "a3_stiff": stiff},
         figures={"slewing": _slewing_figure(*by_paper(soft)), "stages": _stages_figure(results)},
-        recording=[Run("soft slew drive", setup.crane, soft)],
+        recording=harness.side_by_side({"soft slew drive": (setup.crane, soft)}),
     )
 
 

@@ -64,8 +64,6 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Outcome:
     """Return tables, claims, figures and files of the cable lengths and the soft trolley."""
-    from cranedyn.recording import Run
-
     return Outcome(
         tables=[
             tables.article_table(setup.crane, cases),
@@ -87,10 +85,9 @@ def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Outcom
             "period": figures.period_figure(cases),
             "budget": figures.budget_figure(cases),
         },
-        recording=[
-            Run(f"l = {case.length:g} m", setup.crane, case.trajectory, (20.0 * i, 0.0, 0.0))
-            for i, case in enumerate(cases)
-        ],
+        recording=harness.side_by_side(
+            {f"l = {case.length:g} m": (setup.crane, case.trajectory) for case in cases}
+        ),
     )
 
 

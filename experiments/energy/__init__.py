@@ -66,8 +66,6 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 
 def _audit(setup: Setup, swing: float, length: float) -> Outcome:
-    from cranedyn.recording import Run
-
     cranes = {d: setup.variant(damp_swing=d) for d in DAMPINGS}
     crane = cranes[1.0]
     audits = {d: run(setup, c, swing, length, AUDIT) for d, c in cranes.items()}
@@ -104,10 +102,9 @@ def _audit(setup: Setup, swing: float, length: float) -> Outcome:
             "ledger": _ledger_figure(crane, audits[1.0]),
             "remainder": _remainder_figure(steps),
         },
-        recording=[
-            Run(f"damping {d:g} N m s/rad", cranes[d], r, (20.0 * i, 0.0, 0.0))
-            for i, (d, r) in enumerate(audits.items())
-        ],
+        recording=harness.side_by_side(
+            {f"damping {d:g} N m s/rad": (cranes[d], r) for d, r in audits.items()}
+        ),
     )
 
 

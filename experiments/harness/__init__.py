@@ -6,7 +6,7 @@ what an experiment returns.
 
 from cranedyn.errors import CraneError
 from experiments.harness.arguments import add_condition, add_mode, parser
-from experiments.harness.outcome import Claim, Outcome
+from experiments.harness.outcome import Claim, Outcome, side_by_side
 from experiments.harness.progress import ProgressReporter
 from experiments.harness.recorded import add_files, add_sources, analyse_files, swept_columns
 from experiments.harness.run import run_experiment
@@ -31,6 +31,7 @@ __all__ = [
     "make_table",
     "parser",
     "run_experiment",
+    "side_by_side",
     "swept_columns",
     "tabulate",
 ]

@@ -57,7 +57,7 @@ CLOSE = {"gravity": 1e-6, **dict.fromkeys(("dummy_inertia", "damp_swing", *GAINS
 step, as if each k_d were k_p dt/2 larger (0.15 % of the trolley's), and moves centres along
 chords."""
 
-_SHOWN, _APART = 4, 60.0
+_SHOWN = 4
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
@@ -221,8 +221,6 @@ def _outcome(
     result: Identification, tables: Sequence[ResultTable], claims: Sequence[Claim]
 ) -> Outcome:
     """Return the outcome with the twin, its runs of the records, and their figures."""
-    from cranedyn.recording import Run
-
     estimate, twin = result.estimate, result.twin
     model = estimate.model
     names = [record.name for record in model.records]
@@ -238,10 +236,9 @@ def _outcome(
         },
         trajectories={f"twin_{i + 1}": run for i, run in enumerate(runs)},
         figures={f"twin_{i + 1}": beside(estimate, i) for i in range(min(len(names), _SHOWN))},
-        recording=[
-            Run(name, twin.crane, run, (_APART * i, 0.0, 0.0))
-            for i, (name, run) in enumerate(zip(names, runs, strict=True))
-        ],
+        recording=harness.side_by_side(
+            {name: (twin.crane, run) for name, run in zip(names, runs, strict=True)}, apart=60.0
+        ),
         texts={"twin.json": twin.text},
     )
 
