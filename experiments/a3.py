@@ -222,7 +222,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             options, COLUMNS, lambda _, data: agreement(*by_paper(data)[1:3])
         )
         rows = [(file, EQUATION, result) for file, result in compared]
-        return Outcome([_table([*rows, ("article", "", PUBLISHED)])], [])
+        return Outcome([_table([*rows, ("article", "", PUBLISHED)])])
     position = {"radius": options.radius, "length": options.length}
     soft, stiff = run(setup, **position), run(setup, STIFF_SLEW, **position)
     results = {"soft": stages(setup.crane, soft), "stiff": stages(setup.crane, stiff)}

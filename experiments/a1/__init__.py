@@ -44,7 +44,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run all cases, or analyse recorded files."""
     if options.files:
         fits = [(file, *fit) for file, fit in harness.analyse_files(options, COLUMNS, _fit)]
-        return Outcome([tables.files_table(setup.crane, fits)], [])
+        return Outcome([tables.files_table(setup.crane, fits)])
     if options.identify:
         from experiments.a1.identify import identify_hoist
 
@@ -98,11 +98,11 @@ def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Iterat
         "damping ratio": [case.fit.damping_ratio - p.zeta for case, p in listed if p.zeta],
         "amplitude": [case.fit.amplitude - p.amplitude for case, p in listed if p.amplitude],
     }
-    runs = [*cases, soft]
-    explained, budget = _within([(run.unexplained, run.second_order) for run in runs])
-    agree, finite = _within([(run.prediction_error, run.finite_swing) for run in runs])
+    cases = [*cases, soft]
+    explained, budget = _within([(case.unexplained, case.second_order) for case in cases])
+    agree, finite = _within([(case.prediction_error, case.finite_swing) for case in cases])
     # The prediction is of lowest order in the swing.
-    small = all(run.predicted.amplitude < 1.1 * SWING for run in runs)
+    small = all(case.predicted.amplitude < 1.1 * SWING for case in cases)
     for column, values in differences.items():
         yield _published_claim(setup, column, values)
     yield Claim(

@@ -48,7 +48,7 @@ class Outcome:
     """
 
     tables: Sequence[ResultTable]
-    claims: Sequence[Claim]
+    claims: Sequence[Claim] = ()
     parameters: Mapping[str, object] = field(default_factory=dict)
     trajectories: Mapping[str, Trajectory | Loads] = field(default_factory=dict)
     figures: Mapping[str, Figure] = field(default_factory=dict)
