@@ -236,9 +236,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run the hoisting, or analyse recorded files."""
     if options.files:
         readings = harness.analyse_files(options, COLUMNS, lambda _, data: read_run(data))
-        return Outcome([_summary(dict(readings))], [])
-    from cranedyn.recording import Run
-
+        return Outcome([_summary(dict(readings))])
     trajectory = run(setup)
     stiff = run(setup, stiffness={"l": STIFF_HOIST[0]}, damping={"l": STIFF_HOIST[1]})
     ours, hard = read_run(trajectory), read_run(stiff)
@@ -275,7 +273,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         parameters={"stiffness": STIFFNESS, "damping": DAMPING, "pulse_at_s": PULSE_AT},
         trajectories={"a2": trajectory, "a2_stiff": stiff},
         figures={"hoisting": _hoisting_figure(trajectory, ours), "fits": _fits_figure(ours)},
-        recording=[Run("hoisting", setup.crane, trajectory)],
+        recording=harness.side_by_side({"hoisting": (setup.crane, trajectory)}),
     )
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -222,16 +222,14 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             options, COLUMNS, lambda _, data: agreement(*by_paper(data)[1:3])
         )
         rows = [(file, EQUATION, result) for file, result in compared]
-        return Outcome([_table([*rows, ("article", "", PUBLISHED)])], [])
-    from cranedyn.recording import Run
-
+        return Outcome([_table([*rows, ("article", "", PUBLISHED)])])
     position = {"radius": options.radius, "length": options.length}
     soft, stiff = run(setup, **position), run(setup, STIFF_SLEW, **position)
     results = {"soft": stages(setup.crane, soft), "stiff": stages(setup.crane, stiff)}
     rows = [(drive, name, a) for drive, models in results.items() for name, a in models]
     return Outcome(
         tables=[_table([*rows, ("article", EQUATION, PUBLISHED)])],
-        claims=_claims(setup, results, position == {"radius": RADIUS, "length": LENGTH}),
+        claims=list(_claims(setup, results, position == {"radius": RADIUS, "length": LENGTH})),
         parameters={
             **position,
             "slew_soft": [STIFFNESS["slew"], DAMPING["slew"]],
@@ -241,40 +239,34 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         },
         trajectories={"a3": soft, "a3_stiff": stiff},
         figures={"slewing": _slewing_figure(*by_paper(soft)), "stages": _stages_figure(results)},
-        recording=[Run("soft slew drive", setup.crane, soft)],
+        recording=harness.side_by_side({"soft slew drive": (setup.crane, soft)}),
     )
 
 
 def _claims(
     setup: Setup, results: Mapping[str, Sequence[tuple[str, Agreement]]], as_published: bool
-) -> list[Claim]:
-    soft, stiff = results["soft"], results["stiff"]
-    ours, hard = soft[0][1], stiff[0][1]
-    last = [soft[-1][1].relative, stiff[-1][1].relative]
-    return [
-        Claim(
-            f"θ has the sign of Eq. (10): correlation {ours.correlation:+.4f} with a soft slew "
-            f"drive, {hard.correlation:+.4f} with a stiff one.",
-            min(ours.correlation, hard.correlation) > 0.99,
-        ),
-        Claim(
-            f"Amplitude, correlation and RMS are the published within {DIGITS.measured:g} rad, "
-            f"{DIGITS.correlation:g} and {DIGITS.rms:.0e} rad, one of their last digits "
-            f"({ours.measured:.5f}, {ours.correlation:+.5f}, {ours.rms:.6f}).",
-            setup.judged(_meets_published(ours)) if as_published else None,
-        ),
-        Claim(
-            "With every cause gone the rest is below 0.5 % of the amplitude "
-            f"({100 * last[0]:.2f} % soft, {100 * last[1]:.2f} % stiff).",
-            max(last) < 0.005,
-        ),
-    ]
-
-
-def _meets_published(ours: Agreement) -> bool:
-    return all(
+) -> Iterator[Claim]:
+    soft, stiff = ([result for _, result in models] for models in results.values())
+    ours, hard, last = soft[0], stiff[0], (soft[-1].relative, stiff[-1].relative)
+    yield Claim(
+        f"θ has the sign of Eq. (10): correlation {ours.correlation:+.4f} with a soft slew "
+        f"drive, {hard.correlation:+.4f} with a stiff one.",
+        min(ours.correlation, hard.correlation) > 0.99,
+    )
+    met = all(
         abs(getattr(ours, name) - getattr(PUBLISHED, name)) < getattr(DIGITS, name)
         for name in ("measured", "correlation", "rms")
+    )
+    yield Claim(
+        f"Amplitude, correlation and RMS are the published within {DIGITS.measured:g} rad, "
+        f"{DIGITS.correlation:g} and {DIGITS.rms:.0e} rad, one of their last digits "
+        f"({ours.measured:.5f}, {ours.correlation:+.5f}, {ours.rms:.6f}).",
+        setup.judged(met) if as_published else None,
+    )
+    yield Claim(
+        "With every cause gone the rest is below 0.5 % of the amplitude "
+        f"({100 * last[0]:.2f} % soft, {100 * last[1]:.2f} % stiff).",
+        max(last) < 0.005,
     )
 
 
@@ -332,8 +324,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = harness.parser("a3", __doc__)
     harness.add_setup(parser, "trolley_init", "hoist_init")
-    add, text = parser.add_argument, "trolley radius [m]"
-    add("--radius", type=float, default=RADIUS, metavar="X", help=text)
+    add = parser.add_argument
+    add("--radius", type=float, default=RADIUS, metavar="X", help="trolley radius [m]")
     add("--length", type=float, default=LENGTH, metavar="L", help="cable length [m]")
     harness.add_files(parser, COLUMNS)
     return harness.run_experiment(parser, experiment, argv)

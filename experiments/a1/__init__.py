@@ -7,7 +7,7 @@ The run is in `case`, the tables are in `tables`; `experiment` puts them togethe
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -44,7 +44,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run all cases, or analyse recorded files."""
     if options.files:
         fits = [(file, *fit) for file, fit in harness.analyse_files(options, COLUMNS, _fit)]
-        return Outcome([tables.files_table(setup.crane, fits)], [])
+        return Outcome([tables.files_table(setup.crane, fits)])
     if options.identify:
         from experiments.a1.identify import identify_hoist
 
@@ -64,8 +64,6 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Outcome:
     """Return tables, claims, figures and files of the cable lengths and the soft trolley."""
-    from cranedyn.recording import Run
-
     return Outcome(
         tables=[
             tables.article_table(setup.crane, cases),
@@ -73,7 +71,7 @@ def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Outcom
             tables.damping_table(setup.crane, cases),
             tables.prediction_table([*cases, soft]),
         ],
-        claims=_claims(setup, cases, soft),
+        claims=list(_claims(setup, cases, soft)),
         parameters={
             "stiffness": STIFFNESS,
             "damping": DAMPING,
@@ -87,38 +85,36 @@ def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Outcom
             "period": figures.period_figure(cases),
             "budget": figures.budget_figure(cases),
         },
-        recording=[
-            Run(f"l = {case.length:g} m", setup.crane, case.trajectory, (20.0 * i, 0.0, 0.0))
-            for i, case in enumerate(cases)
-        ],
+        recording=harness.side_by_side(
+            {f"l = {case.length:g} m": (setup.crane, case.trajectory) for case in cases}
+        ),
     )
 
 
-def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> list[Claim]:
+def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Iterator[Claim]:
     listed = [(case, case.published) for case in cases]
     differences = {
         "error": [100 * case.error - p.point for case, p in listed if p.point],
         "damping ratio": [case.fit.damping_ratio - p.zeta for case, p in listed if p.zeta],
         "amplitude": [case.fit.amplitude - p.amplitude for case, p in listed if p.amplitude],
     }
-    runs = [*cases, soft]
-    explained, budget = _within([(run.unexplained, run.second_order) for run in runs])
-    agree, finite = _within([(run.prediction_error, run.finite_swing) for run in runs])
+    cases = [*cases, soft]
+    explained, budget = _within([(case.unexplained, case.second_order) for case in cases])
+    agree, finite = _within([(case.prediction_error, case.finite_swing) for case in cases])
     # The prediction is of lowest order in the swing.
-    small = all(run.predicted.amplitude < 1.1 * SWING for run in runs)
-    return [
-        *(_published_claim(setup, column, values) for column, values in differences.items()),
-        Claim(
-            "What the budget leaves unexplained of a period is of second order in its parts (at "
-            f"most {budget}).",
-            setup.judged(explained),
-        ),
-        Claim(
-            "Predicted and simulated period differ by less than a finite swing A changes the "
-            f"pivot's give, A² of it (at most {finite}).",
-            agree if small else None,
-        ),
-    ]
+    small = all(case.predicted.amplitude < 1.1 * SWING for case in cases)
+    for column, values in differences.items():
+        yield _published_claim(setup, column, values)
+    yield Claim(
+        "What the budget leaves unexplained of a period is of second order in its parts (at "
+        f"most {budget}).",
+        setup.judged(explained),
+    )
+    yield Claim(
+        "Predicted and simulated period differ by less than a finite swing A changes the "
+        f"pivot's give, A² of it (at most {finite}).",
+        agree if small else None,
+    )
 
 
 def _published_claim(setup: Setup, column: str, differences: Sequence[float]) -> Claim:
@@ -164,13 +160,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = harness.parser("a1", __doc__)
     harness.add_setup(parser, "hoist_init")
-    lengths = list(PUBLISHED)
-    text = "cable lengths [m]"
-    parser.add_argument("--length", type=float, nargs="+", default=lengths, metavar="L", help=text)
-    text = "swing to aim at [rad]"
-    parser.add_argument("--swing", type=float, default=SWING, metavar="PHI", help=text)
+    add, lengths = parser.add_argument, list(PUBLISHED)
+    add("--length", type=float, nargs="+", default=lengths, metavar="L", help="cable lengths [m]")
+    add("--swing", type=float, default=SWING, metavar="PHI", help="swing to aim at [rad]")
     text = "find the unpublished gains of trolley and hoist from the published columns"
-    parser.add_argument("--identify", action="store_true", help=text)
+    add("--identify", action="store_true", help=text)
     harness.add_files(parser, COLUMNS, "values")
     harness.add_mode(parser, "identify", "gravity", "dt", "control_period", "values", "engine")
     return harness.run_experiment(parser, experiment, argv)

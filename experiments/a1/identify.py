@@ -23,15 +23,7 @@ TROLLEY = (4.0e4, 4.5e4, 5.0e4, 5.5e4, 6.0e4)
 """Values of the trolley's k_d tried [N s/m], with a stiff hoist."""
 
 STIFF_HOIST = (1.0e6, 6.0e4)
-HOIST = (
-    STIFF_HOIST,
-    (1.0e5, 2.0e4),
-    (5.0e4, 2.0e4),
-    (3.0e4, 2.0e4),
-    (3.0e4, 1.0e4),
-    (2.0e4, 2.0e4),
-    (1.0e4, 2.0e4),
-)
+HOIST = (STIFF_HOIST, (1e5, 2e4), (5e4, 2e4), (3e4, 2e4), (3e4, 1e4), (2e4, 2e4), (1e4, 2e4))
 """Pairs of the hoist's k_p [N/m] and k_d [N s/m] tried, with the trolley's k_d of
 `cranedyn.controllers.hold`."""
 
@@ -70,7 +62,7 @@ def identify_hoist(setup: Setup) -> Outcome:
                 "Trolley k_d with a stiff hoist (k_p = 1e6 N/m, k_d = 6e4 N s/m): ours less the "
                 "published columns",
                 zip(TROLLEY, scan, strict=True),
-                [("k_d [N s/m]", "", lambda row: f"{row[0]:.2e}")],
+                ("k_d [N s/m]", "", lambda row: f"{row[0]:.2e}"),
             ),
             ResultTable(
                 "The k_d that each column alone asks for, stiff hoist",
@@ -80,10 +72,8 @@ def identify_hoist(setup: Setup) -> Outcome:
             _table(
                 f"Hoist gains with trolley k_d = {DAMPING['trolley']:.0e} N s/m",
                 zip(HOIST, hoists, strict=True),
-                [
-                    ("hoist k_p", "", lambda row: f"{row[0][0]:.0e}"),
-                    ("hoist k_d", "", lambda row: f"{row[0][1]:.0e}"),
-                ],
+                ("hoist k_p", "", lambda row: f"{row[0][0]:.0e}"),
+                ("hoist k_d", "", lambda row: f"{row[0][1]:.0e}"),
             ),
             ResultTable(
                 "All three gains fitted together, each column weighted by its rounding",
@@ -100,7 +90,7 @@ def identify_hoist(setup: Setup) -> Outcome:
                 setup.judged(misfit(hoists[0]) > 10.0 * misfit(ours)),
             )
         ],
-        parameters=setup.parameters() | {"fitted": fitted.tolist()},
+        parameters={"fitted": fitted.tolist()},
     )
 
 
@@ -115,9 +105,7 @@ def misfit(differences: np.ndarray) -> float:
     return float(np.sqrt(np.mean(differences[:, 1] ** 2)))
 
 
-def _table(
-    title: str, rows: Iterable[tuple[object, np.ndarray]], labels: list[Column]
-) -> ResultTable:
+def _table(title: str, rows: Iterable[tuple[object, np.ndarray]], *labels: Column) -> ResultTable:
     """Return the differences at all lengths, of rows with what their labels show."""
     quantities = (("error", "+.3f", 1.0), ("ζ", "+.1f", 1e5), ("A", "+.1f", 1e4))
 
@@ -129,12 +117,12 @@ def _table(
         for k, (name, form, _) in enumerate(quantities)
         for i, length in enumerate(PUBLISHED)
     ]
-    columns.append(("misfit", ".2f", lambda row: float(np.sqrt(np.mean((row[1] / ROUNDING) ** 2)))))
     return make_table(
         title,
         rows,
         *labels,
         *columns,
+        ("misfit", ".2f", lambda row: float(np.sqrt(np.mean((row[1] / ROUNDING) ** 2)))),
         note="Error in percentage points, ζ in 1e-5, A in 1e-4 rad; misfit is the root mean "
         "square over all twelve numbers in units of half their last digit.",
     )

@@ -5,6 +5,7 @@ and air are not as planned.
 from __future__ import annotations
 
 import argparse
+import itertools
 from collections.abc import Sequence
 from concurrent.futures import Future, as_completed
 from dataclasses import replace
@@ -17,7 +18,6 @@ from experiments.compare import claims, figures, tables
 from experiments.compare.runs import (
     IDEAL,
     Results,
-    StrategyResult,
     TourResult,
     processes,
     strategy_results,
@@ -92,25 +92,22 @@ def _compute(
 ) -> tuple[dict[str, Results], dict[str, TourResult | str]]:
     """Return the results of each move, and the tours if drives are ideal, computed in processes."""
     drive, quiet = options.drive, replace(setup, reporter=ProgressReporter())
+    names = options.only or STRATEGIES
     with processes(options.jobs) as workers:
-        tasks: dict[Future[dict[str, StrategyResult]], tuple[RestToRest, str]] = {}
-        tours: dict[Future[TourResult | str], str] = {}
+        submit = workers.submit
         with ignore_sigint():  # submitting starts processes
-            for move in moves:
-                for strategy in options.only or STRATEGIES:
-                    work = quiet, move, strategy, move == COMBINED, drive
-                    task = workers.submit(strategy_results, *work)
-                    tasks[task] = move, strategy
-            for control in CONTROLS if drive == IDEAL else ():
-                tours[workers.submit(tour_results, quiet, control)] = control
-        update = setup.reporter.count("comparison", len(tasks) + len(tours))
-        everything: list[Future[Any]] = [*tasks, *tours]
+            tasks = {
+                (move, name): submit(strategy_results, quiet, move, name, move == COMBINED, drive)
+                for move, name in itertools.product(moves, names)
+            }
+            controls = CONTROLS if drive == IDEAL else ()
+            tours = {control: submit(tour_results, quiet, control) for control in controls}
+        everything: list[Future[Any]] = [*tasks.values(), *tours.values()]
+        update = setup.reporter.count("comparison", len(everything))
         for done, _ in enumerate(as_completed(everything), start=1):
             update(done)
-    of_move: dict[str, Results] = {move.name: {} for move in moves}
-    for task, (move, strategy) in tasks.items():
-        of_move[move.name][strategy] = task.result()
-    return of_move, {control: tour.result() for tour, control in tours.items()}
+    of_move = {move.name: {name: tasks[move, name].result() for name in names} for move in moves}
+    return of_move, {control: tour.result() for control, tour in tours.items()}
 
 
 def recorded_strategies(strategies: Sequence[str]) -> Sequence[str]:

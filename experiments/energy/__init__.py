@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -66,8 +66,6 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 
 def _audit(setup: Setup, swing: float, length: float) -> Outcome:
-    from cranedyn.recording import Run
-
     cranes = {d: setup.variant(damp_swing=d) for d in DAMPINGS}
     crane = cranes[1.0]
     audits = {d: run(setup, c, swing, length, AUDIT) for d, c in cranes.items()}
@@ -104,34 +102,31 @@ def _audit(setup: Setup, swing: float, length: float) -> Outcome:
             "ledger": _ledger_figure(crane, audits[1.0]),
             "remainder": _remainder_figure(steps),
         },
-        recording=[
-            Run(f"damping {d:g} N m s/rad", cranes[d], r, (20.0 * i, 0.0, 0.0))
-            for i, (d, r) in enumerate(audits.items())
-        ],
+        recording=harness.side_by_side(
+            {f"damping {d:g} N m s/rad": (cranes[d], r) for d, r in audits.items()}
+        ),
     )
 
 
 def _ledger_claims(
     setup: Setup, crane: Crane, audit: Trajectory, ripple: Mapping[float, float], period: float
-) -> list[Claim]:
+) -> Iterator[Claim]:
     first = float(swing_energy(crane, audit)[0])
     worst, lead = float(np.abs(audit.unexplained).max()), half_step(crane, audit, setup.dt)
     halving = [ripple[a] / ripple[b] for a, b in itertools.pairwise(STEPS)]
     # What the next power of the step changes in a ratio is a few ω dt.
     second = [8.0 * math.pi / period * dt for dt in STEPS[:-1]]
-    return [
-        Claim(
-            f"Nothing vanishes: of {first:.1f} J the ledger leaves {worst:.3f} J open at most "
-            f"at dt = {1000 * setup.dt:g} ms, what the weight works in the half step by which "
-            f"positions are ahead of velocities ({lead:.3f} J), within 1 %.",
-            worst < 1.01 * lead,
-        ),
-        Claim(
-            f"What stays open halves with the step: ratios {halving[0]:.5f} and "
-            f"{halving[1]:.5f}, 2 within {second[0]:.5f} and {second[1]:.5f}, 4 ω dt.",
-            all(abs(ratio - 2.0) < bound for ratio, bound in zip(halving, second, strict=True)),
-        ),
-    ]
+    yield Claim(
+        f"Nothing vanishes: of {first:.1f} J the ledger leaves {worst:.3f} J open at most "
+        f"at dt = {1000 * setup.dt:g} ms, what the weight works in the half step by which "
+        f"positions are ahead of velocities ({lead:.3f} J), within 1 %.",
+        worst < 1.01 * lead,
+    )
+    yield Claim(
+        f"What stays open halves with the step: ratios {halving[0]:.5f} and "
+        f"{halving[1]:.5f}, 2 within {second[0]:.5f} and {second[1]:.5f}, 4 ω dt.",
+        all(abs(ratio - 2.0) < bound for ratio, bound in zip(halving, second, strict=True)),
+    )
 
 
 def _exact_claims(
@@ -141,28 +136,26 @@ def _exact_claims(
     length: float,
     limits: tuple[float, float, float],
     period: float,
-) -> list[Claim]:
+) -> Iterator[Claim]:
     exact, rounding = lowered(setup, length)
     mean, low, high = limits
     error, allowed = locked_off(setup, damped, swing, length)
-    return [
-        Claim(
-            "Where the step is exact, a plumb load being lowered, the work of the drives "
-            f"closes the ledger to {exact:.0e} J, rounding being {rounding:.0e} J.",
-            exact <= rounding,
-        ),
-        Claim(
-            f"It does not run away: its mean over the last swing in {LONG:g} s, {mean:+.4f} J, "
-            f"lies in what the first swing spans, {low:+.2f} to {high:+.2f} J.",
-            low <= mean <= high if 2.0 * period < LONG else None,
-        ),
-        Claim(
-            "Damping acts: with 2e5 N m s/rad and the drives locked, the energy is that of "
-            f"the damped pendulum at every time up to {AUDIT:g} s, off by {error:.1e} of the start "
-            f"at most, within {allowed:.1e}, which is ω dt/2.",
-            error < allowed,
-        ),
-    ]
+    yield Claim(
+        "Where the step is exact, a plumb load being lowered, the work of the drives "
+        f"closes the ledger to {exact:.0e} J, rounding being {rounding:.0e} J.",
+        exact <= rounding,
+    )
+    yield Claim(
+        f"It does not run away: its mean over the last swing in {LONG:g} s, {mean:+.4f} J, "
+        f"lies in what the first swing spans, {low:+.2f} to {high:+.2f} J.",
+        low <= mean <= high if 2.0 * period < LONG else None,
+    )
+    yield Claim(
+        "Damping acts: with 2e5 N m s/rad and the drives locked, the energy is that of "
+        f"the damped pendulum at every time up to {AUDIT:g} s, off by {error:.1e} of the start "
+        f"at most, within {allowed:.1e}, which is ω dt/2.",
+        error < allowed,
+    )
 
 
 def _ledger(crane: Crane, trajectory: Trajectory) -> ResultTable:
@@ -252,11 +245,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = harness.parser("energy", __doc__)
     harness.add_setup(parser, "damp_swing", "hoist_init")
-    text = "radial swing at the start [rad]"
-    parser.add_argument("--swing", type=float, default=SWING, metavar="PHI", help=text)
-    parser.add_argument(
-        "--length", type=float, default=LENGTH, metavar="L", help="cable length [m]"
-    )
+    add, text = parser.add_argument, "radial swing at the start [rad]"
+    add("--swing", type=float, default=SWING, metavar="PHI", help=text)
+    add("--length", type=float, default=LENGTH, metavar="L", help="cable length [m]")
     text = "what a plugin that overwrites the passive rates does to the swing"
-    parser.add_argument("--overwritten", action="store_true", help=text)
+    add("--overwritten", action="store_true", help=text)
     return harness.run_experiment(parser, experiment, argv)

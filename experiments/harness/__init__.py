@@ -4,21 +4,16 @@ Begin with `run_experiment`, which runs an experiment from the command line, and
 what an experiment returns.
 """
 
-from cranedyn.command import FAILED, INTERRUPTED, REFUSED
 from cranedyn.errors import CraneError
 from experiments.harness.arguments import add_condition, add_mode, parser
-from experiments.harness.outcome import MARKS, Claim, Outcome
+from experiments.harness.outcome import Claim, Outcome, side_by_side
 from experiments.harness.progress import ProgressReporter
-from experiments.harness.recorded import add_files, add_sources, analyse_files
+from experiments.harness.recorded import add_files, add_sources, analyse_files, swept_columns
 from experiments.harness.run import run_experiment
 from experiments.harness.setup import Setup, add_setup
 from experiments.harness.table import Column, ResultTable, finite_or_none, make_table, tabulate
 
 __all__ = [
-    "FAILED",
-    "INTERRUPTED",
-    "MARKS",
-    "REFUSED",
     "Claim",
     "Column",
     "CraneError",
@@ -36,5 +31,7 @@ __all__ = [
     "make_table",
     "parser",
     "run_experiment",
+    "side_by_side",
+    "swept_columns",
     "tabulate",
 ]

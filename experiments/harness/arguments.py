@@ -41,21 +41,21 @@ def parser(
         description=" ".join((description or "").partition("\n\n")[0].split()),
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
-    text = f"folder for results, default out/{name}"
-    result.add_argument("--out", metavar="DIR", help=text, default=argparse.SUPPRESS)
-    text = "put the tables between their marks in this document, too"
-    result.add_argument("--document", metavar="FILE.md", help=text, default=argparse.SUPPRESS)
     result.set_defaults(experiment=name, live=False, modes={}, conditions=[])
     result.set_defaults(view=False, serve=False)
+    add, no_default = result.add_argument, argparse.SUPPRESS
+    text = f"folder for results, default out/{name}"
+    add("--out", metavar="DIR", help=text, default=no_default)
+    text = "put the tables between their marks in this document, too"
+    add("--document", metavar="FILE.md", help=text, default=no_default)
     if recording:
         text = "write the recording here instead of into the folder"
-        result.add_argument("--save", metavar="FILE.rrd", help=text, default=argparse.SUPPRESS)
-        text = "open the recording in the Rerun viewer"
-        result.add_argument("--view", action="store_true", help=text)
+        add("--save", metavar="FILE.rrd", help=text, default=no_default)
+        add("--view", action="store_true", help="open the recording in the Rerun viewer")
         text = "serve the recording to a browser on this machine until Ctrl-C"
-        result.add_argument("--serve", action="store_true", help=text)
+        add("--serve", action="store_true", help=text)
         text = "where --serve has its page; the data is at the next port"
-        result.add_argument("--port", type=int, default=9090, metavar="P", help=text)
+        add("--port", type=int, default=9090, metavar="P", help=text)
         add_condition(result, "--serve", lambda options: options.serve, "port")
     add_engine(result, engines)
     return result

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from cranedyn.lifting.loads import Loads
+    from cranedyn.model.crane import Crane
     from cranedyn.recording import Run
 
 MARKS = {True: "holds", False: "FAILS", None: "not judged"}
@@ -47,12 +48,22 @@ class Outcome:
     """
 
     tables: Sequence[ResultTable]
-    claims: Sequence[Claim]
+    claims: Sequence[Claim] = ()
     parameters: Mapping[str, object] = field(default_factory=dict)
     trajectories: Mapping[str, Trajectory | Loads] = field(default_factory=dict)
     figures: Mapping[str, Figure] = field(default_factory=dict)
     recording: Sequence[Run] = ()
     texts: Mapping[str, str] = field(default_factory=dict)
+
+
+def side_by_side(runs: Mapping[str, tuple[Crane, Trajectory]], apart: float = 20.0) -> list[Run]:
+    """Return cranes and their trajectories by name as runs for the viewer, some way apart [m]."""
+    from cranedyn.recording import Run
+
+    return [
+        Run(name, crane, trajectory, (apart * i, 0.0, 0.0))
+        for i, (name, (crane, trajectory)) in enumerate(runs.items())
+    ]
 
 
 def show(outcome: Outcome) -> None:

@@ -1,4 +1,4 @@
-"""Data recorded elsewhere that an experiment analyses instead of simulating: CSV, Parquet, ROS."""
+"""Data that an experiment reads instead of simulating: CSV, Parquet, ROS, results of a sweep."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import numpy as np
 
 from cranedyn.bridges import bags
 from cranedyn.data.external import parse_sources, read_external
-from cranedyn.errors import DataError, quoted
+from cranedyn.errors import CraneError, DataError, quoted
+from cranedyn.sweep import results
 from experiments.harness.arguments import add_condition, add_mode
 
 Analysis = TypeVar("Analysis")
@@ -77,14 +78,14 @@ def analyse_files(
     Raises:
         DataError: If a file cannot be read or analysed; the message begins with its name.
     """
-    results = []
+    analyses = []
     for file in options.files:
         data = _read(file, columns, options)
         try:
-            results.append((file, analyse(file, data)))
+            analyses.append((file, analyse(file, data)))
         except DataError as error:
             raise DataError(f"{file}: {error}") from error
-    return results
+    return analyses
 
 
 def _read(file: str, columns: Sequence[str], options: argparse.Namespace) -> dict[str, np.ndarray]:
@@ -130,3 +131,16 @@ def parse_joints(pairs: Sequence[str]) -> dict[str, str]:
             )
         names[symbol] = name
     return names
+
+
+def swept_columns(folder: Path) -> dict[str, np.ndarray]:
+    """Return the columns of a finished sweep by name, shape (cases,) each.
+
+    Raises:
+        CraneError: If no case of it went well.
+    """
+    table = results(folder)
+    errors = table["error"]
+    if errors.null_count == 0:
+        raise CraneError(f"Each of {len(errors):,} cases is bad; the first: {errors[0].as_py()}")
+    return {name: table[name].to_numpy() for name in table.column_names}

@@ -25,7 +25,7 @@ from cranedyn.data.files import (
 )
 from cranedyn.errors import CraneError, DataError, RunError
 from experiments.harness.arguments import command_name, parse_arguments
-from experiments.harness.document import read_document
+from experiments.harness.document import Document, read_document
 from experiments.harness.events import with_events
 from experiments.harness.outcome import MARKS, Outcome, show
 from experiments.harness.progress import reporting
@@ -85,22 +85,21 @@ def _outcome(experiment: Experiment, options: argparse.Namespace) -> Outcome:
     # Claims are about the errors of the default stepping rule.
     if setup.integrator != "euler":
         outcome = replace(outcome, claims=[replace(claim, holds=None) for claim in outcome.claims])
-    if document is not None:
-        document.filled(outcome.tables)  # refuses a missing table before anything is written
-    _write(outcome, options)
-    if document is not None:
-        document.write(outcome.tables)
+    _write(outcome, options, document)
     return outcome
 
 
-def _write(outcome: Outcome, options: argparse.Namespace) -> None:
-    """Write the files of a run as one set; ``result.json`` lists the others with digests."""
+def _write(outcome: Outcome, options: argparse.Namespace, document: Document | None) -> None:
+    """Write the files of a run and its document as one set; ``result.json`` lists the others with
+    digests.
+    """
     from cranedyn.data.tables import write_table
     from cranedyn.plotting.figures import save
 
     result, folder = _result(outcome, options), options.folder
-    _json(result)
     with atomic_write_set() as drafts:
+        if document is not None:
+            document.write(outcome.tables)
         for name, trajectory in outcome.trajectories.items():
             table = trajectory.table()
             for ending in (".csv", ".parquet"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from cranedyn.checks import number
@@ -27,7 +27,7 @@ from experiments.identify.tables import (
     record_tables,
     values_table,
 )
-from experiments.identify.trial import NOISE, TRUTH, Trial, trial_record, try_strategies
+from experiments.identify.trial import NOISE, TRIED, TRUTH, Trial, trial_record, try_strategies
 
 FREE = ("a1_l5", "a1_l10", "a1_l15", "a1_l20")
 """Recordings of Gazebo Classic in which the load swings freely from 12 s on."""
@@ -57,7 +57,7 @@ CLOSE = {"gravity": 1e-6, **dict.fromkeys(("dummy_inertia", "damp_swing", *GAINS
 step, as if each k_d were k_p dt/2 larger (0.15 % of the trolley's), and moves centres along
 chords."""
 
-_SHOWN, _APART = 4, 60.0
+_SHOWN = 4
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
@@ -162,68 +162,53 @@ def _recordings(
     return Model.of(prior, records, parameters, drives=drives)
 
 
-def _worlds_claims(name: str, result: Identification) -> list[Claim]:
-    claims = []
+def _worlds_claims(name: str, result: Identification) -> Iterator[Claim]:
     for parameter, (value, _) in result.estimate.intervals.items():
         off, allowed = abs(value / MADE_WITH[parameter] - 1.0), CLOSE[parameter]
-        claims.append(
-            Claim(
-                f"Gazebo, {name}: {parameter} is found within {allowed:.1g} of what the recordings "
-                f"were made with ({value:.8g}, {off:.1e} off), from files alone.",
-                off <= allowed,
-            )
+        yield Claim(
+            f"Gazebo, {name}: {parameter} is found within {allowed:.1g} of what the recordings "
+            f"were made with ({value:.8g}, {off:.1e} off), from files alone.",
+            off <= allowed,
         )
-    return claims
 
 
 def _trials_claims(
     alone: Identification, both: Identification, trials: Sequence[Trial]
-) -> list[Claim]:
-    claims = []
+) -> Iterator[Claim]:
     for columns, result in (("setpoints alone", alone), ("positions, too", both)):
         off = {
             name: abs(value - TRUTH[name]) / margin
             for name, (value, margin) in result.estimate.intervals.items()
         }
         worst = max(off, key=lambda name: off[name])
-        claims.append(
-            Claim(
-                f"The trial, {columns}: everything is found within twice its interval (at most "
-                f"{off[worst]:.2f} times, {worst}).",
-                off[worst] <= 2.0,
-            )
+        yield Claim(
+            f"The trial, {columns}: everything is found within twice its interval (at most "
+            f"{off[worst]:.2f} times, {worst}).",
+            off[worst] <= 2.0,
         )
-        claims.append(_white(f"The trial, {columns}", result))
+        yield _white(f"The trial, {columns}", result)
     pairs = [p for p in alone.judged.alike if {p.first, p.second} == {"delay", "x_lag"}]
     rho = abs(pairs[0].correlation) if pairs else 0.0
-    claims.append(
-        Claim(
-            f"Setpoints alone do not tell delay and lag apart (correlation {rho:.3f}), and the "
-            "preflight says so.",
-            bool(pairs),
-        )
+    yield Claim(
+        f"Setpoints alone do not tell delay and lag apart (correlation {rho:.3f}), and the "
+        "preflight says so.",
+        bool(pairs),
     )
     best = alone.judged.advice[0]
     promised = best.margins["delay"] / alone.judged.margins["delay"]
-    claims.append(
-        Claim(
-            f"It knows a record that would: {best.move} ({promised:.2f} times the interval of the "
-            "delay).",
-            promised < 0.5,
-        )
+    yield Claim(
+        f"It knows a record that would: {best.move} ({promised:.2f} times the interval of the "
+        "delay).",
+        promised < 0.5,
     )
-    for strategy in dict.fromkeys(result.strategy for result in trials):
+    for strategy in TRIED[1:]:
         worst_of = {t.designed: float(t.swing.max()) for t in trials if t.strategy == strategy}
-        if strategy != trials[0].strategy:
-            claims.append(
-                Claim(
-                    f"{strategy} designed for the twin leaves less swing on it than designed for "
-                    f"the crane that was believed in ({1e3 * worst_of['twin']:.3g} and "
-                    f"{1e3 * worst_of['believed']:.3g} mrad at worst).",
-                    worst_of["twin"] < worst_of["believed"],
-                )
-            )
-    return claims
+        yield Claim(
+            f"{strategy} designed for the twin leaves less swing on it than designed for "
+            f"the crane that was believed in ({1e3 * worst_of['twin']:.3g} and "
+            f"{1e3 * worst_of['believed']:.3g} mrad at worst).",
+            worst_of["twin"] < worst_of["believed"],
+        )
 
 
 def _trials(estimate: Estimate) -> list[Trial]:
@@ -236,8 +221,6 @@ def _outcome(
     result: Identification, tables: Sequence[ResultTable], claims: Sequence[Claim]
 ) -> Outcome:
     """Return the outcome with the twin, its runs of the records, and their figures."""
-    from cranedyn.recording import Run
-
     estimate, twin = result.estimate, result.twin
     model = estimate.model
     names = [record.name for record in model.records]
@@ -253,10 +236,9 @@ def _outcome(
         },
         trajectories={f"twin_{i + 1}": run for i, run in enumerate(runs)},
         figures={f"twin_{i + 1}": beside(estimate, i) for i in range(min(len(names), _SHOWN))},
-        recording=[
-            Run(name, twin.crane, run, (_APART * i, 0.0, 0.0))
-            for i, (name, run) in enumerate(zip(names, runs, strict=True))
-        ],
+        recording=harness.side_by_side(
+            {name: (twin.crane, run) for name, run in zip(names, runs, strict=True)}, apart=60.0
+        ),
         texts={"twin.json": twin.text},
     )
 
@@ -264,37 +246,36 @@ def _outcome(
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = harness.parser("identify", __doc__, engines=("compiled",))
+    add = parser.add_argument
     text = (
         "records of one crane: CSV, Parquet, .mcap or .bag with a swing and the drives; "
         "without any the examples are identified"
     )
-    parser.add_argument("files", nargs="*", metavar="FILE", default=[], help=text)
+    add("files", nargs="*", metavar="FILE", default=[], help=text)
     text = (
         "what is to be found: delay, l_offset, x_lag, x_friction, phi_bias, x_stiffness, "
         "x_damping, gravity or an argument of the crane; by default all that the columns tell"
     )
-    parser.add_argument("--estimate", nargs="+", metavar="NAME", help=text)
+    add("--estimate", nargs="+", metavar="NAME", help=text)
     text = (
         "how drives are simulated again: as they moved, by the efforts that acted, or held at "
         "their setpoints by a brake"
     )
-    parser.add_argument("--drives", choices=("motion", "effort", "hold"), help=text)
+    add("--drives", choices=("motion", "effort", "hold"), help=text)
     for name, end, default in (("since", "before", -math.inf), ("until", "after", math.inf)):
         text = f"leave out what was recorded {end} this time [s]"
-        parser.add_argument(f"--{name}", type=float, default=default, metavar="T", help=text)
+        add(f"--{name}", type=float, default=default, metavar="T", help=text)
     harness.add_sources(parser, "{} FILE")
-    parser.add_argument("--urdf", metavar="FILE", help="a .xacro or URDF of another crane")
+    add("--urdf", metavar="FILE", help="a .xacro or URDF of another crane")
     text, default = "gravity that one believes in [m/s²]", STANDARD_GRAVITY
-    parser.add_argument(
-        "--gravity", dest="believed", type=float, default=default, metavar="G", help=text
-    )
+    add("--gravity", dest="believed", type=float, default=default, metavar="G", help=text)
     add_values(parser, "numbers of the crane that one believes in")
     text = "identify N synthetic cranes instead, and count how often the intervals hold the truth"
-    parser.add_argument("--coverage", type=int, metavar="N", help=text)
+    add("--coverage", type=int, metavar="N", help=text)
     text = "what makes their records: simulate (default) or mujoco (extra mujoco)"
-    parser.add_argument("--plant", choices=tuple(PLANTS), help=text)
+    add("--plant", choices=tuple(PLANTS), help=text)
     text = "processes for that, by default one for each processor"
-    parser.add_argument("--workers", type=int, metavar="N", help=text)
+    add("--workers", type=int, metavar="N", help=text)
     of_files = "estimate", "drives", "since", "until", "urdf", "believed", "values"
     harness.add_condition(parser, "a FILE", lambda options: bool(options.files), *of_files)
     of_coverage = "plant", "workers"

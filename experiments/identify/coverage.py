@@ -25,8 +25,7 @@ from cranedyn.identification.noise import WHITE
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.sweep import grid, sweep
-from experiments.harness import Claim, Outcome, ResultTable, Setup
-from experiments.harness.swept import columns_swept
+from experiments.harness import Claim, Outcome, ResultTable, Setup, swept_columns
 from experiments.identify.trial import simulate_motion
 
 NAMES = ("l_offset", "payload_mass", "damp_swing", "delay", "phi_bias", "theta_bias", "x_friction")
@@ -200,30 +199,31 @@ def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
         workers=options.workers,
         progress=setup.reporter.sweep("cranes"),
     )
-    data = columns_swept(folder)
-    rows, claims = [], []
-    low, high = (int(binom.ppf(share, count, 0.95)) for share in (_TAIL, 1.0 - _TAIL))
+    data = swept_columns(folder)
+    rows = []
     for name in NAMES:
         off, margin = data[f"{name}_off"], data[f"{name}_margin"]
         hits = int((np.abs(off) <= margin).sum())
         rows.append((name, hits, 100.0 * hits / count, float(margin.mean()), float(off.std())))
-        claims.append(
+    low, high = (int(binom.ppf(share, count, 0.95)) for share in (_TAIL, 1.0 - _TAIL))
+    channels, coloured = 4 * count, int(data["not_white"].sum())
+    bound = int(binom.ppf(1.0 - _TAIL, channels, WHITE))
+    claims = [
+        *(
             Claim(
                 f"{name}: {hits} of {count} intervals hold the truth; 95 % of as many would be "
                 f"{low} to {high}.",
                 low <= hits <= high,
             )
-        )
-    channels, coloured = 4 * count, int(data["not_white"].sum())
-    bound = int(binom.ppf(1.0 - _TAIL, channels, WHITE))
-    claims.append(
+            for name, hits, *_ in rows
+        ),
         Claim(
             f"{coloured} of {channels} residuals are not white; of white ones {bound} would be at "
             "most.",
             coloured <= bound,
-        )
-    )
-    claims.append(Claim("No crane failed.", end.errors == 0))
+        ),
+        Claim("No crane failed.", end.errors == 0),
+    ]
     columns = [("what", ""), ("held", "d"), ("%", ".1f"), ("±, mean", ".3g"), ("off, std", ".3g")]
     note = (
         f"Between {low} and {high} lie {100 * (1 - 2 * _TAIL):g} % of all counts of a sure 95 %. "

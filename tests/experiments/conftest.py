@@ -49,6 +49,10 @@ class Ran:
         return [claim["sentence"] for claim in self.result["claims"] if claim["holds"] is not True]
 
 
+Standard = Callable[[str], Ran]
+"""A fixture that runs an experiment by its name."""
+
+
 def parse_strict(text: str) -> Any:
     """Parse JSON without numbers that are none."""
     return json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} in result.json"))
@@ -72,7 +76,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Ran]:
 
 
 @pytest.fixture(scope="session")
-def standard(ran: Callable[..., Ran]) -> Callable[[str], Ran]:
+def standard(ran: Callable[..., Ran]) -> Standard:
     """Runs an experiment as the article has it, by the engine that is fast where it may."""
 
     def run(name: str) -> Ran:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from cranedyn.model.load import load_crane
 from cranedyn.simulation.setting import Setting
 from experiments import a1, a2, a3, energy, harness
 from experiments.a1 import identify as a1_identify
-from tests.experiments.conftest import Ran, run_command, write_csv
+from tests.experiments.conftest import Standard, run_command, write_csv
 from tests.helpers import FAST, files, turned
 
 pytestmark = pytest.mark.slow
@@ -42,7 +42,7 @@ PUBLISHED = {
 }
 
 
-def test_a1_meets_the_published_table(standard: Callable[[str], Ran]) -> None:
+def test_a1_meets_the_published_table(standard: Standard) -> None:
     rows = standard("a1").table("Free swing beside the article")
     shown = ("art.", "art. 2", "art. 3", "art. 4", "art. 5")
     assert {row["l [m]"]: tuple(row[name] for name in shown) for row in rows} == PUBLISHED
@@ -88,7 +88,7 @@ def test_a1_says_the_largest_miss_beside_what_is_allowed_there_and_the_nearest()
     assert a1._within([(1e-4, 1e-3)])[1] == "0.01 % where 0.1 % are allowed"
 
 
-def test_a1_accounts_for_the_error_by_its_causes(standard: Callable[[str], Ran]) -> None:
+def test_a1_accounts_for_the_error_by_its_causes(standard: Standard) -> None:
     rows = standard("a1").table("Error budget")
     for row in rows:
         causes = [row[cause] for cause in a1.run(SETUP, 15.0).budget]
@@ -106,7 +106,7 @@ def test_a1_accounts_for_the_error_by_its_causes(standard: Callable[[str], Ran])
     assert rows[-1]["simulated"] == pytest.approx(1.18, abs=0.03)
 
 
-def test_a1_is_predicted_before_it_is_measured(standard: Callable[[str], Ran]) -> None:
+def test_a1_is_predicted_before_it_is_measured(standard: Standard) -> None:
     for row in standard("a1").table("Predicted"):
         if row["k_p [N/m]"] == 3e5:
             # The claim.
@@ -132,7 +132,7 @@ def test_a_file_of_a_run_is_read_as_if_it_came_from_elsewhere(
     title: str,
     own: str,
     same: Mapping[str, str] | None,
-    standard: Callable[[str], Ran],
+    standard: Standard,
     tmp_path: Path,
 ) -> None:
     again = run_command(name, tmp_path / "out", "--from", str(standard(name).folder / file))
@@ -182,7 +182,7 @@ def test_a1_identifies_the_gains_that_made_the_numbers(monkeypatch: pytest.Monke
 # --- A2 -------------------------------------------------------------------------------------------
 
 
-def test_a2_meets_the_published_exponent_and_mean_error(standard: Callable[[str], Ran]) -> None:
+def test_a2_meets_the_published_exponent_and_mean_error(standard: Standard) -> None:
     row = standard("a2").table("Hoisting while swinging")[0]
     assert row["exp. hoisting"] == pytest.approx(-0.738, abs=3e-3)  # the claims' own allowances
     assert row["mean [%]"] == pytest.approx(0.79, abs=0.1)
@@ -238,7 +238,7 @@ def test_a2_reads_the_law_off_the_exact_solution() -> None:
 
 
 def test_a3_meets_the_article_and_explains_the_difference_cause_by_cause(
-    standard: Callable[[str], Ran],
+    standard: Standard,
 ) -> None:
     rows = standard("a3").table("Tangential swing")
     assert rows[0]["θ measured [rad]"] == pytest.approx(0.0504, abs=1e-4)  # the claim's allowances
@@ -266,7 +266,7 @@ def flipped(tmp_path_factory: pytest.TempPathFactory) -> Crane:
     ("row", "gains"), [(0, (STIFFNESS["slew"], DAMPING["slew"])), (6, a3.STIFF_SLEW)]
 )
 def test_flipping_the_axis_in_the_xacro_flips_the_sign_of_the_correlation(
-    row: int, gains: tuple[float, float], flipped: Crane, standard: Callable[[str], Ran]
+    row: int, gains: tuple[float, float], flipped: Crane, standard: Standard
 ) -> None:
     mirrored = agreement(*a3.by_paper(a3.run(SETUP, gains, crane=flipped))[1:3]).correlation
     usual = standard("a3").table("Tangential swing")[row]["correlation"]
@@ -316,7 +316,7 @@ def test_a3_meets_a_recorded_file_of_known_content(tmp_path: Path) -> None:
 
 
 def test_a3_does_not_judge_a_place_that_was_not_published(
-    standard: Callable[[str], Ran], monkeypatch: pytest.MonkeyPatch
+    standard: Standard, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kept = read(standard("a3").folder / "a3.parquet")
     monkeypatch.setattr(a3, "run", lambda *_, **__: kept)
@@ -329,9 +329,7 @@ def test_a3_does_not_judge_a_place_that_was_not_published(
 # --- energy ---------------------------------------------------------------------------------------
 
 
-def test_energy_starts_with_the_articles_joules_and_loses_none(
-    standard: Callable[[str], Ran],
-) -> None:
+def test_energy_starts_with_the_articles_joules_and_loses_none(standard: Standard) -> None:
     ledger = {row["[J]"]: row["ours"] for row in standard("energy").table("Energy of a")}
     at_rest = 1000 * 9.80665 * 15 * (1 - math.cos(0.15))  # m g l (1 - cos φ)
     assert ledger["swing energy at t = 0"] == pytest.approx(at_rest, rel=1e-12)
@@ -345,9 +343,7 @@ def test_energy_starts_with_the_articles_joules_and_loses_none(
     assert strong["energy left [J]"] < 0.2 * free["energy left [J]"]
 
 
-def test_what_energy_leaves_open_halves_with_the_step_and_has_no_trend(
-    standard: Callable[[str], Ran],
-) -> None:
+def test_what_energy_leaves_open_halves_with_the_step_and_has_no_trend(standard: Standard) -> None:
     folder = standard("energy").folder
     runs = [read(folder / f"energy_dt_{dt}us.csv") for dt in (1000, 500, 250)]
     coarse, middle, fine = (np.abs(run.unexplained) for run in runs)

@@ -15,7 +15,7 @@ from cranedyn.controllers.riccati import riccati, stationary
 from cranedyn.data.trajectory import read
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.model.description import main as description_main
-from experiments import a1, b1, demo, energy, harness
+from experiments import a1, demo, energy, harness
 from experiments.compare import runs as compare_runs
 from experiments.scenarios.moves import MOVES
 from experiments.scenarios.strategies import FLAT, LQR, MPC
@@ -49,6 +49,7 @@ def test_clocks_are_judged_before_an_experiment_begins(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("period", "reason"),
     [
@@ -83,17 +84,6 @@ def test_numbers_too_far_apart_for_a_regulator_are_the_reason_in_the_table_of_th
         "There is no linear-quadratic regulator for this crane: its masses, dampings, gravity or "
         "control period "
     )
-
-
-def test_b1_says_that_there_is_no_regulator(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(b1, "SHOWN", (LQR,))
-    assert b1.main(["--set", "damp_slew:=1e12", "--out", str(tmp_path / "out")]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("error: There is no linear-quadratic regulator for this crane: ")
-    assert error.count("\n") == 1
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -146,6 +136,7 @@ def test_what_a_parser_quotes_stays_on_its_line(
     assert capsys.readouterr().err.endswith(f"{says}\n")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("main", [a1.main, energy.main])
 def test_another_stepping_rule_runs_and_leaves_the_claims_of_the_usual_one_unjudged(
     main: Main, tmp_path: Path

@@ -120,7 +120,7 @@ def test_a_claim_about_converters_that_does_not_hold_is_one() -> None:
     assert [claim.holds for claim in claims.converter_claims(worst)] == [False]
     broken = {"one": {FLAT: {"gust": StrategyResult(None, "the rope goes slack")}}}
     assert [claim.holds for claim in claims.converter_claims(broken)] == [False]
-    assert claims.converter_claims({"one": {PD: {"as planned": scored(1.0)}}}) == []
+    assert list(claims.converter_claims({"one": {PD: {"as planned": scored(1.0)}}})) == []
     table = tables.drives_table(MOVES[0], good)
     assert table.columns[-1][0] == "beyond [s]" and table.rows[0][-1] == 0.5
 

@@ -31,7 +31,7 @@ from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 from experiments import a1, a2, a3, energy, harness, mass_ratio, report
 from experiments.harness import setup as world_room
-from tests.experiments.conftest import ARTICLE, PLAIN, Ran, parse_strict, write_csv
+from tests.experiments.conftest import ARTICLE, PLAIN, Ran, Standard, parse_strict, write_csv
 from tests.helpers import files
 from tests.told import TOLD, missing
 
@@ -44,9 +44,7 @@ each = pytest.mark.parametrize("name", EXPERIMENTS)
 
 @each
 @pytest.mark.slow
-def test_every_claim_holds_and_the_exit_code_says_so(
-    name: str, standard: Callable[[str], Ran]
-) -> None:
+def test_every_claim_holds_and_the_exit_code_says_so(name: str, standard: Standard) -> None:
     found = standard(name)
     assert (found.code, found.failed()) == (0, [])
     assert found.text.count("\nholds      ") == len(found.result["claims"]) >= 3
@@ -55,7 +53,7 @@ def test_every_claim_holds_and_the_exit_code_says_so(
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(PLAIN))
 def test_an_experiment_prints_the_same_whatever_computes_its_steps(
-    name: str, standard: Callable[[str], Ran], ran: Callable[..., Ran]
+    name: str, standard: Standard, ran: Callable[..., Ran]
 ) -> None:
     pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
     compiled = ran(name, "--gravity", "9.8", "--engine", "compiled")
@@ -81,7 +79,7 @@ FILES = {
 @each
 @pytest.mark.slow
 def test_trajectories_figures_recording_and_result_are_written_and_nothing_else(
-    name: str, standard: Callable[[str], Ran]
+    name: str, standard: Standard
 ) -> None:
     folder, (trajectories, figures) = standard(name).folder, map(str.split, FILES[name])
     expected = {f"{t}{ending}" for t in trajectories for ending in (".csv", ".parquet")} | {
@@ -106,9 +104,7 @@ def test_trajectories_figures_recording_and_result_are_written_and_nothing_else(
 
 @each
 @pytest.mark.slow
-def test_its_tables_fit_80_columns_and_the_report_shows_it(
-    name: str, standard: Callable[[str], Ran]
-) -> None:
+def test_its_tables_fit_80_columns_and_the_report_shows_it(name: str, standard: Standard) -> None:
     text = standard(name).text  # not to a terminal
     framed = [line for line in text.splitlines() if line[:1] in tuple("┏┃┡│└")]
     assert framed and max(map(cell_len, framed)) <= 80  # γ̈ is two characters in one column
@@ -121,7 +117,7 @@ def test_its_tables_fit_80_columns_and_the_report_shows_it(
 
 @each
 @pytest.mark.slow
-def test_the_result_names_what_it_was_made_with(name: str, standard: Callable[[str], Ran]) -> None:
+def test_the_result_names_what_it_was_made_with(name: str, standard: Standard) -> None:
     result = standard(name).result
     assert result["experiment"] == name
     assert result["parameters"]["gravity_m_s2"] == (9.8 if name in ARTICLE else 9.80665)
@@ -132,9 +128,7 @@ def test_the_result_names_what_it_was_made_with(name: str, standard: Callable[[s
 
 @each
 @pytest.mark.slow
-def test_documents_tell_the_numbers_of_the_command(
-    name: str, standard: Callable[[str], Ran]
-) -> None:
+def test_documents_tell_the_numbers_of_the_command(name: str, standard: Standard) -> None:
     documents = "README.md", "docs/findings.md"
     for document, numbers in zip(documents, TOLD[name](standard(name)), strict=True):
         assert missing(numbers, document) == []
@@ -153,7 +147,7 @@ def test_help_is_printed(name: str, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.slow
-def test_light_links_converge_to_none_in_proportion(standard: Callable[[str], Ran]) -> None:
+def test_light_links_converge_to_none_in_proportion(standard: Standard) -> None:
     rows = standard("mass_ratio").table("Free swing with ever lighter links")
     assert [row["link [kg]"] for row in rows] == [50.0, 10.0, 1.0, 0.1, 1e-2, 1e-4, 1e-6, 0.0]
     bare = 1000 * 15**2 + 400
@@ -167,7 +161,7 @@ def test_light_links_converge_to_none_in_proportion(standard: Callable[[str], Ra
 
 
 @pytest.mark.slow
-def test_a_point_load_swings_alike_whatever_it_weighs(standard: Callable[[str], Ran]) -> None:
+def test_a_point_load_swings_alike_whatever_it_weighs(standard: Standard) -> None:
     rows = standard("mass_ratio").table("All drives in prescribed motion")
     assert [row["load [kg]"] for row in rows] == [10.0, 1e3, 1e5]
     for column in ("point: max φ [rad]", "max θ [rad]"):

@@ -12,6 +12,7 @@ from tests.experiments.conftest import Ran
 from tests.helpers import FAST
 
 pytest.importorskip("control", reason="extra control (python-control) is not installed")
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -21,16 +22,15 @@ def done(ran: Callable[..., Ran]) -> Ran:
 
 
 def test_every_claim_is_judged_and_holds(done: Ran) -> None:
-    claims = done.result["claims"]
-    assert len(claims) == 5
-    assert all(claim["holds"] is True for claim in claims)
+    assert (len(done.result["claims"]), done.failed()) == (5, [])
 
 
 def test_the_map_tells_what_is_near_its_end(done: Ran) -> None:
-    table = done.result["tables"][0]
-    late = {row[0]: row[10] for row in table["rows"]}
-    damping = {row[0]: row[1] for row in table["rows"]}
-    stronger = {row[0]: row[4] for row in table["rows"]}
+    rows = {row["strategy"]: row for row in done.table("Least margins over trolley radius")}
+    damping, stronger, late = (
+        {strategy: row[column] for strategy, row in rows.items()}
+        for column in ("damping [%]", "stronger", "late [ms]")
+    )
     # a PD that knows nothing of the swing leaves it undamped; an LQR made for elsewhere does worse
     assert damping[margins.KEPT] < 0.0 < damping[PD] < 0.1 < 5.0 < damping[LQR]
     # a Kalman filter takes away what an LQR has of margins (Doyle 1978)

@@ -46,6 +46,7 @@ def printed(table: ResultTable, width: int) -> str:
     return text
 
 
+@pytest.mark.slow
 @given(tables(), st.sampled_from([60, 80, 100, 200, 400]))
 def test_no_number_is_cut_and_no_line_is_wider_than_the_terminal(
     table: ResultTable, width: int
