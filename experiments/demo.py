@@ -63,8 +63,6 @@ def pieces(
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Run until the cycles are done or the user interrupts; both keep all that was recorded."""
-    from cranedyn.recording import Run
-
     setup = _setup(options, setup)
     rates = (options.rate_slew, options.rate_x, options.rate_hoist)
     rates = setup.crane.layout.for_drives("rate limit", rates, "/s", "> 0").tolist()
@@ -106,7 +104,9 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         parameters=parameters | ({"earlier_parts": earlier_files} if earlier_files else {}),
         trajectories=trajectories,
         figures={"swing": _figure(tour, run)},
-        recording=[Run(name, setup.crane, trajectory) for name, trajectory in runs.items()],
+        recording=harness.side_by_side(
+            {name: (setup.crane, trajectory) for name, trajectory in runs.items()}, apart=0.0
+        ),
     )
 
 

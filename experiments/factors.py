@@ -20,8 +20,6 @@ from experiments.standards.needed import Need, across, upwards
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Compare formulas, derive them by simulation, and measure what moves need of them."""
-    from cranedyn.recording import Run
-
     moves, hoists = across(setup), upwards(setup)
     factors_derived = derived(setup.gravity)
     return Outcome(
@@ -29,9 +27,9 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         claims=[*_claims(factors_derived), *_gains(moves, hoists)],
         trajectories={f"{need.move}_{i}": need.run for i, need in enumerate(moves)},
         figures={"factors": _figure(factors_derived), "needed": _needed(moves)},
-        recording=[
-            Run(need.strategy, setup.crane, need.run) for need in moves if need.move == "trolley"
-        ],
+        recording=harness.side_by_side(
+            {n.strategy: (setup.crane, n.run) for n in moves if n.move == "trolley"}, apart=0.0
+        ),
     )
 
 

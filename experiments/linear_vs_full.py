@@ -37,8 +37,6 @@ SHOWN = ("slew", "slew, trolley, fast hoist")
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Make every move of every crane, slower slews, and slow hoisting."""
-    from cranedyn.recording import Run
-
     setup = replace(setup, dt=DT, control_period=CONTROL_PERIOD)
     cranes = {site: site.crane(setup) for site in SITES}
     cases = [case for site, crane in cranes.items() for case in moves.run_cases(setup, site, crane)]
@@ -77,10 +75,9 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             "slews": results.slew_figure(slow, short, GOOD),
             "dropped": results.dropped_figure(cases, SHOWN),
         },
-        recording=[
-            Run(case.job.name, cranes[case.site], case.run, (120.0 * i, 0.0, 0.0))
-            for i, case in enumerate(drawn)
-        ],
+        recording=harness.side_by_side(
+            {case.job.name: (cranes[case.site], case.run) for case in drawn}, apart=120.0
+        ),
     )
 
 

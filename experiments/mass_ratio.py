@@ -101,8 +101,6 @@ def run_tour(setup: Setup, crane: Crane) -> Trajectory:
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Sweep the dummy links, then the load."""
-    from cranedyn.recording import Run
-
     crane = setup.crane
     runs = {m: swing(setup, m) for m in LINKS}
     periods = {m: crossing_period(r) for m, r in runs.items()}
@@ -158,7 +156,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         parameters={"swing_rad": SWING, "length_m": LENGTH},
         trajectories={"links_50": runs[50.0], "links_1e-6": runs[1e-6], "tour_1000": points[1.0e3]},
         figures={"links": _links_figure(crane, periods)},
-        recording=[Run("all drives at once", crane, points[1.0e3])],
+        recording=harness.side_by_side({"all drives at once": (crane, points[1.0e3])}),
     )
 
 

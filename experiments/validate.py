@@ -59,8 +59,6 @@ def checks(bench: Bench, halvings: int) -> dict[str, list[OracleCheck]]:
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run the oracles, measure the order, record two telling runs."""
-    from cranedyn.recording import Run
-
     halvings = int(number("halvings", options.halvings, "", "3 to 6"))
     spoilt = parse_values(options.spoil)
 
@@ -102,10 +100,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             "ripple": _ripple_figure(bench, build()),
             "oval": _oval_figure(runs["oval swing"][1]),
         },
-        recording=[
-            Run(name, crane, run, (100.0 * i, 0.0, 0.0))
-            for i, (name, (crane, run)) in enumerate(runs.items())
-        ],
+        recording=harness.side_by_side(runs, apart=100.0),
     )
 
 
