@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -76,17 +77,13 @@ def reference(case: Case, duration: float) -> tuple[np.ndarray, np.ndarray]:
     def rates(t: float, y: np.ndarray, effort: np.ndarray) -> np.ndarray:
         return np.concatenate([y[5:], dynamics.acceleration(crane, State(y[:5], y[5:]), effort)])
 
-    drives = case.crane.layout.drives
+    drives = crane.layout.drives
+    method: Any = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-15}
     for k, (q, v) in enumerate(zip(rows[:-1, :5], rows[:-1, 5:], strict=True)):
-        effort = (
-            hold.feed_forward
-            + hold.stiffness * (rows[0, drives] - q[drives])
-            - hold.damping * v[drives]
-        )
+        away = rows[0, drives] - q[drives]
+        effort = hold.feed_forward + hold.stiffness * away - hold.damping * v[drives]
         span, arguments = (0.0, case.period), (effort.clip(-limit, limit),)
-        rows[k + 1] = solve_ivp(
-            rates, span, rows[k], method="DOP853", args=arguments, rtol=1e-13, atol=1e-15
-        ).y[:, -1]
+        rows[k + 1] = solve_ivp(rates, span, rows[k], args=arguments, **method).y[:, -1]
     return times, rows[:, :5]
 
 
@@ -106,14 +103,10 @@ def swung(case: Case, integrator: Integrator, duration: float) -> Trajectory:
 
 def errors(crane: Crane, run: Trajectory, times: np.ndarray, exact: np.ndarray) -> Errors:
     """Return the errors of a run against exact coordinates at control instants, shape (n, 5)."""
-    distance = max(
-        float(
-            np.linalg.norm(
-                dynamics.payload_position(crane, q) - dynamics.payload_position(crane, reference_q)
-            )
-        )
-        for q, reference_q in zip(run.q, exact, strict=True)
+    places = (
+        [dynamics.payload_position(crane, q) for q in coordinates] for coordinates in (run.q, exact)
     )
+    distance = max(float(np.linalg.norm(a - b)) for a, b in zip(*places, strict=True))
     period = _period(times, run["phi_rad"]) - _period(times, exact[:, 2])
     return Errors(distance, abs(period), float(np.abs(run.unexplained).max()))
 
@@ -133,27 +126,16 @@ def integrators(
     """Return cost and errors of each integrator at each step."""
     crane = Case().crane
     times, exact = reference(Case(crane, period=PERIOD), duration)
-    strategies = [
-        (integrator, Case(crane, dt, PERIOD)) for integrator in INTEGRATORS for dt in steps
-    ]
+    cases = [(rule, Case(crane, dt, PERIOD)) for rule in INTEGRATORS for dt in steps]
     # So that nothing in the race is a first.
-    runs = [swung(case, integrator, duration) for integrator, case in strategies]
-    costs = (
-        np.median(
-            race(
-                [partial(swung, case, integrator, duration) for integrator, case in strategies],
-                rounds,
-                rng,
-            ),
-            axis=1,
-        )
-        / duration
-    )
+    runs = [swung(case, rule, duration) for rule, case in cases]
+    tasks = [partial(swung, case, rule, duration) for rule, case in cases]
+    costs = np.median(race(tasks, rounds, rng), axis=1) / duration
     rows = []
-    for (integrator, case), run, cost in zip(strategies, runs, costs, strict=True):
+    for (rule, case), run, cost in zip(cases, runs, costs, strict=True):
         off = errors(crane, run, times, exact)
         rows.append(
-            (integrator.name, 1e3 * case.dt, 1e3 * float(cost), off.place, off.period, off.energy)
+            (rule.name, 1e3 * case.dt, 1e3 * float(cost), off.place, off.period, off.energy)
         )
     columns = [("integrator", ""), ("step [ms]", "g"), ("ms per simulated s", ".3g")]
     columns += [("payload off [m]", ".1e"), ("period off [s]", ".1e"), ("energy off [J]", ".1e")]
@@ -179,10 +161,8 @@ def start_up(
         f"median of {rounds} shuffled rounds. "
         f"All but the first import cranedyn, load the crane and make its controller; C is compiled."
     )
-    rows = [
-        (name, 1e3 * float(seconds))
-        for name, seconds in zip(["Python, nothing else", *names], times, strict=True)
-    ]
+    everybody = ["Python, nothing else", *names]
+    rows = [(name, 1e3 * float(seconds)) for name, seconds in zip(everybody, times, strict=True)]
     return ResultTable("To the first step", [("strategy", ""), ("ms", ".0f")], rows, note)
 
 

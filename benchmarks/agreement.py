@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.workload import Case, Contestant, Result, Run, plain
+from experiments.harness.outcome import ResultTable
 
 ALLOWED = 1e-9
 """Largest difference with which a contestant is shown: of a coordinate or rate [rad, m, per
@@ -50,11 +51,9 @@ class Truth:
         first and the last start.
         """
         if many:
-            got, expected = run(self._starts, STRETCH), self._results
-            ends, peaks = (
-                np.concatenate([result.ends for result in expected]),
-                np.concatenate([result.peaks for result in expected]),
-            )
+            got = run(self._starts, STRETCH)
+            ends = np.concatenate([result.ends for result in self._results])
+            peaks = np.concatenate([result.peaks for result in self._results])
             return max(_largest(got.ends, ends), _largest(got.peaks, peaks))
         return max(
             self._of_log(run(self._starts[i][None], STRETCH), self._results[i]) for i in (0, -1)
@@ -86,23 +85,26 @@ def sort(
     """
     truth, ready, refused = Truth(case), [], []
     for contestant in contestants:
-        reason = contestant.missing()
-        if reason is None:
-            try:
-                run = contestant.prepare(case)
-                max_deviation = truth.max_deviation(run, many=contestant.many)
-            # Engines fail each in its own way, and one of them must not end the others.
-            except Exception as error:
-                reason = (
-                    f"it fails: {type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
-                )
-            else:
-                if max_deviation <= ALLOWED:
-                    ready.append(Ready(contestant, run, max_deviation))
-                    continue
-                reason = (
-                    f"it is {max_deviation:.1e} off the plain loop after {STRETCH:g} s, more "
-                    f"than {ALLOWED:g}"
-                )
-        refused.append((contestant.name, reason))
+        if reason := contestant.missing():
+            refused.append((contestant.name, reason))
+            continue
+        try:
+            run = contestant.prepare(case)
+            deviation = truth.max_deviation(run, many=contestant.many)
+        # Engines fail each in its own way, and one of them must not end the others.
+        except Exception as error:
+            line = next(iter(str(error).splitlines()), "")
+            refused.append((contestant.name, f"it fails: {type(error).__name__}: {line}"))
+            continue
+        if deviation <= ALLOWED:
+            ready.append(Ready(contestant, run, deviation))
+        else:
+            off = f"it is {deviation:.1e} off the plain loop after {STRETCH:g} s, more"
+            refused.append((contestant.name, f"{off} than {ALLOWED:g}"))
     return ready, refused
+
+
+def refused_table(refused: Sequence[tuple[str, str]]) -> list[ResultTable]:
+    """Return the table of contestants that are not shown, if there are any."""
+    columns = (("strategy", ""), ("why", ""))
+    return [ResultTable("Not shown", columns, refused)] if refused else []

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from time import monotonic, process_time
+from typing import Any
 
 import numpy as np
 
@@ -84,38 +85,33 @@ def all_bars() -> list[Bar]:
     imports = Workload(partial(fresh, _OTHERS), 1.0, _ROUNDS // 6, _of_children)
     first = Workload(partial(fresh, _FIRST_STEP), 1.0, _ROUNDS // 6, _of_children)
     return [
-        Bar("plain loop", _loop(case, 1.0), aba_calls, 0.33),
+        Bar("plain loop", _run(case, 1.0), aba_calls, 0.33),
         Bar("Python controller, compiled steps", _stepping(case, 10.0), aba_calls, 2.0),
         Bar("compiled closed loop", _closed(case, 70.0), aba_calls, 18.5),
         Bar("compiled batch, 1 thread", _batch(case, 1.0), aba_calls, 205.0),
-        Bar("double pendulum: plain loop", _loop(hook, 1.0), aba_calls, 0.285),
+        Bar("double pendulum: plain loop", _run(hook, 1.0), aba_calls, 0.285),
         Bar("double pendulum: compiled closed loop", _closed(hook, 35.0), aba_calls, 11.8),
         Bar("first compiled step of a process", first, imports, 0.35),
     ]
 
 
-def _loop(case: Case, duration: float) -> Workload:
-    return _ran(case, duration, engine="pinocchio")
-
-
-def _stepping(case: Case, duration: float) -> Workload:
-    return _ran(case, duration, engine="compiled", controller=partial(case.controller))
-
-
-def _closed(case: Case, duration: float) -> Workload:
-    return _ran(case, duration, engine="compiled")
-
-
-def _ran(case: Case, duration: float, **options: object) -> Workload:
+def _run(case: Case, duration: float, **options: object) -> Workload:
     run = partial(plain, case, case.starts(1)[0], duration, **options)  # type: ignore[arg-type]
     return Workload(run, case.periods(duration) * case.steps)
 
 
+def _closed(case: Case, duration: float) -> Workload:
+    return _run(case, duration, engine="compiled")
+
+
+def _stepping(case: Case, duration: float) -> Workload:
+    return _run(case, duration, engine="compiled", controller=partial(case.controller))
+
+
 def _batch(case: Case, duration: float, cranes: int = 512) -> Workload:
     start = State(*np.split(case.starts(cranes), 2, axis=1))
-    run = partial(
-        simulate_batch, case.crane, case.controller, start=start, duration=duration, threads=1
-    )
+    how: Any = {"start": start, "duration": duration, "threads": 1}
+    run = partial(simulate_batch, case.crane, case.controller, **how)
     return Workload(run, cranes * case.periods(duration) * case.steps)
 
 
@@ -147,12 +143,11 @@ def measure_bars(bars: Sequence[Bar], seconds: float, share: float = SHARE) -> l
                 work.run()
                 least_times[id(work)] = min(least_times[id(work)], work.clock() - before)
         k += 1
-        ratios = [
-            least_times[id(bar.yardstick)]
-            / bar.yardstick.amount
-            / (least_times[id(bar.work)] / bar.work.amount)
+        each = [
+            [least_times[id(work)] / work.amount for work in (bar.yardstick, bar.work)]
             for bar in bars
         ]
+        ratios = [yardstick / ours for yardstick, ours in each]
         passed = all(ratio >= share * bar.usual for ratio, bar in zip(ratios, bars, strict=True))
         if (k % _ROUNDS == 0 and passed) or monotonic() >= end:
             return ratios
@@ -180,21 +175,11 @@ def judge_bars(bars: Sequence[Bar], seconds: float, share: float = SHARE) -> int
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.bars", description=__doc__)
-    parser.add_argument(
-        "--seconds",
-        type=float,
-        default=SECONDS,
-        metavar="T",
-        help=f"time after which who has not passed has failed (default {SECONDS:g})",
-    )
-    parser.add_argument(
-        "--share",
-        type=float,
-        default=SHARE,
-        metavar="S",
-        help="of the usual ratios that must be reached; less on processors of another kind "
-        f"(default {SHARE:g})",
-    )
+    late = f"time after which who has not passed has failed (default {SECONDS:g})"
+    parser.add_argument("--seconds", type=float, default=SECONDS, metavar="T", help=late)
+    least = "of the usual ratios that must be reached; less on processors of another kind "
+    least += f"(default {SHARE:g})"
+    parser.add_argument("--share", type=float, default=SHARE, metavar="S", help=least)
     options = parser.parse_args(argv)
     return command(lambda: judge_bars(all_bars(), options.seconds, options.share))
 

@@ -4,7 +4,6 @@ how fast it goes there.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 import time
@@ -15,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from benchmarks.conduct import print_tables
 from cranedyn.bridges import bags, fmi, gazebo, mcap, mjcf, ros2
-from cranedyn.bridges.names import input_names, state_names
-from cranedyn.command import Parser, command
+from cranedyn.bridges.joints import input_names, state_names
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import CraneError
@@ -27,7 +26,6 @@ from cranedyn.model.load import load_crane
 from cranedyn.references import hold
 from experiments import gazebo as recordings
 from experiments import harness
-from experiments.harness.document import read_document
 from experiments.scenarios import programs
 
 SETUP = harness.Setup(9.8, engine="compiled")
@@ -69,11 +67,7 @@ def _mjcf(written: Path, crane: Crane, run: Trajectory) -> Comparison:
         data.ctrl[:] = brake(t, state, setpoint)
         mujoco.mj_step(model, data, 10)
     speed = 10 * len(run) / (time.process_time() - began)
-    return Comparison(
-        "coordinates and rates, 20 s of swing, hold",
-        float(np.abs(np.array(rows) - np.hstack([run.q, run.v])).max()),
-        speed,
-    )
+    return _swing_comparison(rows, run, speed)
 
 
 def _fmu(written: Path, crane: Crane, run: Trajectory) -> Comparison:
@@ -105,53 +99,37 @@ def _fmu(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     speed = 10 * len(run) / (time.process_time() - began)
     unit.terminate()
     unit.freeInstance()
-    return Comparison(
-        "coordinates and rates, 20 s of swing, hold",
-        float(np.abs(np.array(rows) - np.hstack([run.q, run.v])).max()),
-        speed,
-    )
+    return _swing_comparison(rows, run, speed)
+
+
+def _swing_comparison(rows: list[np.ndarray], run: Trajectory, speed: float) -> Comparison:
+    apart = np.abs(np.array(rows) - np.hstack([run.q, run.v])).max()
+    return Comparison("coordinates and rates, 20 s of swing, hold", float(apart), speed)
 
 
 def _mcap(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     """Read all coordinates and rates back."""
-    columns = [
-        f"{s}_{kind}"
-        for s, u in (("gamma", "rad"), ("x", "m"), ("phi", "rad"), ("l", "m"))
-        for kind in (u, f"dot_{u}_s")
-    ]
+    columns = [name for joint in crane.layout.joints for name in joint.columns]
     began = time.process_time()
     values = bags.read_joint_states(written, columns)
     speed = len(run) / (time.process_time() - began)
-    return Comparison(
-        "coordinates and rates, read back",
-        max(float(np.abs(values[c] - run[c]).max()) for c in columns),
-        speed,
-    )
+    apart = max(float(np.abs(values[c] - run[c]).max()) for c in columns)
+    return Comparison("coordinates and rates, read back", apart, speed)
 
 
 def _ros2(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     """Compare the mass matrix of the package's URDF."""
     same = load_crane(written / "urdf" / "crane.urdf", gravity=crane.gravity)
-    difference = np.abs(
-        pin.crba(same.model, same.data, run.q[0]) - pin.crba(crane.model, crane.data, run.q[0])
-    ).max()
-    return Comparison("mass matrix of its URDF [kg, kg m, kg m²]", float(difference), None)
+    masses = [pin.crba(one.model, one.data, run.q[0]) for one in (same, crane)]
+    difference = float(np.abs(masses[0] - masses[1]).max())
+    return Comparison("mass matrix of its URDF [kg, kg m, kg m²]", difference, None)
 
 
-Exporter = tuple[
-    str,
-    str,
-    Callable[[Path, Crane, Trajectory], object],
-    Callable[[Path, Crane, Trajectory], Comparison],
-]
+Export = Callable[[Path, Crane, Trajectory], object]
+Compare = Callable[[Path, Crane, Trajectory], Comparison]
 
-EXPORTERS: tuple[Exporter, ...] = (
-    (
-        "gazebo",
-        "a1",
-        lambda path, crane, run: gazebo.export(path, programs.program("a1", SETUP)),
-        _gazebo,
-    ),
+EXPORTERS: tuple[tuple[str, str, Export, Compare], ...] = (
+    ("gazebo", "a1", lambda path, *_: gazebo.export(path, programs.program("a1", SETUP)), _gazebo),
     ("ros2", "package", lambda path, crane, run: ros2.export(path, crane), _ros2),
     ("mjcf", "crane.xml", lambda path, crane, run: mjcf.export(path, crane), _mjcf),
     ("fmu", "crane.fmu", lambda path, crane, run: fmi.export(crane, path), _fmu),
@@ -163,14 +141,8 @@ EXPORTERS: tuple[Exporter, ...] = (
 def exporter_table() -> harness.ResultTable:
     """Measure every exporter once."""
     crane = SETUP.crane
-    run = SETUP.simulate(
-        crane,
-        hold_controller(crane),
-        None,
-        start=crane.state(phi=0.1, theta=0.05),
-        duration=20.0,
-        label="swing",
-    )
+    brake, start = hold_controller(crane), crane.state(phi=0.1, theta=0.05)
+    run = SETUP.simulate(crane, brake, None, start=start, duration=20.0, label="swing")
     rows: list[tuple[str | float | None, ...]] = []
     with tempfile.TemporaryDirectory() as folder:
         for name, target, write, look in EXPORTERS:
@@ -183,27 +155,13 @@ def exporter_table() -> harness.ResultTable:
             except (CraneError, ImportError) as error:
                 rows.append((name, None, None, f"not here: {error}", None, None))
                 continue
-            size = sum(
-                file.stat().st_size for file in (path.rglob("*") if path.is_dir() else [path])
-            )
-            rows.append(
-                (
-                    name,
-                    1e3 * spent,
-                    size / 1e3,
-                    result.compared,
-                    result.apart,
-                    result.speed and result.speed / 1e3,
-                )
-            )
-    columns = [
-        ("exporter", ""),
-        ("written [ms]", ".0f"),
-        ("size [kB]", ".0f"),
-        ("compared", ""),
-        ("apart", ".0e"),
-        ("thousand/s", ".0f"),
-    ]
+            files = path.rglob("*") if path.is_dir() else [path]
+            size = sum(file.stat().st_size for file in files)
+            speed = result.speed and result.speed / 1e3
+            row = (name, 1e3 * spent, size / 1e3, result.compared, result.apart, speed)
+            rows.append(row)
+    columns = [("exporter", ""), ("written [ms]", ".0f"), ("size [kB]", ".0f"), ("compared", "")]
+    columns += [("apart", ".0e"), ("thousand/s", ".0f")]
     note = (
         "Processor time. Apart: the largest difference [rad, m, per second] unless said "
         "otherwise. Thousand steps or rows a second."
@@ -213,22 +171,7 @@ def exporter_table() -> harness.ResultTable:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure and print; 0, or 2 for bad arguments or files."""
-    parser = Parser(prog="python -m benchmarks.bridges", description=__doc__)
-    parser.add_argument(
-        "--document",
-        metavar="FILE.md",
-        help="put the table between its marks <!-- bridges: --> there",
-    )
-    return command(lambda: _main(parser.parse_args(argv)))
-
-
-def _main(options: argparse.Namespace) -> int:
-    document = read_document(options.document, "bridges") if options.document else None
-    result = exporter_table()
-    print(result.markdown())
-    if document is not None:
-        document.write([result])
-    return 0
+    return print_tables("bridges", __doc__, lambda options: [exporter_table()], argv)
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -49,13 +50,45 @@ def conduct(
     parser.add_argument(
         "--out", type=Path, metavar="FOLDER", help=f"write the figure {name}.png there"
     )
-    add_document(parser, name)
+    _add_document(parser, name)
     options = parser.parse_args(argv)
     return command(lambda: _conducted(name, benchmark, options))
 
 
-def add_document(parser: argparse.ArgumentParser, name: str) -> None:
-    """Add the argument that names a page for the tables of a benchmark."""
+def print_tables(
+    name: str,
+    about: str | None,
+    measure: Callable[[argparse.Namespace], Sequence[ResultTable]],
+    argv: Sequence[str] | None,
+    **arguments: dict[str, Any],
+) -> int:
+    """Measure, print tables, and write them to the page that the command line names.
+
+    Args:
+        name: Name of the benchmark.
+        about: Its documentation.
+        measure: Function from the options to the tables.
+        argv: Arguments of the command line.
+        arguments: Further options and what `add_argument` takes for them.
+
+    Returns:
+        0, 2 for bad arguments or files, 130 if interrupted.
+    """
+    parser = argparse.ArgumentParser(prog=f"python -m benchmarks.{name}", description=about)
+    for option, settings in arguments.items():
+        parser.add_argument(f"--{option}", **settings)
+    _add_document(parser, name)
+    options = parser.parse_args(argv)
+
+    def run() -> int:
+        tell = _teller(name, options)
+        tell(measure(options))
+        return 0
+
+    return command(run)
+
+
+def _add_document(parser: argparse.ArgumentParser, name: str) -> None:
     parser.add_argument(
         "--document",
         metavar="FILE.md",
@@ -63,7 +96,7 @@ def add_document(parser: argparse.ArgumentParser, name: str) -> None:
     )
 
 
-def teller(name: str, options: argparse.Namespace) -> Callable[[Sequence[ResultTable]], None]:
+def _teller(name: str, options: argparse.Namespace) -> Callable[[Sequence[ResultTable]], None]:
     """Return a function that prints tables and writes them to the page named on the command line.
 
     Raises:
@@ -80,7 +113,7 @@ def teller(name: str, options: argparse.Namespace) -> Callable[[Sequence[ResultT
 
 
 def _conducted(name: str, benchmark: Benchmark, options: argparse.Namespace) -> int:
-    tell = teller(name, options)
+    tell = _teller(name, options)
     folder = make_folder(options.out) if options.out else None
     tables, figure = benchmark(options.rounds, options.quick)
     tell(tables)

@@ -7,16 +7,15 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
-from benchmarks.agreement import ALLOWED, STRETCH, Ready, sort
+from benchmarks.agreement import ALLOWED, STRETCH, Ready, refused_table, sort
 from benchmarks.conduct import Results, conduct
 from benchmarks.contestants import CONTESTANTS
 from benchmarks.contestants.ours import PLAIN
 from benchmarks.engines_figure import engines_figure
-from benchmarks.timing import race, stretch
+from benchmarks.timing import step_rates
 from benchmarks.workload import DURATION, Case, Contestant
 from cranedyn.errors import CraneError
 from cranedyn.model.load import load_crane
@@ -38,68 +37,38 @@ COLUMNS = (
 )
 
 
+Rows = list[list[float | str | None]]
+
+
 def measure_engines(
     case: Case, ready: Sequence[Ready], rounds: int, budget: float, rng: np.random.Generator
-) -> list[list[float | str | None]]:
-    """Return a row for each contestant and number of cranes: steps/s, real time, ratio.
-
-    Args:
-        case: What to run.
-        ready: Who, the plain loop among them.
-        rounds: How often.
-        budget: How long each takes in a round [s]; a run is cut to fit, never below a control
-            period.
-        rng: Shuffles the rounds.
+) -> Rows:
+    """Return a row for each contestant and number of cranes: steps/s, real time, ratio; arguments
+    as `benchmarks.timing.step_rates`, the plain loop among those that are ready.
     """
     entries = [(e, cranes) for e in ready for cranes in (CRANES if e.contestant.many else (1,))]
-    lengths = [stretch(case, e.run, cranes, budget) for e, cranes in entries]
-    tasks = [
-        partial(e.run, case.starts(cranes), length)
-        for (e, cranes), length in zip(entries, lengths, strict=True)
-    ]
-    steps = [
-        cranes * case.steps * case.periods(length)
-        for (_, cranes), length in zip(entries, lengths, strict=True)
-    ]
-    rates = np.array(steps)[:, None] / race(tasks, rounds, rng)
+    rates = step_rates(case, [(e.run, cranes) for e, cranes in entries], rounds, budget, rng)
     (plain,) = (rate for rate, (e, _) in zip(rates, entries, strict=True) if e.contestant is PLAIN)
-    return [
-        [
-            e.contestant.name,
-            cranes,
-            *_numbers(case, rate, plain),
-            None if e.contestant is PLAIN else e.max_deviation,
-        ]
-        for (e, cranes), rate in zip(entries, rates, strict=True)
-    ]
-
-
-def _numbers(case: Case, rate: np.ndarray, plain: np.ndarray) -> tuple[float, float, float]:
-    middle = float(np.median(rate))
-    million, real_time, ratio = (
-        float(f"{value:.3g}") for value in (middle / 1e6, middle * case.dt, np.median(rate / plain))
-    )
-    return million, real_time, ratio
+    rows: Rows = []
+    for (e, cranes), rate in zip(entries, rates, strict=True):
+        middle = float(np.median(rate))
+        numbers = middle / 1e6, middle * case.dt, np.median(rate / plain)
+        million, real_time, ratio = (float(f"{value:.3g}") for value in numbers)
+        apart = None if e.contestant is PLAIN else e.max_deviation
+        rows.append([e.contestant.name, cranes, million, real_time, ratio, apart])
+    return rows
 
 
 def engine_tables(
     rows: Sequence[Sequence[float | str | None]], refused: Sequence[tuple[str, str]], rounds: int
 ) -> list[ResultTable]:
     """Return the tables of one crane, of many cranes, and of contestants that are not shown."""
-    note = _note(rounds)
-    single = [row for row in rows if row[1] == 1]
-    result = [
-        ResultTable(
-            f"One crane for {DURATION:g} s, or as much of them as fits", COLUMNS, single, note
-        )
-    ]
-    if len(single) < len(rows):
-        result.append(
-            ResultTable("Many cranes at once", COLUMNS, [row for row in rows if row[1] != 1], note)
-        )
-    if refused:
-        result.append(ResultTable("Not shown", (("strategy", ""), ("why", "")), refused))
-    return result
+    single, many = ([row for row in rows if (row[1] == 1) is alone] for alone in (True, False))
+    title = f"One crane for {DURATION:g} s, or as much of them as fits"
+    result = [ResultTable(title, COLUMNS, single, _note(rounds))]
+    if many:
+        result.append(ResultTable("Many cranes at once", COLUMNS, many, _note(rounds)))
+    return [*result, *refused_table(refused)]
 
 
 def _note(rounds: int) -> str:
@@ -124,20 +93,16 @@ def engines_benchmark(
     case, rng = Case(), np.random.default_rng(0)
     ready, refused = sort(case, contestants)
     if not any(entry.contestant is PLAIN for entry in ready):
-        raise CraneError(
-            f"Nothing can be compared without the {PLAIN.name}: "
-            f"{dict(refused).get(PLAIN.name, 'it does not take part')}."
-        )
+        reason = dict(refused).get(PLAIN.name, "it does not take part")
+        raise CraneError(f"Nothing can be compared without the {PLAIN.name}: {reason}.")
     budget = 0.05 if quick else 1.0
     result = engine_tables(measure_engines(case, ready, rounds, budget, rng), refused, rounds)
     able = [entry for entry in contestants if entry.any_crane]
     if len(able) > 1:
         hook = Case(load_crane(hook_mass=HOOK_MASS))
-        able_ready, _ = sort(hook, able)
-        rows = measure_engines(hook, able_ready, rounds, budget, rng)
-        result.append(
-            ResultTable("Double pendulum: hook and slung load", COLUMNS, rows, _note(rounds))
-        )
+        rows = measure_engines(hook, sort(hook, able)[0], rounds, budget, rng)
+        title = "Double pendulum: hook and slung load"
+        result.append(ResultTable(title, COLUMNS, rows, _note(rounds)))
     return result, lambda: engines_figure(case, ready, rng, quick=quick)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -37,16 +38,12 @@ def engines_figure(
     """
     sizes, lengths = (SIZES[:4], LENGTHS[:3]) if quick else (SIZES, LENGTHS)
     budget, fewest = (0.02, 1_000) if quick else (0.6, 10_000)
-    batches = [
-        (e, size, stretch(case, e.run, size, budget))
-        for e in ready
-        if e.contestant.many
-        for size in sizes
-    ]
-    single = [
-        (e, 1, length * case.dt) for e in ready if not e.contestant.many for length in lengths
-    ]
-    runs = [*batches, *single]
+    runs = []
+    for e in ready:
+        if e.contestant.many:
+            runs += [(e, size, stretch(case, e.run, size, budget)) for size in sizes]
+        else:
+            runs += [(e, 1, length * case.dt) for length in lengths]
     steps = [cranes * case.steps * case.periods(length) for _, cranes, length in runs]
     times = [max(fewest // count, 1) for count in steps]
     tasks = [
@@ -58,19 +55,10 @@ def engines_figure(
     for k, e in enumerate(ready):
         ax, x = (left, sizes) if e.contestant.many else (right, lengths)
         cost = [cost for (other, _, _), cost in zip(runs, costs, strict=True) if other is e]
-        colour = (
-            "black"
-            if e.contestant is PLAIN
-            else mpl.colormaps["turbo"](0.05 + 0.9 * k / max(len(ready) - 1, 1))
-        )
-        ax.plot(
-            x,
-            cost,
-            marker=_MARKS[k % len(_MARKS)],
-            markersize=5.0,
-            color=colour,
-            label=e.contestant.name,
-        )
+        colour: Any = mpl.colormaps["turbo"](0.05 + 0.9 * k / max(len(ready) - 1, 1))
+        colour = "black" if e.contestant is PLAIN else colour
+        mark, name = _MARKS[k % len(_MARKS)], e.contestant.name
+        ax.plot(x, cost, marker=mark, markersize=5.0, color=colour, label=name)
         if e.contestant is PLAIN:
             left.axhline(cost[-1], linestyle=":", color="black", label=f"{PLAIN.name}, one crane")
     left.set(xlabel="cranes at once", ylabel="time per physics step [ns]")

@@ -4,7 +4,6 @@ is.
 
 from __future__ import annotations
 
-import argparse
 import re
 import subprocess
 import sys
@@ -17,14 +16,12 @@ from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
-from benchmarks.conduct import add_document, teller
+from benchmarks.conduct import print_tables
 from benchmarks.timing import seconds
 from benchmarks.workload import Case
-from cranedyn.command import command
 from cranedyn.compiled import cuda
 from cranedyn.compiled.batch import Device, simulate_batch
-from cranedyn.compiled.kernel import Recipe
-from cranedyn.compiled.ptx import ptx
+from cranedyn.compiled.kernel import KernelSource, Recipe
 from cranedyn.compiled.threads import WARP
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
 from cranedyn.errors import CraneError
@@ -51,7 +48,6 @@ def recipe(
     """Return a recipe of code for threads; with `everything`, each crane has its own controller,
     forces, sensor errors and rows.
     """
-    shared = (not everything,) * (3 + everything)
     return Recipe(
         WARP,
         drive,
@@ -60,7 +56,7 @@ def recipe(
         integral=everything,
         offset=everything,
         forces=everything,
-        shared=shared,
+        shared=(not everything,) * (3 + everything),
         log=everything,
         summary=True,
         threads=True,
@@ -84,7 +80,7 @@ def ptx_text(description: dict[str, Any], kind: str) -> str:
     if differ:
         half_loaded = numbers(load_crane(**description, payload_mass=crane.payload_mass / 2.0))
         constants = [a if a == b else None for a, b in zip(constants, half_loaded, strict=True)]
-    return ptx(Topology.of(crane), constants, variant)
+    return cuda.ptx(KernelSource(Topology.of(crane), tuple(constants), variant))
 
 
 class AssemblerReport(NamedTuple):
@@ -115,17 +111,10 @@ def assemble(assembler: Path, ptx_source: str, chip: str) -> AssemblerReport:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "crane.ptx"
         file.write_text(ptx_source, encoding="ascii")
-        done = subprocess.run(
-            [str(assembler), "-v", f"-arch={chip}", str(file), "-o", str(file) + ".cubin"],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-    loop = re.search(
-        r"'run' for.*?(\d+) bytes spill stores, (\d+) bytes spill.*?Used (\d+) reg",
-        done.stderr,
-        re.DOTALL,
-    )
+        call = [str(assembler), "-v", f"-arch={chip}", str(file), "-o", f"{file}.cubin"]
+        done = subprocess.run(call, capture_output=True, text=True, check=False)
+    numbers = r"'run' for.*?(\d+) bytes spill stores, (\d+) bytes spill.*?Used (\d+) reg"
+    loop = re.search(numbers, done.stderr, re.DOTALL)
     if done.returncode or not loop:
         raise CraneError(f"ptxas does not assemble it: {done.stderr}")
     return AssemblerReport(int(loop[3]), max(int(loop[1]), int(loop[2])))
@@ -134,9 +123,8 @@ def assemble(assembler: Path, ptx_source: str, chip: str) -> AssemblerReport:
 def assembly_table() -> ResultTable:
     """Return a row for each crane and kind of code."""
     if (program := assembler()) is None:
-        raise CraneError(
-            "ptxas, NVIDIA's assembler, is not installed: pip install 'cranedyn[ptxas]'"
-        )
+        missing = "ptxas, NVIDIA's assembler, is not installed: pip install 'cranedyn[ptxas]'"
+        raise CraneError(missing)
     rows: list[list[float | str | None]] = []
     for name, description in CRANES.items():
         for kind in KINDS:
@@ -169,9 +157,7 @@ def measure_speed(
     """
     for count in COUNTS:
         duration = max(1.0, min(70.0, simulated / count))
-        gpu, processor = (
-            measured(count, device, duration, rounds) for device in get_args(Device)[::-1]
-        )
+        gpu, processor = (measured(count, on, duration, rounds) for on in get_args(Device)[::-1])
         yield count, gpu, processor, gpu / processor
 
 
@@ -213,16 +199,7 @@ def gpu_tables() -> list[ResultTable]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.gpu", description=__doc__)
-    add_document(parser, "gpu")
-    options = parser.parse_args(argv)
-
-    def run() -> int:
-        tell = teller("gpu", options)
-        tell(gpu_tables())
-        return 0
-
-    return command(run)
+    return print_tables("gpu", __doc__, lambda options: gpu_tables(), argv)
 
 
 if __name__ == "__main__":

@@ -213,17 +213,11 @@ def by_daqp(problem: HorizonProblem) -> Solve:
     hessian += state.T @ problem.end @ state
     linear += problem.end_gradient @ state
     # The state at the start is given: no input moves it.
-    stacked, high, low = (
-        np.vstack(rows)[z:],
-        np.tile(problem.high, n)[z:],
-        np.tile(problem.low, n)[z:],
-    )
+    stacked = np.vstack(rows)[z:]
+    high, low = (np.tile(bound, n)[z:] for bound in (problem.high, problem.low))
     real = (high < NONE) | (low > -NONE)
-    stacked, high, low = (
-        stacked[real],
-        high[real] - stacked[real, -1],
-        low[real] - stacked[real, -1],
-    )
+    stacked = stacked[real]
+    high, low = high[real] - stacked[:, -1], low[real] - stacked[:, -1]
     square = np.ascontiguousarray(hessian[:-1, :-1])
     cost, sides = hessian[:-1, -1] + linear[:-1], np.ascontiguousarray(stacked[:, :-1])
     kinds = np.zeros(len(low), dtype=np.int32)

@@ -23,12 +23,8 @@ DURATION, STEPS = 20.0, 40_000
 
 def bare_calls(crane: Crane, calls: int = STEPS) -> None:
     """Call the articulated-body algorithm as often as a round has steps."""
-    aba, model, data, tau = (
-        pin.aba,
-        crane.model,
-        crane.data,
-        np.array([0.0, 0.0, 0.0, 0.0, -9806.65]),
-    )
+    aba, model, data = pin.aba, crane.model, crane.data
+    tau = np.array([0.0, 0.0, 0.0, 0.0, -9806.65])
     q, v = crane.state(phi=0.1, theta=0.05, phi_dot=0.1)
     for _ in range(calls):
         aba(model, data, q, v, tau)

@@ -9,20 +9,19 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.horizon import SOLVERS, HorizonProblem
-from cranedyn.command import command
+from benchmarks.conduct import print_tables
+from benchmarks.horizon import SOLVERS, HorizonProblem, Solve
 from cranedyn.compiled.horizon.receding import Receding, receding
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import flat, hold
 from cranedyn.simulation.simulate import simulate
-from experiments.harness import Outcome, ResultTable
-from experiments.harness.outcome import show
+from experiments.harness import ResultTable
 from experiments.scenarios.moves import AFTER, LIMITS, MOVES, RestToRest
 
 MODULES = {"DAQP": "daqp", "Clarabel": "clarabel", "PIQP": "piqp", "OSQP": "osqp"}
@@ -97,7 +96,7 @@ def problem_of(controller: Receding) -> tuple[HorizonProblem, np.ndarray]:
         forward[:, :, z:],
         each("shift", 1, z)[:, 0],
         each("extra", m, w),
-        each("apart", 1, w + m)[:, 0, w:],
+        each("extra_shift", 1, w + m)[:, 0, w:],
         weight[:z, :z],
         weight[z:, z:],
         each("gradient", 1, w)[:, 0],
@@ -108,14 +107,28 @@ def problem_of(controller: Receding) -> tuple[HorizonProblem, np.ndarray]:
         (end + end.T) / 2.0,
         common("end_gradient", 1, z)[0],
     )
-    return problem, each("here", 1, w + m)[:, 0]
+    return problem, each("iterate", 1, w + m)[:, 0]
 
 
-def timed_call(task: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
-    """Return the processor time of one call [s] and its result."""
-    began = time.thread_time()
-    solution = task()
-    return time.thread_time() - began, solution
+class _Answers(NamedTuple):
+    """Processor times [s] and solutions of a solver, one for each programme."""
+
+    times: np.ndarray
+    costs: np.ndarray
+
+
+def _answers(solver: Callable[[HorizonProblem], Solve], problems: list[HorizonProblem]) -> _Answers:
+    """Solve each problem three times, and return the shortest times."""
+    times, costs = [], []
+    for problem in problems:
+        task, tries = solver(problem), []
+        for _ in range(3):
+            began = time.thread_time()
+            solution = task()
+            tries.append(time.thread_time() - began)
+        times.append(min(tries))
+        costs.append(problem.value(solution))
+    return _Answers(np.array(times), np.array(costs))
 
 
 def repeated(
@@ -150,17 +163,12 @@ def measure_mpc(stride: int, rounds: int) -> list[ResultTable]:
                 max(o.iterations for o in optimisations),
             )
         )
+    columns = [("moves", ""), ("optimisations", ",d"), ("median [ms]", ".3f")]
+    columns += [("median with bounds [ms]", ".3f"), ("most [ms]", ".3f")]
+    columns += [("with bounds [%]", ".0f"), ("most iterations", "d")]
     ours = ResultTable(
         "A control instant with an optimisation, 10 states, 3 inputs, 40 stages",
-        [
-            ("moves", ""),
-            ("optimisations", ",d"),
-            ("median [ms]", ".3f"),
-            ("median with bounds [ms]", ".3f"),
-            ("most [ms]", ".3f"),
-            ("with bounds [%]", ".0f"),
-            ("most iterations", "d"),
-        ],
+        columns,
         rows,
         "Processor time of prediction, quadratic programme and efforts, called from Python; of "
         f"each the shortest of {rounds} runs.",
@@ -168,23 +176,15 @@ def measure_mpc(stride: int, rounds: int) -> list[ResultTable]:
     return [ours, _beside(programmes)]
 
 
-def _taken(measured: tuple[float, np.ndarray]) -> float:
-    return measured[0]
-
-
 def _beside(programmes: Sequence[Optimised]) -> ResultTable:
-    entries = [(o, o.problem) for o in programmes if o.problem is not None]
-    values = np.array([problem.value(o.found) for o, problem in entries])
-    columns = {"ours, all of the instant": (np.array([o.taken for o, _ in entries]), values)}
+    kept = [(o, o.problem) for o in programmes if o.problem is not None]
+    costs = np.array([problem.value(o.found) for o, problem in kept])
+    ours = _Answers(np.array([o.taken for o, _ in kept]), costs)
+    columns = {"ours, all of the instant": ours}
+    problems = [problem for _, problem in kept]
     for name, solver in SOLVERS.items():
-        if find_spec(MODULES[name]) is None:
-            continue
-        tasks = [(solver(problem), problem) for _, problem in entries]
-        pairs = [(min(map(timed_call, [task] * 3), key=_taken), problem) for task, problem in tasks]
-        columns[name] = (
-            np.array([spent for (spent, _), _ in pairs]),
-            np.array([problem.value(solution) for (_, solution), problem in pairs]),
-        )
+        if find_spec(MODULES[name]) is not None:
+            columns[name] = _answers(solver, problems)
     best = np.nanmin([cost for _, cost in columns.values()], axis=0)
     rows = [
         (
@@ -196,15 +196,10 @@ def _beside(programmes: Sequence[Optimised]) -> ResultTable:
         )
         for name, (times, cost) in columns.items()
     ]
+    columns_of_times = [("solver", ""), ("median [ms]", ".3f"), ("most [ms]", ".3f")]
     return ResultTable(
-        f"The same {len(entries)} quadratic programmes, all with bounds in the way",
-        [
-            ("solver", ""),
-            ("median [ms]", ".3f"),
-            ("most [ms]", ".3f"),
-            ("cost above the best", ".1e"),
-            ("unsolved", "d"),
-        ],
+        f"The same {len(kept)} quadratic programmes, all with bounds in the way",
+        [*columns_of_times, ("cost above the best", ".1e"), ("unsolved", "d")],
         rows,
         "Processor time, of each the shortest of three; of others from their matrices to their "
         "answer, prediction not counted. Cost: largest, as a share of the lowest that a solver "
@@ -214,21 +209,17 @@ def _beside(programmes: Sequence[Optimised]) -> ResultTable:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure and print."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.mpc", description=__doc__)
-    parser.add_argument(
-        "--every",
-        type=int,
-        default=25,
-        help="keep every that manieth programme with bounds for the others (default 25)",
-    )
-    parser.add_argument("--rounds", type=int, default=3, help="runs of each move (default 3)")
-    options = parser.parse_args(argv)
+    every: dict[str, Any] = {
+        "type": int,
+        "default": 25,
+        "help": "keep every that manieth programme with bounds for the others (default 25)",
+    }
+    rounds: dict[str, Any] = {"type": int, "default": 3, "help": "runs of each move (default 3)"}
 
-    def run() -> int:
-        show(Outcome(measure_mpc(max(options.every, 1), max(options.rounds, 1)), ()))
-        return 0
+    def measure(options: argparse.Namespace) -> list[ResultTable]:
+        return measure_mpc(max(options.every, 1), max(options.rounds, 1))
 
-    return command(run)
+    return print_tables("mpc", __doc__, measure, argv, every=every, rounds=rounds)
 
 
 if __name__ == "__main__":

@@ -7,15 +7,15 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.agreement import ALLOWED, STRETCH, Ready, sort
+from benchmarks.agreement import ALLOWED, STRETCH, Ready, refused_table, sort
 from benchmarks.conduct import Results, conduct
 from benchmarks.contestants import CONTESTANTS, jax, ours
-from benchmarks.timing import race, stretch
+from benchmarks.engines import Rows
+from benchmarks.timing import step_rates
 from benchmarks.workload import Case, Contestant
 from cranedyn.errors import CraneError
 from cranedyn.plotting.figures import panels
@@ -32,12 +32,14 @@ COLUMNS = (
     ("apart", ".0e"),
 )
 
+_BATCH = "compiled batch, all cores"
+
 _OURS, _LIMIT, _OTHER = "#1f77b4", "#444444", "#bbbbbb"
 
 
 def peers() -> tuple[Contestant, ...]:
     """Return all contestants, less slower variants of this project and of C on one thread."""
-    best = ("compiled batch, all cores", "plain loop", f"C by hand, {os.cpu_count()} threads")
+    best = (_BATCH, "plain loop", f"C by hand, {os.cpu_count()} threads")
     slower = {c.name for c in ours.CONTESTANTS} - {*best}
     return tuple(
         c
@@ -46,37 +48,21 @@ def peers() -> tuple[Contestant, ...]:
     )
 
 
-Rows = list[list[float | str | None]]
-
-
 def measure_peers(case: Case, ready: Sequence[Ready], rounds: int, budget: float) -> Rows:
-    """Return a row for each engine, the fastest first: steps/s, ratio, deviation.
-
-    Args:
-        case: What to run.
-        ready: Who.
-        rounds: How often; each number is the median.
-        budget: How long each takes in a round [s].
+    """Return a row for each engine, the fastest first: steps/s, ratio, deviation; arguments as
+    `benchmarks.timing.step_rates`.
     """
-    sizes = [CRANES if e.contestant.many else 1 for e in ready]
-    lengths = [stretch(case, e.run, size, budget) for e, size in zip(ready, sizes, strict=True)]
-    tasks = [
-        partial(e.run, case.starts(size), length)
-        for e, size, length in zip(ready, sizes, lengths, strict=True)
-    ]
-    times = np.median(race(tasks, rounds, np.random.default_rng(0)), axis=1)
-    steps = [
-        size * case.steps * case.periods(length)
-        for size, length in zip(sizes, lengths, strict=True)
-    ]
-    rates = 1e-6 * np.array(steps) / times
     names = [e.contestant.name for e in ready]
-    if "compiled batch, all cores" not in names:
+    if _BATCH not in names:
         raise CraneError("Nothing can be compared: the compiled batch cannot run here.")
-    batch_rate = rates[names.index("compiled batch, all cores")]
+    sizes = [CRANES if e.contestant.many else 1 for e in ready]
+    entries = [(e.run, size) for e, size in zip(ready, sizes, strict=True)]
+    rates = 1e-6 * step_rates(case, entries, rounds, budget, np.random.default_rng(0))
+    middle = np.median(rates, axis=1)
+    batch_rate = middle[names.index(_BATCH)]
     rows: Rows = [
         [name, size, float(f"{rate:.3g}"), float(f"{rate / batch_rate:.3g}"), e.max_deviation]
-        for name, size, rate, e in zip(names, sizes, rates.tolist(), ready, strict=True)
+        for name, size, rate, e in zip(names, sizes, middle.tolist(), ready, strict=True)
     ]
     return sorted(rows, key=lambda row: -float(row[2] or 0.0))
 
@@ -85,14 +71,13 @@ def chart(rows: Rows) -> Figure:
     """Draw a bar for each engine with its number, the fastest on top."""
     figure, (ax,) = panels(height=0.4 * len(rows) + 1.2, width=9.0)
     names = [
-        f"{name}{'' if cranes == CRANES else ' (one crane)'}".replace(
-            "compiled batch, all cores", "cranedyn, compiled batch"
-        )
+        ("cranedyn, compiled batch" if name == _BATCH else f"{name}")
+        + ("" if cranes == CRANES else " (one crane)")
         for name, cranes, *_ in rows
     ]
     rates = [float(row[2] or 0.0) for row in rows]
     colours = [
-        _OURS if row[0] in ("compiled batch, all cores", "plain loop")
+        _OURS if row[0] in (_BATCH, "plain loop")
         else _LIMIT if str(row[0]).startswith("C by hand")
         else _OTHER
         for row in rows
@@ -119,12 +104,9 @@ def peers_benchmark(
         f"largest difference from the plain loop over {STRETCH:g} s; who differs by more than "
         f"{ALLOWED:g} is not shown."
     )
-    result = [
-        ResultTable(f"{CRANES:,} cranes, or one where an engine runs one", COLUMNS, rows, note)
-    ]
-    if refused:
-        result.append(ResultTable("Not shown", (("strategy", ""), ("why", "")), refused))
-    return result, lambda: chart(rows)
+    title = f"{CRANES:,} cranes, or one where an engine runs one"
+    tables = [ResultTable(title, COLUMNS, rows, note), *refused_table(refused)]
+    return tables, lambda: chart(rows)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

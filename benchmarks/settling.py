@@ -137,39 +137,26 @@ def settle(drawn: Sequence[SettlingTrial]) -> list[SettlingTimes]:
             engine="compiled",
             validity="mark",
         )
-        goal_position = payload_position(crane, goal.q)
-        distances = np.array(
-            [np.linalg.norm(payload_position(crane, q) - goal_position) for q in run.q]
-        )
-        least_time = optimal(
+        place = payload_position(crane, goal.q)
+        away = np.array([np.linalg.norm(payload_position(crane, q) - place) for q in run.q])
+        planned = optimal(
             crane, start, goal, limits, swing=SWING, ramp=time * RAMP, interval=time * INTERVAL
-        ).arrival
-        settled.append(
-            SettlingTimes(move, least_time, settling_time(run.t, distances, size * CLOSE))
         )
+        taken = settling_time(run.t, away, size * CLOSE)
+        settled.append(SettlingTimes(move, planned.arrival, taken))
     return settled
 
 
 def judge_moves(moves: Sequence[SettlingTimes], allowed: float) -> Outcome:
     """Return the table of moves and the claim on the worst of them."""
     rows = [
-        (
-            *_place(settled.move),
-            settled.least,
-            settled.taken if math.isfinite(settled.taken) else None,
-            settled.ratio,
-        )
-        for settled in moves
+        (*_place(one.move), one.least, one.taken if math.isfinite(one.taken) else None, one.ratio)
+        for one in moves
     ]
+    columns = [("x, l from [m]", ""), ("γ, x, l to [rad, m]", ""), ("least [s]", ".2f")]
     table = ResultTable(
         "Random moves by predictive control to the goal, and in the least time",
-        [
-            ("x, l from [m]", ""),
-            ("γ, x, l to [rad, m]", ""),
-            ("least [s]", ".2f"),
-            ("settled [s]", ".2f"),
-            ("ratio", ".2f"),
-        ],
+        [*columns, ("settled [s]", ".2f"), ("ratio", ".2f")],
         rows,
         f"Settled: from the start until the payload stays within {1e3 * CLOSE:g} mm of its goal; "
         f"a dash where it does not in {LASTS:g} s. Both keep the same rates and accelerations and "

@@ -16,9 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.conduct import add_document, teller
+from benchmarks.conduct import print_tables
 from benchmarks.sweep_studies import PAUSE, SWING, nothing, swinging, waiting
-from cranedyn.command import command
 from cranedyn.errors import CraneError
 from cranedyn.sweep import Design, Progress, Study, results, sweep
 from experiments.harness.outcome import ResultTable
@@ -26,6 +25,12 @@ from experiments.harness.outcome import ResultTable
 WORKERS = (2, 4, 8)
 CRANES = 256
 """Cases of a chunk that computes."""
+
+
+COST_COLUMNS = [("by", ""), ("first part after [s]", ".2f")]
+COST_COLUMNS += [("a part [ms]", ".2f"), ("a case [µs]", ".2f")]
+GROWTH_COLUMNS = [("by", ""), ("waiting [%]", ".0f"), ("swings/s", ",.0f"), ("ratio", ".2f")]
+GROWTH_COLUMNS += [("a swing [ms]", ".3f")]
 
 
 class Way(NamedTuple):
@@ -197,26 +202,10 @@ def sweeping_tables(workers: Sequence[int], chunks: int, chunk: int) -> list[Res
         f"sweeps, by sweeps that compute nothing, of {chunks} parts of one case and of {chunk:,}."
     )
     return [
-        ResultTable(
-            "What a sweep adds",
-            (
-                ("by", ""),
-                ("first part after [s]", ".2f"),
-                ("a part [ms]", ".2f"),
-                ("a case [µs]", ".2f"),
-            ),
-            costs,
-            note,
-        ),
+        ResultTable("What a sweep adds", COST_COLUMNS, costs, note),
         ResultTable(
             "Growth",
-            (
-                ("by", ""),
-                ("waiting [%]", ".0f"),
-                ("swings/s", ",.0f"),
-                ("ratio", ".2f"),
-                ("a swing [ms]", ".3f"),
-            ),
+            GROWTH_COLUMNS,
             grown,
             f"Waiting: share of the ideal where each chunk waits {1e3 * PAUSE:g} ms and needs no "
             f"processor. Swings: of {SWING:g} s, in chunks of {CRANES}, and the ratio to one "
@@ -228,18 +217,12 @@ def sweeping_tables(workers: Sequence[int], chunks: int, chunk: int) -> list[Res
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.sweeping", description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="less of each, and less precisely")
-    add_document(parser, "sweeping")
-    options = parser.parse_args(argv)
+    quick = {"action": "store_true", "help": "less of each, and less precisely"}
 
-    def run() -> int:
-        tell = teller("sweeping", options)
-        sizes = ((1,), 24, 100) if options.quick else (WORKERS, 128, 4000)
-        tell(sweeping_tables(*sizes))
-        return 0
+    def measure(options: argparse.Namespace) -> list[ResultTable]:
+        return sweeping_tables(*((1,), 24, 100) if options.quick else (WORKERS, 128, 4000))
 
-    return command(run)
+    return print_tables("sweeping", __doc__, measure, argv, quick=quick)
 
 
 if __name__ == "__main__":

@@ -74,12 +74,35 @@ def stretch(case: Case, run: Run, cranes: int, budget: float) -> float:
     while elapsed < 0.1 * budget + fixed and periods < most_periods:
         periods = min(10 * periods, most_periods)
         elapsed = seconds(partial(run, starts, periods * case.period))
-    period_time = (
-        max(elapsed - fixed, 0.0) / (periods - 1)
-        if periods > 1 and elapsed > fixed
-        else elapsed / periods
-    )
-    return (
-        min(max(round(max(budget, 10.0 * (fixed - period_time)) / period_time), 1), most_periods)
-        * case.period
-    )
+    period_time = elapsed / periods
+    if periods > 1 and elapsed > fixed:
+        period_time = (elapsed - fixed) / (periods - 1)
+    periods = round(max(budget, 10.0 * (fixed - period_time)) / period_time)
+    return min(max(periods, 1), most_periods) * case.period
+
+
+def step_rates(
+    case: Case,
+    entries: Sequence[tuple[Run, int]],
+    rounds: int,
+    budget: float,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Return the physics steps a second of each entry in each round, shape (entries, rounds).
+
+    Args:
+        case: What to run.
+        entries: How, and how many cranes together.
+        rounds: How often.
+        budget: How long each takes in a round [s]; a run is cut to fit, see `stretch`.
+        rng: Shuffles the rounds.
+    """
+    lengths = [stretch(case, run, cranes, budget) for run, cranes in entries]
+    tasks = [
+        partial(run, case.starts(cranes), length)
+        for (run, cranes), length in zip(entries, lengths, strict=True)
+    ]
+    periods = [
+        cranes * case.periods(length) for (_, cranes), length in zip(entries, lengths, strict=True)
+    ]
+    return case.steps * np.array(periods)[:, None] / race(tasks, rounds, rng)

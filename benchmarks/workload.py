@@ -142,11 +142,9 @@ def brake(
     """Return the hold controller within the limits of the drives, on plain Python floats."""
     hold, drives = case.controller, case.crane.layout.drives
     slew, trolley, hoist = drives.tolist()
-    (a, b, c), (d, e, f), (i, j, k) = (
-        hold.stiffness.tolist(),
-        hold.damping.tolist(),
-        hold.feed_forward.tolist(),
-    )
+    a, b, c = hold.stiffness.tolist()
+    d, e, f = hold.damping.tolist()
+    i, j, k = hold.feed_forward.tolist()
     x, y, z = case.crane.effort_limit.tolist()
     gamma, radius, length = start[drives].tolist()
 

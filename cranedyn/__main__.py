@@ -110,11 +110,30 @@ def _view(parser: _Parser) -> None:
 
 
 def _describe(parser: _Parser) -> None:
-    """Write the crane as a plain URDF, as: describe payload_mass:=2000 -o crane.urdf."""
+    """Describe a crane: its joints, or with -o FILE its plain URDF.
+
+    The crane is that of this project, as: describe payload_mass:=2000 -o crane.urdf; or another
+    one, as: describe --urdf crane.xacro --swing.
+    """
     from cranedyn.model import description
+    from cranedyn.model.options import add_crane_options, load_options
 
     description.add_arguments(parser)
-    parser.set_defaults(run=description.write_description)
+    add_crane_options(parser)
+
+    def run(options: argparse.Namespace) -> int:
+        arguments = load_options(options)
+        if not arguments:
+            return description.write_description(options)
+        from cranedyn.model.load import load_crane
+
+        crane = load_crane(**arguments, values=description.parse_values(options.values))
+        print(crane)
+        if options.output:
+            description.write_urdf(crane.urdf, options.output)
+        return 0
+
+    parser.set_defaults(run=run)
 
 
 def _export(parser: _Parser) -> None:
@@ -134,6 +153,7 @@ def _export(parser: _Parser) -> None:
 def _exporter(parser: _Parser, name: str) -> None:
     from cranedyn.model.crane import STANDARD_GRAVITY
     from cranedyn.model.description import add_values
+    from cranedyn.model.options import add_crane_options
 
     exporter = plugins.load("exporter", name)
     parser.add_argument(
@@ -142,11 +162,7 @@ def _exporter(parser: _Parser, name: str) -> None:
         metavar=exporter.TARGET,
         help="where to write; it must not be there yet",
     )
-    parser.add_argument(
-        "--urdf",
-        metavar="FILE",
-        help="another crane than that of this project: a plain URDF, or a .xacro that you trust",
-    )
+    add_crane_options(parser)
     parser.add_argument(
         "--gravity",
         type=float,

@@ -86,18 +86,24 @@ def check_choice(name: str, value: str, choices: Any) -> None:
         raise OutOfRange(name, value, " or ".join(get_args(choices)))
 
 
-def as_array(name: str, value: Any, *shapes: Shape) -> np.ndarray:
-    """Return a value as an array of doubles, finite or not; an array of doubles is not copied.
+def as_array(name: str, value: Any, *shapes: Shape, meaning: str = "") -> np.ndarray:
+    """Return a value as an array of doubles in C order, finite or not; such an array is not copied.
 
     Args:
         name: Name of the array for the error message.
         value: Array or nested sequence of real numbers.
         shapes: Shapes that are allowed.
+        meaning: What is allowed, in words; empty for the shapes.
 
     Raises:
         Misshapen: If it is no array of real numbers, has masked elements, or another shape.
     """
-    if type(value) is np.ndarray and value.dtype is _DOUBLE and value.shape in shapes:
+    if (
+        type(value) is np.ndarray
+        and value.dtype is _DOUBLE
+        and value.shape in shapes
+        and value.flags.c_contiguous
+    ):
         return value
     try:
         array = np.asarray(value)
@@ -107,20 +113,21 @@ def as_array(name: str, value: Any, *shapes: Shape) -> np.ndarray:
     if array.dtype.kind not in "iuf" or np.ma.is_masked(value):
         kind = f"one of {array.dtype}" if array.shape else type(value).__name__
         kind = "one with masked numbers" if np.ma.is_masked(value) else kind
-        raise Misshapen(name, f"no array of numbers but {kind}", f"an array of {allowed}")
+        given = f"no array of numbers but {kind}"
+        raise Misshapen(name, given, meaning or f"an array of {allowed}")
     if not any(_matches(array.shape, shape) for shape in shapes):
-        raise Misshapen(name, f"an array of shape {array.shape}", f"one of {allowed}")
-    return array.astype(float, copy=False)
+        raise Misshapen(name, f"an array of shape {array.shape}", meaning or f"one of {allowed}")
+    return array.astype(float, order="C", copy=False)
 
 
-def finite(name: str, value: Any, *shapes: Shape, unit: str = "") -> np.ndarray:
+def finite(name: str, value: Any, *shapes: Shape, unit: str = "", meaning: str = "") -> np.ndarray:
     """Return a value as an array of finite doubles, see `as_array`.
 
     Raises:
         Misshapen: As `as_array`.
         OutOfRange: If a number is not finite.
     """
-    array = as_array(name, value, *shapes)
+    array = as_array(name, value, *shapes, meaning=meaning)
     wrong = ~np.isfinite(array)
     if wrong.any():
         raise OutOfRange(name, float(array[wrong][0]), "finite", unit)

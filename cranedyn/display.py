@@ -37,6 +37,6 @@ def plot(subject: Crane | TimeSeries, /, *selection: Any) -> Figure:
         from cranedyn.recording.sketch import sketch
 
         return sketch(subject, *selection)
-    from cranedyn.plotting.curves import plot_columns
+    from cranedyn.plotting.figures import plot_columns
 
     return plot_columns(subject, *selection)

@@ -51,6 +51,12 @@ Disturbance = Callable[[float, State], np.ndarray]
 payload first, shape (points, 3)."""
 
 
+Monitor = Callable[[int, float, State], object]
+"""Called after each row of a run is logged, with the index of the row, its time [s] and its state.
+Where an engine logs rows ahead of the loop, it is called for the last of them. It ends the run by
+an error; the run keeps what was logged."""
+
+
 Drive = Literal["effort", "motion", "velocity"]
 """How the drives take a command."""
 

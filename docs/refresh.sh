@@ -4,4 +4,4 @@
 set -euo pipefail
 python=${PYTHON:-.venv/bin/python}
 "$python" -m experiments.report
-"$python" -m experiments.harness.document --write docs/*.md
+"$python" -m experiments.harness.document --write docs/results/*.md

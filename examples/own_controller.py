@@ -6,7 +6,7 @@ import numpy as np
 
 import cranedyn as cd
 from cranedyn.controllers import hold_controller
-from cranedyn.plotting.curves import plot_runs
+from cranedyn.plotting.figures import plot_runs
 
 crane = cd.load_crane()
 phi, trolley = crane.layout.index("phi"), crane.layout.drive("x")

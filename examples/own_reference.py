@@ -7,7 +7,7 @@ import math
 import cranedyn as cd
 from cranedyn.controllers import hold_controller
 from cranedyn.interfaces import Reference
-from cranedyn.plotting.curves import plot_runs
+from cranedyn.plotting.figures import plot_runs
 from cranedyn.theory import point_period
 
 crane = cd.load_crane()

@@ -89,7 +89,7 @@ def certify_in_least_time(lift: Lift, dt: float, engine: EngineName = "compiled"
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Plan and certify a lift on each site."""
-    from cranedyn.lifting.site_figures import clearance_over_time, scenery, site_views
+    from cranedyn.lifting.figures import clearance_over_time, scenery, site_views
     from cranedyn.recording import Run
 
     count = whole("lifts", options.lifts, 0)
@@ -274,7 +274,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = harness.parser("lift", __doc__, engines=("compiled", "pinocchio"))
     harness.add_setup(parser, "payload_mass")
     add = parser.add_argument
-    text = "sites as TOML, see docs/lift.md; all examples if not given"
+    text = "sites as TOML, see docs/howto/plan_lift.md; all examples if not given"
     add("--site", nargs="+", metavar="FILE", default=None, help=text)
     point: dict[str, Any] = {"nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
     text = "centre of the load at the start, in the site's frame [m]"

@@ -25,7 +25,7 @@ from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.lift import Lift, NoWay, plan_lift
 from cranedyn.planning.site import Site
 from cranedyn.planning.solids import Solid, box
-from cranedyn.references.spline import shortest, spline
+from cranedyn.references.simple import shortest, spline
 from experiments import harness
 from experiments.harness.table import Cell
 from experiments.lift import (

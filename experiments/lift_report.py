@@ -64,7 +64,7 @@ def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
 
 
 def _outcome(judgement: Judgement, setup: harness.Setup, command: str) -> harness.Outcome:
-    from cranedyn.lifting.site_figures import scenery
+    from cranedyn.lifting.figures import scenery
     from cranedyn.recording import Run
 
     lift, required = judgement.analysis, judgement.analysis.requirements
@@ -119,7 +119,7 @@ def write_pages(judgement: Judgement, folder: Path, command_line: str) -> int:
         folder: Folder of the experiment.
         command_line: The command that makes the numbers again.
     """
-    from cranedyn.lifting.pdf import NoBrowser, print_pdf
+    from cranedyn.lifting.page import NoBrowser, print_pdf
 
     page = judgement.report(folder / "lift.html", command_line)
     print(f"The page: {page}.")
@@ -134,10 +134,10 @@ def _parser() -> argparse.ArgumentParser:
     parser = harness.parser("lift_report", __doc__, engines=("compiled", "pinocchio"))
     harness.add_setup(parser, "payload_mass")
     add = parser.add_argument
-    add("--site", metavar="FILE", help="site as TOML, see docs/lift.md; open_yard")
+    add("--site", metavar="FILE", help="site as TOML, see docs/howto/plan_lift.md; open_yard")
     add("--crane", metavar="FILE", help="crane as xacro or URDF instead of ours")
     add("--load", type=float, metavar="KG", help="mass that hangs, hook counted [kg]")
-    add("--chart", metavar="FILE", help="chart as TOML, see docs/lifting.md")
+    add("--chart", metavar="FILE", help="chart as TOML, see docs/howto/judge_lift.md")
     add("--falls", type=int, metavar="N", help="falls of rope; the fewest there are")
     add("--hoisting", choices=get_args(HoistingClass), default="HC2", help="class of the hoist")
     add("--drive", choices=get_args(DriveClass), default="HD4", help="class of its drive")

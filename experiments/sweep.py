@@ -151,7 +151,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="tcp://HOST:PORT",
         help="run on the workers of this Dask scheduler instead; it and all of them can run code "
         "in this program, so trust it, and have it listen only where you want; how to start one, "
-        "also with TLS at tls://HOST:PORT, see docs/sweeps.md",
+        "also with TLS at tls://HOST:PORT, see docs/howto/sweep.md",
     )
     option("--tls-ca-file", metavar="FILE", help="certificates of those to trust")
     option("--tls-cert", metavar="FILE", help="certificate of this program")

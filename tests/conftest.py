@@ -1,13 +1,10 @@
-"""Settings that all tests share, and a word at the end on how much was tried."""
+"""Settings that all tests share."""
 
 from __future__ import annotations
 
 import os
 import signal
-import sys
-from collections import Counter
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -28,8 +25,6 @@ settings.load_profile("cranedyn")
 # Whoever starts the tests in the background has Ctrl-C ignored, in them and in all that they start;
 # some of them test Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
-
-_TRIED: Counter[str] = Counter()
 
 
 @pytest.fixture
@@ -52,29 +47,3 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if not (item.get_closest_marker("slow") or item.get_closest_marker("long")):
             item.add_marker(pytest.mark.quick)
-
-
-def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Keep how many inputs the fuzzing of this process tried; a worker hands it to the process that
-    sums up.
-    """
-    tried = getattr(sys.modules.get("tests.system.test_fuzz"), "TRIED", {})
-    if hasattr(session.config, "workeroutput"):
-        session.config.workeroutput["tried"] = dict(tried)
-    else:
-        _TRIED.update(tried)
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_testnodedown(node: Any) -> None:
-    """Take what a worker has tried."""
-    _TRIED.update(getattr(node, "workeroutput", {}).get("tried", {}))
-
-
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Say how many inputs the fuzzing tried, and how they ended."""
-    if _TRIED:
-        terminalreporter.write_line(
-            f"fuzzed {_TRIED.total()}: "
-            f"{', '.join(f'{name} {count}' for name, count in sorted(_TRIED.items()))}"
-        )

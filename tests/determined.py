@@ -135,27 +135,33 @@ def spread(name: str, folder: Path) -> list[str]:
         for at, (header, form) in enumerate(first.columns):
             if title.startswith(TIMES) or header.startswith(TIMES):
                 continue
-            worst, words, count = 0.5, "", 0
-            for row, cells in enumerate(zip(*(t.rows for t in of_variant.values()), strict=True)):
-                values = [cell[at] for cell in cells]
-                if not all(isinstance(value, (int, float)) for value in values):
-                    if len(set(map(str, values))) > 1:
-                        worst, count = float("inf"), count + 1
-                        words = f"row {first.rows[row][0]}: {sorted(set(map(str, values)))}"
-                    continue
-                numbers = [float(value) for value in values]  # type: ignore[arg-type]
-                digit = last_digit(max(numbers, key=abs), form)
-                if digit and (off := (max(numbers) - min(numbers)) / digit) > 0.5:
-                    count += 1
-                    if off > worst:
-                        shown = ", ".join(format(number, form) for number in numbers)
-                        worst, words = off, f"row {first.rows[row][0]}: {shown}"
-            if words:
+            columns = zip(*([row[at] for row in t.rows] for t in of_variant.values()), strict=True)
+            apart = {
+                (row, distance): cells
+                for row, cells in enumerate(columns)
+                if (distance := _distance(cells, form)) > 0.5
+            }
+            if apart:
+                row, worst = max(apart, key=lambda key: key[1])
+                cells = ", ".join(_shown(cell, form) for cell in apart[row, worst])
                 sentences.append(
-                    f"{name}, {title}, {header.strip()}: {count} of {len(first.rows)} cells, by up "
-                    f"to {worst:.3g} of the last digit, {words}"
+                    f"{name}, {title}, {header.strip()}: {len(apart)} of {len(first.rows)} cells, "
+                    f"by up to {worst:.3g} of the last digit, row {first.rows[row][0]}: {cells}"
                 )
     return sentences
+
+
+def _distance(cells: Sequence[object], form: str) -> float:
+    """Return how far apart cells are, in last digits that are printed; infinite for other words."""
+    numbers = [float(cell) for cell in cells if isinstance(cell, int | float)]
+    if len(numbers) < len(cells):
+        return float("inf") if len(set(map(str, cells))) > 1 else 0.0
+    digit = last_digit(max(numbers, key=abs), form)
+    return (max(numbers) - min(numbers)) / digit if digit else 0.0
+
+
+def _shown(cell: object, form: str) -> str:
+    return format(cell, form) if isinstance(cell, int | float) else str(cell)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -13,48 +13,63 @@ import ctypes
 import hashlib
 from collections import Counter
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
 from llvmlite import binding
 
+from cranedyn.compiled.batch import simulate_batch
+from cranedyn.compiled.fleet import Fleet
+from cranedyn.compiled.model import compile_forward_dynamics
+from cranedyn.controllers import hold_controller
+from cranedyn.controllers.affine import Affine
+from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
+from cranedyn.errors import CraneError
+from cranedyn.interfaces import Setpoint, State
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.references import hold
+from cranedyn.simulation.simulate import simulate
+
+# --- guard pages ----------------------------------------------------------------------------------
+
 _ALLOCATOR = """
 declare ptr @mmap(ptr, i64, i32, i32, i32, i64)
 declare i32 @mprotect(ptr, i64, i32)
 declare i32 @munmap(ptr, i64)
-declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)
-declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
-@at_front = internal global i64 0
-
-define internal ptr @filled(i64 %given, i8 %with) {
-  %least = call i64 @llvm.umax.i64(i64 %given, i64 1)
-  %more = add i64 %least, 4095
-  %pages = and i64 %more, -4096
-  %whole = add i64 %pages, 12288
-  %base = call ptr @mmap(ptr null, i64 %whole, i32 0, i32 34, i32 -1, i64 0)
-  %e = call i32 @mprotect(ptr %base, i64 4096, i32 3)
-  store i64 %least, ptr %base
-  %first = getelementptr i8, ptr %base, i64 8192
-  %f = call i32 @mprotect(ptr %first, i64 %pages, i32 3)
-  %before = load i64, ptr @at_front
-  %now = sub i64 1, %before
-  store i64 %now, ptr @at_front
-  %room = sub i64 %pages, %least
-  %aside = mul i64 %room, %now
-  %place = getelementptr i8, ptr %first, i64 %aside
-  call void @llvm.memset.p0.i64(ptr %place, i8 %with, i64 %least, i1 false)
-  ret ptr %place
-}
 declare i64 @llvm.umax.i64(i64, i64)
 declare i64 @llvm.umin.i64(i64, i64)
+declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)
+declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
+@at_end = internal global i64 0
+
+define internal ptr @filled(i64 %size, i8 %byte) {
+  %given = call i64 @llvm.umax.i64(i64 %size, i64 1)
+  %above = add i64 %given, 4095
+  %pages = and i64 %above, -4096
+  %whole = add i64 %pages, 12288
+  %base = call ptr @mmap(ptr null, i64 %whole, i32 0, i32 34, i32 -1, i64 0)
+  %first = getelementptr i8, ptr %base, i64 8192
+  %e = call i32 @mprotect(ptr %base, i64 4096, i32 3)
+  %f = call i32 @mprotect(ptr %first, i64 %pages, i32 3)
+  store i64 %given, ptr %base
+  %before = load i64, ptr @at_end
+  %now = sub i64 1, %before
+  store i64 %now, ptr @at_end
+  %left = sub i64 %pages, %given
+  %aside = mul i64 %left, %now
+  %place = getelementptr i8, ptr %first, i64 %aside
+  call void @llvm.memset.p0.i64(ptr %place, i8 %byte, i64 %given, i1 false)
+  ret ptr %place
+}
 
 define internal ptr @base_of(ptr %place) {
-  %at = ptrtoint ptr %place to i64
-  %first = and i64 %at, -4096
-  %base = sub i64 %first, 8192
-  %found = inttoptr i64 %base to ptr
-  ret ptr %found
+  %page = call ptr @llvm.ptrmask.p0.i64(ptr %place, i64 -4096)
+  %base = getelementptr i8, ptr %page, i64 -8192
+  ret ptr %base
 }
+declare ptr @llvm.ptrmask.p0.i64(ptr, i64)
 
 define ptr @guarded_malloc(ptr %context, i64 %size) {
   %place = call ptr @filled(i64 %size, i8 165)
@@ -67,39 +82,35 @@ define ptr @guarded_calloc(ptr %context, i64 %count, i64 %each) {
   ret ptr %place
 }
 
+define ptr @guarded_realloc(ptr %context, ptr %old, i64 %size) {
+  %place = call ptr @filled(i64 %size, i8 165)
+  %base = call ptr @base_of(ptr %old)
+  %held = load i64, ptr %base
+  %common = call i64 @llvm.umin.i64(i64 %held, i64 %size)
+  call void @llvm.memcpy.p0.p0.i64(ptr %place, ptr %old, i64 %common, i1 false)
+  call void @guarded_free(ptr null, ptr %old, i64 %held)
+  ret ptr %place
+}
+
 define void @guarded_free(ptr %context, ptr %place, i64 %size) {
   %none = icmp eq ptr %place, null
   br i1 %none, label %done, label %some
 some:
   %base = call ptr @base_of(ptr %place)
   %held = load i64, ptr %base
-  %more = add i64 %held, 4095
-  %pages = and i64 %more, -4096
+  %above = add i64 %held, 4095
+  %pages = and i64 %above, -4096
   %whole = add i64 %pages, 12288
   %e = call i32 @munmap(ptr %base, i64 %whole)
   br label %done
 done:
   ret void
 }
-
-define ptr @guarded_realloc(ptr %context, ptr %old, i64 %size) {
-  %place = call ptr @filled(i64 %size, i8 165)
-  %none = icmp eq ptr %old, null
-  br i1 %none, label %done, label %some
-some:
-  %base = call ptr @base_of(ptr %old)
-  %held = load i64, ptr %base
-  %common = call i64 @llvm.umin.i64(i64 %held, i64 %size)
-  call void @llvm.memcpy.p0.p0.i64(ptr %place, ptr %old, i64 %common, i1 false)
-  call void @guarded_free(ptr null, ptr %old, i64 %held)
-  br label %done
-done:
-  ret ptr %place
-}
 """
-"""Memory of pages of its own for each piece, which by turns ends and begins where a page without
-access does; its length stands in a page before. What nobody has written yet is filled with a byte
-that makes no sensible number."""
+"""Memory of pages of its own for each array, which by turns begins and ends where a page without
+access does; its length stands in a page before. It is filled with a byte that makes no sensible
+number. In native code, because NumPy frees arrays while an exception is under way.
+"""
 
 _SET_HANDLER = 304
 """Place of PyDataMem_SetHandler in NumPy's table of functions, part of its binary interface (NEP
@@ -112,8 +123,7 @@ class _Handler(ctypes.Structure):
     _fields_ = (
         ("name", ctypes.c_char * 127),
         ("version", ctypes.c_uint8),
-        ("context", ctypes.c_void_p),
-        *((name, ctypes.c_void_p) for name in ("malloc", "calloc", "realloc", "free")),
+        *((name, ctypes.c_void_p) for name in ("context", "malloc", "calloc", "realloc", "free")),
     )
 
 
@@ -127,276 +137,185 @@ def guard() -> None:
     target = binding.Target.from_default_triple().create_target_machine(jit=True)
     engine = binding.create_mcjit_compiler(binding.parse_assembly(_ALLOCATOR), target)
     engine.finalize_object()
-    strategies = (
-        engine.get_function_address(f"guarded_{name}")
-        for name in ("malloc", "calloc", "realloc", "free")
-    )
-    handler = _Handler(b"guarded", 1, None, *strategies)
-    python = ctypes.pythonapi
-    python.PyCapsule_New.restype, python.PyCapsule_New.argtypes = (
-        ctypes.py_object,
-        [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p],
-    )
-    python.PyCapsule_GetPointer.restype, python.PyCapsule_GetPointer.argtypes = (
-        ctypes.c_void_p,
-        [ctypes.py_object, ctypes.c_char_p],
-    )
-    name, table = b"mem_handler", np._core._multiarray_umath._ARRAY_API  # type: ignore[attr-defined]
-    functions = ctypes.cast(
-        python.PyCapsule_GetPointer(table, None), ctypes.POINTER(ctypes.c_void_p)
-    )
+    names = (f"guarded_{name}" for name in ("malloc", "calloc", "realloc", "free"))
+    handler = _Handler(b"guarded", 1, None, *map(engine.get_function_address, names))
+    python, name = ctypes.pythonapi, b"mem_handler"
+    python.PyCapsule_New.restype = ctypes.py_object
+    python.PyCapsule_New.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
+    python.PyCapsule_GetPointer.restype = ctypes.c_void_p
+    python.PyCapsule_GetPointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
+    table = python.PyCapsule_GetPointer(np._core._multiarray_umath._ARRAY_API, None)  # type: ignore[attr-defined]
+    address = ctypes.cast(table, ctypes.POINTER(ctypes.c_void_p))[_SET_HANDLER]
+    set_handler = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.py_object)(address)
     capsule = python.PyCapsule_New(ctypes.addressof(handler), name, None)
-    set_handler = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.py_object)(functions[_SET_HANDLER])
     _ALIVE.extend((name, engine, handler, capsule, set_handler(capsule)))
 
 
-Call = Callable[[], Any]
+# --- calls ----------------------------------------------------------------------------------------
 
 
-def calls(rng: np.random.Generator) -> Call:
-    """One call of something public that runs compiled code; the same for the same generator."""
-    kind = rng.choice(["batch", "batch", "batch", "simulate", "simulate", "rows", "fleet"])
-    return {"batch": _batch, "simulate": _run, "rows": _rows, "fleet": _fleet}[kind](rng)
+class _Draw:
+    """Random arguments of a call, of which a share is not quite right."""
 
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.rng = rng
+        self.share = float(rng.choice([0.0, 0.02, 0.2]))
+        self.cranes = _cranes()[rng.random() < 0.2]
+        self.rough = bool(rng.random() < 0.2)
 
-def _wrong(rng: np.random.Generator, array: np.ndarray) -> Any:
-    """Something that is not quite the array."""
-    strategies: list[Callable[[], Any]] = [
-        lambda: array[..., :-1],
-        lambda: array[:0],
-        lambda: np.concatenate([array, array[-1:]]) if array.ndim else array,
-        lambda: np.repeat(array, 50, axis=0),
-        lambda: array[None],
-        lambda: array.ravel()[:1],
-        lambda: array.astype(np.float32),
-        lambda: array.astype(">f8"),
-        lambda: np.asfortranarray(array),
-        lambda: np.repeat(array, 2, axis=-1)[..., ::2],
-        lambda: array.astype(int),
-        lambda: array.astype(complex),
-        lambda: array.tolist(),
-        lambda: np.full_like(array, rng.choice([np.nan, np.inf, 1e300])),
-    ]
-    return strategies[int(rng.integers(len(strategies)))]()
+    def maybe(self, array: np.ndarray) -> Any:
+        """Return an array, or seldom something that is not quite it."""
+        if self.rng.random() >= self.share:
+            return array
+        strategies: list[Callable[[], Any]] = [
+            lambda: array[..., :-1],
+            lambda: array[:0],
+            lambda: np.repeat(array, 50, axis=0),
+            lambda: array[None],
+            lambda: array.ravel()[:1],
+            lambda: array.astype(np.float32),
+            lambda: array.astype(">f8"),
+            lambda: np.asfortranarray(array),
+            lambda: np.repeat(array, 2, axis=-1)[..., ::2],
+            lambda: array.astype(complex),
+            lambda: array.tolist(),
+            lambda: np.full_like(array, self.rng.choice([np.nan, np.inf, 1e300])),
+        ]
+        return strategies[int(self.rng.integers(len(strategies)))]()
 
+    def controller(self) -> Any:
+        """Return a hold, or one whose table of gains may be wrong."""
+        law = hold_controller(self.cranes[0])
+        return _Odd(law, self) if self.rng.random() < 0.7 else law
 
-def _maybe(rng: np.random.Generator, array: np.ndarray, often: float) -> Any:
-    return _wrong(rng, array) if rng.random() < often else array
+    def reference(self) -> Any:
+        """Return none, or a hold whose table may be wrong."""
+        return None if self.rng.random() < 0.3 else _Odd(hold(self.cranes[0]), self)
+
+    def clock(self) -> dict[str, Any]:
+        """Return steps and duration."""
+        return {
+            "control_period": 1e-2,
+            "dt": 1e-2 if self.rough else 1e-3,
+            "integrator": rk4 if self.rough else semi_implicit_euler,
+            "duration": 1e-2 * int(self.rng.integers(1, 40)),
+        }
 
 
 class _Odd:
-    """A controller whose common form may be wrong, as its generator says, and differently at each
-    call.
-    """
+    """A controller or reference whose table may be wrong, and differently at each call."""
 
-    def __init__(self, brake: Any, rng: np.random.Generator, often: float) -> None:
-        self._brake, self._rng, self._often = brake, rng, often
+    def __init__(self, good: Any, draw: _Draw) -> None:
+        self._good, self._draw = good, draw
 
-    def __call__(self, t: float, state: Any, setpoint: Any) -> Any:
-        return self._brake(t, state, setpoint)
+    def __call__(self, *given: Any) -> Any:
+        return self._good(*given)
 
-    def affine(self, times: np.ndarray, positions: np.ndarray) -> Any:
-        from cranedyn.controllers.affine import Affine
+    def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
+        form = self._good.affine(times, positions)
+        parts = (getattr(form, name) for name in Affine.__dataclass_fields__)
+        return Affine(*map(self._draw.maybe, parts))
 
-        form = self._brake.affine(times, positions)
-        return Affine(
-            *(
-                _maybe(self._rng, getattr(form, name), self._often)
-                for name in Affine.__dataclass_fields__
-            )
-        )
+    def at(self, times: np.ndarray) -> Setpoint:
+        return Setpoint(*(self._draw.maybe(np.array(part)) for part in self._good.at(times)))
 
 
-class _Elsewhere:
-    """A reference whose table may be wrong."""
-
-    def __init__(self, still: Any, rng: np.random.Generator, often: float) -> None:
-        self._still, self._rng, self._often = still, rng, often
-
-    def __call__(self, t: float) -> Any:
-        return self._still(t)
-
-    def at(self, times: np.ndarray) -> Any:
-        from cranedyn.interfaces import Setpoint
-
-        return Setpoint(
-            *(_maybe(self._rng, np.array(part), self._often) for part in self._still.at(times))
-        )
+@cache
+def _cranes() -> list[list[Crane]]:
+    """Return two cranes of five joints, and two of seven with a hook."""
+    return [
+        [load_crane(**more), load_crane(payload_mass=700.0, **more)]
+        for more in ({}, {"hook_mass": 200.0})
+    ]
 
 
-def _common(rng: np.random.Generator) -> tuple[Any, dict[str, Any], Callable[[], Any], Any]:
-    from cranedyn.controllers import hold_controller
-    from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
-    from cranedyn.model.load import load_crane
-    from cranedyn.references import hold
-
-    if not _CRANES:
-        _CRANES.extend(
-            [
-                [load_crane(**more), load_crane(payload_mass=700.0, **more)]
-                for more in ({}, {"hook_mass": 200.0})
-            ]
-        )
-    cranes, period = _CRANES[rng.random() < 0.2], 1e-2
-    crane = cranes[0]
-    buffers = bool(rng.random() < 0.2)
-    how: dict[str, Any] = {
-        "control_period": period,
-        "dt": period if buffers else 1e-3,
-        "integrator": rk4 if buffers else semi_implicit_euler,
-        "duration": period * int(rng.integers(1, 40)),
-    }
-    often = float(rng.choice([0.0, 0.02, 0.2]))
-    brake, still = hold_controller(crane), hold(crane)
-
-    def controller() -> Any:
-        return _Odd(brake, rng, often) if rng.random() < 0.7 else brake
-
-    reference = None if rng.random() < 0.3 else _Elsewhere(still, rng, often)
-    return cranes, how | {"buffers": buffers, "often": often}, controller, reference
-
-
-_CRANES: list[list[Any]] = []
-"""Two of five joints, and two of seven with a hook."""
-
-_ROBOTS: dict[int, Any] = {}
-
-
-def _batch(rng: np.random.Generator) -> Call:
-    from cranedyn.compiled.batch import simulate_batch
-    from cranedyn.interfaces import State
-
-    cranes, how, controller, reference = _common(rng)
-    often, n = how.pop("often"), int(rng.integers(1, 20))
+def _batch(draw: _Draw) -> Any:
+    rng, cranes, n = draw.rng, draw.cranes, int(draw.rng.integers(1, 20))
     joints, points = cranes[0].layout.n, len(cranes[0].points)
     q = np.tile(cranes[0].start.q, (n, 1)) + rng.uniform(-0.1, 0.1, (n, joints))
-    how["start"] = State(_maybe(rng, q, often), _maybe(rng, np.zeros((n, joints)), often))
+    how = draw.clock() | {"start": State(draw.maybe(q), draw.maybe(np.zeros((n, joints))))}
     if rng.random() < 0.3:
-        how["force"] = _maybe(rng, rng.normal(size=(n, int(rng.integers(1, 9)), 3 * points)), often)
-        noise = np.zeros((n, 2 * joints) if rng.random() < 0.5 else (n, 3, 2 * joints))
-        how["sensor_offset"] = _maybe(rng, noise, often)
+        how["force"] = draw.maybe(rng.normal(size=(n, int(rng.integers(1, 9)), 3 * points)))
+        how["sensor_offset"] = draw.maybe(np.zeros((n, 3, 2 * joints)))
         how["sensor_delay"] = rng.integers(0, 9, n).tolist()
     else:
         how["record"] = int(rng.choice([0, 1, 3, 10**30]))
-    one = rng.random() < 0.5
-    controllers, several = (
-        (controller(), cranes[0])
-        if one
-        else ([controller() for _ in range(n)], [cranes[i % 2] for i in range(n)])
-    )
-    return lambda: simulate_batch(
-        several, controllers, reference, **how, threads=int(rng.integers(1, 4))
-    )
+    laws = [draw.controller() for _ in range(n)]
+    several = (cranes[0], laws[0]) if rng.random() < 0.5 else ([*cranes, *cranes * n][:n], laws)
+    reference, threads = draw.reference(), int(rng.integers(1, 4))
+    return simulate_batch(*several, reference, buffers=draw.rough, threads=threads, **how)
 
 
-def _run(rng: np.random.Generator) -> Call:
-    from cranedyn.simulation.simulate import simulate
-
-    (crane, _), how, controller, reference = _common(rng)
-    buffers = how.pop("buffers"), how.pop("often")
-    how |= {
-        "validity": "buffers" if buffers[0] else "mark",
-        "start": crane.state(phi=0.1),
-        "engine": "compiled",
-    }
-    one = controller()
-    if rng.random() < 0.3:
-        return lambda: simulate(crane, lambda t, state, setpoint: one(t, state, setpoint), **how)
-    return lambda: simulate(crane, one, reference, **how)
+def _run(draw: _Draw) -> Any:
+    crane, law = draw.cranes[0], draw.controller()
+    how = {"validity": "buffers" if draw.rough else "mark", "start": crane.state(phi=0.1)}
+    by_instants = draw.rng.random() < 0.3
+    controller = (lambda *given: law(*given)) if by_instants else law
+    reference = None if by_instants else draw.reference()
+    return simulate(crane, controller, reference, engine="compiled", **how, **draw.clock())
 
 
-def _rows(rng: np.random.Generator) -> Call:
-    from cranedyn.compiled.model import compile_forward_dynamics
-
-    crane = _common(rng)[0][0]
-    joints, n = crane.layout.n, int(rng.integers(0, 30))
-    if joints not in _ROBOTS:
-        _ROBOTS[joints] = compile_forward_dynamics(crane.model)
-    parts = [_maybe(rng, rng.normal(size=(n, joints)), 0.2) for _ in range(3)]
-    return lambda: _ROBOTS[joints](*parts)
+@cache
+def _robot(joints: int) -> Any:
+    crane = next(crane for crane, _ in _cranes() if crane.layout.n == joints)
+    return compile_forward_dynamics(crane.model)
 
 
-def _fleet(rng: np.random.Generator) -> Call:
-    from cranedyn.compiled.fleet import Fleet
-    from cranedyn.interfaces import State
+def _rows(draw: _Draw) -> Any:
+    joints, n = draw.cranes[0].layout.n, int(draw.rng.integers(0, 30))
+    return _robot(joints)(*(draw.maybe(draw.rng.normal(size=(n, joints))) for _ in range(3)))
 
-    cranes = _common(rng)[0]
-    joints, drives, points = cranes[0].layout.n, cranes[0].layout.m, len(cranes[0].points)
-    n, often, forces = (
-        int(rng.integers(1, 40)),
-        float(rng.choice([0.0, 0.1])),
-        bool(rng.random() < 0.5),
-    )
-    drive = str(rng.choice(["motion", "effort"]))
+
+def _fleet(draw: _Draw) -> np.ndarray:
+    rng, crane, n = draw.rng, draw.cranes[0], int(draw.rng.integers(1, 40))
     which = rng.choice(n, int(rng.integers(0, n + 1)), replace=False)
-    q, v = np.tile(cranes[0].start.q, (len(which), 1)), np.zeros((len(which), joints))
-    start = State(_maybe(rng, q, often), _maybe(rng, v, often))
-    kinds, given = rng.integers(0, 2, len(which)), rng.normal(size=(drives, n))
-    chosen, kinds, command = (
-        _maybe(rng, which, often),
-        _maybe(rng, kinds, often),
-        _maybe(rng, given, often),
-    )
-    force, part = (
-        _maybe(rng, np.zeros((len(which), 3 * points)), often),
-        int(rng.integers(-1, 3)) if rng.random() < often else 0,
-    )
-
-    def call() -> np.ndarray:
-        fleet = Fleet(cranes, n, control_period=1e-2, drive=drive, forces=forces, threads=2)
-        fleet.place(chosen, start, kinds)
-        if forces or rng.random() < often:
-            fleet.push(chosen, force)
-        fleet.advance(
-            part,
-            command[:, fleet.chunks[0]]
-            if isinstance(command, np.ndarray) and command.ndim > 1
-            else command,
-        )
-        return fleet.step(command).copy()
-
-    return call
+    q, v = np.tile(crane.start.q, (len(which), 1)), np.zeros((len(which), crane.layout.n))
+    forces, drive = bool(rng.random() < 0.5), str(rng.choice(["motion", "effort"]))
+    fleet = Fleet(draw.cranes, n, control_period=1e-2, drive=drive, forces=forces, threads=2)
+    chosen, kinds = draw.maybe(which), draw.maybe(rng.integers(0, 2, len(which)))
+    fleet.place(chosen, State(draw.maybe(q), draw.maybe(v)), kinds)
+    if forces or rng.random() < draw.share:
+        fleet.push(chosen, draw.maybe(np.zeros((len(which), 3 * len(crane.points)))))
+    part = int(rng.integers(-1, 3)) if rng.random() < draw.share else 0
+    fleet.advance(part, draw.maybe(rng.normal(size=(crane.layout.m, n))[:, fleet.chunks[0]]))
+    return fleet.step(draw.maybe(rng.normal(size=(crane.layout.m, n)))).copy()
 
 
-def _numbers(found: Any) -> list[np.ndarray]:
-    if isinstance(found, np.ndarray):
-        return [found]
-    parts = [value for value in vars(found).values() if isinstance(value, np.ndarray | tuple)]
-    return [np.asarray(part) for part in parts]
+_CALLS = [_batch, _batch, _batch, _run, _run, _rows, _fleet]
+
+
+def _numbers(answer: Any) -> list[np.ndarray]:
+    values = [answer] if isinstance(answer, np.ndarray) else vars(answer).values()
+    return [np.asarray(part) for part in values if isinstance(part, np.ndarray | tuple)]
 
 
 def main() -> None:
     """Try, count and print."""
-    from cranedyn.errors import CraneError
-
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--cases", type=int, default=10000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--plain", action="store_true")
-    given = parser.parse_args()
-    if not given.plain:
+    options = parser.parse_args()
+    if not options.plain:
         guard()
-    ended: Counter[str] = Counter()
+    endings: Counter[str] = Counter()
     digest = hashlib.sha256()
     np.seterr(all="ignore")
-    for case in range(given.cases):
-        rng = np.random.default_rng([given.seed, case])
+    for case in range(options.cases):
+        rng = np.random.default_rng([options.seed, case])
         try:
-            found = calls(rng)()
+            answer = _CALLS[int(rng.integers(len(_CALLS)))](_Draw(rng))
         except CraneError as error:
-            ended[type(error).__name__] += 1
+            endings[type(error).__name__] += 1
             digest.update(str(error).encode())
         else:
-            ended["ran"] += 1
-            for part in _numbers(found):
+            endings["ran"] += 1
+            for part in _numbers(answer):
                 digest.update(np.ascontiguousarray(part).tobytes())
-    print(
-        f"{given.cases} calls: "
-        f"{', '.join(f'{name} {count}' for name, count in sorted(ended.items()))}"
-    )
-    print(digest.hexdigest())
+    counts = ", ".join(f"{name} {count}" for name, count in sorted(endings.items()))
+    print(f"{options.cases} calls: {counts}\n{digest.hexdigest()}")
 
 
 if __name__ == "__main__":

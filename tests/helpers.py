@@ -83,16 +83,8 @@ def flow(
             [y[n:], prescribed_acceleration(crane, State(y[:n], y[n:]), given)[0]]
         )
 
-    y = solve_ivp(
-        rates,
-        (0.0, times[-1]),
-        np.concatenate(start),
-        method="DOP853",
-        t_eval=times,
-        rtol=1e-10,
-        atol=1e-12,
-        max_step=0.5,
-    ).y.T
+    span, exact = (0.0, times[-1]), dict(rtol=1e-10, atol=1e-12, max_step=0.5)
+    y = solve_ivp(rates, span, np.concatenate(start), "DOP853", times, **exact).y.T
     return y[:, :n], y[:, n:]
 
 
@@ -113,15 +105,8 @@ def moved(
     period: float | None = None,
 ) -> Trajectory:
     """A run with drives of prescribed motion."""
-    return simulate(
-        crane,
-        controller,
-        start=start,
-        duration=duration,
-        dt=dt,
-        control_period=period or dt,
-        drive="motion",
-    )
+    clock = dict(duration=duration, dt=dt, control_period=period or dt)
+    return simulate(crane, controller, start=start, drive="motion", **clock)
 
 
 FAST: EngineName = "compiled" if importlib.util.find_spec("llvmlite") else "pinocchio"
@@ -179,15 +164,8 @@ accelerations = _vector((-0.2, 0.2), (-1, 1), (-1, 1))
 
 
 RESULT: dict[str, Any] = {
-    "experiment": "a1",
-    "about": "",
-    "command": "",
-    "claims": [],
-    "parameters": {},
-    "figures": [],
-    "files": {},
+    "experiment": "a1", "about": "", "command": "", "claims": [], "parameters": {}, "figures": [],
+    "files": {}, "versions": {}, "machine": "",
     "tables": [{"title": "t", "columns": ["c"], "formats": [".1f"], "rows": [[1.0]], "note": ""}],
-    "versions": {},
-    "machine": "",
-}
+}  # fmt: skip
 """What an experiment writes as `result.json` where nothing was run."""

@@ -57,7 +57,7 @@ LIMITS = {
     "contentless bindings [per mille]": (15, 15),
     "docstrings without a verb [per mille]": (10, 50),
     "ambiguous public names": (0, 0),
-    "words of docs": (45_700, 22_000),
+    "words of docs": (22_000, 22_000),
 }
 """Bound and goal of each number: a change may lower a number below its bound and never raise it
 above."""
@@ -201,7 +201,8 @@ def measure() -> dict[str, int]:
     parameters = arguments.posonlyargs + arguments.args + arguments.kwonlyargs
     contentless = sum(name in CONTENTLESS for name in names)
     verbless = sum(word in NO_VERBS for word in openings)
-    documents = [path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md")]
+    pages = [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md"]
+    documents = [path.read_text(encoding="utf-8") for path in pages]
     return {
         "lines of the core": lines(core),
         "lines of cranedyn": lines(sources("cranedyn")),

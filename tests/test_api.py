@@ -51,6 +51,7 @@ def test_type_checkers_see_every_name_of_the_face_where_it_is_imported_from() ->
     assert (Path(cd.__file__).parent / "py.typed").exists()
 
 
+@pytest.mark.slow
 def test_the_face_imports_what_is_heavy_only_when_it_is_used() -> None:
     heavy = "print(sorted({'numpy', 'pinocchio', 'experiments'} & set(sys.modules)))"
     script = f"import sys, cranedyn; {heavy}; cranedyn.load_crane; print('numpy' in sys.modules)"
@@ -84,6 +85,7 @@ def test_run_hands_all_arguments_to_the_experiment_and_its_code_back(
     assert given == [["--gravity", "9.8", "--out", "there"]]
 
 
+@pytest.mark.slow
 def test_describe_writes_the_crane(capsys: pytest.CaptureFixture[str]) -> None:
     assert face.main(["describe", "payload_mass:=2000"]) == 0
     assert 'value="2000' in capsys.readouterr().out

@@ -12,13 +12,13 @@ import cranedyn as cd
 from cranedyn import recording
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory, read
-from cranedyn.errors import CraneError, OutOfRange, UnknownColumn
-from cranedyn.plotting.curves import plot_runs
+from cranedyn.errors import CraneError, UnknownColumn
+from cranedyn.plotting.figures import plot_runs
 from cranedyn.plotting.style import COLOURS, RUN_COLOURS, colour_of, rgb, run_colour
 from cranedyn.recording.sketch import sketch
 from cranedyn.references import hold, pulse
 from experiments.relatives.catalogue import RELATIVES, Relative, relative_crane
-from tests.helpers import crane, quickly
+from tests.helpers import constant, crane, quickly
 
 
 @pytest.fixture(scope="module")
@@ -43,24 +43,19 @@ def test_a_run_says_in_a_few_lines_how_long_it_is_and_where_the_coordinates_went
     assert repr(run.before(-1.0)) == "Trajectory without rows"
 
 
+@pytest.mark.slow
 def test_a_run_says_how_many_rows_are_not_valid_and_why() -> None:
     start = crane().state(x=12.0, l=10.0, phi=0.6)
-    marked = quickly(
-        crane(),
-        lambda t, state, setpoint: np.array([0.0, 5.0, 0.0]),
-        start=start,
-        duration=4.0,
-        drive="velocity",
-        validity="mark",
-    )
-    bad = np.flatnonzero(marked.valid != 1.0)
+    how = dict(start=start, duration=4.0, drive="velocity", validity="mark")
+    run = quickly(crane(), constant(0.0, 5.0, 0.0), **how)
+    bad = np.flatnonzero(run.valid != 1.0)
     assert len(bad) > 0
-    lines = repr(marked).splitlines()
-    count = f"{len(bad)} of {len(marked)} rows are not valid, the first at t = {marked.t[bad[0]]:g}"
+    lines = repr(run).splitlines()
+    count = f"{len(bad)} of {len(run)} rows are not valid, the first at t = {run.t[bad[0]]:g}"
     assert lines[1].startswith(count)
     assert "drive" in lines[1] + lines[2]
     assert max(map(len, lines)) <= 80
-    assert "not valid" not in repr(marked.before(marked.t[bad[0]])) or bad[0] == 0
+    assert "not valid" not in repr(run.before(run.t[bad[0]]))
 
 
 def test_a_notebook_shows_every_column_of_a_run_and_every_joint_of_a_crane(run: Trajectory) -> None:
@@ -115,6 +110,7 @@ def test_a_column_that_is_not_there_is_a_sentence_with_those_that_are(run: Traje
         cd.plot(run, "phi")
 
 
+@pytest.mark.slow
 def test_the_figure_of_a_run_has_its_drives_its_setpoints_and_its_swing(run: Trajectory) -> None:
     figure = cd.plot(run)
     *drives, swing = figure.axes
@@ -152,15 +148,11 @@ def contrast(colour: str, paper: str) -> float:
 
 
 def test_each_run_has_one_colour_in_every_panel(run: Trajectory) -> None:
-    figure = plot_runs({"one": run, "two": run, "three": run})
-    for i in range(3):
-        name = ("one", "two", "three")[i]
-        colours = {
-            line.get_color()
-            for ax in figure.axes
-            for line in ax.lines
-            if str(line.get_label()).endswith(name)
-        }
+    names = ("one", "two", "three")
+    figure = plot_runs(dict.fromkeys(names, run))
+    for i, name in enumerate(names):
+        lines = [line for ax in figure.axes for line in ax.lines]
+        colours = {ln.get_color() for ln in lines if str(ln.get_label()).endswith(name)}
         assert colours == {run_colour(i)}
 
 
@@ -178,6 +170,7 @@ def test_every_colour_of_a_run_is_legible_on_white_and_on_black_and_no_two_are_a
     assert len(set(RUN_COLOURS)) == len(RUN_COLOURS)
 
 
+@pytest.mark.slow
 def test_the_sketch_has_the_load_where_the_model_has_it() -> None:
     state = crane().state(x=12.0, l=10.0)
     (ax,) = sketch(crane(), state).axes
@@ -197,6 +190,7 @@ def test_a_run_is_recorded_and_opened_in_one_step(
     assert recording.Run is not None
 
 
+@pytest.mark.slow
 def test_a_run_is_looked_at_without_its_crane_which_its_record_names(
     run: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -214,6 +208,7 @@ def test_a_run_is_looked_at_without_its_crane_which_its_record_names(
         cd.view(read(run.write(tmp_path / "run.csv")), file=tmp_path / "c.rrd")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("relative", RELATIVES, ids=lambda relative: relative.name)
 def test_a_crane_of_any_topology_shows_itself_and_its_runs(
     relative: Relative, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -235,28 +230,3 @@ def test_a_crane_of_any_topology_shows_itself_and_its_runs(
         "prismatic" in kinds
     )
     assert cd.view(run, file=tmp_path / "run.rrd").stat().st_size > 10_000
-
-
-def _answer(answer: object) -> object:
-    return cd.simulate(crane(), hold_controller(crane()), lambda t: answer, duration=0.01)  # type: ignore[arg-type,return-value]
-
-
-@pytest.mark.parametrize("answer", [(0, 10, 15), [0, 10, 15], None, np.zeros(3)])
-def test_a_reference_of_ones_own_that_answers_something_else_is_a_sentence(answer: object) -> None:
-    with pytest.raises(
-        OutOfRange,
-        match=r"^answer of the reference is .+; allowed is a cranedyn\.Setpoint: position, "
-        r"velocity",
-    ):
-        _answer(answer)
-
-
-def test_a_setpoint_of_lists_is_taken_and_one_of_two_numbers_is_a_sentence() -> None:
-    still = cd.simulate(
-        crane(), hold_controller(crane()), hold(crane(), crane().start), duration=0.01
-    )
-    lists = _answer(cd.Setpoint([0, 10, 15], [0, 0, 0], [0, 0, 0]))  # type: ignore[arg-type]
-    assert isinstance(lists, Trajectory)
-    np.testing.assert_array_equal(lists.q, still.q)
-    with pytest.raises(OutOfRange, match=r"position of the setpoint is an array of shape \(2,\)"):
-        _answer(cd.Setpoint([0, 10], [0, 0], [0, 0]))  # type: ignore[arg-type]

@@ -63,6 +63,7 @@ def cranedyn(lab: dict[str, str], *words: object) -> subprocess.CompletedProcess
     return subprocess.run(command, env=lab, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 def test_an_experiment_of_another_package_is_listed_and_run(lab: dict[str, str]) -> None:
     lines = cranedyn(lab, "list").stdout.splitlines()
     assert f"{'sway':15} Sway of a lab crane." in lines
@@ -75,6 +76,7 @@ def test_an_experiment_of_another_package_is_listed_and_run(lab: dict[str, str])
     assert gone.stderr.startswith("error: The experiment gone (lab_gone) cannot be loaded: No mod")
 
 
+@pytest.mark.slow
 def test_an_exporter_of_another_package_writes_what_it_says_and_replaces_none_of_ours(
     lab: dict[str, str], tmp_path: Path
 ) -> None:
@@ -89,6 +91,7 @@ def test_an_exporter_of_another_package_writes_what_it_says_and_replaces_none_of
     assert "<mujoco" in (tmp_path / "crane.xml").read_text()
 
 
+@pytest.mark.slow
 def test_an_engine_of_another_package_steps_a_run(lab: dict[str, str]) -> None:
     script = (
         "import cranedyn as cd; from cranedyn.controllers import hold_controller; "
@@ -100,6 +103,7 @@ def test_an_engine_of_another_package_steps_a_run(lab: dict[str, str]) -> None:
     assert run.stdout == "period period "
 
 
+@pytest.mark.slow
 def test_entry_points_are_read_only_where_a_plugin_is_asked_for() -> None:
     script = (
         "import importlib.metadata as m; m.entry_points = None\n"

@@ -15,7 +15,7 @@ Result = Any
 header."""
 
 Told = tuple[list[str], list[str]]
-"""What README.md and docs/findings.md tell."""
+"""What README.md and docs/results/article.md tell."""
 
 
 _NUMBER = re.compile(r"([+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?)")

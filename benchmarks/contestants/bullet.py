@@ -30,11 +30,8 @@ def _weighed(urdf: str) -> str:
         if link.find("inertial") is None:
             inertial = ET.SubElement(link, "inertial")
             ET.SubElement(inertial, "mass", value="0")
-            ET.SubElement(
-                inertial,
-                "inertia",
-                {name: "0" for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")},
-            )
+            zeros = dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0")
+            ET.SubElement(inertial, "inertia", zeros)
     return ET.tostring(robot, encoding="unicode")
 
 
@@ -47,47 +44,31 @@ def _stepped(case: Case, at_once: int) -> Run:
     import pybullet as bullet
 
     setup = bullet.connect(bullet.DIRECT)
+    here = {"physicsClientId": setup}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "crane.urdf"
         path.write_text(_weighed(case.crane.urdf), encoding="utf-8")
-        robot = bullet.loadURDF(
-            str(path),
-            useFixedBase=True,
-            flags=bullet.URDF_USE_INERTIA_FROM_FILE,
-            physicsClientId=setup,
-        )
-    bullet.setGravity(0.0, 0.0, -case.crane.gravity, physicsClientId=setup)
+        from_file = bullet.URDF_USE_INERTIA_FROM_FILE
+        robot = bullet.loadURDF(str(path), useFixedBase=True, flags=from_file, **here)
+    bullet.setGravity(0.0, 0.0, -case.crane.gravity, **here)
     substeps = at_once if at_once > 1 else 0
-    bullet.setPhysicsEngineParameter(
-        fixedTimeStep=at_once * case.dt, numSubSteps=substeps, physicsClientId=setup
-    )
+    bullet.setPhysicsEngineParameter(fixedTimeStep=at_once * case.dt, numSubSteps=substeps, **here)
     joint_index = {
-        bullet.getJointInfo(robot, i, physicsClientId=setup)[1].decode(): i
+        bullet.getJointInfo(robot, i, **here)[1].decode(): i
         for i in range(bullet.getNumJoints(robot, setup))
     }
     joints = [joint_index[joint.name] for joint in case.crane.layout.joints]
     drives = [joints[i] for i in case.crane.layout.drives]
+    none = {"linearDamping": 0.0, "angularDamping": 0.0, "maxJointVelocity": 1e9}
     for i in range(-1, len(joint_index)):
-        bullet.changeDynamics(
-            robot,
-            i,
-            linearDamping=0.0,
-            angularDamping=0.0,
-            maxJointVelocity=1e9,
-            physicsClientId=setup,
-        )
+        bullet.changeDynamics(robot, i, **none, **here)
     for joint, damping in zip(joints, case.crane.damping, strict=True):
-        bullet.changeDynamics(robot, joint, jointDamping=damping, physicsClientId=setup)
+        bullet.changeDynamics(robot, joint, jointDamping=damping, **here)
     # A velocity motor without force: otherwise Bullet brakes each joint.
-    bullet.setJointMotorControlArray(
-        robot, joints, bullet.VELOCITY_CONTROL, forces=[0.0] * len(joints), physicsClientId=setup
-    )
-    states, control, torque, step = (
-        bullet.getJointStates,
-        bullet.setJointMotorControlArray,
-        bullet.TORQUE_CONTROL,
-        bullet.stepSimulation,
-    )
+    still = [0.0] * len(joints)
+    bullet.setJointMotorControlArray(robot, joints, bullet.VELOCITY_CONTROL, forces=still, **here)
+    states, control = bullet.getJointStates, bullet.setJointMotorControlArray
+    torque, step = bullet.TORQUE_CONTROL, bullet.stepSimulation
     calls = range(case.steps // at_once)
 
     def run(starts: np.ndarray, duration: float) -> Result:

@@ -33,12 +33,8 @@ def _looped(case: Case, step: Step) -> Run:
     import jax
     import jax.numpy as jnp
 
-    hold, drives, limit = (
-        case.controller,
-        case.crane.layout.drives,
-        case.crane.effort_limit[:, None],
-    )
-    swings = case.crane.swings
+    hold, drives, swings = case.controller, case.crane.layout.drives, case.crane.swings
+    limit = case.crane.effort_limit[:, None]
     gains = [gain[:, None] for gain in (hold.feed_forward, hold.stiffness, hold.damping)]
 
     def period(setpoint: Any, _: Any, carried: Any) -> Any:

@@ -30,11 +30,8 @@ def twin(urdf: str, *, gravity: float, dt: float) -> Any:
     spec.compiler.boundmass = spec.compiler.boundinertia = 1e-9
     model = spec.compile()
     option, off = model.opt, mujoco.mjtDisableBit
-    option.integrator, option.timestep, option.gravity[:] = (
-        mujoco.mjtIntegrator.mjINT_EULER,
-        dt,
-        [0.0, 0.0, -gravity],
-    )
+    option.integrator, option.timestep = mujoco.mjtIntegrator.mjINT_EULER, dt
+    option.gravity[:] = [0.0, 0.0, -gravity]
     option.disableflags |= off.mjDSBL_CONSTRAINT | off.mjDSBL_EULERDAMP
     return model
 
@@ -89,29 +86,16 @@ def _rolled_out(case: Case) -> Run:
         count, setpoint = len(starts), starts[:, drives]
         state = np.zeros((count, mujoco.mj_stateSize(model, full)))
         state[:, 1 : 1 + 2 * n] = starts
-        states, sensors = (
-            np.empty((count, case.steps, state.shape[1])),
-            np.empty((count, case.steps, 0)),
-        )
+        states = np.empty((count, case.steps, state.shape[1]))
+        steps: Any = {"control_spec": int(force), "nstep": case.steps, "state": states}
+        steps["sensordata"] = np.empty((count, case.steps, 0))
         tau, peaks = np.zeros((count, 1, n)), case.swing(starts)
         for _ in range(case.periods(duration)):
             rows = state[:, 1 : 1 + 2 * n]
-            effort = (
-                hold.feed_forward
-                + hold.stiffness * (setpoint - rows[:, drives])
-                - hold.damping * rows[:, n + drives]
-            )
+            away = setpoint - rows[:, drives]
+            effort = hold.feed_forward + hold.stiffness * away - hold.damping * rows[:, n + drives]
             tau[:, 0, drives] = np.clip(effort, -limit, limit)
-            rollout.rollout(
-                model,
-                datas,
-                state,
-                tau,
-                control_spec=int(force),
-                nstep=case.steps,
-                state=states,
-                sensordata=sensors,
-            )
+            rollout.rollout(model, datas, state, tau, **steps)
             state = states[:, -1].copy()
             peaks = np.maximum(peaks, case.swing(state[:, 1 : 1 + 2 * n]))
         return Result(state[:, 1 : 1 + 2 * n].copy(), peaks)

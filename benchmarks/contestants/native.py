@@ -50,12 +50,8 @@ def c_constants(case: Case) -> dict[str, float]:
     """
     crane, hold = case.crane, case.controller
     trolley, outer, inner, payload = list(crane.model.inertias)[2:]
-    for name, body in (
-        ("trolley", trolley),
-        ("outer link", outer),
-        ("inner link", inner),
-        ("payload", payload),
-    ):
+    links = {"trolley": trolley, "outer link": outer, "inner link": inner, "payload": payload}
+    for name, body in links.items():
         if body.lever.any() or not np.array_equal(body.inertia, body.inertia[0, 0] * np.eye(3)):
             raise ModelError(
                 f"The {name} has a centre beside its joint or an inertia that differs by axis; the "
@@ -70,22 +66,16 @@ def c_constants(case: Case) -> dict[str, float]:
         "GRAVITY": crane.gravity,
         "DT": case.dt,
     }
-    constants |= dict(
-        zip(
-            ("DAMP_SLEW", "DAMP_TROLLEY", "DAMP_PHI", "DAMP_THETA", "DAMP_HOIST"),
-            crane.damping,
-            strict=True,
-        )
-    )
+    joints = ("SLEW", "TROLLEY", "PHI", "THETA", "HOIST")
     for letters, values in (
+        ("DAMP", crane.damping),
         ("KP", hold.stiffness),
         ("KD", hold.damping),
         ("FF", hold.feed_forward),
         ("MAX", crane.effort_limit),
     ):
-        constants |= dict(
-            zip((f"{letters}_SLEW", f"{letters}_TROLLEY", f"{letters}_HOIST"), values, strict=True)
-        )
+        names = joints if letters == "DAMP" else joints[:2] + joints[4:]
+        constants |= {f"{letters}_{name}": x for name, x in zip(names, values, strict=True)}
     return constants
 
 
@@ -104,16 +94,8 @@ def load_library(case: Case, lanes: int, groups: int) -> ctypes.CDLL:
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "crane.so"
         defined = [f"-D{name}={value}" for name, value in values.items()]
-        command = [
-            compiler() or "cc",
-            *FLAGS,
-            *defined,
-            "-shared",
-            "-fPIC",
-            "-o",
-            str(library),
-            str(SOURCE),
-        ]
+        command = [compiler() or "cc", *FLAGS, *defined, "-shared", "-fPIC"]
+        command += ["-o", str(library), str(SOURCE)]
         result = subprocess.run(command, capture_output=True, text=True, check=False)
         if result.returncode:
             message = result.stderr.strip().splitlines()[-1]
@@ -128,13 +110,8 @@ def _one(case: Case) -> Run:
     library = load_library(case, 1, 1)
 
     def run(starts: np.ndarray, duration: float) -> Result:
-        periods = case.periods(duration)
-        starts, ends, peaks, log = (
-            np.ascontiguousarray(starts, float),
-            np.empty((1, 10)),
-            np.empty(1),
-            np.empty((periods + 1, 13)),
-        )
+        periods, starts = case.periods(duration), np.ascontiguousarray(starts, float)
+        ends, peaks, log = np.empty((1, 10)), np.empty(1), np.empty((periods + 1, 13))
         library.run(1, periods, *(array.ctypes.data for array in (starts, ends, peaks, log)))
         return Result(ends, np.sqrt(peaks), log)
 
@@ -146,28 +123,19 @@ def _many(threads: int, case: Case) -> Run:
     pool = ThreadPoolExecutor(threads)
 
     def run(starts: np.ndarray, duration: float) -> Result:
-        together, cranes = LANES * GROUPS, len(starts)
-        full = np.concatenate([starts, np.repeat(starts[-1:], -cranes % together, axis=0)]).astype(
-            float, order="C", copy=False
-        )
+        together, cranes, periods = LANES * GROUPS, len(starts), case.periods(duration)
+        last = np.repeat(starts[-1:], -cranes % together, axis=0)
+        full = np.ascontiguousarray(np.concatenate([starts, last]), float)
         ends, peaks = np.empty_like(full), np.empty(len(full))
 
         def part(rounds: np.ndarray) -> None:
             rows = slice(together * rounds[0], together * (rounds[-1] + 1))
-            library.run(
-                len(rounds),
-                case.periods(duration),
-                *(array[rows].ctypes.data for array in (full, ends, peaks)),
-                None,
-            )
+            arrays = (array[rows].ctypes.data for array in (full, ends, peaks))
+            library.run(len(rounds), periods, *arrays, None)
 
         rounds = np.arange(len(full) // together)
-        list(
-            pool.map(
-                part,
-                np.array_split(rounds, min(len(rounds), 1 if threads == 1 else _CHUNKS * threads)),
-            )
-        )
+        chunks = min(len(rounds), 1 if threads == 1 else _CHUNKS * threads)
+        list(pool.map(part, np.array_split(rounds, chunks)))
         return Result(ends[:cranes], np.sqrt(peaks[:cranes]))
 
     return run

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -55,19 +56,12 @@ def _batch(
     def prepare(case: Case) -> Run:
         from cranedyn.compiled.batch import simulate_batch
 
-        simulate_cranes = partial(
-            simulate_batch,
-            case.crane,
-            case.controller,
-            dt=case.dt,
-            control_period=case.period,
-            threads=threads,
-        )
+        how: Any = {"dt": case.dt, "control_period": case.period, "threads": threads}
+        simulate_cranes = partial(simulate_batch, case.crane, case.controller, **how)
 
         def run(starts: np.ndarray, duration: float) -> Result:
-            batch = simulate_cranes(
-                start=State(*np.split(starts, 2, axis=1)), duration=duration, integrator=integrator
-            )
+            start = State(*np.split(starts, 2, axis=1))
+            batch = simulate_cranes(start=start, duration=duration, integrator=integrator)
             return Result(np.hstack(batch.end), batch.peak_swing)
 
         run(case.starts(1), case.period)

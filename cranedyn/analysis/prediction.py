@@ -79,19 +79,14 @@ def free_swing(
     _, _, radial, _, cable = layout.tower("The prediction of a free swing")
     hoist = layout.drive("l")
     stiffness, damping = float(hold.stiffness[hoist]), float(hold.damping[hoist])
-    equilibrium = start.q.copy()
-    equilibrium[cable] += (
-        hold.feed_forward[hoist] + crane.payload_mass * crane.gravity
-    ) / stiffness
-    plant = sampled(
-        crane, State(equilibrium, np.zeros(layout.n)), dt=dt, control_period=control_period
-    )
+    rest = State(start.q.copy(), np.zeros(layout.n))
+    rest.q[cable] += (hold.feed_forward[hoist] + crane.payload_mass * crane.gravity) / stiffness
+    plant = sampled(crane, rest, dt=dt, control_period=control_period)
     loop = plant.closed(feedback_gain(crane, hold.stiffness, hold.damping))
     mode = swing_mode(loop, control_period, coordinate=radial)
     times = control_period * np.arange(round(since / control_period))
-    excitations = hold.stiffness * (
-        tabulated(reference, times, layout.m).position - start.q[layout.drives]
-    )
+    wanted = tabulated(reference, times, layout.m).position
+    excitations = hold.stiffness * (wanted - start.q[layout.drives])
     last = max((k for k, excitation in enumerate(excitations) if excitation.any()), default=0)
     z = np.zeros(2 * layout.n)
     for excitation in excitations[: last + 1]:
@@ -99,23 +94,15 @@ def free_swing(
 
     def compliance(amplitude: float) -> tuple[float, float]:
         return hoist_compliance(
-            amplitude, equilibrium[cable], crane.gravity, crane.payload_mass, stiffness, damping
+            amplitude, rest.q[cable], crane.gravity, crane.payload_mass, stiffness, damping
         )
 
     times = np.linspace(since, until, 200) - (last + 1) * control_period
     if -mode.rate.real * until > _DECAYED:
-        raise OutOfRange(
-            "until",
-            until,
-            f"{-_DECAYED / mode.rate.real:.3g} or less: the swing has died away by then",
-            "s",
-        )
-    decayed = _decay(
-        times,
-        2.0 * float(abs(mode.weights @ z)),
-        -mode.rate.real,
-        mode.rate.imag * compliance(1.0)[1],
-    )
+        last_time = f"{-_DECAYED / mode.rate.real:.3g} or less: the swing has died away by then"
+        raise OutOfRange("until", until, last_time, "s")
+    first = 2.0 * float(abs(mode.weights @ z))
+    decayed = _decay(times, first, -mode.rate.real, mode.rate.imag * compliance(1.0)[1])
     amplitude = math.sqrt(float(np.mean(decayed**2)))
     stretch, damped = compliance(amplitude)
     return FreeSwing(

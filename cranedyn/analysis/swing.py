@@ -44,20 +44,13 @@ class SwingFit:
     @property
     def decay_rate(self) -> float:
         """ζ ω_n [1/s]."""
-        return (
-            self.damping_ratio
-            / math.sqrt(1.0 - self.damping_ratio**2)
-            * 2.0
-            * math.pi
-            / self.period
-        )
+        ratio = self.damping_ratio / math.sqrt(1.0 - self.damping_ratio**2)
+        return ratio * 2.0 * math.pi / self.period
 
     def __call__(self, t: np.ndarray) -> np.ndarray:
         """Return the fitted swing at times [rad]."""
-        return (
-            self.amplitude_at(t) * np.cos(2.0 * math.pi / self.period * t + self.phase)
-            + self.offset
-        )
+        phase = 2.0 * math.pi / self.period * t + self.phase
+        return self.amplitude_at(t) * np.cos(phase) + self.offset
 
 
 def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
@@ -95,14 +88,8 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
         s = t - middle
         return np.exp(-decay * s) * (a * np.cos(omega * s) + b * np.sin(omega * s)) + c - swing
 
-    basis = np.stack(
-        [
-            np.cos(math.pi / half * (t - middle)),
-            np.sin(math.pi / half * (t - middle)),
-            np.ones_like(t),
-        ],
-        axis=1,
-    )
+    phase = math.pi / half * (t - middle)
+    basis = np.stack([np.cos(phase), np.sin(phase), np.ones_like(t)], axis=1)
     a, b, c = np.linalg.lstsq(basis, swing, rcond=None)[0]
     with np.errstate(all="ignore"):
         fit = scipy.optimize.least_squares(
@@ -111,11 +98,8 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
         a, b, decay, omega, c = fit.x.tolist()
         amplitude = float(math.hypot(a, b) * np.exp(decay * middle))
     if not (fit.success and math.isfinite(amplitude) and omega > 0.0 and abs(decay) < omega):
-        reason = (
-            fit.message
-            if not fit.success
-            else f"its best decay is {decay:g} 1/s at {omega:g} rad/s."
-        )
+        reason = f"its best decay is {decay:g} 1/s at {omega:g} rad/s."
+        reason = reason if fit.success else fit.message
         raise DataError(
             f"The record from {t[0]:g} to {t[-1]:g} s does not fit a decaying cosine: {reason}"
         )
@@ -147,10 +131,8 @@ def peaks(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     y = as_array("y", y, t.shape)
     size = np.abs(y)
     edges = np.flatnonzero(np.signbit(y[:-1]) != np.signbit(y[1:])) + 1
-    i = np.array(
-        [first + int(np.argmax(size[first:last])) for first, last in itertools.pairwise(edges)],
-        dtype=int,
-    )
+    tops = [a + int(np.argmax(size[a:b])) for a, b in itertools.pairwise(edges)]
+    i = np.array(tops, dtype=int)
     before, top, after = size[i - 1], size[i], size[i + 1]
     bend = before - 2.0 * top + after
     shift = np.divide(0.5 * (before - after), bend, out=np.zeros_like(bend), where=bend != 0.0)
@@ -189,14 +171,10 @@ def fit_power_law(x: np.ndarray, y: np.ndarray) -> PowerLaw:
     y = finite("y", y, x.shape)
     if len(x) < 3 or np.ptp(x) == 0.0:
         raise DataError(f"A power law needs three points of different abscissa, here are {len(x)}.")
-    if not min(np.min(x), np.min(y)) > 0.0:
-        raise DataError(
-            f"A power law needs positive numbers, the least here is {min(np.min(x), np.min(y)):g}."
-        )
+    if not (least := min(np.min(x), np.min(y))) > 0.0:
+        raise DataError(f"A power law needs positive numbers, the least here is {least:g}.")
     line = scipy.stats.linregress(np.log(x), np.log(y))
-    return PowerLaw(
-        float(line.slope), float(math.exp(line.intercept)), float(line.rvalue**2), len(x)
-    )
+    return PowerLaw(float(line.slope), math.exp(line.intercept), float(line.rvalue**2), len(x))
 
 
 @dataclass(frozen=True)

@@ -18,5 +18,5 @@ Public names:
     `gymnasium.TowerCraneEnv`: the crane as an environment to learn in.
     `control.to_control`, `margins.margins`: models for python-control, and stability margins.
 
-Begin with `mjcf`, the shortest exporter; docs/bridges.md says what each carries.
+Begin with `mjcf`, the shortest exporter; docs/howto/export.md says what each carries.
 """

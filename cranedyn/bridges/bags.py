@@ -6,7 +6,7 @@ import bz2
 import math
 import struct
 from array import array
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from io import BytesIO
@@ -31,12 +31,13 @@ NAMES = {role.symbol: role.joint for role in ROLES.values()}
 """Default names of the joints by the symbols of their coordinates."""
 
 _KINDS = {
-    column: (kind, role.symbol)
+    column: (field, role.symbol)
     for role in ROLES.values()
-    for kind, column in (
-        ("position", f"{role.symbol}_{'m' if role.kind == 'prismatic' else 'rad'}"),
-        ("velocity", f"{role.symbol}_dot_{'m' if role.kind == 'prismatic' else 'rad'}_s"),
-        ("effort", f"F_{role.symbol}_N" if role.kind == "prismatic" else f"T_{role.symbol}_Nm"),
+    for unit, effort in [("m", "F_{}_N") if role.kind == "prismatic" else ("rad", "T_{}_Nm")]
+    for field, column in (
+        ("position", f"{role.symbol}_{unit}"),
+        ("velocity", f"{role.symbol}_dot_{unit}_s"),
+        ("effort", effort.format(role.symbol)),
     )
 }
 """Field of joint states and coordinate, by the name of the column."""
@@ -46,9 +47,6 @@ _MOST = 100_000_000
 
 _BLOCK = 1_000_000
 """Bytes of a chunk that are decompressed at a time."""
-
-_MOST_STATES, _ALL_STATES, _LARGEST_STATE = 1_000_000, 300_000_000, 100_000
-"""Most joint states in a file, some 17 minutes at 1 kHz; largest size of all, of one [bytes]."""
 
 _RECORD, _CHANNEL = struct.Struct("<BQ"), struct.Struct("<H")
 """Headers of a record of MCAP (kind and length) and of a message (channel)."""
@@ -80,8 +78,8 @@ def read_joint_states(
             states, or others than needed.
         UnknownName: If `names` has an unknown coordinate.
     """
-    with _parsing(Path(path), names):
-        return _columns(Path(path), columns, {**NAMES, **(names or {})})
+    with _parsing(Path(path), names) as named:
+        return _columns(Path(path), columns, named)
 
 
 def joint_state_columns(path: str | Path, names: Mapping[str, str] | None = None) -> list[str]:
@@ -95,20 +93,19 @@ def joint_state_columns(path: str | Path, names: Mapping[str, str] | None = None
         DataError: As `read_joint_states`.
         UnknownName: If `names` has an unknown coordinate.
     """
-    with _parsing(Path(path), names):
+    with _parsing(Path(path), names) as named:
         _, first = next(_states(Path(path)))
-    named = {**NAMES, **(names or {})}
+    indices = {name: i for i, name in enumerate(first.name)}
     return [
         column
         for column, (kind, symbol) in _KINDS.items()
-        if named[symbol] in first.name
-        and first.name.index(named[symbol]) < len(getattr(first, kind))
+        if indices.get(named[symbol], math.inf) < len(getattr(first, kind))
     ]
 
 
 @contextmanager
-def _parsing(path: Path, names: Mapping[str, str] | None) -> Iterator[None]:
-    """Convert any error of a parser to a `DataError`.
+def _parsing(path: Path, names: Mapping[str, str] | None) -> Iterator[dict[str, str]]:
+    """Yield the names of the joints by symbol; convert any error of a parser to a `DataError`.
 
     Raises:
         DataError: If the extra is not installed, the file is too large, or a parser fails.
@@ -122,7 +119,7 @@ def _parsing(path: Path, names: Mapping[str, str] | None) -> Iterator[None]:
         if file.seek(0, 2) > LARGEST:
             raise DataError(f"Cannot read {path}: it is larger than {LARGEST / 1e6:g} MB.")
     try:
-        yield
+        yield {**NAMES, **(names or {})}
     except CraneError:
         raise
     except Exception as error:  # whatever a parser raises over the bytes of a stranger
@@ -162,15 +159,8 @@ def _states(path: Path) -> Iterator[tuple[int, Any]]:
         raise DataError(
             f"{path} has joint states on {names}; allowed are messages on {TOPIC}, or on one topic."
         )
-    count = size = 0
     for topic, time, raw in source():
         if topic == (TOPIC if TOPIC in topics else topics[0]):
-            count, size = count + 1, size + len(raw)
-            if count > _MOST_STATES or size > _ALL_STATES or len(raw) > _LARGEST_STATE:
-                raise DataError(
-                    f"{path} has too many or too large joint states; allowed are {_MOST_STATES} of "
-                    f"{_LARGEST_STATE / 1e3:g} kB, {_ALL_STATES / 1e6:g} MB in all."
-                )
             yield time, decode(raw)
 
 
@@ -217,19 +207,15 @@ def _mcap_messages(path: Path) -> Iterator[Raw]:
     unpack = _Unpacker()
     with open_file(path) as file:
         for record in StreamReader(file, emit_chunks=True, record_size_limit=_MOST).records:
+            entries: Iterable[Any] = [record]
             if isinstance(record, Chunk):
                 entries = _chunk_records(unpack(record.compression, record.data), topics)
-            else:
-                entries = iter([record])
             for entry in entries:
                 if isinstance(entry, Schema):
                     schemas[entry.id] = entry.name
-                elif (
-                    isinstance(entry, Channel)
-                    and schemas.get(entry.schema_id) == TYPE
-                    and entry.message_encoding == "cdr"
-                ):
-                    topics[entry.id] = entry.topic
+                elif isinstance(entry, Channel):
+                    if (schemas.get(entry.schema_id), entry.message_encoding) == (TYPE, "cdr"):
+                        topics[entry.id] = entry.topic
                 elif isinstance(entry, Message) and entry.channel_id in topics:
                     yield topics[entry.channel_id], entry.log_time, entry.data
 

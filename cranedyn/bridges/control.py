@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.bridges.names import input_names, state_names
+from cranedyn.bridges.joints import input_names, state_names
 from cranedyn.checks import check_choice, finite, short_repr
-from cranedyn.controllers.linearised import linearised
+from cranedyn.controllers.lqr import linearised
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.dynamics.linearisation import linear
 from cranedyn.dynamics.pinocchio import holding_effort
@@ -61,27 +61,24 @@ def to_control(
     """
     names = state_names(crane)
     model = linear(crane, crane.start if state is None else state, effort, drive=drive)
-    system: Any = (
-        model if control_period is None else model.sampled(dt=dt, control_period=control_period)
-    )
+    system: Any = model
+    if control_period is not None:
+        system = model.sampled(dt=dt, control_period=control_period)
     output_names = names if outputs is None else list(outputs)
     for name in output_names:
         if name not in names:
             raise UnknownName("state", str(name), names)
     selection = np.eye(len(names))[[names.index(name) for name in output_names]]
-    labels = {
-        "states": names,
-        "inputs": input_names(crane, drive),
-        "outputs": output_names,
-        "name": "crane",
-    }
     return ct.ss(
         system.a,
         system.b,
         selection,
-        np.zeros((len(output_names), len(labels["inputs"]))),
+        np.zeros((len(output_names), crane.layout.m)),
         dt=control_period or 0,
-        **labels,
+        states=names,
+        inputs=input_names(crane, drive),
+        outputs=output_names,
+        name="crane",
     )
 
 
@@ -119,17 +116,12 @@ def from_control(
     if isinstance(about, Motion):
         table = linearised(crane, about, dt=dt, every=len(about.q))
         commands = table.efforts if drive == "effort" else about.a[:, about.drives]
-        return Tracking(
-            about.period,
-            commands,
-            np.broadcast_to(gain, (len(commands), *gain.shape)),
-            table.setpoint,
-        )
+        gains = np.broadcast_to(gain, (len(commands), *gain.shape))
+        return Tracking(about.period, commands, gains, table.setpoint)
     state = crane.layout.as_state("rest", about)
     if state.v.any():
-        raise OutOfRange(
-            "rates of the rest", state.v.tolist(), "0; a motion is given as a Motion", "/s"
-        )
+        allowed = "0; a motion is given as a Motion"
+        raise OutOfRange("rates of the rest", state.v.tolist(), allowed, "/s")
     command = holding_effort(crane, state.q) if drive == "effort" else np.zeros(crane.layout.m)
     return Tracking(1.0, command[None], gain[None], np.concatenate(state)[None])
 
@@ -140,14 +132,12 @@ def _gain(feedback: Any, names: Sequence[str]) -> np.ndarray:
         try:
             return np.asarray(feedback, dtype=float)
         except (TypeError, ValueError):
-            raise OutOfRange(
-                "feedback", short_repr(feedback), "a gain or a system of python-control"
-            ) from None
+            allowed = "a gain or a system of python-control"
+            raise OutOfRange("feedback", short_repr(feedback), allowed) from None
     if not isinstance(feedback, ct.StateSpace) or feedback.nstates:
         raise CraneError(
             f"The feedback is a {type(feedback).__name__} with {feedback.nstates} states of its "
-            "own; "
-            "allowed is a gain or a StateSpace without states, u = D z."
+            "own; allowed is a gain or a StateSpace without states, u = D z."
         )
     labels = list(feedback.input_labels)
     if labels == list(names) or (len(labels) == len(names) and not set(labels) & set(names)):
@@ -161,7 +151,6 @@ def _gain(feedback: Any, names: Sequence[str]) -> np.ndarray:
     if further and not np.array_equal(feedback.D[:, further], np.hstack([gain, np.eye(len(gain))])):
         raise CraneError(
             f"The feedback has {len(further)} inputs besides the states; allowed are the desired "
-            "states and inputs "
-            "of control.create_statefbk_iosystem, or none."
+            "states and inputs of control.create_statefbk_iosystem, or none."
         )
     return gain

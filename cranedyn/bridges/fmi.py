@@ -20,8 +20,14 @@ from pathlib import Path
 
 import numpy as np
 
-from cranedyn.bridges.joints import crane_from_options
-from cranedyn.bridges.names import force_names, input_names, state_names
+from cranedyn.bridges.joints import (
+    add,
+    crane_from_options,
+    force_names,
+    input_names,
+    state_names,
+    xml_bytes,
+)
 from cranedyn.bridges.target import check_free, new_file
 from cranedyn.checks import check_choice
 from cranedyn.clocks import clocks
@@ -36,6 +42,12 @@ TARGET = "FILE"
 
 NAME = "cranedyn_crane"
 """Name of the model and of its library."""
+
+_WRAPPER = Path(__file__).with_name("fmi.c")
+"""C code of the interface of FMI, around the compiled loop."""
+
+_SUFFIX = ".so" if platform.system() == "Linux" else ".dylib"
+"""Ending of the library."""
 
 _COMPILERS = ("cc", "gcc", "clang")
 _DATE = (1980, 1, 1, 0, 0, 0)
@@ -117,67 +129,51 @@ def export(
         turns=1,
     )
     variables, code = _variables(crane, drive), object_file(crane, recipe)
-    token = (
-        "{"
-        + hashlib.sha256(code + repr((variables, dt)).encode() + _wrapper()).hexdigest()[:32]
-        + "}"
-    )
+    content = code + repr((variables, dt)).encode() + _WRAPPER.read_bytes()
+    token = f"{{{hashlib.sha256(content).hexdigest()[:32]}}}"
     library = _link(code, _header(crane, variables, token, dt))
     with new_file(final) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as unit:
-        for name, content in {
+        parts = {
             "modelDescription.xml": _description(variables, token, dt, drive),
-            f"binaries/{_platform()}/{NAME}{_suffix()}": library,
-        }.items():
-            unit.writestr(zipfile.ZipInfo(name, _DATE), content, zipfile.ZIP_DEFLATED)
+            f"binaries/{_platform()}/{NAME}{_SUFFIX}": library,
+        }
+        for name, part in parts.items():
+            unit.writestr(zipfile.ZipInfo(name, _DATE), part, zipfile.ZIP_DEFLATED)
     return final
 
 
 def _variables(crane: Crane, drive: str) -> list[FmiVariable]:
     """Return all variables; the value reference of each is its index."""
-    layout, names, n = crane.layout, state_names(crane), crane.layout.n
+    layout, names, free = crane.layout, state_names(crane), np.full(crane.layout.n, np.inf)
     units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
     efforts = [joint.effort_unit.replace(" ", ".") for joint in layout.driven]
-    commanded = efforts if drive == "effort" else [f"{joint.unit}/s2" for joint in layout.driven]
-    holding = holding_effort(crane, crane.start.q) if drive == "effort" else np.zeros(layout.m)
-    low, high = (
-        np.concatenate([crane.lower, np.full(n, -np.inf)]),
-        np.concatenate([crane.upper, np.full(n, np.inf)]),
+    commands, holding = input_names(crane, drive), np.zeros(layout.m)
+    commanded = [f"{joint.unit}/s2" for joint in layout.driven]
+    if drive == "effort":
+        commanded, holding = efforts, holding_effort(crane, crane.start.q)
+    starts = np.concatenate(crane.start).tolist()
+    low, high = np.append(crane.lower, -free).tolist(), np.append(crane.upper, free).tolist()
+    variables = [FmiVariable("time", "s", "independent")]
+    about = "held over a communication step"
+    for name, unit, value in zip(commands, commanded, holding.tolist(), strict=True):
+        variables.append(FmiVariable(f"{name}_command", unit, "input", value, about=about))
+    about = "from outside, in the world"
+    for name in force_names(crane):
+        variables.append(FmiVariable(name, "N", "input", 0.0, about=about))
+    about = "where it begins"
+    for name, unit, value, lower, upper in zip(names, units, starts, low, high, strict=True):
+        parameter = FmiVariable(f"{name}_start", unit, "parameter", value, lower, upper, about)
+        variables.append(parameter)
+    for name, unit in zip(names, units, strict=True):
+        variables.append(FmiVariable(name, unit, "output"))
+    for name, unit in zip(input_names(crane, "effort"), efforts, strict=True):
+        variables.append(FmiVariable(name, unit, "output", about="what acts"))
+    about = "mechanical, zero of height at the ground"
+    variables.append(FmiVariable("energy", "J", "output", about=about))
+    about = (
+        "false once a joint has left its range, the rope is slack or the load touches the ground"
     )
-    start = np.concatenate(crane.start)
-    variables = [
-        FmiVariable("time", "s", "independent"),
-        *(
-            FmiVariable(
-                f"{name}_command", unit, "input", value, about="held over a communication step"
-            )
-            for name, unit, value in zip(
-                input_names(crane, drive), commanded, holding.tolist(), strict=True
-            )
-        ),
-        *(
-            FmiVariable(name, "N", "input", 0.0, about="from outside, in the world")
-            for name in force_names(crane)
-        ),
-        *(
-            FmiVariable(f"{name}_start", unit, "parameter", value, lower, upper, "where it begins")
-            for name, unit, value, lower, upper in zip(
-                names, units, start.tolist(), low.tolist(), high.tolist(), strict=True
-            )
-        ),
-        *(FmiVariable(name, unit, "output") for name, unit in zip(names, units, strict=True)),
-        *(
-            FmiVariable(name, unit, "output", about="what acts")
-            for name, unit in zip(input_names(crane, "effort"), efforts, strict=True)
-        ),
-        FmiVariable("energy", "J", "output", about="mechanical, zero of height at the ground"),
-        FmiVariable(
-            "valid",
-            "",
-            "output",
-            about="false once a joint has left its range, the rope is slack or the load touches "
-            "the ground",
-        ),
-    ]
+    variables.append(FmiVariable("valid", "", "output", about=about))
     variable_names = [variable.name for variable in variables]
     if twice := [name for name in variable_names if variable_names.count(name) > 1]:
         raise ModelError(
@@ -196,11 +192,9 @@ def _description(variables: Sequence[FmiVariable], token: str, dt: float, drive:
         instantiationToken=token,
         generationTool="cranedyn",
     )
-    root.set(
-        "description",
-        f"A crane whose drives take {'efforts' if drive == 'effort' else 'accelerations'}",
-    )
-    ET.SubElement(
+    commands = "efforts" if drive == "effort" else "accelerations"
+    root.set("description", f"A crane whose drives take {commands}")
+    add(
         root,
         "CoSimulation",
         modelIdentifier=NAME,
@@ -208,44 +202,36 @@ def _description(variables: Sequence[FmiVariable], token: str, dt: float, drive:
         canGetAndSetFMUState="true",
         canSerializeFMUState="true",
     )
-    units = ET.SubElement(root, "UnitDefinitions")
+    units = add(root, "UnitDefinitions")
     for unit in sorted({variable.unit for variable in variables} - {""}):
-        ET.SubElement(ET.SubElement(units, "Unit", name=unit), "BaseUnit", _BASE[unit])
-    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize=f"{10 * dt!r}")
-    listed, structure = ET.SubElement(root, "ModelVariables"), ET.Element("ModelStructure")
+        add(add(units, "Unit", name=unit), "BaseUnit", **_BASE[unit])
+    add(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize=f"{10 * dt!r}")
+    listed, structure = add(root, "ModelVariables"), add(root, "ModelStructure")
     for reference, variable in enumerate(variables):
-        kind = "Float64" if variable.unit else "Boolean"
-        element = ET.SubElement(
-            listed,
-            kind,
-            name=variable.name,
-            valueReference=str(reference),
-            causality=variable.causality,
-        )
+        entries = {
+            "name": variable.name,
+            "valueReference": str(reference),
+            "causality": variable.causality,
+        }
         if variable.about:
-            element.set("description", variable.about)
-        fixed = variable.causality == "parameter"
-        element.set(
-            "variability", "fixed" if fixed else "continuous" if variable.unit else "discrete"
-        )
+            entries["description"] = variable.about
+        entries["variability"] = "continuous" if variable.unit else "discrete"
+        if variable.causality == "parameter":
+            entries["variability"] = "fixed"
         if variable.causality == "output":
-            element.set("initial", "calculated")
+            entries["initial"] = "calculated"
         if variable.unit:
-            element.set("unit", variable.unit)
-        for name, value in (
-            ("start", variable.start),
-            ("min", variable.lower),
-            ("max", variable.upper),
-        ):
+            entries["unit"] = variable.unit
+        numbers = {"start": variable.start, "min": variable.lower, "max": variable.upper}
+        for name, value in numbers.items():
             if value is not None and np.isfinite(value):
-                element.set(name, repr(value))
+                entries[name] = repr(value)
+        ET.SubElement(listed, "Float64" if variable.unit else "Boolean", entries)
     outputs = [str(i) for i, variable in enumerate(variables) if variable.causality == "output"]
     for kind in ("Output", "InitialUnknown"):
         for output in outputs:
-            ET.SubElement(structure, kind, valueReference=output)
-    root.append(structure)
-    ET.indent(root)
-    return ET.tostring(root, "utf-8", xml_declaration=True)
+            add(structure, kind, valueReference=output)
+    return xml_bytes(root)
 
 
 _BASE = {
@@ -269,19 +255,15 @@ def _header(crane: Crane, variables: Sequence[FmiVariable], token: str, dt: floa
 
     sizes = BufferLayout.of(crane.layout)
     gains, row, summary = slices(sizes.gain_table), slices(sizes.row), slices(sizes.summary)
-    names = [variable.name for variable in variables]
-    first = {
-        kind: next(i for i, variable in enumerate(variables) if variable.causality == kind)
-        for kind in ("input", "parameter", "output")
-    }
+    names, kinds = [v.name for v in variables], [v.causality for v in variables]
     numbers = {
         "VARIABLES": len(variables),
-        "COMMAND": first["input"],
+        "COMMAND": kinds.index("input"),
         "FORCE": names.index(force_names(crane)[0]),
-        "START": first["parameter"],
-        "OUTPUT": first["output"],
+        "START": kinds.index("parameter"),
+        "OUTPUT": kinds.index("output"),
         "VALID": len(variables) - 1,
-        "STATES": first["output"] - first["parameter"],
+        "STATES": kinds.count("parameter"),
         "DRIVES": sizes.m,
         "SLOTS": len(SLOTS),
         **{f"SLOT_{name.upper()}": slot for name, slot in SLOTS.items()},
@@ -296,21 +278,12 @@ def _header(crane: Crane, variables: Sequence[FmiVariable], token: str, dt: floa
         "AT_ENERGY": row["energy"].start,
         "AT_INVALID": summary["invalid"].start,
     }
-    rows = (
-        f"  {{{_text(v.name)}, {_c(v.start or 0.0)}, {_c(v.lower)}, {_c(v.upper)}}},"
-        for v in variables
-    )
-    return "\n".join(
-        [
-            f'#define TOKEN "{token}"',
-            f"#define DT {dt!r}",
-            *(f"#define {name} {value}" for name, value in numbers.items()),
-            "static const struct { const char *name; double start, least, most; } VARIABLE[] = {",
-            *rows,
-            "};",
-            "",
-        ]
-    )
+    defined = {"TOKEN": f'"{token}"', "DT": repr(dt), **numbers}
+    lines = [f"#define {name} {value}" for name, value in defined.items()]
+    lines += ["static const struct { const char *name; double start, least, most; } VARIABLE[] = {"]
+    for v in variables:
+        lines.append(f"  {{{_text(v.name)}, {_c(v.start or 0.0)}, {_c(v.lower)}, {_c(v.upper)}}},")
+    return "\n".join([*lines, "};", ""])
 
 
 def _c(value: float) -> str:
@@ -322,30 +295,18 @@ def _text(name: str) -> str:
     return '"' + "".join(f"\\{byte:03o}" for byte in name.encode()) + '"'
 
 
-def _wrapper() -> bytes:
-    return Path(__file__).with_name("fmi.c").read_bytes()
-
-
 def _platform() -> str:
     """Return the platform's name in FMI.
 
     Raises:
         CraneError: If units cannot be built for this platform.
     """
-    system, kind = (
-        platform.system().lower(),
-        {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine()),
-    )
+    system, machine = platform.system().lower(), platform.machine()
+    kind = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine.lower(), machine)
     if system not in ("linux", "darwin") or kind not in ("x86_64", "aarch64"):
-        raise CraneError(
-            f"Units are made on Linux and macOS, x86_64 or aarch64; this machine is {system} on "
-            f"{kind}."
-        )
+        machine = f"this machine is {system} on {kind}"
+        raise CraneError(f"Units are made on Linux and macOS, x86_64 or aarch64; {machine}.")
     return f"{kind}-{system}"
-
-
-def _suffix() -> str:
-    return ".so" if platform.system() == "Linux" else ".dylib"
 
 
 def _link(code: bytes, header: str) -> bytes:
@@ -364,22 +325,11 @@ def _link(code: bytes, header: str) -> bytes:
         workspace = Path(folder)
         (workspace / "loop.o").write_bytes(code)
         (workspace / "unit.h").write_text(header)
-        (workspace / "fmi.c").write_bytes(_wrapper())
+        shutil.copy(_WRAPPER, workspace)
         (workspace / "exports").write_text("{ global: fmi3*; local: *; };")
         export_options = ["-Wl,--version-script=exports"] if platform.system() == "Linux" else []
-        command = [
-            compiler,
-            "-shared",
-            "-fPIC",
-            "-O2",
-            "-w",
-            *export_options,
-            "-o",
-            "library",
-            "fmi.c",
-            "loop.o",
-            "-lm",
-        ]
+        options = ["-shared", "-fPIC", "-O2", "-w", *export_options, "-o", "library"]
+        command = [compiler, *options, "fmi.c", "loop.o", "-lm"]
         build = subprocess.run(
             command, cwd=workspace, capture_output=True, text=True, timeout=120, check=False
         )

@@ -13,10 +13,12 @@ import numpy as np
 
 from cranedyn.bridges.joints import (
     ExportedJoint,
+    add,
     anchor_to_world,
     check_inertias,
     joints,
     urdf_element,
+    xml_bytes,
 )
 from cranedyn.bridges.programs import Program
 from cranedyn.bridges.target import new_folder
@@ -81,17 +83,22 @@ def export(
     for tag in model.findall("ros2_control"):
         model.remove(tag)
     model.append(_plugin(program, moving, every, overwritten))
-    world_element = world(program.crane.gravity, program.dt, solver, erp)
-    ET.SubElement(ET.SubElement(world_element[0], "include"), "uri").text = "model://crane"
+    scene = world(program.crane.gravity, program.dt, solver, erp)
+    add(add(scene[0], "include"), "uri", "model://crane")
+    config = ET.Element("model")
+    add(config, "name", "crane")
+    add(config, "version", "1.0")
+    add(config, "sdf", "model.urdf", version="1.6")
     with new_folder(folder) as draft:
         shutil.copytree(_TEMPLATES, draft, dirs_exist_ok=True)
         (draft / "run.sh").chmod(0o755)
         (draft / "models" / "crane").mkdir(parents=True)
-        _xml(draft / "models" / "crane" / "model.urdf", model)
-        _xml(draft / "models" / "crane" / "model.config", _config())
-        _xml(draft / "world.sdf", world_element)
+        (draft / "models" / "crane" / "model.urdf").write_bytes(xml_bytes(model))
+        (draft / "models" / "crane" / "model.config").write_bytes(xml_bytes(config))
+        (draft / "world.sdf").write_bytes(xml_bytes(scene))
         for name, rows in tables.items():
-            _table(draft / f"{name}.csv", rows)
+            text = "".join(",".join(map(repr, row)) + "\n" for row in rows.tolist())
+            (draft / f"{name}.csv").write_text(text)
     return folder
 
 
@@ -100,20 +107,18 @@ def _plugin(
 ) -> ET.Element:
     """Return the plugin's element with its parameters."""
     clock, tag = program.clock, ET.Element("gazebo")
-    plugin = ET.SubElement(tag, "plugin", name="drives", filename="libcrane_drives.so")
+    plugin = add(tag, "plugin", name="drives", filename="libcrane_drives.so")
     settings = {
         "steps_per_control": clock.steps,
         "rows": clock.periods + 1,
         "rows_between_logs": interval,
         "control_period": repr(clock.period),
-    }
-    for name, value in {
-        **settings,
         "overwrite_passive_velocities": str(overwritten).lower(),
-    }.items():
-        ET.SubElement(plugin, name).text = str(value)
+    }
+    for name, value in settings.items():
+        add(plugin, name, value)
     for joint, q, v in zip(moving, *program.start, strict=True):
-        entry = ET.SubElement(plugin, "joint")
+        entry = add(plugin, "joint")
         column, rate = joint.columns
         entries = {
             "name": joint.name,
@@ -124,8 +129,8 @@ def _plugin(
         }
         if joint.driven:
             entries |= {"effort_column": joint.effort_column, "effort_limit": repr(joint.effort)}
-        for name, value in entries.items():
-            ET.SubElement(entry, name).text = value
+        for name, text in entries.items():
+            add(entry, name, text)
     return tag
 
 
@@ -134,33 +139,16 @@ def world(gravity: float, dt: float, solver: str, erp: float) -> ET.Element:
     ODE's error reduction.
     """
     sdf = ET.Element("sdf", version="1.6")
-    world_element = ET.SubElement(sdf, "world", name="crane")
-    ET.SubElement(world_element, "gravity").text = f"0 0 {-gravity!r}"
-    physics = ET.SubElement(world_element, "physics", type="ode")
-    ET.SubElement(physics, "max_step_size").text = repr(dt)
-    ET.SubElement(physics, "real_time_update_rate").text = "0"  # as fast as it goes
-    ode = ET.SubElement(physics, "ode")
-    chosen = ET.SubElement(ode, "solver")
+    scene = add(sdf, "world", name="crane")
+    add(scene, "gravity", f"0 0 {-gravity!r}")
+    physics = add(scene, "physics", type="ode")
+    add(physics, "max_step_size", repr(dt))
+    add(physics, "real_time_update_rate", "0")  # as fast as it goes
+    ode = add(physics, "ode")
+    chosen = add(ode, "solver")
     for name, value in SOLVERS[solver].items():
-        ET.SubElement(chosen, name).text = value
-    constraints = ET.SubElement(ode, "constraints")
-    ET.SubElement(constraints, "cfm").text = "0"
-    ET.SubElement(constraints, "erp").text = repr(erp)
+        add(chosen, name, value)
+    constraints = add(ode, "constraints")
+    add(constraints, "cfm", "0")
+    add(constraints, "erp", repr(erp))
     return sdf
-
-
-def _config() -> ET.Element:
-    model = ET.Element("model")
-    for name, text in {"name": "crane", "version": "1.0"}.items():
-        ET.SubElement(model, name).text = text
-    ET.SubElement(model, "sdf", version="1.6").text = "model.urdf"
-    return model
-
-
-def _xml(path: Path, root: ET.Element) -> None:
-    ET.indent(root)
-    path.write_bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True))
-
-
-def _table(path: Path, rows: np.ndarray) -> None:
-    path.write_text("".join(",".join(map(repr, row)) + "\n" for row in rows.tolist()))

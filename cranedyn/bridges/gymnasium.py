@@ -37,7 +37,6 @@ ID, STEPS = "cranedyn/TowerCrane-v0", 400
 _FRAME = 0.02
 """Time between rows of a recording [s]."""
 
-Observations = np.ndarray
 Stepped = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 
 
@@ -81,41 +80,27 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
             UnknownName: If there is no such rule.
         """
         if render_mode is not None:
-            raise OutOfRange(
-                "render_mode",
-                short_repr(render_mode),
-                "None for many cranes; one crane alone takes rrd",
-            )
+            allowed = "None for many cranes; one crane alone takes rrd"
+            raise OutOfRange("render_mode", short_repr(render_mode), allowed)
         try:
             mode = AutoresetMode(autoreset_mode)
         except ValueError:
-            modes = ", ".join(m.value for m in AutoresetMode)
-            raise OutOfRange(
-                "autoreset_mode", short_repr(autoreset_mode), f"one of {modes}"
-            ) from None
+            allowed = "one of " + ", ".join(m.value for m in AutoresetMode)
+            raise OutOfRange("autoreset_mode", short_repr(autoreset_mode), allowed) from None
         self.num_envs, self.render_mode, self._mode = whole("num_envs", num_envs, 1), None, mode
         self.metadata = {"render_modes": [], "autoreset_mode": mode}
         self._last = whole("max_episode_steps", max_episode_steps, 1)
-        self.task = SwingTask(
-            load_crane() if crane is None else crane,
-            self.num_envs,
-            _rules(rules),
-            control_period,
-            dt,
-            threads,
-        )
+        self.task = _task(crane, self.num_envs, rules, control_period, dt, threads)
         self.single_observation_space, self.single_action_space = _spaces(self.task)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._steps, self._ended = (
-            np.zeros(self.num_envs, dtype=np.int64),
-            np.ones(self.num_envs, dtype=bool),
-        )
+        self._steps = np.zeros(self.num_envs, dtype=np.int64)
+        self._ended = np.ones(self.num_envs, dtype=bool)
         self._begun = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observations, dict[str, Any]]:
+    ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin episodes, random or by `options`: start (a State), goal (slew, trolley, hoist),
         reset_mask (cranes to reset).
 
@@ -123,11 +108,11 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
             UnknownName: If there is no such option.
             OutOfRange: If the seed or an option is not valid.
         """
-        whole_seed, settings = _seed(seed), _options(options)
+        whole_seed, settings = _seed(seed), _options(options, "start", "goal", "reset_mask")
         mask = np.asarray(settings.pop("reset_mask", np.ones(self.num_envs, dtype=bool)))
         if mask.shape != (self.num_envs,) or mask.dtype != bool:
             raise OutOfRange("reset_mask", short_repr(mask), f"{self.num_envs} of True or False")
-        initial = self.task.check_reset(**_reset_options(settings))
+        initial = self.task.check_reset(**settings)
         super().reset(seed=whole_seed)
         self._begin(mask, **initial)
         self._begun = True
@@ -144,9 +129,8 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
             raise OutOfRange(
                 "crane", int(np.argmax(self._ended)), "one whose episode has begun: call reset"
             )
-        reward, over, observations = self.task.act(
-            as_array("actions", actions, (self.num_envs, self.task.layout.m)).T
-        )
+        checked = as_array("actions", actions, (self.num_envs, self.task.layout.m))
+        reward, over, observations = self.task.act(checked.T)
         self._steps += 1
         truncated = ~over & (self._steps >= self._last)
         if self._mode is AutoresetMode.NEXT_STEP and self._ended.any():
@@ -161,12 +145,8 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         self._ended = over | truncated
         if self._mode is AutoresetMode.SAME_STEP and self._ended.any():
             ended = self._ended.copy()
-            infos |= {
-                "final_obs": observations,
-                "_final_obs": ended,
-                "final_info": dict(infos),
-                "_final_info": ended,
-            }
+            final = {"final_obs": observations, "final_info": dict(infos)}
+            infos |= {**final, "_final_obs": ended, "_final_info": ended}
             self._begin(ended)
             observations = self.task.observe()
         return observations, reward, over, truncated, infos
@@ -213,20 +193,10 @@ class TowerCraneEnv(gym.Env):
             raise OutOfRange("render_mode", short_repr(render_mode), "None or rrd")
         self._folder = Path(folder)
         self.render_mode, self._dt = render_mode, dt
-        self.task = SwingTask(
-            load_crane() if crane is None else crane,
-            1,
-            _rules(rules),
-            control_period,
-            dt,
-            threads=1,
-        )
+        self.task = _task(crane, 1, rules, control_period, dt, threads=1)
         self.observation_space, self.action_space = _spaces(self.task)
-        self._episode, self._start, self._accelerations = (
-            0,
-            self.task.fleet.cranes[0].start,
-            list[np.ndarray](),
-        )
+        self._episode, self._start = 0, self.task.fleet.cranes[0].start
+        self._accelerations = list[np.ndarray]()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -238,15 +208,11 @@ class TowerCraneEnv(gym.Env):
             OutOfRange: If the seed or an option is not valid.
         """
         whole_seed = _seed(seed)
-        initial = self.task.check_reset(**_reset_options(_options(options)))
+        initial = self.task.check_reset(**_options(options, "start", "goal"))
         super().reset(seed=whole_seed)
         self.task.begin(self.np_random, np.zeros(1), **initial)
-        z = self.task.fleet.z[:, 0].copy()
-        self._episode, self._start, self._accelerations = (
-            self._episode + 1,
-            State(z[: len(z) // 2], z[len(z) // 2 :]),
-            [],
-        )
+        self._start = State(*self.task.fleet.z[:, 0].reshape(2, -1).copy())
+        self._episode, self._accelerations = self._episode + 1, []
         return self.task.observe()[0], {"distance": float(self.task.goal_distance[0])}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -261,13 +227,8 @@ class TowerCraneEnv(gym.Env):
         accelerations = self.task.accelerations(checked[:, None], self.task.fleet.z)[:, 0]
         reward, over, observations = self.task.act(checked[:, None])
         self._accelerations.append(accelerations)
-        return (
-            observations[0],
-            float(reward[0]),
-            bool(over[0]),
-            False,
-            {"distance": float(self.task.goal_distance[0])},
-        )
+        info = {"distance": float(self.task.goal_distance[0])}
+        return observations[0], float(reward[0]), bool(over[0]), False, info
 
     def render(self) -> str | None:
         """Write the episode up to now as a recording for the Rerun viewer and return its file; None
@@ -300,6 +261,7 @@ class TowerCraneEnv(gym.Env):
             return done[min(int(t / period + 1e-6), len(done) - 1)]
 
         crane, force = self.task.crane_of(0), self.task.force_on(0)
+        divides = abs(period / _FRAME - round(period / _FRAME)) < 1e-9
         return simulate(
             crane,
             repeated,
@@ -307,9 +269,7 @@ class TowerCraneEnv(gym.Env):
             start=self._start,
             duration=len(done) * period,
             dt=self._dt,
-            control_period=_FRAME
-            if abs(period / _FRAME - round(period / _FRAME)) < 1e-9
-            else period,
+            control_period=_FRAME if divides else period,
             drive="motion",
             disturbance=constant_force(crane, payload=force) if any(force) else None,
             validity="mark",
@@ -317,20 +277,32 @@ class TowerCraneEnv(gym.Env):
         )
 
 
+def _task(
+    crane: Crane | Sequence[Crane] | None,
+    count: int,
+    rules: dict[str, Any],
+    period: float,
+    dt: float,
+    threads: int | None,
+) -> SwingTask:
+    """Return the task of some cranes.
+
+    Raises:
+        UnknownName: If there is no rule of a name.
+    """
+    names = tuple(Rules.__dataclass_fields__)
+    for name in rules:
+        if name not in names:
+            raise UnknownName("rule of the task", name, names)
+    cranes = load_crane() if crane is None else crane
+    return SwingTask(cranes, count, Rules(**rules), period, dt, threads)
+
+
 def _spaces(task: SwingTask) -> tuple[gym.spaces.Box, gym.spaces.Box]:
     """Return the spaces of observations and actions."""
     low, high = task.bounds()
-    return gym.spaces.Box(low, high, dtype=np.float32), gym.spaces.Box(
-        -1.0, 1.0, (task.layout.m,), np.float32
-    )
-
-
-def _rules(values: dict[str, Any]) -> Rules:
-    names = tuple(Rules.__dataclass_fields__)
-    for name in values:
-        if name not in names:
-            raise UnknownName("rule of the task", name, names)
-    return Rules(**values)
+    actions = gym.spaces.Box(-1.0, 1.0, (task.layout.m,), np.float32)
+    return gym.spaces.Box(low, high, dtype=np.float32), actions
 
 
 def _seed(seed: object) -> int | None:
@@ -346,17 +318,14 @@ def _seed(seed: object) -> int | None:
     return int(seed)
 
 
-def _options(options: Any) -> dict[str, Any]:
+def _options(options: Any, *names: str) -> dict[str, Any]:
+    """Check that options are a dictionary with some of these names, and return a copy."""
     if not isinstance(options, Mapping | None):
         raise OutOfRange("options", short_repr(options), "a dictionary or None")
+    for name in options or {}:
+        if name not in names:
+            raise UnknownName("option of reset", str(name), names)
     return dict(options or {})
-
-
-def _reset_options(options: dict[str, Any]) -> dict[str, Any]:
-    for name in options:
-        if name not in ("start", "goal"):
-            raise UnknownName("option of reset", str(name), ("start", "goal"))
-    return options
 
 
 def register() -> None:

@@ -1,13 +1,13 @@
-"""Data of a crane for exporters: joints by name, with limits, damping and springs, and its URDF as
-XML.
-"""
+"""Data of a crane for other programs: names of its signals, joints by name, and its URDF as XML."""
 
 from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
 from argparse import Namespace
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+
+import numpy as np
 
 from cranedyn.dynamics.pinocchio import full, holding_effort
 from cranedyn.errors import ModelError, quoted
@@ -15,15 +15,40 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
 from cranedyn.model.layout import Joint
 from cranedyn.model.load import load_crane
+from cranedyn.model.options import load_options
 from cranedyn.model.urdf import parse_urdf
 
 
 def crane_from_options(options: Namespace) -> Crane:
     """Load the crane that the command line describes."""
-    return load_crane(options.urdf, gravity=options.gravity, values=parse_values(options.values))
+    return load_crane(
+        **load_options(options), gravity=options.gravity, values=parse_values(options.values)
+    )
 
 
-@dataclass(frozen=True)
+def state_names(crane: Crane) -> list[str]:
+    """Return the names of coordinates and rates, such as x and x_dot, in the order of z."""
+    return [*crane.layout.symbols, *(f"{name}_dot" for name in crane.layout.symbols)]
+
+
+def input_names(crane: Crane, drive: str) -> list[str]:
+    """Return the names of the commands: torque T or force F of each drive, such as F_x, or with
+    "motion" its acceleration, such as x_ddot.
+    """
+    return [
+        joint.effort_name if drive == "effort" else f"{joint.symbol}_ddot"
+        for joint in crane.layout.driven
+    ]
+
+
+def force_names(crane: Crane) -> list[str]:
+    """Return the names of the external forces on each point along each axis of the world, such as
+    payload_force_x.
+    """
+    return [f"{point}_force_{axis}" for point in crane.layout.points for axis in "xyz"]
+
+
+@dataclass(frozen=True, kw_only=True)
 class ExportedJoint(Joint):
     """Joint of a layout with the properties that exporters write.
 
@@ -42,42 +67,40 @@ class ExportedJoint(Joint):
             without a drive.
     """
 
-    child: str = field(kw_only=True)
-    own_axis: str = field(kw_only=True)
-    lower: float = field(kw_only=True)
-    upper: float = field(kw_only=True)
-    effort: float = field(kw_only=True)
-    velocity: float = field(kw_only=True)
-    damping: float = field(kw_only=True)
-    stiffness: float = field(kw_only=True)
-    rest: float = field(kw_only=True)
-    armature: float = field(kw_only=True)
-    start: float = field(kw_only=True)
-    holding: float = field(kw_only=True)
+    child: str
+    own_axis: str
+    lower: float
+    upper: float
+    effort: float
+    velocity: float
+    damping: float
+    stiffness: float
+    rest: float
+    armature: float
+    start: float
+    holding: float
 
 
 def urdf_element(crane: Crane) -> ET.Element:
-    """Return the crane's URDF as XML, without comments, its axes of length one: other programs take
-    a very short axis for none.
+    """Return the crane's URDF as XML, without comments and meshes, its axes of length one: other
+    programs take a very short axis for none.
 
     Raises:
-        ModelError: If it has meshes, which are files of their own, or a rope whose stiffness
-            changes with its length.
+        ModelError: If it has a rope whose stiffness changes with its length.
     """
     robot = parse_urdf(crane.urdf, "the crane")
-    for mesh in robot.iter("mesh"):
-        raise ModelError(
-            f"The crane has the mesh {quoted(mesh.get('filename', ''))}; exports carry primitives "
-            "only."
-        )
-    for _ in robot.iter("ropeStiffness"):
+    for link in robot.iterfind("link"):
+        for body in [*link.iterfind("visual"), *link.iterfind("collision")]:
+            if body.find("geometry/mesh") is not None:  # a file of its own
+                link.remove(body)
+    if next(robot.iter("ropeStiffness"), None) is not None:
         raise ModelError(
             "The crane has a rope that stretches; no format that is exported knows a stiffness "
             "that changes with the length."
         )
     for axis in robot.iter("axis"):
         if xyz := axis.get("xyz"):
-            numbers = [float(word) for word in xyz.split()]
+            numbers = vector(xyz).tolist()
             if not math.isclose(length := math.hypot(*numbers), 1.0):
                 axis.set("xyz", " ".join(repr(number / length) for number in numbers))
     return robot
@@ -91,12 +114,12 @@ def joints(crane: Crane, robot: ET.Element) -> tuple[ExportedJoint, ...]:
     holding = full(crane, holding_effort(crane, crane.start.q))
     exported = []
     for i, joint in enumerate(crane.layout.joints):
-        child, axis, limit = (elements[joint.name].find(tag) for tag in ("child", "axis", "limit"))
-        assert child is not None and limit is not None  # the crane was loaded from this text
+        axis, limit = elements[joint.name].find("axis"), elements[joint.name].find("limit")
+        assert limit is not None  # the crane was loaded from this text
         exported.append(
             ExportedJoint(
                 **vars(joint),
-                child=child.get("link", ""),
+                child=ends(elements[joint.name])[1],
                 own_axis="1 0 0" if axis is None else axis.get("xyz", "1 0 0"),
                 lower=float(crane.lower[i]),
                 upper=float(crane.upper[i]),
@@ -113,6 +136,31 @@ def joints(crane: Crane, robot: ET.Element) -> tuple[ExportedJoint, ...]:
     return tuple(exported)
 
 
+def ends(joint: ET.Element) -> tuple[str, str]:
+    """Return the names of the links that a joint of a URDF connects, parent and child."""
+    parent, child = joint.find("parent"), joint.find("child")
+    assert parent is not None and child is not None  # the URDF was checked
+    return parent.get("link", ""), child.get("link", "")
+
+
+def vector(text: str) -> np.ndarray:
+    """Return the numbers of a text, shape (words,)."""
+    return np.array([float(word) for word in text.split()])
+
+
+def add(parent: ET.Element, tag: str, text: object = None, **attributes: str) -> ET.Element:
+    """Append an element with a text and attributes to another one, and return it."""
+    element = ET.SubElement(parent, tag, attributes)
+    element.text = None if text is None else str(text)
+    return element
+
+
+def xml_bytes(root: ET.Element) -> bytes:
+    """Return the text of an XML file, indented."""
+    ET.indent(root)
+    return ET.tostring(root, encoding="utf-8", xml_declaration=True)
+
+
 def check_inertias(crane: Crane, robot: ET.Element, program: str) -> None:
     """Check that every moving link has mass and inertia of its own; some engines drop a link
     without them and all that it carries.
@@ -125,14 +173,12 @@ def check_inertias(crane: Crane, robot: ET.Element, program: str) -> None:
         name, inertial = link.get("name", ""), link.find("inertial")
         if name not in moving:
             continue
-        masses = (
-            [] if inertial is None else [*inertial.iterfind("mass"), *inertial.iterfind("inertia")]
-        )
         numbers = [
-            float(element.get(key, "0"))
-            for element in masses
-            for key in ("value", "ixx", "iyy", "izz")
-            if element.get(key) is not None
+            float(number)
+            for tag, keys in (("mass", ["value"]), ("inertia", ["ixx", "iyy", "izz"]))
+            for element in ([] if inertial is None else inertial.iterfind(tag))
+            for key in keys
+            if (number := element.get(key)) is not None
         ]
         if len(numbers) != 4 or min(numbers) <= 0.0:
             raise ModelError(
@@ -159,17 +205,12 @@ def anchor_to_world(robot: ET.Element, program: str) -> ET.Element:
                 f"The joint {quoted(joint.get('name', ''))} has an armature, the inertia of its "
                 "motor, which Gazebo does not know; allowed is 0."
             )
-    ends = [
-        (joint.get("type"), _end(joint, "parent"), _end(joint, "child"))
-        for joint in robot.iterfind("joint")
-    ]
+    children = {ends(joint)[1] for joint in robot.iterfind("joint")}
     links = {link.get("name", ""): link for link in robot.iterfind("link")}
-    (root,) = links.keys() - {child for *_, child in ends}
+    (root,) = links.keys() - children
+    rigid = [ends(joint) for joint in robot.iterfind("joint") if joint.get("type") == "fixed"]
     fixed = {root}
-    while (
-        further := {child for kind, parent, child in ends if parent in fixed and kind == "fixed"}
-        - fixed
-    ):
+    while further := {child for parent, child in rigid if parent in fixed} - fixed:
         fixed |= further
     if root != "world":
         if "world" in links:
@@ -178,18 +219,12 @@ def anchor_to_world(robot: ET.Element, program: str) -> ET.Element:
                 "hangs a crane on that link."
             )
         robot.insert(0, ET.Element("link", name="world"))
-        joint = ET.SubElement(robot, "joint", name="fixed_to_the_world", type="fixed")
-        ET.SubElement(joint, "parent", link="world")
-        ET.SubElement(joint, "child", link=root)
+        joint = add(robot, "joint", name="fixed_to_the_world", type="fixed")
+        add(joint, "parent", link="world")
+        add(joint, "child", link=root)
     for name in fixed - {"world"}:
         if links[name].find("inertial") is None:
-            inertial = ET.SubElement(links[name], "inertial")
-            ET.SubElement(inertial, "mass", value="1")
-            ET.SubElement(inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0")
+            inertial = add(links[name], "inertial")
+            add(inertial, "mass", value="1")
+            add(inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0")
     return robot
-
-
-def _end(joint: ET.Element, tag: str) -> str:
-    """Return the link at an end of a joint."""
-    end = joint.find(tag)
-    return "" if end is None else end.get("link", "")

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import argparse
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.bridges.joints import ExportedJoint, crane_from_options, joints, urdf_element
+from cranedyn.bridges.joints import (
+    ExportedJoint,
+    crane_from_options,
+    ends,
+    joints,
+    urdf_element,
+    vector,
+)
 from cranedyn.bridges.target import new_file
 from cranedyn.data.trajectory import Trajectory, read
 from cranedyn.errors import DataError, OutOfRange
@@ -122,7 +129,9 @@ def _messages(crane: Crane, robot: ET.Element, run: Trajectory) -> Iterator[Mess
     times = np.rint(1e9 * run.t).astype(int).tolist()
     efforts = np.zeros_like(run.q)
     efforts[:, [moving.index(joint) for joint in driven]] = run.effort
-    frames, fixed = _frames(robot, moving)
+    elements = {element.get("name", ""): element for element in robot.iterfind("joint")}
+    frames = [_Frame(elements.pop(joint.name), joint) for joint in moving]
+    fixed = [_Frame(element, None) for element in elements.values()]
     yield "/robot_description", times[0], {"data": crane.urdf}
     yield "/tf_static", times[0], {"transforms": [frame.at(times[0], 0.0) for frame in fixed]}
     last_frame = -np.inf
@@ -143,16 +152,8 @@ def _messages(crane: Crane, robot: ET.Element, run: Trajectory) -> Iterator[Mess
         yield "/joint_setpoints", time, {"header": _header(time), **setpoint}
         if run.t[k] > last_frame + FRAME_PERIOD - 1e-9:
             last_frame = run.t[k]
-            yield (
-                "/tf",
-                time,
-                {
-                    "transforms": [
-                        frame.at(time, value)
-                        for frame, value in zip(frames, run.q[k].tolist(), strict=True)
-                    ]
-                },
-            )
+            values = zip(frames, run.q[k].tolist(), strict=True)
+            yield "/tf", time, {"transforms": [frame.at(time, value) for frame, value in values]}
 
 
 def _header(time: int, frame: str = "") -> dict[str, Any]:
@@ -164,28 +165,19 @@ class _Frame:
 
     def __init__(self, element: ET.Element, joint: ExportedJoint | None) -> None:
         """Store a joint of the URDF, with its properties if it moves."""
-        self.parent, self.child = (element.find(tag).get("link", "") for tag in ("parent", "child"))  # type: ignore[union-attr]
-        origin = element.find("origin")
-        xyz, rpy = (
-            "0 0 0" if origin is None else origin.get(name, "0 0 0") for name in ("xyz", "rpy")
-        )
-        self.origin = np.array([float(word) for word in xyz.split()])
-        self.rotation = pin.rpy.rpyToMatrix(np.array([float(word) for word in rpy.split()]))
-        axis = np.array(
-            [float(word) for word in ("1 0 0" if joint is None else joint.own_axis).split()]
-        )
-        self.axis, self.is_revolute = (
-            axis / np.linalg.norm(axis),
-            joint is not None and joint.unit == "rad",
-        )
+        self.parent, self.child = ends(element)
+        origin = {} if (found := element.find("origin")) is None else found.attrib
+        self.origin = vector(origin.get("xyz", "0 0 0"))
+        self.rotation = pin.rpy.rpyToMatrix(vector(origin.get("rpy", "0 0 0")))
+        axis = vector("1 0 0" if joint is None else joint.own_axis)
+        self.axis = axis / np.linalg.norm(axis)
+        self.is_revolute = joint is not None and joint.unit == "rad"
 
     def at(self, time: int, value: float) -> dict[str, Any]:
         """Return the transform at a time [ns] and a coordinate [rad or m]."""
-        slide = np.zeros(3) if self.is_revolute else value * self.axis
-        x, y, z = (self.origin + self.rotation @ slide).tolist()
-        turned = (
-            self.rotation @ pin.AngleAxis(value if self.is_revolute else 0.0, self.axis).matrix()
-        )
+        angle, slide = (value, 0.0) if self.is_revolute else (0.0, value)
+        x, y, z = (self.origin + self.rotation @ (slide * self.axis)).tolist()
+        turned = self.rotation @ pin.AngleAxis(angle, self.axis).matrix()
         i, j, k, w = pin.Quaternion(turned).coeffs().tolist()
         rotation = {"x": i, "y": j, "z": k, "w": w}
         transform = {"translation": {"x": x, "y": y, "z": z}, "rotation": rotation}
@@ -194,15 +186,6 @@ class _Frame:
             "child_frame_id": self.child,
             "transform": transform,
         }
-
-
-def _frames(
-    robot: ET.Element, moving: Sequence[ExportedJoint]
-) -> tuple[list[_Frame], list[_Frame]]:
-    """Return the frames of the moving joints, in their order, and of the fixed ones."""
-    elements = {element.get("name", ""): element for element in robot.iterfind("joint")}
-    frames = [_Frame(elements.pop(joint.name), joint) for joint in moving]
-    return frames, [_Frame(element, None) for element in elements.values()]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -14,10 +14,14 @@ import pinocchio as pin
 
 from cranedyn.bridges.joints import (
     ExportedJoint,
+    add,
     check_inertias,
     crane_from_options,
+    ends,
     joints,
     urdf_element,
+    vector,
+    xml_bytes,
 )
 from cranedyn.bridges.target import new_file
 from cranedyn.checks import number
@@ -25,8 +29,6 @@ from cranedyn.errors import DataError, ModelError, quoted
 from cranedyn.model.crane import Crane
 
 TARGET = "FILE"
-
-_SHAPES = {"box": "box", "cylinder": "cylinder", "sphere": "sphere"}
 
 
 def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
@@ -54,9 +56,7 @@ def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
         raise DataError(f"Cannot write {file}: the ending of an MJCF file must be .xml.")
     robot = urdf_element(crane)
     check_inertias(crane, robot, "MuJoCo")
-    root = mjcf(crane, robot, number("dt", dt, "s", "> 0"))
-    ET.indent(root)
-    text = ET.tostring(root, encoding="utf-8", xml_declaration=True)
+    text = xml_bytes(mjcf(crane, robot, number("dt", dt, "s", "> 0")))
     with new_file(file) as draft:
         draft.write_bytes(text)
     return file
@@ -66,39 +66,27 @@ def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
     """Return the crane as MJCF, from its URDF as XML; physics step in s."""
     root = ET.Element("mujoco", model=robot.get("name", "crane"))
     # angles in radians, roll pitch yaw about fixed axes; what has no inertial has no mass
-    ET.SubElement(
+    add(
         root, "compiler", angle="radian", eulerseq="XYZ", inertiafromgeom="false", autolimits="true"
     )
-    option = ET.SubElement(
-        root, "option", timestep=repr(dt), gravity=f"0 0 {-crane.gravity!r}", integrator="Euler"
-    )
-    ET.SubElement(option, "flag", eulerdamp="disable")
+    gravity = f"0 0 {-crane.gravity!r}"
+    option = add(root, "option", timestep=repr(dt), gravity=gravity, integrator="Euler")
+    add(option, "flag", eulerdamp="disable")
     colours = {
         m.get("name", ""): c.get("rgba", "")
         for m in robot.iterfind("material")
         for c in m.iterfind("color")
     }
     moving = joints(crane, robot)
-    _Tree(robot, moving, colours).grow(ET.SubElement(root, "worldbody"))
-    actuators = ET.SubElement(root, "actuator")
+    _Tree(robot, moving, colours).grow(add(root, "worldbody"))
+    actuators = add(root, "actuator")
     for joint in moving:
         if joint.driven:
-            limits = f"{-joint.effort!r} {joint.effort!r}"
-            ET.SubElement(
-                actuators,
-                "motor",
-                name=joint.name.removesuffix("_joint"),
-                joint=joint.name,
-                ctrlrange=limits,
-            )
-    keyframe = ET.SubElement(root, "keyframe")
-    ET.SubElement(
-        keyframe,
-        "key",
-        name="start",
-        qpos=" ".join(repr(joint.start) for joint in moving),
-        ctrl=" ".join(repr(joint.holding) for joint in moving if joint.driven),
-    )
+            name, limits = joint.name.removesuffix("_joint"), f"{-joint.effort!r} {joint.effort!r}"
+            add(actuators, "motor", name=name, joint=joint.name, ctrlrange=limits)
+    start = " ".join(repr(joint.start) for joint in moving)
+    holding = " ".join(repr(joint.holding) for joint in moving if joint.driven)
+    add(add(root, "keyframe"), "key", name="start", qpos=start, ctrl=holding)
     return root
 
 
@@ -114,7 +102,7 @@ class _Tree:
         self.children: dict[str, list[tuple[str, ET.Element]]] = {}
         below = set()
         for joint in robot.iterfind("joint"):
-            parent, child = (joint.find(tag).get("link", "") for tag in ("parent", "child"))  # type: ignore[union-attr]
+            parent, child = ends(joint)
             self.children.setdefault(parent, []).append((child, joint))
             below.add(child)
         (self.root,) = self.links.keys() - below
@@ -124,48 +112,40 @@ class _Tree:
         if self.root == "world":
             self._fill(world, self.root)
         else:
-            self._fill(ET.SubElement(world, "body", name=self.root), self.root)
+            self._fill(add(world, "body", name=self.root), self.root)
 
     def _fill(self, body: ET.Element, link: str) -> None:
         for visual in self.links[link].iterfind("visual"):
             self._geom(body, visual, link)
         for child, joint in self.children.get(link, []):
-            inner = ET.SubElement(body, "body", {"name": child, **_pose(joint)})
-            name = joint.get("name", "")
-            if name in self.moving:
-                inner.append(_joint(self.moving[name]))
-            inertial = self.links[child].find("inertial")
-            if inertial is not None:
+            inner = add(body, "body", name=child, **_pose(joint))
+            if (moving := self.moving.get(joint.get("name", ""))) is not None:
+                inner.append(_joint(moving))
+            if (inertial := self.links[child].find("inertial")) is not None:
                 inner.append(_inertial(inertial))
             self._fill(inner, child)
 
     def _geom(self, body: ET.Element, visual: ET.Element, link: str) -> None:
         for shape in visual.iterfind("geometry/*"):
             if shape.tag == "box":
-                size = [float(word) / 2.0 for word in shape.get("size", "").split()]
+                size = (vector(shape.get("size", "")) / 2.0).tolist()
             else:
-                size = [
-                    float(shape.get("radius", "0")),
-                    *([float(shape.get("length", "0")) / 2.0] if shape.tag == "cylinder" else []),
-                ]
+                size = [float(shape.get("radius", "0"))]
+                if shape.tag == "cylinder":
+                    size.append(float(shape.get("length", "0")) / 2.0)
             if not min(size) > 0.0:
                 raise ModelError(
                     f"A {shape.tag} of the link {quoted(link)} has no size, with which MuJoCo "
                     "takes no file; allowed are numbers > 0."
                 )
-            looks = {
-                "type": _SHAPES[shape.tag],
-                "size": " ".join(map(repr, size)),
-                "contype": "0",
-                "conaffinity": "0",
-                "group": "2",
-            }
-            colour = next((m.find("color") for m in visual.iterfind("material")), None)
-            named = next((m.get("name", "") for m in visual.iterfind("material")), "")
-            rgba = colour.get("rgba", "") if colour is not None else self.colours.get(named, "")
-            ET.SubElement(
-                body, "geom", {**looks, **_pose(visual), **({"rgba": rgba} if rgba else {})}
-            )
+            geom = add(body, "geom", type=shape.tag, size=" ".join(map(repr, size)))
+            geom.attrib |= {"contype": "0", "conaffinity": "0", "group": "2", **_pose(visual)}
+            material = visual.find("material")
+            if material is not None:
+                colour = material.find("color")
+                named = self.colours.get(material.get("name", ""), "")
+                if rgba := named if colour is None else colour.get("rgba", ""):
+                    geom.set("rgba", rgba)
 
 
 def _pose(element: ET.Element) -> dict[str, str]:
@@ -176,18 +156,17 @@ def _pose(element: ET.Element) -> dict[str, str]:
 
 
 def _joint(joint: ExportedJoint) -> ET.Element:
-    limits = {"range": f"{joint.lower!r} {joint.upper!r}", "damping": repr(joint.damping)}
-    spring = (
-        {"stiffness": repr(joint.stiffness), "springref": repr(joint.rest)}
-        if joint.stiffness
-        else {}
-    )
-    motor = {"armature": repr(joint.armature)} if joint.armature else {}
     kind = "hinge" if joint.unit == "rad" else "slide"
-    return ET.Element(
-        "joint",
-        {"name": joint.name, "type": kind, "axis": joint.own_axis, **limits, **spring, **motor},
-    )
+    element = ET.Element("joint", name=joint.name, type=kind, axis=joint.own_axis)
+    element.attrib |= {
+        "range": f"{joint.lower!r} {joint.upper!r}",
+        "damping": repr(joint.damping),
+    }
+    if joint.stiffness:
+        element.attrib |= {"stiffness": repr(joint.stiffness), "springref": repr(joint.rest)}
+    if joint.armature:
+        element.set("armature", repr(joint.armature))
+    return element
 
 
 def _inertial(inertial: ET.Element) -> ET.Element:
@@ -197,16 +176,10 @@ def _inertial(inertial: ET.Element) -> ET.Element:
     mass, inertia = inertial.find("mass"), inertial.find("inertia")
     assert mass is not None and inertia is not None  # the URDF was checked
     pose = _pose(inertial)
-    i = {name: float(inertia.get(name, "0")) for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")}
-    tensor = np.array(
-        [
-            [i["ixx"], i["ixy"], i["ixz"]],
-            [i["ixy"], i["iyy"], i["iyz"]],
-            [i["ixz"], i["iyz"], i["izz"]],
-        ]
-    )
+    keys = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
+    tensor = np.array([[float(inertia.get(key, "0")) for key in row] for row in keys])
     if rpy := pose.pop("euler", ""):
-        turn = pin.rpy.rpyToMatrix(np.array([float(word) for word in rpy.split()]))
+        turn = pin.rpy.rpyToMatrix(vector(rpy))
         tensor = turn @ tensor @ turn.T
     diagonal = not np.any(tensor - np.diag(np.diag(tensor)))
     components = np.diag(tensor) if diagonal else tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]

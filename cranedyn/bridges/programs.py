@@ -56,19 +56,12 @@ class Program:
                 that is not finite.
         """
         if self.drive != "effort":
-            raise OutOfRange(
-                f"drive of a run in {program}",
-                self.drive,
-                "effort: another engine's joints take forces",
-            )
-        clock = self.clock
+            allowed = "effort: another engine's joints take forces"
+            raise OutOfRange(f"drive of a run in {program}", self.drive, allowed)
+        clock, layout = self.clock, self.crane.layout
         times = clock.period * np.arange(clock.periods + 1)
-        layout = self.crane.layout
-        positions = tabulated(
-            hold(self.crane, self.start) if self.reference is None else self.reference,
-            times,
-            layout.m,
-        )[0]
+        reference = hold(self.crane, self.start) if self.reference is None else self.reference
+        positions = tabulated(reference, times, layout.m).position
         if isinstance(self.controller, Clocked):
             self.controller.begin_run(0.0, clock.period)
         tables = affine_form(self.controller, times, positions, 2 * layout.n)
@@ -79,7 +72,6 @@ class Program:
                 "Python."
             )
         if lacking := tables.lacking():
-            raise OutOfRange(
-                f"{lacking} of the controller", "not finite in some row", "finite numbers"
-            )
+            name = f"{lacking} of the controller"
+            raise OutOfRange(name, "not finite in some row", "finite numbers")
         return tables

@@ -14,11 +14,13 @@ from pathlib import Path
 from cranedyn.bridges.gazebo import world
 from cranedyn.bridges.joints import (
     ExportedJoint,
+    add,
     anchor_to_world,
     check_inertias,
     crane_from_options,
     joints,
     urdf_element,
+    xml_bytes,
 )
 from cranedyn.bridges.target import new_folder
 from cranedyn.checks import number
@@ -86,7 +88,12 @@ def export(
     moving = joints(crane, robot)
     for tag in robot.findall("ros2_control"):
         robot.remove(tag)
-    robot.extend([_control(moving), _plugin()])
+    robot.append(_control(moving))
+    name_of_plugin = "gz_ros2_control::GazeboSimROS2ControlPlugin"
+    plugin = add(
+        add(robot, "gazebo"), "plugin", filename="gz_ros2_control-system", name=name_of_plugin
+    )
+    add(plugin, "parameters", "CONTROLLERS_YAML")  # the launch file knows where the package is
     folder = Path(folder)
     with new_folder(folder) as draft:
         shutil.copytree(
@@ -103,43 +110,31 @@ def export(
             "package.xml": _package(name),
             "urdf/crane.urdf": robot,
             "worlds/crane.sdf": _gz_world(crane, dt),
+            "worlds/classic.sdf": world(crane.gravity, dt, "world", 0.8),
         }
-        trees["worlds/classic.sdf"] = world(crane.gravity, dt, "world", 0.8)
         for path, tree in trees.items():
-            ET.indent(tree)
-            (draft / path).write_bytes(ET.tostring(tree, encoding="utf-8", xml_declaration=True))
+            (draft / path).write_bytes(xml_bytes(tree))
     return folder
 
 
 def _control(moving: Sequence[ExportedJoint]) -> ET.Element:
     """Return the interfaces of ros2_control: commands for the drives, states for all."""
     control = ET.Element("ros2_control", name="crane", type="system")
-    ET.SubElement(
-        ET.SubElement(control, "hardware"), "plugin"
-    ).text = "gz_ros2_control/GazeboSimSystem"
+    add(add(control, "hardware"), "plugin", "gz_ros2_control/GazeboSimSystem")
     for joint in moving:
-        entry = ET.SubElement(control, "joint", name=joint.name)
+        entry = add(control, "joint", name=joint.name)
         if joint.driven:
-            command = ET.SubElement(entry, "command_interface", name="effort")
-            for bound, value in (("min", -joint.effort), ("max", joint.effort)):
-                ET.SubElement(command, "param", name=bound).text = repr(value)
+            command = add(entry, "command_interface", name="effort")
+            add(command, "param", repr(-joint.effort), name="min")
+            add(command, "param", repr(joint.effort), name="max")
         states = {"position": joint.start, "velocity": 0.0}
         if joint.driven:
             # gz_ros2_control begins the effort command with the initial value of the effort state.
             states["effort"] = joint.holding
         for name, value in states.items():
-            state = ET.SubElement(entry, "state_interface", name=name)
-            ET.SubElement(state, "param", name="initial_value").text = repr(value)
+            state = add(entry, "state_interface", name=name)
+            add(state, "param", repr(value), name="initial_value")
     return control
-
-
-def _plugin() -> ET.Element:
-    tag = ET.Element("gazebo")
-    name = "gz_ros2_control::GazeboSimROS2ControlPlugin"
-    plugin = ET.SubElement(tag, "plugin", filename="gz_ros2_control-system", name=name)
-    # The launch file knows where the package is.
-    ET.SubElement(plugin, "parameters").text = "CONTROLLERS_YAML"
-    return tag
 
 
 def _controllers(drives: Sequence[str]) -> str:
@@ -167,33 +162,32 @@ def _yaml(name: str) -> str:
 
 def _package(name: str) -> ET.Element:
     package = ET.Element("package", format="3")
-    ET.SubElement(package, "name").text = name
-    ET.SubElement(package, "version").text = "0.1.0"
-    ET.SubElement(
-        package, "description"
-    ).text = "A tower crane, three driven and two passive joints, written by cranedyn."
-    ET.SubElement(package, "maintainer", email="nobody@example.org").text = "nobody"
-    ET.SubElement(package, "license").text = "MIT"
-    ET.SubElement(package, "buildtool_depend").text = "ament_cmake"
+    add(package, "name", name)
+    add(package, "version", "0.1.0")
+    about = "A tower crane, three driven and two passive joints, written by cranedyn."
+    add(package, "description", about)
+    add(package, "maintainer", "nobody", email="nobody@example.org")
+    add(package, "license", "MIT")
+    add(package, "buildtool_depend", "ament_cmake")
     for dependency in DEPENDENCIES:
-        ET.SubElement(package, "exec_depend").text = dependency
-    ET.SubElement(ET.SubElement(package, "export"), "build_type").text = "ament_cmake"
+        add(package, "exec_depend", dependency)
+    add(add(package, "export"), "build_type", "ament_cmake")
     return package
 
 
 def _gz_world(crane: Crane, dt: float) -> ET.Element:
     """Return a world of gz sim."""
     sdf = ET.Element("sdf", version="1.7")
-    world_element = ET.SubElement(sdf, "world", name="crane")
-    ET.SubElement(world_element, "gravity").text = f"0 0 {-crane.gravity!r}"
+    scene = add(sdf, "world", name="crane")
+    add(scene, "gravity", f"0 0 {-crane.gravity!r}")
     # gz sim uses DART, whatever the type.
-    physics = ET.SubElement(world_element, "physics", name="steps", type="ignored")
-    ET.SubElement(physics, "max_step_size").text = repr(dt)
-    ET.SubElement(physics, "real_time_factor").text = "1"
+    physics = add(scene, "physics", name="steps", type="ignored")
+    add(physics, "max_step_size", repr(dt))
+    add(physics, "real_time_factor", "1")
     for file, name in _SYSTEMS.items():
-        ET.SubElement(world_element, "plugin", filename=file, name=name)
-    light = ET.SubElement(world_element, "light", type="directional", name="sun")
-    ET.SubElement(light, "direction").text = "-0.5 0.3 -0.9"
+        add(scene, "plugin", filename=file, name=name)
+    light = add(scene, "light", type="directional", name="sun")
+    add(light, "direction", "-0.5 0.3 -0.9")
     return sdf
 
 

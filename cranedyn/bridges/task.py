@@ -144,9 +144,8 @@ class SwingTask:
             cranes, count, dt=dt, control_period=period, forces=rules.wind > 0.0, threads=threads
         )
         self.layout = layout = self.fleet.layout
-        self._slew, self._trolley, *_, self._hoist = layout.tower(
-            "The task of moving a load without swing"
-        )
+        tower = layout.tower("The task of moving a load without swing")
+        self._slew, self._trolley, *_, self._hoist = tower
         first = self.fleet.cranes[0]
         self.goal = np.tile(first.start.q[layout.drives][:, None], count)
         limits = [rules.limits.for_crane(crane) for crane in self.fleet.cranes]
@@ -158,21 +157,16 @@ class SwingTask:
             for end in ("lower", "upper")
         )
         self._range = low.max(axis=0), high.min(axis=0)
-        self._lower, self._upper = (
-            (self._range[0] + _MARGIN)[:, None],
-            (self._range[1] - _MARGIN)[:, None],
-        )
+        self._lower = (self._range[0] + _MARGIN)[:, None]
+        self._upper = (self._range[1] - _MARGIN)[:, None]
         if not (self._lower < self._upper).all():
             raise OutOfRange(
                 "ranges of the drives that all cranes have",
                 [end.tolist() for end in self._range],
                 "wider than 0.1 rad or m",
             )
-        self._gravity, self._kind, self._force = (
-            first.gravity,
-            np.zeros(count, dtype=int),
-            np.zeros((count, 3 * len(layout.points))),
-        )
+        self._gravity, self._kind = first.gravity, np.zeros(count, dtype=int)
+        self._force = np.zeros((count, 3 * len(layout.points)))
         self.goal_distance = self.distance(self.fleet.z, self.goal)
 
     def check_reset(
@@ -209,15 +203,11 @@ class SwingTask:
         )
         q, v = np.zeros((2, self.layout.n, n))
         q[self.layout.drives] = drives
-        swing, angle, phase = (
-            rng.uniform(0.0, self.rules.swing + 0.0, n),  # -0.0 would be less than 0.0
-            *rng.uniform(0.0, 2.0 * np.pi, (2, n)),
-        )
+        swing = rng.uniform(0.0, self.rules.swing + 0.0, n)  # -0.0 would be less than 0.0
+        angle, phase = rng.uniform(0.0, 2.0 * np.pi, (2, n))
         across = np.stack([np.cos(angle), np.sin(angle)]) * swing
-        q[passive], v[passive] = (
-            across * np.cos(phase),
-            across * np.sin(phase) * np.sqrt(self._gravity / q[self._hoist]),
-        )
+        q[passive] = across * np.cos(phase)
+        v[passive] = across * np.sin(phase) * np.sqrt(self._gravity / q[self._hoist])
         if start is not None:
             q, v = (np.repeat(array[:, None], n, axis=1) for array in start)
         if goal is not None:
@@ -255,26 +245,19 @@ class SwingTask:
         checked, n = finite("action", action, self.goal.shape), self.fleet.count
         if not (np.abs(checked) <= 1.0).all():
             raise OutOfRange("action", float(checked[np.abs(checked) > 1.0][0]), "-1 to 1")
-        reward, over, observations, self.goal_distance = (
-            np.empty(n),
-            np.empty(n, dtype=bool),
-            np.empty((n, len(OBSERVED)), dtype=np.float32),
-            np.empty(n),
-        )
+        reward, over, self.goal_distance = np.empty(n), np.empty(n, dtype=bool), np.empty(n)
+        observations = np.empty((n, len(OBSERVED)), dtype=np.float32)
 
         def work(columns: slice, advance: Callable[[np.ndarray], np.ndarray]) -> None:
             goal, now = self.goal[:, columns], self.fleet.z[:, columns]
             z = advance(self.accelerations(checked[:, columns], now))
-            over[columns] = ~(
-                np.square(z[self.layout.passive]).sum(axis=0) < self.rules.swing_limit**2
-            )
-            self.goal_distance[columns] = self.distance(z, goal)
-            reward[columns] = np.where(
-                over[columns],
-                PENALTY,
-                -self.fleet.control_period * np.log10(1.0 + self.goal_distance[columns] / _CLOSE),
-            )
-            self._observe(z, goal, observations[columns])
+            swing = np.square(z[self.layout.passive]).sum(axis=0)
+            over[columns] = ~(swing < self.rules.swing_limit**2)
+            distance = self.distance(z, goal)
+            lost = -self.fleet.control_period * np.log10(1.0 + distance / _CLOSE)
+            reward[columns] = np.where(over[columns], PENALTY, lost)
+            self.goal_distance[columns] = distance
+            observations[columns] = self.observation(z, goal)
 
         if n <= _AT_ONCE:
             work(slice(n), self.fleet.step)
@@ -297,20 +280,12 @@ class SwingTask:
             faster = rate + action * self._most * t
         # w after the period must let a drive stop within its room: w²/(2a) + (w + rate) t/2 + (w -
         # rate) dt/2 = room, where the last term is what semi-implicit Euler goes farther.
-        distance, half = (
-            2.0 * self._most * position + self._most * (t - self._dt) * rate,
-            0.5 * self._most * (t + self._dt),
-        )
-        top = np.minimum(
-            np.sqrt(np.maximum(half * half + 2.0 * self._most * self._upper - distance, 0.0))
-            - half,
-            self._rates,
-        )
-        bottom = np.maximum(
-            half
-            - np.sqrt(np.maximum(half * half - 2.0 * self._most * self._lower + distance, 0.0)),
-            -self._rates,
-        )
+        distance = 2.0 * self._most * position + self._most * (t - self._dt) * rate
+        half = 0.5 * self._most * (t + self._dt)
+        above = half * half + 2.0 * self._most * self._upper - distance
+        below = half * half - 2.0 * self._most * self._lower + distance
+        top = np.minimum(np.sqrt(np.maximum(above, 0.0)) - half, self._rates)
+        bottom = np.maximum(half - np.sqrt(np.maximum(below, 0.0)), -self._rates)
         return (np.minimum(np.maximum(faster, bottom), top) - rate) / t
 
     def distance(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
@@ -331,16 +306,11 @@ class SwingTask:
 
     def observation(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """Return the observations at states with goals, a column each, shape (n, 12)."""
-        return self._observe(z, goal, np.empty((z.shape[1], len(OBSERVED)), dtype=np.float32))
-
-    def _observe(self, z: np.ndarray, goal: np.ndarray, observations: np.ndarray) -> np.ndarray:
         n, drives, passive = self.layout.n, self.layout.drives, self.layout.passive
+        observations = np.empty((z.shape[1], len(OBSERVED)), dtype=np.float32)
         observations[:, :3] = (goal - z[drives]).T
-        observations[:, 3:6], observations[:, 6:8], observations[:, 8:10] = (
-            z[n + drives].T,
-            z[passive].T,
-            z[n + passive].T,
-        )
+        observations[:, 3:6] = z[n + drives].T
+        observations[:, 6:8], observations[:, 8:10] = z[passive].T, z[n + passive].T
         observations[:, 10], observations[:, 11] = z[self._trolley], z[self._hoist]
         return observations
 

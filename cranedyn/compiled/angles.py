@@ -4,6 +4,7 @@ time.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import reduce
 from typing import NamedTuple
@@ -39,25 +40,9 @@ _HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 """π/2 in three parts; products of the first two with whole numbers up to 2²⁰ are exact (Cody &
 Waite 1980)."""
 
-_SINE = (
-    -1.0 / 6.0,
-    1.0 / 120.0,
-    -1.0 / 5040.0,
-    1.0 / 362880.0,
-    -1.0 / 39916800.0,
-    1.0 / 6227020800.0,
-    -1.0 / 1307674368000.0,
-)
-_COSINE = (
-    -0.5,
-    1.0 / 24.0,
-    -1.0 / 720.0,
-    1.0 / 40320.0,
-    -1.0 / 3628800.0,
-    1.0 / 479001600.0,
-    -1.0 / 87178291200.0,
-    1.0 / 20922789888000.0,
-)
+_SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 8))
+_COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(1, 9))
+"""Taylor coefficients of the sine beyond the angle itself, and of the cosine beyond 1."""
 
 
 def sine_and_cosine(code: Instructions, angle: Value) -> tuple[Value, Value]:
@@ -93,10 +78,8 @@ def _both(code: Instructions, angle: Value) -> tuple[Value, Value]:
         with otherwise:
             turned = _of_any_angle(code, angle)
             reduced_block = code.builder.block
-    sine, cosine = (
-        code.join_paths(a, small_block, b, reduced_block)
-        for a, b in zip(plain, turned, strict=True)
-    )
+    pairs = zip(plain, turned, strict=True)
+    sine, cosine = (code.join_paths(a, small_block, b, reduced_block) for a, b in pairs)
     return sine, cosine
 
 
@@ -151,9 +134,8 @@ def _where_accurate(turn: Turn, fast: tuple[Value, Value]) -> tuple[Value, Value
         little = turn.increment * turn.increment < LONGER.limit**2
         slow = _chosen(code, little, fast, sine_and_cosine(code, turn.angle))
         slow_block = code.builder.block
-    sine, cosine = (
-        code.join_paths(a, fast_block, b, slow_block) for a, b in zip(fast, slow, strict=True)
-    )
+    pairs = zip(fast, slow, strict=True)
+    sine, cosine = (code.join_paths(a, fast_block, b, slow_block) for a, b in pairs)
     return sine, cosine
 
 

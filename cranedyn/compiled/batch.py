@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
+import threading
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,8 +19,8 @@ from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.layout import BufferLayout, size, slices
-from cranedyn.compiled.memory import group_lanes, run, ungroup_lanes
 from cranedyn.compiled.step import check_rule
+from cranedyn.compiled.tables import group_lanes, ungroup_lanes
 from cranedyn.compiled.threads import WARP
 from cranedyn.compiled.verify import compile_kernel
 from cranedyn.dynamics.converters import Converters
@@ -28,6 +31,9 @@ from cranedyn.model.crane import Crane
 from cranedyn.plant.cranes import Cranes
 
 _LANES, _THREADS = 8, 1024
+
+_CHUNKS = 8
+"""Chunks of groups for each thread, so that threads end at about the same time."""
 
 Device = Literal["cpu", "cuda"]
 """Where a batch runs."""
@@ -74,9 +80,8 @@ class Batch:
     def __repr__(self) -> str:
         """Return how many cranes and rows there are, and where the model ceased to hold."""
         invalid = int(np.isfinite(self.valid_until).sum())
-        return (
-            f"Batch of {len(self)} cranes, {len(self.t)} rows each, {invalid} not valid throughout"
-        )
+        rows = f"{len(self.t)} rows each, {invalid} not valid throughout"
+        return f"Batch of {len(self)} cranes, {rows}"
 
     def __len__(self) -> int:
         """Return the number of cranes."""
@@ -163,12 +168,10 @@ def simulate_batch(
     number("time at the start", t_start, "s", "-1e9 to 1e9")
     after = _instant(residual_from, t_start, clock)
     interval = min(whole("record", record, 0), clock.periods + 1)
-    workers = (
-        None
-        if threads is None
-        else int(within("threads", whole("threads", threads, 1), 1, _THREADS))
-    )
-    start = inputs.default_start(crane) if start is None else start
+    if threads is not None:
+        within("threads", whole("threads", threads, 1), 1, _THREADS)
+    if start is None:
+        start = crane.start if isinstance(crane, Crane | Cranes) else [one.start for one in crane]
     cranes = inputs.crane_count(
         crane=crane, controller=controller, reference=reference, start=start, converter=converters
     )
@@ -181,14 +184,13 @@ def simulate_batch(
     used = inputs.required_numbers(sizes, cranes, rows, clock.periods, reading_count * sizes.z)
     state = inputs.start_states(start, cranes, sizes.n)
     times = t_start + control_period * np.arange(clock.periods + 1)
-    forces, offsets = (
-        inputs.force_table(force, cranes, sizes),
-        inputs.offset_tables(sensor_offset, cranes, sizes),
-    )
+    forces = inputs.force_table(force, cranes, sizes)
+    offsets = inputs.offset_tables(sensor_offset, cranes, sizes)
     used += sum(table.rows.size for table in (forces, *offsets))
     control = inputs.control_tables(
         distinct[0], controller, reference, state, read_only(times), used
     )
+    tables = (control.gain_table, control.setpoint_table, forces, *offsets)
     if control.predictive is not None and device == "cuda":
         raise OutOfRange("device", device, "cpu where the controller is a predictive one")
     recipe = Recipe(
@@ -199,10 +201,7 @@ def simulate_batch(
         integral=control.integrates,
         offset=len(offsets) > 0,
         forces=force is not None,
-        shared=tuple(
-            row_table.shared
-            for row_table in (control.gain_table, control.setpoint_table, forces, *offsets)
-        ),
+        shared=tuple(table.shared for table in tables),
         log=rows > 0,
         summary=True,
         delay_steps=delay_steps,
@@ -211,41 +210,28 @@ def simulate_batch(
         threads=device == "cuda",
     )
     if response is not None and len(response) > 1:  # numbers of their own: of crane and converter
-        distinct, crane_index, response = inputs.pair_with_converters(
-            distinct, crane_index, response
-        )
+        if not isinstance(distinct, Cranes):
+            distinct = [distinct[i] for i in crane_index.tolist()]
+        crane_index = np.arange(cranes)
     code, varied = compile_kernel(distinct, recipe, response)
-    inputs.check_fits_memory("number of cranes", str(cranes), used + 2 * cranes * code.varied)
-    tables = (control.gain_table, control.setpoint_table, forces, *offsets)
+    needed = used + 2 * cranes * code.source.varied
+    inputs.check_fits_memory("number of cranes", str(cranes), needed)
+    nothing = np.broadcast_to(0.0, (cranes, sizes.m + 1))
+    converter_memory = inputs.converter_memory(sizes, state.v[:, layout.drives])
+    first_state = [state.q, state.v, control.integrals, nothing, *converter_memory]
+    first_summary = np.array([0.0, 0.0, math.inf, *[0.0] * sizes.m])
     memory = {
-        "state": group_lanes(
-            [
-                state.q,
-                state.v,
-                control.integrals,
-                np.broadcast_to(0.0, (cranes, sizes.m + 1)),
-                *inputs.converter_memory(sizes, state.v[:, layout.drives]),
-            ],
-            lanes,
-        ),
+        "state": group_lanes(first_state, lanes),
         "numbers": group_lanes([varied[crane_index]], lanes),
-        "summary": group_lanes(
-            [
-                np.broadcast_to(
-                    [0.0, 0.0, math.inf, *[0.0] * sizes.m], (cranes, size(sizes.summary))
-                )
-            ],
-            lanes,
-        ),
+        "summary": group_lanes([np.broadcast_to(first_summary, (cranes, sizes.m + 3))], lanes),
     }
     memory["log"] = np.empty((len(memory["state"]), rows * size(sizes.row), lanes))
     if reading_count:
         memory["delay"] = group_lanes([delays[:, None]], lanes, np.int64)
         memory["readings"] = np.zeros((len(memory["state"]), reading_count * sizes.z, lanes))
     if control.predictive is not None:
-        memory["horizon"] = _horizon(
-            control.predictive, drive, t_start, clock, len(memory["state"]), used
-        )
+        groups = len(memory["state"])
+        memory["horizon"] = _horizon(control.predictive, drive, t_start, clock, groups, used)
     if not all(recipe.shared):
         memory["starts"] = group_lanes([table.starts[:, None] for table in tables], lanes, np.int64)
     loop = Loop(
@@ -262,12 +248,10 @@ def simulate_batch(
     if device == "cuda":
         cuda.run(loop, code, distinct, varied, response)
     else:
-        run(loop, workers)
+        run_in_threads(loop, threads)
     state_at, row_at, kept_at = slices(sizes.state), slices(sizes.row), slices(sizes.summary)
-    end, summary = (
-        ungroup_lanes(memory["state"][:, : sizes.z], cranes),
-        ungroup_lanes(memory["summary"], cranes),
-    )
+    end = ungroup_lanes(memory["state"][:, : sizes.z], cranes)
+    summary = ungroup_lanes(memory["summary"], cranes)
     log = ungroup_lanes(memory["log"], cranes).reshape(cranes, rows, size(sizes.row))
     first_invalid = summary[:, kept_at["invalid"]][:, 0]
     return Batch(
@@ -306,18 +290,11 @@ def _marks(
     """Return the numbers of failed optimisations and of refused readings by crane."""
     if predictive is None:
         return dict.fromkeys(("failures", "refusals"), np.zeros(cranes, dtype=int))
-    marks = [
-        marks_of_lane
-        for group in memory["horizon"]
-        for marks_of_lane in predictive.marks_by_lane(group, _LANES)
-    ]
-    refusals = [predictive.refusals(group, _LANES) for group in memory["horizon"]]
-    return {
-        "failures": np.array(
-            [marks_of_lane.failures for marks_of_lane in marks[:cranes]], dtype=int
-        ),
-        "refusals": np.concatenate(refusals)[:cranes],
-    }
+    horizon = memory["horizon"]
+    marks = [mark for group in horizon for mark in predictive.marks_by_lane(group, _LANES)]
+    refusals = np.concatenate([predictive.refusals(group, _LANES) for group in horizon])
+    failures = np.array([mark.failures for mark in marks[:cranes]], dtype=int)
+    return {"failures": failures, "refusals": refusals[:cranes]}
 
 
 def _instant(t: float | None, t_start: float, clock: Clocks) -> int:
@@ -325,7 +302,30 @@ def _instant(t: float | None, t_start: float, clock: Clocks) -> int:
     if t is None:
         return clock.periods
     end = t_start + clock.periods * clock.period
-    return min(
-        clock.periods,
-        math.ceil((within("residual_from", t, t_start, end, "s") - t_start) / clock.period - 1e-6),
-    )
+    periods = (within("residual_from", t, t_start, end, "s") - t_start) / clock.period
+    return min(clock.periods, math.ceil(periods - 1e-6))
+
+
+def run_in_threads(loop: Loop, threads: int | None) -> None:
+    """Run a loop over all its groups of lanes.
+
+    Args:
+        loop: The loop.
+        threads: Number of threads; None for one for each processor.
+
+    Raises:
+        KeyboardInterrupt: After Ctrl-C, as soon as every thread has ended its piece.
+    """
+    groups = len(loop)
+    workers = min(threads or len(os.sched_getaffinity(0)), groups)
+    share = max(1, groups // (workers * _CHUNKS))
+    ended = threading.Event()
+
+    def work(first: int) -> None:
+        loop.run_groups(range(first, min(first + share, groups)), ended.is_set)
+
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            list(pool.map(work, range(0, groups, share)))
+        finally:
+            ended.set()

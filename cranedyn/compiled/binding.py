@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -32,6 +32,11 @@ for eight cranes at once."""
 _INSTANT = 4
 """Cost of control and log at an instant, in steps."""
 
+_WRITTEN = frozenset(("state", "readings", "summary", "log", "horizon"))
+"""Arrays that code writes to."""
+
+_PIECE_SLOTS = [SLOTS[name] for name in ("first", "last", "steps", "resumed")]
+
 _STAGE = 4
 """Largest cost of a stage of an optimisation of one crane, in steps: some microseconds."""
 
@@ -49,22 +54,15 @@ def _address(
     Raises:
         Misshapen: If it is anything else.
     """
-    allowed = (
-        f"an array of {kind.__name__} of shape {shape}, "
-        f"contiguous{', that can be written to' if written else ''}"
-    )
+    ending = ", that can be written to" if written else ""
+    allowed = f"an array of {kind.__name__} of shape {shape}, contiguous{ending}"
     if not isinstance(array, np.ndarray):
         raise Misshapen(name, type(array).__name__, allowed)
     flags = array.flags
-    if (
-        array.dtype != kind
-        or array.shape != shape
-        or not (flags.c_contiguous and flags.aligned and (flags.writeable or not written))
-    ):
-        description = (
-            f"an array of {array.dtype.name} of shape "
-            f"{array.shape}{'' if flags.c_contiguous else ', not contiguous'}"
-        )
+    stored = flags.c_contiguous and flags.aligned and (flags.writeable or not written)
+    if array.dtype != kind or array.shape != shape or not stored:
+        ending = "" if flags.c_contiguous else ", not contiguous"
+        description = f"an array of {array.dtype.name} of shape {array.shape}{ending}"
         raise Misshapen(name, description, allowed)
     return array.ctypes.data
 
@@ -75,10 +73,11 @@ def _check_finite(name: str, array: np.ndarray, *, infinite: bool = False) -> No
     Raises:
         OutOfRange: If not.
     """
-    if not np.isfinite(array).all():
-        wrong = array[np.isnan(array) if infinite else ~np.isfinite(array)]
-        if len(wrong):
-            raise OutOfRange(name, float(wrong[0]), "a number" if infinite else "finite")
+    if np.isfinite(array).all():  # quick
+        return
+    wrong = array[np.isnan(array) if infinite else ~np.isfinite(array)]
+    if len(wrong):
+        raise OutOfRange(name, float(wrong[0]), "a number" if infinite else "finite")
 
 
 class RowFunction:
@@ -88,12 +87,8 @@ class RowFunction:
         """Bind a function of a module by its name, with the numbers that it reads and writes for
         each row.
         """
-        self._machine, self._run, self._given, self._answered = (
-            machine,
-            machine.function(name, 3),
-            width_in,
-            width_out,
-        )
+        self._machine, self._run = machine, machine.function(name, 3)
+        self._given, self._answered = width_in, width_out
 
     def __call__(self, rows: np.ndarray) -> np.ndarray:
         """Return the results for rows, shape (n, width_in), in rows, shape (n, width_out).
@@ -121,12 +116,11 @@ def kernel_accelerations(code: Kernel, query: np.ndarray, numbers: np.ndarray) -
         query: q, v, command and force, see `BufferLayout.query`, shape (numbers, lanes).
         numbers: The varied numbers, shape (varied, lanes).
     """
-    lanes = code.recipe.lanes
-    result = np.empty((code.sizes.n, lanes))
-    run = code.machine.function("answer", 3)
-    run(
-        _address("given", query, (size(code.sizes.query), lanes)),
-        _address("numbers", numbers, (code.varied, lanes)),
+    source, lanes = code.source, code.source.recipe.lanes
+    result = np.empty((source.sizes.n, lanes))
+    code.machine.function("answer", 3)(
+        _address("given", query, (size(source.sizes.query), lanes)),
+        _address("numbers", numbers, (source.varied, lanes)),
         result.ctypes.data,
     )
     return result
@@ -173,6 +167,15 @@ class Instant:
         return self._command.copy()
 
 
+class _Bound(NamedTuple):
+    """Array, its address, the distance from group to group [byte], and whether code writes it."""
+
+    array: np.ndarray
+    address: int
+    stride: int
+    written: bool
+
+
 class Loop:
     """Closed loop bound to its arrays, for some groups of lanes."""
 
@@ -207,23 +210,18 @@ class Loop:
         Raises:
             OutOfRange: If an array has another type or shape, or a number is not finite.
         """
-        recipe, lanes, sizes = code.recipe, code.recipe.lanes, code.sizes
+        recipe, lanes, sizes = code.source.recipe, code.source.recipe.lanes, code.source.sizes
         self._instant = _INSTANT
         if (programme := recipe.programme) is not None:
             self._instant += -(-_STAGE * programme.stages * lanes // programme.ratio)
         self._last, self._end = whole("control instants", last, 1), whole("end", end, 0)
-        self._steps, substeps = (
-            whole("steps", clock.steps, 1),
-            whole("small steps", clock.substeps, 1),
-        )
+        self._steps = whole("steps", clock.steps, 1)
+        substeps = whole("small steps", clock.substeps, 1)
         self._weight = substeps if recipe.buffers and recipe.integrator.smooth else 1
-        self._run, self._groups = code.machine.function("run", 1), len(memory["state"])
-        self._call, self._moving = (
-            np.zeros(len(SLOTS), dtype=np.int64),
-            list[tuple[int, int, int]](),
-        )
-        self._kept = (code, tables, memory)
-        self._arrays = dict[str, tuple[np.ndarray, int, bool]]()
+        self._machine, self._groups, self._lanes = code.machine, len(memory["state"]), lanes
+        self._run = code.machine.function("run", 1)
+        self._call = np.zeros(len(SLOTS), dtype=np.int64)
+        self._arrays = dict[str, _Bound]()
         counts = {
             "end": end,
             "substeps": substeps,
@@ -235,40 +233,28 @@ class Loop:
             self._call[SLOTS[name]] = count
         for name, time in (("dt", clock.dt), ("period", clock.period)):
             self._call.view(np.float64)[SLOTS[name]] = number(name, time, "s", "> 0")
-        rows = (self._last - 1) // log_interval + 1
-        widths = {
-            "state": size(sizes.state),
-            "numbers": code.varied,
-            "readings": reading_count * sizes.z * recipe.delayed,
-            "summary": size(sizes.summary) * recipe.summary,
-            "log": rows * size(sizes.row) * recipe.log,
+        horizon = 0 if programme is None else programme.offsets(lanes).size
+        row_width = ((self._last - 1) // log_interval + 1) * size(sizes.row)
+        shapes: dict[str, tuple[int, ...]] = {
+            "state": (size(sizes.state), lanes),
+            "numbers": (code.source.varied, lanes),
+            "readings": (reading_count * sizes.z * recipe.delayed, lanes),
+            "summary": (size(sizes.summary) * recipe.summary, lanes),
+            "log": (row_width * recipe.log, lanes),
+            "delay": (int(recipe.delayed), lanes),
+            "horizon": (horizon,),
+            "starts": (0 if all(recipe.shared) else len(recipe.shared), lanes),
         }
-        for name, width in widths.items():
-            if width:
-                self._bind(
-                    name,
-                    memory[name],
-                    (self._groups, width, lanes),
-                    written=name in ("state", "readings", "summary", "log"),
-                )
-        if widths["numbers"]:
+        for name, shape in shapes.items():
+            if shape[0]:
+                self._bind(name, memory[name], (self._groups, *shape))
+        if code.source.varied:
             _check_finite("numbers", memory["numbers"], infinite=True)
         if recipe.delayed:
-            self._bind("delay", memory["delay"], (self._groups, 1, lanes), np.int64)
             first, final = int(memory["delay"].min()), int(memory["delay"].max())
             if first < 0 or final >= reading_count:
                 allowed = f"0 to {reading_count - 1}"
                 raise OutOfRange("delay", f"{first} to {final}", allowed, "control periods")
-        if recipe.programme is not None:
-            self._bind(
-                "horizon",
-                memory["horizon"],
-                (self._groups, recipe.programme.offsets(lanes).size),
-                written=True,
-            )
-        if not all(recipe.shared):
-            shape = self._groups, len(recipe.shared), lanes
-            self._bind("starts", memory["starts"], shape, np.int64)
         columns = {
             "gain_table": sizes.gain_table,
             "setpoint_table": sizes.setpoint_table,
@@ -277,23 +263,14 @@ class Loop:
         }
         bound_tables = zip(columns.items(), tables, recipe.shared, strict=False)
         for i, ((name, sections), table, shared) in enumerate(bound_tables):
-            self._bind_table(
-                name, table, size(sections), None if shared else memory["starts"][:, i]
-            )
+            starts = None if shared else memory["starts"][:, i]
+            self._bind_table(name, table, size(sections), starts)
 
-    def _bind(
-        self,
-        name: str,
-        array: np.ndarray,
-        shape: tuple[int, ...],
-        kind: type = np.float64,
-        *,
-        written: bool = False,
-    ) -> None:
-        self._moving.append(
-            (SLOTS[name], _address(name, array, shape, kind, written=written), array.strides[0])
-        )
-        self._arrays[name] = (array, array.strides[0], written)
+    def _bind(self, name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
+        written = name in _WRITTEN
+        kind = np.int64 if name in ("delay", "starts") else np.float64
+        address = _address(name, array, shape, kind, written=written)
+        self._arrays[name] = _Bound(array, address, array.strides[0], written)
 
     def _bind_table(
         self, name: str, table: RowTable, columns: int, starts: np.ndarray | None
@@ -301,13 +278,10 @@ class Loop:
         total, length = len(table.rows), whole(f"rows of {name}", table.length, 1)
         first, final = (0, 0) if starts is None else (int(starts.min()), int(starts.max()))
         if first < 0 or final + length > total:
-            raise Misshapen(
-                f"rows of {name}",
-                f"one of {total} rows, read from {first} to {final + length}",
-                "to read what is in it",
-            )
-        self._call[SLOTS[name]] = _address(f"rows of {name}", table.rows, (total, columns))
-        self._arrays[name] = (table.rows, 0, False)
+            given = f"one of {total} rows, read from {first} to {final + length}"
+            raise Misshapen(f"rows of {name}", given, "to read what is in it")
+        address = _address(f"rows of {name}", table.rows, (total, columns))
+        self._arrays[name] = _Bound(table.rows, address, 0, False)
         self._call[SLOTS[f"{name}_rows"]] = length
         # Limits of a gain table may be infinite.
         _check_finite(f"rows of {name}", table.rows, infinite=name == "gain_table")
@@ -336,18 +310,20 @@ class Loop:
         """Run some groups, one after another, until stopped between two pieces."""
         call = self._call.copy()
         address = call.ctypes.data
-        first, last, steps, resumed = (
-            SLOTS[name] for name in ("first", "last", "steps", "resumed")
-        )
         for group in groups:
             if not 0 <= group < self._groups:
                 raise OutOfRange("group", group, f"0 to {self._groups - 1}")
-            for slot, begin, stride in self._moving:
-                call[slot] = begin + group * stride
-            for call[first], call[last], call[steps], call[resumed] in self._pieces(_PIECE):
+            self._point_to(call, group)
+            for piece in self._pieces(_PIECE):
                 if stopped():
                     return
+                call[_PIECE_SLOTS] = piece
                 self._run(address)
+
+    def _point_to(self, call: np.ndarray, group: int | np.ndarray) -> None:
+        """Set the addresses of a call, or of calls in rows, to the memory of a group."""
+        for name, bound in self._arrays.items():
+            call[..., SLOTS[name]] = bound.address + group * bound.stride
 
     def device_calls(
         self, upload: Callable[[np.ndarray, bool], int], strides: Sequence[str], max_steps: int
@@ -363,14 +339,13 @@ class Loop:
             max_steps: Steps of all cranes together in a piece, or those of one control instant.
         """
         call = np.concatenate([self._call, np.zeros(len(strides), dtype=np.int64)])
-        for name, (array, stride, written) in self._arrays.items():
-            call[SLOTS[name]] = upload(array, written)
-            if stride:
-                call[len(SLOTS) + strides.index(name)] = stride // array.itemsize
-        names = [SLOTS[name] for name in ("first", "last", "steps", "resumed")]
-        cranes = self._groups * self._kept[0].recipe.lanes
+        for name, bound in self._arrays.items():
+            call[SLOTS[name]] = upload(bound.array, bound.written)
+            if bound.stride:
+                call[len(SLOTS) + strides.index(name)] = bound.stride // bound.array.itemsize
+        cranes = self._groups * self._lanes
         for piece in self._pieces(min(_PIECE, max(1, max_steps // cranes))):
-            call[names] = piece
+            call[_PIECE_SLOTS] = piece
             yield call
 
     def bind_call(self) -> Callable[[], None]:
@@ -380,10 +355,8 @@ class Loop:
         pieces = list(islice(self._pieces(_PIECE), 2))
         if len(pieces) > 1 or self._groups > 1:
             return partial(self.run_groups, range(self._groups))
-        for slot, begin, _ in self._moving:
-            self._call[slot] = begin
-        for name, value in zip(("first", "last", "steps", "resumed"), pieces[0], strict=True):
-            self._call[SLOTS[name]] = value
+        self._point_to(self._call, 0)
+        self._call[_PIECE_SLOTS] = pieces[0]
         run = partial(self._run, self._call.ctypes.data)
         run.kept = self  # type: ignore[attr-defined]  # an address keeps nothing
         return run
@@ -397,29 +370,21 @@ class Loop:
         Raises:
             OutOfRange: If a period has too many steps for that.
         """
-        if self._steps * self._weight > _PIECE:
-            raise OutOfRange(
-                "steps in a control period", self._steps, f"{_PIECE // self._weight} or less"
-            )
-        run, groups_per_call = (
-            self._kept[0].machine.function("several", 2),
-            _PIECE // (self._steps * self._weight),
-        )
+        groups_per_call = _PIECE // (self._steps * self._weight)
+        if not groups_per_call:
+            allowed = f"{_PIECE // self._weight} or less"
+            raise OutOfRange("steps in a control period", self._steps, allowed)
+        run = self._machine.function("several", 2)
         calls = np.repeat(self._call[None], self._groups, axis=0)
-        for slot, begin, stride in self._moving:
-            calls[:, slot] = begin + stride * np.arange(self._groups)
-        for name, value in {"first": 0, "last": 1, "steps": self._steps, "resumed": 1}.items():
-            calls[:, SLOTS[name]] = value
+        self._point_to(calls, np.arange(self._groups))
+        calls[:, _PIECE_SLOTS] = 0, 1, self._steps, 1
 
         def over(first: int, last: int) -> None:
             if not 0 <= first <= last <= self._groups:
                 raise OutOfRange("groups", f"{first} to {last}", f"0 to {self._groups}")
             for begin in range(first, last, groups_per_call):
-                chunk, count = (
-                    calls[begin : min(begin + groups_per_call, last)],
-                    np.empty(1, dtype=np.int64),
-                )
-                count[0] = len(chunk)
+                chunk = calls[begin : min(begin + groups_per_call, last)]
+                count = np.array([len(chunk)])
                 run(chunk.ctypes.data, count.ctypes.data)
 
         return over

@@ -50,9 +50,8 @@ class Code(Instructions):
         self._asked.add(angle.register)
         if angle.register not in self._angles:
             turn = self.turn(angle)
-            self._angles[angle.register] = (
-                sine_and_cosine(self, angle) if turn is None else rotate_or_evaluate(turn)
-            )
+            pair = sine_and_cosine(self, angle) if turn is None else rotate_or_evaluate(turn)
+            self._angles[angle.register] = pair
         return self._angles[angle.register]
 
     def turn(self, angle: Value) -> Turn | None:
@@ -85,9 +84,7 @@ class Code(Instructions):
         """Emit statements for each whole number from the first to the one before the last."""
         begin, end = (x if isinstance(x, ir.Value) else self.integer(x) for x in (first, last))
         before = self.builder.block
-        head, body, after = (
-            self.function.append_basic_block(name) for name in ("head", "body", "after")
-        )
+        head, body, after = map(self.function.append_basic_block, ("head", "body", "after"))
         self.builder.branch(head)
         self.builder.position_at_end(head)
         counter = self.builder.phi(INTEGER)
@@ -96,7 +93,7 @@ class Code(Instructions):
         self.builder.position_at_end(body)
         self._clear_angles()
         yield counter
-        counter.add_incoming(self.builder.add(counter, self.integer(1)), self.builder.block)
+        counter.add_incoming(self.plus(counter, 1), self.builder.block)
         self.builder.branch(head)
         self.builder.position_at_end(after)
         self._clear_angles()
@@ -110,8 +107,8 @@ class Code(Instructions):
             What to call at the end of the statements with whether nothing is. Statements after that
             call are gone through where something is, and after the last number.
         """
-        block, build = self.function.append_basic_block, self.builder
-        head, body, rare, after = (block(name) for name in ("head", "body", "rest", "after"))
+        build, names = self.builder, ("head", "body", "rest", "after")
+        head, body, rare, after = map(self.function.append_basic_block, names)
         before = build.block
         build.branch(head)
         build.position_at_end(head)
@@ -119,7 +116,7 @@ class Code(Instructions):
         build.cbranch(build.icmp_signed("<", begin, last), body, after)
         build.position_at_end(body)
         number = build.phi(INTEGER)
-        next_one = build.add(number, self.integer(1))
+        next_one = self.plus(number, 1)
         self._clear_angles()
 
         def end(nothing: ir.Value) -> None:

@@ -1,5 +1,8 @@
 """Compiled loops on an NVIDIA GPU, one crane a thread, through the functions of the driver.
 
+LLVM makes PTX, the assembly language of NVIDIA's GPUs, in this process, without a CUDA toolkit.
+Sine and cosine are the polynomials of `cranedyn.compiled.angles`, as on the processor.
+
 The arrays are those that `cranedyn.compiled.binding` has checked; they are copied to the GPU and
 back. Accelerations by the code on the GPU are compared with Pinocchio before it is used.
 """
@@ -15,24 +18,35 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cranedyn.compiled.kernel import Kernel, KernelSource, build_module
 from cranedyn.compiled.layout import size
-from cranedyn.compiled.ptx import ptx
-from cranedyn.compiled.threads import GROUP_POINTERS, WARP
+from cranedyn.compiled.machine import assembly
+from cranedyn.compiled.threads import GROUP_POINTERS, WARP, emit_gpu_kernels
 from cranedyn.compiled.verify import verify_cranes
 from cranedyn.errors import CraneError
 
 if TYPE_CHECKING:
     from cranedyn.compiled.binding import Loop
-    from cranedyn.compiled.kernel import Kernel, Recipe
     from cranedyn.model.crane import Crane
     from cranedyn.plant.cranes import Cranes
-    from cranedyn.plant.plant import Topology
+
+_TRIPLE, _OLDEST = "nvptx64-nvidia-cuda", "sm_75"
+"""Platform, and oldest GPU generation, of 2018; drivers translate PTX for any later one."""
 
 _BLOCK, _PIECE = 128, 1_000_000_000
 """Threads of a block, and steps of all cranes together after which Python may answer Ctrl-C; a
 second or two on a small GPU."""
 
 _LOADING = threading.Lock()
+
+
+def ptx(source: KernelSource) -> str:
+    """Return PTX with the kernels run and answer, see `cranedyn.compiled.threads.emit_gpu_kernels`;
+    the source's recipe is for threads.
+    """
+    module = build_module(source)
+    emit_gpu_kernels(module)
+    return assembly(module, _TRIPLE, _OLDEST)
 
 
 def check_available() -> None:
@@ -66,7 +80,7 @@ def run(
     """
     with _context():
         with _LOADING:
-            module = _module(code.topology, code.constants, code.recipe)
+            module = _module(code.source)
             verify_cranes(cranes, code, varied, module.verified, converters, module.accelerations)
         threads = len(loop) * WARP
         with _Memory() as memory:
@@ -180,8 +194,8 @@ class _Module:
 
     def accelerations(self, code: Kernel, query: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         """Return accelerations on the GPU, see `cranedyn.compiled.binding.kernel_accelerations`."""
-        result = np.empty((code.sizes.n, WARP))
-        assert query.shape == (size(code.sizes.query), WARP) and len(numbers) == code.varied
+        sizes, result = code.source.sizes, np.empty((code.source.sizes.n, WARP))
+        assert query.shape == (size(sizes.query), WARP) and len(numbers) == code.source.varied
         with _Memory() as memory:
             addresses = [memory.upload(query, False), memory.upload(numbers, False)]
             self.start("answer", np.array([*addresses, memory.upload(result, True)]), WARP)
@@ -190,5 +204,5 @@ class _Module:
 
 
 @lru_cache(maxsize=256)
-def _module(topology: Topology, constants: tuple[float | None, ...], recipe: Recipe) -> _Module:
-    return _Module(ptx(topology, constants, recipe))
+def _module(source: KernelSource) -> _Module:
+    return _Module(ptx(source))

@@ -5,14 +5,12 @@ in the loop is Python.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from cranedyn.checks import read_only
 from cranedyn.compiled.binding import Loop, RowFunction
-from cranedyn.compiled.horizon.control import Programme
-from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.layout import BufferLayout, size, slices
 from cranedyn.compiled.step import check_rule
@@ -30,12 +28,29 @@ from cranedyn.dynamics.drives import VelocityDrives
 from cranedyn.errors import Misshapen
 from cranedyn.interfaces import Reference, State
 from cranedyn.references.tabulated import tabulated
-from cranedyn.simulation.engine import Engine, Setting
-from cranedyn.simulation.log import Actuation, Log
+from cranedyn.simulation.engine import Actuation, Engine, Extend, Setting
 from cranedyn.simulation.stepper import DIVERGED
+
+if TYPE_CHECKING:
+    from cranedyn.compiled.horizon.control import Programme
 
 _BLOCK, _STEPS = 2000, 1_000_000
 """Largest numbers of control instants, and of physics steps, in a block."""
+
+
+@runtime_checkable
+class Predictive(Protocol):
+    """Controller whose optimisation runs in compiled loops: `Receding` of
+    `cranedyn.compiled.horizon.receding`, which takes long to import.
+    """
+
+    programme: Programme
+
+    def resume_memory(self, t: float) -> np.ndarray:
+        """Return its memory for a loop that continues from a control instant [s]."""
+
+    def advance_to(self, t: float) -> None:
+        """Record that a loop has advanced through a control instant [s]."""
 
 
 class _Block(NamedTuple):
@@ -67,15 +82,12 @@ class CompiledEngine(Engine):
         check_rule(setting.integrator)
         self._setting = setting
         self._sizes = sizes = BufferLayout.of(setting.crane.layout, setting.delay_steps)
-        self._memory, self._force, self._at = (
-            np.zeros(size(sizes.state)),
-            np.zeros((1, size(sizes.force))),
-            slices(sizes.state),
-        )
+        self._at, self._force = slices(sizes.state), np.zeros((1, size(sizes.force)))
+        self._memory = np.zeros(size(sizes.state))
         self._gain_table, self._setpoint_table = command_tables(sizes)
         self._create_views()
         self._codes: dict[tuple[bool, bool, Programme | None], Kernel] = {}
-        self._predictive: Receding | None = None
+        self._predictive: Predictive | None = None
         self._step: Callable[[], None] | None = None
         self._horizon: np.ndarray | None = None
         self._blocks: dict[tuple[bool, int, int, int], _Block] = {}
@@ -84,18 +96,12 @@ class CompiledEngine(Engine):
     def _create_views(self) -> None:
         """Create the views of the memory."""
         self._here = self._memory[: self._sizes.z]
+        self._position, self._rate = np.split(self._here, 2)
         self._last_command = self._gain_table[0, slices(self._sizes.gain_table)["feed_forward"]]
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but what is bound to the memory, for a copy with its own memory."""
-        bound: dict[str, Any] = {
-            "_codes": {},
-            "_blocks": {},
-            "_step": None,
-            "_planned": None,
-            "_horizon": None,
-        }
-        return vars(self) | bound
+        return vars(self) | {"_codes": {}, "_blocks": {}, "_step": None, "_horizon": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore a copy and its views of the memory."""
@@ -113,31 +119,33 @@ class CompiledEngine(Engine):
             unheard[:] = self._memory[self._at["reference"]]
 
     def _code(self, *, integral: bool, log: bool) -> Kernel:
-        """Return the code, compiled and verified at the first use."""
-        predictive = self._predictive if log else None
-        key = integral, log, None if predictive is None else predictive.programme
-        if key not in self._codes:
-            self._codes[key] = self._compile_kernel(*key)
-        return self._codes[key]
+        """Return the code, compiled and verified at the first use.
 
-    def _compile_kernel(self, integral: bool, log: bool, programme: Programme | None) -> Kernel:
+        To find it again by the numbers of the crane would take half a millisecond.
+        """
+        setting = self._setting
+        programme = self._predictive.programme if self._predictive and log else None
+        if code := self._codes.get((integral, log, programme)):
+            return code
         recipe = Recipe(
             1,
-            self._setting.drive,
-            self._setting.integrator,
-            self._setting.buffers,
+            setting.drive,
+            setting.integrator,
+            setting.buffers,
             integral=integral,
             offset=False,
-            forces=self._setting.forces,
+            forces=setting.forces,
             shared=(True, True, True),
             log=log,
             summary=log,
-            delay_steps=self._setting.delay_steps,
+            delay_steps=setting.delay_steps,
             programme=programme,
         )
-        converters = self._setting.converters
+        converters = setting.converters
         numbers = None if converters is None else np.concatenate(converters.response)
-        return compile_kernel([self._setting.crane], recipe, numbers)[0]
+        code = compile_kernel([setting.crane], recipe, numbers)[0]
+        self._codes[integral, log, programme] = code
+        return code
 
     def _loop(
         self,
@@ -149,16 +157,16 @@ class CompiledEngine(Engine):
         **memory: Any,
     ) -> Loop:
         """Return code bound to the memory of this crane."""
-        tables = gain_table, setpoint_table, single_table(self._force)
         memory = {name: array.reshape(1, -1, 1) for name, array in memory.items()}
+        if self._horizon is not None:
+            memory["horizon"] = self._horizon
         return Loop(
             code,
             self._setting.clocks,
-            tables,
+            (gain_table, setpoint_table, single_table(self._force)),
             last=last,
             end=end,
             state=self._memory.reshape(1, -1, 1),
-            horizon=np.empty(0) if self._horizon is None else self._horizon,
             **memory,
         )
 
@@ -166,16 +174,15 @@ class CompiledEngine(Engine):
         """Return energies as `Engine.energies`; by code if stepping has compiled it."""
         if self._step is None:
             return super().energies(q, v)
-        return RowFunction(
-            self._code(integral=False, log=False).machine, "energies", self._sizes.z, 1
-        )(np.hstack([q, v]))[:, 0]
+        machine = self._code(integral=False, log=False).machine
+        return RowFunction(machine, "energies", self._sizes.z, 1)(np.hstack([q, v]))[:, 0]
 
     def apply_command(self, command: np.ndarray, force: np.ndarray | None = None) -> Actuation:
         """As `Engine.apply_command`."""
         if self._setting.converters is not None or self._setting.buffers:
             self._recall()
         actuation = super().apply_command(command, force)
-        self._last_command[:] = actuation.effort if self._setting.drive == "effort" else command
+        self._last_command[...] = actuation.effort if self._setting.drive == "effort" else command
         if force is not None:
             self._force[0] = actuation.force
         return actuation
@@ -192,21 +199,19 @@ class CompiledEngine(Engine):
         """Advance as `Engine.advance`."""
         if self._step is None:
             code = self._code(integral=False, log=False)
-            self._step = self._loop(
-                code, single_table(self._gain_table), single_table(self._setpoint_table), 1, 1
-            ).bind_call()
+            tables = single_table(self._gain_table), single_table(self._setpoint_table)
+            self._step = self._loop(code, *tables, 1, 1).bind_call()
         self._step()
         return self._read_state()
 
     def _read_state(self) -> State:
-        z = np.frombuffer(self._here.tobytes())  # a copy that cannot be written to
-        n = self._sizes.n
+        q, v = self._position.tobytes(), self._rate.tobytes()  # copies that cannot be written to
         # what State(q, v) makes, in half the time
-        self.state = tuple.__new__(State, (z[:n], z[n:]))
+        self.state = tuple.__new__(State, (np.frombuffer(q), np.frombuffer(v)))
         return self.state
 
     def run_ahead(
-        self, controller: object, reference: Reference, t_start: float, periods: int, log: Log
+        self, controller: object, reference: Reference, t_start: float, periods: int, extend: Extend
     ) -> Iterator[int]:
         """Log rows under a controller that is affine in the state, block by block, and yield the
         number of rows.
@@ -221,14 +226,13 @@ class CompiledEngine(Engine):
         if self._setting.forces:
             return
         clocks, first = self._setting.clocks, 0
-        predictive = controller if isinstance(controller, Receding) else None
+        predictive = controller if isinstance(controller, Predictive) else None
         if predictive is not None and predictive.programme.drive != self._setting.drive:
             return
         ahead = max(1, min(_BLOCK, _STEPS // clocks.steps))
         while first <= periods:
-            times = read_only(
-                t_start + clocks.period * np.arange(first, min(first + ahead, periods + 1))
-            )
+            instants = np.arange(first, min(first + ahead, periods + 1))
+            times = read_only(t_start + clocks.period * instants)
             try:
                 setpoint = tabulated(reference, times, self._sizes.m).position
                 common = (
@@ -257,7 +261,7 @@ class CompiledEngine(Engine):
                 "buffers": np.hstack([rows["buffers"], rows["stop_force"]]),
                 "saturated": rows.get("cut", np.zeros((len(times), 1))),
             }
-            log.extend(columns, rows["energy"][:, 0], valid=valid)
+            extend(columns, rows["energy"][:, 0], valid=valid)
             first += len(times)
             self._read_state()
             yield first
@@ -272,20 +276,16 @@ class CompiledEngine(Engine):
         """
         before, n = self._memory.copy(), len(setpoint)
         predictive = None if self._horizon is None else self._horizon.copy()
-        block = self._block(
-            bool(common.integral_gain.any()), len(common.feed_forward), n, min(end, n)
-        )
+        integral = bool(common.integral_gain.any())
+        block = self._block(integral, len(common.feed_forward), n, min(end, n))
         gain_table(self._sizes, common, block.gain_table)
         setpoint_table(self._sizes, common, n, block.setpoint_table)
         self._memory[self._at["integral"]] = common.integral
         block.invalid[:] = np.inf
         block.run()
         rows = {name: block.rows[:, columns] for name, columns in slices(self._sizes.row).items()}
-        finite = (
-            np.isfinite(block.rows).all()
-            and np.isfinite(common.integral).all()
-            and not np.isnan(common.limit).any()
-        )
+        finite = all(np.isfinite(numbers).all() for numbers in (block.rows, common.integral))
+        finite = finite and not np.isnan(common.limit).any()
         if finite and (np.square(rows["v"]).sum(axis=1) < DIVERGED**2).all():
             return rows, bool(np.isinf(block.invalid[0]))
         self._memory[:] = before
@@ -293,7 +293,7 @@ class CompiledEngine(Engine):
             self._horizon[:] = predictive
         return None
 
-    def _plan_with(self, predictive: Receding | None, t: float) -> None:
+    def _plan_with(self, predictive: Predictive | None, t: float) -> None:
         """Prepare the memory of a predictive controller that continues from a time [s]."""
         if predictive is not self._predictive:
             self._blocks.clear()
@@ -302,21 +302,14 @@ class CompiledEngine(Engine):
 
     def _block(self, integral: bool, gain_rows: int, instants: int, end: int) -> _Block:
         """Return the block of a size, cached."""
-        size_of_it = integral, gain_rows, instants, end
-        if size_of_it not in self._blocks:
-            tables = (
-                np.zeros((gain_rows, size(self._sizes.gain_table))),
-                np.zeros((instants, size(self._sizes.setpoint_table))),
-            )
-            rows, summary = (
-                np.empty((instants, size(self._sizes.row))),
-                np.zeros(size(self._sizes.summary)),
-            )
-            code, (gains, setpoints) = (
-                self._code(integral=integral, log=True),
-                map(single_table, tables),
-            )
-            run = self._loop(code, gains, setpoints, instants, end, log=rows, summary=summary)
-            invalid = summary[slices(self._sizes.summary)["invalid"]]
-            self._blocks[size_of_it] = _Block(*tables, rows, invalid, run.bind_call())
-        return self._blocks[size_of_it]
+        key, sizes = (integral, gain_rows, instants, end), self._sizes
+        if key not in self._blocks:
+            gains = np.zeros((gain_rows, size(sizes.gain_table)))
+            setpoints = np.zeros((instants, size(sizes.setpoint_table)))
+            rows, summary = np.empty((instants, size(sizes.row))), np.zeros(size(sizes.summary))
+            code = self._code(integral=integral, log=True)
+            tables = single_table(gains), single_table(setpoints)
+            run = self._loop(code, *tables, instants, end, log=rows, summary=summary)
+            invalid = summary[slices(sizes.summary)["invalid"]]
+            self._blocks[key] = _Block(gains, setpoints, rows, invalid, run.bind_call())
+        return self._blocks[key]

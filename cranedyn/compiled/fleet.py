@@ -5,7 +5,6 @@ learning.
 from __future__ import annotations
 
 import os
-from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import pairwise
@@ -80,55 +79,42 @@ class Fleet:
             raise OutOfRange("number of cranes to choose from", 0, "1 or more")
         self.layout = common_layout(self.cranes)
         self._sizes = sizes = BufferLayout.of(self.layout)
-        self.count, self.control_period, self.drive = (
-            whole("number of cranes", count, 1),
-            control_period,
-            drive,
-        )
-        workers = (
-            len(os.sched_getaffinity(0))
-            if threads is None
-            else int(within("threads", whole("threads", threads, 1), 1, _THREADS))
-        )
-        self._clock, shared = clocks(control_period, dt, control_period), (True, True, not forces)
+        self.count = whole("number of cranes", count, 1)
+        self.control_period, self.drive = control_period, drive
+        workers = len(os.sched_getaffinity(0))
+        if threads is not None:
+            workers = int(within("threads", whole("threads", threads, 1), 1, _THREADS))
+        self._clock = clocks(control_period, dt, control_period)
         self._recipe = Recipe(
             _LANES,
             drive,
             semi_implicit_euler,
-            False,
-            False,
-            False,
-            forces,
-            shared,
+            buffers=False,
+            integral=False,
+            offset=False,
+            forces=forces,
+            shared=(True, True, not forces),
             log=False,
             summary=False,
         )
         code, self._own = compile_kernel(self.cranes, self._recipe)
-        groups = -(-self.count // _LANES)
-        check_fits_memory(
-            "number of cranes",
-            str(count),
-            groups * _LANES * (3 * size(sizes.state) + code.varied + size(sizes.force) + 10),
-        )
-        self._state, self._numbers = (
-            np.zeros((groups, size(sizes.state), _LANES)),
-            np.zeros((groups, code.varied, _LANES)),
-        )
+        groups, varied = -(-self.count // _LANES), code.source.varied
+        numbers_of_each = 3 * size(sizes.state) + varied + size(sizes.force) + 10
+        check_fits_memory("number of cranes", str(count), groups * _LANES * numbers_of_each)
+        self._state = np.zeros((groups, size(sizes.state), _LANES))
+        self._numbers = np.zeros((groups, varied, _LANES))
         self._force = np.zeros((groups * _LANES if forces else 1, size(sizes.force)))
         self._pushed, self._last_command = forces, slices(sizes.state)["last_command"]
         count_of_parts = max(min(workers, groups // _SHARE), -(-groups // _MOST), 1)
-        ends = np.minimum(
-            _LANES * np.linspace(0, groups, count_of_parts + 1).astype(int), self.count
-        ).tolist()
+        groups_of = np.linspace(0, groups, count_of_parts + 1).astype(int)
+        ends = np.minimum(_LANES * groups_of, self.count).tolist()
         self.chunks = [slice(first, last) for first, last in pairwise(ends)]
-        self._others = min(workers, count_of_parts) - 1
+        self._workers = min(workers, count_of_parts)
         self._z = np.empty((sizes.z, groups, _LANES))
         self._bind(code)
         self._limit = np.full((sizes.m, self.count), np.inf)
-        start = self.cranes[0].start
-        self._put(
-            np.arange(groups * _LANES), State(start.q[None], start.v[None]), np.zeros(1, dtype=int)
-        )
+        start = State(*(rows[None] for rows in self.cranes[0].start))
+        self._put(np.arange(groups * _LANES), start, np.zeros(1, dtype=int))
 
     def _bind(self, code: Kernel) -> None:
         """Bind code to the memory and create a view of it."""
@@ -139,15 +125,9 @@ class Fleet:
             table = RowTable(self._force, 1, np.arange(groups * _LANES))
             memory["starts"] = np.zeros((groups, 3, _LANES), dtype=np.int64)
             memory["starts"][:, 2] = table.starts.reshape(groups, _LANES)
-        gain_table, setpoint_table = command_tables(self._sizes)
-        self._steps = Loop(
-            code,
-            self._clock,
-            (single_table(gain_table), single_table(setpoint_table), table),
-            last=1,
-            end=1,
-            **memory,
-        ).step_function()
+        tables = (*map(single_table, command_tables(self._sizes)), table)
+        loop = Loop(code, self._clock, tables, last=1, end=1, **memory)
+        self._steps = loop.step_function()
         self.z = read_only(self._z.reshape(len(self._z), -1)[:, : self.count])
         self._pool, self._process = None, 0
 
@@ -175,15 +155,12 @@ class Fleet:
             OutOfRange: If a number is not finite, or an index is out of range.
         """
         rows = _indices("which crane", indices, self.count)
-        kinds = (
-            np.zeros(len(rows), dtype=int)
-            if crane is None
-            else _indices("crane to choose", crane, len(self.cranes))
-        )
+        kinds = np.zeros(len(rows), dtype=int)
+        if crane is not None:
+            kinds = _indices("crane to choose", crane, len(self.cranes))
         if len(kinds) != len(rows):
-            raise OutOfRange(
-                "cranes chosen", len(kinds), f"{len(rows)}, one for each that is placed"
-            )
+            allowed = f"{len(rows)}, one for each that is placed"
+            raise OutOfRange("cranes chosen", len(kinds), allowed)
         self._put(rows, start_states(start, len(rows), self._sizes.n), kinds)
 
     def push(self, indices: np.ndarray, force: np.ndarray) -> None:
@@ -199,11 +176,8 @@ class Fleet:
                 external forces.
         """
         if not self._pushed:
-            raise OutOfRange(
-                "forces from outside",
-                short_repr(force),
-                "none, unless the fleet is made with forces = True",
-            )
+            allowed = "none, unless the fleet is made with forces = True"
+            raise OutOfRange("forces from outside", short_repr(force), allowed)
         rows = _indices("which crane", indices, self.count)
         self._force[rows] = finite("force", force, (len(rows), size(self._sizes.force)), unit="N")
 
@@ -226,30 +200,18 @@ class Fleet:
 
     def spread(self, work: Callable[[int], object]) -> None:
         """Run a function for the index of each chunk of cranes in threads, see `chunks`."""
-        if not self._others:
+        if self._workers == 1:
             for chunk in range(len(self.chunks)):
                 work(chunk)
             return
         if self._pool is None or self._process != os.getpid():  # a fork leaves threads behind
-            self._pool, self._process = ThreadPoolExecutor(self._others), os.getpid()
-        queue = deque(range(len(self.chunks)))
-
-        def take() -> None:
-            while queue:
-                try:
-                    chunk = queue.popleft()
-                except IndexError:  # another thread took the last
-                    return
-                work(chunk)
-
-        pool = self._pool
-        futures = [pool.submit(take) for _ in range(self._others)]
+            self._pool, self._process = ThreadPoolExecutor(self._workers), os.getpid()
+        futures = [self._pool.submit(work, chunk) for chunk in range(len(self.chunks))]
         try:
-            take()
+            for future in futures:
+                future.result()
         finally:
             wait(futures)  # whatever happens: none may go on while the next step begins
-        for future in futures:
-            future.result()
 
     def advance(self, chunk: int, command: np.ndarray) -> np.ndarray:
         """Advance one chunk, from a thread of `spread`; see `step`, with the columns of that chunk.
@@ -260,9 +222,8 @@ class Fleet:
         if whole("part", chunk, 0) >= len(self.chunks):
             raise OutOfRange("part", chunk, f"0 to {len(self.chunks) - 1}")
         columns = self.chunks[chunk]
-        self._advance(
-            chunk, finite("command", command, (self._sizes.m, columns.stop - columns.start))
-        )
+        shape = self._sizes.m, columns.stop - columns.start
+        self._advance(chunk, finite("command", command, shape))
         return self.z[:, columns]
 
     def _advance(self, chunk: int, command: np.ndarray) -> None:
@@ -272,9 +233,8 @@ class Fleet:
         first, last = columns.start // _LANES, -(-columns.stop // _LANES)
         commands = np.zeros((len(command), _LANES * (last - first)))
         commands[:, : command.shape[1]] = command
-        self._state[first:last, self._last_command] = commands.reshape(
-            len(command), -1, _LANES
-        ).transpose(1, 0, 2)
+        by_group = commands.reshape(len(command), -1, _LANES).transpose(1, 0, 2)
+        self._state[first:last, self._last_command] = by_group
         self._steps(first, last)
         self._z[:, first:last] = self._state[first:last, : len(self._z)].transpose(1, 0, 2)
 

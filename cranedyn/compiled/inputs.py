@@ -13,10 +13,10 @@ from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.layout import BufferLayout, size
 from cranedyn.compiled.tables import (
     RowTable,
+    TableStack,
     drop_repeated_rows,
     gain_table,
     setpoint_table,
-    stack_tables,
     without_gains,
 )
 from cranedyn.controllers.affine import Affine, affine_form
@@ -70,11 +70,8 @@ def crane_count(**arguments: Any) -> int:
     count = max(lengths.values(), default=1)
     for name, length in lengths.items():
         if length != count or length == 0:
-            raise OutOfRange(
-                f"number of {name}s",
-                length,
-                f"{max(count, 1)}, as many as there are of others, or one alone for all",
-            )
+            allowed = f"{max(count, 1)}, as many as there are of others, or one alone for all"
+            raise OutOfRange(f"number of {name}s", length, allowed)
     return count
 
 
@@ -84,16 +81,8 @@ def _length(value: Any) -> int | None:
             return len(value.q) if np.ndim(value.q) == 2 else None
         except ValueError:  # rows of different lengths
             return None
-    return (
-        len(value)
-        if isinstance(value, Sequence | Cranes) and not isinstance(value, str | bytes)
-        else None
-    )
-
-
-def default_start(crane: Crane | Cranes | Sequence[Crane]) -> State | list[State]:
-    """Return the start of the cranes' own descriptions."""
-    return crane.start if isinstance(crane, Crane | Cranes) else [single.start for single in crane]
+    several = isinstance(value, Sequence | Cranes) and not isinstance(value, str | bytes)
+    return len(value) if several else None
 
 
 def start_states(start: State | Sequence[State], cranes: int, joints: int) -> State:
@@ -105,9 +94,8 @@ def start_states(start: State | Sequence[State], cranes: int, joints: int) -> St
     try:
         q, v = start if isinstance(start, State) else zip(*start, strict=True)
     except (TypeError, ValueError):
-        raise OutOfRange(
-            "start", type(start).__name__, "a State, one with rows, or a sequence of States"
-        ) from None
+        allowed = "a State, one with rows, or a sequence of States"
+        raise OutOfRange("start", type(start).__name__, allowed) from None
     return State(
         broadcast_rows("coordinates at the start", q, cranes, joints),
         broadcast_rows("rates at the start", v, cranes, joints),
@@ -147,45 +135,30 @@ def control_tables(
     controller_of, controllers = distinct_objects(controller, cranes)
     pairs, pair_of = np.unique(controller_of * len(references) + reference_of, return_inverse=True)
     used += _PAIR * len(pairs)
-    gain_tables: list[np.ndarray] = []
-    setpoint_tables, integrals, gain_table_of_pair, integrates = [], [], [], False
+    gains, setpoints = TableStack(), TableStack()
+    gains_of_pair, integrals, integrates = [], [], False
     last: dict[int, int] = {}
-    longest_gain_table = longest_setpoint_table = 0
-    for controller_index, reference_index in (
-        divmod(pair, len(references)) for pair in pairs.tolist()
-    ):
-        setpoint = tabulated(references[reference_index], times, crane.layout.m).position
-        common = (
-            without_gains(sizes, setpoint)
-            if isinstance(controllers[controller_index], Receding)
-            else _form(controllers[controller_index], times, setpoint, sizes.z)
+    for pair in pairs.tolist():
+        index, reference_index = divmod(pair, len(references))
+        position = tabulated(references[reference_index], times, sizes.m).position
+        form = (
+            without_gains(sizes, position)
+            if isinstance(controllers[index], Receding)
+            else _form(controllers[index], times, position, sizes.z)
         )
-        integrals.append(common.integral)
-        integrates = integrates or bool(common.integral_gain.any())
-        setpoint_tables.append(drop_repeated_rows(setpoint_table(sizes, common, len(times))))
-        gain_rows = gain_table(sizes, common)
-        if controller_index not in last or not np.array_equal(
-            gain_rows, gain_tables[last[controller_index]]
-        ):
-            last[controller_index] = len(gain_tables)
-            gain_tables.append(gain_rows)
-        gain_table_of_pair.append(last[controller_index])
-        longest_gain_table, longest_setpoint_table = (
-            max(longest_gain_table, len(gain_rows)),
-            max(longest_setpoint_table, len(setpoint_tables[-1])),
-        )
-        needed = used + 2 * (
-            len(gain_tables) * longest_gain_table * size(sizes.gain_table)
-            + len(setpoint_tables) * longest_setpoint_table * size(sizes.setpoint_table)
-        )
-        check_fits_memory(
-            "number of controllers and references",
-            f"{len(gain_tables)} and {len(setpoint_tables)} or more",
-            needed,
-        )
+        integrals.append(form.integral)
+        integrates = integrates or bool(form.integral_gain.any())
+        setpoints.add(drop_repeated_rows(setpoint_table(sizes, form, len(times))))
+        rows = gain_table(sizes, form)
+        if index not in last or not np.array_equal(rows, gains.arrays[last[index]]):
+            last[index] = gains.add(rows)
+        gains_of_pair.append(last[index])
+        counts = f"{len(gains.arrays)} and {len(setpoints.arrays)} or more"
+        needed = used + 2 * (gains.numbers + setpoints.numbers)
+        check_fits_memory("number of controllers and references", counts, needed)
     return ControlTables(
-        stack_tables(gain_tables, np.array(gain_table_of_pair)[pair_of]),
-        stack_tables(setpoint_tables, pair_of),
+        gains.stacked(np.array(gains_of_pair)[pair_of]),
+        setpoints.stacked(pair_of),
         np.array(integrals)[pair_of],
         integrates,
         _predictive(controllers),
@@ -198,15 +171,13 @@ def _predictive(controllers: Sequence[Any]) -> Receding | None:
     Raises:
         CraneError: If there is another controller.
     """
-    predictive = next(
-        (candidate for candidate in controllers if isinstance(candidate, Receding)), None
-    )
-    if predictive is not None and len(controllers) > 1:
+    predictive = [one for one in controllers if isinstance(one, Receding)]
+    if predictive and len(controllers) > 1:
         raise CraneError(
             "A batch has one predictive controller for all cranes, and references that differ; "
             f"these have {len(controllers)} controllers."
         )
-    return predictive
+    return predictive[0] if predictive else None
 
 
 def _references(
@@ -219,21 +190,13 @@ def _references(
         return distinct_objects(reference, len(start.q))
     drives = start.q[:, crane.layout.drives]
     if (drives == drives[0]).all():
-        return distinct_objects(hold(crane, State(*(rows[0] for rows in start))), len(start.q))
-    firsts: dict[bytes, int] = {}
-    for i, position in enumerate(map(np.ndarray.tobytes, drives)):
-        if position not in firsts:
-            firsts[position] = i
-            check_fits_memory(
-                "number of places at which drives start",
-                f"{len(firsts)} or more",
-                used + _PAIR * len(firsts),
-            )
-    number = {position: row for row, position in enumerate(firsts)}
-    reference_index = np.fromiter(
-        (number[position.tobytes()] for position in drives), int, len(drives)
-    )
-    return reference_index, [hold(crane, State(start.q[i], start.v[i])) for i in firsts.values()]
+        return distinct_objects(hold(crane, State(start.q[0], start.v[0])), len(start.q))
+    seen: dict[bytes, int] = {}
+    first = [seen.setdefault(position.tobytes(), i) for i, position in enumerate(drives)]
+    rows, reference_index = np.unique(first, return_inverse=True)
+    places, needed = "number of places at which drives start", used + _PAIR * len(rows)
+    check_fits_memory(places, str(len(rows)), needed)
+    return reference_index, [hold(crane, State(start.q[i], start.v[i])) for i in rows]
 
 
 def distinct_objects(value: Any, cranes: int) -> tuple[np.ndarray, Any]:
@@ -263,19 +226,9 @@ def converter_response(
         return None, None
     lates = [item.delay_steps(clock.dt, clock.period) for item in present]
     if len({*lates}) > 1:
-        raise OutOfRange(
-            "delays of converters", f"{min(lates)} to {max(lates)} control periods", "all the same"
-        )
+        given = f"{min(lates)} to {max(lates)} control periods"
+        raise OutOfRange("delays of converters", given, "all the same")
     return np.array([np.concatenate(item.response) for item in present]), lates[0]
-
-
-def pair_with_converters(
-    cranes: Sequence[Crane] | Cranes, crane_index: np.ndarray, response: np.ndarray
-) -> tuple[Sequence[Crane] | Cranes, np.ndarray, np.ndarray]:
-    """Return cranes and parameters of converters, one for each lane, and the index of each."""
-    if not isinstance(cranes, Cranes):
-        cranes = [cranes[i] for i in crane_index.tolist()]
-    return cranes, np.arange(len(crane_index)), response
 
 
 def converter_memory(sizes: BufferLayout, rates: np.ndarray) -> list[np.ndarray]:
@@ -300,16 +253,13 @@ def common_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
             raise OutOfRange("joints of a crane", joints, "those of the first crane of the batch")
         if Topology.of(crane) != first:
             stretch = None if crane.springs.rope is None else crane.springs.rope.stretch
-            sprung = [
+            joints = ", ".join(
                 joint.name
                 for i, joint in enumerate(crane.layout.joints)
                 if crane.springs.stiffness[i] or i == stretch
-            ]
-            raise OutOfRange(
-                "joints of a crane with springs",
-                ", ".join(sprung) or "none",
-                "those of the first crane of the batch",
             )
+            name = "joints of a crane with springs"
+            raise OutOfRange(name, joints or "none", "those of the first crane of the batch")
     return first.layout
 
 
@@ -336,7 +286,7 @@ def force_table(force: Any, cranes: int, sizes: BufferLayout) -> RowTable:
         OutOfRange: If they have another shape, or one is not finite.
     """
     if force is None:
-        return stack_tables([np.zeros((1, size(sizes.force)))], np.zeros(cranes, dtype=int))
+        return RowTable(np.zeros((1, size(sizes.force))), 1, np.zeros(cranes, dtype=np.int64))
     columns = size(sizes.force)
     values = finite("force", force, ("m", columns), (cranes, "m", columns), unit="N")
     return _stacked("force", values, cranes, per_crane=values.ndim == 3)
@@ -398,14 +348,12 @@ def required_numbers(
     Raises:
         OutOfRange: If they, or the tables of one controller, take more than 4 GB.
     """
-    check_fits_memory("number of cranes", str(cranes), cranes * (_CRANE + extra))
-    used = cranes * (_CRANE + extra + 2 * instants * size(sizes.row))
+    used = cranes * (_CRANE + extra)
+    check_fits_memory("number of cranes", str(cranes), used)
+    used += 2 * cranes * instants * size(sizes.row)
     check_fits_memory("record", f"{instants} rows of {cranes} cranes", used)
-    check_fits_memory(
-        "duration",
-        f"{periods} control periods",
-        2 * periods * (size(sizes.gain_table) + size(sizes.setpoint_table)),
-    )
+    tables = 2 * periods * (size(sizes.gain_table) + size(sizes.setpoint_table))
+    check_fits_memory("duration", f"{periods} control periods", tables)
     return used
 
 
@@ -417,8 +365,5 @@ def check_fits_memory(name: str, value: str, numbers: int) -> None:
     """
     needed = 8 * numbers
     if needed > _LARGEST:
-        raise OutOfRange(
-            name,
-            value,
-            f"what takes {_LARGEST / 1e9:g} GB at most; these would take {needed / 1e9:.3g} GB",
-        )
+        allowed = f"what takes {_LARGEST / 1e9:g} GB at most; these would take {needed / 1e9:.3g}"
+        raise OutOfRange(name, value, f"{allowed} GB")

@@ -39,8 +39,7 @@ class Value:
     def __add__(self, operand: Any) -> Any:
         return self if _is(operand, 0.0) else self._with("fadd", operand)
 
-    def __radd__(self, operand: Any) -> Any:
-        return self + operand
+    __radd__ = __add__
 
     def __sub__(self, operand: Any) -> Any:
         return self if _is(operand, 0.0) else self._with("fsub", operand)
@@ -53,8 +52,7 @@ class Value:
             return 0.0 if operand == 0.0 else self if operand == 1.0 else -self
         return self._with("fmul", operand)
 
-    def __rmul__(self, operand: Any) -> Any:
-        return self * operand
+    __rmul__ = __mul__
 
     def __truediv__(self, operand: Any) -> Any:
         return self * (1.0 / operand) if isinstance(operand, float) else self._with("fdiv", operand)
@@ -86,16 +84,12 @@ class Value:
         return self._compared(">=", operand)
 
     def _compared(self, predicate: str, operand: Any) -> ir.Value:
-        return self.code.builder.fcmp_ordered(
-            predicate, self.register, self.code.value(operand).register
-        )
+        right = self.code.value(operand).register
+        return self.code.builder.fcmp_ordered(predicate, self.register, right)
 
     def _with(self, operation: str, operand: Any) -> Any:
-        if (
-            isinstance(operand, Value)
-            and operand.register is self.register
-            and operation in _WITH_ITSELF
-        ):
+        same = isinstance(operand, Value) and operand.register is self.register
+        if same and operation in _WITH_ITSELF:
             return _WITH_ITSELF[operation]
         return self.code.result(operation, self, operand)
 
@@ -160,15 +154,13 @@ class Instructions:
     def call(self, intrinsic: str, *values: Any) -> Value:
         """Call an intrinsic function of LLVM, such as llvm.maxnum, llvm.sqrt, llvm.fabs."""
         name = f"{intrinsic}.{f'v{self.lanes}' if self.lanes > 1 else ''}f64"
-        return Value(
-            self, self._intrinsic(name, self.type, [self.value(value).register for value in values])
-        )
+        registers = [self.value(value).register for value in values]
+        return Value(self, self._intrinsic(name, self.type, registers))
 
     def chosen(self, condition: ir.Value, yes: Any, no: Any) -> Value:
         """Return one value where a condition holds and another elsewhere."""
-        return Value(
-            self, self.builder.select(condition, self.value(yes).register, self.value(no).register)
-        )
+        registers = self.value(yes).register, self.value(no).register
+        return Value(self, self.builder.select(condition, *registers))
 
     def sine_and_cosine(self, angle: Value) -> tuple[Value, Value]:
         """Return sine and cosine of an angle [rad]."""
@@ -213,16 +205,14 @@ class Instructions:
     def _over_lanes(self, operation: str, condition: ir.Value) -> ir.Value:
         if self.lanes == 1:
             return condition
-        return self._intrinsic(
-            f"llvm.vector.reduce.{operation}.v{self.lanes}i1", ir.IntType(1), [condition]
-        )
+        name = f"llvm.vector.reduce.{operation}.v{self.lanes}i1"
+        return self._intrinsic(name, ir.IntType(1), [condition])
 
     def _intrinsic(self, name: str, result: ir.Type, values: Sequence[ir.Value]) -> ir.Value:
         module = self.function.module
         kind = ir.FunctionType(result, [value.type for value in values])
-        return self.builder.call(
-            module.globals.get(name) or ir.Function(module, kind, name), values
-        )
+        function = module.globals.get(name) or ir.Function(module, kind, name)
+        return self.builder.call(function, values)
 
     def integer(self, number: int) -> ir.Value:
         """Return a constant whole number."""
@@ -240,6 +230,10 @@ class Instructions:
         """Return a multiple of a whole number."""
         return self.builder.mul(a, self.integer(number))
 
+    def plus(self, a: ir.Value, number: int) -> ir.Value:
+        """Return the sum of a whole number and a constant."""
+        return self.builder.add(a, self.integer(number))
+
     def from_integer(self, number: ir.Value) -> Value:
         """Return a whole number in every lane."""
         return self.from_double(self.builder.sitofp(number, DOUBLE))
@@ -254,15 +248,15 @@ class Instructions:
 
     def load(self, pointer: ir.Value, first: Any = 0) -> Value:
         """Load the lanes from consecutive doubles of memory, beginning at an index."""
-        return Value(self, self.builder.load(self._at(pointer, first), align=8, typ=self.type))
+        return Value(self, self.builder.load(self.address(pointer, first), align=8, typ=self.type))
 
     def store(self, value: Any, pointer: ir.Value, first: Any = 0) -> None:
         """Store the lanes in consecutive doubles of memory."""
-        self.builder.store(self.value(value).register, self._at(pointer, first), align=8)
+        self.builder.store(self.value(value).register, self.address(pointer, first), align=8)
 
     def spread(self, pointer: ir.Value, index: Any) -> Value:
         """Load one double of memory into every lane."""
-        return self.from_double(self.builder.load(self._at(pointer, index), align=8, typ=DOUBLE))
+        return self.from_double(self.load_one(pointer, index, DOUBLE))
 
     def gather(self, pointer: ir.Value, indices: Sequence[Any]) -> Value:
         """Load a double for each lane from an index of its own."""
@@ -270,17 +264,16 @@ class Instructions:
             return self.spread(pointer, indices[0])
         register = ir.Constant(self.type, ir.Undefined)
         for lane, index in enumerate(indices):
-            double = self.builder.load(self._at(pointer, index), align=8, typ=DOUBLE)
-            register = self.builder.insert_element(
-                register, double, ir.Constant(ir.IntType(32), lane)
-            )
+            double, place = self.load_one(pointer, index, DOUBLE), ir.Constant(ir.IntType(32), lane)
+            register = self.builder.insert_element(register, double, place)
         return Value(self, register)
 
-    def load_one(self, pointer: ir.Value, index: int, kind: ir.Type) -> ir.Value:
+    def load_one(self, pointer: ir.Value, index: Any, kind: ir.Type) -> ir.Value:
         """Load one whole number, double or address."""
-        return self.builder.load(self._at(pointer, index), align=8, typ=kind)
+        return self.builder.load(self.address(pointer, index), align=8, typ=kind)
 
-    def _at(self, pointer: ir.Value, index: Any) -> ir.Value:
+    def address(self, pointer: ir.Value, index: Any) -> ir.Value:
+        """Return the address of a double at an index, whole number of code or of Python."""
         offset = index if isinstance(index, ir.Value) else self.integer(index)
         return self.builder.gep(pointer, [offset], source_etype=DOUBLE)
 

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import count
-from typing import Any, NamedTuple
+from itertools import chain, count
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.angles import SHORTER, all_within
 from cranedyn.compiled.code import INTEGER, Code, StackVariable, Value
-from cranedyn.compiled.horizon.control import PredictiveControl, Programme, emit_instant, emit_plan
 from cranedyn.compiled.layout import CALL, SLOTS, TURNS, BufferLayout, Sections, size, slices
 from cranedyn.compiled.machine import Machine, translate
-from cranedyn.compiled.step import take_step
+from cranedyn.compiled.step import Step, StepState
 from cranedyn.compiled.threads import THREAD, emit_lane_loop
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.dynamics.scalars import array
 from cranedyn.plant.plant import SI, Plant, Topology, Units, plant
+
+if TYPE_CHECKING:
+    from cranedyn.compiled.horizon.control import Programme
 
 
 @dataclass(frozen=True)
@@ -64,201 +66,176 @@ class Recipe:
     threads: bool = False
 
 
+class KernelSource(NamedTuple):
+    """What code is made from; equal sources give equal code.
+
+    Attributes:
+        topology: Topology of the cranes.
+        constants: Their numbers, None where each lane has its own.
+        recipe: Features of the code.
+    """
+
+    topology: Topology
+    constants: tuple[float | None, ...]
+    recipe: Recipe
+
+    @property
+    def sizes(self) -> BufferLayout:
+        """Layout of the buffers."""
+        return BufferLayout.of(self.topology.layout, self.recipe.delay_steps)
+
+    @property
+    def varied(self) -> int:
+        """Number of numbers that each lane has of its own."""
+        return self.constants.count(None)
+
+    def plant(self, code: Code, numbers: ir.Value) -> Plant:
+        """Return the crane whose varied numbers are at an address."""
+        varied = count()
+        values = [
+            code.load(numbers, next(varied) * code.stride) if constant is None else constant
+            for constant in self.constants
+        ]
+        return plant(self.topology, values, self.recipe.drive, self.recipe.buffers)
+
+    def in_steps(self, crane: Plant, dt: Any) -> tuple[Plant, Units]:
+        """Return the crane and the units in which it steps. A thread has too few registers for
+        constants in other units, and converting rates after every step would add a rounding error.
+        """
+        return (crane, SI) if self.recipe.threads or self.recipe.turns == 1 else crane.in_steps(dt)
+
+
 class Kernel(NamedTuple):
     """Compiled closed loop, to be called through `cranedyn.compiled.binding`.
 
     Attributes:
-        recipe: Its features.
-        sizes: Layout of its buffers.
+        source: What it is made from.
         machine: Its functions: run, the loop; answer, accelerations at one state for each lane;
             and, without a log, energies, of many states of one crane, or several, the loop for each
             of many groups.
-        varied: Number of varied numbers of each lane.
         verified: Varied numbers of the cranes for which it was compared with Pinocchio.
-        topology, constants: Its sources, to compile it for a GPU.
     """
 
-    recipe: Recipe
-    sizes: BufferLayout
+    source: KernelSource
     machine: Machine
-    varied: int
     verified: set[bytes]
-    topology: Topology
-    constants: tuple[float | None, ...]
 
 
-def kernel(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> Kernel:
-    """Compile the loop for a crane whose numbers are constants, or None where each lane has its
-    own.
-    """
-    module = build_module(topology, constants, recipe)
-    if recipe.threads:
+def kernel(source: KernelSource) -> Kernel:
+    """Compile the loop."""
+    module = build_module(source)
+    if source.recipe.threads:
         emit_lane_loop(module)
-    varied, sizes = (
-        list(constants).count(None),
-        BufferLayout.of(topology.layout, recipe.delay_steps),
-    )
-    return Kernel(recipe, sizes, translate(module), varied, set(), topology, tuple(constants))
+    return Kernel(source, translate(module), set())
 
 
-def build_module(
-    topology: Topology, constants: Sequence[float | None], recipe: Recipe
-) -> ir.Module:
-    """Return the loop as a module for LLVM, see `kernel`; for threads it is the loop of one thread,
-    see `cranedyn.compiled.threads`.
+def build_module(source: KernelSource) -> ir.Module:
+    """Return the loop as a module for LLVM; for threads it is the loop of one thread, see
+    `cranedyn.compiled.threads`.
     """
-    module, lanes = ir.Module(), 1 if recipe.threads else recipe.lanes
+    module, recipe = ir.Module(), source.recipe
+    lanes = 1 if recipe.threads else recipe.lanes
     if recipe.programme is not None:
+        from cranedyn.compiled.horizon.control import emit_instant, emit_plan  # few runs need it
+
         emit_plan(module, recipe.programme)
         if recipe.lanes == 1:
             emit_instant(module, recipe.programme)
-    run, accelerations = THREAD if recipe.threads else ("run", "answer")
-    _Loop(Code(module, run, ["call"], lanes, recipe.lanes), topology, constants, recipe).emit()
-    _emit_answer(
-        Code(module, accelerations, ["given", "numbers", "accelerations"], lanes, recipe.lanes),
-        topology,
-        constants,
-        recipe,
-    )
+    run, answer = THREAD if recipe.threads else ("run", "answer")
+    _Loop(Code(module, run, ["call"], lanes, recipe.lanes), source).emit()
+    arguments = ["given", "numbers", "accelerations"]
+    _emit_answer(Code(module, answer, arguments, lanes, recipe.lanes), source)
     if recipe.lanes == 1 and not recipe.log:
-        _emit_energies(
-            Code(module, "energies", ["given", "count", "energies"], 1), topology, constants, recipe
-        )
+        _emit_energies(Code(module, "energies", ["given", "count", "energies"], 1), source)
     if lanes > 1 and not recipe.log:
         _emit_several(Code(module, "several", ["calls", "count"], 1), module.globals["run"])
     return module
 
 
-def _plant(
-    code: Code,
-    numbers: ir.Value,
-    topology: Topology,
-    constants: Sequence[float | None],
-    recipe: Recipe,
-) -> Plant:
-    varied = count()
-    values = [
-        code.load(numbers, next(varied) * code.stride) if constant is None else constant
-        for constant in constants
-    ]
-    return plant(topology, values, recipe.drive, recipe.buffers)
-
-
-def _step_units(crane: Plant, dt: Any, recipe: Recipe) -> tuple[Plant, Units]:
-    """Return the crane and the units in which it steps. A thread has too few registers for
-    constants in other units, and converting rates after every step would add a rounding error.
-    """
-    return (crane, SI) if recipe.threads or recipe.turns == 1 else crane.in_steps(dt)
-
-
-def _emit_answer(
-    code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
-) -> None:
-    for attribute in () if recipe.threads else ("noinline", "optnone"):  # called a few times only
+def _emit_answer(code: Code, source: KernelSource) -> None:
+    for attribute in () if source.recipe.threads else ("noinline", "optnone"):  # called rarely
         code.function.attributes.add(attribute)
-    crane = _plant(code, code.argument["numbers"], topology, constants, recipe)
-    crane, units = _step_units(crane, 1.0, recipe)
-    sections = BufferLayout.of(topology.layout).query
+    crane, units = source.in_steps(source.plant(code, code.argument["numbers"]), 1.0)
+    sections = source.sizes.query
     query = [code.load(code.argument["given"], i * code.stride) for i in range(size(sections))]
     q, v, command, forces = (array(query[section]) for section in slices(sections).values())
-    pushes = forces * units.force if recipe.forces else None
+    pushes = forces * units.force if source.recipe.forces else None
     for i, a in enumerate(crane.answer(q, v, command * units.command, pushes)[0]):
         code.store(a, code.argument["accelerations"], i * code.stride)
     code.end()
 
 
-def _emit_energies(
-    code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
-) -> None:
-    states, crane = (
-        code.argument["given"],
-        _plant(code, code.argument["given"], topology, constants, recipe),
-    )
-    n = topology.layout.n
+def _emit_energies(code: Code, source: KernelSource) -> None:
+    states, n = code.argument["given"], source.sizes.n
+    crane = source.plant(code, states)
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
         first = code.product(row, 2 * n)
-        state = array(
-            [code.spread(states, code.builder.add(first, code.integer(i))) for i in range(2 * n)]
-        )
+        state = array([code.spread(states, code.plus(first, i)) for i in range(2 * n)])
         code.store(crane.energy(state[:n], state[n:]), code.argument["energies"], row)
     code.end()
 
 
 def _emit_several(code: Code, run: ir.Function) -> None:
+    calls = code.argument["calls"]
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as group:
-        call = code.builder.gep(
-            code.argument["calls"], [code.product(group, len(SLOTS))], source_etype=INTEGER
-        )
-        code.builder.call(run, [call])
+        first = code.product(group, len(SLOTS))
+        code.builder.call(run, [code.builder.gep(calls, [first], source_etype=INTEGER)])
     code.end()
 
 
 class _Loop:
     """Loop over control instants under construction."""
 
-    def __init__(
-        self, code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
-    ) -> None:
-        self.code, self.recipe, self.call_values = code, recipe, {}
-        self.sizes = BufferLayout.of(topology.layout, recipe.delay_steps)
-        for kind, names in CALL.items():
-            self.call_values.update(
-                {name: code.load_one(code.argument["call"], SLOTS[name], kind) for name in names}
-            )
-        self.dt, self.period = (
-            code.from_double(self.call_values[name]) for name in ("dt", "period")
-        )
-        self.plant = _plant(code, self.call_values["numbers"], topology, constants, recipe)
-        self.moving, self.units = _step_units(self.plant, self.dt, recipe)
+    def __init__(self, code: Code, source: KernelSource) -> None:
+        self.code, self.recipe, self.sizes = code, source.recipe, source.sizes
+        self.call_values = {
+            name: code.load_one(code.argument["call"], SLOTS[name], kind)
+            for kind, names in CALL.items()
+            for name in names
+        }
+        self.dt = code.from_double(self.call_values["dt"])
+        self.period = code.from_double(self.call_values["period"])
+        self.plant = source.plant(code, self.call_values["numbers"])
+        self.moving, self.units = source.in_steps(self.plant, self.dt)
         self.state = self._variables("state", self.sizes.state)
-        self.summary = self._variables("summary", self.sizes.summary) if recipe.summary else {}
+        self.summary = self._variables("summary", self.sizes.summary) if self.recipe.summary else {}
         self.turns = {
             i: code.variables([0.0, 0.0])
-            for i, joint in enumerate(topology.layout.joints)
-            if joint.kind == "revolute" and not recipe.threads  # threads have few registers
+            for i, joint in enumerate(source.topology.layout.joints)
+            if joint.kind == "revolute" and not self.recipe.threads  # threads have few registers
         }
 
     def _variables(self, name: str, sections: Sections) -> dict[str, list[StackVariable]]:
-        code = self.code
+        code, address = self.code, self.call_values[name]
         variables = [
-            StackVariable(code, code.load(self.call_values[name], i * code.stride))
-            for i in range(size(sections))
+            StackVariable(code, code.load(address, i * code.stride)) for i in range(size(sections))
         ]
         return {key: variables[section] for key, section in slices(sections).items()}
 
     def _keep(self, name: str, variables: dict[str, list[StackVariable]]) -> None:
-        for i, variable in enumerate(
-            variable for group in variables.values() for variable in group
-        ):
+        for i, variable in enumerate(chain.from_iterable(variables.values())):
             self.code.store(variable.get(), self.call_values[name], i * self.code.stride)
 
     def _row(
         self, table: int, name: str, sections: Sections, instant: ir.Value
     ) -> dict[str, np.ndarray]:
         """Return the row of a table for an instant; beyond its end the last row."""
-        code = self.code
-        row = code.least(
-            instant, code.builder.sub(self.call_values[f"{name}_rows"], code.integer(1))
-        )
-        if self.recipe.shared[table]:
-            firsts = [code.product(row, size(sections))]
+        code, shared, pointer = self.code, self.recipe.shared[table], self.call_values[name]
+        width, last = size(sections), self.call_values[f"{name}_rows"]
+        row = code.least(instant, code.builder.sub(last, code.integer(1)))
+        if shared:
+            first = code.product(row, width)
+            values = [code.spread(pointer, code.plus(first, i)) for i in range(width)]
         else:
             starts = [
                 code.load_one(self.call_values["starts"], table * code.stride + lane, INTEGER)
                 for lane in range(code.lanes)
             ]
-            firsts = [
-                code.product(code.builder.add(start, row), size(sections)) for start in starts
+            firsts = [code.product(code.builder.add(start, row), width) for start in starts]
+            values = [
+                code.gather(pointer, [code.plus(first, i) for first in firsts])
+                for i in range(width)
             ]
-        pointer = self.call_values[name]
-        values = [
-            code.spread(pointer, code.builder.add(firsts[0], code.integer(i)))
-            if self.recipe.shared[table]
-            else code.gather(
-                pointer, [code.builder.add(first, code.integer(i)) for first in firsts]
-            )
-            for i in range(size(sections))
-        ]
         return {key: array(values[section]) for key, section in slices(sections).items()}
 
     def _get(self, section: str) -> np.ndarray:
@@ -286,15 +263,14 @@ class _Loop:
     def emit(self) -> None:
         code = self.code
         self._keep_angles(self._get("q"))
-        with code.loop(self.call_values["first"], self.call_values["last"]) as instant:
+        call, compared = self.call_values, code.builder.icmp_signed
+        with code.loop(call["first"], call["last"]) as instant:
             forces = self._forces(instant)
-            begun = code.both(
-                code.builder.icmp_signed("==", instant, self.call_values["first"]),
-                code.builder.icmp_signed("!=", self.call_values["resumed"], code.integer(0)),
-            )
+            first = compared("==", instant, call["first"])
+            begun = code.both(first, compared("!=", call["resumed"], code.integer(0)))
             with code.when(code.builder.not_(begun)):
                 self._control(instant, forces)
-            with code.when(code.builder.icmp_signed("<", instant, self.call_values["end"])):
+            with code.when(compared("<", instant, call["end"])):
                 self._period(forces)
         self._keep("state", self.state)
         if self.recipe.summary:
@@ -309,12 +285,10 @@ class _Loop:
         code, steps, turns = self.code, self.call_values["steps"], self.recipe.turns
         if self.recipe.threads:
             return self._steps(code.integer(0), steps, forces)
-        pieces = code.builder.sdiv(
-            code.builder.add(steps, code.integer(turns - 1)), code.integer(turns)
-        )
+        pieces = code.builder.sdiv(code.plus(steps, turns - 1), code.integer(turns))
         with code.loop(0, pieces) as piece:
             first = code.product(piece, turns)
-            last = code.least(code.builder.add(first, code.integer(turns)), steps)
+            last = code.least(code.plus(first, turns), steps)
             self._set("v", self._get("v") * self.units.time)
             self._steps(first, last, forces)
             self._set("v", [code.quotient(rate, self.units.time) for rate in self._get("v")])
@@ -331,18 +305,16 @@ class _Loop:
                 self._set("reference", reference)
                 self._set("rising", rising)
                 last_command = array(reference)
-            q, v, work = take_step(
+            step = Step(
                 self.recipe.integrator,
                 self.moving,
-                q_before,
-                v,
                 last_command * units.command,
                 None if forces is None else forces * units.force,
                 self.dt / units.time,
-                work,
                 units.work,
                 self.call_values["substeps"],
             )
+            q, v, work = step.after(StepState(q_before, v, work))
             self._set("q", q)
             self._set("v", v)
             self._set("buffers", [work])
@@ -358,50 +330,36 @@ class _Loop:
                     self._keep_angle(i, turn.refine(pairs[i]))
 
     def _forces(self, instant: ir.Value) -> np.ndarray | None:
-        return (
-            self._row(2, "force", self.sizes.force, self.code.most(instant, self.code.integer(0)))[
-                "force"
-            ]
-            if self.recipe.forces
-            else None
-        )
+        if not self.recipe.forces:
+            return None
+        row = self.code.most(instant, self.code.integer(0))
+        return self._row(2, "force", self.sizes.force, row)["force"]
 
     def _control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
-        code = self.code
+        code, recipe = self.code, self.recipe
         q, v, before = self._coordinates(), self._get("v"), self._get("last_command")
-        command = self._controller_command(instant, q, v)
-        requested = command
-        last_command = self.plant.within(command)
-        if self.recipe.delay_steps is not None:
-            last_command = self._delay_command(command)
-        self._set("last_command", last_command)
-        effort = last_command
-        if self.recipe.delay_steps is not None and (self.recipe.log or self.recipe.summary):
-            if self.recipe.log:
+        requested = command = self._controller_command(instant, q, v)
+        effort = self.plant.within(command)
+        if recipe.delay_steps is not None:
+            effort = self._delay_command(command)
+        self._set("last_command", effort)
+        reported = recipe.log or recipe.summary
+        if recipe.delay_steps is not None and reported:
+            if recipe.log:
                 acted = self._forces(code.builder.sub(instant, code.integer(1)))
                 before = self.plant.answer(q, v, self._get("reference"), acted)[1]
-            next_reference = array(self._next_reference(last_command, v)[0])
+            next_reference = array(self._next_reference(effort, v)[0])
             _, effort, command = self.plant.driven(q, v, next_reference, forces)
-        if self.recipe.drive == "motion" and (self.recipe.log or self.recipe.summary):
-            before = self.plant.answer(
-                q, v, before, self._forces(code.builder.sub(instant, code.integer(1)))
-            )[1]
+        if recipe.drive == "motion" and reported:
+            acted = self._forces(code.builder.sub(instant, code.integer(1)))
+            before = self.plant.answer(q, v, before, acted)[1]
             command = effort = self.plant.answer(q, v, command, forces)[1]
         buffer = self.plant.stop_force(q, v)
-        if self.recipe.log:
-            row = [
-                *q,
-                *v,
-                *command,
-                *effort,
-                *before,
-                self.plant.energy(q, v),
-                self.state["buffers"][0].get(),
-                buffer,
-                *self._cut(requested),
-            ]
-            self._log(instant, row)
-        if self.recipe.summary:
+        if recipe.log:
+            energy, work = self.plant.energy(q, v), self.state["buffers"][0].get()
+            row = [*q, *v, *command, *effort, *before, energy, work, buffer]
+            self._log(instant, [*row, *self._cut(requested)])
+        if recipe.summary:
             self._summarise(instant, q, v, effort, buffer, command, self._cut(requested))
 
     def _delay_command(self, command: np.ndarray) -> np.ndarray:
@@ -421,7 +379,7 @@ class _Loop:
         return self.plant.response.ramped(heard, *before, rate, self.dt)
 
     def _cut(self, command: np.ndarray) -> list[Any]:
-        """Return 1 where a command exceeds the largest rate of a converter, else 0; nothing without
+        """Return 1 where a command exceeds the largest rate of a converter, else 0; empty without
         converters.
         """
         if self.plant.response is None:
@@ -431,25 +389,23 @@ class _Loop:
 
     def _controller_command(self, instant: ir.Value, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the command of the controller, shape (m,)."""
-        code = self.code
-        gains, setpoints = (
-            self._row(0, "gain_table", self.sizes.gain_table, instant),
-            self._row(1, "setpoint_table", self.sizes.setpoint_table, instant),
-        )
+        code, sizes = self.code, self.sizes
+        gains = self._row(0, "gain_table", sizes.gain_table, instant)
+        setpoints = self._row(1, "setpoint_table", sizes.setpoint_table, instant)
         z = np.concatenate([q, v])
         if self.recipe.offset:
-            z = z + self._row(3, "offset", self.sizes.offset, instant)["reading"]
+            z = z + self._row(3, "offset", sizes.offset, instant)["reading"]
         if self.recipe.delayed:
             z = self._delay_reading(instant, z)
         if self.recipe.programme is not None:
+            from cranedyn.compiled.horizon.control import PredictiveControl
+
             control = PredictiveControl(code, self.recipe.programme, self.call_values["horizon"])
             row, due = control.count_instant()
-            n = self.sizes.n
-            control_function = control.call_instant if code.lanes == 1 else control.command
-            return control_function(z[:n], z[n:], setpoints["position"], row, due)
-        command = gains["feed_forward"] - gains["gain"].reshape(self.sizes.m, self.sizes.z) @ (
-            z - setpoints["setpoint"]
-        )
+            command_of = control.call_instant if code.lanes == 1 else control.command
+            return command_of(z[: sizes.n], z[sizes.n :], setpoints["position"], row, due)
+        gain = gains["gain"].reshape(sizes.m, sizes.z)
+        command = gains["feed_forward"] - gain @ (z - setpoints["setpoint"])
         if not self.recipe.integral:
             return command
         integrals = self._get("integral")
@@ -457,9 +413,8 @@ class _Loop:
             error = setpoints["position"][i] - z[drive]
             integrated = integrals[i] + error * self.period
             total = command[i] + gains["integral_gain"][i] * integrated
-            free = code.either(
-                code.call("llvm.fabs", total) <= gains["limit"][i], error * total < 0.0
-            )
+            small = code.call("llvm.fabs", total) <= gains["limit"][i]
+            free = code.either(small, error * total < 0.0)
             integrals[i] = code.chosen(free, integrated, integrals[i])
             command[i] = command[i] + gains["integral_gain"][i] * integrals[i]
         self._set("integral", integrals)
@@ -467,42 +422,29 @@ class _Loop:
 
     def _delay_reading(self, instant: ir.Value, z: np.ndarray) -> np.ndarray:
         """Store the present reading and return the delayed one, shape (2 n,)."""
-        code, build, stored = self.code, self.code.builder, self.call_values["reading_count"]
-        width = self.sizes.z
+        code, build, readings = self.code, self.code.builder, self.call_values["readings"]
 
         def place(count: ir.Value, i: int) -> ir.Value:
-            first = code.product(build.srem(count, stored), width * code.stride)
-            return build.add(first, code.integer(i * code.stride))
+            row = build.srem(count, self.call_values["reading_count"])
+            return code.plus(code.product(row, self.sizes.z * code.stride), i * code.stride)
 
         for i, value in enumerate(z):
-            code.store(value, self.call_values["readings"], place(instant, i))
+            code.store(value, readings, place(instant, i))
         lanes = range(code.lanes)
         delays = [code.load_one(self.call_values["delay"], lane, INTEGER) for lane in lanes]
         visible = [code.most(build.sub(instant, delay), code.integer(0)) for delay in delays]
-        return array(
-            [
-                code.gather(
-                    self.call_values["readings"],
-                    [build.add(place(visible[lane], i), code.integer(lane)) for lane in lanes],
-                )
-                for i in range(width)
-            ]
-        )
+        delayed = []
+        for i in range(len(z)):
+            places = [code.plus(place(visible[lane], i), lane) for lane in lanes]
+            delayed.append(code.gather(readings, places))
+        return array(delayed)
 
     def _log(self, instant: ir.Value, row: Sequence[Any]) -> None:
-        code, log_interval = self.code, self.call_values["log_interval"]
-        with code.when(
-            code.builder.icmp_signed(
-                "==", code.builder.srem(instant, log_interval), code.integer(0)
-            )
-        ):
-            first = code.product(code.builder.sdiv(instant, log_interval), len(row) * code.stride)
+        code, build, interval = self.code, self.code.builder, self.call_values["log_interval"]
+        with code.when(build.icmp_signed("==", build.srem(instant, interval), code.integer(0))):
+            first = code.product(build.sdiv(instant, interval), len(row) * code.stride)
             for i, value in enumerate(row):
-                code.store(
-                    value,
-                    self.call_values["log"],
-                    code.builder.add(first, code.integer(i * code.stride)),
-                )
+                code.store(value, self.call_values["log"], code.plus(first, i * code.stride))
 
     def _summarise(
         self,
@@ -523,10 +465,9 @@ class _Loop:
         for variable, value in zip(summary["effort"], effort, strict=True):
             _largest(code, variable, code.call("llvm.fabs", value))
         hoist = crane.topology.layout.drive_of("hoist")
-        holds = code.both(
-            *crane.conditions(q, v, buffer if hoist is None else effort[hoist] + buffer, needed),
-            *(number < 0.5 for number in cut),
-        )
+        hoist_force = buffer if hoist is None else effort[hoist] + buffer
+        conditions = crane.conditions(q, v, hoist_force, needed)
+        holds = code.both(*conditions, *(number < 0.5 for number in cut))
         now = code.from_integer(instant)
         first = summary["invalid"][0]
         first.set(code.chosen(holds, first.get(), code.call("llvm.minnum", first.get(), now)))

@@ -53,24 +53,15 @@ class BufferLayout:
         """State of a crane at a control instant: coordinates, rates, integrals of the controller,
         the last command, work of the buffers, and memory of the frequency converters.
         """
-        sections = {
-            "q": self.n,
-            "v": self.n,
-            "integral": self.m,
-            "last_command": self.m,
-            "buffers": 1,
-        }
+        n, m = self.n, self.m
+        sections = {"q": n, "v": n, "integral": m, "last_command": m, "buffers": 1}
         return sections | self.converters
 
     @property
     def gain_table(self) -> Sections:
         """Row of the gain table of a controller that is affine in the state."""
-        return {
-            "feed_forward": self.m,
-            "gain": self.m * self.z,
-            "integral_gain": self.m,
-            "limit": self.m,
-        }
+        m = self.m
+        return {"feed_forward": m, "gain": m * self.z, "integral_gain": m, "limit": m}
 
     @property
     def setpoint_table(self) -> Sections:
@@ -92,16 +83,9 @@ class BufferLayout:
     @property
     def row(self) -> Sections:
         """Row of the log; cut is 1 where the command exceeds the largest rate of a converter."""
-        sections = {
-            "q": self.n,
-            "v": self.n,
-            "command": self.m,
-            "effort": self.m,
-            "before": self.m,
-            "energy": 1,
-            "buffers": 1,
-            "stop_force": 1,
-        }
+        n, m = self.n, self.m
+        sections = {"q": n, "v": n, "command": m, "effort": m, "before": m}
+        sections |= {"energy": 1, "buffers": 1, "stop_force": 1}
         return sections if self.delay_steps is None else sections | {"cut": 1}
 
     @property
@@ -128,11 +112,8 @@ def size(sections: Sections) -> int:
 
 def slices(sections: Sections) -> dict[str, slice]:
     """Return the slice of each section."""
-    ends = accumulate(sections.values())
-    return {
-        name: slice(end - count, end)
-        for (name, count), end in zip(sections.items(), ends, strict=True)
-    }
+    ends = zip(sections, accumulate(sections.values()), strict=True)
+    return {name: slice(end - sections[name], end) for name, end in ends}
 
 
 TURNS = 16

@@ -80,9 +80,8 @@ def compile_forward_dynamics(model: pin.Model) -> ForwardDynamics:
     module = ir.Module()
     _emit(Code(module, "rows", ["given", "count", "accelerations"], 1), model)
     model, columns = model.copy(), (model.nq, model.nv, model.nv)
-    dynamics = ForwardDynamics(
-        model, columns, RowFunction(translate(module), "rows", sum(columns), model.nv)
-    )
+    run = RowFunction(translate(module), "rows", sum(columns), model.nv)
+    dynamics = ForwardDynamics(model, columns, run)
     _check(dynamics)
     return dynamics
 
@@ -93,29 +92,22 @@ def _emit(code: Code, model: pin.Model) -> None:
     states, width = code.argument["given"], model.nq + 2 * model.nv
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
         first = code.product(row, width)
-        numbers = [
-            code.spread(states, code.builder.add(first, code.integer(i))) for i in range(width)
-        ]
+        numbers = [code.spread(states, code.plus(first, i)) for i in range(width)]
         q = array([_coordinate(model, i, numbers) for i in range(1, model.njoints)])
         v, tau = (array(numbers[model.nq + k * model.nv :][: model.nv]) for k in (0, 1))
         placements = rigid_body.frames(tree, q)
         a = rigid_body.tree_forward_dynamics(tree, placements, v, tau)
         for i, acceleration in enumerate(a):
-            code.store(
-                acceleration,
-                code.argument["accelerations"],
-                code.builder.add(code.product(row, model.nv), code.integer(i)),
-            )
+            place = code.plus(code.product(row, model.nv), i)
+            code.store(acceleration, code.argument["accelerations"], place)
     code.end()
 
 
 def _coordinate(model: pin.Model, joint: int, numbers: list[Value]) -> Value | _Turned:
     first = model.joints[joint].idx_q
-    return (
-        numbers[first]
-        if model.joints[joint].nq == 1
-        else _Turned(numbers[first], numbers[first + 1])
-    )
+    if model.joints[joint].nq == 1:
+        return numbers[first]
+    return _Turned(numbers[first], numbers[first + 1])
 
 
 def _check(dynamics: ForwardDynamics) -> None:
@@ -125,9 +117,8 @@ def _check(dynamics: ForwardDynamics) -> None:
         q = pin.integrate(model, pin.neutral(model), rng.uniform(-3.0, 3.0, model.nv))
         v, tau = rng.normal(size=(2, model.nv))
         expected = pin.aba(model, data, q, v, tau)
-        if off := rigid_body.disagreement(
-            dynamics(q[None], v[None], tau[None])[0], expected, pin.crba(model, data, q)
-        ):
+        found, mass = dynamics(q[None], v[None], tau[None])[0], pin.crba(model, data, q)
+        if off := rigid_body.disagreement(found, expected, mass):
             raise ModelError(
                 f"{model.name!r} compiled moves otherwise than in Pinocchio: accelerations differ "
                 f"by {off:.1e} of the largest."

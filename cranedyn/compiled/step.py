@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.compiled.code import Code
+from cranedyn.compiled.code import Code, StackVariable
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.scalars import array
 from cranedyn.errors import OutOfRange
@@ -50,110 +50,84 @@ def check_rule(integrator: Integrator) -> None:
         raise OutOfRange("integrator of compiled code", integrator.name, allowed)
 
 
-StepResult = tuple[np.ndarray, np.ndarray, Any]
-"""Coordinates, rates, and work of the buffers so far [J]."""
+class StepState(NamedTuple):
+    """Coordinates, rates, and work of the buffers so far [J]."""
+
+    q: np.ndarray
+    v: np.ndarray
+    work: Any
+
+    def of(self, variables: list[StackVariable]) -> StepState:
+        """Return the values of variables in the order of the numbers of a state."""
+        n, values = len(self.q), array([variable.get() for variable in variables])
+        return StepState(values[:n], values[n : 2 * n], values[2 * n])
 
 
-def take_step(
-    integrator: Integrator,
-    plant: Plant,
-    q: np.ndarray,
-    v: np.ndarray,
-    command: np.ndarray,
-    forces: Any,
-    dt: Any,
-    work: Any,
-    unit: Any,
-    substeps: Any,
-) -> StepResult:
-    """Return the state after one step.
+@dataclass(frozen=True)
+class Step:
+    """A physics step.
 
-    Args:
+    Attributes:
         integrator: The stepping rule.
         plant: The crane, in any units, see `Plant.in_steps`.
-        q: Coordinates.
-        v: Rates.
         command: Command of the drives.
         forces: External forces.
         dt: The step; 1 where time is counted in steps.
-        work: Work of the buffers so far [J].
         unit: The plant's unit of work [J].
         substeps: Number of semi-implicit substeps that replace the step where buffers act and the
             rule needs a smooth motion.
     """
-    if not (plant.buffers and integrator.smooth):
-        return _by_rule(integrator, plant, q, v, command, forces, dt, work, unit)
-    q_after, faster, _ = _by_rule(
-        integrator, replace(plant, buffers=False), q, v, command, forces, dt, work, unit
-    )
-    return _where_buffers_act(
-        plant, (q, v, work), (q_after, faster, work), command, forces, dt, unit, substeps
-    )
 
+    integrator: Integrator
+    plant: Plant
+    command: np.ndarray
+    forces: Any
+    dt: Any
+    unit: Any
+    substeps: Any
 
-def _by_rule(
-    integrator: Integrator,
-    plant: Plant,
-    q: np.ndarray,
-    v: np.ndarray,
-    command: np.ndarray,
-    forces: Any,
-    dt: Any,
-    work: Any,
-    unit: Any,
-) -> StepResult:
-    def acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return plant.answer(q, v, command, forces)[0]
+    def after(self, state: StepState) -> StepState:
+        """Return the state after the step."""
+        if not (self.plant.buffers and self.integrator.smooth):
+            return self._by_rule(state)
+        free = replace(self, plant=replace(self.plant, buffers=False))
+        return self._where_buffers_act(state, free._by_rule(state))
 
-    def speed_up(v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        return v + a * dt
+    def _by_rule(self, state: StepState) -> StepState:
+        plant, dt = self.plant, self.dt
 
-    def move(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return array([x.code.advanced(x, by) for x, by in zip(q, v * dt, strict=True)])
+        def acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+            return plant.answer(q, v, self.command, self.forces)[0]
 
-    q_after, faster = integrator.rule(acceleration, speed_up, move, q, v, 1)
-    if plant.buffers:
-        done = plant.stops.effort(q, v) @ (v + faster)[plant.stops.drives]
-        work = work + 0.5 * dt * unit * done
-    return q_after, faster, work
+        def speed_up(v: np.ndarray, a: np.ndarray) -> np.ndarray:
+            return v + a * dt
 
+        def move(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+            return array([x.code.advanced(x, by) for x, by in zip(q, v * dt, strict=True)])
 
-def _where_buffers_act(
-    plant: Plant,
-    before: StepResult,
-    smooth: StepResult,
-    command: np.ndarray,
-    forces: Any,
-    dt: Any,
-    unit: Any,
-    substeps: Any,
-) -> StepResult:
-    """Return the state after a smooth step, replaced by that of small semi-implicit substeps where
-    a drive is beyond its range before or after it.
-    """
-    code: Code = before[0][0].code
-    n = len(before[0])
-    outcome = code.variables([*smooth[0], *smooth[1], smooth[2]])
-    rough = code.either(*plant.stops.beyond(before[0]), *plant.stops.beyond(smooth[0]))
-    with code.when(code.anywhere(rough)):
-        fine = dt / code.from_integer(substeps)
-        fine_state = code.variables([*before[0], *before[1], before[2]])
-        with code.loop(0, substeps):
-            now = array([variable.get() for variable in fine_state])
-            q, v, done = _by_rule(
-                semi_implicit_euler,
-                plant,
-                now[:n],
-                now[n : 2 * n],
-                command,
-                forces,
-                fine,
-                now[2 * n],
-                unit,
-            )
-            for variable, value in zip(fine_state, [*q, *v, done], strict=True):
-                variable.set(value)
-        for variable, value in zip(outcome, fine_state, strict=True):
-            variable.set(code.chosen(rough, value.get(), variable.get()))
-    ended = array([variable.get() for variable in outcome])
-    return ended[:n], ended[n : 2 * n], ended[2 * n]
+        q, v, work = state
+        q_after, faster = self.integrator.rule(acceleration, speed_up, move, q, v, 1)
+        if plant.buffers:
+            done = plant.stops.effort(q, v) @ (v + faster)[plant.stops.drives]
+            work = work + 0.5 * dt * self.unit * done
+        return StepState(q_after, faster, work)
+
+    def _where_buffers_act(self, before: StepState, smooth: StepState) -> StepState:
+        """Return the state after a smooth step, replaced by that of small semi-implicit substeps
+        where a drive is beyond its range before or after it.
+        """
+        code: Code = before.q[0].code
+        beyond = self.plant.stops.beyond
+        outcome = code.variables([*smooth.q, *smooth.v, smooth.work])
+        rough = code.either(*beyond(before.q), *beyond(smooth.q))
+        with code.when(code.anywhere(rough)):
+            fine = self.dt / code.from_integer(self.substeps)
+            substep = replace(self, integrator=semi_implicit_euler, dt=fine)
+            state = code.variables([*before.q, *before.v, before.work])
+            with code.loop(0, self.substeps):
+                q, v, work = substep._by_rule(before.of(state))
+                for variable, value in zip(state, [*q, *v, work], strict=True):
+                    variable.set(value)
+            for variable, value in zip(outcome, state, strict=True):
+                variable.set(code.chosen(rough, value.get(), variable.get()))
+        return before.of(outcome)

@@ -1,4 +1,6 @@
-"""Controllers, references and forces as tables for compiled code; cranes share equal tables."""
+"""Arrays for compiled code: tables of controllers, references and forces, which cranes share where
+they are equal, and rows of many cranes in groups of lanes.
+"""
 
 from __future__ import annotations
 
@@ -36,21 +38,33 @@ def single_table(rows: np.ndarray) -> RowTable:
     return RowTable(rows, len(rows), np.zeros(1, dtype=np.int64))
 
 
-def stack_tables(arrays: Sequence[np.ndarray], chosen: np.ndarray) -> RowTable:
-    """Return tables of different lengths, shape (n, columns) each, as one; chosen is the index of
-    each crane's table.
+class TableStack:
+    """Tables of different lengths, which are stacked after padding to the longest.
+
+    Attributes:
+        arrays: Rows of each table, shape (n, columns).
     """
-    length = max(len(rows) for rows in arrays)
-    padded = [
-        rows
-        if len(rows) == length
-        else np.concatenate([rows, rows[-1:].repeat(length - len(rows), axis=0)])
-        for rows in arrays
-    ]
-    stacked = np.ascontiguousarray(
-        padded[0] if len(padded) == 1 else np.concatenate(padded), dtype=float
-    )
-    return RowTable(stacked, length, chosen.astype(np.int64) * length)
+
+    def __init__(self) -> None:
+        self.arrays: list[np.ndarray] = []
+        self._length = 0
+
+    def add(self, rows: np.ndarray) -> int:
+        """Add a table and return its index."""
+        self.arrays.append(rows)
+        self._length = max(self._length, len(rows))
+        return len(self.arrays) - 1
+
+    @property
+    def numbers(self) -> int:
+        """Numbers in the stack."""
+        return len(self.arrays) * self._length * self.arrays[0].shape[1]
+
+    def stacked(self, chosen: np.ndarray) -> RowTable:
+        """Return the tables as one; chosen is the index of each crane's table."""
+        rows = [np.pad(a, ((0, self._length - len(a)), (0, 0)), "edge") for a in self.arrays]
+        stacked = np.ascontiguousarray(np.concatenate(rows), dtype=float)
+        return RowTable(stacked, self._length, chosen.astype(np.int64) * self._length)
 
 
 def gain_table(sizes: BufferLayout, form: Affine, rows: np.ndarray | None = None) -> np.ndarray:
@@ -59,11 +73,9 @@ def gain_table(sizes: BufferLayout, form: Affine, rows: np.ndarray | None = None
     """
     n, columns = len(form.feed_forward), slices(sizes.gain_table)
     rows = np.empty((n, size(sizes.gain_table))) if rows is None else rows
-    rows[:, columns["feed_forward"]], rows[:, columns["gain"]] = (
-        form.feed_forward,
-        form.gain.reshape(n, -1),
-    )
-    rows[:, columns["integral_gain"]], rows[:, columns["limit"]] = form.integral_gain, form.limit
+    for name in columns:
+        values = getattr(form, name)
+        rows[:, columns[name]] = values.reshape(n, -1) if name == "gain" else values
     return rows
 
 
@@ -75,11 +87,9 @@ def setpoint_table(
     """
     columns = slices(sizes.setpoint_table)
     rows = np.empty((n, size(sizes.setpoint_table))) if rows is None else rows
-    for values, section in (
-        (form.setpoint, columns["setpoint"]),
-        (form.target, columns["position"]),
-    ):
-        rows[: len(values), section], rows[len(values) :, section] = values[:n], values[-1]
+    for values, name in ((form.setpoint, "setpoint"), (form.target, "position")):
+        rows[: len(values), columns[name]] = values[:n]
+        rows[len(values) :, columns[name]] = values[-1]
     return rows
 
 
@@ -93,11 +103,36 @@ def without_gains(sizes: BufferLayout, positions: np.ndarray) -> Affine:
     """Return the affine form without gains: zero, about the setpoint of the drives, shape (rows,
     m).
     """
-    nothing, z = np.zeros((1, sizes.m)), sizes.z
-    form = without_integral(nothing, np.zeros((1, sizes.m, z)), np.zeros((1, z)))
+    m, z = sizes.m, sizes.z
+    form = without_integral(np.zeros((1, m)), np.zeros((1, m, z)), np.zeros((1, z)))
     return replace(form, target=positions)
 
 
 def command_tables(sizes: BufferLayout) -> tuple[np.ndarray, np.ndarray]:
     """Return tables of one row that hold a command, zero at first."""
     return np.zeros((1, size(sizes.gain_table))), np.zeros((1, size(sizes.setpoint_table)))
+
+
+def group_lanes(arrays: Sequence[np.ndarray], lanes: int, kind: type = np.float64) -> np.ndarray:
+    """Arrange arrays with a row for each crane, shape (n, m) each, in groups of lanes, shape
+    (groups, all m, lanes).
+
+    The last crane fills the last group.
+    """
+    groups = np.empty(
+        (-(-len(arrays[0]) // lanes), sum(array.shape[1] for array in arrays), lanes), dtype=kind
+    )
+    first = 0
+    for array in arrays:
+        for lane in range(lanes):
+            target, rows = groups[:, first : first + array.shape[1], lane], array[lane::lanes]
+            target[: len(rows)], target[len(rows) :] = rows, array[-1]
+        first += array.shape[1]
+    return groups
+
+
+def ungroup_lanes(groups: np.ndarray, count: int) -> np.ndarray:
+    """Return groups of lanes as one row for each crane, shape (count, m)."""
+    return groups.transpose(0, 2, 1).reshape(groups.shape[0] * groups.shape[2], groups.shape[1])[
+        :count
+    ]

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.compiled.binding import kernel_accelerations
-from cranedyn.compiled.kernel import Kernel, Recipe, build_module, kernel
+from cranedyn.compiled.kernel import Kernel, KernelSource, Recipe, build_module, kernel
 from cranedyn.compiled.machine import object_code
 from cranedyn.dynamics.converters import Response, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces
@@ -47,18 +47,20 @@ def compile_kernel(
     Raises:
         ModelError: If the code does not do what Pinocchio does.
     """
-    rows = (
-        cranes.numbers
-        if isinstance(cranes, Cranes)
-        else np.array([numbers(crane) for crane in cranes])
-    )
+    if isinstance(cranes, Cranes):
+        rows = cranes.numbers
+    else:
+        rows = np.array([numbers(crane) for crane in cranes])
     if converters is not None:
         rows = np.hstack([rows, np.broadcast_to(converters, (len(rows), converters.shape[-1]))])
     varied = (rows != rows[0]).any(axis=0)
-    constants = np.where(varied, np.nan, rows[0])
+    constants = (
+        None if differs else value
+        for value, differs in zip(rows[0].tolist(), varied.tolist(), strict=True)
+    )
     varied_numbers = np.ascontiguousarray(rows[:, varied])
     with _MAKING:
-        code = _kernel(Topology.of(cranes[0]), constants.tobytes(), recipe)
+        code = _kernel(KernelSource(Topology.of(cranes[0]), tuple(constants), recipe))
         if len(code.verified) > _REMEMBERED:
             code.verified.clear()
         verify_cranes(cranes, code, varied_numbers, code.verified, converters)
@@ -79,11 +81,9 @@ def verify_cranes(
     Raises:
         ModelError: If they differ by more than round-off.
     """
-    rows: Any = (
-        repeat(None)
-        if converters is None
-        else np.broadcast_to(converters, (len(varied), converters.shape[-1]))
-    )
+    rows: Any = repeat(None)
+    if converters is not None:
+        rows = np.broadcast_to(converters, (len(varied), converters.shape[-1]))
     for crane, row, response in zip(cranes[:_CHECKED], varied, rows, strict=False):
         if row.tobytes() not in verified:
             verify_crane(crane, code, row, response, answers)
@@ -98,14 +98,13 @@ def object_file(crane: Crane, recipe: Recipe) -> bytes:
         OutOfRange: If there is no code for the stepping rule.
         ModelError: If the code does not do what Pinocchio does.
     """
-    compile_kernel([crane], recipe)
-    return object_code(build_module(Topology.of(crane), numbers(crane).tolist(), recipe))
+    source = compile_kernel([crane], recipe)[0].source
+    return object_code(build_module(source))
 
 
 @lru_cache(maxsize=256)
-def _kernel(topology: Topology, constants: bytes, recipe: Recipe) -> Kernel:
-    values = [None if np.isnan(value) else value for value in np.frombuffer(constants).tolist()]
-    return kernel(topology, values, recipe)
+def _kernel(source: KernelSource) -> Kernel:
+    return kernel(source)
 
 
 def verify_crane(
@@ -127,60 +126,40 @@ def verify_crane(
     Raises:
         ModelError: If they differ by more than round-off.
     """
-    rng = np.random.default_rng(0)
-    lanes, recipe = code.recipe.lanes, code.recipe
-    model, data, layout, joint = (
-        crane.model,
-        crane.model.createData(),
-        crane.layout,
-        JointForces.of(crane),
-    )
-    lane_numbers = np.repeat(varied[:, None], lanes, axis=1)
+    rng, recipe, layout = np.random.default_rng(0), code.source.recipe, crane.layout
+    model, data, joint = crane.model, crane.model.createData(), JointForces.of(crane)
+    lane_numbers = np.repeat(varied[:, None], recipe.lanes, axis=1)
     for _ in range(8):
         q = rng.uniform(crane.lower, crane.upper)
         q[crane.swings] = rng.uniform(-1.4, 1.4, len(crane.swings))
-        v, force = (
-            rng.normal(size=layout.n),
-            rng.normal(size=3 * len(crane.points)) * crane.payload_mass,
-        )
+        v = rng.normal(size=layout.n)
+        force = rng.normal(size=3 * len(crane.points)) * crane.payload_mass
         command, mass = rng.uniform(-1.0, 1.0, layout.m), pin.crba(model, data, q)
-        external = (
-            outside_effort(crane.points, model, data, q, force.reshape(-1, 3))
-            if recipe.forces
-            else np.zeros(layout.n)
-        )
+        inertia, external = mass.diagonal()[layout.drives], np.zeros(layout.n)
+        if recipe.forces:
+            external = outside_effort(crane.points, model, data, q, force.reshape(-1, 3))
+        effort = joint.effort(q, v)
         if recipe.drive == "effort":
-            command = np.clip(
-                command * mass.diagonal()[layout.drives], -crane.effort_limit, crane.effort_limit
-            )
-            expected = pin.aba(
-                model, data, q, v, full(crane, command) + joint.effort(q, v) + external
-            )
+            command = np.clip(command * inertia, -crane.effort_limit, crane.effort_limit)
+            expected = pin.aba(model, data, q, v, full(crane, command) + effort + external)
         elif recipe.drive == "velocity":
             assert converters is not None
             lags = np.array_split(converters, len(Response._fields))[3]
             # every other time beyond the effort limits
-            strong = rng.choice([1.0, 3.0]) * crane.effort_limit / mass.diagonal()[layout.drives]
+            strong = rng.choice([1.0, 3.0]) * crane.effort_limit / inertia
             command = v[layout.drives] + lags * strong * command
             expected = saturate_acceleration(
                 np.triu(mass) + np.triu(mass, 1).T,
-                pin.rnea(model, data, q, v, 0.0 * v) - joint.effort(q, v) - external,
+                pin.rnea(model, data, q, v, 0.0 * v) - effort - external,
                 (command - v[layout.drives]) / lags,
                 crane.effort_limit,
                 layout,
             )[0]
         else:
             expected = follow_drives(
-                model,
-                data,
-                q,
-                v,
-                full(crane, command),
-                joint.effort(q, v),
-                layout.passive,
-                external,
+                model, data, q, v, full(crane, command), effort, layout.passive, external
             )
-        query = np.repeat(np.concatenate([q, v, command, force])[:, None], lanes, axis=1)
+        query = np.repeat(np.concatenate([q, v, command, force])[:, None], recipe.lanes, axis=1)
         if off := rigid_body.disagreement(answers(code, query, lane_numbers).T, expected, mass):
             raise ModelError(
                 "The compiled crane moves otherwise than Pinocchio's: accelerations differ by "

@@ -68,10 +68,8 @@ class Affine:
                 )
             return checked
 
-        feed_forward, setpoint = (
-            part("feed_forward", "rows", drives),
-            part("setpoint", "rows", width),
-        )
+        feed_forward = part("feed_forward", "rows", drives)
+        setpoint = part("setpoint", "rows", width)
         gain = part("gain", len(feed_forward), drives, width)
         limit = part("limit", drives)
         if np.isnan(limit).any():
@@ -126,20 +124,12 @@ def affine_form(
     Raises:
         Misshapen: If it is not made of arrays as it should be.
     """
-    answers = next(
-        (
-            kind
-            for kind in type(controller).__mro__
-            if "__call__" in vars(kind) or "affine" in vars(kind)
-        ),
-        object,
-    )
+    kinds = type(controller).__mro__
+    answers = next((k for k in kinds if vars(k).keys() & {"__call__", "affine"}), object)
     if not callable(vars(answers).get("affine")):
         return None
-    form, owner = (
-        cast(AffineController, controller).affine(read_only(times), read_only(positions)),
-        type(controller).__name__,
-    )
+    owner = type(controller).__name__
+    form = cast(AffineController, controller).affine(read_only(times), read_only(positions))
     if form is not None and not isinstance(form, Affine):
         raise Misshapen(
             f"the common form of {owner}",

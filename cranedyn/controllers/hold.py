@@ -4,6 +4,7 @@ load's weight fed forward.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
@@ -27,6 +28,9 @@ Those of trolley and hoist are identified from the published columns of experime
 experiments.a1 --identify``), those of the slew are one of several pairs that meet the published
 amplitude of experiment A3.
 """
+
+_PERIOD = 5e-3
+"""Control period [s] within which the damping must not stop what a drive moves."""
 
 FREQUENCY = 5.0
 """Of a drive in none of these roles with what it moves, held with critical damping, ours
@@ -108,10 +112,9 @@ def hold_controller(
     Args:
         crane: The crane.
         stiffness: k_p of the drives, shape (m,), or of some by their symbols, for example ``{"x":
-            3e5}``; where nothing is said `STIFFNESS` by their roles, and for others what makes them
-            as fast as `FREQUENCY`.
-        damping: k_d of the drives likewise; where nothing is said `DAMPING`, and for others
-            critical damping.
+            3e5}``. The default is `STIFFNESS` by their roles; a drive without a role, or of a crane
+            too light for these gains, has what makes it as fast as `FREQUENCY`.
+        damping: k_d of the drives likewise, by default `DAMPING` or critical damping.
         gravity: What it believes in [m/s²].
 
     Raises:
@@ -121,14 +124,11 @@ def hold_controller(
     number("gravity", gravity, "m/s²")
     moved = np.diag(pin.crba(crane.model, crane.data, crane.start.q))[crane.layout.drives].tolist()
     roles = [joint.role for joint in crane.layout.driven]
-    stiff = [
-        STIFFNESS.get(role, FREQUENCY**2 * inertia)
-        for role, inertia in zip(roles, moved, strict=True)
-    ]
-    damped = [
-        DAMPING.get(role, 2.0 * FREQUENCY * inertia)
-        for role, inertia in zip(roles, moved, strict=True)
-    ]
+    stiff, damped = [], []
+    for role, inertia in zip(roles, moved, strict=True):
+        heavy = DAMPING.get(role, math.inf) * _PERIOD <= inertia
+        stiff.append(STIFFNESS[role] if heavy else FREQUENCY**2 * inertia)
+        damped.append(DAMPING[role] if heavy else 2.0 * FREQUENCY * inertia)
     k_p, k_d = (
         _gains(crane, *gains)
         for gains in (("stiffness", stiffness, stiff), ("damping", damping, damped))

@@ -13,7 +13,7 @@ import scipy
 
 from cranedyn.checks import finite, number, whole
 from cranedyn.controllers.integral import HoistIntegral
-from cranedyn.controllers.riccati import riccati, stationary
+from cranedyn.controllers.lqr import riccati, stationary
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.errors import OutOfRange
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane

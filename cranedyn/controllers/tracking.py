@@ -11,7 +11,7 @@ from cranedyn.checks import ShortRepr, as_array, number
 from cranedyn.controllers.affine import Affine, without_integral
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Setpoint, State
-from cranedyn.references.interpolation import interpolate, interpolate_many, locate, locate_many
+from cranedyn.references.tabulated import interpolate, interpolate_many, locate, locate_many
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -34,8 +34,7 @@ from cranedyn.dynamics.linearisation import feedback_gain
 from cranedyn.dynamics.pinocchio import acceleration, linearise
 from cranedyn.interfaces import Controller, DirectDrive, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
-from cranedyn.references.interpolation import interpolate_many, locate_many
-from cranedyn.references.tabulated import tabulated
+from cranedyn.references.tabulated import interpolate_many, locate_many, tabulated
 
 RECOVERY = 1.0
 """Share of a drive's distance from its reference that is corrected per second [1/s], ours."""

@@ -44,12 +44,9 @@ def read_table(
             is missing, there twice or not of numbers, or a value is missing or not finite.
     """
     path = Path(path)
-    try:
-        with open_file(path) as file:
-            table = (_parquet if path.suffix == ".parquet" else _csv)(file, columns, path)
+    with _opened(path) as file:
+        table = (_parquet if path.suffix == ".parquet" else _csv)(file, columns, path)
         arrays = {name: table[name].cast(pa.float64(), safe=False).to_numpy() for name in columns}
-    except (OSError, ValueError, pa.ArrowException) as error:
-        raise _unreadable(path, error) from error
     for name, values in arrays.items():
         finite = np.isfinite(values)
         if not finite.all():
@@ -85,19 +82,11 @@ def column_names(path: str | Path) -> list[str]:
         DataError: As `read_table`.
     """
     path = Path(path)
-    try:
-        with open_file(path) as file:
-            if path.suffix != ".parquet":
-                head = pyarrow.csv.ReadOptions(use_threads=False)
-                return list(
-                    pyarrow.csv.open_csv(
-                        pa.BufferReader(next(_lines(file, path))), read_options=head
-                    ).schema.names
-                )
-            with _source(file, path) as source:
-                return list(source.schema_arrow.names)
-    except (OSError, ValueError, pa.ArrowException) as error:
-        raise _unreadable(path, error) from error
+    with _opened(path) as file:
+        if path.suffix != ".parquet":
+            return _csv_names(next(_lines(file, path)))
+        with _source(file, path) as source:
+            return list(source.schema_arrow.names)
 
 
 def metadata_of(path: str | Path) -> dict[bytes, bytes]:
@@ -107,15 +96,19 @@ def metadata_of(path: str | Path) -> dict[bytes, bytes]:
         DataError: If it cannot be read or is no Parquet file.
     """
     path = Path(path)
+    with _opened(path) as file, _source(file, path) as source:
+        return dict(source.schema_arrow.metadata or {})
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[BinaryIO]:
+    """Open a file and turn errors of Arrow into a `DataError`."""
     try:
-        with open_file(path) as file, _source(file, path) as source:
-            return dict(source.schema_arrow.metadata or {})
+        with open_file(path) as file:
+            yield file
     except (OSError, ValueError, pa.ArrowException) as error:
-        raise _unreadable(path, error) from error
-
-
-def _unreadable(path: Path, error: Exception) -> DataError:
-    return DataError(f"Cannot read {path}: {str(error).strip().partition(chr(10))[0].rstrip('.')}.")
+        reason = str(error).strip().partition("\n")[0].rstrip(".")
+        raise DataError(f"Cannot read {path}: {reason}.") from error
 
 
 @contextmanager
@@ -152,24 +145,25 @@ def _csv(file: BinaryIO, columns: Sequence[str], path: Path) -> pa.Table:
         include_columns=list(columns), column_types=dict.fromkeys(columns, pa.float64())
     )
     blocks: list[pa.Table] = []
-    names: list[str] | None = None
+    names: list[str] | None = None  # those of the first block are in its first line
     size = 0
     for lines in _lines(file, path):
+        read = pyarrow.csv.ReadOptions(use_threads=False, column_names=names)
         if names is None:
-            head = pyarrow.csv.ReadOptions(use_threads=False)
-            names = pyarrow.csv.open_csv(pa.BufferReader(lines), read_options=head).schema.names
+            names = _csv_names(lines)
             _check_names(names, columns, path)
-            options = head
-        else:
-            options = pyarrow.csv.ReadOptions(use_threads=False, column_names=names)
-        blocks.append(
-            pyarrow.csv.read_csv(
-                pa.BufferReader(lines), read_options=options, convert_options=convert
-            )
+        block = pyarrow.csv.read_csv(
+            pa.BufferReader(lines), read_options=read, convert_options=convert
         )
-        size += blocks[-1].nbytes
+        blocks.append(block)
+        size += block.nbytes
         _check_size(max(size, file.tell()), path)  # the file may grow meanwhile
     return pa.concat_tables(blocks)
+
+
+def _csv_names(lines: bytes) -> list[str]:
+    options = pyarrow.csv.ReadOptions(use_threads=False)
+    return list(pyarrow.csv.open_csv(pa.BufferReader(lines), read_options=options).schema.names)
 
 
 def _lines(file: BinaryIO, path: Path) -> Iterator[bytes]:

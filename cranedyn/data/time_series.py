@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import namedtuple
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from textwrap import wrap
@@ -17,6 +17,16 @@ from cranedyn.errors import CraneError
 if TYPE_CHECKING:
     import pandas
     import pyarrow
+
+
+def html_table(title: str, rows: Sequence[Sequence[str]]) -> str:
+    """Return a title and a table as HTML for notebooks, its first row as heading."""
+    head, *body = [[escape(cell) for cell in row] for row in rows]
+    lines = [f"<tr><td>{'</td><td>'.join(row)}</td></tr>" for row in body]
+    return (
+        f"<p>{escape(title)}</p><table><thead><tr><th>{'</th><th>'.join(head)}</th></tr></thead>"
+        f"<tbody>{''.join(lines)}</tbody></table>"
+    )
 
 
 class TimeSeries:
@@ -133,18 +143,9 @@ class TimeSeries:
         """Return the range of every column as an HTML table, for notebooks."""
         if not len(self):
             return f"<p>{type(self).__name__} without rows</p>"
-        rows = "".join(
-            f"<tr><td style='text-align:left'>{escape(name)}</td>"
-            + "".join(f"<td>{value:.6g}</td>" for value in values)
-            + "</tr>"
-            for name, *values in self._ranges(self.keys())
-        )
-        return (
-            f"<p>{self._title()}</p><table><thead><tr>"
-            "<th style='text-align:left'>column</th><th>first</th><th>last</th>"
-            "<th>least</th><th>most</th></tr></thead>"
-            f"<tbody>{rows}</tbody></table>"
-        )
+        ranges = self._ranges(self.keys())
+        rows = [(name, *(f"{value:.6g}" for value in values)) for name, *values in ranges]
+        return html_table(self._title(), [("column", "first", "last", "least", "most"), *rows])
 
     def _title(self) -> str:
         duration = f"t = {self.t[0]:g} to {self.t[-1]:g} s"

@@ -18,7 +18,7 @@ from cranedyn.dynamics.pinocchio import point_velocities
 from cranedyn.errors import UnknownName
 from cranedyn.interfaces import Disturbance, State
 from cranedyn.model.crane import Crane
-from cranedyn.references.interpolation import interpolate, locate
+from cranedyn.references.tabulated import interpolate, locate
 
 AIR_DENSITY = 1.25
 """Density in the wind pressure of standards [kg/m³]: q = 0.625 v². AS 5222:2021, a

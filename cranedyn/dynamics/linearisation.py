@@ -18,6 +18,7 @@ from cranedyn.dynamics.pinocchio import holding_effort, linearise
 from cranedyn.errors import Misshapen, ModelError, OutOfRange
 from cranedyn.interfaces import DirectDrive, State
 from cranedyn.model.crane import Crane
+from cranedyn.model.springs import rest_stiffness
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,9 +209,7 @@ def free_modes(crane: Crane, state: State) -> FreeModes:
     q = crane.layout.as_state("state", state).q
     free, data = crane.layout.passive, crane.data
     block = np.ix_(free, free)
-    stiffness = (
-        pin.computeGeneralizedGravityDerivatives(crane.model, data, q) + crane.springs.tangent(q)
-    )[block]
+    stiffness = rest_stiffness(crane.model, data, crane.springs, q)[block]
     mass = np.triu(pin.crba(crane.model, data, q))
     mass = (mass + np.triu(mass, 1).T)[block]
     if not (np.isfinite(stiffness).all() and np.isfinite(mass).all()):

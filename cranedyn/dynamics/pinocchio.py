@@ -12,8 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.dynamics import joint_forces
-from cranedyn.dynamics.joint_forces import JointForces
+from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane, Point
@@ -100,20 +99,13 @@ def follow_drives(
     mass, solved = pin.crba(model, data, q), a.copy()
     if len(passive) == 2:  # the tower crane's, by determinants: quicker than NumPy's
         i, j = passive.tolist()
-        m11, m12, m22, open_i, open_j = (
-            mass.item(i, i),
-            mass.item(i, j),
-            mass.item(j, j),
-            still_open.item(i),
-            still_open.item(j),
-        )
+        m11, m12, m22 = mass.item(i, i), mass.item(i, j), mass.item(j, j)
+        open_i, open_j = still_open.item(i), still_open.item(j)
         determinant = m11 * m22 - m12 * m12
         if not determinant > 0.0:
             raise _no_inertia(m11, m22)
-        solved[i], solved[j] = (
-            (m12 * open_j - m22 * open_i) / determinant,
-            (m12 * open_i - m11 * open_j) / determinant,
-        )
+        solved[i] = (m12 * open_j - m22 * open_i) / determinant
+        solved[j] = (m12 * open_i - m11 * open_j) / determinant
         return solved
     upper = np.triu(mass[np.ix_(passive, passive)])
     passive_mass = upper + np.triu(upper, 1).T
@@ -161,10 +153,8 @@ def outside_effort(
         q: Coordinates, shape (n,).
         force: In the world [N], shape (points, 3).
     """
-    return sum(
-        point_force @ jacobian
-        for point_force, jacobian in zip(force, _jacobians(points, model, data, q), strict=True)
-    )
+    pairs = zip(force, _jacobians(points, model, data, q), strict=True)
+    return sum(point_force @ jacobian for point_force, jacobian in pairs)
 
 
 def _jacobians(
@@ -199,12 +189,8 @@ def point_positions(crane: Crane, q: np.ndarray) -> np.ndarray:
 
 def point_velocities(crane: Crane, state: State) -> np.ndarray:
     """Return the velocities of a crane's points in the world [m/s], shape (points, 3)."""
-    return np.array(
-        [
-            jacobian @ state.v
-            for jacobian in _jacobians(crane.points, crane.model, crane.data, state.q)
-        ]
-    )
+    jacobians = _jacobians(crane.points, crane.model, crane.data, state.q)
+    return np.array([jacobian @ state.v for jacobian in jacobians])
 
 
 def payload_position(crane: Crane, q: np.ndarray) -> np.ndarray:
@@ -238,11 +224,9 @@ def rope_tension(crane: Crane, state: State, effort: np.ndarray) -> float:
     Raises:
         MissingRole: If no joint is a hoist.
     """
-    hoist = crane.layout.role("hoist", "The tension of the rope")
+    hoist = full(crane, effort)[crane.layout.role("hoist", "The tension of the rope")]
     return float(
-        joint_forces.tension_from_hoist_force(
-            crane.layout, crane.damping, crane.springs, *state, full(crane, effort)[hoist]
-        )
+        tension_from_hoist_force(crane.layout, crane.damping, crane.springs, *state, hoist)
     )
 
 

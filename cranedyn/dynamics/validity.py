@@ -9,8 +9,9 @@ hoist and buffer together push, the model does not hold.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import reduce
+from itertools import chain
 from operator import and_
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
@@ -163,7 +164,7 @@ class Event(NamedTuple):
     words: str
 
 
-def first_event(
+def conditions(
     crane: Crane,
     q: np.ndarray,
     v: np.ndarray,
@@ -172,8 +173,8 @@ def first_event(
     buffers: bool = False,
     needed: np.ndarray | None = None,
     rates: bool = False,
-) -> Event | None:
-    """Return the first row at which the model does not hold, None if there is none.
+) -> list[Bound]:
+    """Return the conditions under which the model holds, for many rows.
 
     Args:
         crane: The crane.
@@ -191,12 +192,31 @@ def first_event(
     Raises:
         OutOfRange: If an array has another shape.
     """
-    first_events = [
-        event
-        for bound in _conditions(crane, q, v, hoist, buffers, needed, rates=rates)
-        for event in _beginnings(crane, bound, bound.holds)[:1]
+    q = as_array("q", q, ("rows", crane.layout.n))
+    v, hoist = as_array("v", v, q.shape), as_array("hoist", hoist, q.shape[:1])
+    height = heights(_tree(crane), q, crane.payload.body, crane.payload.lever)
+    tension = tension_from_hoist_force(crane.layout, crane.damping, crane.springs, q.T, v.T, hoist)
+    swings = dict(zip(crane.swings.tolist(), crane.swing_angles(q).T, strict=True))
+    if needed is not None:
+        needed = as_array("needed", needed, (len(q), crane.layout.m)).T
+    limits = crane.rate_limit if rates else None
+    return [
+        *bounds(
+            crane.layout, crane.lower, crane.upper, q.T, swings, tension, height, buffers=buffers
+        ),
+        *drive_bounds(crane.layout, needed, crane.effort_limit, v.T, limits),
     ]
-    return min(first_events, key=lambda event: event.row, default=None)
+
+
+def valid(state_bounds: Sequence[Bound]) -> np.ndarray:
+    """Return whether all `conditions` hold at each row, shape (rows,)."""
+    return np.logical_and.reduce([bound.holds for bound in state_bounds])
+
+
+def first_event(crane: Crane, state_bounds: Sequence[Bound]) -> Event | None:
+    """Return the first row at which one of `conditions` does not hold, None if there is none."""
+    beginnings = (_beginnings(crane, bound, bound.holds)[:1] for bound in state_bounds)
+    return min(chain.from_iterable(beginnings), key=lambda event: event.row, default=None)
 
 
 def events(crane: Crane, run: Trajectory) -> list[Event]:
@@ -204,70 +224,28 @@ def events(crane: Crane, run: Trajectory) -> list[Event]:
     buffers = run.parameters.get("validity") == "buffers"
     hoist = hoisting(crane, run.effort) + (cable_buffers(crane, run.q, run.v) if buffers else 0.0)
     drive = run.parameters.get("drive")
-    needed = run.command if drive in ("motion", "velocity") else None
-    conditions = [
-        (bound, bound.holds | (run.valid == 1.0))
-        for bound in _conditions(
-            crane, run.q, run.v, hoist, buffers, needed, rates=drive in ("motion", "effort")
-        )
-    ]
-    return sorted(
-        event for bound, holds in conditions for event in _beginnings(crane, bound, holds)
+    state_bounds = conditions(
+        crane,
+        run.q,
+        run.v,
+        hoist,
+        buffers=buffers,
+        needed=run.command if drive in ("motion", "velocity") else None,
+        rates=drive in ("motion", "effort"),
     )
-
-
-def valid(
-    crane: Crane,
-    q: np.ndarray,
-    v: np.ndarray,
-    hoist: np.ndarray,
-    *,
-    buffers: bool = False,
-    needed: np.ndarray | None = None,
-    rates: bool = False,
-) -> np.ndarray:
-    """Return whether the model holds at each row, shape (rows,); for arguments see `first_event`.
-
-    Raises:
-        OutOfRange: If an array has another shape.
-    """
-    conditions = _conditions(crane, q, v, hoist, buffers, needed, rates=rates)
-    return np.logical_and.reduce([bound.holds for bound in conditions])
+    beginnings = (
+        _beginnings(crane, bound, bound.holds | (run.valid == 1.0)) for bound in state_bounds
+    )
+    return sorted(chain.from_iterable(beginnings))
 
 
 def hoisting(crane: Crane, effort: np.ndarray) -> np.ndarray:
     """Return the hoist's column of efforts of the drives [N], shape (rows,); zeros without a
     hoist.
     """
-    hoist, effort = (
-        crane.layout.drive_of("hoist"),
-        as_array("effort", effort, ("rows", crane.layout.m)),
-    )
+    hoist = crane.layout.drive_of("hoist")
+    effort = as_array("effort", effort, ("rows", crane.layout.m))
     return np.zeros(len(effort)) if hoist is None else effort[:, hoist]
-
-
-def _conditions(
-    crane: Crane,
-    q: np.ndarray,
-    v: np.ndarray,
-    hoist: np.ndarray,
-    buffers: bool,
-    needed: np.ndarray | None,
-    *,
-    rates: bool,
-) -> Iterator[Bound]:
-    q = as_array("q", q, ("rows", crane.layout.n))
-    v, hoist = as_array("v", v, q.shape), as_array("hoist", hoist, q.shape[:1])
-    height = heights(_tree(crane), q, crane.payload.body, crane.payload.lever)
-    tension = tension_from_hoist_force(crane.layout, crane.damping, crane.springs, q.T, v.T, hoist)
-    swings = dict(zip(crane.swings.tolist(), crane.swing_angles(q).T, strict=True))
-    yield from bounds(
-        crane.layout, crane.lower, crane.upper, q.T, swings, tension, height, buffers=buffers
-    )
-    if needed is not None:
-        needed = as_array("needed", needed, (len(q), crane.layout.m)).T
-    limits = crane.rate_limit if rates else None
-    yield from drive_bounds(crane.layout, needed, crane.effort_limit, v.T, limits)
 
 
 def _tree(crane: Crane) -> Bodies:

@@ -11,7 +11,7 @@ Public names:
     `mpc`: the LQR with limits of efforts, rates and swing; needs the extra ``mpc``.
     `with_longer_cable`: the same path of a load on a longer cable.
 
-Begin with `sensor_model`, then `observer`. docs/control.md shows what each gains.
+Begin with `sensor_model`, then `observer`. docs/results/control.md shows what each gains.
 """
 
 from cranedyn.estimation.load_estimate import with_load_estimate

@@ -14,13 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.checks import ShortRepr, check_choice, number, whole
-from cranedyn.clocks import SAME_PERIOD
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import inverse_dynamics
-from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.errors import OutOfRange
 from cranedyn.estimation.load_filter import GYROSCOPE, LoadFilter, Sensors
 from cranedyn.estimation.longer_cable import with_longer_cable
-from cranedyn.estimation.observer import initial_std_of
+from cranedyn.estimation.observer import check_next_call, initial_std_of, standard_deviations
 from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
@@ -60,10 +59,8 @@ class CableFamily:
     def __init__(self, motions: Sequence[Motion], spread: float, hoist: int) -> None:
         shorter, plan, longer = (np.stack([m.q, m.v, m.a], axis=1) for m in motions)
         self.spread, self._hoist = spread, hoist
-        first, second = (
-            (longer - shorter) / (2.0 * spread),
-            (longer - 2.0 * plan + shorter) / (spread**2),
-        )
+        first = (longer - shorter) / (2.0 * spread)
+        second = (longer - 2.0 * plan + shorter) / (spread**2)
         # q, v and a as planned, their first and their second derivatives, a row for each
         self._table = np.concatenate([plan, first, second], axis=1)
 
@@ -131,7 +128,7 @@ class LoadEstimateController(ShortRepr):
         if self.estimate is None:
             self.filter.correct(state)
         else:
-            self._expect(t)
+            check_next_call(t, self._t, self.period)
             if len(self._since) > self.delay:
                 self.filter.predict(self._since.popleft())
                 self.filter.correct(state)
@@ -153,13 +150,6 @@ class LoadEstimateController(ShortRepr):
         joint = JointForces.of(crane).effort(row.q, row.v)
         needed = inverse_dynamics(crane.model, crane.data, *row, joint)
         return needed[crane.layout.drives]
-
-    def _expect(self, t: float) -> None:
-        if abs(t - self._t - self.period) > SAME_PERIOD * self.period:
-            raise CraneError(
-                f"This observer has seen t = {self._t:g} s and is asked for t = {t:g} s; it needs "
-                f"a call every {self.period:g} s, and a new one for each run."
-            )
 
 
 def with_load_estimate(
@@ -213,8 +203,8 @@ def with_load_estimate(
     share = offset / abs(length) if length else 0.0
     if disturbance is None:
         disturbance = [CALM[joint.kind, joint.driven] for joint in layout.joints]
-    errors = _numbers("disturbance of the observer", disturbance, n, ">= 0")
-    noise_std = _numbers(
+    errors = standard_deviations("disturbance of the observer", disturbance, n)
+    noise_std = standard_deviations(
         "noise of the observer", noise_of(crane) if noise is None else noise, 2 * n, "> 0"
     )
     begins = State(motion.q[0], motion.v[0]) if start is None else layout.as_state("start", start)
@@ -266,18 +256,8 @@ def _family(
     for variant in outer:
         variant.check_fits("motion on another cable", crane.layout)
         if variant.q.shape != motion.q.shape or variant.period != motion.period:
-            raise OutOfRange(
-                "motion on another cable",
-                f"one of {len(variant.q)} rows every {variant.period:g} s",
-                f"one of {len(motion.q)} rows every {motion.period:g} s, as planned",
+            given, planned = (
+                f"one of {len(m.q)} rows every {m.period:g} s" for m in (variant, motion)
             )
+            raise OutOfRange("motion on another cable", given, f"{planned}, as planned")
     return CableFamily([outer[0], motion, outer[1]], spread, hoist)
-
-
-def _numbers(
-    name: str, deviations: Sequence[float] | np.ndarray, count: int, allowed: str
-) -> np.ndarray:
-    elements = np.asarray(deviations, dtype=object).ravel()
-    if len(elements) != count:
-        raise OutOfRange(name, deviations, f"{count} standard deviations")
-    return np.array([number(name, element, allowed=allowed) for element in elements])

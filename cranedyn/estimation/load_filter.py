@@ -13,7 +13,12 @@ import pinocchio as pin
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import by_state_and_force, full
-from cranedyn.estimation.observer import kalman_gain, load_lapack
+from cranedyn.estimation.observer import (
+    corrected_covariance,
+    kalman_gain,
+    load_lapack,
+    process_noise,
+)
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 
@@ -79,9 +84,8 @@ class LoadFilter:
         )
         n = self._n
         self._identity = np.eye(2 * n + 3)
-        reach = np.vstack([np.eye(n) * period**2 / 2.0, np.eye(n) * period])
         self._added = np.zeros((2 * n + 3, 2 * n + 3))
-        self._added[: 2 * n, : 2 * n] = reach @ np.diag(disturbance) ** 2 @ reach.T
+        self._added[: 2 * n, : 2 * n] = process_noise(disturbance, period)
         self._added[2 * n :, 2 * n :] = np.diag(_DRIFT) ** 2 * period
         swings = crane.swings if sensors == "swing" else crane.swings[:0]
         self._direct = np.concatenate([crane.layout.measured, swings])
@@ -136,10 +140,9 @@ class LoadFilter:
         innovation = self._measured(reading) - expected
         cross = by @ self.covariance
         gain = kalman_gain(cross, cross @ by.T + self._noise)
-        residual = self._identity - gain @ by
         self.mean = self.mean + gain @ innovation
         self.mean[-3] = min(max(self.mean[-3], 1.0 / HEAVIEST), 1.0 / LIGHTEST)
-        self.covariance = residual @ self.covariance @ residual.T + gain @ self._noise @ gain.T
+        self.covariance = corrected_covariance(self.covariance, by, gain, self._noise)
         self._believe()
 
     def _measured(self, reading: State) -> np.ndarray:

@@ -19,15 +19,20 @@ import scipy
 
 from cranedyn.checks import ShortRepr, number, whole, within
 from cranedyn.clocks import multiple
-from cranedyn.controllers.linearised import Linearised, linearised
-from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
-from cranedyn.controllers.riccati import Sweep, riccati
+from cranedyn.controllers.lqr import (
+    Linearised,
+    Sweep,
+    effort_weight_of,
+    linearised,
+    riccati,
+    state_weight_of,
+)
 from cranedyn.controllers.tracking import check_finite
 from cranedyn.errors import CraneError, OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
-from cranedyn.references.interpolation import ROW_TOLERANCE, interpolate, locate
 from cranedyn.references.motion import Motion
+from cranedyn.references.tabulated import ROW_TOLERANCE, interpolate, locate
 
 PENALTY = 1e6
 """Cost of exceeding a bound by the bound itself: linear, and far above the cost of the LQR, so that
@@ -109,9 +114,8 @@ class PredictiveController(ShortRepr):
         instant = math.floor(t / self.model.period + ROW_TOLERANCE) // self.ratio
         if instant != self._instant or self.last is None or t <= self.last.t:
             check_finite(state)
-            self._correction = self._optimised(
-                t, instant, np.concatenate(state) - interpolate(self.model.setpoint, row, share)
-            )
+            deviation = np.concatenate(state) - interpolate(self.model.setpoint, row, share)
+            self._correction = self._optimised(t, instant, deviation)
             self._instant = instant
         return interpolate(self.model.efforts, row, share) + self._correction
 
@@ -120,10 +124,8 @@ class PredictiveController(ShortRepr):
         stretches = np.minimum(np.arange(instant, instant + self.horizon), len(self.root) - 1)
         efforts, ahead = self._predicted(stretches, deviation)
         low, high = (side[stretches].ravel() - efforts[:, 0] for side in self.correction_limits)
-        after = np.minimum(
-            self.ratio * np.arange(instant + 1, instant + self.horizon + 1),
-            len(self.model.setpoint) - 1,
-        )
+        after = self.ratio * np.arange(instant + 1, instant + self.horizon + 1)
+        after = np.minimum(after, len(self.model.setpoint) - 1)
         setpoint = self.model.setpoint[after[:, None], self.bounded]
         offset = (setpoint / self.bound).ravel() + ahead[:, 0]
         count, m = len(self.bound), self.root.shape[1]
@@ -158,10 +160,8 @@ class PredictiveController(ShortRepr):
         the decision, the constant first.
         """
         m, width = self.root.shape[1], self.root.shape[1] * self.horizon + 1
-        efforts, ahead = (
-            np.zeros((self.horizon, m, width)),
-            np.zeros((self.horizon, len(self.bound), width)),
-        )
+        efforts = np.zeros((self.horizon, m, width))
+        ahead = np.zeros((self.horizon, len(self.bound), width))
         z = deviation[:, None]  # it depends on no more of the decision than what came before
         for j, k in enumerate(stretches.tolist()):
             now, later = z.shape[1], z.shape[1] + m
@@ -215,28 +215,20 @@ def mpc(
     solve = _solver()
     whole("horizon", horizon, 1, "periods")
     layout = crane.layout
-    efforts = layout.for_drives(
-        "effort limit", crane.effort_limit if effort_limit is None else effort_limit, None, "> 0"
-    )
-    rates = layout.for_drives(
-        "rate limit", crane.rate_limit if rate_limit is None else rate_limit, "/s", "> 0"
-    )
-    rates = np.minimum(rates, crane.rate_limit)
-    swing = within(
-        "swing limit", number("swing limit", swing_limit, "rad", "> 0"), 0.0, math.pi / 2.0, "rad"
-    )
+    effort_limit = crane.effort_limit if effort_limit is None else effort_limit
+    efforts = layout.for_drives("effort limit", effort_limit, None, "> 0")
+    rate_limit = crane.rate_limit if rate_limit is None else rate_limit
+    rates = np.minimum(layout.for_drives("rate limit", rate_limit, "/s", "> 0"), crane.rate_limit)
+    swing = number("swing limit", swing_limit, "rad", "> 0")
+    within("swing limit", swing, 0.0, math.pi / 2.0, "rad")
     ratio = multiple("period", period, "the motion's period", motion.period)
     model = linearised(crane, motion, dt=dt, every=ratio, control_period=period)
     state_weight = state_weight_of(crane) if state_weight is None else state_weight
     effort_weight = effort_weight_of(crane) if effort_weight is None else effort_weight
     sweep = riccati(model.a, model.b, state_weight, effort_weight)
     square = effort_weight + np.swapaxes(model.b, 1, 2) @ sweep.cost[1:] @ model.b
-    root = np.array(
-        [
-            scipy.linalg.solve_triangular(scipy.linalg.cholesky(matrix), np.eye(layout.m))
-            for matrix in square
-        ]
-    )
+    factors, identity = map(scipy.linalg.cholesky, square), np.eye(layout.m)
+    root = np.array([scipy.linalg.solve_triangular(factor, identity) for factor in factors])
     bounded = np.concatenate([layout.n + layout.drives, crane.swings])
     bound = np.concatenate([rates, np.full(len(crane.swings), swing)])
     return PredictiveController(
@@ -257,19 +249,12 @@ def _correction_limits(model: Linearised, limit: np.ndarray) -> np.ndarray:
     feed-forward included, shape (2, stretches, m).
     """
     stretches = [model.efforts[model.stretch == k] for k in range(len(model.a))]
-    limits = np.array(
-        [
-            [-limit - stretch.min(axis=0) for stretch in stretches],
-            [limit - stretch.max(axis=0) for stretch in stretches],
-        ]
-    )
-    if (limits[0] > limits[1]).any():
-        raise OutOfRange(
-            "effort limit",
-            limit.tolist(),
-            "at least half of what the feed-forward changes by within a period",
-        )
-    return limits
+    low = np.array([-limit - stretch.min(axis=0) for stretch in stretches])
+    high = np.array([limit - stretch.max(axis=0) for stretch in stretches])
+    if (low > high).any():
+        allowed = "at least half of what the feed-forward changes by within a period"
+        raise OutOfRange("effort limit", limit.tolist(), allowed)
+    return np.stack([low, high])
 
 
 def _solver() -> Callable[..., tuple[np.ndarray, float, int, dict]]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from cranedyn.checks import ShortRepr, number, whole
 from cranedyn.clocks import SAME_PERIOD
-from cranedyn.controllers.linearised import Linearised, linearised
+from cranedyn.controllers.lqr import Linearised, linearised
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import Controller, Setpoint, State
@@ -84,6 +84,57 @@ def kalman_gain(cross: np.ndarray, spread: np.ndarray) -> np.ndarray:
     return solution.T
 
 
+def corrected_covariance(
+    covariance: np.ndarray, by: np.ndarray, gain: np.ndarray, noise: np.ndarray
+) -> np.ndarray:
+    """Return the covariance after a correction, in Joseph's form.
+
+    Args:
+        covariance: Covariance before it, shape (unknowns, unknowns).
+        by: Derivatives of the measurements by the unknowns, shape (measured, unknowns).
+        gain: Gain of the correction, shape (unknowns, measured).
+        noise: Covariance of the measurements, shape (measured, measured).
+    """
+    residual = np.eye(len(covariance)) - gain @ by
+    return residual @ covariance @ residual.T + gain @ noise @ gain.T
+
+
+def process_noise(disturbance: np.ndarray, period: float) -> np.ndarray:
+    """Return the covariance of coordinates and rates that accelerations held over a period [s] add,
+    shape (2 n, 2 n), from their standard deviations, shape (n,).
+    """
+    n = len(disturbance)
+    reach = np.vstack([np.eye(n) * period**2 / 2.0, np.eye(n) * period])
+    return reach @ np.diag(disturbance) ** 2 @ reach.T
+
+
+def standard_deviations(
+    name: str, deviations: Sequence[float] | np.ndarray, count: int, allowed: str = ">= 0"
+) -> np.ndarray:
+    """Check the number and the range of standard deviations; return them, shape (count,).
+
+    Raises:
+        OutOfRange: If their number is another, or one is out of range.
+    """
+    elements = np.asarray(deviations, dtype=object).ravel()
+    if len(elements) != count:
+        raise OutOfRange(name, deviations, f"{count} standard deviations")
+    return np.array([number(name, element, allowed=allowed) for element in elements])
+
+
+def check_next_call(t: float, previous: float, period: float) -> None:
+    """Check that an observer is called once in each period.
+
+    Raises:
+        CraneError: If the call is not one period [s] after the previous one.
+    """
+    if abs(t - previous - period) > SAME_PERIOD * period:
+        raise CraneError(
+            f"This observer has seen t = {previous:g} s and is asked for t = {t:g} s; it needs "
+            f"a call every {period:g} s, and a new one for each run."
+        )
+
+
 def load_lapack() -> None:
     """Import SciPy's LAPACK when an observer is made: it takes some tenths of a second, which no
     control period has.
@@ -128,16 +179,13 @@ class ObserverController(ShortRepr):
     _t: float = 0.0
     _deviation: np.ndarray = field(init=False)
     _since: deque[tuple[int, np.ndarray]] = field(default_factory=deque)
-    _identity: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         """Begin without deviation and correction."""
         load_lapack()
-        self._identity = np.eye(len(self.covariance))
-        self.gain, self._deviation = (
-            np.zeros((len(self.covariance), len(self.measured))),
-            np.zeros(len(self.covariance)),
-        )
+        unknowns = len(self.covariance)
+        self._by = np.eye(unknowns)[self.measured]
+        self.gain, self._deviation = np.zeros((unknowns, len(self.measured))), np.zeros(unknowns)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return the command of the controller, shape (m,); of the state only the drives are used.
@@ -147,15 +195,12 @@ class ObserverController(ShortRepr):
         """
         row = self.model.row(t)
         if self.estimate is None:
-            self._at_row(t)
-            self._deviation = (
-                np.zeros(len(self.covariance))
-                if self.start is None
-                else self.start - self.model.setpoint[row]
-            )
+            self._check_row(t)
+            if self.start is not None:
+                self._deviation = self.start - self.model.setpoint[row]
             self._correct(row, state)
         else:
-            self._expect(t)
+            check_next_call(t, self._t, self.model.period)
             if len(self._since) > self.delay:
                 self._predict()
                 self._correct(self._since[0][0] if self._since else row, state)
@@ -170,20 +215,12 @@ class ObserverController(ShortRepr):
         self._t = t
         return command
 
-    def _at_row(self, t: float) -> None:
+    def _check_row(self, t: float) -> None:
         rows = t / self.model.period
         if rows < len(self.model.setpoint) - 1 and abs(rows - round(rows)) > SAME_PERIOD:
             raise CraneError(
                 f"This observer is first asked for t = {t:g} s; its motion has rows every "
                 f"{self.model.period:g} s only."
-            )
-
-    def _expect(self, t: float) -> None:
-        if abs(t - self._t - self.model.period) > 1e-6 * self.model.period:
-            raise CraneError(
-                f"This observer has seen t = {self._t:g} s and is asked for t = {t:g} s; it needs "
-                f"a call every {self.model.period:g} s, "
-                "and a new one for each run."
             )
 
     def _predict(self) -> None:
@@ -202,10 +239,7 @@ class ObserverController(ShortRepr):
         cross = self.covariance[indices]
         self.gain = kalman_gain(cross, cross[:, indices] + self.noise)
         self._deviation = self._deviation + self.gain @ (measured - self._deviation[indices])
-        residual = self._identity - self.gain @ self._identity[indices]
-        self.covariance = (
-            residual @ self.covariance @ residual.T + self.gain @ self.noise @ self.gain.T
-        )
+        self.covariance = corrected_covariance(self.covariance, self._by, self.gain, self.noise)
 
 
 def with_observer(
@@ -245,32 +279,20 @@ def with_observer(
             positive, their number another, or the delay not a whole number from 0 on.
     """
     late = whole("delay of the observer", delay, 0, "control periods")
-    period, layout = motion.period, crane.layout
-    n, measured = layout.n, layout.measured
+    n, measured = crane.layout.n, crane.layout.measured
     disturbance = disturbance_of(crane) if disturbance is None else disturbance
     noise = noise_of(crane)[measured] if noise is None else noise
     initial_std = initial_std_of(crane) if initial_std is None else initial_std
-    reach = np.vstack([np.eye(n) * period**2 / 2.0, np.eye(n) * period])
     return ObserverController(
         controller,
         linearised(crane, motion, dt=dt, every=every),
         measured,
         crane.effort_limit,
-        reach @ _covariance("disturbance of the observer", disturbance, n) @ reach.T,
-        _covariance("noise of the observer", noise, len(measured), "> 0"),
-        _covariance("initial deviation of the observer", initial_std, 2 * n),
+        process_noise(
+            standard_deviations("disturbance of the observer", disturbance, n), motion.period
+        ),
+        np.diag(standard_deviations("noise of the observer", noise, len(measured), "> 0")) ** 2,
+        np.diag(standard_deviations("initial deviation of the observer", initial_std, 2 * n)) ** 2,
         late,
         None if start is None else np.concatenate(start),
     )
-
-
-def _covariance(
-    name: str, deviations: Sequence[float] | np.ndarray, count: int, allowed: str = ">= 0"
-) -> np.ndarray:
-    std = [
-        number(name, element, allowed=allowed)
-        for element in np.asarray(deviations, dtype=object).ravel()
-    ]
-    if len(std) != count:
-        raise OutOfRange(name, deviations, f"{count} standard deviations")
-    return np.diag(std) ** 2

@@ -27,11 +27,12 @@ def noise_of(crane: Crane) -> np.ndarray:
     """Return standard deviations of the sensor noise of a crane: coordinates [rad or m] and rates
     [per second], shape (2 n,).
     """
-    joints = crane.layout.joints
-    position = [(ENCODER if joint.driven else GYROSCOPE)[joint.unit] for joint in joints]
     return np.array(
-        position
-        + [(ENCODER_RATE if joint.driven else GYROSCOPE_RATE)[joint.unit] for joint in joints]
+        [
+            (driven if joint.driven else passive)[joint.unit]
+            for driven, passive in ((ENCODER, GYROSCOPE), (ENCODER_RATE, GYROSCOPE_RATE))
+            for joint in crane.layout.joints
+        ]
     )
 
 
@@ -64,13 +65,8 @@ class SensorModelController(ShortRepr):
                 "new ones for each run."
             )
         self._t = t
-        self.readings.append(
-            State(
-                *(
-                    np.concatenate(state) + self.noise * self.rng.standard_normal(len(self.noise))
-                ).reshape(2, -1)
-            )
-        )
+        reading = np.concatenate(state) + self.noise * self.rng.standard_normal(len(self.noise))
+        self.readings.append(State(*reading.reshape(2, -1)))
         return self.controller(t, self.readings[0], setpoint)
 
 
@@ -100,18 +96,14 @@ def with_sensor_model(
     """
     late = whole("delay of the sensors", delay, 0, "control periods")
     symbols = crane.layout.symbols
+    names = [*symbols, *(f"{symbol}_dot" for symbol in symbols)]
     noise_std = np.asarray(noise_of(crane) if noise is None else noise, dtype=object).ravel()
-    if noise_std.shape != (2 * len(symbols),):
-        raise OutOfRange(
-            "noise of the sensors",
-            noise,
-            f"{2 * len(symbols)} numbers: {len(symbols)} coordinates, {len(symbols)} rates",
-        )
-    names = [*symbols, *(f"{c}_dot" for c in symbols)]
-    deviations = np.array(
-        [
-            number(f"noise of {name}", std, allowed=">= 0")
-            for name, std in zip(names, noise_std, strict=True)
-        ]
-    )
-    return SensorModelController(controller, deviations, rng, deque(maxlen=late + 1))
+    if len(noise_std) != len(names):
+        count = len(symbols)
+        allowed = f"{2 * count} numbers: {count} coordinates, {count} rates"
+        raise OutOfRange("noise of the sensors", noise, allowed)
+    deviations = [
+        number(f"noise of {name}", std, allowed=">= 0")
+        for name, std in zip(names, noise_std, strict=True)
+    ]
+    return SensorModelController(controller, np.array(deviations), rng, deque(maxlen=late + 1))

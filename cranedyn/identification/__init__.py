@@ -14,8 +14,7 @@ from cranedyn.identification.model import Model
 from cranedyn.identification.parameters import Parameter
 from cranedyn.identification.preflight import Preflight, preflight
 from cranedyn.identification.prior import Prior
-from cranedyn.identification.reading import load_record
-from cranedyn.identification.record import Record
+from cranedyn.identification.record import Record, load_record
 from cranedyn.identification.twin import Twin, read_twin, twin_of
 
 __all__ = [

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
+from scipy.stats import chi2
 from scipy.stats import t as student
 
-from cranedyn.errors import UnknownName
+from cranedyn.errors import DataError, UnknownName
 from cranedyn.identification.model import Model
-from cranedyn.identification.noise import covariance_of, initial_noise, is_white, residual_noise
 from cranedyn.identification.search import HORIZONS, Search, check_units, initial_values, jacobian
 
 CONFIDENCE = 0.95
 """Confidence level of the intervals."""
+
+WHITE = 1e-3
+"""Significance level of the test: share of white residuals that it rejects."""
+
+ENOUGH = 0.9
+"""Share of the variance of a swing that an estimate must explain to be believed."""
+
+_LAGS, _FLOOR = 20, 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +101,31 @@ class Estimate:
         )
 
     @cached_property
+    def explained(self) -> tuple[np.ndarray, ...]:
+        """Share of the variance of each channel of each record that the model explains."""
+        return tuple(
+            1.0 - np.sum(residual**2, axis=1) / np.sum((recorded - mean) ** 2, axis=1)
+            for i, residual in enumerate(self.residuals)
+            for recorded in (self.model.measured(i),)
+            for mean in (recorded.mean(axis=1, keepdims=True),)
+        )
+
+    @property
+    def least_explained(self) -> tuple[float, str]:
+        """Least share of the variance of a swing that the model explains, and its column with its
+        record.
+        """
+        model = self.model
+        return min(
+            (float(share), f"{channel.column} of {record.name}")
+            for record, channels, shares in zip(
+                model.records, model.channels, self.explained, strict=True
+            )
+            for channel, share in zip(channels, shares, strict=True)
+            if channel.kind == "swing"
+        )
+
+    @cached_property
     def at_bound(self) -> tuple[str, ...]:
         """Names of parameters that ended at a bound; their intervals are meaningless."""
         ends = zip(self.model.parameters, self.values.tolist(), strict=True)
@@ -104,7 +137,10 @@ class Estimate:
 def identify(model: Model, *, progress: Callable[[int], object] | None = None) -> Estimate:
     """Estimate the parameters of a model by least squares, each channel weighted by its noise.
 
-    Finite differences give the Jacobian; its columns are simulated in one batch.
+    Finite differences give the Jacobian; its columns are simulated in one batch. If the estimate
+    explains less than `ENOUGH` of a swing, the search begins again from other delays of the swing
+    sensor, with each sign of each swing, and the best estimate counts; its `Estimate.model` has the
+    records with the signs found.
 
     Args:
         model: Records and parameters.
@@ -115,19 +151,154 @@ def identify(model: Model, *, progress: Callable[[int], object] | None = None) -
             there are fewer rows than parameters.
     """
     check_units(model)
+    best = _fit(model, progress)
+    if best.least_explained[0] >= ENOUGH:
+        return best
+    done = best.evaluations
+    for other in model.alternatives():
+        found = _fit(other, None if progress is None else partial(_count_on, progress, done))
+        done += found.evaluations
+        if found.least_explained[0] > best.least_explained[0]:
+            best = found
+    return replace(best, evaluations=done)
+
+
+def _count_on(progress: Callable[[int], object], before: int, count: int) -> None:
+    progress(before + count)
+
+
+def _fit(model: Model, progress: Callable[[int], object] | None) -> Estimate:
+    """Estimate the parameters from the first values of a model."""
     search = Search(model, progress)
     values, noise = initial_values(model), initial_noise(model)
     for share in HORIZONS:
         values = search.solve(values, noise, share)
     for _ in range(3):
-        current = [search.residual(values, i) for i in range(len(model.records))]
-        previous, noise = noise, residual_noise(model, current)
+        previous, noise = noise, residual_noise(model, _residuals(model, values))
         if all(np.allclose(a, b, rtol=0.05) for a, b in zip(noise, previous, strict=True)):
             break
         values = search.solve(values, noise, 1.0)
-    residuals = tuple(search.residual(values, i) for i in range(len(model.records)))
+    residuals = _residuals(model, values)
     noise = residual_noise(model, residuals)
-    jacobians = [jacobian(model, values, i)[1] for i in range(len(model.records))]
     white = tuple(np.array([is_white(channel) for channel in record]) for record in residuals)
-    covariance = covariance_of(model, jacobians, residuals, noise, white)
+    covariance = _covariance(model, values, residuals, noise, white)
     return Estimate(model, values, covariance, tuple(noise), residuals, white, search.evaluations)
+
+
+def _residuals(model: Model, values: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return recorded less predicted of each record, shape (channels, rows)."""
+    return tuple(
+        model.measured(i) - model.predicted(i, values[None])[0] for i in range(len(model.records))
+    )
+
+
+def initial_noise(model: Model) -> list[np.ndarray]:
+    """Return the noise of each channel, from its second differences: those of a smooth signal are
+    small.
+
+    It is at least a hundred thousandth of the channel's range.
+    """
+    noise = []
+    for measured in map(model.measured, range(len(model.records))):
+        bent = np.diff(measured, 2, axis=1)
+        spread = np.sqrt(np.mean(bent**2, axis=1) / 6.0)
+        noise.append(np.maximum(spread, 1e-5 * np.ptp(measured, axis=1) + 1e-12))
+    return noise
+
+
+def residual_noise(model: Model, residuals: tuple[np.ndarray, ...]) -> list[np.ndarray]:
+    """Return the noise of each channel from its residual, corrected for the degrees of freedom of
+    the parameters.
+    """
+    total = sum(residual.size for residual in residuals)
+    free = total - len(model.parameters)
+    if free <= 0:
+        raise DataError(
+            f"The records have {total} numbers for {len(model.parameters)} parameters; allowed are "
+            "more numbers than parameters."
+        )
+    return [
+        np.maximum(np.sqrt(np.mean(residual**2, axis=1) * total / free), 1e-14)
+        for residual in residuals
+    ]
+
+
+def is_white(residual: np.ndarray) -> bool:
+    """Return whether a residual has no autocorrelation, by Ljung and Box (1978) at 0.1 %."""
+    off = residual - residual.mean()
+    power, n = float(off @ off), len(off)
+    if power <= 0.0 or n <= 2 * _LAGS:
+        return True
+    rho = np.array([off[k:] @ off[:-k] for k in range(1, _LAGS + 1)]) / power
+    statistic = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, _LAGS + 1))))
+    return bool(chi2.sf(statistic, _LAGS) > WHITE)
+
+
+def _covariance(
+    model: Model,
+    values: np.ndarray,
+    residuals: tuple[np.ndarray, ...],
+    noise: list[np.ndarray],
+    white: tuple[np.ndarray, ...],
+) -> np.ndarray:
+    """Return the covariance of the parameters: that of least squares, or, where a residual is not
+    white and that is wider, that of autocorrelated errors (Newey and West 1987, over a tenth of the
+    record). It is infinite for a parameter that the records do not determine.
+    """
+    scale, count = model.scale, len(model.parameters)
+    bread, meat = np.zeros((count, count)), np.zeros((count, count))
+    for index, record in enumerate(zip(residuals, noise, white, strict=True)):
+        slopes = jacobian(model, values, index)[1]
+        for slope, off, sigma, simple in zip(slopes, *record, strict=True):
+            weighted = slope * scale / sigma
+            outer = weighted.T @ weighted
+            bread += outer
+            meat += outer if simple else _long_run(weighted * (off / sigma)[:, None])
+    inverse, determined = invert_information(bread)
+    remembered = inverse @ meat @ inverse
+    short, long = np.diag(inverse), np.diag(remembered)
+    wider = scale * np.sqrt(np.maximum(short, long) / np.where(long > 0.0, long, 1.0))
+    covariance = wider[:, None] * remembered * wider
+    covariance[~determined, ~determined] = np.inf
+    return covariance + np.diag(_rounding(model))
+
+
+def _rounding(model: Model) -> np.ndarray:
+    """Return the variance that the rounding of a drive's position adds to its offset, shape
+    (parameters,): r²/12 a record, since a drive that stands is rounded in the same way in each row.
+    """
+    variance = np.zeros(len(model.parameters))
+    for i, p in enumerate(model.parameters):
+        if p.kind == "offset":
+            joint = model.prior.crane.layout.joints[model.prior.crane.layout.index(p.of)]
+            rounded = [record.resolution.get(joint.columns[0], 0.0) for record in model.records]
+            variance[i] = sum(r**2 for r in rounded) / (12.0 * len(rounded) ** 2)
+    return variance
+
+
+def invert_information(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the inverse of an information matrix, and which parameters it determines, shape
+    (parameters,).
+
+    Eigenvalues near zero are floored: such directions keep a large variance, where a
+    pseudoinverse would give none.
+    """
+    size = np.sqrt(np.diag(information))
+    determined = size > 0.0
+    unit = np.where(determined, size, 1.0)
+    share, axes = np.linalg.eigh(information / np.outer(unit, unit))
+    inverse = (axes / np.maximum(share, _FLOOR)) @ axes.T
+    inverse[~determined] = inverse[:, ~determined] = 0.0
+    return inverse / np.outer(unit, unit), determined
+
+
+def _long_run(scores: np.ndarray) -> np.ndarray:
+    """Return the long-run covariance of scores, shape (rows, parameters), with Bartlett's
+    weights.
+    """
+    reach = max(1, len(scores) // 10)
+    covariance = scores.T @ scores
+    for lag in range(1, reach + 1):
+        cross = scores[lag:].T @ scores[:-lag]
+        covariance += (1.0 - lag / (reach + 1.0)) * (cross + cross.T)
+    return covariance

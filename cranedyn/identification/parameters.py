@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ from cranedyn.controllers import hold_controller
 from cranedyn.errors import UnknownName
 from cranedyn.identification.prior import Prior
 from cranedyn.identification.record import Record
+from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Joint
 
 Drives = Literal["motion", "effort", "hold"]
@@ -20,18 +21,9 @@ Drives = Literal["motion", "effort", "hold"]
 or a hold controller holds them at their setpoints."""
 
 Kind = Literal[
-    "argument",
-    "offset",
-    "lag",
-    "delay",
-    "bias",
-    "friction",
-    "stiffness",
-    "damping",
-    "start",
-    "start rate",
-    "setpoint",
-]
+    "argument", "offset", "lag", "delay", "bias", "friction", "stiffness", "damping", "start",
+    "start rate", "setpoint",
+]  # fmt: skip
 
 MEANINGS = {
     "offset": "true coordinate less the recorded one",
@@ -44,7 +36,8 @@ MEANINGS = {
 }
 
 EARLY, LATE = -0.5, 1.0
-"""Bounds of the delay of the swing sensor [s]."""
+"""Bounds of the delay of the swing sensor [s], and a quarter of the period of the swing: a delay of
+half a period is the other sign."""
 
 
 @dataclass(frozen=True)
@@ -86,51 +79,62 @@ def parameter(prior: Prior, name: str) -> Parameter:
     Raises:
         UnknownName: If there is no parameter of this name.
     """
-    if name == "delay":
-        return Parameter(name, "delay", "", "s", 0.0, EARLY, LATE, 0.1)
-    layout = prior.crane.layout
-    symbol, _, kind = name.rpartition("_")
-    drives = {joint.symbol: i for i, joint in enumerate(layout.driven)}
-    if symbol in drives and (p := _of_drive(prior, drives[symbol], kind, name)) is not None:
-        return p
-    swings = [layout.joints[i].symbol for i in prior.crane.swings.tolist()]
-    if symbol in swings and kind == "bias":
-        return Parameter(name, "bias", symbol, "rad", 0.0, -0.3, 0.3, 0.01)
-    if name in prior.arguments:
-        first, argument = prior.value(name), prior.arguments[name]
-        low = {"any": -math.inf, "> 0": 1e-3 * first, ">= 0": 0.0}[argument.allowed]
-        scale = 0.1 * abs(first) or 1.0
-        return Parameter(name, "argument", name, argument.unit, first, low, math.inf, scale)
-    raise UnknownName("parameter", name, parameter_names(prior))
+    devices = _device_parameters(prior.crane)
+    if name in devices:
+        return devices[name]
+    if name not in prior.arguments:
+        raise UnknownName("parameter", name, [*devices, *prior.arguments])
+    first, argument = prior.value(name), prior.arguments[name]
+    low = {"any": -math.inf, "> 0": 1e-3 * first, ">= 0": 0.0}[argument.allowed]
+    scale = 0.1 * abs(first) or 1.0
+    return Parameter(name, "argument", name, argument.unit, first, low, math.inf, scale)
 
 
-def parameter_names(prior: Prior) -> list[str]:
-    """Return the names of all parameters that can be identified."""
-    layout = prior.crane.layout
-    kinds = ("offset", "lag", "friction", "stiffness", "damping")
-    return [
-        "delay",
-        *(f"{joint.symbol}_{kind}" for joint in layout.driven for kind in kinds),
-        *(f"{layout.joints[i].symbol}_bias" for i in prior.crane.swings.tolist()),
-        *prior.arguments,
-    ]
+def _device_parameters(crane: Crane) -> dict[str, Parameter]:
+    """Return the parameters of the drives and sensors of a crane by name."""
+    layout, usual = crane.layout, hold_controller(crane)
+    devices = [Parameter("delay", "delay", "", "s", 0.0, EARLY, LATE, 0.1)]
+    for drive, (joint, i) in enumerate(zip(layout.driven, layout.drives.tolist(), strict=True)):
+        of, unit, effort = joint.symbol, joint.unit, joint.effort_unit
+        reach = 0.25 * float(crane.upper[i] - crane.lower[i])
+        limit = float(crane.effort_limit[drive])
+        k_p, k_d = float(usual.stiffness[drive]), float(usual.damping[drive])
+        devices += [
+            Parameter(f"{of}_offset", "offset", of, unit, 0.0, -reach, reach, 0.1),
+            Parameter(f"{of}_lag", "lag", of, "s", 0.1, 1e-3, 5.0, 0.1),
+            Parameter(
+                f"{of}_friction", "friction", of, effort, 1e-4 * limit, 0.0, limit, 1e-3 * limit
+            ),
+            Parameter(
+                f"{of}_stiffness", "stiffness", of, f"{effort}/{unit}", k_p, 1e-2 * k_p, 1e2 * k_p,
+                0.1 * k_p,
+            ),
+            Parameter(
+                f"{of}_damping", "damping", of, f"{effort} s/{unit}", k_d, 1e-2 * k_d, 1e2 * k_d,
+                0.1 * k_d,
+            ),
+        ]  # fmt: skip
+    for symbol in (layout.joints[i].symbol for i in crane.swings.tolist()):
+        devices.append(Parameter(f"{symbol}_bias", "bias", symbol, "rad", 0.0, -0.3, 0.3, 0.01))
+    return {p.name: p for p in devices}
 
 
 def default_names(prior: Prior, records: Sequence[Record], drives: Drives) -> list[str]:
     """Return the names of the parameters that the recorded columns can determine."""
-    layout = prior.crane.layout
-    chosen = ["l_offset"] if layout.has("hoist") and layout.symbols.count("l") else []
-    chosen += [name for name in ("damp_swing",) if name in prior.arguments]
-    chosen += ["delay"] if drives == "motion" else []
+    layout, winch = prior.crane.layout, prior.crane.winch
+    chosen = [] if winch is None else [f"{layout.driven[winch].symbol}_offset"]
     biased = {joint.symbol for record in records for joint in record.swings}
+    damped = ("damp_swing", *(f"damp_{symbol}" for symbol in layout.symbols if symbol in biased))
+    chosen += [name for name in damped if name in prior.arguments]
+    chosen += ["delay"] if drives == "motion" else []
     chosen += [f"{symbol}_bias" for symbol in layout.symbols if symbol in biased]
-    for joint in layout.driven:
+    for drive, joint in enumerate(layout.driven):
         moved = any(record.moves(joint.columns[0]) for record in records)
         aimed = any(record.moves(joint.setpoint_column) for record in records)
         effort = any(record.moves(joint.effort_column) for record in records)
         if drives == "motion" and aimed:
             chosen.append(f"{joint.symbol}_lag")
-        if effort and joint.role == "hoist" and "payload_mass" in prior.arguments:
+        if effort and drive == winch and "payload_mass" in prior.arguments:
             chosen.append("payload_mass")
         if drives == "motion" and effort and (moved or aimed) and joint.role == "trolley":
             chosen.append(f"{joint.symbol}_friction")
@@ -139,74 +143,46 @@ def default_names(prior: Prior, records: Sequence[Record], drives: Drives) -> li
     return chosen
 
 
+def bound_delay(delay: Parameter, records: Sequence[Record]) -> Parameter:
+    """Return the delay of the swing sensor with bounds less than a quarter of a swing."""
+    quarter = 0.25 * min(record.swing_period for record in records)
+    return replace(delay, low=max(EARLY, -quarter), high=min(LATE, quarter))
+
+
 def initial_parameters(record: Record, index: int, drives: Drives) -> list[Parameter]:
     """Return the parameters of the initial state of a record: its swing, and drives whose motion is
     not prescribed.
     """
-    crane, parameters = record.crane, list[Parameter]()
+    parameters, free = list[Parameter](), (-math.inf, math.inf)
     for joint in record.swings:
-        parameters += _start(record, index, joint, record.crane.swings.tolist(), 0.02)
-    if drives == "motion":
-        return parameters
-    for joint in crane.layout.driven:
+        ends = (-1.5, 1.5) if joint.kind == "revolute" else free
+        parameters += _start(record, index, joint, ends, 0.02)
+    for joint in record.crane.layout.driven if drives != "motion" else ():
         column = joint.columns[0]
-        if record.moves(column):
-            parameters += _start(record, index, joint, crane.layout.drives.tolist(), 0.01)
-            if drives == "hold" and joint.setpoint_column not in record.columns:
-                mean = float(np.mean(record.columns[column]))
-                parameters.append(
-                    Parameter(
-                        f"{joint.symbol}_setpoint",
-                        "setpoint",
-                        joint.symbol,
-                        joint.unit,
-                        mean,
-                        -math.inf,
-                        math.inf,
-                        0.01,
-                        index,
-                    )
-                )
+        if not record.moves(column):
+            continue
+        parameters += _start(record, index, joint, free, 0.01)
+        if drives == "hold" and joint.setpoint_column not in record.columns:
+            name, mean = f"{joint.symbol}_setpoint", float(np.mean(record.columns[column]))
+            parameters.append(
+                Parameter(name, "setpoint", joint.symbol, joint.unit, mean, *free, 0.01, index)
+            )
     return parameters
 
 
 def _start(
-    record: Record, index: int, joint: Joint, among: Sequence[int], scale: float
+    record: Record, index: int, joint: Joint, ends: tuple[float, float], scale: float
 ) -> list[Parameter]:
     """Return the initial coordinate and rate of a joint, by a parabola through the first rows."""
     rows = max(4, int(np.searchsorted(record.t, 0.8)))
     values = record.columns[joint.columns[0]][:rows]
     _, rate, position = np.polyfit(record.t[:rows], values, 2)
-    ends = (-1.5, 1.5) if joint.kind == "revolute" and not joint.driven else (-math.inf, math.inf)
-    symbol, unit = joint.symbol, joint.unit
+    symbol, unit, first = joint.symbol, joint.unit, float(np.clip(position, *ends))
+    free = (-math.inf, math.inf)
     return [
+        Parameter(f"{symbol}_start", "start", symbol, unit, first, *ends, scale, index),
         Parameter(
-            f"{symbol}_start", "start", symbol, unit, float(np.clip(position, *ends)), *ends, scale,
+            f"{symbol}_dot_start", "start rate", symbol, f"{unit}/s", float(rate), *free, scale,
             index,
         ),
-        Parameter(
-            f"{symbol}_dot_start", "start rate", symbol, f"{unit}/s", float(rate), -math.inf,
-            math.inf, scale, index,
-        ),
     ]  # fmt: skip
-
-
-def _of_drive(prior: Prior, drive: int, kind: str, name: str) -> Parameter | None:
-    joint = prior.crane.layout.driven[drive]
-    coordinate = int(prior.crane.layout.drives[drive])
-    width = float(prior.crane.upper[coordinate] - prior.crane.lower[coordinate])
-    symbol, unit, effort = joint.symbol, joint.unit, joint.effort_unit
-    if kind == "offset":
-        reach = 0.25 * width
-        return Parameter(name, "offset", symbol, unit, 0.0, -reach, reach, 0.1)
-    if kind == "lag":
-        return Parameter(name, "lag", symbol, "s", 0.1, 1e-3, 5.0, 0.1)
-    if kind == "friction":
-        limit = float(prior.crane.effort_limit[drive])
-        return Parameter(name, "friction", symbol, effort, 1e-4 * limit, 0.0, limit, 1e-3 * limit)
-    if kind in ("stiffness", "damping"):
-        gain = float(getattr(hold_controller(prior.crane), kind)[drive])
-        per = f"{effort}/{unit}" if kind == "stiffness" else f"{effort} s/{unit}"
-        gain_kind: Kind = "stiffness" if kind == "stiffness" else "damping"
-        return Parameter(name, gain_kind, symbol, per, gain, 1e-2 * gain, 1e2 * gain, 0.1 * gain)
-    return None

@@ -1,19 +1,87 @@
-"""Prior knowledge of a crane, before identification."""
+"""Prior knowledge of a crane, and the cranes interpolated between its loaded variants."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pinocchio as pin
+
 from cranedyn.checks import number
-from cranedyn.errors import UnknownName
-from cranedyn.identification.family import Family
+from cranedyn.errors import ModelError, UnknownName
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import XACRO, Argument, arguments
 from cranedyn.model.load import load_crane
+from cranedyn.plant.plant import numbers
+
+_AGREES = 1e-9
+
+
+class Family:
+    """Cranes as a function of some arguments.
+
+    Attributes:
+        names: Names of the arguments.
+        base: Crane at the first values.
+    """
+
+    def __init__(
+        self, load: Callable[..., Crane], first: Mapping[str, float], second: Mapping[str, float]
+    ) -> None:
+        """Load the cranes to interpolate between.
+
+        Args:
+            load: Function that loads a crane with values of the arguments.
+            first: First value of each argument.
+            second: Second value of each argument.
+
+        Raises:
+            ModelError: If the cranes are not linear in the arguments.
+        """
+        self.names, self.base = tuple(first), load(**first)
+        self._first = np.array(list(first.values()))
+        self._row = _row(self.base)
+        steps = np.array([second[name] for name in self.names]) - self._first
+        rows = [_row(load(**{**first, name: second[name]})) for name in self.names]
+        self._slopes = [(row - self._row) / step for row, step in zip(rows, steps, strict=True)]
+        if self.names:
+            interpolated, loaded = (
+                numbers(crane) for crane in (self.at(self._first + steps), load(**second))
+            )
+            if interpolated.shape != loaded.shape or not np.allclose(
+                interpolated, loaded, rtol=_AGREES, atol=_AGREES
+            ):
+                raise ModelError(
+                    f"The crane depends on {', '.join(self.names)} in another way than masses, "
+                    "inertias, damping and gravity do; such numbers cannot be identified."
+                )
+
+    def at(self, values: np.ndarray) -> Crane:
+        """Return the crane at values of the arguments, shape (arguments,)."""
+        if not self.names:
+            return self.base
+        row = self._row.copy()
+        for slope, value, first in zip(self._slopes, values, self._first, strict=True):
+            row += slope * (value - first)
+        model, n = self.base.model.copy(), self.base.layout.n
+        bodies = row[: 10 * n].reshape(n, 10)
+        for i, inertial in enumerate(bodies, start=1):
+            if inertial[0] > 0.0:
+                model.inertias[i] = pin.Inertia.FromDynamicParameters(inertial)
+        model.gravity.linear = np.array([0.0, 0.0, -row[-1]])
+        return replace(self.base, model=model, damping=row[10 * n : 11 * n])
+
+
+def _row(crane: Crane) -> np.ndarray:
+    """Return the numbers that enter linearly: ten inertial numbers of each body, damping,
+    gravity.
+    """
+    bodies = [inertia.toDynamicParameters() for inertia in list(crane.model.inertias)[1:]]
+    return np.concatenate([*bodies, crane.damping, [crane.gravity]])
 
 
 @dataclass(frozen=True)
@@ -24,11 +92,13 @@ class Prior:
         urdf: A ``.xacro`` file or a plain URDF; None for the tower crane of this project.
         values: Prior values of arguments of the xacro file.
         gravity: Prior value of gravity [m/s²].
+        loading: Further arguments of `cranedyn.load_crane`, such as ``driven``, by name.
     """
 
     urdf: str | Path | None = None
     values: Mapping[str, object] = field(default_factory=dict)
     gravity: float = STANDARD_GRAVITY
+    loading: Mapping[str, Any] = field(default_factory=dict)
     _families: dict[Any, Family] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -40,17 +110,45 @@ class Prior:
 
     @cached_property
     def arguments(self) -> dict[str, Argument]:
-        """Numeric arguments of the description by name, and gravity."""
+        """Numeric arguments of the description by name, and gravity; of a description without
+        arguments the damping of each passive joint, such as damp_phi.
+        """
         path = XACRO if self.urdf is None else Path(self.urdf)
         declared = arguments(path) if path.suffix == ".xacro" else {}
         numbers = {name: argument for name, argument in declared.items() if argument.allowed}
-        return {"gravity": Argument("", "m/s²", "> 0", "gravity of the world"), **numbers}
+        dampings = {} if numbers else self._dampings
+        return {
+            "gravity": Argument("", "m/s²", "> 0", "gravity of the world"),
+            **numbers,
+            **dampings,
+        }
+
+    @cached_property
+    def _dampings(self) -> dict[str, Argument]:
+        """Viscous damping of each passive joint as an argument, by name."""
+        crane = self.load()
+        return {
+            f"damp_{crane.layout.symbols[i]}": Argument(
+                repr(float(crane.damping[i])), f"{crane.layout.joints[i].effort_unit} s", ">= 0",
+                f"damping of {crane.layout.joints[i].name}",
+            )
+            for i in crane.layout.passive.tolist()
+        }  # fmt: skip
 
     def load(self, **values: float) -> Crane:
         """Load the crane with some values changed, gravity among them."""
         merged = {**self.values, **values}
         gravity = float(merged.pop("gravity", self.gravity))  # type: ignore[arg-type]
-        return load_crane(self.urdf, gravity=gravity, values=merged)
+        damped = {
+            name: merged.pop(name) for name in values if name in self.__dict__.get("_dampings", {})
+        }
+        crane = load_crane(self.urdf, gravity=gravity, values=merged, **self.loading)
+        if not damped:
+            return crane
+        damping = crane.damping.copy()
+        for name, value in damped.items():
+            damping[crane.layout.index(name.removeprefix("damp_"))] = value
+        return replace(crane, damping=damping)
 
     def family(self, first: Mapping[str, float], second: Mapping[str, float]) -> Family:
         """Return the cranes of this description, see `Family`; cached."""

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import NamedTuple, Self
 
 import numpy as np
 
 from cranedyn.checks import check_choice
 from cranedyn.errors import DataError, OutOfRange
-from cranedyn.identification.family import Family
 from cranedyn.identification.parameters import (
-    EARLY,
-    LATE,
     Drives,
     Parameter,
+    bound_delay,
     default_names,
     initial_parameters,
     parameter,
 )
-from cranedyn.identification.prior import Prior
+from cranedyn.identification.prior import Family, Prior
 from cranedyn.identification.record import Record
 
 
@@ -88,17 +87,42 @@ class EstimationProblem:
             raise DataError("There is no record to identify a crane from; give one or more.")
         mode = _default_drives(records) if drives is None else drives
         check_choice("drives", mode, Drives)
-        chosen = (
-            default_names(prior, records, mode) if names is None else list(dict.fromkeys(names))
-        )
+        chosen = default_names(prior, records, mode) if names is None else dict.fromkeys(names)
         if not chosen:
             raise DataError("There is nothing to find; give names of parameters.")
+        if mode == "effort" and _missing_efforts(records):
+            needed = ", ".join(joint.effort_column for joint in prior.crane.layout.driven)
+            raise DataError(
+                f"A record has no effort of some drive; efforts that act need {needed}."
+            )
         parameters = [parameter(prior, name) for name in chosen]
+        parameters = [bound_delay(p, records) if p.kind == "delay" else p for p in parameters]
         for p in parameters:
             _check_determined(p, records, mode)
         for i, record in enumerate(records):
             parameters += initial_parameters(record, i, mode)
         return cls(prior, tuple(records), tuple(parameters), mode)
+
+    def alternatives(self) -> Iterator[Self]:
+        """Yield the same problem with each swing of either sign, and with the search begun from
+        other delays of the swing sensor.
+        """
+        swings = dict.fromkeys(
+            joint.columns[0] for record in self.records for joint in record.swings
+        )
+        delays = np.unique([0.0, *(0.6 * np.array(self.delay_bounds))]).tolist()
+        for signs in product((1, -1), repeat=len(swings)):
+            records = self.records
+            for column in (name for name, sign in zip(swings, signs, strict=True) if sign < 0):
+                records = tuple(r.turned(column) if column in r.columns else r for r in records)
+            for delay in delays:
+                if (delay, *signs) == (0.0, *np.ones(len(swings))):
+                    continue
+                own = [replace(p, start=delay) if p.kind == "delay" else p for p in self.own]
+                initial = [
+                    p for i, r in enumerate(records) for p in initial_parameters(r, i, self.drives)
+                ]
+                yield replace(self, records=records, parameters=(*own, *initial))
 
     @cached_property
     def own(self) -> tuple[Parameter, ...]:
@@ -111,9 +135,21 @@ class EstimationProblem:
         return np.array([p.start for p in self.parameters])
 
     @cached_property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of the parameters, shape (parameters,) each."""
+        low, high = zip(*((p.low, p.high) for p in self.parameters), strict=True)
+        return np.array(low), np.array(high)
+
+    @cached_property
     def scale(self) -> np.ndarray:
         """Typical change of each parameter, shape (parameters,)."""
         return np.array([p.scale for p in self.parameters])
+
+    @cached_property
+    def delay_bounds(self) -> tuple[float, float]:
+        """Bounds of the delay of the swing sensor [s], zero where none is estimated."""
+        bounds = [(p.low, p.high) for p in self.own if p.kind == "delay"]
+        return bounds[0] if bounds else (0.0, 0.0)
 
     def of_record(self, index: int) -> list[int]:
         """Return the indices of the parameters on which a record depends."""
@@ -138,22 +174,16 @@ class EstimationProblem:
             for joint in record.swings
         ]
         for drive, joint in enumerate(layout.driven):
-            at, position = int(layout.drives[drive]), joint.columns[0]
-            weighs = joint.role == "hoist" and "payload_mass" in names
-            if self.drives != "motion" and record.moves(position):
-                channels.append(Channel(position, joint.unit, "position", at, drive))
-            if (
-                self.drives == "motion"
-                and f"{joint.symbol}_lag" in names
-                and ({position, joint.setpoint_column} <= record.columns.keys())
-            ):
+            at, position, effort = int(layout.drives[drive]), joint.columns[0], joint.effort_column
+            if self.drives != "motion":
+                if record.moves(position):
+                    channels.append(Channel(position, joint.unit, "position", at, drive))
+                continue
+            has_lag = f"{joint.symbol}_lag" in names
+            if has_lag and {position, joint.setpoint_column} <= record.columns.keys():
                 channels.append(Channel(position, joint.unit, "lagged", at, drive))
-            if (
-                self.drives == "motion"
-                and joint.effort_column in record.columns
-                and (weighs or f"{joint.symbol}_friction" in names)
-            ):
-                effort = joint.effort_column
+            weighs = drive == self.prior.crane.winch and "payload_mass" in names
+            if (weighs or f"{joint.symbol}_friction" in names) and effort in record.columns:
                 channels.append(Channel(effort, joint.effort_unit, "effort", at, drive))
         return tuple(channels)
 
@@ -164,9 +194,8 @@ class EstimationProblem:
         of the record.
         """
         t = self.records[index].t
-        delay = any(p.kind == "delay" for p in self.parameters)
-        low, high = (LATE, t[-1] + EARLY) if delay else (0.0, t[-1])
-        return np.flatnonzero((t >= low) & (t <= min(high, until)))
+        early, late = self.delay_bounds
+        return np.flatnonzero((t >= late) & (t <= min(t[-1] + early, until)))
 
     def measured(self, index: int, until: float = np.inf) -> np.ndarray:
         """Return the channels of a record, shape (channels, rows evaluated)."""
@@ -175,17 +204,19 @@ class EstimationProblem:
 
 
 def _default_drives(records: Sequence[Record]) -> Drives:
-    """Return how drives are simulated by default."""
-    for record in records:
-        driven = record.crane.layout.driven
-        if any({*joint.columns, joint.setpoint_column} & record.columns.keys() for joint in driven):
-            return "motion"
-    return "effort" if _has_efforts(records) else "motion"
+    """Return "motion" where a motion is recorded or an effort is not, otherwise "effort"."""
+    moved = any(
+        {*joint.columns, joint.setpoint_column} & record.columns.keys()
+        for record in records
+        for joint in record.crane.layout.driven
+    )
+    return "motion" if moved or _missing_efforts(records) else "effort"
 
 
-def _has_efforts(records: Sequence[Record]) -> bool:
-    return all(
-        joint.effort_column in record.columns
+def _missing_efforts(records: Sequence[Record]) -> bool:
+    """Return whether a record lacks the effort of a drive."""
+    return any(
+        joint.effort_column not in record.columns
         for record in records
         for joint in record.crane.layout.driven
     )
@@ -198,26 +229,17 @@ def _check_determined(p: Parameter, records: Sequence[Record], drives: Drives) -
         DataError: If the column is missing or constant.
         OutOfRange: If the parameter has no effect with these drives.
     """
-    layout = records[0].crane.layout
-    if drives == "effort" and not _has_efforts(records):
-        needed = ", ".join(joint.effort_column for joint in layout.driven)
-        raise DataError(f"A record has no effort of some drive; efforts that act need {needed}.")
-    modes = {
-        "lag": ("motion",),
-        "friction": ("motion",),
-        "delay": ("motion", "hold", "effort"),
-        "stiffness": ("hold",),
-        "damping": ("hold",),
-    }
-    if drives not in modes.get(p.kind, (drives,)):
-        raise OutOfRange(f"drives beside {p.name}", drives, " or ".join(modes[p.kind]))
-    joint = next((joint for joint in layout.joints if joint.symbol == p.of), None)
-    column = {
-        "lag": joint and joint.setpoint_column,
-        "friction": joint and joint.effort_column,
-        "bias": joint and joint.columns[0],
-    }.get(p.kind)
-    if column and not any(record.moves(column) for record in records):
+    needed = {"lag": "motion", "friction": "motion", "stiffness": "hold", "damping": "hold"}
+    if drives != needed.get(p.kind, drives):
+        raise OutOfRange(f"drives beside {p.name}", drives, needed[p.kind])
+    for joint in records[0].crane.layout.joints:
+        column = {
+            "lag": joint.setpoint_column,
+            "friction": joint.effort_column,
+            "bias": joint.columns[0],
+        }.get(p.kind)
+        if joint.symbol != p.of or column is None or any(r.moves(column) for r in records):
+            continue
         recorded = any(column in record.columns for record in records)
         raise DataError(
             f"{p.name} cannot be found: {column} {'never moves' if recorded else 'is not there'}."

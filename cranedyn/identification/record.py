@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
+from scipy.linalg import eigvalsh
 
+from cranedyn.bridges import bags
 from cranedyn.checks import finite
+from cranedyn.data.external import Source, read_external
+from cranedyn.data.tables import column_names
 from cranedyn.errors import DataError
+from cranedyn.identification.sampling import is_irregular, samples, smooth
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Joint
+from cranedyn.model.springs import rest_stiffness
 
 PERIODS, ROWS = 2.0, 40
 """Least length of a record: periods of the swing, and rows."""
@@ -29,6 +38,7 @@ class Record:
         t: Times [s], shape (rows,).
         columns: Recorded columns by their names in a trajectory, shape (rows,) each.
         notes: Remarks about the record, a sentence each.
+        resolution: Least difference of two values of a column that is sampled and held, by name.
     """
 
     name: str
@@ -36,6 +46,7 @@ class Record:
     t: np.ndarray
     columns: Mapping[str, np.ndarray]
     notes: tuple[str, ...] = ()
+    resolution: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -77,6 +88,8 @@ class Record:
         _check_length(name, crane, t, recorded)
         recorded = {key: values for key, values in recorded.items() if key not in dead}
         notes = [f"{name}: {key} never moves and is left out." for key in dead]
+        t, recorded, resolution, remarks = _resample(crane, t, recorded)
+        notes += [f"{name}: {remark}" for remark in remarks]
         notes += [
             f"{name}: nothing is recorded of {joint.symbol}, taken to stand at {q0:g} {joint.unit}."
             for joint, q0 in zip(
@@ -84,7 +97,7 @@ class Record:
             )
             if not {*joint.columns, joint.setpoint_column, joint.effort_column} & recorded.keys()
         ]
-        return cls(name, crane, t - t[0], recorded, tuple(notes))
+        return cls(name, crane, t - t[0], recorded, tuple(notes), resolution)
 
     @property
     def duration(self) -> float:
@@ -102,10 +115,66 @@ class Record:
         joints = (self.crane.layout.joints[i] for i in self.crane.swings.tolist())
         return tuple(joint for joint in joints if joint.columns[0] in self.columns)
 
+    @cached_property
+    def swing_period(self) -> float:
+        """Shortest period of small swings with the drives where they stand on average [s]."""
+        layout, q = self.crane.layout, self.crane.start.q.copy()
+        for joint, i in zip(layout.driven, layout.drives.tolist(), strict=True):
+            if joint.columns[0] in self.columns:
+                q[i] = float(np.mean(self.columns[joint.columns[0]]))
+        swings = np.ix_(self.crane.swings, self.crane.swings)
+        mass = pin.crba(self.crane.model, self.crane.data, q)
+        mass = np.triu(mass) + np.triu(mass, 1).T
+        tangent = rest_stiffness(self.crane.model, self.crane.data, self.crane.springs, q)
+        largest = float(eigvalsh(tangent[swings], mass[swings])[-1])
+        return 2.0 * math.pi / math.sqrt(largest) if largest > 0.0 else math.inf
+
+    def turned(self, column: str) -> Record:
+        """Return the record with the other sign of a column."""
+        columns = {**self.columns, column: -self.columns[column]}
+        note = f"{self.name}: {column} has the other sign and is turned."
+        return replace(self, columns=columns, notes=(*self.notes, note))
+
     def moves(self, column: str) -> bool:
         """Return whether a column was recorded and is not constant."""
         values = self.columns.get(column)
         return values is not None and bool(np.ptp(values) > _STILL)
+
+
+def _resample(
+    crane: Crane, t: np.ndarray, columns: Mapping[str, np.ndarray]
+) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, float], list[str]]:
+    """Return the rows in which a swing is fresh, with smooth motions of the drives, the resolution
+    of these, and remarks.
+
+    A column that is sampled anew in each row, by a regular clock, stays as it is.
+    """
+    fresh, resolution, remarks = dict(columns), dict[str, float](), list[str]()
+    irregular = is_irregular(t)
+    for joint in crane.layout.driven:
+        position, rate = joint.columns
+        if position not in columns or np.ptp(columns[position]) <= _STILL:
+            continue
+        sampled = samples(t, columns[position])
+        if not (sampled.is_held or irregular):
+            continue
+        spline, deviation = smooth(t, columns[position], sampled)
+        fresh[position], fresh[rate] = spline(t), spline.derivative()(t)
+        resolution[position] = sampled.resolution
+        remarks.append(
+            f"{position} brings a fresh value every {1e3 * sampled.interval:.0f} ms in steps of "
+            f"{sampled.resolution:.2g} {joint.unit}, smoothed by {deviation:.2g} {joint.unit}."
+        )
+    swings = [crane.layout.joints[i].columns[0] for i in crane.swings.tolist()]
+    sampled_swings = [samples(t, columns[key]) for key in swings if key in columns]
+    if sampled_swings and all(sampled.is_held for sampled in sampled_swings):
+        rows = np.unique(np.concatenate([sampled.rows for sampled in sampled_swings]))
+        remarks.append(
+            f"{len(rows)} of {len(t)} rows bring a fresh swing, every "
+            f"{1e3 * sampled_swings[0].interval:.0f} ms; the others are left out."
+        )
+        t, fresh = t[rows], {key: values[rows] for key, values in fresh.items()}
+    return t, fresh, resolution, remarks
 
 
 def relevant_columns(crane: Crane) -> list[str]:
@@ -118,6 +187,45 @@ def relevant_columns(crane: Crane) -> list[str]:
         for name in (*joint.columns, joint.setpoint_column, joint.effort_column)
     ]
     return ["t_s", *swings, *driven]
+
+
+def load_record(
+    path: str | Path,
+    crane: Crane,
+    *,
+    sources: Mapping[str, Source] | None = None,
+    joints: Mapping[str, str] | None = None,
+    since: float = -math.inf,
+    until: float = math.inf,
+) -> Record:
+    """Load a record from a file; columns other than those of drives and swings are not read.
+
+    Args:
+        path: ``.csv`` or ``.parquet`` with columns of cranedyn; ``.mcap`` or ``.bag`` with joint
+            states.
+        crane: Crane with prior values.
+        sources: Names and units of columns of CSV and Parquet files, by the names of cranedyn,
+            see `cranedyn.data.external.parse_sources`.
+        joints: Names of the joints in a recording of ROS by the symbols of coordinates.
+        since: Start of the record [s], on its own clock.
+        until: End of the record [s].
+
+    Raises:
+        DataError: As `cranedyn.data.external.read_external`,
+            `cranedyn.bridges.bags.read_joint_states` and `Record.of`.
+        UnknownName: If a source names an unknown column.
+    """
+    path = Path(path)
+    if path.suffix in bags.ENDINGS:
+        present = {"t_s", *bags.joint_state_columns(path, joints)}
+        wanted = [name for name in relevant_columns(crane) if name in present]
+        data = bags.read_joint_states(path, wanted, joints)
+    else:
+        sources = sources or {}
+        present = {"t_s", *column_names(path), *sources}
+        wanted = [name for name in relevant_columns(crane) if name in present]
+        data = read_external(path, list(dict.fromkeys([*wanted, *sources])), sources)
+    return Record.of(crane, data, name=path.name, since=since, until=until)
 
 
 def _check_clock(name: str, t: np.ndarray) -> None:
@@ -162,11 +270,11 @@ def _check_length(
 ) -> None:
     if len(t) < ROWS:
         raise DataError(f"{name} has {len(t)} rows to go by; allowed are {ROWS} or more.")
-    hoist = crane.layout.drive_of("hoist")
-    if hoist is None:
+    winch = crane.winch
+    if winch is None:
         return
-    column = crane.layout.driven[hoist].columns[0]
-    start = crane.start.q[crane.layout.drives[hoist]]
+    column = crane.layout.driven[winch].columns[0]
+    start = crane.start.q[crane.layout.drives[winch]]
     length = max(float(np.mean(columns[column])) if column in columns else float(start), 0.1)
     needed = PERIODS * 2.0 * math.pi * math.sqrt(length / crane.gravity)
     if t[-1] - t[0] < needed:

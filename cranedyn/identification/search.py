@@ -23,51 +23,59 @@ def initial_values(model: Model) -> np.ndarray:
     so far that a channel changes by a hundredth of its range; a search that starts at a bound
     leaves it slowly.
     """
-    ends = (np.array([getattr(p, end) for p in model.parameters]) for end in ("low", "high"))
-    low, high = ends
+    low, high = model.bounds
     room = np.minimum(_ROOM * np.abs(model.steps), 0.1 * (high - low)) * (model.sensitivity > 0.0)
     return np.clip(model.first, low + room, high - room)
 
 
 class Search:
-    """Weighted residuals and Jacobians; the last ones are cached, since the solver asks for the
-    Jacobian at the point of the last residual.
+    """Search for the values of the parameters that fit the records best.
+
+    Attributes:
+        evaluations: Number of predictions of the records so far.
     """
 
     def __init__(self, model: Model, progress: Callable[[int], object] | None) -> None:
         self.model, self.evaluations, self._progress = model, 0, progress
-        self._determined: np.ndarray = np.ones(len(model.parameters), dtype=bool)
-        self._last: tuple[bytes, np.ndarray, np.ndarray] | None = None
-
-    def residual(self, values: np.ndarray, index: int) -> np.ndarray:
-        """Return recorded less predicted, shape (channels, rows)."""
-        predicted = self.model.predicted(index, values[None])[0]
-        return self.model.measured(index) - predicted
 
     def solve(self, values: np.ndarray, noise: list[np.ndarray], share: float) -> np.ndarray:
-        """Solve the least squares over a share of each record, from initial values."""
-        model, scale = self.model, self.model.scale
-        low, high = (
-            np.array([getattr(p, end) for p in model.parameters]) / scale for end in ("low", "high")
-        )
-        self._last = None
+        """Solve the least squares over a share of each record, from initial values.
+
+        Raises:
+            DataError: If the crane cannot be simulated from there.
+        """
+        scale = self.model.scale
+        low, high = (end / scale for end in self.model.bounds)
         begin = np.clip(values / scale, low + 1e-9, high - 1e-9)
-        weights = [1.0 / deviation for deviation in noise]
-        self._residual_and_jacobian(begin * scale, weights, share)
-        free = self._determined.copy()  # the others keep their values
+        residual, slope = self._linearise(begin * scale, noise, share)
+        if not np.isfinite(residual).all():
+            raise DataError(
+                "The crane cannot be simulated through the record from where the search begins; "
+                "say better what is known of it."
+            )
+        free = slope.any(axis=0)  # the others keep their values
 
         def expand(z: np.ndarray) -> np.ndarray:
             scaled = begin.copy()
             scaled[free] = z
             return scaled * scale
 
+        # The solver asks for the Jacobian at the point of its last residual.
+        last = {(begin * scale).tobytes(): _reduced(residual, slope, scale)}
+
+        def evaluate(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            point = expand(z)
+            if (key := point.tobytes()) not in last:
+                residual, slope = self._linearise(point, noise, share)
+                last.clear()
+                last[key] = _reduced(residual, slope, scale)
+            return last[key]
+
         close = _CLOSE if share == 1.0 else _NEAR
         solution = least_squares(
-            lambda z: self._residual_and_jacobian(expand(z), weights, share)[0],
+            lambda z: evaluate(z)[0],
             begin[free],
-            jac=lambda z: (self._residual_and_jacobian(expand(z), weights, share)[1] * scale)[
-                :, free
-            ],
+            jac=lambda z: (evaluate(z)[1] * scale)[:, free],
             bounds=(low[free], high[free]),
             x_scale="jac",
             ftol=close,
@@ -77,44 +85,37 @@ class Search:
         )
         return expand(solution.x)
 
-    def _residual_and_jacobian(
-        self, values: np.ndarray, weights: list[np.ndarray], share: float
+    def _linearise(
+        self, values: np.ndarray, noise: list[np.ndarray], share: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the weighted residual and its Jacobian, reduced by a QR decomposition that keeps
-        norms and inner products, shapes (parameters + 1,) and (parameters + 1, parameters).
+        """Return the residuals of all records over the noise, and their derivatives, shapes (rows,)
+        and (rows, parameters).
         """
-        key = values.tobytes()
-        if self._last is not None and self._last[0] == key:
-            return self._last[1:]
         residuals, slopes = [], []
-        for index, record in enumerate(self.model.records):
+        for index, (record, deviation) in enumerate(zip(self.model.records, noise, strict=True)):
             until = max(share * record.duration, min(_LEAST, record.duration))
             off, slope = jacobian(self.model, values, index, until)
-            residuals.append((off * weights[index][:, None]).ravel())
-            slopes.append((slope * weights[index][:, None, None]).reshape(-1, len(values)))
+            weight = 1.0 / deviation[:, None]
+            residuals.append((off * weight).ravel())
+            slopes.append((slope * weight[:, :, None]).reshape(-1, len(values)))
         self.evaluations += 1
         if self._progress is not None:
             self._progress(self.evaluations)
-        residual = np.concatenate(residuals)
-        if self._last is None and not np.isfinite(residual).all():
-            raise DataError(
-                "The crane cannot be simulated through the record from where the search begins; "
-                "say better what is known of it."
-            )
-        wild = ~np.isfinite(residual)
-        residual[wild] = _FAR
-        slope = np.concatenate(slopes)
-        slope[wild] = 0.0
-        self._determined = np.asarray(slope.any(axis=0))
-        turned, upright = np.linalg.qr(slope * self.model.scale)
-        along = turned.T @ residual
-        beside = float(np.sqrt(max(residual @ residual - along @ along, 0.0)))
-        self._last = (
-            key,
-            np.append(along, beside),
-            np.vstack([upright, np.zeros((1, len(values)))]) / self.model.scale,
-        )
-        return self._last[1:]
+        return np.concatenate(residuals), np.concatenate(slopes)
+
+
+def _reduced(
+    residual: np.ndarray, slope: np.ndarray, scale: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a residual and its Jacobian, reduced by a QR decomposition that keeps norms and inner
+    products, shapes (parameters + 1,) and (parameters + 1, parameters).
+    """
+    wild = ~np.isfinite(residual)
+    residual, slope = np.where(wild, _FAR, residual), np.where(wild[:, None], 0.0, slope)
+    turned, upright = np.linalg.qr(slope * scale)
+    along = turned.T @ residual
+    beside = float(np.sqrt(max(residual @ residual - along @ along, 0.0)))
+    return np.append(along, beside), np.vstack([upright, np.zeros((1, len(scale)))]) / scale
 
 
 def jacobian(
@@ -123,16 +124,12 @@ def jacobian(
     """Return predicted less recorded of one record, shape (channels, rows), and its derivatives by
     the parameters, shape (channels, rows, parameters).
     """
-    indices = model.of_record(index)
-    ends = np.array([p.high for p in model.parameters])
-    steps = np.where(values + model.steps > ends, -1.0, 1.0) * model.steps
-    variants = np.tile(values, (len(indices) + 1, 1))
-    variants[np.arange(1, len(indices) + 1), indices] += steps[indices]
-    outputs = model.predicted(index, variants, until)
+    steps = np.where(values + model.steps > model.bounds[1], -1.0, 1.0) * model.steps
+    outputs = model.variations(index, values, steps, until)
     slope = np.zeros((*outputs.shape[1:], len(values)))
     measured = model.measured(index, until)
     threshold = ROUND_OFF * (measured.max(axis=1) - measured.min(axis=1))[:, None]
-    for lane, i in enumerate(indices, start=1):
+    for lane, i in enumerate(model.of_record(index), start=1):
         change = outputs[lane] - outputs[0]
         if not (np.abs(change) <= threshold).all():
             slope[:, :, i] = change / steps[i]

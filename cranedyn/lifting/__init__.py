@@ -27,5 +27,6 @@ To add a check or a load case, write a function that takes the `analysis.LiftAna
 table is a function in `tables.tables`, a figure one in `figures.figures`.
 
 To read: `judgement` (10 minutes), `checks`, `loads`, then `wrench`, which says how loads follow
-from the motion. The judging stands above `cranedyn.planning`; docs/lifting.md derives the formulas.
+from the motion. The judging stands above `cranedyn.planning`; docs/concepts/lifting.md derives the
+formulas.
 """

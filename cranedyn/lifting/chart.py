@@ -8,7 +8,6 @@ where these fall, and never more than the load at the point before.
 
 from __future__ import annotations
 
-import itertools
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -64,13 +63,9 @@ class Falls:
         if not 1 <= len(radii) <= _MOST:
             raise OutOfRange("number of points of a chart", len(radii), f"1 to {_MOST}")
         number("smallest radius", self.least, "m", f"0 to {radii[0]:g}")
-        for before, radius in itertools.pairwise(radii.tolist()):
-            if not radius > before:
-                raise OutOfRange(
-                    "radius of a point",
-                    f"{radius:g} m after {before:g} m",
-                    "more than the one before",
-                )
+        for i in np.flatnonzero(np.diff(radii) <= 0.0).tolist():
+            order = f"{radii[i + 1]:g} m after {radii[i]:g} m"
+            raise OutOfRange("radius of a point", order, "more than the one before")
         for radius, load in zip(radii, rated, strict=True):
             within("radius of a point", float(radius), 0.0, _FARTHEST, "m")
             within(f"load at {radius:g} m", float(load), *_LOADS, "kg")
@@ -183,9 +178,8 @@ def cut_outs(t: np.ndarray, used: np.ndarray) -> list[CutOut]:
     used = finite("utilisation", used, t.shape)
     intervals = []
     for kind, limit in (("warning", WARNING), ("cut-out", CUT_OUT)):
-        edges = np.diff(np.concatenate([[False], used >= limit, [False]]).astype(int))
-        begins, ended = (np.flatnonzero(side).tolist() for side in (edges > 0, edges < 0))
-        for first, end in zip(begins, ended, strict=True):
+        edges = np.flatnonzero(np.diff(used >= limit, prepend=False, append=False))
+        for first, end in edges.reshape(-1, 2).tolist():
             ends = float(t[min(end, len(t) - 1)])
             intervals.append(CutOut(float(t[first]), ends, kind, float(used[first:end].max())))
     return sorted(intervals)
@@ -252,8 +246,6 @@ def _check_fields(
     for name in needed:
         if name not in table:
             raise DataError(f"{path}, {table_name}: {name} is missing.")
-    for name in table:
-        if name not in (*needed, *allowed):
-            raise DataError(
-                f"{path}, {table_name}: {UnknownName('field', name, (*needed, *allowed))}"
-            )
+    for name in table.keys() - {*needed, *allowed}:
+        unknown = UnknownName("field", name, (*needed, *allowed))
+        raise DataError(f"{path}, {table_name}: {unknown}")

@@ -90,9 +90,8 @@ def corners_pressed(analysis: LiftAnalysis) -> Check:
     """Check that all corners of the base press on the ground, and no more than it may bear."""
     site = analysis.site
     if site.base is None or len(site.arms) < 2:
-        missing = ["[base]"] * (site.base is None) + ["[jib]", "[counter_jib]"] * (
-            len(site.arms) < 2
-        )
+        arms = ["[jib]", "[counter_jib]"] * (len(site.arms) < 2)
+        missing = ["[base]"] * (site.base is None) + arms
         return Check(
             "Whether all corners of the base press on the ground is not known: nobody entered "
             f"masses and centres of {', '.join(missing)}.",

@@ -1,24 +1,38 @@
-"""Figures of a lift: the site, loads over time, the chart with the way of the load, and wind."""
+"""Figures of a lift: the site, loads over time, the chart with the way of the load, and wind; and
+the site as the scenery of a recording.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from matplotlib.collections import PolyCollection
+from scipy.spatial import ConvexHull
 
 from cranedyn.lifting.analysis import LiftAnalysis
 from cranedyn.lifting.chart import CUT_OUT, WARNING
 from cranedyn.lifting.loads import hanging_mass, jib_moment
-from cranedyn.lifting.site_figures import clearance_over_time, site_views
 from cranedyn.lifting.wind_limit import WindLimit
+from cranedyn.planning.certificate import Certificate
+from cranedyn.planning.lift import Lift
+from cranedyn.planning.solids import Solid
 from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.recording import Obstacle, Scenery
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _STATIONS = 60
 """Points along the jib at which its moment is drawn."""
+
+_SHOWN, _SPACED, _SCALE = 5, 1.5, 8.0
+"""Obstacles drawn in clearance over time, distance between drawn envelopes and scale of the
+clearance [m]."""
+
+_PALETTE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
 
 _FAILED = 1e3
 """Share of a limit from which on a gust is not drawn, since lifts failed in it."""
@@ -38,27 +52,28 @@ class LiftFigure(NamedTuple):
 
 def figures(analysis: LiftAnalysis) -> dict[str, LiftFigure]:
     """Return all figures of a lift by name."""
-    result = {
-        "site": LiftFigure(
-            site_views(analysis.certificate),
+    certificate = analysis.certificate
+    captioned = {
+        "site": (
+            site_views(certificate),
             "Plan and elevations of the site with the way of the load.",
         ),
-        "clearance": LiftFigure(
-            clearance_over_time(analysis.certificate), "Clearance and swing over time."
+        "clearance": (clearance_over_time(certificate), "Clearance and swing over time."),
+        "loads": (
+            draw_loads(analysis),
+            "Utilisation, load moment and the rope's angles over time.",
         ),
-        "loads": LiftFigure(
-            draw_loads(analysis), "Utilisation, load moment and the rope's angles over time."
-        ),
-        "chart": LiftFigure(
-            draw_chart(analysis), "Chart with the way of the load, and the jib's largest moments."
+        "chart": (
+            draw_chart(analysis),
+            "Chart with the way of the load, and the jib's largest moments.",
         ),
     }
     if analysis.wind is not None:
-        result["wind"] = LiftFigure(
+        captioned["wind"] = (
             draw_wind(analysis.wind, analysis.requirements.wind),
             "Utilisation, swing and clearance over the speed of a gust.",
         )
-    return result
+    return {name: LiftFigure(*figure) for name, figure in captioned.items()}
 
 
 def draw_loads(analysis: LiftAnalysis) -> Figure:
@@ -87,13 +102,8 @@ def draw_chart(analysis: LiftAnalysis) -> Figure:
     for reeving in analysis.chart.reevings:
         radius = np.linspace(max(reeving.least, 0.5), reeving.radii[-1], 200)
         style = "-" if reeving.count == analysis.falls else ":"
-        rated.plot(
-            radius,
-            reeving.at(radius) / 1e3,
-            style,
-            color=COLOURS["limit"],
-            label=f"{reeving.count} falls",
-        )
+        label = f"{reeving.count} falls"
+        rated.plot(radius, reeving.at(radius) / 1e3, style, color=COLOURS["limit"], label=label)
         rated.plot(reeving.radii, reeving.rated / 1e3, ".", color=COLOURS["limit"])
     pull = analysis.loads["pull_N"] / analysis.crane.gravity
     rated.plot(analysis.loads["radius_m"], pull / 1e3, color=COLOURS["x"], label="this lift")
@@ -121,10 +131,8 @@ def draw_wind(limit: WindLimit, required: float) -> Figure:
         worst = limit.worst[name]
         near = name == "clearance"
         share = allowed / np.maximum(worst, 1e-3) if near else worst / allowed
-        drawn, label = (
-            share < _FAILED,
-            "required over clearance" if near else f"{name} over its limit",
-        )
+        drawn = share < _FAILED
+        label = "required over clearance" if near else f"{name} over its limit"
         ax.plot(limit.speeds[drawn], share[drawn], ".-", color=colour, label=label)
     ax.axhline(1.0, color=COLOURS["limit"], linestyle="--", linewidth=1.0)
     ax.axvline(required, color=COLOURS["limit"], linestyle=":", linewidth=1.0)
@@ -133,3 +141,112 @@ def draw_wind(limit: WindLimit, required: float) -> Figure:
     ax.set_ylim(0.0, 3.0)
     ax.legend(fontsize=9)
     return figure
+
+
+def site_views(certificate: Certificate) -> Figure:
+    """Draw plan and two elevations of a site with the path of the load, its envelope at the nearest
+    point, and the reach of the crane.
+    """
+    lift = certificate.lift
+    site, clearance = lift.clearance.site, lift.clearance
+    path = site.to_site(clearance.point(lift.timed.places))
+    nearest_row = np.searchsorted(certificate.run.t, certificate.nearest_t)
+    nearest_place = certificate.run.q[nearest_row][clearance.drive_joints]
+    near = site.to_site(clearance.point(nearest_place))
+    mast = site.to_site(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, clearance.height]]))
+    figure, axes = panels(1, 3, height=4.2, width=13.0)
+    for ax, (i, j) in zip(axes, itertools.combinations(range(3), 2), strict=True):
+        for solid in site.solids:
+            ax.add_collection(_outlines(solid, i, j))
+        ax.plot(mast[:, i], mast[:, j], color="#333333", linewidth=3.0, marker="s", markersize=4)
+        ax.plot(path[:, i], path[:, j], color=COLOURS["x"], label="centre of the load")
+        ax.plot(path[0, i], path[0, j], "o", color=COLOURS["x"])
+        ax.plot(path[-1, i], path[-1, j], "*", color=COLOURS["x"], markersize=12)
+        nearest = f"nearest, {certificate.nearest.distance:.2f} m"
+        ax.plot(near[i], near[j], "x", color="#000000", label=nearest)
+        if j == 2:
+            ax.axhline(site.ground, color="#777777", linewidth=1.0)
+        ax.set(xlabel=f"{'xyz'[i]} [m]", ylabel=f"{'xyz'[j]} [m]")
+        ax.set_aspect("equal", adjustable="datalim")
+        ax.autoscale_view()
+    angle = np.linspace(0.0, 2.0 * math.pi, 100)
+    for limits in (lift.crane.lower, lift.crane.upper):
+        circle = limits[clearance.joints.trolley] * np.stack([np.cos(angle), np.sin(angle)])
+        axes[0].plot(*(site.foot[:2, None] + circle), ":", color="#999999", linewidth=1.0)
+    axes[0].legend(loc="best", fontsize=9)
+    figure.suptitle(site.name)
+    return figure
+
+
+def clearance_over_time(certificate: Certificate) -> Figure:
+    """Draw the clearance to the nearest obstacles, and the swing, over time."""
+    site = certificate.lift.clearance.site
+    figure, (clear, swing) = panels(2, height=2.6, sharex=True)
+    zones = {solid.name for solid in site.solids if solid.zone}
+    names = sorted(
+        (name for name in certificate.distances if name not in zones),
+        key=lambda name: certificate.distances[name].min().item(),
+    )
+    for name, colour in zip(names[:_SHOWN], _PALETTE, strict=False):
+        clear.plot(certificate.t, certificate.distances[name], color=colour, label=name)
+    clear.axhline(site.distance, color="#000000", linestyle="--", linewidth=1.0, label="required")
+    clear.set(ylabel="clearance [m]", ylim=(0.0, _SCALE))
+    clear.legend(loc="upper right", ncols=2, fontsize=9)
+    run = certificate.run
+    swing.plot(run.t, 1e3 * run["phi_rad"], color=COLOURS["phi"], label="φ radial")
+    swing.plot(run.t, 1e3 * run["theta_rad"], color=COLOURS["theta"], label="θ tangential")
+    for limit in (1e3 * site.swing, -1e3 * site.swing):
+        swing.axhline(limit, color=COLOURS["limit"], linestyle="--", linewidth=1.0)
+    swing.axvline(certificate.lift.timed.motion.arrival, color=COLOURS["limit"], linewidth=1.0)
+    swing.set(xlabel="time [s], the line is the arrival", ylabel="swing [mrad]")
+    swing.legend(loc="upper right", ncols=2, fontsize=9)
+    return figure
+
+
+def scenery(certificate: Certificate) -> Scenery:
+    """Return the obstacles of a site for a recording, marked while they are nearer than the
+    required distance and twice the envelope.
+    """
+    lift, clearance = certificate.lift, certificate.lift.clearance
+    mark = clearance.site.distance + 2.0 * clearance.envelope(float(lift.ends[:, 2].mean()))
+    obstacles = []
+    for solid in clearance.solids:
+        spells = () if solid.zone else _spells(certificate, solid.name, mark)
+        obstacle = Obstacle(solid.name, solid.vertices, solid.triangles, solid.zone, spells)
+        obstacles.append(obstacle)
+    return Scenery(obstacles, clearance.point(lift.timed.places[::5]), _swept(lift))
+
+
+def _spells(certificate: Certificate, name: str, mark: float) -> list[float]:
+    """Return the times at which an obstacle comes near and leaves, in turn [s]."""
+    near = certificate.distances[name] < mark
+    turns = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int)))
+    return certificate.t[np.minimum(turns, len(certificate.t) - 1)].tolist()
+
+
+def _swept(lift: Lift) -> dict[str, np.ndarray]:
+    """Return boxes around the load with its envelope, some metres apart."""
+    clearance, drive_positions = lift.clearance, lift.timed.places
+    points = clearance.point(drive_positions)
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    rows = np.unique(np.searchsorted(arc, np.arange(0.0, arc[-1], _SPACED)))
+    load = clearance.bodies.load
+    envelope = np.array([clearance.envelope(length) for length in drive_positions[rows, 2]])
+    return {
+        "centres": points[rows] + (load.min(axis=0) + load.max(axis=0))[None] / 2.0,
+        "sizes": np.ptp(load, axis=0) + 2.0 * envelope[:, None],
+        "yaw": drive_positions[rows, 0],
+    }
+
+
+def _outlines(solid: Solid, i: int, j: int) -> PolyCollection:
+    """Draw a solid along an axis."""
+    faces = solid.parts or tuple(solid.vertices[triangle] for triangle in solid.triangles)
+    shapes = []
+    for corners in faces:
+        flat = np.unique(np.round(corners[:, [i, j]], 6), axis=0)
+        if len(flat) > 2 and np.linalg.matrix_rank(flat - flat[0], tol=1e-5) == 2:
+            shapes.append(flat[ConvexHull(flat).vertices])
+    colour = "#CC3311" if solid.zone else "#8C8475"
+    alpha = 0.25 if solid.zone else 0.55
+    return PolyCollection(shapes, facecolor=colour, edgecolor=colour, alpha=alpha, linewidth=0.8)

@@ -19,7 +19,6 @@ from cranedyn.lifting.checks import CheckFunction, run_checks
 from cranedyn.lifting.factors import DriveClass, HoistingClass
 from cranedyn.lifting.figures import LiftFigure, figures
 from cranedyn.lifting.loads import loads
-from cranedyn.lifting.pdf import print_pdf
 from cranedyn.lifting.tables import Table, tables
 from cranedyn.lifting.wind_limit import wind_limit
 from cranedyn.model.crane import Crane
@@ -95,7 +94,7 @@ class Judgement:
         with tempfile.TemporaryDirectory() as folder:
             document = Path(folder) / "lift.html"
             write_text(document, self.html(command))
-            return print_pdf(document, path)
+            return page.print_pdf(document, path)
 
 
 def judge(

@@ -24,7 +24,7 @@ from cranedyn.dynamics.validity import hoisting
 from cranedyn.errors import OutOfRange, UnknownColumn
 from cranedyn.lifting.wrench import Moving, Wrench
 from cranedyn.model.crane import Crane
-from cranedyn.planning.structure import Arm, Base
+from cranedyn.planning.site import Arm, Base
 
 _UP = np.array([0.0, 0.0, 1.0])
 _PRINCIPAL = ("load_moment_Nm", "rope_N", "off_lead_rad", "side_lead_rad")
@@ -97,9 +97,8 @@ def loads(
         OutOfRange: If the run is of another crane.
     """
     if run.columns["q"] != crane.layout.columns()["q"]:
-        raise OutOfRange(
-            "run", f"of joints {', '.join(run.symbols)}", f"of {', '.join(crane.layout.symbols)}"
-        )
+        given, allowed = (", ".join(of.symbols) for of in (run, crane.layout))
+        raise OutOfRange("run", f"of joints {given}", f"of {allowed}")
     buffers = run.parameters.get("validity") == "buffers"
     columns = loads_of_rows(
         crane, run.q, run.v, run.effort, run.force, base=base, arms=arms, buffers=buffers
@@ -148,18 +147,17 @@ def loads_of_rows(
     moving = Moving.of(crane, q, v, effort, outside, buffers=buffers)
     layout = crane.layout
     columns: dict[str, np.ndarray] = {}
+    weight = crane.gravity * sum(arm.mass for arm in arms)
+    turning = crane.gravity * sum(arm.mass * arm.centre for arm in arms)
     if layout.has("hoist"):
         columns |= _of_rope(crane, moving, effort, buffers)
     if layout.has("slew", "trolley", "hoist"):
-        columns |= _of_ring(crane, moving, columns["pull_N"], arms)
+        columns |= _of_ring(crane, moving, columns["pull_N"], weight, turning)
     foot = moving.through(None)
     if arms:
         outward, _ = _plan(moving, layout.role("trolley", "A jib that weighs where it lies"))
-        turning = np.cross(outward, -_UP) * (
-            crane.gravity * sum(arm.mass * arm.centre for arm in arms)
-        )
-        weight = _UP * (crane.gravity * sum(arm.mass for arm in arms))
-        foot = foot._replace(force=foot.force - weight, moment=foot.moment + turning)
+        moment = foot.moment + np.cross(outward, -_UP) * turning
+        foot = foot._replace(force=foot.force - _UP * weight, moment=moment)
     still = 0.0 if base is None else base.mass * crane.gravity
     columns |= {
         "foot_vertical_N": -foot.force[:, 2] + still,
@@ -264,16 +262,13 @@ def _of_rope(
 
 
 def _of_ring(
-    crane: Crane, moving: Moving, pull: np.ndarray, arms: Sequence[Arm]
+    crane: Crane, moving: Moving, pull: np.ndarray, weight: float, turning: float
 ) -> dict[str, np.ndarray]:
+    """Return the loads of the slewing ring, with the weight of the arms and its moment about it."""
     slew, trolley = (crane.layout.role(name, "The slewing ring") for name in ("slew", "trolley"))
     outward, aside = _plan(moving, trolley)
     ring = moving.through(slew)
     radius = _along(moving.origin(trolley) - ring.point, outward)
-    weights = crane.gravity * np.array([[arm.mass, arm.mass * arm.centre] for arm in arms]).sum(
-        axis=0
-    )
-    weight, turning = weights if arms else (0.0, 0.0)
     return {
         "radius_m": radius,
         "load_moment_Nm": pull * radius,

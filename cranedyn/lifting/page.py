@@ -1,13 +1,22 @@
-"""The report of a lift as one HTML document: GO or NO GO and why, then every number."""
+"""The report of a lift as one HTML document: GO or NO GO and why, then every number; and as PDF,
+printed by a browser.
+"""
 
 from __future__ import annotations
 
+import os
 import platform
+import shutil
+import subprocess
+import tempfile
 from collections.abc import Sequence
 from datetime import date
 from html import escape
 from importlib import metadata
+from pathlib import Path
 
+from cranedyn.data.files import atomic_write
+from cranedyn.errors import CraneError
 from cranedyn.lifting.figures import LiftFigure
 from cranedyn.lifting.tables import Table
 from cranedyn.model.load import load_crane
@@ -45,6 +54,22 @@ section { margin-top: 1.6rem; padding-top: 0.8rem; }
   .first > div { flex: 1 1 auto; } .first figure { flex: 0 0 48mm; }
   section.pages { break-before: page; } }
 """
+
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge")
+"""Browsers that print without a window, by their names on the path."""
+
+_OPTIONS = (
+    "--headless=new",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-pdf-header-footer",
+)
+_TIMEOUT = 120.0
+"""Time that a browser may take [s]."""
 
 
 def html(
@@ -129,3 +154,43 @@ def _limits_and_command(command: str) -> str:
         f'</p><p class="note">python {platform.python_version()}, {versions}; '
         f"{platform.system()} {platform.machine()}</p></section>"
     )
+
+
+class NoBrowser(CraneError):
+    """No browser is installed, or it made no PDF."""
+
+
+def print_pdf(page: Path, pdf: Path) -> Path:
+    """Print an HTML page as PDF.
+
+    Args:
+        page: An HTML file that needs no other file.
+        pdf: The file to write.
+
+    Raises:
+        NoBrowser: If no browser is installed, or it makes no PDF within two minutes.
+        DataError: If the PDF cannot be written.
+    """
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        raise NoBrowser(
+            f"There is no browser to print {page} with; install Chromium, or print the page from "
+            "any browser."
+        )
+    # Browsers refuse their sandbox to root, as in most containers.
+    root = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
+    with tempfile.TemporaryDirectory() as folder:
+        printed = Path(folder) / "page.pdf"
+        options = [*root, f"--user-data-dir={folder}/profile", f"--print-to-pdf={printed}"]
+        command = [browser, *_OPTIONS, *options, page.absolute().as_uri()]
+        try:
+            # Not to pipes: processes of a browser that outlive it would keep them open.
+            nothing = subprocess.DEVNULL
+            subprocess.run(command, stdout=nothing, stderr=nothing, timeout=_TIMEOUT, check=True)
+            content = printed.read_bytes()
+        except (OSError, subprocess.SubprocessError) as error:
+            why = type(error).__name__
+            raise NoBrowser(f"{browser} did not print {page} ({why}); print it by hand.") from None
+    with atomic_write(pdf) as draft:
+        draft.write_bytes(content)
+    return pdf

@@ -20,7 +20,7 @@ CREEP = 0.1
 """Creep speed of a hoist over its largest; ours."""
 
 _SECOND = "second hand"
-_MODEL = "docs/lifting.md"
+_MODEL = "docs/concepts/lifting.md"
 
 
 class Table(NamedTuple):
@@ -42,11 +42,8 @@ class Table(NamedTuple):
         """Return the rows as text."""
         forms = [form for _, form in self.columns]
         return [
-            [
-                "-" if value is None else format(value, form)
-                for value, form in zip(row, forms, strict=True)
-            ]
-            for row in self.rows
+            ["-" if value is None else format(value, form) for value, form in pairs]
+            for pairs in (zip(row, forms, strict=True) for row in self.rows)
         ]
 
 
@@ -100,12 +97,10 @@ def _lift(analysis: LiftAnalysis) -> Table:
 def _gross(analysis: LiftAnalysis) -> str:
     """Return the mass that hangs as the sum that it is."""
     gross, rigging = hanging_mass(analysis.crane) / 1e3, analysis.site.rigging
-    load = gross - sum(rigging.values()) / 1e3
-    terms = [
-        f"load {load:.2f} t",
-        *(f"{name} {mass / 1e3:.2f} t" for name, mass in rigging.items()),
-    ]
-    return f"{gross:.2f} t" + (f" = {' + '.join(terms)}" if rigging else " with hook and slings")
+    terms = {"load": gross - sum(rigging.values()) / 1e3}
+    terms |= {name: mass / 1e3 for name, mass in rigging.items()}
+    weighed = " + ".join(f"{name} {mass:.2f} t" for name, mass in terms.items())
+    return f"{gross:.2f} t" + (f" = {weighed}" if rigging else " with hook and slings")
 
 
 def _point(point: np.ndarray) -> str:
@@ -158,7 +153,9 @@ def _clearances(analysis: LiftAnalysis, source_note: str) -> Table:
         required = "kept out of" if name in zones else f"{analysis.site.distance:g}"
         rows.append([name, float(distance[k]), float(certificate.t[k]), required])
     columns = [("obstacle", ""), ("least [m]", ".2f"), ("at [s]", ".1f"), ("required [m]", "")]
-    note = f"Of all that hangs; proven between the instants (docs/lift.md).{source_note}"
+    note = (
+        f"Of all that hangs; proven between the instants (docs/concepts/planning.md).{source_note}"
+    )
     return Table("Clearances", columns, rows, note)
 
 
@@ -208,14 +205,9 @@ def _wind(limit: WindLimit, source_note: str) -> Table:
             float(worst["clearance"][i]),
         ]
         broken = [name for name in limit.allowed if not limit.kept(name)[i]]
-        rows.append(
-            [
-                speed,
-                wind.wind_pressure(speed),
-                *([None] * 3 if failed else values),
-                "fails" if failed else ", ".join(broken) or "all kept",
-            ]
-        )
+        beyond = "fails" if failed else ", ".join(broken) or "all kept"
+        shown: Row = [None, None, None] if failed else values
+        rows.append([speed, wind.wind_pressure(speed), *shown, beyond])
     columns = [
         ("gust [m/s]", ".1f"),
         ("pressure [Pa]", ".0f"),
@@ -253,19 +245,17 @@ def _robustness(analysis: LiftAnalysis, perturbed: Perturbed, source_note: str) 
     count = len(perturbed.least)
     low, high = perturbed.interval()
     distances = perturbed.least[np.isfinite(perturbed.least)]
+    a_minute = 60.0 * count / max(analysis.perturbed_seconds, 1e-9)
     rows: list[Row] = [
         ["lifts", f"{count}"],
         ["below required clearance, or failed", f"{perturbed.failures}"],
         ["probability of that, 95 % [%]", f"{100.0 * low:.3f} to {100.0 * high:.3f}"],
         ["least distance [m]", f"{distances.min():.2f}" if len(distances) else "-"],
         ["swing after, at most [mrad]", f"{1e3 * float(perturbed.swing.max()):.1f}"],
-        [
-            "lifts a minute on this machine",
-            f"{60.0 * count / max(analysis.perturbed_seconds, 1e-9):,.0f}",
-        ],
+        ["lifts a minute on this machine", f"{a_minute:,.0f}"],
     ]
     note = (
         "Load ±30 %, cable ±0.5 m, mean wind to 4 m/s with gusts of 6 m/s more, sensors to 20 ms "
-        f"late; interval by Clopper and Pearson (docs/lift.md).{source_note}"
+        f"late; interval by Clopper and Pearson (docs/concepts/planning.md).{source_note}"
     )
     return Table("Perturbed lifts", [("", ""), ("value", "")], rows, note)

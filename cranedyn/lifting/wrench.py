@@ -7,8 +7,9 @@ moments that hold all beyond them. So the recursion of the equations of motion
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -90,16 +91,16 @@ class Moving:
         effort = as_array("effort", effort, (len(q), layout.m))
         crane_plant = plant(topology, numbers(crane).tolist(), "effort", buffers)
         acting = force is not None and bool(np.any(force))
-        outside = None if not acting else rows(as_array("force", force, (len(q), _wide(crane))))
+        outside = None
+        if acting:
+            outside = rows(as_array("force", force, (len(q), 3 * len(crane.points))))
         caused, _ = crane_plant.answer(rows(q), rows(v), rows(effort), outside)
         external = [] if outside is None else list(outside.reshape(-1, 3))
-        points = zip(topology.bodies, crane_plant.levers, external, strict=bool(acting))
-        a = np.stack(
-            [np.broadcast_to(np.asarray(column, dtype=float), len(q)) for column in caused], 1
-        )
+        points = zip(topology.bodies, crane_plant.levers, external, strict=acting)
         tree = bodies(crane.model)  # that of the plant counts masses with their parents
         tree = tree.with_numbers(tree.numbers().tolist())
-        return cls(tree, q, v, a, tuple(ExternalForce(*values) for values in points))
+        forces = tuple(ExternalForce(*values) for values in points)
+        return cls(tree, q, v, _filled(caused, len(q)), forces)
 
     def through(self, joint: int | None) -> Wrench:
         """Return the wrench through a joint; for None through the ground, about the world's origin.
@@ -118,30 +119,27 @@ class Moving:
         last = first + _CUT - 1
         force, moment = efforts[first : first + 3], efforts[first + 3 : first + 6]
         return Wrench(
-            -self._filled(_turned(tree, frames, last, force)),
-            -self._filled(_turned(tree, frames, last, moment)),
-            self._filled(_placed(tree, frames, last)),
+            -_filled(_turned(tree, frames, last, force), len(q)),
+            -_filled(_turned(tree, frames, last, moment), len(q)),
+            _filled(_placed(tree, frames, last), len(q)),
         )
 
     def axis(self, joint: int) -> np.ndarray:
         """Return the positive direction of a joint in the world, shape (rows, 3)."""
         frames = rigid_body.frames(self.tree, rows(self.q))
         along, about = self.tree.axis[joint]
-        return self._filled(_turned(self.tree, frames, joint, along + about))
+        return _filled(_turned(self.tree, frames, joint, along + about), len(self.q))
 
     def origin(self, joint: int) -> np.ndarray:
         """Return the origin of a joint's frame in the world [m], shape (rows, 3)."""
-        return self._filled(_placed(self.tree, rigid_body.frames(self.tree, rows(self.q)), joint))
-
-    def _filled(self, vector: np.ndarray) -> np.ndarray:
-        columns = [
-            np.broadcast_to(np.asarray(component, dtype=float), len(self.q)) for component in vector
-        ]
-        return np.stack(columns, axis=1)
+        frames = rigid_body.frames(self.tree, rows(self.q))
+        return _filled(_placed(self.tree, frames, joint), len(self.q))
 
 
-def _wide(crane: Crane) -> int:
-    return 3 * len(crane.points)
+def _filled(columns: Iterable[Any], count: int) -> np.ndarray:
+    """Return columns, some of which may be one number for all rows, as an array."""
+    filled = [np.broadcast_to(np.asarray(column, dtype=float), count) for column in columns]
+    return np.stack(filled, axis=1)
 
 
 def _after(body: int, first: int) -> int:
@@ -152,32 +150,26 @@ def _after(body: int, first: int) -> int:
 def _with_cut(tree: Bodies, joint: int | None) -> Bodies:
     """Return the tree with six joints, along and about three axes, before one joint or all."""
     first, n = joint or 0, len(tree)
+    last = first + _CUT - 1
     template = blank([0] * (n + _CUT))
-    arrays = template.with_numbers(template.numbers().tolist())
-    new_rows = [_after(i, first) for i in range(n)]
-    parents = [0] * (n + _CUT)
-    for i, new_row in enumerate(new_rows):
-        parents[new_row] = _after(tree.parents[i], first) if tree.parents[i] >= 0 else -1
-    for i in range(_CUT):
-        parents[first + i] = first + i - 1
+    cut = template.with_numbers(template.numbers().tolist())
+    moved = [_after(i, first) for i in range(n)]
+    parents = list(range(-1, n + _CUT - 1))  # those of the six joints follow one another
     parents[first] = -1 if joint is None else tree.parents[joint]
+    for i, parent in enumerate(tree.parents):
+        root = last if joint is None else -1
+        parents[moved[i]] = _after(parent, first) if parent >= 0 else root
     for name in ("rotation", "translation", "axis", "mass", "lever", "inertia", "armature"):
-        getattr(arrays, name)[new_rows] = getattr(tree, name)
-    arrays.gravity[:] = tree.gravity
-    eye, zero = np.eye(3).astype(object), np.zeros(3).astype(object)
+        getattr(cut, name)[moved] = getattr(tree, name)
+    cut.gravity[:] = tree.gravity
+    cut.rotation[first : last + 1] = np.eye(3)
     for i in range(_CUT):
-        arrays.rotation[first + i] = eye
-        arrays.axis[first + i, i // 3, i % 3] = 1.0
-    if joint is None:
-        for i, new_row in enumerate(new_rows):
-            parents[new_row] = parents[new_row] if tree.parents[i] >= 0 else _CUT - 1
-    else:
-        parents[new_rows[joint]] = first + _CUT - 1
-        arrays.rotation[first] = tree.rotation[joint]
-        arrays.translation[first] = tree.translation[joint]
-        arrays.rotation[new_rows[joint]], arrays.translation[new_rows[joint]] = eye, zero
-    names = ("rotation", "translation", "axis", "mass", "lever", "inertia", "armature", "gravity")
-    return Bodies(parents, *(getattr(arrays, name) for name in names))
+        cut.axis[first + i, i // 3, i % 3] = 1.0
+    if joint is not None:
+        parents[moved[joint]] = last
+        cut.rotation[first], cut.translation[first] = tree.rotation[joint], tree.translation[joint]
+        cut.rotation[moved[joint]], cut.translation[moved[joint]] = np.eye(3), np.zeros(3)
+    return replace(cut, parents=parents)
 
 
 def _turned(tree: Bodies, frames: list[Frame], body: int, vector: np.ndarray) -> np.ndarray:

@@ -3,5 +3,5 @@
 Public: `load.load_crane`, `crane.Crane`, `layout.Layout`, `description.describe` and `arguments`.
 
 To read: `load` (the steps, in order), `urdf` (checks of the file), `joints` (drives, roles,
-payload), `springs`, `rest` (where a load hangs), `solvability` (checks of the numbers).
+payload), `springs` (and where a load hangs), `solvability` (checks of the numbers).
 """

@@ -11,13 +11,19 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.checks import as_array, finite, number, within
+from cranedyn.checks import finite, number, within
+from cranedyn.data.time_series import html_table
 from cranedyn.errors import Misshapen, ModelError, UnknownName
 from cranedyn.interfaces import State
 from cranedyn.model.layout import Layout
-from cranedyn.model.rest import Rest, linearise_rest, no_rest, solve_rest, stiffness
-from cranedyn.model.springs import Springs
-from cranedyn.model.summary import as_html, as_text, joint_rows
+from cranedyn.model.springs import (
+    Rest,
+    Springs,
+    linearise_rest,
+    no_rest,
+    rest_stiffness,
+    solve_rest,
+)
 
 STANDARD_GRAVITY = 9.80665
 """Standard gravity [m/s²], exact by definition (CGPM 1901)."""
@@ -69,6 +75,7 @@ class Crane:
         points: Points on which external forces act, the payload first.
         record: All that `cranedyn.model.load.load_crane` needs to load the crane again, as it is
             recorded with a run.
+        assumptions: What was assumed or turned when the crane was loaded, a sentence each.
     """
 
     layout: Layout
@@ -82,17 +89,11 @@ class Crane:
     start: State
     points: tuple[Point, ...]
     record: Mapping[str, Any] = field(repr=False)
+    assumptions: tuple[str, ...] = ()
     _scratch: _Scratch = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Create scratch memory.
-
-        Raises:
-            OutOfRange: If an array has another shape.
-        """
-        n, m = self.layout.n, self.layout.m
-        for name, count in {"damping": n, "lower": n, "upper": n, "effort_limit": m}.items():
-            object.__setattr__(self, name, as_array(name, getattr(self, name), (count,)))
+        """Create scratch memory."""
         object.__setattr__(self, "_scratch", _Scratch(self.model))
 
     @property
@@ -117,6 +118,23 @@ class Crane:
         """Largest rates of the drives [rad/s or m/s], shape (m,); inf where the URDF gives none."""
         limit = self.model.velocityLimit[self.layout.drives]
         return np.where(limit > 0.0, limit, np.inf)
+
+    @cached_property
+    def winch(self) -> int | None:
+        """Index among the drives of the joint that sets the length of the rope: the only prismatic
+        drive that a passive revolute joint carries; None if there is none or are several.
+        """
+        joints = self.layout.joints
+        winches = [
+            drive
+            for drive, i in enumerate(self.layout.drives.tolist())
+            if joints[i].kind == "prismatic"
+            and any(
+                above > 0 and joints[above - 1].kind == "revolute" and not joints[above - 1].driven
+                for above in self.model.supports[i + 1].tolist()
+            )
+        ]
+        return winches[0] if len(winches) == 1 else None
 
     @property
     def payload(self) -> Point:
@@ -251,16 +269,18 @@ class Crane:
             q = self.hanging(self.start.q)
         except ModelError:
             return no_rest(self.start.q, layout, swings)
-        tangent = stiffness(self.model, self.data, self.springs, q)
+        tangent = rest_stiffness(self.model, self.data, self.springs, q)
         return linearise_rest(tangent, q, layout, swings)
 
     def __repr__(self) -> str:
-        """Return a title and a line for each joint."""
-        return as_text(self._title, self._rows)
+        """Return a title, a line for each joint, and the assumptions."""
+        line = "{:7} {:24} {:4} {:>9} {:>9} {:>9} {:>12}"
+        rows = [line.format(*row).rstrip() for row in self._rows]
+        return "\n".join([self._title, *rows, *self.assumptions])
 
     def _repr_html_(self) -> str:
         """Return title and joints as an HTML table, for notebooks."""
-        return as_html(self._title, self._rows)
+        return html_table(self._title, self._rows)
 
     @property
     def _title(self) -> str:
@@ -269,4 +289,12 @@ class Crane:
 
     @property
     def _rows(self) -> list[tuple[str, ...]]:
-        return joint_rows(self.layout, self.lower, self.upper, self.start.q, self.effort_limit)
+        """Headings, and a row of texts for each joint."""
+        limits = dict(zip(self.layout.drives.tolist(), self.effort_limit, strict=True))
+        headings = ("symbol", "joint", "unit", "from", "to", "start", "drive")
+        rows: list[tuple[str, ...]] = [headings]
+        for i, joint in enumerate(self.layout.joints):
+            ends = (f"{values[i]:.5g}" for values in (self.lower, self.upper, self.start.q))
+            drive = f"{limits[i]:g} {joint.effort_unit}" if joint.driven else "passive"
+            rows.append((joint.symbol, joint.name, joint.unit, *ends, drive))
+        return rows

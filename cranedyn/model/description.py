@@ -16,14 +16,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from unittest.mock import patch
 from xml.dom import Node, minidom
 
 import xacro
+from xacro import substitution_args
 
 from cranedyn.checks import number
 from cranedyn.command import Parser, command, interrupted
 from cranedyn.data.files import atomic_write, parse_json, read_text
 from cranedyn.errors import DataError, ModelError, UnknownName, quoted
+from cranedyn.model.packages import package_folder
 from cranedyn.model.urdf import parse_urdf
 
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -85,7 +88,11 @@ def _comment_behind(element: minidom.Element) -> str:
 
 
 def describe(
-    path: str | Path = XACRO, values: Mapping[str, object] | None = None, *, visuals: bool = True
+    path: str | Path = XACRO,
+    values: Mapping[str, object] | None = None,
+    *,
+    visuals: bool = True,
+    packages: Mapping[str, str | Path] | None = None,
 ) -> str:
     """Expand a xacro file into a plain URDF without comments.
 
@@ -97,6 +104,8 @@ def describe(
         values: Values of its arguments by name, numbers or text.
         visuals: False omits the looks of this project's cranes, which is much faster; other files
             are not affected.
+        packages: Folders of ROS packages by name, for ``$(find NAME)``; others are looked for, see
+            `cranedyn.model.packages.package_folder`.
 
     Raises:
         UnknownName: If the file declares no argument of a name (xacro itself would ignore it).
@@ -113,7 +122,7 @@ def describe(
         mappings[name] = repr(number(name, value, unit, allowed)) if allowed else str(value)
     key = str(path), tuple(mappings.items())
     if Path(path).parent != XACRO.parent:
-        return _expand(*key)
+        return _expand(*key, packages)
     files = [file.stat() for file in sorted(XACRO.parent.glob("*.xacro"))]
     return _expand_cached(*key, tuple((file.st_mtime_ns, file.st_size) for file in files))
 
@@ -129,9 +138,20 @@ def _expand_cached(
     return _expand(path, mappings)
 
 
-def _expand(path: str, mappings: tuple[tuple[str, str], ...]) -> str:
+def _expand(
+    path: str,
+    mappings: tuple[tuple[str, str], ...],
+    packages: Mapping[str, str | Path] | None = None,
+) -> str:
+    def find(name: str) -> str:
+        return str(package_folder(name, path, packages))
+
     try:
-        with _LOCK, contextlib.redirect_stderr(io.StringIO()):
+        with (
+            _LOCK,
+            contextlib.redirect_stderr(io.StringIO()),
+            patch.object(substitution_args, "_eval_find", find),  # asks ROS otherwise
+        ):
             # Xacro moves this node from document to document. An interruption meanwhile would leave
             # it in none, and every later expansion would fail.
             xacro._empty_text_node = minidom.Document().createTextNode("\n\n")
@@ -139,6 +159,8 @@ def _expand(path: str, mappings: tuple[tuple[str, str], ...]) -> str:
         _strip_comments(document)
         lines = document.toprettyxml(indent="  ").splitlines()
         return "\n".join(line for line in lines if line.strip()) + "\n"
+    except ModelError:
+        raise
     except Exception as error:
         if interrupted(error):
             raise KeyboardInterrupt from None
@@ -244,11 +266,16 @@ def write_description(options: argparse.Namespace) -> int:
         return 0
     urdf = describe(values=parse_values(options.values))
     if options.output:
-        with atomic_write(options.output) as file:
-            file.write_text(urdf, encoding="utf-8")
+        write_urdf(urdf, options.output)
     else:
         sys.stdout.write(urdf)
     return 0
+
+
+def write_urdf(urdf: str, path: str | Path) -> None:
+    """Write a URDF to a file."""
+    with atomic_write(path) as file:
+        file.write_text(urdf, encoding="utf-8")
 
 
 if __name__ == "__main__":

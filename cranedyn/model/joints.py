@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,9 @@ from cranedyn.checks import number
 from cranedyn.errors import ModelError, UnknownName, quoted
 from cranedyn.model.crane import Point
 from cranedyn.model.layout import ROLES, Joint
+
+_ALIGNED = math.cos(1e-3)
+"""Cosine of the largest angle between an axis and that of a role."""
 
 
 def joint_names(model: pin.Model) -> list[str]:
@@ -74,31 +79,47 @@ def payload_index(model: pin.Model, name: str | None, path: Path) -> int:
     return leaves[0]
 
 
+def has_drives(robot: ET.Element) -> bool:
+    """Return whether a URDF says which joints are driven."""
+    return bool(_declared_drives(robot)[0])
+
+
+def _declared_drives(robot: ET.Element) -> tuple[set[str], str]:
+    """Return the names of the driven joints and the element that says so."""
+    controlled = {
+        joint.get("name", "")
+        for joint in robot.iterfind("ros2_control/joint")
+        if joint.find("command_interface") is not None
+    }
+    if controlled:
+        return controlled, "<ros2_control>"
+    return {
+        joint.get("name", "") for joint in robot.iterfind("transmission/joint")
+    }, "<transmission>"
+
+
 def driven_joints(
     robot: ET.Element, names: Sequence[str], driven: Sequence[str] | None, path: Path
 ) -> set[str]:
-    """Return the names of the driven joints, from ``<ros2_control>`` or as given.
+    """Return the names of the driven joints, from ``<ros2_control>``, else from ``<transmission>``
+    (ROS 1), or as given.
 
     Raises:
         UnknownName: If there is no joint of a given name.
         ModelError: If no joint is driven, or a joint of ``<ros2_control>`` does not move or
             contradicts the names given.
     """
-    declared = {
-        joint.get("name", "")
-        for joint in robot.iterfind("ros2_control/joint")
-        if joint.find("command_interface") is not None
-    }
+    declared, source = _declared_drives(robot)
     if driven is not None and declared and declared != {*driven}:
         raise ModelError(
-            f"{path} says by <ros2_control> that drives move "
+            f"{path} says by {source} that drives move "
             f"{', '.join(map(quoted, sorted(declared)))}, the argument says {', '.join(driven)}; "
             "leave one out."
         )
     for name in sorted(declared):
         if name not in names:
             raise ModelError(
-                f"{path} gives {quoted(name)} a command interface in <ros2_control>; the joints "
+                f"{path} gives {quoted(name)} a command interface in {source}; the joints "
                 f"that move are {', '.join(map(quoted, names))}."
             )
     for name in driven or ():
@@ -107,26 +128,35 @@ def driven_joints(
     if not (declared or driven):
         raise ModelError(
             f"{path} gives no joint a command interface in <ros2_control>; say which joints drives "
-            "move by load_crane(driven=[...])."
+            "move by load_crane(driven=[...]), or --driven."
         )
     return declared or {*(driven or ())}
 
 
-def joint_roles(names: Sequence[str], joints: Mapping[str, str] | None) -> dict[str, str]:
+def joint_roles(joints: Sequence[Joint], given: Mapping[str, str] | None) -> dict[str, str]:
     """Return the role of each joint by its name.
 
     Args:
-        names: Names of the moving joints.
-        joints: Names of joints by role; None for the default names of `ROLES`.
+        joints: The joints, without roles.
+        given: Names of joints by role. None for the default names of `ROLES`: a crane that has all
+            five of them is a tower crane; in any other a joint must also move as its role does.
 
     Raises:
         UnknownName: If there is no such role or no such joint.
         ModelError: If one joint has two roles.
     """
-    if joints is None:
-        return {role.joint: name for name, role in ROLES.items() if role.joint in names}
+    names = [joint.name for joint in joints]
+    if given is None:
+        named = {role.joint: name for name, role in ROLES.items() if role.joint in names}
+        if len(named) == len(ROLES):
+            return named
+        return {
+            joint.name: named[joint.name]
+            for joint in joints
+            if joint.name in named and _fits(joint, named[joint.name])
+        }
     roles: dict[str, str] = {}
-    for role, joint in joints.items():
+    for role, joint in given.items():
         if role not in ROLES:
             raise UnknownName("role", role, ROLES)
         if joint not in names:
@@ -140,14 +170,21 @@ def joint_roles(names: Sequence[str], joints: Mapping[str, str] | None) -> dict[
 
 
 def read_joints(
-    model: pin.Model, roles: Mapping[str, str], driven: set[str], path: Path
+    model: pin.Model, driven: set[str], given: Mapping[str, str] | None, path: Path
 ) -> tuple[Joint, ...]:
     """Return the joints in the order of the coordinates.
 
     The symbol of a joint is the symbol of its role, or its name without the ending "_joint".
 
+    Args:
+        model: The model.
+        driven: Names of the driven joints.
+        given: Names of joints by role, see `joint_roles`.
+        path: File for error messages.
+
     Raises:
-        ModelError: If two joints have the same symbol.
+        UnknownName: As `joint_roles`.
+        ModelError: As `joint_roles`, or if two joints have the same symbol.
     """
     joints, data, n = [], model.createData(), len(joint_names(model))
     pin.computeJointJacobians(model, data, np.zeros(n))
@@ -156,18 +193,19 @@ def read_joints(
         jacobian = pin.getJointJacobian(model, data, i + 1, pin.LOCAL_WORLD_ALIGNED).reshape(6, n)
         linear, angular = jacobian[:3, i], jacobian[3:, i]
         prismatic = bool(np.linalg.norm(angular) < 1e-9)
-        role = roles.get(name, "")
         joints.append(
             Joint(
                 name=name,
-                symbol=ROLES[role].symbol if role else name.removesuffix("_joint"),
+                symbol=name.removesuffix("_joint"),
                 unit="m" if prismatic else "rad",
                 kind="prismatic" if prismatic else "revolute",
                 axis=tuple((linear if prismatic else angular).tolist()),
                 driven=name in driven,
-                role=role,
             )
         )
+    for name, role in joint_roles(joints, given).items():
+        i = joint_names(model).index(name)
+        joints[i] = replace(joints[i], role=role, symbol=ROLES[role].symbol)
     symbols = [joint.symbol for joint in joints]
     if len(set(symbols)) < n:
         raise ModelError(
@@ -175,6 +213,12 @@ def read_joints(
             "them other names."
         )
     return tuple(joints)
+
+
+def _fits(joint: Joint, role: str) -> bool:
+    """Return whether a joint has the kind and, within a milliradian, the axis of a role."""
+    aligned = np.dot(joint.axis, ROLES[role].axis) >= _ALIGNED
+    return joint.kind == ROLES[role].kind and bool(aligned)
 
 
 def check_roles(joints: Sequence[Joint], path: Path) -> None:
@@ -189,7 +233,7 @@ def check_roles(joints: Sequence[Joint], path: Path) -> None:
         role = ROLES[joint.role]
         if joint.kind != role.kind:
             raise ModelError(f"{path} has a {joint.kind} {joint.name}; it must be {role.kind}.")
-        if not np.allclose(joint.axis, role.axis, atol=1e-6):
+        if not _fits(joint, joint.role):
             axis = [round(component, 6) for component in joint.axis]
             raise ModelError(
                 f"{path} has {joint.name} along {axis} of the world; it must be {list(role.axis)}."

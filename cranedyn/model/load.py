@@ -32,15 +32,17 @@ from cranedyn.model.joints import (
     check_roles,
     driven_joints,
     force_points,
+    has_drives,
     joint_names,
-    joint_roles,
     payload_index,
     read_armature,
     read_joints,
 )
 from cranedyn.model.layout import Layout
+from cranedyn.model.mjcf import read_mjcf
 from cranedyn.model.solvability import check_ranges, check_solvable
 from cranedyn.model.springs import read_springs
+from cranedyn.model.swing import hang_load, swing_numbers, turn_tower
 from cranedyn.model.urdf import bare, check_urdf, parse_urdf, skeleton
 from cranedyn.model.values import CraneValues
 
@@ -63,6 +65,7 @@ class _Options(NamedTuple):
     driven: Sequence[str] | None = None
     payload: str | None = None
     check_axes: bool = True
+    assumptions: tuple[str, ...] = ()
 
 
 def load_crane(
@@ -74,6 +77,8 @@ def load_crane(
     driven: Sequence[str] | None = None,
     payload: str | None = None,
     check_axes: bool = True,
+    swing: bool | Mapping[str, float] = False,
+    packages: Mapping[str, str | Path] | None = None,
     values: Mapping[str, object] | None = None,
     **numbers: Unpack[CraneValues],
 ) -> Crane:
@@ -81,20 +86,26 @@ def load_crane(
 
     Args:
         urdf: A ``.xacro`` file, which is expanded and may run any Python expression: load only
-            files whose programs you would run, too. Any other file is plain URDF: nothing in it is
-            run, fetched or read from elsewhere. None is the tower crane of this project.
+            files whose programs you would run, too. Any other file is plain URDF or MJCF: nothing
+            in it is run, fetched or read from elsewhere. None is the tower crane of this project.
         from_record: A Parquet file of a run, an identified twin (``.json``), or the `record` of a
             run, which contains the whole crane. The looks of this project's crane are made again,
             the looks of other cranes are not kept.
         gravity: Gravity [m/s²] along -Z; None for standard gravity.
         joints: Names of joints by role, for example ``{"slew": "base_yaw"}``; None for the names in
             the tower crane of this project. See `cranedyn.model.layout.ROLES`.
-        driven: Names of the driven joints, for a URDF whose ``<ros2_control>`` gives no joint a
-            command interface. All others are passive.
+        driven: Names of the driven joints, for a URDF that gives no joint a drive by
+            ``<ros2_control>`` or ``<transmission>``. All others are passive.
         payload: Name of the joint that carries the payload; needed where more than one joint
             carries no other.
         check_axes: Whether the joints must have kind and axis of their roles. False is for showing
             the effect of a wrong axis.
+        swing: True for a URDF whose hook is rigid: two passive joints and a rope are put above its
+            hoist, and slew and trolley are turned into those of a tower crane. Rope and load may be
+            given, for example ``{"length": 2.0, "mass": 5.0, "damping": 0.01}``, see
+            `cranedyn.model.swing.Swing`. `Crane.assumptions` lists what was assumed.
+        packages: Folders of ROS packages by name, for ``$(find NAME)`` in a xacro file; others are
+            looked for, see `cranedyn.model.packages.package_folder`.
         values: Arguments of a xacro file by name, for files other than the tower crane of this
             project.
         numbers: Arguments of the tower crane of this project, for example ``payload_mass=2000``.
@@ -110,7 +121,10 @@ def load_crane(
         raise OutOfRange(name, "given twice", "given once, in values or by its name")
     values = {**(values or {}), **numbers}
     if from_record is not None:
-        excluded = {"urdf": urdf, "joints": joints, "driven": driven, "payload": payload}
+        excluded = {
+            "urdf": urdf, "joints": joints, "driven": driven, "payload": payload,
+            "swing": swing or None,
+        }  # fmt: skip
         for name, value in {**excluded, "gravity": gravity, **values}.items():
             if value is not None:
                 allowed = "left out: the record says all of the crane"
@@ -122,17 +136,49 @@ def load_crane(
     options = _Options(g, joints, driven, payload, check_axes)
     path = XACRO if urdf is None else Path(urdf)
     if path.suffix == ".xacro":
-        text = describe(path, values, visuals=urdf is not None)
+        text = describe(path, values, visuals=urdf is not None, packages=packages)
     elif values:
         raise UnknownName("argument", next(iter(values)), ["none in a plain URDF"])
     else:
         text = read_text(path)
-    if urdf is not None:
-        return _crane(parse_urdf(text, path), path, partial(str, text), options)
+    if urdf is not None or swing:
+        return _foreign_crane(text, path, options, swing)
     record: dict[str, Any] = {}
     with contextlib.suppress(TypeError, ValueError):  # a value that is text is not recorded
         record["arguments"] = {name: float(value) for name, value in values.items()}  # type: ignore[arg-type]
     return _crane(parse_urdf(text, path), path, partial(_own_urdf, values), options, record)
+
+
+def _foreign_crane(
+    text: str,
+    path: Path,
+    options: _Options,
+    swing: bool | Mapping[str, float],
+) -> Crane:
+    """Return the crane of the URDF or MJCF of somebody else, completed."""
+    robot, notes = parse_urdf(text, path), list[str]()
+    if not (swing or robot.tag == "mujoco"):
+        return _crane(robot, path, partial(str, text), options)
+    if robot.tag == "mujoco":
+        robot, notes = read_mjcf(robot, path)
+    if swing:
+        roles: dict[str, str] = {}
+        driven = options.driven
+        for complete in (turn_tower, partial(hang_load, swing=swing_numbers(swing))):
+            check_urdf(robot, path)
+            model = _build(skeleton(robot), path)
+            check_joints(model, path)
+            names = joint_names(model)
+            if driven is None and not has_drives(robot):
+                driven = names
+                notes.append("All joints of the file are driven.")
+            joints = read_joints(model, driven_joints(robot, names, driven, path), {}, path)
+            further_roles, further_notes = complete(robot, model, joints, path=path)
+            roles |= further_roles
+            notes += further_notes
+        options = options._replace(driven=driven, joints=options.joints or roles)
+    options = options._replace(assumptions=tuple(notes))
+    return _crane(robot, path, partial(str, ET.tostring(robot, encoding="unicode")), options)
 
 
 def _crane(
@@ -151,7 +197,7 @@ def _crane(
     model.armature = read_armature(robot, names)
     load = payload_index(model, options.payload, path)
     driven = driven_joints(robot, names, options.driven, path)
-    joints = read_joints(model, joint_roles(names, options.joints), driven, path)
+    joints = read_joints(model, driven, options.joints, path)
     if options.check_axes:
         check_roles(joints, path)
     points = force_points(model, joints, load)
@@ -180,6 +226,7 @@ def _crane(
             "check_axes": options.check_axes,
             **(record or {}),
         },
+        assumptions=options.assumptions,
     )
     if not (springs.any or crane.rest.hangs):
         return crane

@@ -38,7 +38,9 @@ def check_ranges(model: pin.Model, layout: Layout, payload: int) -> None:
                 "finite, lower below upper",
                 joint.unit,
             )
-        number(f"effort limit of {joint.name}", model.effortLimit[i], joint.effort_unit, "> 0")
+        if joint.driven:
+            effort = float(model.effortLimit[i])
+            number(f"effort limit of {joint.name}", effort, joint.effort_unit, "> 0")
         number(f"damping of {joint.name}", model.damping[i], allowed=">= 0")
         if joint.role == "hoist":
             number("shortest cable", low, "m", "> 0")

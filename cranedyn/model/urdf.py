@@ -222,7 +222,8 @@ def _check_element(element: ET.Element, context: str) -> None:
     for name, count in _NUMBERS.get(element.tag, {}).items():
         default = "" if name in _NEEDED.get(element.tag, ()) else None
         numbers = element.get(name, default)
-        if numbers is not None and not _are_numbers(numbers.split(), count):
+        texts = None if numbers is None else numbers.split()
+        if texts is not None and not (len(texts) == count and are_numbers(texts)):
             allowed = (
                 f"{'a decimal number' if count == 1 else f'{count} decimal numbers'} up to "
                 f"{_MAX_NUMBER:g}"
@@ -230,7 +231,9 @@ def _check_element(element: ET.Element, context: str) -> None:
             raise OutOfRange(f"{name} of {element.tag} in {context}", repr(numbers), allowed)
     if element.tag == "dynamics" and float(element.get("friction", "0")) != 0.0:
         raise OutOfRange(
-            f"friction of {context}", element.get("friction"), "0, since only viscous damping acts"
+            f"friction of {context}",
+            element.get("friction"),
+            "0: only viscous damping acts; set it to 0, or say it as damping",
         )
 
 
@@ -245,10 +248,9 @@ def _check_joint(joint: ET.Element, context: str) -> None:
         raise ModelError(f"The dynamics of {context} needs a damping.")
 
 
-def _are_numbers(texts: list[str], count: int) -> bool:
-    return len(texts) == count and all(
-        _DECIMAL.fullmatch(text) and abs(float(text)) <= _MAX_NUMBER for text in texts
-    )
+def are_numbers(texts: list[str]) -> bool:
+    """Return whether all texts are decimal numbers up to 1e30."""
+    return all(_DECIMAL.fullmatch(text) and abs(float(text)) <= _MAX_NUMBER for text in texts)
 
 
 def skeleton(robot: ET.Element) -> str:

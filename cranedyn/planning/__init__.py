@@ -21,11 +21,11 @@ Public names:
   `least_time.in_least_time` shortens a planned lift with it. Both need the extra `optimal`.
 
 How a lift is planned, in the order to read: `clearance` measures distances between crane and
-obstacles (`bodies`, `solids`, `fields`), `proof` proves them for whole curves, `grid` and `search`
-find a way, `curve` rounds its corners, `timing` moves the load along it, `lift` puts these
-together. An optimal control problem is stated by `move` and `half_spaces` and solved by
-`transcription`.
+obstacles (`bodies`, `solids`, `fields`), `proof` proves them for whole curves, `search` finds a
+way, `curve` rounds its corners, `timing` moves the load along it, `lift` puts these together, and
+`certificate` simulates the lift and checks it. An optimal control problem is stated by `move` and
+`half_spaces` and solved by `transcription`.
 
 An obstacle of a new kind is one function in `site_file`, entered in its table of solids.
-Planning needs the extra `planning`; docs/lift.md says how it works and what it does not do.
+Planning needs the extra `planning`; docs/concepts/planning.md says how it works.
 """

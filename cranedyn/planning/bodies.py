@@ -1,10 +1,12 @@
 """Bodies of a crane from the shapes in its URDF: mast, upper structure, trolley, rope, hook and
-load.
+load; and all of a crane that is parked on a site, as an obstacle.
 """
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,9 +16,10 @@ import pinocchio as pin
 
 from cranedyn.errors import ModelError
 from cranedyn.model.crane import Crane
-from cranedyn.planning.solids import hull
+from cranedyn.model.load import load_crane
+from cranedyn.planning.solids import Solid, convex_hull, hull, rotation_z
 
-Placed = tuple[coal.CollisionGeometry, np.ndarray, np.ndarray]
+Shape = tuple[coal.CollisionGeometry, np.ndarray, np.ndarray]
 """A shape with its rotation and translation in the frame of the joint that carries it."""
 
 
@@ -34,8 +37,8 @@ class CollisionBodies:
             width of the hook's block.
     """
 
-    mast: list[Placed]
-    upper: list[Placed]
+    mast: list[coal.Convex]
+    upper: list[Shape]
     trolley: tuple[np.ndarray, np.ndarray]
     hook: tuple[np.ndarray, np.ndarray]
     load: np.ndarray
@@ -118,7 +121,7 @@ def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionB
     )
 
 
-def _mast(shapes: list[Placed]) -> list[Placed]:
+def _mast(shapes: list[Shape]) -> list[coal.Convex]:
     """Return two hulls instead of a hundred bars: one around all bars that reach above a quarter of
     the height, one around the foot.
     """
@@ -128,8 +131,7 @@ def _mast(shapes: list[Placed]) -> list[Placed]:
         [points for points in corners if bool(points[:, 2].max() > quarter) is high]
         for high in (True, False)
     )
-    identity = np.eye(3), np.zeros(3)
-    return [(hull(np.concatenate(half)), *identity) for half in halves if half]
+    return [hull(np.concatenate(half)) for half in halves if half]
 
 
 def shape_corners(crane: Crane) -> list[tuple[int, np.ndarray]]:
@@ -141,13 +143,13 @@ def shape_corners(crane: Crane) -> list[tuple[int, np.ndarray]]:
     ]
 
 
-def _shapes(crane: Crane) -> dict[int, list[Placed]]:
+def _shapes(crane: Crane) -> dict[int, list[Shape]]:
     urdf = crane.urdf
     if ET.fromstring(urdf).find("link/visual/geometry/mesh") is not None:
         raise ModelError(
             "The URDF of the crane shows a mesh; clearance needs boxes, cylinders or spheres."
         )
-    shapes: dict[int, list[Placed]] = {}
+    shapes: dict[int, list[Shape]] = {}
     for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):
         for shape in pin.buildGeomFromUrdfString(crane.model, urdf, kind).geometryObjects:
             placed = (shape.geometry, shape.placement.rotation, shape.placement.translation)
@@ -155,11 +157,11 @@ def _shapes(crane: Crane) -> dict[int, list[Placed]]:
     return shapes
 
 
-def _corners(placed: Placed) -> np.ndarray:
+def _corners(shape: Shape) -> np.ndarray:
     """Return the corners of the box around a shape, aligned with it, in the frame of the joint [m],
     shape (8, 3).
     """
-    geometry, rotation, translation = placed
+    geometry, rotation, translation = shape
     geometry.computeLocalAABB()
     low, high = geometry.aabb_local.min_, geometry.aabb_local.max_
     box = np.array(
@@ -171,3 +173,51 @@ def _corners(placed: Placed) -> np.ndarray:
 def _box(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     low, high = points.min(axis=0), points.max(axis=0)
     return (low + high) / 2.0, high - low
+
+
+def neighbour(
+    name: str,
+    position: np.ndarray,
+    heading: float,
+    drive_position: Mapping[str, float],
+    values: Mapping[str, float],
+) -> list[Solid]:
+    """Return a parked crane with its rope and hook as an obstacle.
+
+    Args:
+        name: Its name.
+        position: Foot of its mast [m], shape (3,).
+        heading: Direction of its jib at zero slew, from X towards Y [rad].
+        drive_position: Its slew [°], trolley radius [m] and cable length [m], by "slew", "trolley",
+            "cable"; 0 is where its URDF has them.
+        values: Values of the crane that differ from its defaults, by name.
+
+    Raises:
+        CraneError: If there is no such crane, or it cannot stand so.
+    """
+    crane = load_crane(values=values)
+    crane.layout.tower("A parked neighbour")
+    slew, trolley, cable = (drive_position[name] for name in ("slew", "trolley", "cable"))
+    coordinates = {"gamma": math.radians(slew), "x": trolley, "l": cable}
+    q = crane.state(**{coordinate: value for coordinate, value in coordinates.items() if value}).q
+    rotation = rotation_z(heading + math.pi / 2.0)
+    placed = [points @ rotation.T + position for points in _parts(crane, q)]
+    corners, triangles = zip(*map(convex_hull, placed), strict=True)
+    firsts = np.cumsum([0, *map(len, corners[:-1])])
+    numbered = [indices + first for indices, first in zip(triangles, firsts, strict=True)]
+    return [Solid(name, tuple(placed), np.vstack(corners), np.vstack(numbered))]
+
+
+def _parts(crane: Crane, q: np.ndarray) -> list[np.ndarray]:
+    """Return the corners of all shapes of a crane and of its rope, in its own frame [m]."""
+    data = crane.model.createData()
+    pin.forwardKinematics(crane.model, data, q)
+    shapes = [
+        data.oMi[joint].rotation @ corners.T + data.oMi[joint].translation[:, None]
+        for joint, corners in shape_corners(crane)
+    ]
+    _, _, pivot, _, hoist = crane.layout.tower("A parked neighbour")
+    falls = collision_bodies(crane).falls
+    square = np.array([[x, y, 0.0] for x in (-falls, falls) for y in (-falls, falls)])
+    rope = [data.oMi[joint + 1].translation + square for joint in (pivot, hoist)]
+    return [shape.T for shape in shapes] + [np.vstack(rope)]

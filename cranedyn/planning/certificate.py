@@ -119,7 +119,7 @@ def certify(
     """
     clearance = lift.clearance if clearance is None else clearance
     controller = controller_of(lift, dt=dt) if controller is None else controller
-    motion, (start, goal_state) = lift.timed.motion, lift.states()
+    motion, (start, goal) = lift.timed.motion, lift.states()
     run = simulate(
         lift.crane,
         replace(controller, integral=0.0),
@@ -130,47 +130,52 @@ def certify(
         control_period=motion.period,
         engine=engine,
     )
-    arrival = run.since(motion.arrival - 1e-9)
-    passive, length = lift.crane.layout.passive, float(arrival.q[0, clearance.joints.hoist])
-    q, v = arrival.q[:1, passive], arrival.v[:1, passive]
-    residual_swing = float(swing_amplitude(q, v, length, lift.crane.gravity)[0])
-
-    stride = max(1, round(_MEASURED / motion.period))
-    rows = np.unique(np.append(np.arange(0, len(run), stride), len(run) - 1))
-    pairs = [clearance.distances(run.q[k], jib=False) for k in rows]
-    distances = {name: np.array([row[name].distance for row in pairs]) for name in pairs[0]}
+    # Measured, then proven, then judged.
     k = clearance.nearest_row(run.q)
     nearest, nearest_t = clearance.nearest(run.q[k]), float(run.t[k])
+    stride = max(1, round(_MEASURED / motion.period))
+    rows = np.unique(np.append(np.arange(0, len(run), stride), len(run) - 1))
+    pairs = [clearance.distances(run.q[row], jib=False) for row in rows]
+    distances = {name: np.array([row[name].distance for row in pairs]) for name in pairs[0]}
+    end, planned = clearance.point(np.array([run.q[-1], goal.q])[:, clearance.drive_joints])
     peak_swing = float(clearance.tilt(run.q).max())
-    end, goal = clearance.point(np.array([run.q[-1], goal_state.q])[:, clearance.drive_joints])
-
-    slew = run.q[:, clearance.joints.slew]
-    unproven = unproven_row(clearance, run.q, motion.period)
-    free = slew_range(clearance, float(slew[0]), float(slew.min()), float(slew.max()))
+    residual_swing = _swing_at(lift, run, motion.arrival)
     rates = np.abs(run.v[:, clearance.drive_joints]).max(axis=0) / np.array(lift.limits.rates)
+    slew = run.q[:, clearance.joints.slew]
+    row = unproven_row(clearance, run.q, motion.period)
+    unproven_t = None if row is None else float(run.t[row])
+    free = slew_range(clearance, float(slew[0]), float(slew.min()), float(slew.max()))
     checks = [
-        _distance_check(clearance.site, run, nearest, nearest_t, unproven),
+        _distance_check(clearance.site, nearest, nearest_t, unproven_t),
         _slewing_check(clearance.site, slew, free),
         _swing_check(clearance.site, peak_swing),
-        _arrival_check(residual_swing, float(np.linalg.norm(end - goal))),
-        _drives_check(run, float(rates.max())),
+        _arrival_check(residual_swing, float(np.linalg.norm(end - planned))),
+        _drives_check(float(rates.max()), bool((run.command != run.effort).any())),
     ]
     return Certificate(
         lift, run, run.t[rows], distances, nearest, nearest_t, residual_swing, checks
     )
 
 
+def _swing_at(lift: Lift, run: Trajectory, t: float) -> float:
+    """Return the amplitude of the swing at a time [s]; in [rad]."""
+    row, layout = int(np.searchsorted(run.t, t - 1e-9)), lift.crane.layout
+    q, v = (columns[row : row + 1, layout.passive] for columns in (run.q, run.v))
+    length = float(run.q[row, lift.clearance.joints.hoist])
+    return float(swing_amplitude(q, v, length, lift.crane.gravity)[0])
+
+
 def _distance_check(
-    site: Site, run: Trajectory, nearest: Nearest, nearest_t: float, unproven: int | None
+    site: Site, nearest: Nearest, nearest_t: float, unproven_t: float | None
 ) -> Check:
     proof = "proven between all instants"
-    if unproven is not None:
-        proof = f"not proven at t = {run.t[unproven]:.2f} s"
+    if unproven_t is not None:
+        proof = f"not proven at t = {unproven_t:.2f} s"
     return Check(
         f"Nothing that hangs comes nearer than {site.distance:g} m: least is "
         f"{nearest.distance:.2f} m, {nearest.body} and {nearest.obstacle} at "
         f"t = {nearest_t:.1f} s; {proof}.",
-        unproven is None and nearest.distance >= site.distance,
+        unproven_t is None and nearest.distance >= site.distance,
     )
 
 
@@ -197,8 +202,7 @@ def _arrival_check(swing: float, off: float) -> Check:
     )
 
 
-def _drives_check(run: Trajectory, rate: float) -> Check:
-    cut = bool((run.command != run.effort).any())
+def _drives_check(rate: float, cut: bool) -> Check:
     return Check(
         f"Rates are {100 * rate:.1f} % of their limits at most; efforts are "
         f"{'cut' if cut else 'never cut'}.",

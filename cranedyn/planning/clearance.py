@@ -13,7 +13,7 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import coal
 import numpy as np
@@ -36,18 +36,17 @@ ROUNDING = 1e-4
 _KINEMATICS = threading.Lock()
 """Held while Pinocchio's data is written and read; all else is the same for all threads."""
 
-_KEEPS_FROM = {
-    "inflated": {
-        "trolley": ["tall solids"],
-        "rope": ["solids and mast"],
-        "hook": ["solids and mast"],
-        "load": ["solids and mast", "ground"],
-    },
-    "bare": {"trolley": [], "rope": ["zones"], "hook": ["zones"], "load": ["zones"]},
-}
-"""Kinds of obstacles for each body, inflated by the required distance, or bare. The load hangs
+_KEEPS_FROM = (
+    ("trolley", "inflated", ("tall solids",)),
+    ("rope", "inflated", ("solids and mast",)),
+    ("hook", "inflated", ("solids and mast",)),
+    ("load", "inflated", ("solids and mast", "ground")),
+    ("rope", "bare", ("zones",)),
+    ("hook", "bare", ("zones",)),
+    ("load", "bare", ("zones",)),
+)
+"""Obstacles that each body, inflated by the required distance or bare, keeps from. The load hangs
 lowest, and solids that are not tall never come close to the trolley, whose height is constant."""
-
 
 Length = TypeVar("Length", float, np.ndarray)
 
@@ -115,7 +114,7 @@ class Clearance:
             MissingRole: If it is not a tower crane.
             ModelError: If it moves in other joints, too.
         """
-        self.crane.layout.tower("A planned lift")
+        _ = self.joints
 
     @cached_property
     def joints(self) -> Joints:
@@ -164,31 +163,22 @@ class Clearance:
     # --- places -----------------------------------------------------------------------------------
 
     def place(self, point: np.ndarray, label: str = "point") -> np.ndarray:
-        """Return the place at which the centre of the load is at a point of the site.
-
-        Args:
-            point: The point [m], shape (3,).
-            label: Name of the point, for errors.
-
-        Returns:
-            The place, its slew from -π to π.
+        """Return the place, its slew from -π to π, at which the centre of the load is at a point of
+        the site [m], shape (3,), that errors call by a label.
 
         Raises:
             OutOfRange: If the crane does not reach it: which coordinate is how far out of its
                 range.
         """
         x, y, z = self.site.to_crane(point)
-        drive_position = np.array([math.atan2(x, -y), math.hypot(x, y), self.height - z])
-        (_, low, _), (_, *high) = (
+        radius, length = math.hypot(x, y), self.height - z
+        lower, upper = (
             ends[self.drive_joints].tolist() for ends in (self.crane.lower, self.crane.upper)
         )
-        ranges = zip((low, self.shortest_cable), high, strict=True)
-        coordinates = quoted(np.round(point, 3).tolist())
-        for name, value, (low, high) in zip(
-            ("trolley radius", "cable length"), drive_position[1:].tolist(), ranges, strict=True
-        ):
-            within(f"{name} for the {label} {coordinates}", value, low, high, "m")
-        return drive_position
+        where = f"for the {label} {quoted(np.round(point, 3).tolist())}"
+        within(f"trolley radius {where}", radius, lower[1], upper[1], "m")
+        within(f"cable length {where}", length, self.shortest_cable, upper[2], "m")
+        return np.array([math.atan2(x, -y), radius, length])
 
     def point(self, drive_position: np.ndarray) -> np.ndarray:
         """Return the centre of the load in the frame of the crane [m], shape (..., 3), at places,
@@ -278,11 +268,7 @@ class Clearance:
     def slewing_margin(self, gamma: float) -> float:
         """Return the margin of all that slews with the jib at a slew angle [rad]; in [m]."""
         field = self._fields["solids"]
-        return (
-            min(field.least(moving) for moving in self._slewing(gamma)) - ROUNDING
-            if len(field)
-            else math.inf
-        )
+        return min(field.least(moving) for moving in self._slewing(gamma)) - ROUNDING
 
     @cached_property
     def slewing_radius(self) -> float:
@@ -292,29 +278,21 @@ class Clearance:
     # --- by name ----------------------------------------------------------------------------------
 
     def distances(self, q: np.ndarray, *, jib: bool = True) -> dict[str, Nearest]:
-        """Return the nearest body to each obstacle, by name of the obstacle.
-
-        Args:
-            q: Coordinates of all joints, shape (n,).
-            jib: Whether the jib counts.
+        """Return the nearest body to each obstacle, by name of the obstacle, at coordinates of all
+        joints, shape (n,); with or without the jib.
         """
         nearest: dict[str, Nearest] = {}
         jib_parts = self._slewing(float(q[self.joints.slew])) if jib else ()
-        for body, kind, moving in itertools.chain(
-            self._placed(q), (("jib", "solids", moving) for moving in jib_parts)
-        ):
-            inflated = 0.0 if kind == "zones" else self.site.distance
-            for name, distance in self._fields[kind].each(moving).items():
-                pair = Nearest(distance + inflated, body, name)
+        slewing = (("jib", self._fields["solids"], moving) for moving in jib_parts)
+        for body, field, moving in itertools.chain(self._placed(q), slewing):
+            for name, distance in field.each(moving).items():
+                pair = Nearest(distance + moving.inflated, body, name)
                 nearest[name] = min(nearest.get(name, pair), pair)
         return nearest
 
     def nearest(self, q: np.ndarray, *, beside_zones: bool = False) -> Nearest:
-        """Return the pair of body and obstacle with the least margin.
-
-        Args:
-            q: Coordinates of all joints, shape (n,).
-            beside_zones: Whether zones also count where nothing is in them.
+        """Return the pair of body and obstacle with the least margin at coordinates of all joints,
+        shape (n,); zones count where something is in them, or always beside zones.
         """
         zones = {solid.name for solid in self.solids if solid.zone}
         pairs = [
@@ -326,14 +304,11 @@ class Clearance:
         return min(pairs, key=lambda pair: pair.distance - required * (pair.obstacle not in zones))
 
     def touches(self, q: np.ndarray, margin_limit: float) -> Iterator[Touch]:
-        """Yield the nearest points of each body that hangs and each obstacle.
-
-        Args:
-            q: Coordinates of all joints, shape (n,).
-            margin_limit: Margin from which on an obstacle is left out [m].
+        """Yield the nearest points of each body that hangs and each obstacle at coordinates of all
+        joints, shape (n,), but for those with a margin from a limit on [m].
         """
-        for body, kind, moving in self._placed(q):
-            for distance, on_body, on_obstacle, normal in self._fields[kind].witnesses(moving):
+        for body, field, moving in self._placed(q):
+            for distance, on_body, on_obstacle, normal in field.witnesses(moving):
                 if (margin := distance - moving.inflated) < margin_limit:
                     yield Touch(margin, moving.inflated, body, on_body, on_obstacle, normal)
 
@@ -341,87 +316,78 @@ class Clearance:
 
     @cached_property
     def _fields(self) -> dict[str, Field]:
-        identity = np.eye(3), np.zeros(3)
-        ground = coal.Halfspace(
-            np.array([0.0, 0.0, 1.0]), self.site.ground - float(self.site.foot[2])
-        )
+        level = self.site.ground - float(self.site.foot[2])
         solids, zones = (
             [
-                (solid.name, (shape, *identity))
+                (solid.name, shape)
                 for solid in self.solids
                 if solid.zone is zone
                 for shape in solid.geometries()
             ]
             for zone in (False, True)
         )
-        longest = float(self.crane.upper[self.joints.hoist])
-        low = (
-            self.height
-            + self.bodies.trolley[0][2]
-            - self.bodies.trolley[1][2] / 2.0
-            - self.site.distance
-            - self.envelope(longest)
-        )
+        (_, _, trolley), (_, _, deep) = self.bodies.trolley
+        envelope = self.envelope(float(self.crane.upper[self.joints.hoist]))
+        low = self.height + trolley - deep / 2.0 - self.site.distance - envelope
         tall = {solid.name for solid in self.solids if solid.vertices[:, 2].max() > low - ROUNDING}
         return {
             "solids": Field(solids),
-            "tall solids": Field([named for named in solids if named[0] in tall]),
+            "tall solids": Field(named for named in solids if named[0] in tall),
             "solids and mast": Field([*solids, *((MAST, shape) for shape in self.bodies.mast)]),
             "zones": Field(zones),
-            "ground": Field([(GROUND, (ground, *identity))]),
+            "ground": Field([(GROUND, coal.Halfspace(np.array([0.0, 0.0, 1.0]), level))]),
         }
 
     @cached_property
-    def _bodies(self) -> dict[str, dict[str, Body]]:
-        """Bodies that hang, inflated by the required distance, and bare against zones."""
-        variants, identity = {}, (np.eye(3), np.zeros(3))
-        for kind, inflated in (("inflated", self.site.distance), ("bare", 0.0)):
-            boxes = {"trolley": self.bodies.trolley, "hook": self.bodies.hook}
-            variants[kind] = {
-                name: Body((coal.Box(size), np.eye(3), centre), inflated)
-                for name, (centre, size) in boxes.items()
-            }
-            variants[kind]["load"] = Body((hull(self.bodies.load), *identity), inflated)
-        return variants
+    def _hanging(self) -> list[tuple[str, Body | None, float, list[Field]]]:
+        """Bodies that hang, None for the rope, with their inflation and what they keep from."""
+        shapes: dict[str, tuple[Any, ...]] = {"load": (hull(self.bodies.load), None)}
+        for name, (centre, size) in (("trolley", self.bodies.trolley), ("hook", self.bodies.hook)):
+            shapes[name] = coal.Box(size), coal.Transform3s(np.eye(3), centre)
+        hanging = []
+        for name, variant, kinds in _KEEPS_FROM:
+            inflated = self.site.distance if variant == "inflated" else 0.0
+            shape, within = shapes.get(name, (None, None))
+            body = None if shape is None else Body(shape, inflated, within)
+            fields = [self._fields[kind] for kind in kinds if len(self._fields[kind])]
+            if fields:
+                hanging.append((name, body, inflated, fields))
+        return hanging
 
     @cached_property
     def _above(self) -> float:
         """Height of the swing pivot above the load where the hoist is at zero [m]."""
         start = self.crane.start.q
         pivot, load = self._frames(start, self.joints.radial_swing, self.joints.hoist)
-        return math.dist(pivot.getTranslation(), load.getTranslation()) - float(
-            start[self.joints.hoist]
-        )
+        distance = math.dist(pivot.getTranslation(), load.getTranslation())
+        return distance - float(start[self.joints.hoist])
 
     @cached_property
     def _upper(self) -> list[Body]:
-        return [Body(placed, self.site.distance) for placed in self.bodies.upper]
+        return [
+            Body(shape, self.site.distance, coal.Transform3s(*placement))
+            for shape, *placement in self.bodies.upper
+        ]
 
     def _margins(self, q: np.ndarray) -> tuple[float, float]:
         """Return the margins of all that hangs to everything but zones, and to zones [m]."""
         margins = [math.inf, math.inf]
-        for _, kind, moving in self._placed(q):
-            margins[kind == "zones"] = min(
-                margins[kind == "zones"], self._fields[kind].least(moving)
-            )
+        for _, field, moving in self._placed(q):
+            zones = moving.inflated == 0.0
+            margins[zones] = min(margins[zones], field.least(moving))
         return margins[0] - ROUNDING, margins[1] - ROUNDING
 
-    def _placed(self, q: np.ndarray) -> Iterator[tuple[str, str, Placed]]:
-        """Yield each body that hangs with each kind of obstacle that it must keep away from."""
+    def _placed(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
+        """Yield each body that hangs with the obstacles that it must keep away from."""
         trolley, load = self._frames(q, self.joints.trolley, self.joints.hoist)
         length = float(q[self.joints.hoist]) + self._above
-        for variant, hanging in self._bodies.items():
-            for name, kinds in _KEEPS_FROM[variant].items():
-                kinds = [kind for kind in kinds if len(self._fields[kind])]
-                if not kinds:
-                    continue
-                if name == "rope":
-                    inflated = self.site.distance if variant == "inflated" else 0.0
-                    moving = rope(load, self.bodies.falls, length, inflated)
-                else:
-                    moving = hanging[name].put(trolley if name == "trolley" else load)
-                for kind in kinds:
-                    yield name, kind, moving
+        for name, body, inflated, fields in self._hanging:
+            if body is None:
+                moving = rope(load, self.bodies.falls, length, inflated)
+            else:
+                moving = body.put(trolley if name == "trolley" else load)
+            for field in fields:
+                yield name, field, moving
 
     def _slewing(self, gamma: float) -> Iterator[Placed]:
         q = np.zeros(self.crane.layout.n)

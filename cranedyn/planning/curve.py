@@ -26,25 +26,15 @@ _SHARPEST, _HALVINGS = 1e-3, 9
 
 
 def interpolate_columns(t: np.ndarray, rows: np.ndarray, table: np.ndarray) -> np.ndarray:
-    """Interpolate each column of a table linearly; before and after its rows it is constant.
-
-    Args:
-        t: Times, shape (m,).
-        rows: Times of the rows of the table, increasing, shape (n,).
-        table: Values, shape (n, k).
-
-    Returns:
-        Shape (m, k).
+    """Interpolate each column of a table, shape (n, k), linearly from its rows at increasing times,
+    shape (n,), to other times, shape (m,); before and after its rows it is constant.
     """
     return np.column_stack([np.interp(t, rows, column) for column in table.T])
 
 
 def leg_durations(points: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Return the time at full speed from each place to the next [s], shape (n - 1,).
-
-    Args:
-        points: Places, shape (n, 3).
-        rates: Rates of slew [rad/s], trolley and hoist [m/s], shape (3,).
+    """Return the time at full speed from each place to the next [s], shape (n - 1,): of places of
+    shape (n, 3) at rates of slew [rad/s], trolley and hoist [m/s], shape (3,).
     """
     return (np.abs(np.diff(points, axis=0)) / rates).max(axis=1)
 
@@ -96,15 +86,9 @@ class Path:
         return np.diff(self.points, axis=0) / np.diff(self.knots)[:, None]
 
     def derivatives(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return places and their first and second derivatives at parameters [s].
-
-        Args:
-            s: Parameters [s], shape (m,).
-
-        Returns:
-            Three arrays of shape (m, 3).
+        """Return places and their first and second derivatives, shape (m, 3) each, at parameters
+        [s], shape (m,).
         """
-        s = np.asarray(s, dtype=float)
         leg = np.clip(np.searchsorted(self.knots, s, side="right") - 1, 0, len(self.points) - 2)
         position = self.points[leg] + (s - self.knots[leg])[:, None] * self._speeds[leg]
         first, second = self._speeds[leg].copy(), np.zeros_like(position)
@@ -133,13 +117,8 @@ class Path:
 
 
 def rounded_path(clearance: Clearance, points: np.ndarray, rates: np.ndarray) -> Path | None:
-    """Return a proven curve along proven straight lines, each corner rounded as widely as can be
-    proven; None if a corner cannot be rounded.
-
-    Args:
-        clearance: Crane and site.
-        points: Places, shape (n, 3).
-        rates: Rates of slew [rad/s], trolley and hoist [m/s], shape (3,).
+    """Return a proven curve along proven straight lines between places, shape (n, 3), each corner
+    rounded as widely as can be proven; None if a corner cannot be rounded.
     """
     legs = leg_durations(points, rates)
     # An end of the way needs no part of its leg for another corner.
@@ -148,12 +127,8 @@ def rounded_path(clearance: Clearance, points: np.ndarray, rates: np.ndarray) ->
     for k in range(len(widths)):
         for _ in range(_HALVINGS):
             path = Path(points, rates, widths)
-            if (
-                unproven_parameter(
-                    clearance, path, path.knots[k + 1] - widths[k], path.knots[k + 1] + widths[k]
-                )
-                is None
-            ):
+            corner, width = path.knots[k + 1], widths[k]
+            if unproven_parameter(clearance, path, corner - width, corner + width) is None:
                 break
             widths[k] /= 2.0
         else:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -81,8 +80,17 @@ class DriveTrajectory:
         times = period * np.arange(math.ceil((self.duration - SOON) / period))
         y = np.concatenate([move.start.q[passive], move.start.v[passive]])
         rows, goal = [], move.goal
-        for t, swing, k in _integrated(flow, nodes, times, y):
-            rows.append((*state(t, swing, k), accelerations(t, swing, k)))
+        # Interval by interval, since the controls jump between.
+        for k, (first, last) in enumerate(itertools.pairwise(nodes)):
+            if last <= first:
+                continue
+            inside = times[(times >= first) & (times < last)]
+            options = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12, "args": (k,)}
+            *swings, y = solve_ivp(
+                flow, (first, last), y, t_eval=np.append(inside, last), **options
+            ).y.T
+            for t, swing in zip(inside.tolist(), swings, strict=True):
+                rows.append((*state(t, swing, k), accelerations(t, swing, k)))
         still, end = np.zeros(layout.m), np.zeros(layout.n)
         if not is_at_rest(move.crane, goal):
             end = prescribed_acceleration(move.crane, goal, still)[0]
@@ -108,31 +116,3 @@ def _turns(acceleration: PPoly) -> np.ndarray:
         since = -value / slope
     inside = (since > 0.0) & (since < np.diff(acceleration.x)[:, None])
     return (acceleration.x[:-1, None] + since)[inside]
-
-
-def _integrated(
-    flow: Callable[[float, np.ndarray, int], np.ndarray],
-    nodes: np.ndarray,
-    times: np.ndarray,
-    y: np.ndarray,
-) -> Iterator[tuple[float, np.ndarray, int]]:
-    """Yield times before the last node, passive joints with their rates, and interval; integrated
-    interval by interval, since the controls jump between.
-    """
-    for k, (first, last) in enumerate(itertools.pairwise(nodes)):
-        if last <= first:
-            continue
-        inside = times[(times >= first) & (times < last)]
-        solution = solve_ivp(
-            flow,
-            (first, last),
-            y,
-            method="DOP853",
-            t_eval=np.append(inside, last),
-            rtol=1e-10,
-            atol=1e-12,
-            args=(k,),
-        ).y.T
-        for t, row in zip(inside, solution[:-1], strict=True):
-            yield float(t), row, k
-        y = solution[-1]

@@ -5,13 +5,11 @@ al. 2024).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import coal
 import numpy as np
-
-from cranedyn.planning.bodies import Placed as Shape
 
 
 class Placed(NamedTuple):
@@ -44,13 +42,17 @@ class Body:
         inflated: Distance by which it is inflated [m].
     """
 
-    def __init__(self, placed: Shape, inflated: float) -> None:
-        """Inflate a shape, placed in the frame that it moves with, by a distance [m]."""
-        shape, rotation, translation = placed
+    def __init__(
+        self,
+        shape: coal.CollisionGeometry,
+        inflated: float,
+        within: coal.Transform3s | None = None,
+    ) -> None:
+        """Inflate a shape by a distance [m], at a place within the frame that it moves with."""
         self.inflated, self.shape = inflated, shape.clone()
         self.shape.setSweptSphereRadius(inflated)
         self.shape.computeLocalAABB()
-        self._within = coal.Transform3s(rotation, translation)
+        self._within = within or coal.Transform3s()
 
     @property
     def radius(self) -> float:
@@ -77,18 +79,20 @@ def rope(frame: coal.Transform3s, radius: float, length: float, inflated: float)
 class Field:
     """Obstacles at rest, by name: shapes in one broad phase, surfaces of triangles in another."""
 
-    def __init__(self, named: Sequence[tuple[str, Shape]]) -> None:
-        """Place the obstacles."""
+    def __init__(self, named: Iterable[tuple[str, coal.CollisionGeometry]]) -> None:
+        """Take obstacles where their corners are."""
         self._objects: dict[bool, list[tuple[str, coal.CollisionObject]]] = {False: [], True: []}
-        for name, (geometry, rotation, translation) in named:
-            shape = coal.CollisionObject(geometry, coal.Transform3s(rotation, translation))
+        self._managers: dict[bool, coal.DynamicAABBTreeCollisionManager] = {}
+        for name, geometry in named:
+            shape = coal.CollisionObject(geometry)
             shape.computeAABB()
             self._objects[isinstance(geometry, coal.BVHModelBase)].append((name, shape))
-        self._managers = {
-            kind: _manager([shape for _, shape in objects])
-            for kind, objects in self._objects.items()
-            if objects
-        }
+        for surfaces, objects in self._objects.items():
+            if objects:
+                manager = self._managers[surfaces] = coal.DynamicAABBTreeCollisionManager()
+                for _, shape in objects:
+                    manager.registerObject(shape)
+                manager.setup()
 
     def __len__(self) -> int:
         """Return the number of shapes."""
@@ -128,11 +132,3 @@ class Field:
                 ours, theirs = result.getNearestPoint1(), result.getNearestPoint2()
                 normal = (ours - theirs) / distance if distance > 1e-6 else -result.normal
                 yield distance, ours, theirs, normal
-
-
-def _manager(objects: Sequence[coal.CollisionObject]) -> coal.DynamicAABBTreeCollisionManager:
-    manager = coal.DynamicAABBTreeCollisionManager()
-    for shape in objects:
-        manager.registerObject(shape)
-    manager.setup()
-    return manager

@@ -16,7 +16,7 @@ import numpy as np
 
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.proof import CLOSE
-from cranedyn.planning.symbolic import ca
+from cranedyn.planning.transcription import ca
 
 _MOST, _FAR = 6, 8.0
 """Most half spaces at a point, and distance from which on an obstacle has none [m]."""
@@ -65,12 +65,8 @@ class HalfSpaces:
 
 
 def half_spaces(clearance: Clearance, drive_positions: np.ndarray, margin: float) -> HalfSpaces:
-    """Return the half spaces about the points of a plan.
-
-    Args:
-        clearance: Crane and site.
-        drive_positions: Slew, trolley radius and cable length, shape (points, 3).
-        margin: Distance to keep beyond what a proof needs [m].
+    """Return the half spaces about the points of a plan, at places of shape (points, 3), with a
+    margin beyond what a proof needs [m].
     """
     nearest = [
         sorted(_at(clearance, drive_position), key=lambda pair: pair[0])[:_MOST]

@@ -1,18 +1,23 @@
-"""A tour of several legs: move at limited rates, stand still, move on; again and again."""
+"""Tours of several legs, repeated for ever: drives that move at limited rates and stand still, or
+planned motions of all joints, which tracking controllers and shaped drives go by.
+"""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from cranedyn.checks import number
+from cranedyn.clocks import intervals
 from cranedyn.errors import OutOfRange, quoted
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
+from cranedyn.references.motion import Motion
+from cranedyn.references.tabulated import Tabulating
 
 
 class Leg:
@@ -73,7 +78,7 @@ ARTICLE_TOUR = (
 
 
 @dataclass(frozen=True, eq=False)
-class Timetable(ABC):
+class Timetable(Tabulating):
     """A reference in stages that are repeated for ever.
 
     Attributes:
@@ -90,19 +95,13 @@ class Timetable(ABC):
     def stage(self, t: float) -> tuple[Stage, float]:
         """Return the stage under way at a time [s], and the time at which its cycle began [s]."""
         cycle = t // self.duration * self.duration
-        return next(
-            (stage for stage in self.stages if t - cycle < stage.end), self.stages[-1]
-        ), cycle
-
-    @abstractmethod
-    def __call__(self, t: float) -> Setpoint:
-        """Return the setpoint of the drives at a time [s]."""
+        under_way = (stage for stage in self.stages if t - cycle < stage.end)
+        return next(under_way, self.stages[-1]), cycle
 
 
 @dataclass(frozen=True, eq=False)
 class Itinerary(Timetable):
-    """A reference that repeats its stages for ever; every drive moves at its rate until it is
-    there.
+    """A timetable in which every drive moves at its rate until it is there.
 
     Attributes:
         rates: Largest rates of the drives [rad/s or m/s], shape (m,).
@@ -110,36 +109,44 @@ class Itinerary(Timetable):
 
     rates: np.ndarray
 
-    def __call__(self, t: float) -> Setpoint:
-        """Return the setpoint at a time [s]."""
-        stage, cycle = self.stage(t)
-        path, travelled = stage.target - stage.origin, self.rates * (t - cycle - stage.begin)
-        moving = travelled < np.abs(path)
-        return Setpoint(
-            stage.origin + np.sign(path) * np.minimum(travelled, np.abs(path)),
-            np.sign(path) * self.rates * moving,
-            np.zeros_like(path),
-        )
+    @cached_property
+    def _columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Origins and targets, shape (k, m), begins and ends [s], shape (k,), of the stages."""
+        _, origins, targets, begins, _, ends = zip(*self.stages, strict=True)
+        return np.array(origins), np.array(targets), np.array(begins), np.array(ends)
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (n, m) each."""
-        origins, targets = (
-            np.array([stage.origin for stage in self.stages]),
-            np.array([stage.target for stage in self.stages]),
-        )
-        begins, ends = (
-            np.array([stage.begin for stage in self.stages]),
-            np.array([stage.end for stage in self.stages]),
-        )
+        origins, targets, begins, ends = self._columns
         cycle_times = times - times // self.duration * self.duration
         under_way = np.minimum(np.searchsorted(ends, cycle_times, side="right"), len(ends) - 1)
-        path, travelled = (
-            (targets - origins)[under_way],
-            np.outer(cycle_times - begins[under_way], self.rates),
+        origin = origins[under_way]
+        path = targets[under_way] - origin
+        travelled = np.outer(cycle_times - begins[under_way], self.rates)
+        return Setpoint(
+            origin + np.sign(path) * np.minimum(travelled, np.abs(path)),
+            np.sign(path) * self.rates * (travelled < np.abs(path)),
+            np.zeros_like(path),
         )
-        moving = travelled < np.abs(path)
-        position = origins[under_way] + np.sign(path) * np.minimum(travelled, np.abs(path))
-        return Setpoint(position, np.sign(path) * self.rates * moving, np.zeros_like(path))
+
+
+@dataclass(frozen=True, eq=False)
+class Tour(Timetable):
+    """A timetable of planned motions.
+
+    Attributes:
+        motion: One cycle of it.
+    """
+
+    motion: Motion
+
+    def __call__(self, t: float) -> Setpoint:
+        """Return the setpoint of the drives at a time [s]."""
+        return self.motion(t % self.duration)
+
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Return setpoints at many times [s], shape (n, m) each."""
+        return self.motion.at(times % self.duration)
 
 
 def itinerary(
@@ -150,8 +157,7 @@ def itinerary(
     Args:
         crane: The crane.
         start: Where the drives are.
-        legs: Where to go; the last should lead back to the start, else the repetition begins with a
-            jump.
+        legs: Where to go; the last must lead back to the start.
         rates: Rates of the drives [rad/s or m/s], shape (m,), at most the crane's own.
         dwell: How long to stand still after each leg [s].
 
@@ -171,13 +177,55 @@ def itinerary(
         arrival = t + number(f"time that leg {quoted(leg.name)} takes at these rates", lasts, "s")
         stages.append(Stage(leg, position, target, t, arrival, arrival + dwell))
         position, t = target, arrival + dwell
-    if not stages or t == 0.0:
-        raise OutOfRange("tour", "empty", "one leg at least that moves or dwells")
-    if not np.allclose(position, start.q[crane.layout.drives]):
-        raise OutOfRange(
-            "end of the tour",
-            position.tolist(),
-            f"where it began, {start.q[crane.layout.drives].tolist()}",
-            "rad or m",
-        )
+    _check_cycle(stages)
     return Itinerary(tuple(stages), limits)
+
+
+def tour(
+    crane: Crane, legs: Sequence[Leg], plan: Callable[[State, State], Motion], *, dwell: float
+) -> Tour:
+    """Plan a tour leg by leg, from where the crane starts and back.
+
+    Args:
+        crane: The crane.
+        legs: Where to go; the last must lead back to the start.
+        plan: The motion from one rest to another.
+        dwell: How long to stand still after each leg [s].
+
+    Raises:
+        OutOfRange: For a target out of the crane's ranges, a negative dwell, no leg at all, or a
+            tour that does not end where it began.
+    """
+    number("dwell", dwell, "s", ">= 0")
+    stages: list[Stage] = []
+    samples: list[np.ndarray] = []
+    state, row, drives = crane.start, 0, crane.layout.drives
+    for leg in legs:
+        target = leg_target(crane, leg, state.q[drives])
+        symbols = (joint.symbol for joint in crane.layout.driven)
+        goal = crane.state(**dict(zip(symbols, target.tolist(), strict=True)))
+        motion = plan(state, goal)
+        motion.check_fits("motion that was planned", crane.layout)
+        still = intervals("dwell", dwell, motion.period) if dwell > 0.0 else 0
+        standing = np.stack([goal.q, goal.v, goal.v])[:, None]
+        samples += [
+            np.stack([motion.q, motion.v, motion.a])[:, :-1],
+            np.repeat(standing, still, axis=1),
+        ]
+        arrived = row + len(motion.q) - 1
+        times = [motion.period * k for k in (row, arrived, arrived + still)]
+        stages.append(Stage(leg, state.q[drives], goal.q[drives], *times))
+        state, row = goal, arrived + still
+    _check_cycle(stages)
+    q, v, a = np.concatenate([*samples, standing], axis=1)
+    return Tour(tuple(stages), Motion(motion.period, q, v, a, drives))
+
+
+def _check_cycle(stages: Sequence[Stage]) -> None:
+    """Check that stages take time and lead back to where they began."""
+    if not stages or stages[-1].end == 0.0:
+        raise OutOfRange("tour", "empty", "one leg at least that moves or dwells")
+    first, last = stages[0].origin, stages[-1].target
+    if not np.allclose(last, first):
+        allowed = f"where it began, {first.tolist()}"
+        raise OutOfRange("end of the tour", last.tolist(), allowed, "rad or m")

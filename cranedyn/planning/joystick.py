@@ -111,16 +111,10 @@ def _ramps(pulses: Sequence[JoystickPulse], limit: float) -> list[tuple[float, f
     for pulse, following in zip(mine, [*(pulse.at for pulse in mine[1:]), math.inf], strict=True):
         end = pulse.at + pulse.hold
         if following < end - _TOUCH:
-            raise OutOfRange(
-                f"start of a push of {pulse.drive}",
-                following,
-                f"{end:g} or later, when the one before it ends",
-                "s",
-            )
-        for begin, until, target in (
-            (pulse.at, pulse.hold, pulse.rate / limit),
-            (end, following - end, 0.0),
-        ):
+            allowed = f"{end:g} or later, when the one before it ends"
+            raise OutOfRange(f"start of a push of {pulse.drive}", following, allowed, "s")
+        held, let_go = (pulse.at, pulse.hold, pulse.rate / limit), (end, following - end, 0.0)
+        for begin, until, target in (held, let_go):
             lasts = math.copysign(min(abs(target - speed), max(until, 0.0)), target - speed)
             ramps.append((begin, lasts))
             speed += lasts

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -21,9 +22,8 @@ from cranedyn.planning.curve import (
     rounded_path,
     straight_time,
 )
-from cranedyn.planning.grid import best_on_grid
 from cranedyn.planning.proof import CLOSE, SlewRange, slew_range, unproven_row
-from cranedyn.planning.search import CELLS, search
+from cranedyn.planning.search import CELLS, best_on_grid, search
 from cranedyn.planning.site import Site
 from cranedyn.planning.timing import RAMP, TimedMotion, timed
 from cranedyn.references.limits import Limits
@@ -60,7 +60,6 @@ class Lift:
         slews: Slew angles through which the jib is proven to turn freely.
         path: The way with rounded corners, proven.
         timed: The motion, proven.
-        extra: Margin that the way keeps [m].
     """
 
     clearance: Clearance
@@ -69,17 +68,11 @@ class Lift:
     slews: SlewRange
     path: Path
     timed: TimedMotion
-    extra: float = 0.0
 
     @property
     def crane(self) -> Crane:
         """The crane."""
         return self.clearance.crane
-
-    @property
-    def bounds(self) -> np.ndarray:
-        """Least and largest place of the search, shape (2, 3)."""
-        return _bounds(self.clearance, self.ends, self.slews)
 
     @property
     def points(self) -> np.ndarray:
@@ -109,20 +102,15 @@ class Lift:
     @cached_property
     def _reference(self) -> tuple[float, float]:
         rates = np.array(self.limits.rates)
-        ramp = rates / np.array(self.limits.accelerations)
+        ramp = (rates / np.array(self.limits.accelerations)).min()
         grid = fastest = math.inf
-        for goal in _turns(self.ends[0], self.ends[1], self.slews):
-            ends = np.array([self.ends[0], goal])
+        for ends in _turns(self.ends[0], self.ends[1], self.slews):
             straight = straight_time(ends, self.limits)
             if straight < fastest:
                 bounds = _bounds(self.clearance, ends, self.slews)
-                grid_duration = best_on_grid(
-                    self.clearance, ends, bounds, rates, cell=_FINE
-                ).duration
-                along = rest_to_rest_time(
-                    np.array(grid_duration - _FINE), np.array(1.0), 1.0 / ramp.min()
-                )
-                grid, fastest = min(grid, grid_duration), min(fastest, max(float(along), straight))
+                duration = best_on_grid(self.clearance, ends, bounds, rates, cell=_FINE).duration
+                along = rest_to_rest_time(np.array(duration - _FINE), np.array(1.0), 1.0 / ramp)
+                grid, fastest = min(grid, duration), min(fastest, max(float(along), straight))
         return grid, fastest
 
     def states(self) -> tuple[State, State]:
@@ -180,36 +168,25 @@ def plan_lift(
             installed.
     """
     crane = crane_of(site) if crane is None else crane
-    clearance, limits = Clearance(crane, site), _with_reserve(limits.for_crane(crane), crane)
-    first, last = (
-        _end(clearance, end_name, point if point is not None else default)
-        for end_name, point, default in (("start", start, site.start), ("goal", goal, site.goal))
-    )
+    limits = limits.for_crane(crane)
+    limits = replace(limits, rates=np.minimum(limits.rates, crane.rate_limit / RESERVE).tolist())
+    clearance = Clearance(crane, site)
+    first = _end(clearance, "start", site.start if start is None else start)
+    last = _end(clearance, "goal", site.goal if goal is None else goal)
     slew = clearance.joints.slew
     slews = slew_range(
         clearance, float(first[0]), float(crane.lower[slew]), float(crane.upper[slew])
     )
     if slews.low == slews.high:
         raise NoWay(f"At the start the jib is nearer to {slews.below} than {site.distance:g} m.")
-    rates = np.array(limits.rates)
-    best: Lift | None = None
-    for turn in _turns(first, last, slews):
-        ends = np.array([first, turn])
-        if best is None or straight_time(ends, limits) < best.timed.motion.arrival:
-            best = _faster(best, _way(clearance, ends, slews, rates, ramp, limits, period))
-    if best is None:
-        raise NoWay(_reason(clearance, first, last, slews, rates))
-    return best
-
-
-def _faster(best: Lift | None, lift: Lift | None) -> Lift | None:
-    if best is None or lift is None:
-        return best or lift
-    return lift if lift.timed.motion.arrival < best.timed.motion.arrival else best
-
-
-def _with_reserve(limits: Limits, crane: Crane) -> Limits:
-    return replace(limits, rates=np.minimum(limits.rates, crane.rate_limit / RESERVE).tolist())
+    lifts: list[Lift] = []
+    for ends in _turns(first, last, slews):
+        straight = straight_time(ends, limits)
+        if all(straight < lift.timed.motion.arrival for lift in lifts):
+            lifts += _ways(clearance, ends, slews, limits, ramp, period)
+    if not lifts:
+        raise NoWay(_reason(clearance, first, last, slews, np.array(limits.rates)))
+    return min(lifts, key=lambda lift: lift.timed.motion.arrival)
 
 
 def _end(clearance: Clearance, name: str, point: np.ndarray | None) -> np.ndarray:
@@ -235,12 +212,14 @@ def _end(clearance: Clearance, name: str, point: np.ndarray | None) -> np.ndarra
 
 
 def _turns(first: np.ndarray, last: np.ndarray, slews: SlewRange) -> list[np.ndarray]:
-    """Return the goal by the slew angles at which it is reached, the two nearest ones."""
+    """Return start and goal, shape (2, 3), by the two nearest slew angles that reach the goal."""
     first_turn = math.ceil((slews.low - last[0]) / _TURN)
     last_turn = math.floor((slews.high - last[0]) / _TURN)
     angles = [last[0] + k * _TURN for k in range(first_turn, last_turn + 1)]
     nearest = sorted(angles, key=lambda gamma: abs(gamma - first[0]))[:2]
-    return [np.array([gamma, *last[1:]]) for gamma in nearest if abs(gamma - first[0]) <= _TURN]
+    return [
+        np.array([first, [gamma, *last[1:]]]) for gamma in nearest if abs(gamma - first[0]) <= _TURN
+    ]
 
 
 def _bounds(clearance: Clearance, ends: np.ndarray, slews: SlewRange) -> np.ndarray:
@@ -251,30 +230,26 @@ def _bounds(clearance: Clearance, ends: np.ndarray, slews: SlewRange) -> np.ndar
         ends_of_range[clearance.drive_joints].tolist()
         for ends_of_range in (clearance.crane.lower, clearance.crane.upper)
     )
-    gammas = ends[:, 0].min() - math.pi / 2.0, ends[:, 0].max() + math.pi / 2.0
-    margin = clearance.site.swing * long / inner
-    low = max(slews.low + min(margin, 0.1), gammas[0]) if slews.below else max(slews.low, gammas[0])
-    high = (
-        min(slews.high - min(margin, 0.1), gammas[1]) if slews.above else min(slews.high, gammas[1])
-    )
+    away = min(clearance.site.swing * long / inner, 0.1)
+    low = max(slews.low + away * bool(slews.below), ends[:, 0].min() - math.pi / 2.0)
+    high = min(slews.high - away * bool(slews.above), ends[:, 0].max() + math.pi / 2.0)
     return np.array([[low, inner, clearance.shortest_cable], [high, outer, long]])
 
 
-def _way(
+def _ways(
     clearance: Clearance,
     ends: np.ndarray,
     slews: SlewRange,
-    rates: np.ndarray,
-    ramp: float,
     limits: Limits,
+    ramp: float,
     period: float,
-) -> Lift | None:
-    """Return a lift between two places with a margin of `EXTRA`; None if none is found."""
+) -> Iterator[Lift]:
+    """Yield lifts between two places with margins of `EXTRA`, until one is fast enough."""
     end_margin = min(clearance.swing_margin(end) for end in ends)
-    bounds = _bounds(clearance, ends, slews)
+    bounds, rates = _bounds(clearance, ends, slews), np.array(limits.rates)
     if not ((bounds[0] <= ends).all() and (ends <= bounds[1]).all()):
-        return None
-    best: Lift | None = None
+        return
+    proven = partial(_is_proven, clearance, slews)
     for extra in EXTRA:
         if extra and end_margin < extra + CLOSE:
             continue
@@ -283,23 +258,15 @@ def _way(
             path = rounded_path(wider, points, rates)
             if path is None:
                 continue
-            motion = timed(
-                clearance,
-                path,
-                limits,
-                lambda motion: _proven(clearance, motion, slews),
-                ramp=ramp,
-                period=period,
-            )
+            motion = timed(clearance, path, limits, proven, ramp=ramp, period=period)
             if motion is None:
                 continue
-            best = _faster(best, Lift(clearance, limits, ends, slews, path, motion, extra))
+            yield Lift(clearance, limits, ends, slews, path, motion)
             if motion.motion.arrival < _FAST * straight_time(ends, limits):
-                return best
-    return best
+                return
 
 
-def _proven(clearance: Clearance, timed: TimedMotion, slews: SlewRange) -> bool:
+def _is_proven(clearance: Clearance, slews: SlewRange, timed: TimedMotion) -> bool:
     """Return whether all that hangs is proven free along a motion, with its envelope of swing, all
     joints stay in their ranges, and the jib in the slew angles that are free.
     """
@@ -323,19 +290,18 @@ def _reason(
             f"The jib cannot turn to the goal: {' and '.join(names) or 'the range of the slew'} "
             "is in its way on both sides."
         )
-    ends = np.array([first, turns[0]])
+    ends = turns[0]
     bounds = _bounds(clearance, ends, slews)
     for end_name, pair in (("start", ends), ("goal", ends[::-1])):
         result = best_on_grid(clearance, pair, bounds, rates, cell_limit=CELLS)
         if result.points is None and result.blocked:
             small_load = replace(clearance.site, load=0.01 * clearance.bodies.load)
-            small = Clearance(clearance.crane, small_load)
-            hook = (
-                ""
-                if best_on_grid(small, pair, bounds, rates, cell_limit=CELLS).points is None
-                else " The hook without a load could pass: every gap is narrower than the load "
-                "with its distance and swing."
-            )
+            small, hook = Clearance(clearance.crane, small_load), ""
+            if best_on_grid(small, pair, bounds, rates, cell_limit=CELLS).points is not None:
+                hook = (
+                    " The hook without a load could pass: every gap is narrower than the load "
+                    "with its distance and swing."
+                )
             return (
                 f"There is no way: the {end_name} is enclosed by {', '.join(result.blocked[:3])}; "
                 f"{result.reached} cells of 1 s can be reached from it.{hook}"

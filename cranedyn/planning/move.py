@@ -6,17 +6,22 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 from scipy.interpolate import BPoly
 
 from cranedyn.checks import number
+from cranedyn.dynamics.bodies import bodies
+from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.linearisation import free_modes
 from cranedyn.dynamics.pinocchio import holding_effort, payload_position
+from cranedyn.dynamics.scalars import array
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.planning import symbolic, transcription
+from cranedyn.planning import transcription
 from cranedyn.planning.curve import interpolate_columns, rest_to_rest_time
 from cranedyn.planning.half_spaces import HalfSpaces
-from cranedyn.planning.symbolic import ca
+from cranedyn.planning.transcription import ca
+from cranedyn.plant import rigid_body
 from cranedyn.references.motion import Motion
 
 _TAUT = 0.1
@@ -86,7 +91,6 @@ class Move:
         jerk: Limits of their jerks, shape (m,); None for drives whose acceleration may jump.
         swing: Bound of each swing [rad].
         preference: Weights of the cost.
-        worth: Weight of the cost, as a share of the duration.
         tilt: Bound of the angle of the rope from plumb [rad]; None for none.
         given_ranges: Least and largest coordinates, shape (2, n); None for those of the crane.
     """
@@ -100,7 +104,6 @@ class Move:
     jerk: np.ndarray | None
     swing: float
     preference: Preference
-    worth: float
     tilt: float | None = None
     given_ranges: np.ndarray | None = None
 
@@ -134,6 +137,43 @@ def is_at_rest(crane: Crane, state: State) -> bool:
     return bool(not state.v.any() and off <= PLUMB)
 
 
+def rnea(model: pin.Model, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
+    """Return generalized forces [N m or N], shape (n,), that cause accelerations, on symbols: as
+    `pin.rnea` damping and friction not counted, gravity and armature counted.
+
+    Args:
+        model: A model whose joints have one coordinate each; the only source of the numbers.
+        q: Coordinates [rad or m], shape (n,).
+        v: Their rates, shape (n,).
+        a: Their accelerations, shape (n,).
+    """
+    tree = bodies(model)
+    tree = tree.with_numbers(tree.numbers().tolist())
+    angles, rates, accelerations = (array(ca.vertsplit(ca.densify(column))) for column in (q, v, a))
+    frames = rigid_body.frames(tree, angles)
+    return ca.vertcat(*rigid_body.tree_inverse_dynamics(tree, frames, rates, accelerations))
+
+
+def hybrid_dynamics(
+    crane: Crane, q: ca.SX, v: ca.SX, drive_acceleration: ca.SX
+) -> tuple[ca.SX, ca.SX]:
+    """Return accelerations of all joints when those of the drives are given, and the drive efforts
+    that this costs.
+
+    The same as `cranedyn.dynamics.pinocchio.prescribed_acceleration`, on symbols: shapes (n,),
+    (n,), (m,) to (n,) and (m,).
+    """
+    drives, passive = crane.layout.drives.tolist(), crane.layout.passive.tolist()
+    a, free = ca.SX(crane.layout.n, 1), ca.SX.sym("free", len(passive))
+    a[drives], a[passive] = drive_acceleration, free
+    angles, rates = (array(ca.vertsplit(ca.densify(column))) for column in (q, v))
+    force = rnea(crane.model, q, v, a) - ca.vertcat(*JointForces.of(crane).effort(angles, rates))
+    mass, force = ca.jacobian(force, free), ca.substitute(force, free, np.zeros(len(passive)))
+    solved = -ca.solve(mass[passive, :], force[passive])
+    a[passive] = solved
+    return a, (force + mass @ solved)[drives]
+
+
 def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Problem:
     """Return the problem of a move.
 
@@ -150,21 +190,15 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
     )
     acceleration = drive_acceleration[0] if ramp else u
     q, v, a = ca.SX(move.start.q), ca.SX(layout.n, 1), ca.SX(layout.m, 1)
-    q[passive], v[passive], q[move.joints], v[move.joints], a[move.drives.tolist()] = (
-        free,
-        free_rate,
-        position,
-        rate,
-        acceleration,
-    )
-    full, effort = symbolic.hybrid_dynamics(crane, q, v, a)
+    q[passive], q[move.joints] = free, position
+    v[passive], v[move.joints] = free_rate, rate
+    a[move.drives.tolist()] = acceleration
+    full, effort = hybrid_dynamics(crane, q, v, a)
     swings = np.isin(layout.passive, crane.swings)
     angle, angle_rate = (column[np.flatnonzero(swings).tolist()] for column in (free, free_rate))
     moved, moving = (column[layout.drives.tolist()] for column in (q, v))
-    angle, angle_rate = (
-        angle - crane.rest.angle - crane.rest.slope @ moved,
-        angle_rate - crane.rest.slope @ moving,
-    )
+    angle = angle - crane.rest.angle - crane.rest.slope @ moved
+    angle_rate = angle_rate - crane.rest.slope @ moving
     # Between two points a parabola stays below the higher of them or the crossing of its tangents,
     # half a gap ahead.
     ahead = angle + gap / 2.0 * angle_rate
@@ -172,9 +206,8 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
     if ramp:  # else rates are straight lines between points
         share_terms.append((rate + gap / 2.0 * acceleration) / move.rate)
     if move.tilt is not None:
-        share_terms += [
-            ca.sumsqr(angles) / (move.tilt * (1.0 - _WITHIN)) ** 2 for angles in (angle, ahead)
-        ]
+        largest = (move.tilt * (1.0 - _WITHIN)) ** 2
+        share_terms += [ca.sumsqr(angles) / largest for angles in (angle, ahead)]
     lower, upper = move.ranges
     bound, any_rate = np.full(p, np.inf), np.full(p, np.inf)
     bound[swings] = move.swing
@@ -188,32 +221,24 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
         holding = abs(holding_effort(crane, move.start.q)[hoist])
         nonnegative.append((crane.damping[cable] * v[cable] - effort[hoist]) / holding - _TAUT)
     margins = ca.vertcat(*nonnegative)
-    low = [np.maximum(-bound, lower[passive]), -any_rate, lower[move.joints]]
-    high = [np.minimum(bound, upper[passive]), any_rate, upper[move.joints]]
     kinds = [move.rate, move.acceleration][: len(sizes) - 3]
+    negative = [-limits for limits in kinds]
+    low = [np.maximum(-bound, lower[passive]), -any_rate, lower[move.joints], *negative]
+    high = [np.minimum(bound, upper[passive]), any_rate, upper[move.joints], *kinds]
     control = move.acceleration if move.jerk is None else move.jerk
-    upper_shares, none = np.ones(shares.numel()), np.zeros(margins.numel())
+    ones, none = np.ones(shares.numel()), np.zeros(margins.numel())
+    path_bounds = [np.concatenate([-ones, none]), np.concatenate([ones, none + np.inf])]
     drive_scale = [_SIZE[layout.driven[drive].kind] for drive in move.drives]
     return transcription.Problem(
         x=x,
         u=u,
         gap=gap,
         rates=ca.vertcat(free_rate, full[passive], rate, *drive_acceleration, u),
-        cost=1.0 + move.worth * _cost(move, angle, acceleration, u),
+        cost=1.0 + move.preference.longer * _cost(move, angle, acceleration, u),
         path=ca.vertcat(shares, margins),
-        bounds=np.array(
-            [
-                np.concatenate([*low, *(-angles for angles in kinds)]),
-                np.concatenate([*high, *kinds]),
-            ]
-        ),
+        bounds=np.array([np.concatenate(low), np.concatenate(high)]),
         control_bounds=np.array([-control, control]),
-        path_bounds=np.array(
-            [
-                np.concatenate([-upper_shares, none]),
-                np.concatenate([upper_shares, np.full(len(none), np.inf)]),
-            ]
-        ),
+        path_bounds=np.array(path_bounds),
         scale=np.concatenate([np.full(2 * p, 0.1), drive_scale, *kinds]),
         parameters=None if spaces is None else spaces.symbols,
         values=None if spaces is None else spaces.values,

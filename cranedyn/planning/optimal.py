@@ -157,18 +157,10 @@ def optimal(
     jerk = None
     if number("ramp", ramp, "s", ">= 0") > 0.0:
         jerk = (acceleration / within("ramp", ramp, *_RAMPS, "s"))[drives]
-    move = Move(
-        crane,
-        start,
-        goal,
-        drives,
-        rate[drives],
-        acceleration[drives],
-        jerk,
-        swing,
-        preference,
-        preference.longer if duration is None else _LEAST_SWING,
-    )
+    if duration is not None:
+        preference = replace(preference, longer=_LEAST_SWING)
+    kept = rate[drives], acceleration[drives], jerk
+    move = Move(crane, start, goal, drives, *kept, swing, preference)
     if clearance is not None:
         move = _among_obstacles(move, clearance)
     shortest_duration = 0.0 if duration is None else number("duration", duration, "s", "> 0")
@@ -279,19 +271,14 @@ def _first_plan(
     if interval is not None:
         longest = number("interval", interval, "s", "> 0")
     longest = min(longest, _SHARE * fastest)
-    duration = (
-        max(shortest, estimated_duration(move, slowest) + ramp)
-        if begin is None
-        else max(shortest, begin.arrival)
-    )
+    enough = estimated_duration(move, slowest) + ramp if begin is None else begin.arrival
+    duration = max(shortest, enough)
     intervals("duration", duration, period)
     if duration / longest > _MOST:
-        raise OutOfRange(
-            "duration",
-            duration,
-            f"{_MOST * longest:g} or less with intervals of {longest:g} s: half the ramp at most",
-            "s",
+        limit = (
+            f"{_MOST * longest:g} or less with intervals of {longest:g} s: half the ramp at most"
         )
+        raise OutOfRange("duration", duration, limit, "s")
     count = math.ceil(duration / longest)
     if begin is not None:
         return plan_of_motion(move, begin, count)
@@ -310,16 +297,10 @@ def _check_ends(crane: Crane, start: State, goal: State, rate: np.ndarray, swing
             within(name, state.q[i], crane.lower[i], crane.upper[i], unit)
             if i in crane.swings:
                 within(name, state.q[i], hanging[i] - swing, hanging[i] + swing, unit)
-            if not joint.driven and not moves:
-                if abs(state.q[i] - hanging[i]) > PLUMB:
-                    raise OutOfRange(name, state.q[i], f"{hanging[i]:g}: it hangs at rest", unit)
-            within(
-                f"{joint.symbol}_dot at the {end}",
-                state.v[i],
-                -rate_limit[i],
-                rate_limit[i],
-                f"{unit}/s",
-            )
+            if not (joint.driven or moves) and abs(state.q[i] - hanging[i]) > PLUMB:
+                raise OutOfRange(name, state.q[i], f"{hanging[i]:g}: it hangs at rest", unit)
+            rate_name, limit = f"{joint.symbol}_dot at the {end}", rate_limit[i]
+            within(rate_name, state.v[i], -limit, limit, f"{unit}/s")
     if np.array_equal(start.q, goal.q) and np.array_equal(start.v, goal.v):
         raise OutOfRange("goal", "the start itself", "another place")
     hoist = layout.drive_of("hoist")
@@ -351,13 +332,8 @@ def _among_obstacles(move: Move, clearance: Clearance) -> Move:
     for end, state in (("start", move.start), ("goal", move.goal)):
         margin = clearance.swing_margin(state.q[drive_joints])
         number(f"clearance margin at the {end}", margin - CLOSE, "m", ">= 0")
-        within(
-            f"tilt of the rope at the {end}",
-            float(clearance.tilt(state.q)),
-            0.0,
-            clearance.site.swing,
-            "rad",
-        )
+        tilt = float(clearance.tilt(state.q))
+        within(f"tilt of the rope at the {end}", tilt, 0.0, clearance.site.swing, "rad")
     slew, hoist = joints.slew, joints.hoist
     slews = slew_range(
         clearance, float(move.start.q[slew]), float(crane.lower[slew]), float(crane.upper[slew])

@@ -79,10 +79,7 @@ class Spread:
         for delay in finite("delays of the sensors", self.late, ("n",), unit="s"):
             within("delay of the sensors", delay, 0.0, 10.0, "s")
         if not len(self.late):
-            raise CraneError(
-                "delays of the sensors is (); allowed is one or more [s], of which one is drawn "
-                "for each lift."
-            )
+            raise CraneError("delays of the sensors is (); allowed is one or more [s].")
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,34 +254,33 @@ def _batch(
     dt: float,
 ) -> tuple[Batch, np.ndarray]:
     """Simulate lifts of one load; return also the forces of the wind in the rows that are kept."""
-    crane, motion, count = lift.crane, lift.timed.motion, len(drawn["load"])
-    load = float(drawn["load"][0])
-    heavier = (load - 1.0) * crane.payload_mass * crane.gravity
+    crane, motion, load = lift.crane, lift.timed.motion, float(drawn["load"][0])
+    # All batches share one compiled code if the last lift is simulated again with another load.
+    added = next((crane for level, crane in cranes.items() if level != load), cranes[load])
+    drawn = {name: np.append(values, values[-1]) for name, values in drawn.items()}
+    count, heavier = len(drawn["load"]), (load - 1.0) * crane.payload_mass * crane.gravity
     controllers = {
         delay: replace(nominal, tracking=late(nominal, delay), integral=-heavier / HOIST_INTEGRAL)
         for delay in np.unique(drawn["late_s"]).tolist()
     }
-    delays = drawn["late_s"].tolist()
     times = motion.period * np.arange(_periods(lift) + 1)
-    # All batches share one compiled code if the last crane is simulated again with another load.
-    added = next((crane for level, crane in cranes.items() if level != load), cranes[load])
-    force = _forces(lift, {name: _repeat_last(values) for name, values in drawn.items()}, times)
+    force = _forces(lift, drawn, times)
     start = np.tile(lift.states()[0].q, (count, 1))
+    offset = np.zeros((count, 2 * crane.layout.n))
     hoist = lift.clearance.joints.hoist
     start[:, hoist] += drawn["cable_m"]
-    offset = np.zeros((count, 2 * crane.layout.n))
     offset[:, hoist] = -drawn["cable_m"]
-    _hang(start, force[:-1, 0, :3], cranes[load], lift.clearance.joints)
+    _hang(start, force[:, 0, :3], cranes[load], lift.clearance.joints)
     batch = simulate_batch(
-        [*[cranes[load]] * count, added],
-        [*(controllers[delay] for delay in delays), controllers[min(controllers)]],
+        [*[cranes[load]] * (count - 1), added],
+        [controllers[delay] for delay in drawn["late_s"].tolist()],
         motion,
-        start=State(_repeat_last(start), np.zeros((count + 1, start.shape[1]))),
+        start=State(start, np.zeros_like(start)),
         duration=motion.period * _periods(lift),
         dt=dt,
         control_period=motion.period,
         force=force,
-        sensor_offset=_repeat_last(offset),
+        sensor_offset=offset,
         residual_from=motion.arrival,
         record=_every(lift),
         threads=1,
@@ -292,10 +288,6 @@ def _batch(
     names = ("peak_swing", "residual_swing", "largest_effort", "valid_until", "q", "v")
     batch = replace(batch, **{name: getattr(batch, name)[:-1] for name in names})
     return batch, force[:-1, np.rint(batch.t / motion.period).astype(int)]
-
-
-def _repeat_last(values: np.ndarray) -> np.ndarray:
-    return np.concatenate([values, values[-1:]])
 
 
 def _periods(lift: Lift) -> int:
@@ -315,13 +307,8 @@ def _recorded(lift: Lift) -> np.ndarray:
 
 
 def _hang(start: np.ndarray, force: np.ndarray, crane: Crane, joints: Joints) -> None:
-    """Set loads where the wind holds them at the start, their pivots unmoved.
-
-    Args:
-        start: Coordinates to change, shape (n, coordinates).
-        force: Forces in the world [N], shape (n, 3).
-        crane: The crane.
-        joints: Its joints.
+    """Set loads, shape (n, coordinates), where forces of the wind in the world [N], shape (n, 3),
+    hold them, their pivots unmoved.
     """
     gamma, weight = start[:, joints.slew], crane.payload_mass * crane.gravity
     outward = force[:, 0] * np.sin(gamma) - force[:, 1] * np.cos(gamma)
@@ -363,14 +350,9 @@ def _least(
 ) -> np.ndarray:
     """Return a lower bound of the least distance in each lift [m], shape (n,).
 
-    Where a lift differs from its plan by less than the margin of the plan, that difference gives
-    the bound. Elsewhere distances are measured in the recorded rows, less the way between these.
-
-    Args:
-        clearance: Crane and site.
-        planned: Planned coordinates in the recorded rows, shape (rows, n).
-        margins: Margins of the plan in these rows [m], shape (rows,).
-        batch: The simulated lifts.
+    Where a lift differs from planned coordinates, shape (rows, n), by less than their margins [m],
+    shape (rows,), that difference gives the bound. Elsewhere distances are measured in the recorded
+    rows, less the way between these.
     """
     between = clearance.displacement(batch.q[:, :-1, :], batch.q[:, 1:, :]) / 2.0
     step = np.maximum(np.pad(between, ((0, 0), (1, 0))), np.pad(between, ((0, 0), (0, 1))))

@@ -79,13 +79,8 @@ def is_proven_free(clearance: Clearance, start: np.ndarray, end: np.ndarray) -> 
 def unproven_parameter(
     clearance: Clearance, curve: DriveCurve, first: float, last: float
 ) -> float | None:
-    """Return a parameter about which a curve is not proven free; None if all of it is.
-
-    Args:
-        clearance: Crane and site.
-        curve: The curve.
-        first: Parameter at which the stretch begins.
-        last: Parameter at which it ends.
+    """Return a parameter about which a curve is not proven free; None if it is from a first to a
+    last parameter.
     """
     stretches, examined = deque([(first, last)]), 0
     while stretches:
@@ -99,10 +94,8 @@ def unproven_parameter(
         if margin < change:
             # The part about the middle that is proven need not be examined again.
             radius = 0.99 * (high - low) / 2.0 * margin / change
-            if (
-                clearance.travel(drive_position, curve.reach(middle - radius, middle + radius))
-                > margin
-            ):
+            reach = curve.reach(middle - radius, middle + radius)
+            if clearance.travel(drive_position, reach) > margin:
                 radius = 0.0
             stretches += [(low, middle - radius), (middle + radius, high)]
     return None
@@ -111,17 +104,12 @@ def unproven_parameter(
 def unproven_row(
     clearance: Clearance, q: np.ndarray, period: float, *, swinging: bool = False
 ) -> int | None:
-    """Return a row of a motion about which it is not proven that all that hangs keeps its distance;
-    None if it does at all times.
+    """Return a row of a motion about which it is not proven that all that hangs keeps its distance,
+    with its envelope where it is swinging; None if it does at all times.
 
-    Between two rows no point moves farther than the difference of their coordinates says. Stretches
-    of rows are halved until the margin in their middle is more than that.
-
-    Args:
-        clearance: Crane and site.
-        q: Coordinates of all joints, shape (rows, n).
-        period: Time between rows [s].
-        swinging: Whether the envelope of swing must be free, too.
+    The motion is coordinates of all joints, shape (rows, n), a period [s] apart. Between two rows
+    no point moves farther than the difference of their coordinates says. Stretches of rows are
+    halved until the margin in their middle is more than that.
     """
     envelope = clearance.envelope(q[:, clearance.joints.hoist]) * swinging
     before, after = (np.delete(q, end, axis=0) for end in (-1, 0))
@@ -155,16 +143,9 @@ class SlewRange(NamedTuple):
 
 
 def slew_range(clearance: Clearance, gamma: float, low: float, high: float) -> SlewRange:
-    """Return the slew angles that jib and counter-jib are proven to reach from one angle.
-
-    Args:
-        clearance: Crane and site.
-        gamma: Angle of the jib [rad].
-        low: Least angle of the joint [rad].
-        high: Largest angle of the joint [rad].
-
-    Returns:
-        The range; empty, with both ends at the angle, where the jib is too close to an obstacle.
+    """Return the slew angles that jib and counter-jib are proven to reach from an angle gamma
+    [rad], within the range of the joint from low to high [rad]; an empty range, with both ends at
+    gamma, where the jib is too close to an obstacle.
     """
     ends, names = [], []
     for sign, limit in ((-1.0, low), (1.0, high)):

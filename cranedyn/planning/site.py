@@ -1,8 +1,11 @@
-"""A site: where the crane stands, what stands about it, what it lifts, and from where to where."""
+"""A site: where the crane stands, what stands about it, what it lifts, and from where to where; and
+weights of the crane's structure that a URDF need not have: base, jib, counter-jib.
+"""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -11,11 +14,61 @@ import numpy as np
 from cranedyn.checks import number
 from cranedyn.errors import DataError, quoted
 from cranedyn.planning.solids import Solid, rotation_z
-from cranedyn.planning.structure import Arm, Base
 from cranedyn.references.limits import Limits
 
 DISTANCE, SWING = 0.5, math.radians(2.0)
 """Required distance [m] and largest swing of the load [rad] of a site that does not give them."""
+
+
+@dataclass(frozen=True)
+class Base:
+    """A square base on which a tower stands by four corners, its sides along the world's X and Y.
+
+    Attributes:
+        spacing: Distance between neighbouring corners [m].
+        mass: Mass of base, ballast and mast, as far as the crane's model lacks it [kg], above the
+            middle.
+        permitted: Largest force that the ground may bear under a corner [N]; None if unknown.
+
+    Raises:
+        OutOfRange: If the spacing or the permitted force is not positive, or the mass negative.
+    """
+
+    spacing: float
+    mass: float
+    permitted: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        number("spacing of the corners", self.spacing, "m", "> 0")
+        number("mass of the base", self.mass, "kg", ">= 0")
+        if self.permitted is not None:
+            number("permitted force of a corner", self.permitted, "N", "> 0")
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Jib or counter-jib, as a weight at its centre of mass.
+
+    Its weight is added to the loads of the slewing ring and the foot, besides the upper structure
+    that the crane's model has on the slew axis. Its inertia is part of the crane's
+    `slewing_inertia`.
+
+    Attributes:
+        mass: Mass [kg].
+        centre: Centre of mass, from the slew axis along the jib, negative behind it [m].
+
+    Raises:
+        OutOfRange: If the mass is negative, or a number is not finite.
+    """
+
+    mass: float
+    centre: float
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        number("mass of an arm", self.mass, "kg", ">= 0")
+        number("centre of an arm", self.centre, "m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +87,13 @@ class Site:
         load: Corners of the load about its centre [m], shape (n, 3); X is across the jib, Y against
             it; None for that of the crane.
         start, goal: Centre of the load at the start and at the end [m], shape (3,); None if
-        unknown. distance: Required distance between all that moves and every obstacle [m]. swing:
-        Largest angle of the rope from plumb that is allowed [rad]. limits: Limits of the drives;
-        None if unknown. base: Base of the crane; None if unknown. arms: Jib and counter-jib as
-        weights; empty if unknown. rigging: Masses of hook and slings [kg], by name, part of the
-        mass of the crane's load.
+            unknown.
+        distance: Required distance between all that moves and every obstacle [m].
+        swing: Largest angle of the rope from plumb that is allowed [rad].
+        limits: Limits of the drives; None if unknown.
+        base: Base of the crane; None if unknown.
+        arms: Jib and counter-jib as weights; empty if unknown.
+        rigging: Masses of hook and slings [kg], by name, part of the mass of the crane's load.
     """
 
     name: str
@@ -61,18 +116,17 @@ class Site:
         """Check the numbers and names.
 
         Raises:
-            DataError: If two solids have one name. OutOfRange: If a number is not finite, the
-            distance not positive, or the swing not from 0
-                to 0.5.
+            DataError: If two solids have one name.
+            OutOfRange: If a number is not finite, the distance not positive, or the swing not from
+                0 to 0.5.
         """
         number("height of the ground", self.ground, "m")
         number("required distance", self.distance, "m", "> 0")
         number("swing of the load", self.swing, "rad", "0 to 0.5")
-        names = [solid.name for solid in self.solids]
-        for name in names:
-            if names.count(name) > 1:
+        for name, count in Counter(solid.name for solid in self.solids).items():
+            if count > 1:
                 raise DataError(
-                    f"Two obstacles are called {quoted(name)}; each needs a name of its own."
+                    f"{count} obstacles are called {quoted(name)}; each needs a name of its own."
                 )
 
     @property

@@ -1,4 +1,4 @@
-"""Sites from TOML files; errors name line and field. docs/lift.md describes the format."""
+"""Sites from TOML files (docs/howto/plan_lift.md); errors name line and field."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -16,10 +17,9 @@ from cranedyn.checks import number
 from cranedyn.data.files import read_text
 from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, quoted
 from cranedyn.planning.bim import read_ifc
-from cranedyn.planning.neighbour import neighbour
-from cranedyn.planning.site import DISTANCE, SWING, Site
+from cranedyn.planning.bodies import neighbour
+from cranedyn.planning.site import DISTANCE, SWING, Arm, Base, Site
 from cranedyn.planning.solids import Solid, body, box, prism, read_mesh, rotation_z
-from cranedyn.planning.structure import Arm, Base
 from cranedyn.references.limits import Limits
 
 SITES = Path(__file__).parent / "sites"
@@ -31,7 +31,7 @@ _MOST = 2000
 
 
 class _Table:
-    """One table of the file with the lines of its fields."""
+    """One table of the file with the lines of its fields; its methods refuse a value with them."""
 
     def __init__(
         self,
@@ -44,51 +44,39 @@ class _Table:
         self.path, self.name, self.values, self.lines = path, name, values, lines
         for key in values:
             if key not in fields:
-                self.fail(key, str(UnknownName("field", key, fields)))
+                self.fail(key, UnknownName("field", key, fields))
 
-    def fail(self, key: str, sentence: str) -> None:
+    def fail(self, key: str, reason: object) -> NoReturn:
         line = self.lines.get(key, self.lines.get("", 1))
-        raise DataError(f"{self.path}, line {line}, [{self.name}] {key}: {sentence}")
+        raise DataError(f"{self.path}, line {line}, [{self.name}] {key}: {reason}")
 
-    def take(self, key: str, convert: Callable[[Any], Any], default: Any = None) -> Any:
+    def take(self, key: str, convert: Callable[[str, Any], Any], default: Any = None) -> Any:
         if key not in self.values:
             if default is None:
                 self.fail(key, "it is missing.")
             return default
         try:
-            return convert(self.values[key])
+            return convert(key, self.values[key])
         except CraneError as error:
-            self.fail(key, str(error))
+            self.fail(key, error)
 
     def number(
         self, key: str, default: float | None = None, unit: str = "m", allowed: str = "any"
     ) -> float:
-        return self.take(key, lambda value: _number(key, value, unit, allowed), default)
+        return self.take(key, partial(_number, unit=unit, allowed=allowed), default)
 
     def numbers(self, key: str, count: int, allowed: str = "any", default: Any = None) -> Any:
-        return self.take(key, lambda value: _numbers(key, value, count, allowed), default)
-
-    def points(self, key: str) -> np.ndarray:
-        return self.take(
-            key,
-            lambda value: np.array(
-                [_numbers("corner", corner, 2) for corner in _list(key, value, 3)]
-            ),
-        )
+        return self.take(key, partial(_numbers, count=count, allowed=allowed), default)
 
     def text(self, key: str, default: str | None = None) -> str:
-        return self.take(key, lambda value: _text(key, value), default)
+        return self.take(key, _text, default)
 
     def flag(self, key: str) -> bool:
         value = self.values.get(key, False)
-        if not isinstance(value, bool):
-            self.fail(key, "allowed is true or false.")
-        return bool(value)
+        return value if isinstance(value, bool) else self.fail(key, "allowed is true or false.")
 
-    def angle(self, key: str, default: float | None = 0.0) -> float:
-        return math.radians(
-            self.number(key, None if default is None else math.degrees(default), "degrees")
-        )
+    def angle(self, key: str, default: float = 0.0, allowed: str = "any") -> float:
+        return math.radians(self.number(key, math.degrees(default), "degrees", allowed))
 
     def file(self, key: str) -> Path:
         """Return the path of a file, which must lie in the folder of the site, links resolved."""
@@ -117,57 +105,24 @@ def read_site(path: str | Path) -> Site:
     except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
         raise DataError(f"{path} is not TOML: {error}.") from error
     lines = dict(_lines(text))
-    top = _Table(
-        path,
-        "site",
-        content,
-        lines.get(("", 0), {}),
-        ["name", "ground", "crane", "load", "lift", *_ENTERED, *_SOLIDS],
-    )
+    fields = ["name", *_FIELDS, *_SOLIDS]
+    top = _Table(path, "site", content, lines.get(("", 0), {}), fields)
     if not isinstance(content.get("ground"), dict):
         top.fail("ground", "there is none; a site needs a table [ground] with its height.")
-
-    def table(name: str, fields: Sequence[str]) -> _Table:
-        values = content.get(name, {})
-        if not isinstance(values, dict):
+    tables = {}
+    for name, fields in _FIELDS.items():
+        if not isinstance(values := content.get(name, {}), dict):
             top.fail(name, "it must be a table.")
-        return _Table(path, name, values, lines.get((name, 0), {}), fields)
-
-    ground = table("ground", ["height"]).number("height")
-    solids: list[Solid] = []
-    for kind, (fields, make) in _SOLIDS.items():
-        tables = content.get(kind, [])
-        if not isinstance(tables, list) or not all(isinstance(values, dict) for values in tables):
-            top.fail(kind, f"write each as [[{kind}]].")
-        if len(solids) + len(tables) > _MOST:
-            top.fail(kind, f"there are more than {_MOST} obstacles.")
-        for i, values in enumerate(tables):
-            entry = _Table(path, kind, values, lines.get((kind, i), {}), fields)
-            try:
-                solids += make(entry, ground)
-            except CraneError as error:
-                if str(error).startswith(str(path)):
-                    raise
-                entry.fail("name" if "name" in values else "file", str(error))
-    names: set[str] = set()
-    for solid in solids:
-        if solid.name in names:
-            raise DataError(
-                f"{path}: two obstacles are called {quoted(solid.name)}; each needs a name of its "
-                "own."
-            )
-        names.add(solid.name)
-    crane, load = (
-        table("crane", ["position", "heading", "values"]),
-        table("load", ["size", "file", "mass"]),
-    )
-    lift = table("lift", ["from", "to", "distance", "swing"])
-    drives, base, jib, counter_jib, rigging = (table(name, _ENTERED[name]) for name in _ENTERED)
-    values = crane.take("values", _values, {})
+        tables[name] = _Table(path, name, values, lines.get((name, 0), {}), fields)
+    ground = tables["ground"].number("height")
+    solids = _solids(top, lines, ground)
+    crane, load, lift, drives = (tables[name] for name in ("crane", "load", "lift", "drives"))
+    rigging = tables["rigging"]
     masses = {
         name: rigging.number(name, unit="kg", allowed=">= 0") for name in sorted(rigging.values)
     }
-    for entry, name, argument, value in _arguments(load, drives, counter_jib, masses):
+    values = crane.take("values", _values, {})
+    for entry, name, argument, value in _arguments(load, drives, tables["counter_jib"], masses):
         if argument in values:
             entry.fail(name, f"{argument} is among the values of [crane], too; leave one out.")
         values = {**values, argument: value}
@@ -182,22 +137,53 @@ def read_site(path: str | Path) -> Site:
         start=_point(lift, "from"),
         goal=_point(lift, "to"),
         distance=lift.number("distance", DISTANCE, "m", "> 0"),
-        swing=math.radians(lift.number("swing", math.degrees(SWING), "degrees", "0 to 28")),
+        swing=lift.angle("swing", SWING, "0 to 28"),
         limits=_limits(drives),
-        base=_base(base),
-        arms=_arms(jib, counter_jib),
+        base=_base(tables["base"]),
+        arms=_arms(tables["jib"], tables["counter_jib"]),
         rigging=masses,
     )
 
 
-_ENTERED = {
+_FIELDS = {
+    "ground": ["height"],
+    "crane": ["position", "heading", "values"],
+    "load": ["size", "file", "mass"],
+    "lift": ["from", "to", "distance", "swing"],
     "drives": ["rates", "accelerations", "efforts"],
     "base": ["spacing", "mass", "permitted"],
     "jib": ["mass", "centre"],
     "counter_jib": ["length", "mass", "centre"],
     "rigging": ["hook", "slings"],
 }
-"""Tables of what only the people on the site know, with their fields."""
+"""Tables of a site beside its obstacles, with their fields."""
+
+
+def _solids(
+    top: _Table, lines: Mapping[tuple[str, int], dict[str, int]], ground: float
+) -> list[Solid]:
+    solids: dict[str, Solid] = {}
+    for kind, (fields, make) in _SOLIDS.items():
+        tables = top.values.get(kind, [])
+        if not isinstance(tables, list) or not all(isinstance(values, dict) for values in tables):
+            top.fail(kind, f"write each as [[{kind}]].")
+        if len(solids) + len(tables) > _MOST:
+            top.fail(kind, f"there are more than {_MOST} obstacles.")
+        for i, values in enumerate(tables):
+            entry = _Table(top.path, kind, values, lines.get((kind, i), {}), fields)
+            key = "name" if "name" in values else "file"
+            try:
+                made = make(entry, ground)
+            except CraneError as error:
+                if str(error).startswith(str(top.path)):
+                    raise
+                entry.fail(key, error)
+            for solid in made:
+                if solids.setdefault(solid.name, solid) is not solid:
+                    called = f"two obstacles are called {quoted(solid.name)}"
+                    entry.fail(key, f"{called}; each needs a name of its own.")
+    return list(solids.values())
+
 
 _DRIVES = ("slew", "trolley", "hoist")
 
@@ -267,35 +253,27 @@ def _point(lift: _Table, key: str) -> np.ndarray | None:
 
 
 def _box(entry: _Table, ground: float) -> list[Solid]:
-    size, name, centre = (
-        entry.numbers("size", 3, "> 0"),
-        entry.text("name"),
-        entry.numbers("centre", 2),
-    )
-    return [box(name, centre, size, entry.number("base", ground), entry.angle("yaw"))]
+    size, name = entry.numbers("size", 3, "> 0"), entry.text("name")
+    base, centre = entry.number("base", ground), entry.numbers("centre", 2)
+    return [box(name, centre, size, base, entry.angle("yaw"))]
 
 
 def _prism(entry: _Table, ground: float) -> list[Solid]:
-    height, name, outline = (
-        entry.number("height", allowed="> 0"),
-        entry.text("name"),
-        entry.points("outline"),
-    )
-    return [prism(name, outline, entry.number("base", ground), height)]
+    height, name = entry.number("height", allowed="> 0"), entry.text("name")
+    return [prism(name, entry.take("outline", _outline), entry.number("base", ground), height)]
 
 
 def _zone(entry: _Table, ground: float) -> list[Solid]:
     base, height = entry.number("base", ground), entry.number("height", 100.0, allowed="> 0")
-    return [prism(entry.text("name"), entry.points("outline"), base, height, zone=True)]
+    outline = entry.take("outline", _outline)
+    return [prism(entry.text("name"), outline, base, height, zone=True)]
 
 
 def _mesh(entry: _Table, ground: float) -> list[Solid]:
     vertices, triangles = read_mesh(entry.file("file"))
-    scale, position = (
-        entry.number("scale", 1.0, "", "> 0"),
-        entry.numbers("position", 3, default=[0.0, 0.0, ground]),
-    )
-    placed = scale * vertices @ rotation_z(entry.angle("yaw")).T + np.array(position)
+    scale = entry.number("scale", 1.0, "", "> 0")
+    position = np.array(entry.numbers("position", 3, default=[0.0, 0.0, ground]))
+    placed = scale * vertices @ rotation_z(entry.angle("yaw")).T + position
     return [body(entry.text("name"), placed, triangles, as_hull=entry.flag("hull"))]
 
 
@@ -329,16 +307,10 @@ _SOLIDS: dict[str, tuple[list[str], Callable[[_Table, float], list[Solid]]]] = {
 }
 
 
-def _number(name: str, value: Any, unit: str, allowed: str) -> float:
+def _number(name: str, value: Any, unit: str = "m", allowed: str = "any") -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise OutOfRange(name, quoted(value), "a number", unit)
     return number(name, value, unit, allowed)
-
-
-def _list(name: str, value: Any, shortest: int) -> list[Any]:
-    if not isinstance(value, list) or not shortest <= len(value) <= _MOST:
-        raise OutOfRange(name, quoted(value), f"a list of {shortest} or more")
-    return value
 
 
 def _numbers(name: str, value: Any, count: int, allowed: str = "any") -> list[float]:
@@ -347,16 +319,22 @@ def _numbers(name: str, value: Any, count: int, allowed: str = "any") -> list[fl
     return [_number(f"one of {name}", item, "m", allowed) for item in value]
 
 
+def _outline(name: str, value: Any) -> np.ndarray:
+    if not isinstance(value, list) or not 3 <= len(value) <= _MOST:
+        raise OutOfRange(name, quoted(value), "a list of 3 or more")
+    return np.array([_numbers("corner", corner, 2) for corner in value])
+
+
 def _text(name: str, value: Any) -> str:
     if not isinstance(value, str) or not value.strip() or not value.isprintable():
         raise OutOfRange(name, quoted(value), "a printable text")
     return value
 
 
-def _values(table: Any) -> dict[str, float]:
+def _values(name: str, table: Any) -> dict[str, float]:
     if not isinstance(table, dict):
-        raise OutOfRange("values", quoted(table), "a table of numbers of the crane")
-    return {name: _number(name, value, "", "any") for name, value in table.items()}
+        raise OutOfRange(name, quoted(table), "a table of numbers of the crane")
+    return {argument: _number(argument, value, "") for argument, value in table.items()}
 
 
 def _lines(text: str) -> Iterator[tuple[tuple[str, int], dict[str, int]]]:

@@ -6,7 +6,7 @@ import io
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import coal
@@ -63,21 +63,15 @@ class Solid:
         """
         for points in (*self.parts, self.vertices):
             check_corners(points)
-        if not ((self.triangles >= 0) & (self.triangles < len(self.vertices))).all():
-            raise DataError(
-                f"a triangle has a corner that there is not; there are {len(self.vertices)}."
-            )
+        count = len(self.vertices)
+        if not ((self.triangles >= 0) & (self.triangles < count)).all():
+            raise DataError(f"a triangle has a corner that there is not; there are {count}.")
 
     def moved(self, rotation: np.ndarray, translation: np.ndarray) -> Solid:
         """Return the body, rotated and then translated [m]."""
-        convex_parts = tuple(corners @ rotation.T + translation for corners in self.parts)
-        return Solid(
-            self.name,
-            convex_parts,
-            self.vertices @ rotation.T + translation,
-            self.triangles,
-            self.zone,
-        )
+        parts = tuple(corners @ rotation.T + translation for corners in self.parts)
+        vertices = self.vertices @ rotation.T + translation
+        return replace(self, parts=parts, vertices=vertices)
 
     def geometries(self) -> list[coal.CollisionGeometry]:
         """Return shapes for `coal`, in the frame of the corners."""
@@ -94,9 +88,8 @@ class Solid:
         """Return whether a point [m] lies inside of a surface of triangles; for convex parts, whose
         distances show it, always False.
         """
-        return not self.parts and bool(
-            trimesh.Trimesh(self.vertices, self.triangles, process=False).contains([point])[0]
-        )
+        surface = trimesh.Trimesh(self.vertices, self.triangles, process=False)
+        return not self.parts and bool(surface.contains([point])[0])
 
 
 def check_corners(points: np.ndarray) -> None:
@@ -105,11 +98,10 @@ def check_corners(points: np.ndarray) -> None:
     Raises:
         DataError: If one does.
     """
-    if not (np.abs(points) <= FARTHEST).all():
-        raise DataError(
-            f"a corner lies at {points[~(np.abs(points) <= FARTHEST)][0]:g} m; allowed are "
-            f"{-FARTHEST:g} to {FARTHEST:g} m, in metres."
-        )
+    beyond = points[~(np.abs(points) <= FARTHEST)]
+    if len(beyond):
+        allowed = f"{-FARTHEST:g} to {FARTHEST:g} m, in metres"
+        raise DataError(f"a corner lies at {beyond[0]:g} m; allowed are {allowed}.")
 
 
 def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -181,10 +173,8 @@ def hull(points: np.ndarray) -> coal.Convex:
     """
     corners, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     vertices, faces = convex_hull(points)
-    if (edges := _most_neighbours(faces)) > _MOST_NEIGHBOURS:
-        raise DataError(
-            f"a corner of a convex body has {edges} edges; allowed are {_MOST_NEIGHBOURS}."
-        )
+    if (edges := _most_neighbours(faces)) > (most := _MOST_NEIGHBOURS):
+        raise DataError(f"a corner of a convex body has {edges} edges; allowed are {most}.")
     for vertex in vertices:
         corners.append(vertex)
     for face in faces:
@@ -210,11 +200,10 @@ def box(
         base: Height of its bottom [m].
         yaw: Rotation about Z [rad].
     """
-    length, width, _ = size
-    corners = (
-        np.array([[-length, -width], [length, -width], [length, width], [-length, width]]) / 2.0
-    )
-    return prism(name, corners @ rotation_z(yaw)[:2, :2].T + np.asarray(centre), base, size[2])
+    length, width, height = size
+    corners = [[-length, -width], [length, -width], [length, width], [-length, width]]
+    turned = np.array(corners) / 2.0 @ rotation_z(yaw)[:2, :2].T
+    return prism(name, turned + np.asarray(centre), base, height)
 
 
 def prism(
@@ -244,13 +233,9 @@ def prism(
     if not convex:
         points, triangles = trimesh.creation.triangulate_polygon(polygon)
         cuts = [np.asarray(points)[triangle] for triangle in triangles]
-    convex_parts = tuple(
-        np.concatenate(
-            [np.column_stack([cut, np.full(len(cut), z)]) for z in (base, base + height)]
-        )
-        for cut in cuts
-    )
-    return Solid(name, convex_parts, np.array(mesh.vertices), np.array(mesh.faces), zone)
+    ends = (base, base + height)
+    parts = tuple(np.vstack([np.insert(cut, 2, z, axis=1) for z in ends]) for cut in cuts)
+    return Solid(name, parts, np.array(mesh.vertices), np.array(mesh.faces), zone)
 
 
 def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: bool = False) -> Solid:

@@ -189,10 +189,8 @@ def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
 
         def compute_constraint_params(self, path: Any, gridpoints: np.ndarray) -> Any:
             drive_position, first, second = (path(gridpoints, order) for order in range(3))
-            a, b = (
-                _accelerations(drive_position, np.zeros_like(first), first),
-                _accelerations(drive_position, first, second),
-            )
+            a = _accelerations(drive_position, np.zeros_like(first), first)
+            b = _accelerations(drive_position, first, second)
             rows, upper = _polygon(bounds)
             return constraint.linear_constraint.canlinear_colloc_to_interpolate(
                 a, b, np.zeros_like(a), rows, upper, None, None, gridpoints, identical=True
@@ -215,9 +213,8 @@ def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
     t = np.append(np.arange(0.0, times[-1], STEP), times[-1])
     k = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(s) - 2)
     since, gain = t - times[k], np.diff(speeds) / np.diff(times)
-    return t, path.derivatives(
-        np.clip(s[k] + since * (speeds[k] + gain[k] * since / 2.0), 0.0, path.duration)
-    )[0]
+    reached = s[k] + since * (speeds[k] + gain[k] * since / 2.0)
+    return t, path.derivatives(np.clip(reached, 0.0, path.duration))[0]
 
 
 def _accelerations(drive_position: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -232,10 +229,8 @@ def _accelerations(drive_position: np.ndarray, first: np.ndarray, second: np.nda
 
 def _polygon(bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
     """Return rows and upper bounds of linear inequalities in these accelerations."""
-    rows, upper = [], []
-    for i, bound in enumerate(bounds.accelerations):
-        rows += [sign * np.eye(5)[i] for sign in (1.0, -1.0)]
-        upper += [bound, bound]
+    rows = list(np.kron(np.eye(3, 5), [[1.0], [-1.0]]))
+    upper = np.repeat(bounds.accelerations, 2).tolist()
     if math.isfinite(bounds.across):
         for angle in 2.0 * math.pi * np.arange(_SIDES) / _SIDES:
             rows.append(np.array([0.0, 0.0, 0.0, math.cos(angle), math.sin(angle)]))
@@ -250,11 +245,9 @@ def _gridpoints(path: Path) -> np.ndarray:
         for knot, width in zip(path.knots[1:-1], path.widths, strict=True)
     ]
     points = np.unique(np.concatenate([even, *corners]))
-    return (
-        points[np.append(True, np.diff(points) > 1e-4)]
-        if path.duration - points[-2] > 1e-4
-        else np.append(points[:-2], points[-1])
-    )
+    if path.duration - points[-2] <= 1e-4:
+        return np.append(points[:-2], points[-1])
+    return points[np.append(True, np.diff(points) > 1e-4)]
 
 
 def _averaged(t: np.ndarray, drive_positions: np.ndarray, average: float) -> np.ndarray:
@@ -265,13 +258,7 @@ def _averaged(t: np.ndarray, drive_positions: np.ndarray, average: float) -> np.
     averaged = interpolate_columns(rows, t, drive_positions)
     for share in _SHARES:
         count = max(1, round(share * average / STEP))
-        padded = np.concatenate(
-            [
-                np.repeat(averaged[:1], count, axis=0),
-                averaged,
-                np.repeat(averaged[-1:], count, axis=0),
-            ]
-        )
+        padded = np.pad(averaged, ((count, count), (0, 0)), mode="edge")
         sums = np.concatenate([np.zeros((1, 3)), np.cumsum(padded - padded[0], axis=0)])
         averaged = padded[0] + (sums[count:] - sums[:-count]) / count
     moving = np.flatnonzero(np.abs(np.diff(averaged, axis=0)).max(axis=1) > 1e-12)
@@ -289,8 +276,7 @@ def load_motion(clearance: Clearance, drive_positions: np.ndarray, period: float
     """
     crane = clearance.crane
     inertia = (crane.payload_inertia[0, 0] + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass
-    first, last = (np.repeat(drive_positions[[k]], _PADDING, axis=0) for k in (0, -1))
-    padded = np.concatenate([first, drive_positions, last])
+    padded = np.pad(drive_positions, ((_PADDING, _PADDING), (0, 0)), mode="edge")
     t = STEP * (np.arange(len(padded)) - _PADDING)
     point = clearance.point(padded) - np.array([0.0, 0.0, inertia]) / padded[:, 2:]
     acceleration = scipy.interpolate.make_interp_spline(t, point, k=7).derivative(2)(t)
@@ -312,15 +298,12 @@ def limit_shares(
     clearance: Clearance, motion: Motion, limits: Limits, ramp: float
 ) -> dict[str, float]:
     """Return the share of each limit that a motion uses, by name."""
+    shares = use(clearance.crane, motion, limits)
     jerk = np.abs(np.diff(motion.a[:, clearance.drive_joints], axis=0)).max(axis=0) / motion.period
-    tilt = clearance.tilt(motion.q).max()
-    names = zip(
-        ("slew", "trolley", "hoist"), jerk * ramp / np.array(limits.accelerations), strict=True
-    )
-    jerks = {f"jerk of the {name}": float(share) for name, share in names}
-    return (
-        use(clearance.crane, motion, limits) | jerks | {"swing": float(tilt) / clearance.site.swing}
-    )
+    jerk_shares = (jerk * ramp / np.array(limits.accelerations)).tolist()
+    for name, share in zip(("slew", "trolley", "hoist"), jerk_shares, strict=True):
+        shares[f"jerk of the {name}"] = share
+    return shares | {"swing": float(clearance.tilt(motion.q).max()) / clearance.site.swing}
 
 
 def _toppra() -> tuple[Any, Any, Any]:

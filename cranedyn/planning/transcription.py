@@ -18,7 +18,13 @@ import numpy as np
 
 from cranedyn.command import defer_sigint
 from cranedyn.errors import CraneError
-from cranedyn.planning.symbolic import ca
+
+try:
+    import casadi as ca
+except ModuleNotFoundError as error:
+    raise CraneError(
+        "Optimal moves need CasADi, which is not installed: pip install 'cranedyn[optimal]'."
+    ) from error
 
 _POINTS = 3
 _RADAU = np.array(ca.collocation_points(_POINTS, "radau"))
@@ -103,11 +109,8 @@ class CollocationPlan(NamedTuple):
 
 
 def times(durations: np.ndarray, steps: int = 1) -> np.ndarray:
-    """Return the times of the states of a plan [s], shape (1 + 3 n steps,).
-
-    Args:
-        durations: Of the intervals [s], shape (n,).
-        steps: Steps in each interval.
+    """Return the times of the states of a plan [s], shape (1 + 3 n steps,), by the durations of its
+    intervals [s], shape (n,), of so many steps each.
     """
     lengths = np.repeat(durations / steps, steps)
     ends = np.cumsum(lengths)
@@ -144,10 +147,8 @@ def solve(
     """
     controls, states = np.abs(problem.control_bounds).max(axis=0), problem.scale
     scale = _pack(_alike(guess, 1.0, controls, states))
-    bounds = [
-        _alike(guess, *bound)
-        for bound in zip((shortest, longest), problem.control_bounds, problem.bounds, strict=True)
-    ]
+    limits = zip((shortest, longest), problem.control_bounds, problem.bounds, strict=True)
+    bounds = [_alike(guess, *limit) for limit in limits]
     for bound in bounds:
         bound.states[[0, -1]] = guess.states[[0, -1]]
     lower, upper = (_pack(bound) / scale for bound in bounds)
@@ -159,12 +160,10 @@ def solve(
         solution = solver(x0=_pack(guess) / scale, lbx=lower, ubx=upper, lbg=low, ubg=high)
     if not solver.stats()["success"]:
         raise Unsolved(solver.stats()["return_status"])
-    arrays = np.split(
-        solution["x"].full().ravel() * scale, np.cumsum([part.size for part in guess])[:-1]
-    )
-    return CollocationPlan(
-        *(part.reshape(like.shape) for part, like in zip(arrays, guess, strict=True))
-    )
+    solved = solution["x"].full().ravel() * scale
+    parts = np.split(solved, np.cumsum([part.size for part in guess])[:-1])
+    shaped = (part.reshape(like.shape) for part, like in zip(parts, guess, strict=True))
+    return CollocationPlan(*shaped)
 
 
 class _Stop(ca.Callback):  # type: ignore[misc]

@@ -108,7 +108,7 @@ class Plant:
         effort_limit, rate_limit: Of the drives, shape (m,).
         levers: Where the points are in the frames of their joints [m], shape (points, 3).
         arms: From each swing joint to the payload, but for the cable [m], shape (swings,).
-        rest: Where the swing joints hang, see `cranedyn.model.rest.Rest`: angle and slope.
+        rest: Where the swing joints hang, see `cranedyn.model.springs.Rest`: angle and slope.
         drive: Whether commands are efforts, "effort", accelerations, "motion", or reference rates,
             "velocity".
         buffers: Whether there are buffers.
@@ -303,12 +303,8 @@ class Plant:
 
 def numbers(crane: Crane) -> np.ndarray:
     """Return all numbers of a crane in a row, in the order of `plant`."""
-    tree, springs, stops, rope = (
-        bodies(crane.model),
-        crane.springs,
-        Stops.of(crane),
-        crane.springs.rope,
-    )
+    tree, springs, stops = bodies(crane.model), crane.springs, Stops.of(crane)
+    rope = springs.rope
     levers = np.concatenate([point.lever for point in crane.points])
     return np.concatenate(
         [

@@ -153,10 +153,8 @@ def tree_inverse_dynamics(
         )
     for body_row, point, external in external_forces:
         local = into(tree, poses, body_row, external)
-        forces[body_row], torques[body_row] = (
-            forces[body_row] - local,
-            torques[body_row] - cross_product(point, local),
-        )
+        forces[body_row] = forces[body_row] - local
+        torques[body_row] = torques[body_row] - cross_product(point, local)
     effort = array([0.0] * n) if a is None else tree.armature * a
     for i in range(n - 1, -1, -1):
         effort[i] = effort[i] + tree.axis[i, 0] @ forces[i] + tree.axis[i, 1] @ torques[i]

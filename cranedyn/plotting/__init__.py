@@ -1,4 +1,4 @@
 """Figures in one style with one colour for each quantity.
 
-`figures`: `panels` and `save`. `curves`: `plot_columns` and `plot_runs`. `style`: colours.
+`figures`: `panels`, `save`, `plot_columns` and `plot_runs`. `style`: colours.
 """

@@ -80,11 +80,8 @@ def check_recording(path: str | Path) -> Path:
         DataError: If the file cannot be read, is no recording, or is of another version of Rerun.
     """
     path = Path(path)
-    try:
-        with open_file(path) as file:
-            head = file.read(8)
-    except OSError as error:
-        raise DataError(f"Cannot read {path}: {error.strerror}.") from error
+    with open_file(path) as file:
+        head = file.read(8)
     if len(head) < 8 or head[:4] != b"RRF2":
         raise DataError(f"{path} is not a Rerun recording.")
     theirs, ours = f"{head[4]}.{head[5]}", ".".join(rr.__version__.split(".")[:2])

@@ -17,12 +17,9 @@ Begin with `hold` and `ramp`. Itineraries and the joystick are in `cranedyn.plan
 
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.references.flat import flat
-from cranedyn.references.hold import hold
 from cranedyn.references.motion import Motion, hanging_reference
-from cranedyn.references.pulse import pulse
-from cranedyn.references.ramp import ramp
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
-from cranedyn.references.spline import shortest, spline
+from cranedyn.references.simple import hold, pulse, ramp, shortest, spline
 
 __all__ = [
     "Motion",

@@ -17,14 +17,14 @@ from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
-from cranedyn.references.interpolation import (
+from cranedyn.references.tabulated import (
     ROW_TOLERANCE,
     interpolate,
     interpolate_many,
     locate,
     locate_many,
+    tabulated,
 )
-from cranedyn.references.tabulated import tabulated
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -114,10 +114,8 @@ def shaped(base: Reference, shaper: Shaper, period: float | Sequence[float]) -> 
     delays, amplitudes = np.zeros(1), np.ones(1)
     for swing_period in periods:
         later = number("swing period", swing_period, "s", "> 0") * shaper.fractions
-        delays, amplitudes = (
-            np.add.outer(delays, later).ravel(),
-            np.multiply.outer(amplitudes, shaper.amplitudes).ravel(),
-        )
+        delays = np.add.outer(delays, later).ravel()
+        amplitudes = np.multiply.outer(amplitudes, shaper.amplitudes).ravel()
     return Shaped(base, delays, amplitudes)
 
 

@@ -1,22 +1,142 @@
-"""Engines: how a crane gets from one control instant to the next.
+"""Engines: how a crane gets from one control instant to the next; what they are made for, and what
+they say of an instant.
 
 This one steps by Pinocchio's algorithms. `cranedyn.compiled.engine` does the same by compiled code.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.dynamics.drives import VelocityDrives
-from cranedyn.dynamics.integrators import semi_implicit_euler
-from cranedyn.interfaces import Reference, State
-from cranedyn.simulation.log import Actuation, Log
-from cranedyn.simulation.setting import Setting
+from cranedyn import plugins
+from cranedyn.checks import check_choice
+from cranedyn.clocks import Clocks
+from cranedyn.dynamics.converters import Converters, fitting
+from cranedyn.dynamics.drives import (
+    Drives,
+    EffortDrives,
+    ExternalForces,
+    MotionDrives,
+    VelocityDrives,
+)
+from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
+from cranedyn.errors import OutOfRange
+from cranedyn.interfaces import Drive, EngineName, Reference, State
+from cranedyn.model.crane import Crane
 
 _FLAGS = np.zeros(1), np.ones(1)
+
+Extend = Callable[..., None]
+"""Adds rows to the log of a run, see `cranedyn.simulation.log.Log.extend`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What an engine is made for.
+
+    Attributes:
+        crane: The crane.
+        clocks: Physics steps and control periods.
+        drive: "effort", "motion" or "velocity".
+        forces: Whether there are external forces on the points of the crane.
+        buffers: Whether buffers end the ranges of the drives.
+        integrator: The integrator.
+        converters: Frequency converters of drives that take velocities; None for other drives.
+    """
+
+    crane: Crane
+    clocks: Clocks
+    drive: str
+    forces: bool
+    buffers: bool
+    integrator: Integrator
+    converters: Converters | None = None
+
+    @classmethod
+    def of(
+        cls,
+        crane: Crane,
+        clock: Clocks,
+        drive: Drive | Converters,
+        *,
+        forces: bool,
+        buffers: bool,
+        integrator: Integrator,
+    ) -> Setting:
+        """Return settings that fit together, with typical converters for drives that take rates and
+        where none are given.
+
+        Raises:
+            OutOfRange: If there is no such kind of drives, buffers are for drives that take no
+                efforts, or there is not one converter for each drive.
+        """
+        converters = drive if isinstance(drive, Converters) else None
+        kind = "velocity" if isinstance(drive, Converters) else drive
+        check_choice("drive", kind, Drive)
+        if buffers and kind != "effort":
+            raise OutOfRange("buffers", "True", "False where the drives take no efforts")
+        converters = fitting(crane, kind, converters)
+        return cls(crane, clock, kind, forces, buffers, integrator, converters)
+
+    @property
+    def lead(self) -> float:
+        """Time by which positions run ahead of velocities [s]."""
+        return self.integrator.lead * self.clocks.dt
+
+    @property
+    def delay_steps(self) -> int | None:
+        """Control periods by which commands are delayed; None without converters."""
+        converters, clocks = self.converters, self.clocks
+        return None if converters is None else converters.delay_steps(clocks.dt, clocks.period)
+
+    def external(self) -> ExternalForces | None:
+        """Return the external forces; None if there can be none."""
+        if not (self.forces or self.buffers):
+            return None
+        return ExternalForces(self.crane, buffers=self.buffers)
+
+    def drives(self, external: ExternalForces | None) -> Drives:
+        """Return the drives."""
+        if self.converters is not None:
+            return VelocityDrives(
+                self.crane, external, self.converters, self.clocks.dt, self.delay_steps or 0
+            )
+        return (EffortDrives if self.drive == "effort" else MotionDrives)(self.crane, external)
+
+
+class Actuation(NamedTuple):
+    """What acts on the crane at a control instant, as the log keeps it: arrays of doubles.
+
+    Attributes:
+        needed: Efforts that the command asks for [N m or N], shape (m,).
+        effort: Efforts exerted from this instant on, shape (m,).
+        effort_before: Efforts exerted until this instant, shape (m,).
+        force: External forces on the points in the world [N], shape (3 points,).
+        buffers: Work of all buffers so far [J] and the force of the buffers at the ends of the
+            cable [N], shape (2,).
+        saturated: 1 if the command was beyond the largest rate of a converter, else 0, shape (1,).
+    """
+
+    needed: np.ndarray
+    effort: np.ndarray
+    effort_before: np.ndarray
+    force: np.ndarray
+    buffers: np.ndarray
+    saturated: np.ndarray
+
+
+def load_engine(name: EngineName | str) -> type[Engine]:
+    """Return the engine of a name, "pinocchio" or that of a plugin.
+
+    Raises:
+        UnknownName: If there is no such engine.
+    """
+    return Engine if name == "pinocchio" else plugins.load("engine", name)
 
 
 class Engine:
@@ -44,7 +164,7 @@ class Engine:
             self._drives.reset(start)
 
     def run_ahead(
-        self, controller: object, reference: Reference, t_start: float, periods: int, log: Log
+        self, controller: object, reference: Reference, t_start: float, periods: int, extend: Extend
     ) -> Iterator[int]:
         """Log rows without the loop where an engine can, and yield how many rows there are; this
         one cannot.
@@ -55,7 +175,8 @@ class Engine:
         """Hold a command, and external forces, until the next one.
 
         Args:
-            command: Of the drives, in the unit of their kind, shape (m,).
+            command: Of the drives, in the unit of their kind, shape (m,). The array is the
+                controller's own: an engine copies what it keeps.
             force: On the points of the crane in the world [N], shape (points, 3); None for none.
 
         Returns:

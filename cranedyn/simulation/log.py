@@ -5,19 +5,20 @@ ledger.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import point_positions
-from cranedyn.dynamics.validity import Event, first_event, hoisting, valid
-from cranedyn.errors import OutOfRange
-from cranedyn.interfaces import Setpoint, State
-from cranedyn.simulation.setting import Setting
+from cranedyn.dynamics.validity import Bound, conditions, first_event, hoisting, valid
+from cranedyn.errors import OutOfRange, RunError
+from cranedyn.interfaces import Setpoint, State, Validity
+from cranedyn.simulation.engine import Actuation, Setting
 
-_CHUNK = 256
-"""Rows that are collected as bytes and then written at once, which is faster than one by one."""
+_CHUNK = 1000
+"""Rows that are collected as bytes, then written and checked at once, which is faster than one by
+one."""
 
 _MEMORY = 4e9
 """Memory that the log of a run and the trajectory made of it may take [byte]."""
@@ -26,38 +27,18 @@ Energies = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """From coordinates and rates, shape (rows, n) each, to mechanical energies [J], shape (rows,)."""
 
 
-class Actuation(NamedTuple):
-    """What acts on the crane at a control instant, as the log keeps it: arrays of doubles.
-
-    Attributes:
-        needed: Efforts that the command asks for [N m or N], shape (m,).
-        effort: Efforts exerted from this instant on, shape (m,).
-        effort_before: Efforts exerted until this instant, shape (m,).
-        force: External forces on the points in the world [N], shape (3 points,).
-        buffers: Work of all buffers so far [J] and the force of the buffers at the ends of the
-            cable [N], shape (2,).
-        saturated: 1 if the command was beyond the largest rate of a converter, else 0, shape (1,).
-    """
-
-    needed: np.ndarray
-    effort: np.ndarray
-    effort_before: np.ndarray
-    force: np.ndarray
-    buffers: np.ndarray
-    saturated: np.ndarray
-
-
 class Log:
-    """Rows at the control instants.
+    """Rows at the control instants, checked for the validity of the model as they are written.
 
     The columns are coordinates q, rates v, positions of the setpoint, and those of `Actuation`.
     """
 
-    def __init__(self, setting: Setting, t_start: float, rows: int) -> None:
+    def __init__(self, setting: Setting, validity: Validity, t_start: float, rows: int) -> None:
         """Reserve memory for all rows.
 
         Args:
             setting: Settings of the run.
+            validity: With "mark" the run goes on where the model ceases to hold.
             t_start: Time of the first row [s].
             rows: Largest number of rows.
 
@@ -73,24 +54,31 @@ class Log:
             )
             raise OutOfRange("duration", f"{(rows - 1) * period:g}", f"{most}: {size}", "s")
         self._setting, self._crane, self._t_start = setting, crane, t_start
+        self._validity = validity
         n, m, points = crane.layout.n, crane.layout.m, len(crane.points)
         widths = {"q": n, "v": n, "setpoint": m, "needed": m, "effort": m, "effort_before": m}
         widths |= {"force": 3 * points, "buffers": 2, "saturated": 1}
         self._columns = {name: np.empty((rows, width)) for name, width in widths.items()}
         self._energy, self._valid = np.full(rows, np.nan), np.full(rows, np.nan)
         self._written, self._checked, self._pending = 0, 0, list[bytes]()
+        self._most_pending = 1  # the first row is checked at once
 
     def __len__(self) -> int:
         """Return the number of rows so far."""
         return self._written + len(self._pending)
 
     def append(self, state: State, setpoint: Setpoint, actuation: Actuation) -> None:
-        """Add a row."""
-        position = np.ascontiguousarray(setpoint.position, dtype=float)
-        row: Any = (*state, position, *actuation)
-        self._pending.append(b"".join(row))
-        if len(self._pending) == _CHUNK:
-            self._write()
+        """Add a row.
+
+        Raises:
+            RunError: As `check`.
+        """
+        row: Any = (*state, np.ascontiguousarray(setpoint.position, dtype=float), *actuation)
+        pending = self._pending
+        pending.append(b"".join(row))
+        if len(pending) >= self._most_pending:
+            self._most_pending = _CHUNK
+            self.check()
 
     def _write(self) -> None:
         """Write the pending rows into the columns."""
@@ -111,6 +99,9 @@ class Log:
                 missing are zero.
             energy: Mechanical energies [J], shape (rows,).
             valid: Whether the model is known to hold at all of them, and the drives can follow.
+
+        Raises:
+            RunError: As `check`.
         """
         rows = slice(self._written, self._written + len(energy))
         for name, column in self._columns.items():
@@ -119,43 +110,54 @@ class Log:
         if valid:
             self._valid[rows] = 1.0
         self._written = rows.stop
+        self.check()
 
-    def next_event(self) -> Event | None:
-        """Return the first unchecked row at which the run should stop, and mark rows as checked up
-        to there; None if there is no such row.
+    def check(self) -> None:
+        """Judge the rows that are not judged yet, and check that the model holds unless rows are
+        only to be marked.
 
         A frequency converter that cannot follow, or a drive that takes efforts and moves too fast,
         makes a row invalid but does not stop a run.
+
+        Raises:
+            RunError: If the model does not hold at one of them, which is then the last of the log.
+        """
+        rows = self._judge()
+        if self._validity != "mark" and not (self._valid[rows] == 1.0).all():
+            motion = self._setting.drive == "motion"
+            state_bounds = self._conditions(rows, needed=motion, rates=motion)
+            if event := first_event(self._crane, state_bounds):
+                last = rows.start + event.row
+                self._written, t = last + 1, self._t_start + self._setting.clocks.period * last
+                hint = "; validity = mark goes on all the same" * (self._validity == "stop")
+                message = f"At t = {t:.4g} s {event.words}{hint}."
+                raise RunError(message, t=t, joint=event.joint, value=event.value)
+        self._checked = rows.stop
+
+    def _judge(self) -> slice:
+        """Set the validity of the rows that are not checked yet, and return these rows: 1 where the
+        model holds and the drives can follow, else 0.
         """
         self._write()
         rows = slice(self._checked, self._written)
-        if not (self._valid[rows] == 1.0).all():
-            motion = self._setting.drive == "motion"
-            if event := first_event(
-                self._crane, **self._conditions(rows, needed=motion, rates=motion)
-            ):
-                return event._replace(row=self._checked + event.row)
-            if motion:
-                self._valid[rows] = 1.0
-        self._checked = rows.stop
-        return None
+        missing = rows.start + np.flatnonzero(np.isnan(self._valid[rows]))
+        if len(missing):
+            holds = valid(self._all_conditions(missing))
+            self._valid[missing] = holds & (self._columns["saturated"][missing, 0] == 0.0)
+        return rows
 
-    def truncate(self, row: int) -> float:
-        """Drop the rows after a row; return its time [s]."""
-        self._written = row + 1
-        return self._t_start + self._setting.clocks.period * row
-
-    def _conditions(self, rows: slice | np.ndarray, *, needed: bool, rates: bool) -> dict[str, Any]:
-        """Return the arguments of `cranedyn.dynamics.validity.first_event` for some rows."""
+    def _conditions(self, rows: slice | np.ndarray, *, needed: bool, rates: bool) -> list[Bound]:
+        """Return the conditions under which the model holds in some rows."""
         column = {name: values[rows] for name, values in self._columns.items()}
-        return {
-            "q": column["q"],
-            "v": column["v"],
-            "hoist": hoisting(self._crane, column["effort"]) + column["buffers"][:, 1],
-            "buffers": self._setting.buffers,
-            "needed": column["needed"] if needed else None,
-            "rates": rates,
-        }
+        return conditions(
+            self._crane,
+            column["q"],
+            column["v"],
+            hoisting(self._crane, column["effort"]) + column["buffers"][:, 1],
+            buffers=self._setting.buffers,
+            needed=column["needed"] if needed else None,
+            rates=rates,
+        )
 
     def trajectory(
         self,
@@ -174,7 +176,7 @@ class Log:
             parameters: Parameters of the run.
             record: Record of the run; the reason why rows are not valid is added.
         """
-        self._write()
+        self._judge()
         rows, crane = self._written, self._crane
         column = {name: values[:rows] for name, values in self._columns.items()}
         q, v, effort, force = (column[name] for name in ("q", "v", "effort", "force"))
@@ -182,7 +184,7 @@ class Log:
         mean_effort = (effort[:-1] + column["effort_before"][1:]) / 2
         work = _cumulated(mean_effort * np.diff(middle[:, crane.layout.drives], axis=0), rows)
         power = v**2 @ crane.damping
-        valid = self._judge()
+        valid = self._valid[:rows]
         if (valid != 1.0).any():
             record = {**record, "not_valid": self._reason()}
         return Trajectory(
@@ -213,25 +215,16 @@ class Log:
             energy[missing] = energies(self._columns["q"][missing], self._columns["v"][missing])
         return energy
 
-    def _judge(self) -> np.ndarray:
-        """Return 1 for each row at which the model holds and the drives can follow, else 0."""
-        result = self._valid[: self._written].copy()
-        missing = np.flatnonzero(np.isnan(result))
-        if len(missing):
-            holds = valid(self._crane, **self._all_conditions(missing))
-            result[missing] = holds & (self._columns["saturated"][missing, 0] == 0.0)
-        return result
-
     def _reason(self) -> str:
         """Return why the first row that is not valid is not."""
         rows = slice(self._written)
-        event = first_event(self._crane, **self._all_conditions(rows))
+        event = first_event(self._crane, self._all_conditions(rows))
         saturated = np.flatnonzero(self._columns["saturated"][rows, 0])
         if event is None or (len(saturated) and saturated[0] < event.row):
             return "a drive is commanded beyond its largest rate"
         return event.words
 
-    def _all_conditions(self, rows: slice | np.ndarray) -> dict[str, Any]:
+    def _all_conditions(self, rows: slice | np.ndarray) -> list[Bound]:
         drive = self._setting.drive
         return self._conditions(rows, needed=drive != "effort", rates=drive != "velocity")
 

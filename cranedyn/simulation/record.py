@@ -18,9 +18,8 @@ import scipy
 
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
-from cranedyn.simulation.engine import Engine
+from cranedyn.simulation.engine import Engine, Setting
 from cranedyn.simulation.log import Log
-from cranedyn.simulation.setting import Setting
 from cranedyn.version import __version__
 
 _SHORT = 64
@@ -122,13 +121,8 @@ def json_value(value: object, depth: int = 0) -> Any:
     if value is None or isinstance(value, bool | str):
         return value
     if isinstance(value, int | float | np.number):
-        return (
-            value
-            if isinstance(value, int)
-            else float(value)
-            if math.isfinite(value)
-            else str(value)
-        )
+        exact = isinstance(value, int)
+        return value if exact else float(value) if math.isfinite(value) else str(value)
     if isinstance(value, np.ndarray):
         return _array(value)
     if isinstance(value, Crane):
@@ -136,20 +130,11 @@ def json_value(value: object, depth: int = 0) -> Any:
     if depth >= _DEEPEST:
         return _kind(value)
     if is_dataclass(value) and not isinstance(value, type):
-        named = {
-            field.name: getattr(value, field.name, None)
-            for field in fields(value)
-            if not field.name.startswith("_")
-        }
-        return {
-            "kind": _kind(value),
-            **{name: json_value(item, depth + 1) for name, item in named.items()},
-        }
+        names = [field.name for field in fields(value) if not field.name.startswith("_")]
+        named = {name: getattr(value, name, None) for name in names}
+        return {"kind": _kind(value), **json_value(named, depth)}
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return {
-            "kind": _kind(value),
-            **{name: json_value(item, depth + 1) for name, item in value._asdict().items()},
-        }
+        return {"kind": _kind(value), **json_value(value._asdict(), depth)}
     if isinstance(value, Mapping):
         return {str(name): json_value(item, depth + 1) for name, item in value.items()}
     if isinstance(value, list | tuple) and len(value) <= _SHORT:
@@ -161,19 +146,11 @@ def _array(value: np.ndarray) -> Any:
     if value.dtype.kind not in "fiub":
         return _kind(value)
     if value.size <= _SHORT:
-        return _listed(value.tolist())
-    return {
-        "shape": list(value.shape),
-        "sha256": hashlib.sha256(np.ascontiguousarray(value, dtype=float).tobytes()).hexdigest(),
-    }
-
-
-def _listed(value: Any) -> Any:
-    return list(map(_listed, value)) if isinstance(value, list) else json_value(value)
+        return json_value(value.tolist())
+    content = np.ascontiguousarray(value, dtype=float).tobytes()
+    return {"shape": list(value.shape), "sha256": hashlib.sha256(content).hexdigest()}
 
 
 def _kind(value: object) -> str:
     named = value if hasattr(value, "__qualname__") else type(value)
-    return (
-        f"{getattr(named, '__module__', '')}.{getattr(named, '__qualname__', type(value).__name__)}"
-    )
+    return f"{getattr(named, '__module__', '')}.{named.__qualname__}"

@@ -18,19 +18,17 @@ from cranedyn.interfaces import (
     Disturbance,
     Drive,
     EngineName,
+    Monitor,
     Reference,
     State,
     Validity,
 )
 from cranedyn.model.crane import Crane
-from cranedyn.references import hold
-from cranedyn.references.hold import Still
-from cranedyn.references.motion import Motion
-from cranedyn.references.tabulated import as_setpoint
+from cranedyn.references.simple import checked, hold
+from cranedyn.simulation.engine import Setting, load_engine
 from cranedyn.simulation.log import Log
-from cranedyn.simulation.monitors import Monitor, ValidityMonitor
 from cranedyn.simulation.record import RunRecord
-from cranedyn.simulation.stepper import Stepper, as_command, as_force, check_bounded
+from cranedyn.simulation.stepper import as_command, as_force, check_bounded, initial_state
 
 
 class Options(TypedDict, total=False):
@@ -46,7 +44,7 @@ class Options(TypedDict, total=False):
             their ranges. "mark" goes on; the column `valid` is 0 in these rows.
         integrator: The integrator, by default `semi_implicit_euler`.
         t_start: Time at the start [s], for a run that continues an earlier one; by default 0.
-        monitors: Called after each row of the log, see `cranedyn.simulation.monitors`.
+        monitors: Called after each row of the log, see `cranedyn.interfaces.Monitor`.
     """
 
     disturbance: Disturbance | None
@@ -120,52 +118,38 @@ def simulate(
     t = t_start = settings["t_start"]
     validity, disturbance = settings["validity"], settings["disturbance"]
     clock = clocks(duration, dt, control_period)
-    stepper = Stepper(
-        crane,
-        start=start,
-        dt=dt,
-        control_period=control_period,
-        drive=drive,
-        forces=disturbance is not None,
-        buffers=validity == "buffers",
-        integrator=settings["integrator"],
-        engine=engine,
-    )
-    moving, state = stepper.engine, stepper.state
-    reference = hold(crane, state) if reference is None else reference
-    constant = as_setpoint(reference(t), (crane.layout.m,)) if type(reference) is Still else None
-    if isinstance(reference, Motion):
-        reference.check_fits("reference", crane.layout)
-    log = Log(stepper.setting, t_start, clock.periods + 1)
-    record = RunRecord(stepper.setting, engine, validity, controller, reference, disturbance)
-    watch = ValidityMonitor(log, validity)
-    monitors: list[Monitor] = [watch, *settings["monitors"]]
+    forces, buffers, rule = disturbance is not None, validity == "buffers", settings["integrator"]
+    setting = Setting.of(crane, clock, drive, forces=forces, buffers=buffers, integrator=rule)
+    moving = load_engine(engine)(setting, initial_state(crane, start))
+    layout, monitors = crane.layout, settings["monitors"]
+    reference = hold(crane, moving.state) if reference is None else reference
+    setpoint_at = checked(reference, layout)
+    log = Log(setting, validity, t_start, clock.periods + 1)
+    record = RunRecord(setting, engine, validity, controller, reference, disturbance)
     if isinstance(controller, Clocked):
         controller.begin_run(t_start, control_period)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             rows = 0
-            for rows in moving.run_ahead(controller, reference, t_start, clock.periods, log):
+            for rows in moving.run_ahead(controller, reference, t_start, clock.periods, log.extend):
                 t = t_start + (rows - 1) * control_period
                 for monitor in monitors:
                     monitor(rows - 1, t, moving.state)
             state = moving.state
             for k in range(rows, clock.periods + 1):
                 t = t_start + k * control_period
-                check_bounded(crane.layout, t, state)
-                setpoint = constant or as_setpoint(reference(t), (crane.layout.m,))
-                force = None
-                if disturbance is not None:
-                    force = as_force(disturbance(t, state), crane.layout)
-                command = as_command(controller(t, state, setpoint), t, crane.layout)
+                check_bounded(layout, t, state)
+                setpoint = setpoint_at(t)
+                force = None if disturbance is None else as_force(disturbance(t, state), layout)
+                command = as_command(controller(t, state, setpoint), t, layout)
                 log.append(state, setpoint, moving.apply_command(command, force))
                 for monitor in monitors:
                     monitor(k, t, state)
                 if k < clock.periods:
                     state = moving.advance()
-            watch.check()
+            log.check()
     except (Exception, KeyboardInterrupt) as error:
-        _end_early(error, t, log, watch, lambda: record.trajectory(log, moving))
+        _end_early(error, t, log, lambda: record.trajectory(log, moving))
     return record.trajectory(log, moving)
 
 
@@ -183,11 +167,7 @@ def _checked(options: Options, drive: Drive | Converters) -> Options:
 
 
 def _end_early(
-    error: BaseException,
-    t: float,
-    log: Log,
-    watch: ValidityMonitor,
-    trajectory: Callable[[], Trajectory],
+    error: BaseException, t: float, log: Log, trajectory: Callable[[], Trajectory]
 ) -> NoReturn:
     """Raise the error of a run that ends at a time [s] by another error."""
     if isinstance(error, KeyboardInterrupt):
@@ -198,7 +178,7 @@ def _end_early(
     if isinstance(error, RunError) and error.trajectory is not None:  # of a run within the run
         raise error
     try:
-        watch.check()
+        log.check()
     except RunError as event:  # the model ceased to hold before
         error = event
     if isinstance(error, RunError):

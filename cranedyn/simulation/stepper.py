@@ -7,19 +7,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cranedyn import plugins
-from cranedyn.checks import check_choice, short_repr
+from cranedyn.checks import as_array, finite
 from cranedyn.clocks import clocks
-from cranedyn.dynamics.converters import Converters, fitting
+from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interfaces import Drive, EngineName, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
-from cranedyn.simulation.engine import Engine
-from cranedyn.simulation.setting import Setting
-
-_DOUBLE = np.dtype(float)
+from cranedyn.simulation.engine import Setting, load_engine
 
 DIVERGED = 1e6
 """No joint of a crane moves this fast [rad/s or m/s]."""
@@ -69,16 +65,12 @@ class Stepper:
                 of this crane.
             UnknownName: If there is no such engine.
         """
-        kind: Drive = "velocity" if isinstance(drive, Converters) else drive
-        check_choice("drive", kind, Drive)
-        if buffers and kind != "effort":
-            raise OutOfRange("buffers", "True", "False where the drives take no efforts")
-        converters = fitting(crane, kind, drive if isinstance(drive, Converters) else None)
         clock = clocks(control_period, dt, control_period)
         self.crane, self._periods = crane, 0
-        self.setting = Setting(crane, clock, kind, forces, buffers, integrator, converters)
-        make = Engine if engine == "pinocchio" else plugins.load("engine", engine)
-        self.engine: Engine = make(self.setting, initial_state(crane, start))
+        self.setting = Setting.of(
+            crane, clock, drive, forces=forces, buffers=buffers, integrator=integrator
+        )
+        self.engine = load_engine(engine)(self.setting, initial_state(crane, start))
 
     @property
     def t(self) -> float:
@@ -140,17 +132,15 @@ def initial_state(crane: Crane, start: State | None) -> State:
 
 
 def as_command(answer: object, t: float, layout: Layout) -> np.ndarray:
-    """Return the answer of a controller at a time [s] as an array of its own, shape (m,).
+    """Return the answer of a controller at a time [s] as an array, shape (m,).
 
     Raises:
         OutOfRange: If it is not one number for each drive.
         RunError: If a number is not finite.
     """
-    if type(answer) is np.ndarray and answer.dtype is _DOUBLE and answer.shape == (layout.m,):
-        command = answer.copy()
-    else:
-        command = _array(answer, "command of the controller", (layout.m,), layout.drives_in_words)
-    if not math.isfinite(sum(command.tolist())) and not np.isfinite(command).all():
+    name, meaning = "command of the controller", layout.drives_in_words
+    command = as_array(name, answer, (layout.m,), meaning=meaning)
+    if not math.isfinite(math.hypot(*command.tolist())) and not np.isfinite(command).all():
         joint = layout.driven[int(np.argmin(np.isfinite(command)))].name
         raise RunError(
             f"The controller commanded {command.tolist()} at t = {t:.4f} s; {joint} needs a finite "
@@ -167,15 +157,9 @@ def as_force(answer: object, layout: Layout) -> np.ndarray:
     Raises:
         OutOfRange: If it is not a finite vector for each point of the crane.
     """
-    force = _array(
-        answer,
-        "force of the disturbance",
-        (len(layout.points), 3),
-        f"a vector for each of {', '.join(layout.points)}",
-    )
-    if not np.isfinite(force).all():
-        raise OutOfRange("force of the disturbance", force.tolist(), "finite numbers", "N")
-    return force
+    shape = len(layout.points), 3
+    meaning = f"a vector for each of {', '.join(layout.points)}"
+    return finite("force of the disturbance", answer, shape, unit="N", meaning=meaning).copy()
 
 
 def check_bounded(layout: Layout, t: float, state: State) -> None:
@@ -195,19 +179,3 @@ def check_bounded(layout: Layout, t: float, state: State) -> None:
         joint=name,
         value=value,
     )
-
-
-def _array(answer: object, name: str, shape: tuple[int, ...], allowed: str) -> np.ndarray:
-    try:
-        array = (
-            None
-            if isinstance(answer, np.ndarray)
-            and (np.iscomplexobj(answer) or np.ma.is_masked(answer))
-            else np.array(answer, dtype=float)
-        )
-    except (TypeError, ValueError, OverflowError):
-        array = None
-    if array is None or array.shape != shape:
-        given = short_repr(answer) if array is None else f"an array of shape {array.shape}"
-        raise OutOfRange(name, given, allowed)
-    return array

@@ -15,13 +15,21 @@ import numpy as np
 import pyarrow as pa
 
 from cranedyn.checks import whole, within
-from cranedyn.command import defer_sigint, interrupted
+from cranedyn.command import interrupted
 from cranedyn.errors import CraneError, DataError, shown
 from cranedyn.sweep.cluster import DaskPool
 from cranedyn.sweep.design import Design
 from cranedyn.sweep.folder import DamagedChunk, Manifest, SweepFolder, claim
-from cranedyn.sweep.sources import code_digest, source_digests
-from cranedyn.sweep.study import Rows, Study, Task, concatenate, failure, study_name
+from cranedyn.sweep.study import (
+    Rows,
+    Study,
+    Task,
+    code_digest,
+    concatenate,
+    failure,
+    source_digests,
+    study_name,
+)
 from cranedyn.sweep.workers import LocalPool
 from cranedyn.version import __version__
 
@@ -111,10 +119,7 @@ def sweep(
     if not isinstance(design, Design):
         raise CraneError(f"design is {shown(design)}; allowed is a Design, see grid and sample.")
     if scheduler is not None and workers is not None:
-        raise CraneError(
-            "The number of workers has no effect beside a scheduler, which has its own; give one "
-            "of them."
-        )
+        raise CraneError("The number of workers has no effect beside a scheduler; give one only.")
     if scheduler is None and security is not None:
         raise CraneError("Certificates have no effect without a scheduler; give its address, too.")
     count = _cores() if workers is None else whole("number of workers", workers, 1)
@@ -149,9 +154,10 @@ def sweep(
         except BaseException as error:
             if not interrupted(error):
                 raise
+            done = sum(last - first for first, last in map(files.manifest.rows, files.indices()))
             raise KeyboardInterrupt(
-                f"Interrupted: {ledger.progress.done} of {len(design)} cases are done, and kept in "
-                f"{folder}; the same sweep goes on from there."
+                f"Interrupted: {done} of {len(design)} cases are done, and kept in {folder}; the "
+                "same sweep goes on from there."
             ) from None
     return ledger.progress
 
@@ -230,12 +236,11 @@ class _Ledger:
         table = concatenate([piece for _, piece in sorted(self._pieces.pop(i).items())])
         cases = {"case": np.arange(first, last), **self._design.rows(first, last)}
         columns = {name: table[name] for name in table.column_names}
-        with defer_sigint():  # so that a file that is written is also counted
-            size = self._files.write(i, pa.table({**cases, **columns}))
-            self.progress = self.progress._replace(
-                done=self.progress.done + len(table),
-                errors=self.progress.errors + len(table) - table["error"].null_count,
-            )
+        size = self._files.write(i, pa.table({**cases, **columns}))
+        self.progress = self.progress._replace(
+            done=self.progress.done + len(table),
+            errors=self.progress.errors + len(table) - table["error"].null_count,
+        )
         self._report(self.progress)
         self.check_disk(size / len(table))
 

@@ -36,7 +36,7 @@ COLUMNS = ("t_s", "phi_rad", "l_m")
 """Columns that a recorded file must have."""
 
 GAIN_RESIDUAL = {"error": 0.017, "damping ratio": 0.000011, "amplitude": 0.00025}
-"""Largest residual of these columns with the gains identified from them (docs/findings.md,
+"""Largest residual of these columns with the gains identified from them (docs/results/article.md,
 ``--identify``)."""
 
 

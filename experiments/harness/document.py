@@ -1,12 +1,16 @@
 """Tables of experiments in documents, between marks that name them, and which of them are stale.
 
-``python -m experiments.harness.document README.md docs/control.md`` prints which cells differ from
+A long table is a CSV file beside the document; the document then holds a link to it.
+
+``python -m experiments.harness.document docs/results/control.md`` prints which cells differ from
 the results in ``out``; with ``--write`` it puts the results in.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
+import io
 import math
 import os
 import re
@@ -22,7 +26,8 @@ from cranedyn.errors import DataError, quoted
 from experiments.harness.table import ResultTable, resolution
 
 _BLOCK = re.compile(
-    r"(<!-- (?P<experiment>\w+): ?(?P<title>[^\n]*?) ?-->\n)(?P<content>.*?)(<!-- end -->\n)",
+    r"(?P<begin><!-- (?P<experiment>\w+)(?P<csv> csv)?: ?(?P<title>[^\n]*?) ?-->\n)"
+    r"(?P<content>.*?)(?P<end><!-- end -->\n)",
     re.DOTALL,
 )
 
@@ -33,6 +38,8 @@ class Document:
 
     A block begins with a line ``<!-- NAME: title -->`` and ends with ``<!-- end -->``; it holds the
     tables of the experiment NAME whose titles begin with that title, all of them if it is empty.
+    ``<!-- NAME csv: title -->`` puts each of these tables into a CSV file beside the document and
+    links to it; a remark that stands above already is not repeated.
 
     Attributes:
         path: Its file.
@@ -48,9 +55,13 @@ class Document:
         """Write the document with these tables in place of those of the same titles.
 
         Raises:
-            DataError: If the file cannot be written, or a block asks for a table that is missing.
+            DataError: If a file cannot be written, or a block asks for a table that is missing.
         """
-        write_text(self.path, self.filled(tables))
+        text = self.filled(tables)
+        for block, table in self._wanted(tables):
+            if block["csv"]:
+                write_text(self._csv_file(table), _csv(table))
+        write_text(self.path, text)
 
     def filled(self, tables: Sequence[ResultTable]) -> str:
         """Return the text with these tables in place of those of the same titles.
@@ -62,8 +73,15 @@ class Document:
         def fill(block: re.Match[str]) -> str:
             if block["experiment"] != self.experiment:
                 return block[0]
-            content = [f"{table.markdown()}\n" for table in self._tables(block, tables)]
-            return "\n".join([block[1], *content, block[5]])
+            wanted = self._tables(block, tables)
+            if block["csv"]:
+                links = [f"* [{one.title}]({self._csv_file(one).name})\n" for one in wanted]
+                above = self.text[: block.start()]
+                notes = dict.fromkeys(one.note for one in wanted if one.note not in above)
+                content = ["".join(links), *(f"{note}\n" for note in notes)]
+            else:
+                content = [f"{table.markdown()}\n" for table in wanted]
+            return "\n".join([block["begin"], *content, block["end"]])
 
         return _BLOCK.sub(fill, self.text)
 
@@ -82,11 +100,28 @@ class Document:
         """
         return [
             f"{self.path}, {table.title}: {sentence}."
-            for block in _BLOCK.finditer(self.text)
-            if block["experiment"] == self.experiment
-            for table in self._tables(block, tables)
-            for sentence in _differences(table, _rows(block["content"], table.title), subset)
+            for block, table in self._wanted(tables)
+            for sentence in _differences(table, self._shown(block, table), subset)
         ]
+
+    def _wanted(self, tables: Sequence[ResultTable]) -> Iterator[tuple[re.Match[str], ResultTable]]:
+        for block in _BLOCK.finditer(self.text):
+            if block["experiment"] == self.experiment:
+                yield from ((block, table) for table in self._tables(block, tables))
+
+    def _shown(self, block: re.Match[str], table: ResultTable) -> list[list[str]]:
+        """Return the rows of a table as the document shows them, the header first."""
+        if not block["csv"]:
+            return _rows(block["content"], table.title)
+        file = self._csv_file(table)
+        if f"({file.name})" not in block["content"] or not os.path.isfile(file):
+            return []
+        return [[cell.strip() for cell in row] for row in csv.reader(io.StringIO(read_text(file)))]
+
+    def _csv_file(self, table: ResultTable) -> Path:
+        """Return the file beside the document, named by the words of the title."""
+        words = re.findall(r"[a-z]+", re.sub(r"(: \(| \[).*", "", table.title.lower()))
+        return self.path.parent / f"{'_'.join([self.experiment, *words])[:80]}.csv"
 
     def _tables(self, block: re.Match[str], tables: Sequence[ResultTable]) -> list[ResultTable]:
         result = [table for table in tables if table.title.startswith(block["title"])]
@@ -123,6 +158,18 @@ def read_document(path: str | Path, experiment: str) -> Document:
         )
     check_writable(path)
     return Document(Path(path), experiment, text)
+
+
+def _csv(table: ResultTable) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([header.strip() for header, _ in table.columns])
+    for row in table.shown():  # numbers without separators of thousands
+        forms = [form for _, form in table.columns]
+        writer.writerow(
+            [cell.replace(",", "") if form else cell for cell, form in zip(row, forms, strict=True)]
+        )
+    return text.getvalue()
 
 
 def _rows(content: str, title: str) -> list[list[str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
     from cranedyn.recording import Run
 
 
+_DIGITS = re.compile(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?")
+"""Numbers in a message; what is left of it is its kind."""
+
+
 def with_events(outcome: Outcome) -> Outcome:
     """Return the outcome with one more table and figure if a recorded run leaves the validity of
     the model.
@@ -26,12 +31,13 @@ def with_events(outcome: Outcome) -> Outcome:
     invalid = [run for run in outcome.recording if not run.trajectory.valid.all()]
     if not invalid:
         return outcome
-    rows = [
-        (run.name, float(run.trajectory.t[event.row]), event.words)
-        for run in invalid
-        for event in events(run.crane, run.trajectory)
-    ]
-    columns = [("run", ""), ("from [s]", ".3f"), ("because", "")]
+    kinds: dict[tuple[str, str, str], list[tuple[float, str]]] = {}
+    for run in invalid:
+        for event in events(run.crane, run.trajectory):
+            kind = run.name, event.joint, _DIGITS.sub("", event.words)
+            kinds.setdefault(kind, []).append((float(run.trajectory.t[event.row]), event.words))
+    rows = [(name, len(times), times[0][0], times[0][1]) for (name, _, _), times in kinds.items()]
+    columns = [("run", ""), ("times", "d"), ("first at [s]", ".3f"), ("because", "")]
     table = ResultTable("Where the model does not hold", columns, rows)
     figures = {**outcome.figures, "validity": _figure(invalid)}
     return replace(outcome, tables=[*outcome.tables, table], figures=figures)

@@ -5,6 +5,7 @@ blocks; a number is never cut.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from textwrap import wrap
 from typing import NamedTuple
 
 from rich.cells import cell_len
@@ -105,12 +106,7 @@ def _turned(columns: Sequence[TextColumn]) -> list[TextColumn]:
 
 def _lines(head: str, width: int) -> int:
     """Return the number of lines of a header folded to a width."""
-    lines, used = 1, 0
-    for word in head.split():
-        used = used + 1 + cell_len(word) if used else cell_len(word)
-        if used > width:
-            lines, used = lines + 1, cell_len(word)
-    return lines
+    return len(wrap(head, width, break_long_words=False, break_on_hyphens=False))
 
 
 def _widths(columns: Sequence[TextColumn], width: int) -> list[int]:

@@ -11,9 +11,11 @@ from cranedyn.checks import number
 from cranedyn.data.external import parse_sources
 from cranedyn.errors import DataError, quoted
 from cranedyn.identification import Estimate, Model, Prior, load_record
+from cranedyn.identification.estimate import ENOUGH
 from cranedyn.identification.parameters import Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import add_values, parse_values
+from cranedyn.model.options import add_crane_options, load_options
 from experiments import gazebo, harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup
 from experiments.harness.recorded import parse_joints
@@ -64,10 +66,12 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Identify what the command line asks for."""
     if options.coverage is not None:
         return covered(options, setup)
+    loading = load_options(options)
     prior = Prior(
-        options.urdf,
+        loading.pop("urdf", None),
         parse_values(options.values),
         number("gravity", options.believed, "m/s²", "> 0"),
+        loading,
     )
     return files(options, setup, prior) if options.files else examples(setup)
 
@@ -91,7 +95,25 @@ def files(options: argparse.Namespace, setup: Setup, prior: Prior) -> Outcome:
     model = Model.of(prior, records, options.estimate, drives=options.drives)
     result = identify_records(model, setup, "records")
     tables = [*record_tables(result, "", {}), *of_trials(_trials(result.estimate))]
-    return _outcome(result, tables, [_white("The records", result)])
+    claims = [*_believed("The records", result), _white("The records", result)]
+    return _outcome(result, tables, claims)
+
+
+def _believed(subject: str, result: Identification) -> list[Claim]:
+    """Judge whether the twin explains the records, and whether its numbers lie within bounds."""
+    share, column = result.estimate.least_explained
+    bounds = result.estimate.at_bound
+    return [
+        Claim(
+            f"{subject}: the twin explains {100 * ENOUGH:g} % of the variance of each swing at "
+            f"least ({100 * share:.1f} % of {column}).",
+            share >= ENOUGH,
+        ),
+        Claim(
+            f"{subject}: no parameter ended at a bound ({', '.join(bounds) or 'none did'}).",
+            not bounds,
+        ),
+    ]
 
 
 def _white(subject: str, result: Identification) -> Claim:
@@ -258,7 +280,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     add("--estimate", nargs="+", metavar="NAME", help=text)
     text = (
-        "how drives are simulated again: as they moved, by the efforts that acted, or held at "
+        "how drives are simulated: as they moved, by the efforts that acted, or held at "
         "their setpoints by a brake"
     )
     add("--drives", choices=("motion", "effort", "hold"), help=text)
@@ -266,7 +288,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         text = f"leave out what was recorded {end} this time [s]"
         add(f"--{name}", type=float, default=default, metavar="T", help=text)
     harness.add_sources(parser, "{} FILE")
-    add("--urdf", metavar="FILE", help="a .xacro or URDF of another crane")
+    add_crane_options(parser)
     text, default = "gravity that one believes in [m/s²]", STANDARD_GRAVITY
     add("--gravity", dest="believed", type=float, default=default, metavar="G", help=text)
     add_values(parser, "numbers of the crane that one believes in")

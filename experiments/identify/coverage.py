@@ -20,8 +20,8 @@ from cranedyn.bridges.mjcf import mjcf
 from cranedyn.checks import whole
 from cranedyn.errors import DataError
 from cranedyn.identification import Model, Prior, Record, identify
+from cranedyn.identification.estimate import WHITE
 from cranedyn.identification.motion import SampledMotion
-from cranedyn.identification.noise import WHITE
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.sweep import grid, sweep

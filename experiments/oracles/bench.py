@@ -272,7 +272,7 @@ def zero_between(function: BSpline, low: float, high: float) -> float:
 
 def payload_from_pivot(q: np.ndarray) -> np.ndarray:
     """Return the position of the payload [m], shape (n, 3), from the coordinates, shape (n, 5);
-    heights count from the pivot. Derived by hand (docs/model.md).
+    heights count from the pivot. Derived by hand (docs/concepts/model.md).
     """
     gamma, x, phi, theta, length = q.T
     outward = np.stack([np.sin(gamma), -np.cos(gamma), 0.0 * gamma])

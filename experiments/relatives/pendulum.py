@@ -24,7 +24,7 @@ from cranedyn.planning.optimal import optimal
 from cranedyn.references import hold
 from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.references.shaped import shaped, zv
-from cranedyn.references.spline import spline
+from cranedyn.references.simple import spline
 from cranedyn.simulation.simulate import simulate
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.relatives.catalogue import HOOK, POINT, at_start, moved, relative_crane, rest_at

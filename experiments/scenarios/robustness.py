@@ -17,7 +17,7 @@ from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.disturbances.wind import drag_force, gust_shape
 from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.pinocchio import payload_position
-from cranedyn.dynamics.validity import hoisting, valid
+from cranedyn.dynamics.validity import conditions, hoisting, valid
 from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -240,7 +240,7 @@ def _whole(crane: Crane, batch: Batch) -> np.ndarray:
         values.reshape(-1, values.shape[-1]) for values in (batch.q, batch.v, batch.effort)
     )
     with np.errstate(invalid="ignore"):
-        holds = valid(crane, q, v, hoisting(crane, effort)).reshape(rows)
+        holds = valid(conditions(crane, q, v, hoisting(crane, effort))).reshape(rows)
     return holds.all(axis=1).astype(float)
 
 

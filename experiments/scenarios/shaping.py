@@ -13,7 +13,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.references.limits import Limits
 from cranedyn.references.shaped import Shaper, shaped, shaped_hoisting, zv
-from cranedyn.references.spline import spline
+from cranedyn.references.simple import spline
 from cranedyn.theory import point_period
 from experiments.harness import Setup
 from experiments.scenarios.moves import LIMITS, MovePlan, Planner, RestToRest, followed, instant

@@ -26,7 +26,7 @@ from cranedyn.references.flat import flat
 from cranedyn.references.limits import fastest
 from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.references.shaped import ei, zv, zvd
-from cranedyn.references.spline import Spline, spline
+from cranedyn.references.simple import Spline, spline
 from experiments.harness import Setup
 from experiments.scenarios.moves import LIMITS, MovePlan, Planner, RestToRest, followed, instant
 from experiments.scenarios.shaping import (

@@ -12,8 +12,7 @@ from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, Setpoint, State
-from cranedyn.planning.itinerary import ARTICLE_TOUR, Timetable, itinerary
-from cranedyn.planning.tour import Tour, tour
+from cranedyn.planning.itinerary import ARTICLE_TOUR, Timetable, Tour, itinerary, tour
 from cranedyn.references import hanging_reference, shaped_hoisting, shortest, spline, zv
 from cranedyn.references.flat import flat
 from cranedyn.references.limits import Limits, fastest, use

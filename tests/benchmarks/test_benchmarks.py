@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import matplotlib.image
@@ -44,28 +46,20 @@ ROUNDING = 4e-13
 """4000 steps of 1e-16 each."""
 
 
-@pytest.mark.parametrize(
-    "contestant",
-    [one for one in CONTESTANTS if one.name not in OTHER_DAMPING],
-    ids=lambda one: one.name,
-)
-def test_each_contestant_makes_the_trajectory_of_the_plain_loop(contestant: Contestant) -> None:
-    assert max_deviation(contestant) < ROUNDING
-
-
-@pytest.mark.parametrize(
-    "contestant",
-    [one for one in CONTESTANTS if one.name in OTHER_DAMPING],
-    ids=lambda one: one.name,
-)
-def test_those_that_take_damping_at_another_time_differ_by_nothing_else(
+@pytest.mark.parametrize("contestant", CONTESTANTS, ids=lambda one: one.name)
+@pytest.mark.slow
+def test_each_contestant_makes_the_trajectory_of_the_plain_loop_but_for_its_damping(
     contestant: Contestant,
 ) -> None:
+    if contestant.name not in OTHER_DAMPING:
+        assert max_deviation(contestant) < ROUNDING
+        return
     undamped = Case(crane(damp_swing=0.0))
     assert max_deviation(contestant, undamped, Truth(undamped)) < ROUNDING
     assert max_deviation(contestant) > 100.0 * ROUNDING
 
 
+@pytest.mark.slow
 def test_a_contestant_gives_the_same_run_twice() -> None:
     for contestant in CONTESTANTS:
         if contestant.missing() is None:
@@ -82,10 +76,8 @@ def shifted(by: float, *, many: bool) -> Contestant:
             wrong = starts.copy()
             wrong[:, 3] += by
             found = [plain(case, start, duration) for start in wrong]
-            ends, peaks = (
-                np.concatenate([one.ends for one in found]),
-                np.concatenate([one.peaks for one in found]),
-            )
+            ends = np.concatenate([one.ends for one in found])
+            peaks = np.concatenate([one.peaks for one in found])
             return Result(ends, peaks, None if many else found[0].log)
 
         return run
@@ -94,6 +86,7 @@ def shifted(by: float, *, many: bool) -> Contestant:
 
 
 @pytest.mark.parametrize("many", [False, True])
+@pytest.mark.slow
 def test_who_is_off_by_more_than_allowed_is_not_shown_and_it_is_said_by_how_much(
     many: bool,
 ) -> None:
@@ -123,6 +116,7 @@ def test_a_result_that_is_no_number_or_has_no_log_agrees_with_nothing() -> None:
     assert TRUTH.max_deviation(broken(0.0, False), many=False) == np.inf
 
 
+@pytest.mark.slow
 def test_who_cannot_run_or_fails_is_named_with_the_reason() -> None:
     def fails(case: Case) -> Run:
         raise RuntimeError("no such joint\nand more")
@@ -141,13 +135,14 @@ def test_who_cannot_run_or_fails_is_named_with_the_reason() -> None:
     assert list(table.rows) == refused
 
 
+@pytest.mark.slow
 def test_without_the_plain_loop_nothing_is_compared() -> None:
-    with pytest.raises(
-        CraneError, match="Nothing can be compared without the plain loop: it does not take part"
-    ):
+    words = "Nothing can be compared without the plain loop: it does not take part"
+    with pytest.raises(CraneError, match=words):
         engines.engines_benchmark(1, True, [shifted(0.0, many=False)])
 
 
+@pytest.mark.slow
 def test_a_double_pendulum_is_compared_by_those_that_run_any_crane() -> None:
     hook = Case(load_crane(hook_mass=engines.HOOK_MASS))
     able = [one for one in CONTESTANTS if one.any_crane and not one.missing()]
@@ -204,16 +199,6 @@ def test_c_keeps_the_drives_within_their_limits() -> None:
 
 
 @needs_compiler
-def test_c_follows_a_swing_as_fast_as_a_crane_has_with_a_coarse_step() -> None:
-    case = Case(CASE.crane, dt=1e-3, period=1e-2)
-    start = np.concatenate(CASE.crane.state(phi=-0.9, phi_dot=1.0, theta=0.4, theta_dot=-0.5))
-    expected = plain(case, start, 0.5)
-    got = native.CONTESTANTS[0].prepare(case)(start[None], 0.5)
-    # Rounding of 500 steps, 2e-16 √500 of a number of size 1.
-    assert_allclose(got.ends, expected.ends, rtol=1e-14, atol=1e-14)
-
-
-@needs_compiler
 def test_c_refuses_a_crane_that_its_equations_do_not_describe() -> None:
     c = crane()
     model = c.model.copy()
@@ -223,6 +208,7 @@ def test_c_refuses_a_crane_that_its_equations_do_not_describe() -> None:
 
 
 @needs_compiler
+@pytest.mark.slow
 def test_what_the_compiler_says_is_the_reason(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -276,6 +262,7 @@ def test_a_run_is_cut_to_its_time_but_not_below_ten_times_its_fixed_cost_nor_bey
     assert stretch(CASE, run, 1, 0.5) == 70.0
 
 
+@pytest.mark.slow
 def test_engines_leaves_tables_in_a_document_and_a_figure(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -283,15 +270,8 @@ def test_engines_leaves_tables_in_a_document_and_a_figure(
     page = tmp_path / "page.md"
     page.write_text("<!-- engines: One crane -->\n<!-- end -->\n", encoding="utf-8")
     arguments = ["--quick", "--rounds", "1", "--out", str(tmp_path), "--document", str(page)]
-    assert (
-        conduct(
-            "engines",
-            "",
-            lambda rounds, quick: engines.engines_benchmark(rounds, quick, few),
-            arguments,
-        )
-        == 0
-    )
+    measure = partial(engines.engines_benchmark, contestants=few)
+    assert conduct("engines", "", measure, arguments) == 0
     text = page.read_text(encoding="utf-8")
     assert re.search(r"^\| plain loop \| 1 \| [\d.]+ \| [\d.]+ \| 1 \| - \|$", text, re.MULTILINE)
     assert "Many cranes" not in text
@@ -326,6 +306,7 @@ def test_the_reference_is_where_runs_go_as_their_step_vanishes() -> None:
     assert np.abs(limit - exact).max() < 1e-10
 
 
+@pytest.mark.slow
 def test_half_the_step_halves_errors_of_semi_implicit_euler_and_rk4_errs_a_sixteenth() -> None:
     table = accuracy.integrators(1, RNG, steps=(1e-2, 5e-3, 2e-3, 1e-3), duration=6.0)
     euler, rk4 = (
@@ -340,6 +321,7 @@ def test_half_the_step_halves_errors_of_semi_implicit_euler_and_rk4_errs_a_sixte
     assert accuracy.accuracy_figure(table).axes[0].get_xscale() == "log"
 
 
+@pytest.mark.slow
 def test_the_start_is_measured_of_those_that_run_and_is_longer_than_that_of_python() -> None:
     absent = Contestant("absent", lambda: "absent is not installed", ours.PLAIN.prepare)
     unknown = Contestant("nobody of this name", lambda: None, ours.PLAIN.prepare)
@@ -351,8 +333,7 @@ def test_the_start_is_measured_of_those_that_run_and_is_longer_than_that_of_pyth
 
 
 def test_the_readme_says_how_many_times_faster_as_the_table_of_the_engines_does() -> None:
-    root = Path(__file__).parents[2]
-    table = (root / "docs" / "engine.md").read_text(encoding="utf-8")
-    row = next(line for line in table.splitlines() if line.startswith("| compiled closed loop |"))
-    ratio = float(row.split("|")[5])
+    (table,) = Path(__file__).parents[2].glob("docs/results/engines_one_crane_*.csv")
+    rows = {row[0]: row for row in csv.reader(table.open(encoding="utf-8"))}
+    ratio = float(rows["compiled closed loop"][4])
     assert missing([f"{ratio:.0f} times faster alone"], "README.md") == []

@@ -10,16 +10,13 @@ from benchmarks.agreement import Truth
 from benchmarks.contestants import CONTESTANTS, jax, ours
 from benchmarks.workload import Case
 
-ROUNDING = 4e-13
-"""4000 steps of 1e-16 each."""
-
 
 def test_jax_by_hand_makes_the_trajectory_of_the_plain_loop() -> None:
-    by_hand = jax.CONTESTANTS[0]
+    by_hand, case = jax.CONTESTANTS[0], Case()
     if (reason := by_hand.missing()) is not None:
         pytest.skip(reason)
-    case = Case()
-    assert Truth(case).max_deviation(by_hand.prepare(case), many=True) < ROUNDING
+    # 4000 steps of 1e-16 each
+    assert Truth(case).max_deviation(by_hand.prepare(case), many=True) < 4e-13
 
 
 def test_everybody_takes_part_but_slower_ways_of_our_own() -> None:
@@ -34,6 +31,7 @@ def test_everybody_takes_part_but_slower_ways_of_our_own() -> None:
     }
 
 
+@pytest.mark.slow
 def test_the_table_is_sorted_and_the_chart_has_a_bar_for_each() -> None:
     few = [
         one for one in ours.CONTESTANTS if one.name in ("plain loop", "compiled batch, all cores")

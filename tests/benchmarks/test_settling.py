@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,9 +15,20 @@ from benchmarks import settling
 from benchmarks.settling import SettlingTimes, SettlingTrial, alike, judge_moves, settle, trials
 from experiments.scenarios.moves import RestToRest
 
+pytestmark = pytest.mark.slow
 
+
+@cache
+def settled() -> tuple[SettlingTrial, SettlingTimes]:
+    """A random move of the default crane, and its times."""
+    (trial,) = trials(1, seed=1)
+    (times,) = settle([trial])
+    return trial, times
+
+
+@pytest.mark.long
 def test_a_random_move_settles_within_one_and_a_half_times_the_least_time() -> None:
-    (one,) = settle(trials(1, seed=1))
+    _, one = settled()
     # no move is over before the slew alone could be there under the same limits
     slew = abs(one.move.goal[0])
     assert one.least > slew / 0.0838 + 0.0838 / 0.02 if slew > 0.0838**2 / 0.02 else True
@@ -27,13 +39,14 @@ def test_fewer_moves_are_the_first_of_more() -> None:
     assert [one.move for one in trials(3, 2)] == [one.move for one in trials(10, 2)][:3]
 
 
+@pytest.mark.long
 def test_times_of_a_crane_of_another_size_go_with_its_root_under_limits_that_go_with_it() -> None:
-    (usual,), size = trials(1, seed=1), 0.25
+    (usual, one), size = settled(), 0.25
     start, goal = (
         (turn, size * x, size * cable) for turn, x, cable in (usual.move.start, usual.move.goal)
     )
-    smaller = SettlingTrial(size, alike(size, np.ones(3)), RestToRest("smaller", start, goal, 0.0))
-    one, other = settle([usual, smaller])
+    move = RestToRest("smaller", start, goal, 0.0)
+    (other,) = settle([SettlingTrial(size, alike(size, np.ones(3)), move)])
     # Moves are planned in whole control periods, which are the same for both.
     assert other.least == pytest.approx(0.5 * one.least, abs=5e-3)
     # So are times between optimisations and stages.

@@ -14,12 +14,14 @@ from cranedyn.sweep.study import study_name
 ONE = sweeping.Way("1 process", 1, None)
 
 
+@pytest.mark.slow
 def test_a_pace_is_that_of_the_parts_and_not_of_the_start() -> None:
     found = sweeping.pace(sweep_studies.waiting, ONE, 8, 1)
     # A part waits 50 ms, and is written; to start a process takes longer than several of them.
     assert sweep_studies.PAUSE <= found.each < found.first
 
 
+@pytest.mark.slow
 def test_bad_cases_end_a_measurement(monkeypatch: pytest.MonkeyPatch) -> None:
     from tests.studies import hopeless
 
@@ -35,9 +37,8 @@ def test_the_swings_are_those_of_the_crane() -> None:
 
 def test_the_plan_is_arithmetic_on_what_was_measured() -> None:
     measured = sweeping.Overhead(once=36.0, part=0.36, case=3.6e-6)
-    rows = dict(
-        sweeping.billion_case_table(measured, spent=86400.0 / 1e9, size=20.0, workers=8).rows
-    )
+    table = sweeping.billion_case_table(measured, spent=86400.0 / 1e9, size=20.0, workers=8)
+    rows = {row[0]: row[1] for row in table.rows}
     assert rows["disk, a parameter and a result of a case"] == "20 GB"
     assert rows["computing on one processor"] == "1.0 days"
     # 100 starts, 10,000 parts and a billion cases: an hour each
@@ -52,6 +53,7 @@ def test_the_plan_says_nothing_of_processors_where_the_cost_of_a_case_is_lost_in
     assert not [row for row in table.rows if "processors" in str(row[0])]
 
 
+@pytest.mark.long
 def test_dasks_workers_compute_what_processes_do() -> None:
     pytest.importorskip("distributed", reason="the extra dask is not installed")
     before = time.perf_counter()

@@ -64,6 +64,7 @@ def test_every_example_has_a_test() -> None:
 
 
 @pytest.mark.parametrize("name", TESTS)
+@pytest.mark.slow
 def test_an_example_does_what_it_says(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,30 +14,34 @@ import pytest
 from benchmarks import bridges
 from cranedyn import plugins
 from cranedyn.__main__ import main
+from cranedyn.bridges.joints import urdf_element
 from cranedyn.bridges.target import new_file, new_folder
 from cranedyn.errors import CraneError
+from cranedyn.model.load import load_crane
 from experiments import a3, harness
 from tests.helpers import FAST, ROOT, python
 
-PAGE = (ROOT / "docs" / "bridges.md").read_text(encoding="utf-8")
+PAGES = {path.name: path.read_text(encoding="utf-8") for path in ROOT.glob("docs/*/*.md")}
 EXPORTERS = plugins.names("exporter")
-COMMANDS = re.findall(r"^python -m cranedyn export (.+)$", PAGE, re.MULTILINE)
+COMMANDS = dict.fromkeys(
+    command
+    for page in PAGES.values()
+    for command in re.findall(r"^cranedyn export (.+)$", page, re.MULTILINE)
+)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", COMMANDS)
 def test_a_command_of_the_page_writes_what_it_says(
     words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    exporter, target, *others = shlex.split(words.replace("/srv/bullseye/tmp/", ""))
+    exporter, target, *others = shlex.split(words)
     if exporter == "mcap":
-        pytest.importorskip(
-            "mcap_ros2", reason="mcap-ros2-support is not installed: pip install 'cranedyn[mcap]'"
-        )
+        pytest.importorskip("mcap_ros2", reason="not installed: pip install 'cranedyn[mcap]'")
         Path("out/a3").mkdir(parents=True)
-        a3.run(harness.Setup(9.8, engine=FAST)).before(1.0).write(
-            others[others.index("--trajectory") + 1]
-        )
+        run = a3.run(harness.Setup(9.8, engine=FAST)).before(1.0)
+        run.write(others[others.index("--trajectory") + 1])
     assert main(["export", exporter, target, *others]) == 0
     assert Path(target).exists()
 
@@ -44,10 +49,12 @@ def test_a_command_of_the_page_writes_what_it_says(
 def test_the_page_has_a_command_for_every_door() -> None:
     assert {words.split()[0] for words in COMMANDS} == set(EXPORTERS)
     assert all(
-        re.search(rf"^\| `{exporter} (DIR|FILE)` \|", PAGE, re.MULTILINE) for exporter in EXPORTERS
+        re.search(rf"^\| `{exporter} (DIR|FILE)` \|", PAGES["export.md"], re.MULTILINE)
+        for exporter in EXPORTERS
     )
 
 
+@pytest.mark.slow
 def test_the_table_of_the_page_is_what_the_benchmark_prints() -> None:
     for package in ("mujoco", "mcap_ros2", "rosbags", "llvmlite", "fmpy"):
         pytest.importorskip(package)
@@ -58,7 +65,7 @@ def test_the_table_of_the_page_is_what_the_benchmark_prints() -> None:
         assert re.search(
             rf"^\| {exporter} \| \d+ \| \d+ \| {re.escape(compared)} \| {re.escape(apart)} \| "
             r"[\d-]+ \|$",
-            PAGE,
+            PAGES["speed.md"],
             re.MULTILINE,
         )
     # Gazebo's step; the others round.
@@ -86,16 +93,16 @@ def test_a_target_is_whole_or_not_there(tmp_path: Path) -> None:
         pass
 
 
-def test_without_llvmlite_only_the_door_that_needs_it_stays_shut(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_without_llvmlite_only_the_exporter_that_needs_it_is_missing(tmp_path: Path) -> None:
     script = (
         "import sys; sys.modules['llvmlite'] = None; from cranedyn.__main__ import "
         "main; sys.exit(main(['export', *sys.argv[1:]]))"
     )
     assert python(script, "mjcf", tmp_path / "crane.xml").returncode == 0
-    shut = python(script, "fmu", tmp_path / "crane.fmu")
-    assert shut.returncode == 2 and shut.stderr.startswith(
-        "error: The compiled engine needs llvmlite, which is not installed: pip install"
-    )
+    refused = python(script, "fmu", tmp_path / "crane.fmu")
+    sentence = "error: The compiled engine needs llvmlite, which is not installed: pip install"
+    assert refused.returncode == 2 and refused.stderr.startswith(sentence)
     assert [path.name for path in tmp_path.iterdir()] == ["crane.xml"]
 
 
@@ -114,3 +121,73 @@ def test_no_door_is_no_door(capsys: pytest.CaptureFixture[str]) -> None:
         main(["export", "unity", "x"])
     assert ended.value.code == 2
     assert "invalid choice: 'unity'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("exporter", "name", "words", "sentence"),
+    [
+        ("mjcf", "c.mjcf", "", "the ending of an MJCF file must be .xml."),
+        ("mjcf", "c.xml", "--dt 0", "dt is 0.0 s; allowed is > 0."),
+        ("mjcf", "c.xml", "--urdf none.urdf", "Cannot read none.urdf"),
+        ("mjcf", "no/c.xml", "", "does not exist"),
+        ("mjcf", "c.xml", "--set dummy_mass:=0", "The link swing_r_link has no mass or no inertia"),
+        ("fmu", "c.zip", "", "allowed is one that ends in .fmu"),
+        ("fmu", "c.fmu", "--dt -1", "dt is -1.0 s; allowed is > 0."),
+        ("ros2", "c", "--name Crane-1", "A package of ROS cannot be called 'Crane-1'; allowed are"),
+        ("ros2", "c", "--set dummy_mass:=0", "The link swing_r_link has no mass or no inertia"),
+        ("ros2", "c", "--dt 0", "dt is 0.0 s; allowed is > 0."),
+        ("gazebo", "c", "--experiment a4", "There is no run 'a4'; there are a1, a2, a3, swing, "),
+        (
+            "gazebo",
+            "c",
+            "--experiment move --strategy none",
+            "There is no strategy 'none'; there are spline alone, ",
+        ),
+        ("gazebo", "c", "--experiment a2 --length 5", "--length has no effect on the run a2; "),
+        ("gazebo", "c", "--strategy paper", "--strategy has no effect on the run a1; leave it out"),
+        (
+            "gazebo",
+            "c",
+            "--experiment move --strategy operator",
+            "drive of a run in Gazebo is motion; allowed is effort",
+        ),
+        ("gazebo", "c", "--set payload_inertia:=0", "The link hook_link has no mass or no inertia"),
+        ("gazebo", "c", "--erp 2", "erp is 2.0; allowed is 0 to 1."),
+        ("gazebo", "c", "--every 0", "control instants between rows is 0; allowed is a whole "),
+        ("gazebo", "c", "--length 100", "l at the start is 100.0 m; allowed is 3.4 to 26.4."),
+        ("gazebo", "c", "--urdf crane.urdf", "--urdf has no effect here"),
+        ("gazebo", "c", "--set payload_mas:=1", "There is no argument 'payload_mas'"),
+        ("gazebo", "no/c", "", "does not exist"),
+    ],
+)
+def test_what_cannot_be_exported_is_a_sentence_and_nothing_is_written(
+    exporter: str,
+    name: str,
+    words: str,
+    sentence: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["export", exporter, str(tmp_path / name), *words.split()]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and sentence in error and error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("exporter", "name"), [("mjcf", "c.xml"), ("fmu", "c.fmu"), ("ros2", "c")])
+def test_a_target_that_exists_stays_as_it_is(
+    exporter: str, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = tmp_path / name
+    target.write_text("mine")
+    assert main(["export", exporter, str(target)]) == 2
+    there = f"error: Cannot write {target}: it is there already; name another, or remove it.\n"
+    assert capsys.readouterr().err == there
+    assert target.read_text() == "mine"
+
+
+def test_a_crane_with_a_rope_that_stretches_is_refused() -> None:
+    tag = '<gazebo reference="hoist_joint"><ropeStiffness>1e6</ropeStiffness></gazebo></robot>'
+    text = load_crane().urdf.replace("</robot>", tag)
+    with pytest.raises(CraneError, match="has a rope that stretches"):
+        urdf_element(replace(load_crane(), urdf_source=lambda: text))

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cranedyn.bridges.names import input_names, state_names
+from cranedyn.bridges.joints import input_names, state_names
 from cranedyn.controllers.affine import affine_form
 from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import holding_effort
-from cranedyn.errors import CraneError, OutOfRange, UnknownName
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Drive, State
+from cranedyn.model.crane import Crane
 from cranedyn.references.flat import flat
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import BRIDGE, HOOK, ROPE, Relative
+from experiments.relatives.catalogue import BRIDGE, HOOK, ROPE
 from tests.helpers import FAST, G, constant, crane
 
 ct = pytest.importorskip("control", reason="extra control (python-control) is not installed")
@@ -54,55 +56,28 @@ def test_with_the_drives_in_prescribed_motion_the_poles_are_those_of_a_compound_
 
 
 @pytest.mark.parametrize("drive", ["effort", "motion"])
-def test_the_sampled_system_answers_a_small_step_as_the_nonlinear_crane_does(drive: Drive) -> None:
-    c = crane(damp_swing=2e3, damp_trolley=200.0)
-    rest = c.state(x=17.0, l=11.0)
-    small = np.array([20.0, 0.5, 0.3]) if drive == "effort" else np.array([2e-4, 1e-3, 1e-4])
-    plant = to_control(c, rest, drive=drive, **CLOCKS)
-    steps = 100
-    found = ct.forced_response(plant, U=np.repeat(small[:, None], steps + 1, axis=1)).outputs
-    holding = holding_effort(c, rest.q) if drive == "effort" else np.zeros(3)
-    run = simulate(
-        c,
-        constant(*(holding + small)),
-        start=rest,
-        duration=steps * PERIOD,
-        drive=drive,
-        engine=FAST,
-        **CLOCKS,
-    )
-    off = np.abs(found - deviation(run, rest)).max(axis=1)
-    # Second order: deviations of about 1e-3.
-    assert (off <= 2e-3 * np.abs(found).max(axis=1) + 1e-7).all(), off
-
-
-@pytest.mark.parametrize("drive", ["effort", "motion"])
-@pytest.mark.parametrize("relative", [HOOK, ROPE, BRIDGE], ids=lambda relative: relative.name)
-def test_the_system_of_a_crane_of_other_topology_answers_a_small_step_as_that_crane_does(
-    relative: Relative, drive: Drive
+@pytest.mark.parametrize(
+    ("make", "efforts"),
+    [
+        (lambda: crane(damp_swing=2e3, damp_trolley=200.0), (20.0, 0.5, 0.3)),
+        *((relative.crane, None) for relative in (HOOK, ROPE, BRIDGE)),
+    ],
+    ids=["tower crane", *(relative.name for relative in (HOOK, ROPE, BRIDGE))],
+)
+def test_the_sampled_system_answers_a_small_step_as_the_nonlinear_crane_does(
+    make: Callable[[], Crane], efforts: Sequence[float] | None, drive: Drive
 ) -> None:
-    c = relative.crane()
-    rest, efforts = c.start, {"rad": 20.0, "m": 0.5}
-    small = np.array(
-        [efforts[joint.unit] if drive == "effort" else 1e-4 for joint in c.layout.driven]
-    )
+    c = make()
+    rest = c.state(x=17.0, l=11.0) if efforts else c.start
+    sizes = efforts or [{"rad": 20.0, "m": 0.5}[joint.unit] for joint in c.layout.driven]
+    small = np.array(sizes) if drive == "effort" else np.full(c.layout.m, 1e-4)
     plant = to_control(c, rest, drive=drive, **CLOCKS)
-    assert plant.state_labels == [
-        *c.layout.symbols,
-        *(f"{symbol}_dot" for symbol in c.layout.symbols),
-    ]
+    assert plant.state_labels == state_names(c)
     steps = 50
     found = ct.forced_response(plant, U=np.repeat(small[:, None], steps + 1, axis=1)).outputs
     holding = holding_effort(c, rest.q) if drive == "effort" else np.zeros(c.layout.m)
-    run = simulate(
-        c,
-        constant(*(holding + small)),
-        start=rest,
-        duration=steps * PERIOD,
-        drive=drive,
-        engine=FAST,
-        **CLOCKS,
-    )
+    command, duration = constant(*(holding + small)), steps * PERIOD
+    run = simulate(c, command, start=rest, duration=duration, drive=drive, engine=FAST, **CLOCKS)
     off = np.abs(found - deviation(run, rest)).max(axis=1)
     # Second order: deviations of about 1e-3.
     assert (off <= 2e-3 * np.abs(found).max(axis=1) + 1e-7).all(), off
@@ -205,16 +180,21 @@ def test_a_feedback_that_is_none_is_refused_in_a_sentence(feedback: object, sent
         from_control(c, feedback, c.start)
 
 
-def test_what_to_control_is_asked_for_wrongly_is_refused_in_a_sentence() -> None:
-    c = crane()
-    with pytest.raises(UnknownName, match="There is no state 'swing'; there are gamma, x"):
-        to_control(c, outputs=["swing"])
-    with pytest.raises(OutOfRange, match="drive is torque; allowed is effort or motion"):
-        to_control(c, drive="torque")  # type: ignore[arg-type]
-    with pytest.raises(
-        OutOfRange, match=r"control_period is 0\.0007 s; allowed is a multiple of dt"
-    ):
-        to_control(c, control_period=7e-4)
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"outputs": ["swing"]}, "There is no state 'swing'; there are gamma, x"),
+        ({"drive": "torque"}, "drive is torque; allowed is effort or motion"),
+        ({"control_period": 7e-4}, r"control_period is 0\.0007 s; allowed is a multiple of dt"),
+    ],
+)
+def test_what_to_control_is_asked_for_wrongly_is_refused_in_a_sentence(
+    options: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(CraneError, match=sentence):
+        to_control(crane(), **options)
+
+
+def test_a_feedback_is_about_a_rest() -> None:
     with pytest.raises(OutOfRange, match="rates of the rest"):
-        from_control(c, np.zeros((3, 10)), c.state(x_dot=1.0))
-    assert math.isclose(to_control(c).dt, 0.0)
+        from_control(crane(), np.zeros((3, 10)), crane().state(x_dot=1.0))

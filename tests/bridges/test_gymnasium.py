@@ -75,6 +75,7 @@ def test_gymnasium_makes_many_by_name_and_they_keep_to_their_spaces() -> None:
 
 @pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 @pytest.mark.parametrize("action", ["velocity", "acceleration"])
+@pytest.mark.slow
 def test_each_crane_moves_as_in_simulate_whatever_its_load_wind_and_neighbours(
     engine: Any, action: str
 ) -> None:
@@ -124,12 +125,8 @@ def test_drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges() -> 
 
 
 def test_starts_goals_and_drives_keep_to_the_ranges_that_all_cranes_have() -> None:
-    env = many(
-        50,
-        crane=[crane(), crane(trolley_max=12.0)],
-        reach=(1.0, 20.0, 20.0),
-        max_episode_steps=10_000,
-    )
+    cranes, reach = [crane(), crane(trolley_max=12.0)], (1.0, 20.0, 20.0)
+    env = many(50, crane=cranes, reach=reach, max_episode_steps=10_000)
     env.reset(seed=0)
     assert env.task.goal[1].max() < 12.0
     for _ in range(100):
@@ -172,26 +169,23 @@ def test_the_reward_is_that_of_the_distance_the_load_would_have_from_its_goal() 
 
 
 def test_too_much_swing_ends_an_episode() -> None:
+    fast = {"start": crane().state(phi=0.19, phi_dot=0.3)}
     env = many(2, swing_limit=0.2, swing=0.0, autoreset_mode="Disabled")
-    env.reset(options={"start": crane().state(phi=0.19, phi_dot=0.3), "goal": (0.0, 12.0, 10.0)})
+    env.reset(options={**fast, "goal": (0.0, 12.0, 10.0)})
     _, reward, terminated, truncated, _ = env.step(np.zeros((2, 3)))
     assert terminated.all() and not truncated.any() and (reward == PENALTY).all()
     with pytest.raises(OutOfRange, match="call reset"):
         env.step(np.zeros((2, 3)))
     last = many(2, swing_limit=0.2, max_episode_steps=1)
-    last.reset(options={"start": crane().state(phi=0.19, phi_dot=0.3)})
+    last.reset(options=fast)
     _, _, terminated, truncated, _ = last.step(np.zeros((2, 3)))
     assert terminated.all() and not truncated.any()
     alone = TowerCraneEnv(crane=crane(), swing_limit=0.2)
-    alone.reset(options={"start": crane().state(phi=0.19, phi_dot=0.3)})
+    alone.reset(options=fast)
     assert alone.step(np.zeros(3))[1:4] == (PENALTY, True, False)
     env.reset(options={"reset_mask": np.array([True, False])})
-    assert (
-        np.hypot(*env.task.fleet.z[PASSIVE, 0])
-        < 1e-12
-        < 0.19
-        < np.hypot(*env.task.fleet.z[PASSIVE, 1])
-    )
+    swung = np.hypot(*env.task.fleet.z[PASSIVE])
+    assert swung[0] < 1e-12 < 0.19 < swung[1]
 
 
 def test_the_wind_pushes_with_its_dynamic_pressure_on_the_payload() -> None:
@@ -234,20 +228,17 @@ def test_next_step_and_same_step_are_followed_by_the_next_episode_as_gymnasium_s
 
 def test_a_seed_draws_the_same_episodes_and_starts_lie_in_reach() -> None:
     rules = Rules(reach=(0.1, 2.0, 1.0), swing=0.05)
-    tasks = [SwingTask(crane(), 500, rules, 0.1, 5e-4, 1) for _ in range(2)]
-    for task in tasks:
-        task.begin(np.random.default_rng(7), np.arange(500))
-    assert np.array_equal(tasks[0].fleet.z, tasks[1].fleet.z) and np.array_equal(
-        tasks[0].goal, tasks[1].goal
-    )
-    z, way = tasks[0].fleet.z, np.abs(tasks[0].goal - tasks[0].fleet.z[DRIVES])
-    assert (way.max(axis=1) <= rules.reach).all() and (
-        way.max(axis=1) > 0.9 * np.array(rules.reach)
-    ).all()
+    task, other = (SwingTask(crane(), 500, rules, 0.1, 5e-4, 1) for _ in range(2))
+    for one in (task, other):
+        one.begin(np.random.default_rng(7), np.arange(500))
+    assert np.array_equal(task.fleet.z, other.fleet.z) and np.array_equal(task.goal, other.goal)
+    z, way = task.fleet.z, np.abs(task.goal - task.fleet.z[DRIVES]).max(axis=1)
+    assert (way <= rules.reach).all() and (way > 0.9 * np.array(rules.reach)).all()
     swing = np.sqrt((z[PASSIVE] ** 2 + z[5 + PASSIVE] ** 2 * z[4] / crane().gravity).sum(axis=0))
     assert 0.045 < swing.max() <= 0.05 + 1e-12
 
 
+@pytest.mark.slow
 def test_an_episode_is_drawn_by_rerun_and_is_the_one_that_was_seen(tmp_path: Path) -> None:
     env = gym.make(ID, crane=crane(), render_mode="rrd", folder=tmp_path, wind=8.0)
     env.reset(seed=2)
@@ -295,60 +286,41 @@ def test_what_cannot_be_is_refused_in_a_sentence(how: dict[str, Any], sentence: 
 
 
 def test_a_crane_for_which_the_task_is_not_made_is_refused_in_a_sentence() -> None:
-    with pytest.raises(
-        ModelError,
-        match="The task of moving a load without swing is made for a tower crane of five joints; "
-        "this one also",
-    ):
+    with pytest.raises(ModelError, match="is made for a tower crane of five joints; this one also"):
         many(2, crane=HOOK.crane())
     with pytest.raises(OutOfRange, match=r"rate limit is \(1.0, 1.0\); allowed is three numbers"):
         many(2, limits=Limits(rates=(1.0, 1.0), accelerations=(1.0, 1.0)))
-    env = many(2)
-    with pytest.raises(OutOfRange, match="start is a state of 4 coordinates and 4 rates"):
-        env.reset(options={"start": State(np.zeros(4), np.zeros(4))})
 
 
-def test_actions_and_options_that_are_none_are_refused_in_a_sentence() -> None:
+def test_actions_that_are_none_are_refused_and_change_nothing() -> None:
     env = many(2)
     with pytest.raises(OutOfRange, match="call reset"):
         env.step(np.zeros((2, 3)))
     env.reset(seed=0)
-    for wrong in (
-        np.zeros((3, 2)),
-        np.zeros(3),
-        np.full((2, 3), np.nan),
-        np.full((2, 3), 1.5),
-        np.zeros((2, 3), dtype=complex),
-    ):
+    nan, large = np.full((2, 3), np.nan), np.full((2, 3), 1.5)
+    for wrong in (np.zeros((3, 2)), np.zeros(3), nan, large, np.zeros((2, 3), dtype=complex)):
         before = env.task.fleet.z.copy()
         with pytest.raises(OutOfRange):
             env.step(wrong)
         assert np.array_equal(env.task.fleet.z, before)
-    with pytest.raises(UnknownName, match="There is no option of reset 'begin'"):
-        env.reset(options={"begin": 0})
     with pytest.raises(OutOfRange, match="reset_mask"):
         env.reset(options={"reset_mask": [1, 0]})
-    with pytest.raises(OutOfRange, match="goal"):
-        env.reset(options={"goal": (0.0, 500.0, 10.0)})
-    for one in (env, TowerCraneEnv(crane=crane())):
-        with pytest.raises(OutOfRange, match=r"options is \[1\]; allowed is a dictionary or None"):
-            one.reset(options=[1])
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    ("wrong", "sentence"),
     [
-        {"goal": (0.3, np.nan, 10.0)},
-        {"goal": (0.0, 500.0, 10.0)},
-        {"start": State(np.zeros(4), np.zeros(4))},
-        {"begin": 0},
-        [1],
+        ({"goal": (0.3, np.nan, 10.0)}, "goal"),
+        ({"goal": (0.0, 500.0, 10.0)}, "goal"),
+        ({"start": State(np.zeros(4), np.zeros(4))}, "start is a state of 4 coordinates and 4 rat"),
+        ({"begin": 0}, "There is no option of reset 'begin'"),
+        ([1], r"options is \[1\]; allowed is a dictionary or None"),
     ],
 )
-def test_a_reset_that_is_refused_changes_nothing(wrong: Any) -> None:
+def test_a_reset_that_is_refused_changes_nothing(wrong: Any, sentence: str) -> None:
     for asked, alone in ((many(2), many(2)), [TowerCraneEnv(crane=crane()) for _ in "ab"]):
         asked.reset(seed=3), alone.reset(seed=3)
-        with pytest.raises(CraneError):
+        with pytest.raises(CraneError, match=sentence):
             asked.reset(seed=5, options=wrong)
         assert np.array_equal(asked.task.fleet.z, alone.task.fleet.z)
         assert np.array_equal(asked.task.goal, alone.task.goal)
@@ -394,13 +366,11 @@ def test_a_seed_of_numpy_is_the_same_as_that_of_python_and_gymnasiums_own_is_tak
 
 
 def test_the_benchmark_counts_steps(capsys: pytest.CaptureFixture[str]) -> None:
-    assert environment.main(["--counts", "64", "--rounds", "1", "--seconds", "0"]) == 0
+    words = ["--rounds", "1", "--seconds", "0"]
+    assert environment.main(["--counts", "64", *words]) == 0
     count, *rates = capsys.readouterr().out.splitlines()[1].split()
     assert count == "64" and all(float(rate) > 0.0 for rate in rates)
-    assert (
-        environment.main(["--counts", "8", "--rounds", "1", "--seconds", "0", "--least", "1e6"])
-        == 1
-    )
+    assert environment.main(["--counts", "8", *words, "--least", "1e6"]) == 1
 
 
 def test_cranes_can_be_drawn_between_two_ends() -> None:

@@ -4,10 +4,12 @@ the experiments.
 
 from __future__ import annotations
 
+import bz2
 import io
 import json
 import tracemalloc
 import zlib
+from collections.abc import Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -67,17 +69,12 @@ def messages(file: Path) -> dict[str, list[tuple[int, Any]]]:
 # --- written, and read by rosbags -----------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_rosbags_reads_every_joint_state_to_the_bit(messages: Any, run: Trajectory) -> None:
     states = messages["/joint_states"]
     early = run.before(10.0 + 1e-9)
     assert len(states) == len(early)
-    assert states[0][1].name == [
-        "yaw_joint",
-        "trolley_joint",
-        "swing_radial_joint",
-        "swing_tangential_joint",
-        "hoist_joint",
-    ]
+    assert states[0][1].name == [joint.name for joint in SETUP.crane.layout.joints]
     for k, (time, message) in enumerate(states):
         stamp = message.header.stamp
         assert time == stamp.sec * 10**9 + stamp.nanosec == round(1e9 * early.t[k])
@@ -96,6 +93,7 @@ def test_setpoints_and_commands_are_those_of_the_drives(messages: Any, run: Traj
     )
 
 
+@pytest.mark.slow
 def test_a_command_that_a_drive_cuts_is_told_as_it_was_given(tmp_path: Path) -> None:
     weak = load_crane(trolley_effort=800.0)
     start = weak.state(phi=0.1)
@@ -119,15 +117,8 @@ def test_the_frames_put_the_load_where_the_model_does(messages: Any, run: Trajec
     (_, static), *_ = messages["/tf_static"]
     for time, message in messages["/tf"][:: len(messages["/tf"]) // 5]:
         frames = {one.child_frame_id: one for one in [*static.transforms, *message.transforms]}
-        assert list(frames) == [
-            "foot_link",
-            "base_link",
-            "upper_link",
-            "trolley_link",
-            "swing_r_link",
-            "swing_t_link",
-            "hook_link",
-        ]
+        links = "foot_link base_link upper_link trolley_link swing_r_link swing_t_link hook_link"
+        assert list(frames) == links.split()
         point, frame = np.zeros(3), "hook_link"
         while frame != "world":
             moved, turned = frames[frame].transform.translation, frames[frame].transform.rotation
@@ -149,106 +140,68 @@ def test_the_description_of_the_robot_is_in_it(messages: Any) -> None:
 
 def test_what_is_published_once_plays_back_to_who_comes_late(file: Path) -> None:
     with AnyReader([file]) as reader:
-        kept = {
-            one.topic: [profile.durability.name for profile in one.ext.offered_qos_profiles]  # type: ignore[union-attr]
-            for one in reader.connections
-        }
-        (profile,) = next(
-            one.ext.offered_qos_profiles  # type: ignore[union-attr]
-            for one in reader.connections
-            if one.topic == "/tf_static"
-        )
-    once = {"/tf_static", "/robot_description"}
-    assert kept == {topic: ["TRANSIENT_LOCAL"] if topic in once else [] for topic in mcap.TYPES}
-    assert (profile.reliability.name, profile.history.name, profile.depth) == (
-        "RELIABLE",
-        "KEEP_LAST",
-        1,
-    )
+        profiles = {one.topic: one.ext.offered_qos_profiles for one in reader.connections}  # type: ignore[union-attr]
+    assert profiles.keys() == mcap.TYPES.keys()
+    for topic, offered in profiles.items():
+        kept = [(p.reliability.name, p.durability.name, p.history.name, p.depth) for p in offered]
+        once = topic in ("/tf_static", "/robot_description")
+        assert kept == [("RELIABLE", "TRANSIENT_LOCAL", "KEEP_LAST", 1)] * once
 
 
 def test_the_command_writes_a_trajectory_of_an_experiment(tmp_path: Path, run: Trajectory) -> None:
-    short = run.before(2.0)
-    short.write(tmp_path / "run.parquet")
-    assert (
-        main(
-            [
-                "export",
-                "mcap",
-                str(tmp_path / "run.mcap"),
-                "--trajectory",
-                str(tmp_path / "run.parquet"),
-            ]
-        )
-        == 0
-    )
-    assert (
-        bags.read_joint_states(tmp_path / "run.mcap", ["l_m"])["l_m"].tolist()
-        == short["l_m"].tolist()
-    )
+    short, file = run.before(2.0), tmp_path / "run.mcap"
+    trajectory = short.write(tmp_path / "run.parquet")
+    assert main(["export", "mcap", str(file), "--trajectory", str(trajectory)]) == 0
+    assert bags.read_joint_states(file, ["l_m"])["l_m"].tolist() == short["l_m"].tolist()
 
 
 # --- recordings of ROS analysed -------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_recording_is_analysed_as_the_run_itself(
     file: Path, run: Trajectory, tmp_path: Path
 ) -> None:
-    run.write(tmp_path / "a3.parquet")
+    files, out = [str(file), str(run.write(tmp_path / "a3.parquet"))], tmp_path / "out"
     with redirect_stdout(io.StringIO()):
-        assert (
-            a3.main(
-                ["--from", str(file), str(tmp_path / "a3.parquet"), "--out", str(tmp_path / "out")]
-            )
-            == 0
-        )
-    ours, same, _ = json.loads((tmp_path / "out" / "result.json").read_text())["tables"][0]["rows"]
+        assert a3.main(["--from", *files, "--out", str(out)]) == 0
+    ours, same, _ = json.loads((out / "result.json").read_text())["tables"][0]["rows"]
     # A time that rounds to 4 s or just below is a row more or less of all.
     assert_allclose(ours[2:], same[2:], rtol=1.0 / len(run))
 
 
-def bag(
-    path: Path,
-    names: list[str],
-    *,
-    rows: int = 1401,
-    start: float = 1.7e9,
-    topic: str = "/crane/state",
-    **parts: Any,
-) -> Path:
+def joint_states(
+    store: Any, names: list[str], rows: int, position: Any, *, start: int = 0, interval: int = 10**9
+) -> Iterator[tuple[int, Any]]:
+    """Times [ns] and joint states of a store of types, of positions by row."""
+    kinds = ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    state, header, stamp = (store.types[name] for name in kinds)
+    for k in range(rows):
+        time = start + k * interval
+        seq = {"seq": k} if "seq" in header.__dataclass_fields__ else {}
+        at = header(stamp=stamp(sec=time // 10**9, nanosec=time % 10**9), frame_id="", **seq)
+        yield time, state(at, names, np.array(position(k)), np.zeros(0), np.zeros(0))
+
+
+def bag(path: Path, names: list[str], *, rows: int = 1401, **parts: Any) -> Path:
     """A ROS 1 bag of a free swing on 15 m, 20 rows a second, as a real robot would record it: from
     an epoch on, other names.
     """
     store = get_typestore(Stores.ROS1_NOETIC)
-    kinds = store.types
-    state, header, stamp = (
-        kinds[name]
-        for name in (
-            "sensor_msgs/msg/JointState",
-            "std_msgs/msg/Header",
-            "builtin_interfaces/msg/Time",
-        )
-    )
     unopened = BagWriter(path)
     if parts.get("packed"):
         unopened.set_compression(parts["packed"])
+
+    def position(k: int) -> list[float]:
+        phi = parts.get("phi", 0.1 * np.cos(2.0 * np.pi / 7.8 * 0.05 * k))
+        return [phi, 15.0] + [0.0] * (len(names) - 2)
+
+    interval = 0 if parts.get("stopped") else 50_000_000
+    epoch = 1_700_000_000 * 10**9
     with unopened as writer:
-        connection = writer.add_connection(topic, "sensor_msgs/msg/JointState", typestore=store)
-        for k in range(rows):
-            nanoseconds = int(start * 1e9) + 50_000_000 * (0 if parts.get("stopped") else k)
-            phi = 0.1 * np.cos(2.0 * np.pi / 7.8 * 0.05 * k)
-            position = np.array([parts.get("phi", phi), 15.0] + [0.0] * (len(names) - 2))
-            at = header(
-                seq=k,
-                stamp=stamp(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9),
-                frame_id="",
-            )
-            message = state(
-                header=at, name=names, position=position, velocity=np.zeros(0), effort=np.zeros(0)
-            )
-            writer.write(
-                connection, nanoseconds, store.serialize_ros1(message, "sensor_msgs/msg/JointState")
-            )
+        connection = writer.add_connection("/crane/state", bags.TYPE, typestore=store)
+        for time, one in joint_states(store, names, rows, position, start=epoch, interval=interval):
+            writer.write(connection, time, store.serialize_ros1(one, bags.TYPE))
     return path
 
 
@@ -257,21 +210,9 @@ def bag(
 )
 def test_a_bag_of_ros_1_with_names_of_its_own_is_analysed(packed: Any, tmp_path: Path) -> None:
     path = bag(tmp_path / "real.bag", ["pendulum", "rope"], packed=packed)
+    words = ["--joints", "phi=pendulum", "l=rope", "--out", str(tmp_path / "out")]
     with redirect_stdout(io.StringIO()):
-        assert (
-            a1.main(
-                [
-                    "--from",
-                    str(path),
-                    "--joints",
-                    "phi=pendulum",
-                    "l=rope",
-                    "--out",
-                    str(tmp_path / "out"),
-                ]
-            )
-            == 0
-        )
+        assert a1.main(["--from", str(path), *words]) == 0
     (row,) = json.loads((tmp_path / "out" / "result.json").read_text())["tables"][0]["rows"]
     assert row[1:3] == [15.0, pytest.approx(7.8, abs=1e-6)]
 
@@ -279,38 +220,17 @@ def test_a_bag_of_ros_1_with_names_of_its_own_is_analysed(packed: Any, tmp_path:
 @pytest.mark.parametrize(
     ("made", "words", "sentence"),
     [
-        (
-            {},
-            "",
-            "has no joint swing_radial_joint, but shoulder, elbow; say which is phi by --joints "
-            "phi=NAME.",
-        ),
-        (
-            {},
-            "--joints phi=shoulder",
-            "has no joint hoist_joint, but shoulder, elbow; say which is l by --joints l=NAME.",
-        ),
+        ({}, "", "has no joint swing_radial_joint, but shoulder, elbow; say which is phi by "),
+        ({}, "--joints phi=shoulder", "has no joint hoist_joint, but shoulder, elbow; say which"),
         ({}, "--joints phi", "phi among --joints is not of the form l=NAME, each coordinate once."),
-        (
-            {},
-            "--joints psi=elbow",
-            "There is no coordinate 'psi'; there are gamma, x, phi, theta, l.",
-        ),
-        (
-            {"stopped": True},
-            "--joints phi=shoulder l=elbow",
-            "some of them the same; allowed are two or more that increase",
-        ),
+        ({}, "--joints psi=elbow", "There is no coordinate 'psi'; there are gamma, x, phi, theta"),
+        ({"stopped": True}, "--joints phi=shoulder l=elbow", "some of them the same; allowed are"),
         (
             {"phi": float("nan")},
             "--joints phi=shoulder l=elbow",
             "position of shoulder is not finite in its message 1.",
         ),
-        (
-            {"rows": 0},
-            "",
-            "has joint states on none; allowed are messages on /joint_states, or on one topic.",
-        ),
+        ({"rows": 0}, "", "has joint states on none; allowed are messages on /joint_states, or on"),
     ],
 )
 def test_a_bag_of_another_robot_is_a_sentence(
@@ -322,41 +242,40 @@ def test_a_bag_of_another_robot_is_a_sentence(
 ) -> None:
     path = bag(tmp_path / "other.bag", ["shoulder", "elbow"], **{"rows": 3, **made})
     assert a1.main(["--from", str(path), *words.split(), "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr().err
-    assert (
-        said.startswith("error: ") and said.rstrip().endswith(sentence.rstrip(".") + ".")
-    ) or sentence in said
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and sentence in error
     assert not (tmp_path / "out").exists()
 
 
-def test_what_a_file_says_of_its_own_messages_is_not_looked_at(file: Path, tmp_path: Path) -> None:
-    """Parsers of definitions make Python of them and run it."""
+def recorded(
+    path: Path, count: int, *, padding: int = 0, definition: bytes = b"", backwards: bool = False
+) -> Path:
+    """An MCAP file of joint states, and as many messages of some bytes on another topic."""
     from mcap.writer import CompressionType, Writer
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    state, header, stamp = (
-        store.types[name]
-        for name in (bags.TYPE, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
-    )
-    with (tmp_path / "odd.mcap").open("wb") as stream:
-        writer = Writer(stream, compression=CompressionType.LZ4)
+    with path.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.ZSTD)
         writer.start("ros2")
-        schema = writer.register_schema(
-            bags.TYPE, "ros2msg", b"float64[] position\nint32 __import__('os').abort()\n\xff"
+        schemas = [writer.register_schema(n, "ros2msg", definition) for n in (bags.TYPE, "image")]
+        states, others = (
+            writer.register_channel(topic, "cdr", schema)
+            for topic, schema in zip(("/joint_states", "/image"), schemas, strict=True)
         )
-        channel = writer.register_channel("/joint_states", "cdr", schema)
-        for k in (1, 0):  # out of order, as recorders may write
-            at = header(stamp=stamp(sec=k, nanosec=0), frame_id="")
-            one = state(
-                header=at,
-                name=["hoist_joint"],
-                position=np.array([15.0 + k]),
-                velocity=np.zeros(0),
-                effort=np.zeros(0),
-            )
-            writer.add_message(channel, k, bytes(store.serialize_cdr(one, bags.TYPE)), k)
+        messages = [*joint_states(store, ["hoist_joint"], count, lambda k: [15.0 + k])]
+        for time, one in reversed(messages) if backwards else messages:
+            writer.add_message(states, time, bytes(store.serialize_cdr(one, bags.TYPE)), time)
+            if padding:
+                writer.add_message(others, time, bytes(padding), time)
         writer.finish()
-    found = bags.read_joint_states(tmp_path / "odd.mcap", ["t_s", "l_m"])
+    return path
+
+
+def test_what_a_file_says_of_its_own_messages_is_not_looked_at(tmp_path: Path) -> None:
+    """Parsers of definitions make Python of them and run it; recorders may write out of order."""
+    definition = b"float64[] position\nint32 __import__('os').abort()\n\xff"
+    path = recorded(tmp_path / "odd.mcap", 2, definition=definition, backwards=True)
+    found = bags.read_joint_states(path, ["t_s", "l_m"])
     assert (found["t_s"].tolist(), found["l_m"].tolist()) == ([0.0, 1.0], [15.0, 16.0])
 
 
@@ -375,12 +294,11 @@ def test_names_without_a_recording_of_ros_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert a1.main(["--joints", "l=rope", "--out", str(tmp_path / "out")]) == 2
-    assert (
-        capsys.readouterr().err
-        == "error: --joints has no effect without --from and an .mcap or .bag file; leave it out.\n"
-    )
+    sentence = "--joints has no effect without --from and an .mcap or .bag file; leave it out."
+    assert capsys.readouterr().err == f"error: {sentence}\n"
 
 
+@pytest.mark.slow
 def test_a_damaged_file_is_a_sentence_wherever_it_is_damaged(file: Path, tmp_path: Path) -> None:
     whole, broken = file.read_bytes(), tmp_path / "broken.mcap"
     for cut in (0, 3, 8, 60, len(whole) // 3, len(whole) - 20):
@@ -399,60 +317,31 @@ def test_a_damaged_file_is_a_sentence_wherever_it_is_damaged(file: Path, tmp_pat
         bags.read_joint_states(tmp_path / "text.bag", ["l_m"])
 
 
-@pytest.mark.parametrize("compression", ["zstd", "lz4", "bz2", "rar"])
-def test_a_small_piece_that_unpacks_without_end_is_refused(compression: str) -> None:
-    import bz2
-
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("compression", "sentence"),
+    [
+        ("zstd", "more than 100 MB"),
+        ("lz4", "more than 100 MB"),
+        ("bz2", "more than 100 MB"),
+        ("rar", "compressed by rar; allowed are zstd"),
+    ],
+)
+def test_a_small_piece_that_unpacks_without_end_is_refused(compression: str, sentence: str) -> None:
     import lz4.frame
     import zstandard
 
-    pack = {
-        "zstd": zstandard.compress,
-        "lz4": lz4.frame.compress,
-        "bz2": bz2.compress,
-        "rar": zlib.compress,
-    }[compression]
-    packed = pack(bytes(101_000_000))
+    pack = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "bz2": bz2.compress}
+    packed = pack.get(compression, zlib.compress)(bytes(101_000_000))
     assert len(packed) < 1_000_000
-    with pytest.raises(
-        CraneError,
-        match="more than 100 MB" if compression != "rar" else "compressed by rar; allowed are zstd",
-    ):
+    with pytest.raises(CraneError, match=sentence):
         bags._decompressed(compression, packed)
-
-
-def _recorded(path: Path, count: int, padding: int = 0) -> Path:
-    """An MCAP file of joint states, and as many messages of some bytes on another topic."""
-    from mcap.writer import CompressionType, Writer
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    state, header, stamp = (
-        store.types[name]
-        for name in (bags.TYPE, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
-    )
-    with path.open("wb") as stream:
-        writer = Writer(stream, compression=CompressionType.ZSTD)
-        writer.start("ros2")
-        schemas = [writer.register_schema(name, "ros2msg", b"") for name in (bags.TYPE, "image")]
-        states, others = (
-            writer.register_channel(topic, "cdr", schema)
-            for topic, schema in zip(("/joint_states", "/image"), schemas, strict=True)
-        )
-        for k in range(count):
-            at = header(stamp=stamp(sec=k, nanosec=0), frame_id="")
-            numbers = np.array([15.0 + k]), np.zeros(0), np.zeros(0)
-            one = bytes(store.serialize_cdr(state(at, ["hoist_joint"], *numbers), bags.TYPE))
-            writer.add_message(states, k, one, k)
-            if padding:
-                writer.add_message(others, k, bytes(padding), k)
-        writer.finish()
-    return path
 
 
 def test_pieces_that_unpack_to_more_than_a_file_may_hold_together_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = _recorded(tmp_path / "large.mcap", 6, padding=1_000_000)
+    path = recorded(tmp_path / "large.mcap", 6, padding=1_000_000)
     assert path.stat().st_size < 100_000
     assert bags.read_joint_states(path, ["l_m"])["l_m"].tolist() == [15.0 + k for k in range(6)]
     monkeypatch.setattr(bags, "LARGEST", 5_000_000)
@@ -460,9 +349,10 @@ def test_pieces_that_unpack_to_more_than_a_file_may_hold_together_are_refused(
         bags.read_joint_states(path, ["l_m"])
 
 
+@pytest.mark.slow
 def test_a_recording_of_many_joint_states_takes_the_memory_of_its_columns(tmp_path: Path) -> None:
     count = 5000
-    path = _recorded(tmp_path / "many.mcap", count)
+    path = recorded(tmp_path / "many.mcap", count)
     bags.read_joint_states(path, ["l_m"])  # so that all is imported
     tracemalloc.start()
     found = bags.read_joint_states(path, ["t_s", "l_m"])
@@ -473,35 +363,17 @@ def test_a_recording_of_many_joint_states_takes_the_memory_of_its_columns(tmp_pa
     assert peak < 2 * 0.75e6 + bags._BLOCK + 40 * count
 
 
-@pytest.mark.parametrize(
-    ("limit", "most"), [("_MOST_STATES", 9), ("_ALL_STATES", 200), ("_LARGEST_STATE", 20)]
-)
-def test_more_or_larger_joint_states_than_a_run_has_are_refused(
-    limit: str, most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(bags, limit, most)
-    with pytest.raises(CraneError, match="too many or too large joint states; allowed are"):
-        bags.read_joint_states(_recorded(tmp_path / "many.mcap", 10), ["l_m"])
-
-
 def test_what_cannot_be_written_is_a_sentence(
     tmp_path: Path, run: Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    file = tmp_path / "b.mcap"
     with pytest.raises(CraneError, match=r"the ending must be \.mcap"):
         mcap.export(tmp_path / "a.bag", SETUP.crane, run)
-    (tmp_path / "a.mcap").write_text("mine")
-    with pytest.raises(CraneError, match="it is there already"):
-        mcap.export(tmp_path / "a.mcap", SETUP.crane, run)
-    with pytest.raises(
-        CraneError,
-        match=r"time at the start of a run in MCAP is that of no row s; allowed is 0 or later",
-    ):
-        mcap.export(tmp_path / "b.mcap", SETUP.crane, run.before(-1.0))
+    with pytest.raises(CraneError, match=r"MCAP is that of no row s; allowed is 0 or later"):
+        mcap.export(file, SETUP.crane, run.before(-1.0))
     monkeypatch.setattr(mcap, "find_spec", lambda name: None)
-    with pytest.raises(
-        CraneError, match=r"^mcap-ros2-support is not installed: pip install 'cranedyn\[mcap\]'\.$"
-    ):
-        mcap.export(tmp_path / "b.mcap", SETUP.crane, run)
+    with pytest.raises(CraneError, match=r"^mcap-ros2-support is not installed: pip install 'cra"):
+        mcap.export(file, SETUP.crane, run)
     with pytest.raises(CraneError, match="is not installed"):
-        bags.read_joint_states(tmp_path / "b.mcap", ["l_m"])
-    assert [path.name for path in tmp_path.iterdir()] == ["a.mcap"]
+        bags.read_joint_states(file, ["l_m"])
+    assert [*tmp_path.iterdir()] == []

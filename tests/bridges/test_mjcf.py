@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,9 @@ import pytest
 from hypothesis import given
 from numpy.testing import assert_allclose
 
-from cranedyn.__main__ import main
 from cranedyn.bridges import mjcf
 from cranedyn.controllers import hold_controller
-from cranedyn.errors import CraneError, ModelError
+from cranedyn.errors import ModelError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
@@ -38,6 +36,7 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Any, Any]:
     return opened(tmp_path_factory.mktemp("mjcf"), crane(**DAMPING))
 
 
+@pytest.mark.slow
 def test_joints_damping_ranges_gravity_start_and_drives_are_those_of_the_crane(engine: Any) -> None:
     _, model, _ = engine
     c = crane(**DAMPING)
@@ -62,6 +61,7 @@ def test_cylinders_are_as_long_and_as_wide_as_those_of_the_urdf(engine: Any) -> 
     assert_allclose(sorted(map(tuple, drawn.tolist())), sorted(urdf))
 
 
+@pytest.mark.slow
 def test_mass_matrix_and_bias_are_those_of_pinocchio(engine: Any) -> None:
     mujoco, model, data = engine
     c, matrix = crane(**DAMPING), np.zeros((5, 5))
@@ -85,6 +85,7 @@ def test_mass_matrix_and_bias_are_those_of_pinocchio(engine: Any) -> None:
     same()
 
 
+@pytest.mark.slow
 def test_the_same_combined_move_of_30_s_under_the_hold_controller_by_its_own_motors_and_step(
     tmp_path: Path,
 ) -> None:
@@ -146,40 +147,6 @@ def test_springs_motors_and_turned_inertias_are_carried(tmp_path: Path) -> None:
         np.abs(pin.crba(c.model, c.data, q) - matrix) <= 1e-12 * np.outer(inertia, inertia)
     ).all()
     assert data.qfrc_passive[2] == pytest.approx(-70.0 * (0.2 - 0.25))
-
-
-@pytest.mark.parametrize(
-    ("name", "words", "sentence"),
-    [
-        ("c.mjcf", "", "the ending of an MJCF file must be .xml."),
-        (
-            "c.xml",
-            "--set dummy_mass:=0",
-            "The link swing_r_link has no mass or no inertia, with which MuJoCo drops it",
-        ),
-        ("c.xml", "--dt 0", "dt is 0.0 s; allowed is > 0."),
-        ("c.xml", "--urdf none.urdf", "Cannot read none.urdf"),
-        ("no/c.xml", "", "does not exist"),
-    ],
-)
-def test_what_cannot_be_written_is_a_sentence(
-    name: str, words: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["export", "mjcf", str(tmp_path / name), *words.split()]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("error: ") and sentence in said and said.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_file_that_exists_stays(tmp_path: Path) -> None:
-    target = tmp_path / "c.xml"
-    target.write_text("mine")
-    assert main(["export", "mjcf", str(target)]) == 2
-    assert target.read_text() == "mine"
-    with pytest.raises(CraneError, match="has a rope that stretches"):
-        rope = '<gazebo reference="hoist_joint"><ropeStiffness>1e6</ropeStiffness></gazebo></robot>'
-        text = load_crane().urdf.replace("</robot>", rope)
-        mjcf.export(tmp_path / "d.xml", replace(load_crane(), urdf_source=lambda: text))
 
 
 @pytest.mark.parametrize("size", ["0 1 1", "1 -1 1"])

@@ -76,14 +76,8 @@ def test_sine_and_cosine_hold_at_small_angles_quarter_turns_and_everywhere_betwe
         [np.nextafter(part, side) for part in (quarters, far) for side in (-np.inf, np.inf)]
     )
     tiny = 10.0 ** rng.uniform(-300, 0, 800) * rng.choice([-1.0, 1.0], 800)
-    for x in (
-        quarters,
-        far,
-        near,
-        tiny,
-        rng.uniform(-4.0, 4.0, 80000),
-        rng.uniform(-1e6, 1e6, 80000),
-    ):
+    wide = (rng.uniform(-size, size, 80000) for size in (4.0, 1e6))
+    for x in (quarters, far, near, tiny, *wide):
         _check(x, _run(_sine_and_cosine, x, 2))
 
 
@@ -107,37 +101,20 @@ def test_a_lane_answers_the_same_whatever_path_its_neighbours_take(
     x = np.array(angles)
     beside = np.concatenate([x[:-1], [far]])
     # To the bit.
-    assert (
-        _run(_sine_and_cosine, beside, 2)[:, :-1].tolist()
-        == _run(_sine_and_cosine, x, 2)[:, :-1].tolist()
-    )
+    found, alone = (_run(_sine_and_cosine, one, 2)[:, :-1] for one in (beside, x))
+    assert found.tolist() == alone.tolist()
 
 
 def _folded(code: Code, x: Value) -> list:
-    return [
-        x + 0.0,
-        0.0 + x,
-        x - 0.0,
-        0.0 - x,
-        x * 1.0,
-        -1.0 * x,
-        x * 0.0,
-        x / 4.0,
-        3.0 / x,
-        0.0 / x,
-        2.0 - x,
-    ]
+    sums = [x + 0.0, 0.0 + x, x - 0.0, 0.0 - x]
+    return [*sums, x * 1.0, -1.0 * x, x * 0.0, x / 4.0, 3.0 / x, 0.0 / x]
 
 
 def test_what_is_known_is_folded_and_the_rest_computed() -> None:
-    x = np.linspace(0.5, 4.0, LANES)
-    zero = np.zeros(LANES)
-    assert (
-        _run(_folded, x, 11).tolist()
-        == np.array([x, x, x, -x, x, -x, zero, x / 4.0, 3.0 / x, zero, 2.0 - x]).tolist()
-    )
-    module = ir.Module()
-    code = Code(module, "run", ["given"], 1)
+    x, zero = np.linspace(0.5, 4.0, LANES), np.zeros(LANES)
+    expected = np.array([x, x, x, -x, x, -x, zero, x / 4.0, 3.0 / x, zero])
+    assert _run(_folded, x, 10).tolist() == expected.tolist()
+    code = Code(ir.Module(), "run", ["given"], 1)
     value = code.load(code.argument["given"])
     assert value + 0.0 is value
     assert value * 1.0 is value
@@ -178,6 +155,7 @@ def _resident() -> float:
     return int(Path("/proc/self/statm").read_text().split()[1]) * mmap.PAGESIZE / 1e6
 
 
+@pytest.mark.slow
 def test_code_that_is_part_of_a_cycle_is_freed_in_the_right_order() -> None:
     for _ in range(5):
         made = _machine.__wrapped__(1, _cut)
@@ -188,6 +166,7 @@ def test_code_that_is_part_of_a_cycle_is_freed_in_the_right_order() -> None:
         gc.collect()
 
 
+@pytest.mark.slow
 def test_code_that_nobody_needs_any_more_leaves_no_memory_behind() -> None:
     def made(i: int) -> None:
         _machine.__wrapped__(1, lambda code, x: [np.sin(np.array([x + float(i)]))[0]])

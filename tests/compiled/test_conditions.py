@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,18 +44,20 @@ def test_a_crane_whose_load_stays_at_one_height_runs_in_code(tmp_path: Path) -> 
     assert simulate_batch(table, brake, duration=0.1).valid_until[0] == np.inf
 
 
-def test_where_code_says_that_the_model_holds_nobody_asks_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    asked = list[int]()
+def _counted(names: list[str], judge: Callable[..., Any], *given: Any, **named: Any) -> Any:
+    names.append(judge.__name__)
+    return judge(*given, **named)
 
-    def counted(*given: object, **named: object) -> object:
-        asked.append(1)
-        return judged(*given, **named)  # type: ignore[arg-type]
 
-    judged = log.valid
-    monkeypatch.setattr(log, "valid", counted)
-    monkeypatch.setattr(log, "first_event", counted)
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of the functions by which Python judged rows."""
+    names = list[str]()
+    monkeypatch.setattr(log, "conditions", partial(_counted, names, log.conditions))
+    return names
+
+
+def test_where_code_says_that_the_model_holds_nobody_asks_again(asked: list[str]) -> None:
     start, brake = crane().state(phi=0.1), hold_controller(crane())
     run = simulate(crane(), brake, start=start, duration=20.0, engine="compiled")
     assert not asked and (run.valid == 1.0).all()
@@ -78,21 +83,17 @@ def test_rows_are_marked_where_code_says_that_the_model_does_not_hold() -> None:
         ("velocity", 1e5, 4.0),
     ],
 )
+@pytest.mark.slow
 def test_code_says_whether_drives_can_and_rows_are_marked_where_they_cannot(
-    drive: Drive, effort: float, away: float, monkeypatch: pytest.MonkeyPatch
+    drive: Drive, effort: float, away: float, asked: list[str]
 ) -> None:
     c, none = crane(trolley_effort=effort), np.zeros(3)
     law = Hold(c, np.ones(3), np.ones(3) * (drive == "motion"), none)
     goal = hold(c, c.state(x=float(c.start.q[1]) + away))
-    plain, asked = simulate(c, law, goal, duration=4.0, drive=drive, validity="mark"), []
-
-    def counted(*given: object, **named: object) -> object:
-        asked.append(1)
-        return judged(*given, **named)
-
-    judged = log.valid
-    monkeypatch.setattr(log, "valid", counted)
-    code = simulate(c, law, goal, duration=4.0, drive=drive, validity="mark", engine="compiled")
+    how: Any = {"duration": 4.0, "drive": drive, "validity": "mark"}
+    plain = simulate(c, law, goal, **how)
+    asked.clear()
+    code = simulate(c, law, goal, **how, engine="compiled")
     assert np.array_equal(plain.valid, code.valid)
     can = effort == 1e5 and away == 0.2
     assert plain.valid.all() == can == (not asked)

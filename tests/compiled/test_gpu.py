@@ -1,5 +1,5 @@
-"""The door to a GPU, without one: PTX assembles without spills, it does on a machine that runs PTX
-what vectors do, and one crane a thread does on the processor what the plain loop does.
+"""The door to a GPU, without one: PTX assembles without spills, and one crane a thread does on the
+processor what vectors do, also by the kernels of a GPU behind a stand-in for its driver.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ import ctypes
 import inspect
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,7 +18,7 @@ import pytest
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
 
 from benchmarks import gpu
-from cranedyn.compiled import cuda, memory
+from cranedyn.compiled import batch, cuda
 from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.compiled.horizon.receding import receding
 from cranedyn.compiled.threads import WARP
@@ -30,8 +30,7 @@ from cranedyn.errors import CraneError, ModelError, OutOfRange
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold
 from cranedyn.references.limits import Limits
-from cranedyn.simulation.simulate import simulate
-from tests.compiled import ptx_machine
+from tests.compiled import gpu_stand_in
 from tests.compiled.test_batch import _controllers, _cranes, _references, _starts
 from tests.helpers import crane
 
@@ -89,25 +88,21 @@ def _moved() -> dict[str, Any]:
 def _on_converters() -> dict[str, Any]:
     """Drives with lags of their own that hear commands two control periods late."""
     none, share = np.zeros(3), np.array([0.3, 0.4, 0.5])
+    lags = [{"x": 0.1 + 0.1 * i} for i in range(4)]
     return {
         "crane": _cranes(4),
         "controller": Hold(crane(), share, none, none),
         "reference": hold(crane(), crane().state(gamma=0.1, x=20.0, l=12.0)),
         "start": _starts(4),
         "drive": "velocity",
-        "converters": [
-            converters(crane(), lags={"x": 0.1 + 0.1 * i}, delay=0.02) for i in range(4)
-        ],
+        "converters": [converters(crane(), lags=one, delay=0.02) for one in lags],
     }
 
 
 def _another_crane() -> dict[str, Any]:
     c = load_crane(**HOOK)
-    return {
-        "crane": c,
-        "controller": hold_controller(c),
-        "start": [c.state(phi=0.1 * i) for i in range(3)],
-    }
+    starts = [c.state(phi=0.1 * i) for i in range(3)]
+    return {"crane": c, "controller": hold_controller(c), "start": starts}
 
 
 STUDIES = {
@@ -135,51 +130,52 @@ def _apart(one: Batch, other: Batch) -> float:
 def one_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
     """The threads of a GPU run on this processor."""
     monkeypatch.setattr(cuda, "check_available", lambda: None)
-    monkeypatch.setattr(cuda, "run", lambda loop, *_: memory.run(loop, 1))
+    monkeypatch.setattr(cuda, "run", lambda loop, *_: batch.run_in_threads(loop, 1))
 
 
 @pytest.mark.usefixtures("one_after_another")
 @pytest.mark.parametrize("study", STUDIES)
+@pytest.mark.slow
 def test_one_crane_a_thread_does_what_eight_in_a_vector_do(study: str) -> None:
     given = {**CLOCK, **STUDIES[study](), "duration": 0.5}
     # Round-off alone: sums are fused in another order.
     assert _apart(simulate_batch(**given), simulate_batch(**given, device="cuda")) < 1e-13
 
 
-@pytest.mark.usefixtures("one_after_another")
-def test_one_crane_a_thread_does_what_the_plain_loop_does() -> None:
-    c, starts = crane(), [crane().state(phi=0.04 * i, x=8.0) for i in range(1, WARP + 2)]
-    brake, how = hold_controller(c, gravity=9.81), {"duration": 1.0, "dt": 1e-3}
-    batch = simulate_batch(c, brake, start=starts, record=1, device="cuda", **how)
-    for i in (0, 2, WARP):
-        alone = simulate(c, brake, start=starts[i], validity="mark", **how)
-        for name in QUANTITIES:
-            expected, found = getattr(alone, name), getattr(batch, name)[i]
-            off = np.abs(found - expected).max(axis=0) / (np.abs(expected).max() + 1e-300)
-            assert (off < 1e-13).all(), (name, off)
+@pytest.fixture
+def stand_in(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., SimpleNamespace]]:
+    """Make a driver that runs kernels on this processor take the place of NVIDIA's."""
+
+    def put(change: Callable[[str], str] = str) -> SimpleNamespace:
+        made = gpu_stand_in.driver(change)
+        monkeypatch.setattr(cuda, "_driver", lambda: made)
+        monkeypatch.setattr(cuda, "assembly", lambda module, *_: str(module))
+        return made
+
+    for kept in (cuda._primary, cuda._module):
+        kept.cache_clear()
+    yield put
+    for kept in (cuda._primary, cuda._module):
+        kept.cache_clear()
 
 
 @pytest.fixture
-def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[SimpleNamespace]:
-    """A driver that runs PTX on this processor."""
-    made = ptx_machine.driver()
-    for kept in (cuda._primary, cuda._module):
-        kept.cache_clear()
-    monkeypatch.setattr(cuda, "_driver", lambda: made)
-    yield made
-    for kept in (cuda._primary, cuda._module):
-        kept.cache_clear()
+def machine(stand_in: Callable[..., SimpleNamespace]) -> SimpleNamespace:
+    """The stand-in's functions."""
+    return stand_in()
 
 
 @pytest.mark.parametrize(
     "study", ["one controller", "all different", "buffers and RK4", "converters"]
 )
-def test_ptx_does_what_the_processor_does(machine: SimpleNamespace, study: str) -> None:
+@pytest.mark.slow
+def test_the_kernels_of_a_gpu_do_what_vectors_do(machine: SimpleNamespace, study: str) -> None:
     given = {**CLOCK, **STUDIES[study](), "duration": 0.05}
     assert _apart(simulate_batch(**given), simulate_batch(**given, device="cuda")) < 1e-13
     assert machine.calls.count("cuMemAlloc") == machine.calls.count("cuMemFree") > 0
 
 
+@pytest.mark.slow
 def test_a_run_on_the_gpu_goes_on_from_piece_to_piece_to_the_bit(
     machine: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -195,10 +191,9 @@ def test_a_run_on_the_gpu_goes_on_from_piece_to_piece_to_the_bit(
 
 
 def test_code_that_does_otherwise_on_the_gpu_is_refused(
-    machine: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+    stand_in: Callable[..., SimpleNamespace],
 ) -> None:
-    wrong = ptx_machine.OPERATIONS["rcp.f64"]
-    monkeypatch.setitem(ptx_machine.OPERATIONS, "rcp.f64", lambda a: wrong(a) + np.uint64(1 << 20))
+    machine = stand_in(lambda text: text.replace(" fsub ", " fadd "))
     with pytest.raises(ModelError, match="moves otherwise than Pinocchio's"):
         simulate_batch(**CLOCK, **_whirling(), duration=0.01, device="cuda")
     assert machine.calls.count("cuMemAlloc") == machine.calls.count("cuMemFree")
@@ -214,6 +209,7 @@ def test_a_gpu_that_refuses_is_told_of_and_leaves_nothing_behind(
 
 
 @pytest.mark.usefixtures("one_after_another")
+@pytest.mark.slow
 def test_a_predictive_controller_is_refused_on_a_gpu() -> None:
     limits = Limits(rates=(0.08, 1.5, 1.0), accelerations=(0.02, 0.4, 0.4))
     with pytest.raises(OutOfRange, match="cpu where the controller is a predictive one"):
@@ -227,6 +223,7 @@ def test_a_predictive_controller_is_refused_on_a_gpu() -> None:
 
 @pytest.mark.parametrize("kind", gpu.KINDS)
 @pytest.mark.parametrize("name", gpu.CRANES)
+@pytest.mark.slow
 def test_ptx_assembles_without_spills(name: str, kind: str) -> None:
     if (assembler := gpu.assembler()) is None:
         pytest.skip("extra ptxas (nvidia-cuda-nvcc-cu12) is not installed")
@@ -257,6 +254,7 @@ def test_the_benchmark_of_a_gpu_runs_both_sides(monkeypatch: pytest.MonkeyPatch)
         assert 0.0 < there == pytest.approx(ratio * here)
 
 
+@pytest.mark.slow
 def test_nvidias_functions_take_what_they_are_given() -> None:
     driver = pytest.importorskip(
         "cuda.bindings.driver", reason="extra cuda (cuda-bindings) is not installed"
@@ -319,12 +317,16 @@ def test_without_a_gpu_a_sentence_says_what_is_lacking(monkeypatch: pytest.Monke
         simulate_batch(**given)
 
 
-def test_words_and_threads_that_mean_nothing_are_refused() -> None:
-    given = {**CLOCK, **_whirling(), "duration": 0.01}
-    with pytest.raises(OutOfRange, match="device is gpu; allowed is cpu or cuda"):
-        simulate_batch(**given, device="gpu")
-    with pytest.raises(OutOfRange, match="threads is 2; allowed is None on a GPU"):
-        simulate_batch(**given, device="cuda", threads=2)
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ({"device": "gpu"}, "device is gpu; allowed is cpu or cuda"),
+        ({"device": "cuda", "threads": 2}, "threads is 2; allowed is None on a GPU"),
+    ],
+)
+def test_words_and_threads_that_mean_nothing_are_refused(how: Any, words: str) -> None:
+    with pytest.raises(OutOfRange, match=words):
+        simulate_batch(**CLOCK, **_whirling(), duration=0.01, **how)
 
 
 def test_a_gpu_does_what_the_processor_does() -> None:

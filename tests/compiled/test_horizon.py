@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,13 +27,15 @@ from cranedyn.dynamics.pinocchio import payload_position, prescribed_acceleratio
 from cranedyn.dynamics.validity import hoisting
 from cranedyn.errors import CraneError
 from cranedyn.estimation import with_sensor_model
-from cranedyn.interfaces import Drive, Setpoint, State
+from cranedyn.interfaces import Controller, Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.planning.optimal import optimal
 from cranedyn.references import flat, hold
 from cranedyn.references.limits import Limits
 from tests.helpers import ROOT, crane, quickly
+
+pytestmark = pytest.mark.slow
 
 LIMITS = Limits(rates=(0.0838, 1.583, 1.0), accelerations=(0.02, 0.4, 0.4))
 MOVES = {
@@ -52,17 +55,18 @@ def overhead() -> Crane:
     return load_crane(ROOT / "urdf" / "overhead_crane.urdf.xacro")
 
 
-def to(goal: State, start: State, made: Receding, duration: float = 25.0) -> Trajectory:
-    return quickly(
-        crane(),
-        made,
-        hold(crane(), goal),
-        start=start,
-        duration=duration,
-        drive=made.programme.drive,
-        engine="compiled",
-        validity="mark",
-    )
+def to(
+    goal: State,
+    start: State,
+    made: Controller,
+    duration: float = 25.0,
+    moved: Crane | None = None,
+    **how: Any,
+) -> Trajectory:
+    """A run of a crane, the tower crane if no other is named, to a goal."""
+    moved = crane() if moved is None else moved
+    how = {"engine": "compiled", "validity": "mark", **how}
+    return quickly(moved, made, hold(moved, goal), start=start, duration=duration, **how)
 
 
 def settled(run: Trajectory, goal: State, moved: Crane, within: float = 0.01) -> float:
@@ -153,7 +157,7 @@ def test_it_settles_within_one_and_a_half_times_the_least_time_and_keeps_all_lim
 ) -> None:
     start, goal = map(at, MOVES[name])
     made = receding(crane(), LIMITS, drive=drive)
-    run = to(goal, start, made)
+    run = to(goal, start, made, drive=drive)
     assert run.valid.all()
     assert settled(run, goal, crane()) < 1.5 * least(name)
     drives = crane().layout.drives
@@ -213,40 +217,17 @@ def test_on_the_numbers_of_grampcs_tower_crane_it_settles_as_fast_as_that() -> N
     # GRAMPC's example Crane_3D, run to its end, keeps trolley, cable, slew and swing together
     # within 10 mm of where they shall be from 2.99 s on, within 5 mm from 3.73 s on. No number of
     # the controller is set: its times and errors follow from the crane.
-    lab = load_crane(
-        trolley_min=0.1,
-        trolley_max=1.0,
-        trolley_init=0.7,
-        hoist_min=0.1,
-        hoist_max=1.0,
-        hoist_init=0.7,
-        payload_mass=1.0,
-        payload_inertia=0.0,
-        trolley_mass=1.0,
-        trolley_inertia=1e-3,
-        slewing_inertia=1.0,
-        upper_mass=1.0,
-        dummy_mass=1e-3,
-        dummy_inertia=1e-6,
-        damp_swing=0.0,
-        slew_velocity=3.0,
-    )
+    ends = {"min": 0.1, "max": 1.0, "init": 0.7}
+    numbers: dict[str, Any] = {
+        f"{part}_{end}": value for part in ("trolley", "hoist") for end, value in ends.items()
+    }
+    numbers |= {"payload_mass": 1.0, "trolley_mass": 1.0, "upper_mass": 1.0, "dummy_mass": 1e-3}
+    numbers |= {"payload_inertia": 0.0, "trolley_inertia": 1e-3, "slewing_inertia": 1.0}
+    numbers |= {"dummy_inertia": 1e-6, "damp_swing": 0.0, "slew_velocity": 3.0}
+    lab = load_crane(**numbers)
     start, goal = lab.state(gamma=-1.0472), lab.state(gamma=1.0472, x=0.2, l=0.25)
-    made = receding(
-        lab,
-        Limits(rates=(3.0, 3.0, 3.0), accelerations=(2.0, 2.0, 2.0)),
-        drive="motion",
-    )
-    run = quickly(
-        lab,
-        made,
-        hold(lab, goal),
-        start=start,
-        duration=5.0,
-        drive="motion",
-        engine="compiled",
-        validity="mark",
-    )
+    limits = Limits(rates=(3.0, 3.0, 3.0), accelerations=(2.0, 2.0, 2.0))
+    run = to(goal, start, receding(lab, limits, drive="motion"), 5.0, lab, drive="motion")
     gamma, x, phi, theta, length = run.q.T
     away = np.hypot(np.hypot(x - 0.2, length - 0.25), (gamma - 1.0472) * x)
     off = away + length * np.hypot(phi, theta)
@@ -267,7 +248,7 @@ def test_it_never_commands_a_slack_rope_however_fast_the_hoist_may_be(drive: Dri
         )
         goal = at((rng.uniform(-1, 1), rng.uniform(4, 20), rng.uniform(6, 20)))
         made = receding(crane(), fast, drive=drive, swing_limit=0.5, stage=0.1)
-        run = to(goal, start, made, duration=2.0)
+        run = to(goal, start, made, duration=2.0, drive=drive)
         tension = -hoisting(crane(), run.effort)
         # A tenth of the weight, which the effort of a held acceleration meets at control instants.
         assert tension.min() >= made.programme.taut * (1.0 - 1e-9)
@@ -277,17 +258,16 @@ def test_it_never_commands_a_slack_rope_however_fast_the_hoist_may_be(drive: Dri
 def test_a_load_of_another_mass_ends_where_it_shall_since_what_disturbs_is_estimated(
     load: float,
 ) -> None:
-    goal, other = at((0.3, 15.0, 12.0)), crane(payload_mass=load)
-    run = quickly(
-        other,
-        receding(crane(), LIMITS),
-        hold(crane(), goal),
-        start=at((0.0, 10.0, 15.0)),
-        duration=25.0,
-        engine="compiled",
-        validity="mark",
-    )
+    goal = at((0.3, 15.0, 12.0))
+    made, other = receding(crane(), LIMITS), crane(payload_mass=load)
+    run = to(goal, at((0.0, 10.0, 15.0)), made, moved=other)
     np.testing.assert_allclose(run.q[-1], goal.q, atol=2e-4)
+
+
+def _swing_left(run: Trajectory, length: float) -> np.ndarray:
+    """Amplitudes of the swing after half a minute [rad]."""
+    rows, swings = run.t > 30.0, crane().swings
+    return swing_amplitude(run.q[rows][:, swings], run.v[rows][:, swings], length, crane().gravity)
 
 
 @pytest.mark.parametrize(("smoothing", "least", "most"), [(0.2, 0.0, 2.5e-3), (5e-3, 5e-3, 1.0)])
@@ -296,34 +276,15 @@ def test_noise_of_the_swings_sensors_is_averaged(
 ) -> None:
     goal = at((0.3, 15.0, 12.0))
     made = receding(crane(), LIMITS, smoothing=smoothing)
-    run = quickly(
-        crane(),
-        with_sensor_model(crane(), made, rng=np.random.default_rng(1)),
-        hold(crane(), goal),
-        start=at((0.0, 10.0, 15.0)),
-        duration=40.0,
-        engine="compiled",
-        validity="mark",
-    )
-    rows = run.t > 30.0
-    left = swing_amplitude(
-        run.q[rows][:, crane().swings], run.v[rows][:, crane().swings], 12.0, crane().gravity
-    )
-    assert least < np.quantile(left, 0.9) < most
+    noisy = with_sensor_model(crane(), made, rng=np.random.default_rng(1))
+    run = to(goal, at((0.0, 10.0, 15.0)), noisy, duration=40.0)
+    assert least < np.quantile(_swing_left(run, 12.0), 0.9) < most
 
 
 def test_what_it_believes_of_the_swing_is_what_swings_where_sensors_are_exact() -> None:
     start, goal = at((0.0, 10.0, 15.0), phi=0.05, theta=-0.03), at((0.3, 15.0, 12.0))
     runs = [
-        quickly(
-            crane(),
-            receding(crane(), LIMITS, smoothing=smoothing),
-            hold(crane(), goal),
-            start=start,
-            duration=20.0,
-            engine="compiled",
-            validity="mark",
-        )
+        to(goal, start, receding(crane(), LIMITS, smoothing=smoothing), duration=20.0)
         for smoothing in (5e-3, 0.2)
     ]
     assert np.abs(runs[0].q[:, crane().swings] - runs[1].q[:, crane().swings]).max() < 1e-3
@@ -334,15 +295,7 @@ def test_an_overhead_crane_is_brought_to_its_goal_by_the_same_controller() -> No
     start = moved.start
     goal = State(start.q.copy(), np.zeros(moved.layout.n))
     goal.q[moved.layout.drives] += np.array([3.0, 2.0, -1.0])[: moved.layout.m]
-    run = quickly(
-        moved,
-        receding(moved, _limits(moved)),
-        hold(moved, goal),
-        start=start,
-        duration=25.0,
-        engine="compiled",
-        validity="mark",
-    )
+    run = to(goal, start, receding(moved, _limits(moved)), moved=moved)
     assert run.valid.all()
     assert settled(run, goal, moved) < 20.0
 
@@ -373,21 +326,9 @@ def test_the_compiled_loop_does_what_python_does_to_the_bit(drive: Drive, moving
     start, goal = map(at, MOVES["combined"])
     motion = flat(crane(), start, goal, 20.0) if moving else None
 
-    def made() -> Receding:
-        return receding(crane(), LIMITS, motion=motion, drive=drive)
-
-    asked, inside = made(), made()
+    asked, inside = (receding(crane(), LIMITS, motion=motion, drive=drive) for _ in range(2))
     runs = [
-        quickly(
-            crane(),
-            controller,
-            hold(crane(), goal),
-            start=start,
-            duration=11.0,  # more than one block
-            drive=drive,
-            engine="compiled",
-            validity="mark",
-        )
+        to(goal, start, controller, duration=11.0, drive=drive)  # more than one block
         for controller in (lambda t, state, setpoint: asked(t, state, setpoint), inside)
     ]
     np.testing.assert_array_equal(runs[0].q, runs[1].q)
@@ -409,19 +350,10 @@ def test_rates_for_converters_are_those_that_accelerate_the_drives_as_planned() 
 def test_drives_twice_as_late_as_believed_leave_no_swing() -> None:
     typical, goal = converters(crane()), at((0.3, 15.0, 12.0))
     weight = 1e3 * usual_input_weight(np.array(LIMITS.accelerations))
-    run = quickly(
-        crane(),
-        receding(crane(), LIMITS, drive="velocity", input_weight=weight),
-        hold(crane(), goal),
-        start=at((0.0, 10.0, 15.0)),
-        duration=40.0,
-        drive=replace(typical, lags=2.0 * typical.lags),
-        engine="compiled",
-        validity="mark",
-    )
-    rows, swings = run.t > 30.0, crane().swings
-    left = swing_amplitude(run.q[rows][:, swings], run.v[rows][:, swings], 12.0, crane().gravity)
-    assert left.max() < 2e-3
+    made = receding(crane(), LIMITS, drive="velocity", input_weight=weight)
+    slow = replace(typical, lags=2.0 * typical.lags)
+    run = to(goal, at((0.0, 10.0, 15.0)), made, duration=40.0, drive=slow)
+    assert _swing_left(run, 12.0).max() < 2e-3
 
 
 @pytest.mark.parametrize("drive", ["effort", "velocity"])
@@ -434,14 +366,18 @@ def test_a_batch_does_what_each_crane_does_alone(drive: Drive) -> None:
     batch = simulate_batch(crane(), made, references, start=starts, duration=4.0, drive=drive)
     assert (batch.failures == 0).all()
     for i in (0, 7, 10):
-        run = to(goals[i], starts[i], receding(crane(), LIMITS, drive=drive), duration=4.0)
+
+        def end(start: State, goal: State = goals[i]) -> np.ndarray:
+            controller = receding(crane(), LIMITS, drive=drive)
+            return to(goal, start, controller, duration=4.0, drive=drive).q[-1]
+
+        alone = end(starts[i])
         # Sums of eight cranes in lanes may be fused otherwise than of one; where a plan is
         # sensitive to a rounding, as that of the first, so is its end.
         near = starts[i]._replace(q=starts[i].q * (1.0 + np.finfo(float).eps))
-        other = to(goals[i], near, receding(crane(), LIMITS, drive=drive), duration=4.0)
-        allowed = 1e-12 + 10.0 * np.abs(other.q[-1] - run.q[-1]).max()
+        allowed = 1e-12 + 10.0 * np.abs(end(near) - alone).max()
         assert allowed < 1e-7
-        np.testing.assert_allclose(batch.end.q[i], run.q[-1], rtol=0.0, atol=allowed)
+        np.testing.assert_allclose(batch.end.q[i], alone, rtol=0.0, atol=allowed)
 
 
 def hard(count: int, seed: int) -> list[State]:
@@ -458,13 +394,8 @@ def test_from_hard_starts_each_crane_of_a_batch_goes_where_it_goes_alone_in_any_
     order = np.random.default_rng(6).permutation(len(starts))
 
     def run(which: Sequence[int] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        batch = simulate_batch(
-            crane(),
-            receding(crane(), LIMITS),
-            goal,
-            start=[starts[i] for i in which],
-            duration=2.0,
-        )
+        chosen, made = [starts[i] for i in which], receding(crane(), LIMITS)
+        batch = simulate_batch(crane(), made, goal, start=chosen, duration=2.0)
         return np.hstack(batch.end), batch.failures
 
     ends, failures = run(range(len(starts)))
@@ -488,26 +419,23 @@ def test_a_second_run_does_not_go_on_with_the_plan_of_the_first() -> None:
 # ---------------- what fails, and what is refused
 
 
-def failing(made: Receding) -> Receding:
-    """The controller with a solver that begins so near its bounds that it does not get away."""
+def failing() -> Receding:
+    """A controller with a solver that begins so near its bounds that it does not get away."""
+    made = receding(crane(), LIMITS)
     made.table[made.programme.shape.place("report") + REPORT.index("first")] = 1e-7
-    return receding_of(made)
-
-
-def receding_of(made: Receding) -> Receding:
     return Receding(made.programme, made.table, made.path)
 
 
 def test_an_optimisation_that_fails_leaves_the_last_plan_and_a_note_in_the_record() -> None:
     start, goal = map(at, MOVES["combined"])
-    made = failing(receding(crane(), LIMITS))
+    made = failing()
     run = to(goal, start, made, duration=5.0)
     failed = run.record["notes"]["failed_optimisations"]
     assert failed == made.marks.failures > 0
     assert np.isfinite(run.q).all()
     assert run.valid.all()
-    batch = simulate_batch(crane(), failing(receding(crane(), LIMITS)), [hold(crane(), goal)] * 2,
-                           start=start, duration=2.0)  # fmt: skip
+    references = [hold(crane(), goal)] * 2
+    batch = simulate_batch(crane(), failing(), references, start=start, duration=2.0)
     assert (batch.failures > 0).all()
 
 
@@ -521,15 +449,9 @@ def test_one_wrong_reading_of_any_size_leaves_nothing(drive: Drive) -> None:
     offset = np.zeros((1 + 10 * len(GLITCHES), 402, 10))
     for lane, (i, size) in enumerate(np.ndindex(10, len(GLITCHES)), 1):
         offset[lane, 400, i] = GLITCHES[size]  # at an instant of an optimisation
-    batch = simulate_batch(
-        crane(),
-        receding(crane(), LIMITS, drive=drive),
-        hold(crane(), goal),
-        start=[start] * len(offset),
-        duration=25.0,
-        drive=drive,
-        sensor_offset=offset,
-    )
+    made, starts = receding(crane(), LIMITS, drive=drive), [start] * len(offset)
+    how: Any = {"start": starts, "duration": 25.0, "drive": drive, "sensor_offset": offset}
+    batch = simulate_batch(crane(), made, hold(crane(), goal), **how)
     # A hundredth of what is called settled, 10 mm, and as many radians.
     assert np.abs(batch.end.q - batch.end.q[0]).max() < 1e-4
     assert (batch.peak_swing < 0.11).all()
@@ -562,14 +484,8 @@ def test_sensors_that_fail_at_the_first_instant_or_for_a_second_are_outlived() -
     goal, start = at((0.3, 15.0, 12.0)), at((0.0, 10.0, 15.0))
     offset = np.zeros((3, 602, 10))
     offset[1, 0, 5], offset[2, 400:600, 2] = 1257.0, 1e3
-    batch = simulate_batch(
-        crane(),
-        receding(crane(), LIMITS),
-        hold(crane(), goal),
-        start=[start] * 3,
-        duration=25.0,
-        sensor_offset=offset,
-    )
+    how: Any = {"start": [start] * 3, "duration": 25.0, "sensor_offset": offset}
+    batch = simulate_batch(crane(), receding(crane(), LIMITS), hold(crane(), goal), **how)
     np.testing.assert_array_equal(batch.refusals, [0, 1, 200])
     np.testing.assert_array_equal(batch.failures, [0, 1, 20])
     # As above.
@@ -632,33 +548,27 @@ def test_what_makes_no_sense_is_refused_in_one_sentence(
     assert "\n" not in str(caught.value)
 
 
-def test_limits_of_other_drives_are_refused() -> None:
-    with pytest.raises(CraneError, match=r"rate limit.*three numbers: slew, trolley, hoist"):
-        receding(crane(), Limits(rates=(1.0, 1.0), accelerations=(1.0, 1.0)))
-
-
-def test_a_crane_with_springs_is_refused() -> None:
-    with pytest.raises(CraneError, match="made for a rigid crane; this one has springs"):
-        receding(crane(rope_stiffness=1e6), LIMITS)
+@pytest.mark.parametrize(
+    ("moved", "limits", "words"),
+    [
+        ({}, Limits((1.0, 1.0), (1.0, 1.0)), r"rate limit.*three numbers: slew, trolley, hoist"),
+        ({"rope_stiffness": 1e6}, LIMITS, "made for a rigid crane; this one has springs"),
+    ],
+    ids=["limits of other drives", "springs"],
+)
+def test_what_does_not_fit_the_crane_is_refused(
+    moved: dict[str, float], limits: Limits, words: str
+) -> None:
+    with pytest.raises(CraneError, match=words):
+        receding(crane(**moved), limits)
 
 
 def test_a_run_with_another_control_period_or_other_drives_is_refused() -> None:
-    goal, start = at((0.3, 15.0, 12.0)), at((0.0, 10.0, 15.0))
-    with pytest.raises(
-        CraneError, match=r"control period of the run is 0\.01 s; allowed is the con"
-    ):
-        quickly(
-            crane(),
-            receding(crane(), LIMITS),
-            hold(crane(), goal),
-            start=start,
-            duration=1.0,
-            control_period=0.01,
-        )
+    start, made = at((0.0, 10.0, 15.0)), receding(crane(), LIMITS)
+    with pytest.raises(CraneError, match=r"control period of the run is 0\.01 s; allowed is"):
+        to(at((0.3, 15.0, 12.0)), start, made, duration=1.0, control_period=0.01)
     with pytest.raises(CraneError, match="drive is motion; allowed is the controller's, eff"):
-        simulate_batch(
-            crane(), receding(crane(), LIMITS), start=start, duration=1.0, drive="motion"
-        )
+        simulate_batch(crane(), made, start=start, duration=1.0, drive="motion")
 
 
 def test_a_batch_of_two_predictive_controllers_is_refused() -> None:

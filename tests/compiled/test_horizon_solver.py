@@ -77,6 +77,7 @@ def test_without_a_bound_in_the_way_it_is_the_riccati_solution_at_once() -> None
 
 
 @pytest.mark.parametrize(("states", "inputs", "stages"), [(4, 1, 7), (6, 2, 16), (8, 3, 9)])
+@pytest.mark.slow
 def test_problems_of_other_sizes_are_solved_as_well(states: int, inputs: int, stages: int) -> None:
     shape = HorizonShape(states, inputs, stages)
     machine, rng = made(shape), np.random.default_rng(states)

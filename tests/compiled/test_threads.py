@@ -1,5 +1,5 @@
-"""What several threads may do at once, see docs/model.md: all of it with one crane, and the numbers
-are those of one thread alone.
+"""What several threads may do at once (docs/concepts/engine.md): all of it with one crane, and the
+numbers are those of one thread alone.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ import pickle
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from threading import Barrier
 from typing import Any
 
@@ -47,6 +48,14 @@ def together(*tasks: Callable[[], Any]) -> list[Any]:
         return list(pool.map(started, tasks))
 
 
+def _check_together(task: Callable[[float], list[np.ndarray]], *places: float) -> None:
+    """Compare what a task gives at some places with what it gives there in threads."""
+    alone = [task(x) for x in places]
+    found = together(*(partial(task, x) for x in places))
+    for one, same in zip(alone, found, strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(one, same, strict=True))
+
+
 def _in_wind(c: Crane, x: float, engine: Any) -> Trajectory:
     gale = wind.wind(c, wind.steady(10.0), direction=0.3, payload_area=8.0, trolley_area=2.0)
     start = c.state(x=x, phi=0.1, theta=0.05)
@@ -57,12 +66,13 @@ def _in_wind(c: Crane, x: float, engine: Any) -> Trajectory:
 
 @pytest.mark.parametrize("engine", sorted({"pinocchio", FAST}))
 def test_one_crane_runs_in_two_threads_as_in_one(engine: Any, restless: None) -> None:
-    c = crane()
-    alone = [_in_wind(c, x, engine) for x in (5.0, 20.0)]
-    found = together(lambda: _in_wind(c, 5.0, engine), lambda: _in_wind(c, 20.0, engine))
-    for one, same in zip(alone, found, strict=True):
-        for name in ("q", "v", "force", "energy", "outside", "effort"):
-            assert np.array_equal(getattr(one, name), getattr(same, name)), name
+    c, names = crane(), ("q", "v", "force", "energy", "outside", "effort")
+
+    def run(x: float) -> list[np.ndarray]:
+        trajectory = _in_wind(c, x, engine)
+        return [getattr(trajectory, name) for name in names]
+
+    _check_together(run, 5.0, 20.0)
 
 
 def test_what_a_crane_is_asked_in_two_threads_it_answers_as_in_one(restless: None) -> None:
@@ -82,33 +92,21 @@ def test_what_a_crane_is_asked_in_two_threads_it_answers_as_in_one(restless: Non
             )
         ]
 
-    alone = [asked(x) for x in (8.0, 20.0)]
-    found = together(lambda: asked(8.0), lambda: asked(20.0))
-    assert all(
-        np.array_equal(one, same)
-        for a, b in zip(alone, found, strict=True)
-        for one, same in zip(a, b, strict=True)
-    )
+    _check_together(asked, 8.0, 20.0)
 
 
 def test_motions_are_planned_and_controllers_made_in_two_threads_as_in_one(restless: None) -> None:
     c = crane()
 
-    def planned(x: float) -> tuple[np.ndarray, np.ndarray]:
-        motion = flat(c, c.start, c.state(x=x), 9.0)
-        controller = lqr(c, motion, every=100)
-        return controller.feed_forward, controller.gain
+    def planned(x: float) -> list[np.ndarray]:
+        controller = lqr(c, flat(c, c.start, c.state(x=x), 9.0), every=100)
+        return [controller.feed_forward, controller.gain]
 
-    alone = [planned(x) for x in (8.0, 14.0)]
-    found = together(lambda: planned(8.0), lambda: planned(14.0))
-    assert all(
-        np.array_equal(one, same)
-        for a, b in zip(alone, found, strict=True)
-        for one, same in zip(a, b, strict=True)
-    )
+    _check_together(planned, 8.0, 14.0)
 
 
 @pytest.mark.skipif(FAST != "compiled", reason="extra compiled (llvmlite) is not installed")
+@pytest.mark.slow
 def test_code_is_made_and_batches_run_in_two_threads_as_in_one(restless: None) -> None:
     from cranedyn.compiled.batch import simulate_batch
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -102,6 +103,7 @@ def test_roundings_of_turned_angles_do_not_add_up_over_a_long_control_period() -
     assert np.abs(swing(100.0) - swing(0.05)).max() < 1e-14
 
 
+@pytest.mark.slow
 def test_rates_told_in_other_units_do_not_drift() -> None:
     start = crane().state(phi=0.2, theta=0.1, l=15.0)
     runs = [
@@ -115,19 +117,10 @@ def test_rates_told_in_other_units_do_not_drift() -> None:
 @pytest.mark.parametrize("period", [0.05, 0.5])
 def test_long_steps_that_turn_far_are_those_of_pinocchio(period: float) -> None:
     start = crane().state(phi=0.1, phi_dot=4.0, theta_dot=-0.5)
+    how: Any = {"duration": 2.0, "dt": 0.05, "control_period": period, "integrator": rk4}
+    how |= {"drive": "motion", "validity": "mark"}
     runs = [
-        simulate(
-            crane(),
-            _still,
-            start=start,
-            duration=2.0,
-            dt=0.05,
-            control_period=period,
-            drive="motion",
-            integrator=rk4,
-            validity="mark",
-            engine=engine,
-        )
+        simulate(crane(), _still, start=start, **how, engine=engine)
         for engine in ("pinocchio", "compiled")
     ]
     assert np.abs(runs[0].q - runs[1].q).max() < 1e-11

@@ -15,7 +15,7 @@ from scipy.linalg import expm, solve_discrete_are
 
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import follow
-from cranedyn.controllers.lqr import effort_weight_of, lqr, state_weight_of
+from cranedyn.controllers.lqr import effort_weight_of, lqr, riccati, state_weight_of
 from cranedyn.controllers.paper import (
     SLEW_WEIGHTS,
     TROLLEY_WEIGHTS,
@@ -23,7 +23,6 @@ from cranedyn.controllers.paper import (
     slew_plane,
     trolley_plane,
 )
-from cranedyn.controllers.riccati import riccati
 from cranedyn.dynamics.linearisation import sampled
 from cranedyn.dynamics.pinocchio import (
     acceleration,
@@ -40,7 +39,7 @@ from cranedyn.references.flat import flat, smoothstep
 from cranedyn.references.limits import Limits, check_limits, fastest, use
 from cranedyn.references.motion import hanging_reference
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
-from cranedyn.references.spline import shortest, spline
+from cranedyn.references.simple import shortest, spline
 from cranedyn.references.tabulated import tabulated
 from tests.helpers import G, big_crane, crane, quickly
 
@@ -254,6 +253,7 @@ def test_weights_that_are_not_positive_definite_are_refused(
         riccati(np.eye(2)[None], np.ones((1, 2, 1)), state_weight, effort_weight, np.eye(2))
 
 
+@pytest.mark.slow
 def test_a_tracked_flat_motion_arrives_without_swing_and_half_the_payload_keeps_it_small() -> None:
     first, last = crane().state(x=10.0, l=15.0), crane().state(gamma=0.6, x=20.0, l=10.0)
     motion = flat(crane(), first, last, 20.0)
@@ -304,6 +304,7 @@ def test_the_papers_gains_end_as_the_stationary_ones_of_the_held_planes() -> Non
         np.testing.assert_allclose(gain[row, columns], steady[0], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_hoist_pid_takes_away_a_wrong_weight_and_does_not_wind_up() -> None:
     heavy = crane(payload_mass=1100.0)
     start = heavy.state(l=15.0)
@@ -415,6 +416,7 @@ def test_an_operators_push_is_a_trapezoid_within_the_limit() -> None:
     assert np.abs(np.diff(velocity) / np.diff(t)).max() <= 0.4 + 1e-9
 
 
+@pytest.mark.slow
 @given(
     st.lists(
         st.tuples(st.floats(-0.8, 0.8), st.floats(0.0, 3.0), st.floats(0.01, 4.0)),

@@ -31,8 +31,9 @@ def test_hold_pushes_towards_what_is_setpoint_against_the_velocity_and_carries_t
         np.array([0.0, 0.0, -500.0]),
     )
     state = State(np.array([0.0, 10.0, 0.3, -0.2, 15.0]), np.array([0.5, -0.25, 9.0, 9.0, 2.0]))
-    # slew 10·0.1 - 0.5, trolley 20·1 + 2·0.25, hoist -500 - 30·1 - 3·2
-    assert_allclose(brake(7.0, state, STILL), [0.5, 20.5, -536.0], rtol=1e-14)  # rounding
+    # slew 10·0.1 - 0.5, trolley 20·1 + 2·0.25, hoist -500 - 30·1 - 3·2, whatever rates are asked
+    moving = STILL._replace(velocity=np.ones(3), acceleration=np.ones(3))
+    assert_allclose(brake(7.0, state, moving), [0.5, 20.5, -536.0], rtol=1e-14)  # rounding
 
 
 @given(states)
@@ -41,12 +42,6 @@ def test_hold_does_not_see_the_swing(state: State) -> None:
     q, v = state.q.copy(), state.v.copy()
     q[2:4], v[2:4] = 0.0, 0.0
     assert brake(0.0, state, STILL).tolist() == brake(0.0, State(q, v), STILL).tolist()
-
-
-def test_the_velocity_of_the_reference_does_not_enter() -> None:
-    brake = hold_controller(crane())
-    running = STILL._replace(velocity=np.ones(3), acceleration=np.ones(3))
-    assert brake(0.0, crane().start, running).tolist() == brake(0.0, crane().start, STILL).tolist()
 
 
 def test_the_published_gain_is_the_default_and_the_weight_is_fed_forward() -> None:
@@ -168,6 +163,7 @@ def test_where_time_begins_anew_an_integrator_goes_on_as_before() -> None:
     assert integral.integral == pytest.approx(0.5 * (5e-3 + 4 * 0.02), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_controller_shows_itself_in_a_line() -> None:
     way = hanging_reference(
         crane(), spline(crane(), crane().state(l=20), [(0.1, 11, 20)], [5.0]), 5.0

@@ -23,7 +23,7 @@ from cranedyn.references import hold
 from cranedyn.references.flat import flat
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
-from cranedyn.references.spline import spline
+from cranedyn.references.simple import spline
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import FAST, crane
 
@@ -104,6 +104,7 @@ def test_what_was_affine_in_the_state_still_is_and_answers_the_same(made: str) -
     assert_allclose(law(float(times[1]), state, setpoint), told, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_planned_motion_is_followed_as_if_there_were_no_converters() -> None:
     c, motion = crane(), planned()
     made = HoistIntegral(c, lqr(c, motion), 4e3, 1e5)
@@ -132,6 +133,7 @@ def test_a_planned_motion_is_followed_as_if_there_were_no_converters() -> None:
     assert left["velocity"] < left["effort"] + 2.0 * step / np.sqrt(c.gravity * 11.0)
 
 
+@pytest.mark.slow
 def test_a_spline_is_followed_within_a_millimetre_and_a_jump_is_made_up_for() -> None:
     c = crane()
     start = c.state(x=10.0, l=12.0)
@@ -148,6 +150,7 @@ def test_a_spline_is_followed_within_a_millimetre_and_a_jump_is_made_up_for() ->
     assert abs(back["x_m"][-1] - 10.2) < 0.2 * np.exp(-10.0) + step / 2.0
 
 
+@pytest.mark.slow
 def test_drives_that_yield_ask_for_the_rate_that_they_compute() -> None:
     c = crane()
     reference, limits = hold(c, c.state(x=12.0, l=10.0)), Limits((0.1, 1.0, 1.0), (0.02, 0.4, 0.4))

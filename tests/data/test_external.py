@@ -42,6 +42,7 @@ def degrees(tmp_path: Path) -> Path:
 SAID = ["t_s=time[ms]", "phi_rad=swing angle[deg]", "l_m=rope[mm]"]
 
 
+@pytest.mark.slow
 def test_columns_arrive_under_our_names_and_in_our_units(degrees: Path) -> None:
     data = read_external(degrees, ("t_s", "phi_rad", "l_m"), parse_sources(SAID))
     np.testing.assert_allclose(data["t_s"], T, rtol=1e-15, atol=1e-12)

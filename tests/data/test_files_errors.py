@@ -79,6 +79,7 @@ def test_a_folder_is_no_file(tmp_path: Path) -> None:
         pytest.fail("must not get here")
 
 
+@pytest.mark.slow
 def test_a_figure_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     figure, axes = panels(2, 2)
     assert len(axes) == 4
@@ -239,11 +240,6 @@ def test_a_name_as_long_as_the_system_allows_is_written(name: str, tmp_path: Pat
     with atomic_write(tmp_path / name) as draft:
         draft.write_text("x")
     assert files(tmp_path) == [name]
-
-
-def test_a_file_without_end_is_not_read() -> None:
-    with pytest.raises(DataError, match=r"Cannot read /dev/zero: it is no file but a device\."):
-        read_text("/dev/zero")
 
 
 def test_whether_a_file_can_be_written_is_found_out_without_a_trace(tmp_path: Path) -> None:

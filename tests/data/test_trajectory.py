@@ -59,6 +59,7 @@ def _bits(trajectory: Trajectory) -> list[bytes]:
     return [np.ascontiguousarray(getattr(trajectory, name)).tobytes() for name in QUANTITIES]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(

@@ -38,6 +38,7 @@ def test_a_force_does_the_work_of_its_way(state: State) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("force", "coordinate", "sign"), [((0.0, 1000.0, 0.0), 2, 1.0), ((1000.0, 0.0, 0.0), 3, -1.0)]
 )
@@ -61,6 +62,7 @@ def test_a_steady_push_is_rest_at_the_closed_form_angle(
     assert_allclose(run.q, np.tile(q, (len(run), 1)), atol=1e-9)  # rest, to rounding
 
 
+@pytest.mark.slow
 def test_a_push_that_comes_at_once_swings_the_load_to_twice_its_rest() -> None:
     c = crane(**POINT)
     run = quickly(
@@ -76,6 +78,7 @@ def test_a_push_that_comes_at_once_swings_the_load_to_twice_its_rest() -> None:
     assert run["phi_rad"].max() == pytest.approx(2.0 * math.atan(1.0 / G), abs=2e-5)
 
 
+@pytest.mark.slow
 def test_the_work_of_a_push_is_in_the_ledger_and_what_it_leaves_open_halves_with_the_step() -> None:
     c = crane(**POINT)
     constant_force = wind.constant_force(
@@ -102,17 +105,6 @@ def test_the_work_of_a_push_is_in_the_ledger_and_what_it_leaves_open_halves_with
     )
 
 
-def test_a_force_on_the_trolley_is_what_the_drive_must_give_less() -> None:
-    run = simulate(
-        crane(),
-        locked,
-        duration=0.1,
-        drive="motion",
-        disturbance=wind.constant_force(crane(), trolley=(0.0, -700.0, 0.0)),
-    )
-    assert_allclose(run["F_x_N"], -700.0, atol=1e-9)  # outward along -Y; rounding
-
-
 def test_a_steady_wind_pushes_with_the_square_of_its_speed() -> None:
     c = crane()
     disturbance = wind.wind(
@@ -134,6 +126,7 @@ def test_a_load_that_moves_with_the_wind_feels_none() -> None:
     )
 
 
+@pytest.mark.slow
 def test_wind_damps_a_swing_in_its_direction() -> None:
     c = crane(**POINT)
     start = c.state(x=10.0, l=15.0, phi=0.1)

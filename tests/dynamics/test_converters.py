@@ -93,6 +93,7 @@ def test_a_ramp_takes_the_time_of_an_s_curve(goal: float, lasts: float) -> None:
     assert np.abs(rows[:, 1]).max() == pytest.approx(min(0.5, math.sqrt(2.0 * abs(goal))), rel=2e-3)
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(
     goal=st.floats(-2.0, 2.0),
@@ -144,6 +145,7 @@ def test_commands_are_late_by_the_delay_and_drives_go_on_until_they_are_heard(en
     assert run["x_dot_m_s"][5] > 0.2 + 0.5 * 0.5 * 5e-3 / 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["pinocchio", FAST])
 def test_a_hoist_too_weak_for_its_load_stalls_and_sinks_at_what_is_left(engine: Any) -> None:
     weight = -holding_effort(crane(), crane().state(l=8.0).q)[2]
@@ -164,6 +166,7 @@ def test_a_hoist_too_weak_for_its_load_stalls_and_sinks_at_what_is_left(engine: 
     assert not run.valid.any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["pinocchio", FAST])
 def test_drives_that_all_stall_move_as_drives_that_exert_their_limits(engine: Any) -> None:
     start = State(crane().state(x=12.0, l=10.0, phi=0.1, theta=-0.05).q, np.zeros(5))
@@ -179,6 +182,7 @@ def test_drives_that_all_stall_move_as_drives_that_exert_their_limits(engine: An
     assert_allclose(stalled.effort[1:], np.tile(limits, (len(stalled) - 1, 1)), rtol=1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(st.integers(1, 4), st.integers(0, 10**6))
 def test_no_drive_exerts_more_than_it_can_and_the_others_do_as_they_want(m: int, seed: int) -> None:

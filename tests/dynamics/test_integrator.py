@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from importlib import metadata
 
 import numpy as np
@@ -107,6 +106,7 @@ def _energy_errors(model: pin.Model, q: np.ndarray, dt: float, duration: float) 
     return np.array(errors)
 
 
+@pytest.mark.slow
 def test_the_energy_of_a_large_swing_ripples_but_does_not_drift() -> None:
     model = _pendulum()
     whole = np.ptp([_energy(model, np.array([angle]), np.zeros(1)) for angle in (0.0, 1.0)])
@@ -201,31 +201,3 @@ def test_what_goes_in_stays_as_it_was() -> None:
     _advance(model, q, v, 0.01, 5)
     assert (q.tolist(), v.tolist()) == ([0.3], [0.1])
     assert model.gravity.linear.tolist() == [0.0, 0.0, -9.81]
-
-
-def _explicit(
-    acceleration: Callable, model: pin.Model, q: np.ndarray, v: np.ndarray, dt: float, steps: int
-) -> tuple[np.ndarray, np.ndarray]:
-    for _ in range(steps):
-        q, v = pin.integrate(model, q, dt * v), v + dt * acceleration(q, v)
-    return q, v
-
-
-def test_explicit_euler_would_gain_what_theory_says() -> None:
-    model, dt, steps = _pendulum(), 1e-2, 2000
-    data, none = model.createData(), np.zeros(1)
-    q, v = _explicit(
-        lambda q, v: pin.aba(model, data, q, v, none),
-        model,
-        np.array([0.01]),
-        np.zeros(1),
-        dt,
-        steps,
-    )
-    floor = _energy(model, np.zeros(1), np.zeros(1))
-    gain = (_energy(model, q, v) - floor) / (_energy(model, np.array([0.01]), np.zeros(1)) - floor)
-    # Finite amplitude; 3.6 times.
-    assert gain == pytest.approx((1.0 + (OMEGA * dt) ** 2) ** steps, rel=1e-3)
-    q, v = _advance(model, np.array([0.01]), np.zeros(1), dt, steps)
-    kept = (_energy(model, q, v) - floor) / (_energy(model, np.array([0.01]), np.zeros(1)) - floor)
-    assert kept == pytest.approx(1.0, abs=OMEGA * dt)  # the ripple of semi-implicit Euler, order 1

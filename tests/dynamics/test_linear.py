@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from cranedyn.analysis.prediction import free_swing
 from cranedyn.analysis.swing import fit_swing
 from cranedyn.controllers import Hold, hold_controller
-from cranedyn.dynamics.linearisation import Sampled, feedback_gain, sampled, swing_mode
+from cranedyn.dynamics.linearisation import feedback_gain, sampled, swing_mode
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Setpoint, State
@@ -65,11 +65,6 @@ def test_feedback_sets_each_drive_by_itself() -> None:
     ).tolist()
 
 
-def test_a_closed_loop_takes_the_gain_off() -> None:
-    plant = Sampled(np.eye(10), np.eye(10, 3), 0.1)
-    assert (plant.closed(2.0 * np.eye(3, 10)) == np.diag([-1.0] * 3 + [1.0] * 7)).all()
-
-
 @pytest.mark.parametrize(("coordinate", "inertia"), [(2, 500.0), (3, 450.0)])
 def test_with_drives_held_hard_the_mode_is_the_compound_pendulum(
     coordinate: int, inertia: float
@@ -101,6 +96,7 @@ def test_a_mode_is_measured_by_its_weights() -> None:
     assert mode.weights @ mode.shape.conj() == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "clocks",
     [{"dt": 5e-4, "control_period": 5e-3}, {"dt": 2e-3, "control_period": 2e-2}],
@@ -124,25 +120,10 @@ def test_a_tiny_swing_in_the_loop_is_the_mode(coordinate: str, clocks: dict[str,
     assert np.std(late.q[:, i]) > 1e-5
 
 
-def test_a_control_one_period_late_would_be_seen() -> None:
-    # the sampled loop against a continuous one: the delay of half a period costs damping; a test of
-    # the test above
-    c = crane()
-    brake = hold_controller(c, gravity=G)
-    ratios = []
-    for period in (5e-4, 2e-2):
-        plant = sampled(c, c.state(l=6.0), dt=5e-4, control_period=period)
-        ratios.append(
-            swing_mode(
-                plant.closed(feedback_gain(c, brake.stiffness, brake.damping)), period, 2
-            ).damping_ratio
-        )
-    assert abs(ratios[0] - ratios[1]) > 1e-5
-
-
 # --- prediction -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gravity", "length"), [(9.80665, 15.0), (20.0, 10.0), (3.7, 4.0), (9.8, 26.0)]
 )

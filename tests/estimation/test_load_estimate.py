@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import hold_controller, lqr
-from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import holding_effort, prescribed_acceleration
 from cranedyn.errors import CraneError, MissingRole
@@ -23,34 +21,12 @@ from cranedyn.estimation.load_estimate import CableFamily, LoadEstimateControlle
 from cranedyn.estimation.load_filter import LIGHTEST, LoadFilter, Sensors
 from cranedyn.estimation.longer_cable import with_longer_cable
 from cranedyn.interfaces import Controller, Setpoint, State
-from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from cranedyn.references import Motion, flat
-from tests.helpers import ROOT, G, crane, quickly
+from cranedyn.references import Motion
+from tests.estimation.motions import PERIOD, REST, STILL, at_rest, combined, residual, tracked
+from tests.helpers import ROOT, crane, quickly
 
-PERIOD = 5e-3
-STILL = Setpoint(np.zeros(3), np.zeros(3), np.zeros(3))
 HOIST = crane().layout.index("l")
-
-
-def at_rest(crane: Crane, **where: float) -> Motion:
-    """A motion that is none."""
-    n = crane.layout.n
-    still = np.zeros((1, n))
-    return Motion(PERIOD, crane.state(**where).q[None], still, still, crane.layout.drives)
-
-
-@cache
-def combined(crane: Crane, beyond: float = 0.0) -> Motion:
-    """Slew, trolley and hoist together, in 20 s, on a cable longer by so much [m]."""
-    start = crane.state(x=10.0, l=15.0 + beyond)
-    return flat(crane, start, crane.state(gamma=0.6, x=20.0, l=10.0 + beyond), 20.0)
-
-
-@cache
-def tracked() -> Tracking:
-    """The LQR about the combined move, which remembers nothing."""
-    return lqr(crane(), combined(crane()))
 
 
 def shortened(controller: Controller, offset: float, share: float = 0.0) -> Controller:
@@ -78,20 +54,16 @@ def moved(
     return controller, run
 
 
-def residual(run: Trajectory) -> float:
-    """Amplitude of the swing at the end [rad]."""
-    return float(swing_amplitude(run.q[-1:, 2:4], run.v[-1:, 2:4], run.q[-1:, 4], G)[0])
-
-
 # --- how well load and cable are found ------------------------------------------------------------
 
 
 @pytest.mark.parametrize("load", [0.3, 0.5, 1.5, 5.0])
+@pytest.mark.slow
 def test_a_wrong_load_is_known_to_a_hundredth_after_a_twentieth_of_a_second(load: float) -> None:
-    motion = at_rest(crane(), x=10.0, l=15.0)
+    motion = at_rest(crane())
     controller = with_load_estimate(lqr(crane(), motion), crane(), motion)
     heavy = crane(payload_mass=1000.0 * load)
-    start = crane().state(x=10.0, l=15.0)
+    start = crane().state(**REST)
     # a light one is thrown up by what held the load believed in: until the first reading the rope
     # of one below a half would go slack
     quickly(heavy, controller, motion, start=start, duration=10 * PERIOD, validity="mark")
@@ -107,8 +79,9 @@ def test_the_crane_believed_in_is_not_the_one_given() -> None:
     assert controller.filter.crane.payload_mass == 2.0 * before == 2.0 * crane().payload_mass
 
 
+@pytest.mark.slow
 def test_the_cable_is_found_from_how_fast_the_load_swings_by_the_drives_alone() -> None:
-    offset, motion = 1.5, at_rest(crane(), x=10.0, l=15.0)
+    offset, motion = 1.5, at_rest(crane())
     controller = with_load_estimate(hold_controller(crane()), crane(), motion)
     start = crane().state(x=10.0, l=15.0 + offset, phi=0.05)
     quickly(crane(), shortened(controller, offset), motion, start=start, duration=16.0)
@@ -116,11 +89,12 @@ def test_the_cable_is_found_from_how_fast_the_load_swings_by_the_drives_alone() 
     assert np.dot(controller.filter.cable, [1.0, 15.0]) == pytest.approx(offset, abs=0.1)
 
 
+@pytest.mark.slow
 def test_at_rest_the_load_can_be_seen_and_the_cable_cannot() -> None:
-    motion = at_rest(crane(), x=10.0, l=15.0)
+    motion = at_rest(crane())
     controller = with_load_estimate(hold_controller(crane()), crane(), motion)
     before = controller.filter.covariance.copy()
-    quickly(crane(), controller, motion, start=crane().state(x=10.0, l=15.0), duration=5.0)
+    quickly(crane(), controller, motion, start=crane().state(**REST), duration=5.0)
     after = controller.filter.covariance
     assert after[-3, -3] < 1e-4 * before[-3, -3]
     # Nothing swings: what is told of the cable is its reading, which is of no use.
@@ -129,7 +103,7 @@ def test_at_rest_the_load_can_be_seen_and_the_cable_cannot() -> None:
 
 def filter_of(sensors: Sensors) -> LoadFilter:
     """A filter that is at no special place."""
-    motion = at_rest(crane(), x=10.0, l=15.0)
+    motion = at_rest(crane())
     found = with_load_estimate(hold_controller(crane()), crane(), motion, sensors=sensors).filter
     found.mean = np.array(
         [0.3, 12.0, 0.1, -0.05, 14.0, 0.02, 0.3, 0.1, 0.2, -0.4, 1.0 / 0.8, 0.7, -0.06]
@@ -192,7 +166,7 @@ def test_the_covariance_of_a_load_at_rest_goes_on_to_second_order_in_the_period(
     """Half the period leaves an eighth of the error; a quarter if it were the first order."""
 
     def wrong(period: float) -> float:
-        q, still = crane().state(x=10.0, l=15.0).q, np.zeros((1, 5))
+        q, still = crane().state(**REST).q, np.zeros((1, 5))
         motion = Motion(period, q[None], still, still, crane().layout.drives)
         effort = holding_effort(crane(), q)
 
@@ -229,6 +203,7 @@ WORST = 0.5e-3
         (1.5, -1.5, 0.0, "imu"),
     ],
 )
+@pytest.mark.slow
 def test_half_and_one_and_a_half_of_the_load_on_cables_a_tenth_off_arrive_without_swing(
     load: float, offset: float, share: float, sensors: Sensors
 ) -> None:
@@ -238,15 +213,17 @@ def test_half_and_one_and_a_half_of_the_load_on_cables_a_tenth_off_arrive_withou
     assert np.abs(run.setpoint[-1] - run.q[-1, [0, 1, 4]])[:2].max() < 1e-3
 
 
+@pytest.mark.slow
 def test_an_observer_that_knows_nothing_of_the_load_leaves_more_than_tenfold() -> None:
     motion = combined(crane())
     controller = with_observer(tracked(), crane(), motion)
-    start = crane().state(x=10.0, l=15.0)
+    start = crane().state(**REST)
     light = crane(payload_mass=500.0)
     run = quickly(light, controller, motion, start=start, duration=motion.arrival)
     assert residual(run) > 10.0 * WORST
 
 
+@pytest.mark.slow
 def test_noisy_and_late_sensors_of_the_drives_alone_end_below_a_milliradian() -> None:
     motion, delay = combined(crane()), 2
     inner = with_load_estimate(tracked(), crane(), motion, delay=delay)
@@ -262,8 +239,9 @@ def test_noisy_and_late_sensors_of_the_drives_alone_end_below_a_milliradian() ->
     assert residual(run) < 1e-3
 
 
+@pytest.mark.slow
 def test_both_engines_leave_the_same() -> None:
-    motion, start = combined(crane()), crane().state(x=10.0, l=15.0)
+    motion, start = combined(crane()), crane().state(**REST)
     runs = [
         quickly(
             crane(payload_mass=1500.0),
@@ -283,11 +261,11 @@ def test_both_engines_leave_the_same() -> None:
     ("sensors", "unseen"), [("drives", [2, 3, 7, 8]), ("swing", [7, 8]), ("imu", [])]
 )
 def test_it_looks_at_what_is_measured_only(sensors: Sensors, unseen: list[int]) -> None:
-    motion = at_rest(crane(), x=10.0, l=15.0)
+    motion = at_rest(crane())
     one, other = (
         with_load_estimate(lqr(crane(), motion), crane(), motion, sensors=sensors) for _ in range(2)
     )
-    rng, start = np.random.default_rng(4), np.concatenate(crane().state(x=10.0, l=15.0))
+    rng, start = np.random.default_rng(4), np.concatenate(crane().state(**REST))
     for k in range(5):
         seen = start + 1e-3 * rng.normal(size=10)
         blind = seen.copy()
@@ -300,9 +278,9 @@ def test_it_looks_at_what_is_measured_only(sensors: Sensors, unseen: list[int]) 
 
 
 def test_a_load_that_cannot_be_is_held_within_what_is_thought_possible() -> None:
-    motion = at_rest(crane(), x=10.0, l=15.0)
+    motion = at_rest(crane())
     controller = with_load_estimate(hold_controller(crane()), crane(), motion)
-    state = crane().state(x=10.0, l=15.0)
+    state = crane().state(**REST)
     for k in range(20):  # a hoist that rises at 30 m/s² with all it was told to hold
         state.v[HOIST] = -0.15 * k
         controller(k * PERIOD, state, STILL)
@@ -320,6 +298,7 @@ def test_a_load_that_cannot_be_is_held_within_what_is_thought_possible() -> None
     ],
     ids=lambda given: next(iter(given), "bridge") if isinstance(given, dict) else given,
 )
+@pytest.mark.slow
 def test_other_cranes_find_their_load_too(xacro: str, values: dict[str, Any]) -> None:
     path = ROOT / "urdf" / f"{xacro}.urdf.xacro"
     known = load_crane(path, payload_mass=1000.0, **values)
@@ -381,7 +360,7 @@ def test_rates_and_accelerations_of_a_cable_twice_as_long_are_how_its_motion_cha
 
 def made(**changed: object) -> Callable[[], object]:
     """Make one with something wrong."""
-    motion = at_rest(crane(), x=10.0, l=15.0)
+    motion = at_rest(crane())
     return lambda: with_load_estimate(hold_controller(crane()), crane(), motion, **changed)  # type: ignore[arg-type]
 
 
@@ -404,9 +383,9 @@ def test_what_cannot_be_is_refused(wrong: dict[str, object], words: str) -> None
 
 
 def test_it_is_refused_in_a_second_run() -> None:
-    motion = at_rest(crane(), x=10.0, l=15.0)
+    motion = at_rest(crane())
     used = with_load_estimate(lqr(crane(), motion), crane(), motion)
-    start = crane().state(x=10.0, l=15.0)
+    start = crane().state(**REST)
     quickly(crane(), used, motion, start=start, duration=0.1)
     with pytest.raises(CraneError, match="a new one for each run"):
         quickly(crane(), used, motion, start=start, duration=0.1)
@@ -420,4 +399,4 @@ def test_a_cable_that_would_be_shorter_than_nothing_is_refused() -> None:
 def test_a_motion_on_another_cable_is_that_of_a_tower_crane() -> None:
     bridge = load_crane(ROOT / "urdf" / "overhead_crane.urdf.xacro")
     with pytest.raises(MissingRole, match="A motion on another cable"):
-        with_longer_cable(bridge, at_rest(bridge), 1.0)
+        with_longer_cable(bridge, at_rest(bridge, x=10.0), 1.0)

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 from collections.abc import Callable
-from functools import cache
 
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 
-from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import hold_controller, lqr
-from cranedyn.controllers.linearised import linearised
-from cranedyn.controllers.tracking import Tracking
+from cranedyn.controllers.lqr import linearised
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.linearisation import sampled
 from cranedyn.errors import CraneError
@@ -29,36 +24,12 @@ from cranedyn.estimation.observer import (
 from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
-from cranedyn.references import Motion, flat, hanging_reference, spline
-from tests.helpers import G, crane, quickly
+from cranedyn.references import Motion, hanging_reference, spline
+from tests.estimation.motions import PERIOD, REST, STILL, at_rest, combined, residual, tracked
+from tests.helpers import crane, python, quickly
 
 MEASURED, NOISE = crane().layout.measured, noise_of(crane())
 DISTURBANCE, INITIAL_STD = disturbance_of(crane()), initial_std_of(crane())
-STILL = Setpoint(np.zeros(3), np.zeros(3), np.zeros(3))
-PERIOD = 5e-3
-
-
-def at_rest(crane: Crane, **where: float) -> Motion:
-    """A motion that is none."""
-    return Motion(
-        PERIOD,
-        crane.state(**where).q[None],
-        np.zeros((1, 5)),
-        np.zeros((1, 5)),
-        crane.layout.drives,
-    )
-
-
-@cache
-def combined(crane: Crane) -> Motion:
-    """Slew, trolley and hoist together, in 20 s."""
-    return flat(crane, crane.state(x=10.0, l=15.0), crane.state(gamma=0.6, x=20.0, l=10.0), 20.0)
-
-
-@cache
-def tracked() -> Tracking:
-    """The LQR about the combined move, which remembers nothing."""
-    return lqr(crane(), combined(crane()))
 
 
 def random_states(n: int) -> list[State]:
@@ -94,6 +65,7 @@ def test_late_sensors_show_the_first_state_until_the_delay_has_passed_and_then_a
 
 
 @pytest.mark.parametrize("noise", [NOISE, NOISE.tolist(), (NOISE[:5], NOISE[5:])])
+@pytest.mark.slow
 def test_noise_is_white_and_has_the_deviations_asked_for(noise: object) -> None:
     inner, n = Watched(), 20_000
     noisy = with_sensor_model(crane(), inner, noise=noise, rng=np.random.default_rng(1))  # type: ignore[arg-type]
@@ -110,7 +82,7 @@ def test_noise_is_white_and_has_the_deviations_asked_for(noise: object) -> None:
 
 
 def test_an_equal_seed_gives_an_equal_run_and_another_seed_another() -> None:
-    start, motion = crane().state(x=10.0, l=15.0), at_rest(crane(), x=10.0, l=15.0)
+    start, motion = crane().state(**REST), at_rest(crane())
 
     def run(seed: int) -> Trajectory:
         controller = with_sensor_model(
@@ -122,8 +94,9 @@ def test_an_equal_seed_gives_an_equal_run_and_another_seed_another() -> None:
     assert (run(1).command != run(2).command).any()
 
 
+@pytest.mark.slow
 def test_noise_shakes_the_regulated_crane_as_much_as_the_lyapunov_equation_says() -> None:
-    start, motion = crane().state(x=10.0, l=15.0), at_rest(crane(), x=10.0, l=15.0)
+    start, motion = crane().state(**REST), at_rest(crane())
     controller = lqr(crane(), motion)
     run = quickly(
         crane(),
@@ -201,15 +174,11 @@ def process_noise() -> np.ndarray:
     return reach @ np.diag(np.square(DISTURBANCE)) @ reach.T
 
 
-def residual(run: Trajectory) -> float:
-    """Amplitude of the swing at the end [rad]."""
-    return float(swing_amplitude(run.q[-1:, 2:4], run.v[-1:, 2:4], run.q[-1:, 4], G)[0])
-
-
+@pytest.mark.slow
 def test_the_filters_gain_tends_to_that_of_the_dual_riccati_equation() -> None:
-    motion = at_rest(crane(), x=10.0, l=15.0)
+    motion = at_rest(crane())
     observer = with_observer(lqr(crane(), motion), crane(), motion)
-    model, state = sampled(crane(), crane().state(x=10.0, l=15.0)), crane().state(x=10.0, l=15.0)
+    model, state = sampled(crane(), crane().state(**REST)), crane().state(**REST)
     for k in range(4000):
         observer(k * PERIOD, state, STILL)
     noise = np.diag(NOISE[MEASURED] ** 2)
@@ -220,9 +189,10 @@ def test_the_filters_gain_tends_to_that_of_the_dual_riccati_equation() -> None:
     np.testing.assert_allclose(observer.gain, steady, rtol=1e-5, atol=1e-7 * np.abs(steady).max())
 
 
+@pytest.mark.slow
 def test_the_filter_errs_as_much_as_it_says() -> None:
-    motion, rng, runs = at_rest(crane(), x=10.0, l=15.0), np.random.default_rng(11), 30
-    model = sampled(crane(), crane().state(x=10.0, l=15.0))
+    motion, rng, runs = at_rest(crane()), np.random.default_rng(11), 30
+    model = sampled(crane(), crane().state(**REST))
     shares, (values, vectors) = [], np.linalg.eigh(process_noise())
     root = vectors * np.sqrt(values.clip(0.0))
     for _ in range(runs):
@@ -246,29 +216,23 @@ def test_the_filter_errs_as_much_as_it_says() -> None:
     assert np.mean(shares) == pytest.approx(10.0, abs=4.0 * math.sqrt(20.0 / runs))
 
 
-@pytest.mark.parametrize(
-    "motion_of", [lambda c: at_rest(c, x=10.0, l=15.0), combined], ids=["rest", "move"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("motion_of", [at_rest, combined], ids=["rest", "move"])
 @pytest.mark.parametrize("swing", ["phi", "theta"])
 def test_a_swing_that_no_sensor_sees_is_known_to_a_hundredth_after_two_seconds(
     motion_of: Callable[[Crane], Motion], swing: str
 ) -> None:
-    motion = motion_of(crane())
+    motion, start = motion_of(crane()), crane().state(**REST, **{swing: 0.05})
     compared = Compared(with_observer(lqr(crane(), motion), crane(), motion))
-    quickly(
-        crane(),
-        compared,
-        motion,
-        start=crane().state(x=10.0, l=15.0, **{swing: 0.05}),
-        duration=10.0,
-    )
+    quickly(crane(), compared, motion, start=start, duration=10.0)
     # The first estimate is that it hangs plumb.
     assert compared.swing(0.0) == pytest.approx(0.05, rel=0.1)
     assert compared.swing(2.0) < 5e-4
 
 
+@pytest.mark.slow
 def test_without_a_swing_sensor_the_combined_move_ends_as_still_as_with_one() -> None:
-    motion, start = combined(crane()), crane().state(x=10.0, l=15.0)
+    motion, start = combined(crane()), crane().state(**REST)
     run = quickly(
         crane(), with_observer(tracked(), crane(), motion), motion, start=start, duration=40.0
     )
@@ -278,8 +242,9 @@ def test_without_a_swing_sensor_the_combined_move_ends_as_still_as_with_one() ->
 
 
 @pytest.mark.parametrize("swing", ["phi", "theta"])
+@pytest.mark.slow
 def test_an_initial_swing_is_damped_almost_as_well_as_with_a_sensor(swing: str) -> None:
-    motion, start = combined(crane()), crane().state(x=10.0, l=15.0, **{swing: 0.1})
+    motion, start = combined(crane()), crane().state(**REST, **{swing: 0.1})
     controller = tracked()
     left = [
         residual(quickly(crane(), with_or_without, motion, start=start, duration=40.0))
@@ -290,6 +255,7 @@ def test_an_initial_swing_is_damped_almost_as_well_as_with_a_sensor(swing: str) 
 
 
 @pytest.mark.parametrize("delay", [0, 10])
+@pytest.mark.slow
 def test_noisy_and_late_sensors_of_the_drives_alone_still_end_the_move_below_a_milliradian(
     delay: int,
 ) -> None:
@@ -298,60 +264,49 @@ def test_noisy_and_late_sensors_of_the_drives_alone_still_end_the_move_below_a_m
     compared = Compared(
         observer, with_sensor_model(crane(), observer, delay=delay, rng=np.random.default_rng(2))
     )
-    run = quickly(crane(), compared, motion, start=crane().state(x=10.0, l=15.0), duration=40.0)
+    run = quickly(crane(), compared, motion, start=crane().state(**REST), duration=40.0)
     # five deviations of the swing as the filter says them
     assert compared.swing(2.0) < 5.0 * math.sqrt(np.trace(observer.covariance[2:4, 2:4]))
     assert residual(run) < 1e-3
 
 
-@pytest.mark.parametrize(
-    "motion_of", [lambda c: at_rest(c, x=10.0, l=15.0), combined], ids=["rest", "move"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("motion_of", [at_rest, combined], ids=["rest", "move"])
 def test_a_delay_known_to_the_observer_is_predicted_away(
     motion_of: Callable[[Crane], Motion],
 ) -> None:
-    motion = motion_of(crane())
-    observer = with_observer(lqr(crane(), motion), crane(), motion, delay=6)
-    compared = Compared(
-        observer,
-        with_sensor_model(
-            crane(), observer, delay=6, noise=np.zeros(10), rng=np.random.default_rng(1)
-        ),
-    )
-    run = quickly(
-        crane(), compared, motion, start=crane().state(x=10.0, l=15.0, phi=0.05), duration=5.0
-    )
-    assert np.abs(run.v[200:, 1]).max() * 6 * PERIOD > 5e-3  # so far the trolley runs meanwhile [m]
+    motion, delay, rng = motion_of(crane()), 6, np.random.default_rng(1)
+    observer = with_observer(lqr(crane(), motion), crane(), motion, delay=delay)
+    late = with_sensor_model(crane(), observer, delay=delay, noise=np.zeros(10), rng=rng)
+    compared = Compared(observer, late)
+    run = quickly(crane(), compared, motion, start=crane().state(**REST, phi=0.05), duration=5.0)
+    # so far the trolley runs meanwhile [m]
+    assert np.abs(run.v[200:, 1]).max() * delay * PERIOD > 5e-3
     # as without a delay: a hundredth of the swing; and a fiftieth of that way
     assert compared.swing(1.0) < 5e-4
     assert np.abs(np.array(compared.errors)[200:, [0, 1, 4]]).max() < 1e-4
 
 
 def test_the_observer_looks_at_the_drives_only() -> None:
-    motion = at_rest(crane(), x=10.0, l=15.0)
+    motion = at_rest(crane())
     one, other = (with_observer(lqr(crane(), motion), crane(), motion) for _ in range(2))
     for k, state in enumerate(random_states(5)):
-        blind = State(
-            np.where([0, 0, 1, 1, 0], math.nan, state.q),
-            np.where([0, 0, 1, 1, 0], math.nan, state.v),
-        )
+        blind = State(*(np.where([0, 0, 1, 1, 0], math.nan, array) for array in state))
         assert one(k * PERIOD, state, STILL).tolist() == other(k * PERIOD, blind, STILL).tolist()
 
 
+@pytest.mark.slow
 def test_the_observer_knows_what_the_drives_cannot_give() -> None:
     weak = crane(trolley_effort=300.0)
-    motion = at_rest(weak, x=10.0, l=15.0)
+    motion = at_rest(weak)
     compared = Compared(with_observer(lqr(weak, motion), weak, motion))
-    run = quickly(weak, compared, motion, start=weak.state(x=10.0, l=15.0, phi=0.05), duration=5.0)
+    run = quickly(weak, compared, motion, start=weak.state(**REST, phi=0.05), duration=5.0)
     assert np.abs(run.command[:, 1]).max() > 1000.0
     assert compared.swing(2.0) < 5e-4
 
 
 def test_a_start_that_is_told_is_believed() -> None:
-    motion, start = (
-        at_rest(crane(), x=10.0, l=15.0),
-        crane().state(x=10.0, l=15.0, phi=0.05, theta=-0.03),
-    )
+    motion, start = at_rest(crane()), crane().state(**REST, phi=0.05, theta=-0.03)
     compared = Compared(with_observer(lqr(crane(), motion), crane(), motion, start=start))
     quickly(crane(), compared, motion, start=start, duration=1.0)
     # The linear model's: φ²/2 = 1e-3 of the load's pull, and cubes.
@@ -359,19 +314,13 @@ def test_a_start_that_is_told_is_believed() -> None:
 
 
 def test_an_observer_is_refused_in_a_second_run_and_where_a_call_is_left_out() -> None:
-    motion = at_rest(crane(), x=10.0, l=15.0)
-    used = with_observer(lqr(crane(), motion), crane(), motion)
-    quickly(crane(), used, motion, start=crane().state(x=10.0, l=15.0), duration=0.1)
+    motion, start = at_rest(crane()), crane().state(**REST)
+    used, other = (with_observer(lqr(crane(), motion), crane(), motion) for _ in range(2))
+    quickly(crane(), used, motion, start=start, duration=0.1)
     with pytest.raises(CraneError, match="a new one for each run"):
-        quickly(crane(), used, motion, start=crane().state(x=10.0, l=15.0), duration=0.1)
+        quickly(crane(), used, motion, start=start, duration=0.1)
     with pytest.raises(CraneError, match=r"every 0\.005 s"):
-        quickly(
-            crane(),
-            with_observer(lqr(crane(), motion), crane(), motion),
-            motion,
-            duration=0.1,
-            control_period=0.01,
-        )
+        quickly(crane(), other, motion, duration=0.1, control_period=0.01)
 
 
 @pytest.mark.parametrize(
@@ -387,33 +336,25 @@ def test_an_observer_is_refused_in_a_second_run_and_where_a_call_is_left_out() -
     ],
 )
 def test_an_observer_that_cannot_be_is_refused(given: dict[str, object], words: str) -> None:
-    motion = at_rest(crane(), x=10.0, l=15.0)
+    motion = at_rest(crane())
     with pytest.raises(CraneError, match=words):
         with_observer(Watched(), crane(), motion, **given)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_what_an_observer_needs_is_loaded_before_its_first_control_instant() -> None:
     program = """
 import sys
 from cranedyn.controllers import hold_controller
 from cranedyn.estimation import with_load_estimate, with_observer
-from cranedyn.model.load import load_crane
-from cranedyn.references import Motion
-crane = load_crane()
-start = crane.state(x=10.0, l=15.0)
-still = Motion(5e-3, start.q[None], 0.0 * start.q[None], 0.0 * start.q[None], crane.layout.drives)
+from tests.estimation.motions import at_rest, crane
 for observer in (with_observer, with_load_estimate):
     for name in [name for name in sys.modules if name.startswith("scipy.linalg")]:
         del sys.modules[name]
-    observer(hold_controller(crane), crane, still)
+    observer(hold_controller(crane()), crane(), at_rest(crane()))
     print("scipy.linalg.lapack" in sys.modules)
 """
-    assert (
-        subprocess.run(
-            [sys.executable, "-c", program], capture_output=True, text=True, check=True
-        ).stdout.split()
-        == ["True"] * 2
-    )
+    assert python(program).stdout.split() == ["True"] * 2
 
 
 def test_errors_that_have_no_covariance_have_no_gain() -> None:
@@ -429,13 +370,8 @@ def test_errors_that_have_no_covariance_have_no_gain() -> None:
 def test_the_last_row_of_a_motion_has_a_model_of_its_own_wherever_it_falls() -> None:
     whole = combined(crane())
     for n in (21, 24, 30):
-        motion = Motion(
-            PERIOD,
-            whole.q[2000 : 2000 + n],
-            whole.v[2000 : 2000 + n],
-            whole.a[2000 : 2000 + n],
-            whole.drives,
-        )
+        arrays = (array[2000 : 2000 + n] for array in (whole.q, whole.v, whole.a))
+        motion = Motion(PERIOD, *arrays, whole.drives)
         found = linearised(crane(), motion, dt=5e-4, every=10)
         for k in (0, 7, 10, 19, n - 1):
             row = k if k == n - 1 else k - k % 10
@@ -444,37 +380,10 @@ def test_the_last_row_of_a_motion_has_a_model_of_its_own_wherever_it_falls() -> 
             assert (found.b[found.stretch[k]] == here.b).all()
 
 
-# --- tracking -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("place", "name"),
-    [(0, "coordinate 1 of"), (3, "coordinate 4 of"), (5, "rate 1 of"), (9, "rate 5 of")],
-)
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_state_that_is_not_finite_is_named_and_gives_no_efforts(
-    place: int, name: str, value: float
-) -> None:
-    tracking = lqr(crane(), at_rest(crane(), x=10.0, l=15.0))
-    z = np.concatenate(crane().state(x=10.0, l=15.0))
-    z[place] = value
-    with (
-        np.errstate(invalid="ignore"),
-        pytest.raises(CraneError, match=f"{name} the state is {value}.*a finite number"),
-    ):
-        tracking(0.0, State(z[:5], z[5:]), STILL)
-
-
 def test_an_observer_is_asked_at_the_rows_of_its_motion_or_refuses() -> None:
-    motion = hanging_reference(
-        crane(), spline(crane(), crane().start, [(0.0, 11.0, 15.0)], [4.0]), 4.0
-    )
-    late = 1.0 + PERIOD / 2.0
-    with pytest.raises(
-        CraneError,
-        match=r"This observer is first asked for t = 1.0025 s; its motion has rows every 0.005 s "
-        r"only",
-    ):
+    move = spline(crane(), crane().start, [(0.0, 11.0, 15.0)], [4.0])
+    motion, late = hanging_reference(crane(), move, 4.0), 1.0 + PERIOD / 2.0
+    with pytest.raises(CraneError, match=r"asked for t = 1.0025 s; its motion has rows every 0"):
         with_observer(Watched(), crane(), motion)(late, crane().start, STILL)
     # Wherever it stands still all rows are one.
     with_observer(Watched(), crane(), at_rest(crane()))(late, crane().start, STILL)

@@ -22,7 +22,7 @@ from cranedyn.data.trajectory import read
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO
 from cranedyn.model.load import load_crane
-from cranedyn.simulation.setting import Setting
+from cranedyn.simulation.engine import Setting
 from experiments import a1, a2, a3, energy, harness
 from experiments.a1 import identify as a1_identify
 from tests.experiments.conftest import Standard, run_command, write_csv

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cranedyn.controllers.riccati import riccati, stationary
+from cranedyn.controllers.lqr import riccati, stationary
 from cranedyn.data.trajectory import read
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.model.description import main as description_main
@@ -22,31 +22,6 @@ from experiments.scenarios.strategies import FLAT, LQR, MPC
 from tests.helpers import FAST
 
 Main = Callable[[Sequence[str]], int]
-
-
-@pytest.mark.parametrize("main", [a1.main, demo.main])
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        ("--control-period 0", "control_period is 0.0 s; allowed is > 0."),
-        ("--control-period nan", "control_period is nan s; allowed is > 0."),
-        (
-            "--control-period 1e300",
-            "dt is 0.0005 s; allowed is 1e+290 or more for a run of 1e+300 s, that is 1e+10 steps.",
-        ),
-        (
-            "--control-period 0.0051",
-            "control_period is 0.0051 s; allowed is a multiple of dt = 0.0005 s.",
-        ),
-        ("--dt 5e-324", "dt is 5e-324 s; allowed is 1e-09 to 1000."),
-    ],
-)
-def test_clocks_are_judged_before_an_experiment_begins(
-    main: Main, words: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([*words.split(), "--out", str(tmp_path / "out")]) == 2
-    assert capsys.readouterr().err == f"error: {sentence}\n"
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow

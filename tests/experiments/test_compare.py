@@ -24,9 +24,7 @@ from experiments.harness.outcome import ResultTable
 from experiments.report import page
 from experiments.scenarios.moves import LIMITS, MOVES, SWINGING, RestToRest, Score
 from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, Perturbation, make
-from experiments.scenarios.shaping import (
-    joystick_move,
-)
+from experiments.scenarios.shaping import joystick_move
 from experiments.scenarios.strategies import (
     FASTEST,
     FLAT,
@@ -181,7 +179,7 @@ def test_feedback_outlives_every_case_and_a_swing_at_the_start(done: Ran) -> Non
 
 def test_documents_show_the_ways_asked_for_as_printed(done: Ran) -> None:
     tables = [ResultTable.of(kept) for kept in done.result["tables"]]
-    document = read_document(ROOT / "docs/control.md", "compare")
+    document = read_document(ROOT / "docs/results/control.md", "compare")
     assert document.stale(tables, subset=True) == []
 
 

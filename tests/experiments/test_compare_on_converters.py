@@ -66,7 +66,7 @@ def test_the_page_on_drives_shows_it_as_printed(found: dict[str, Results]) -> No
     made = [tables.move_table(move, found[move.name], "velocity") for move in (*MOVES, SWINGING)]
     made += tables.case_tables(found[MOVES[-1].name], "velocity")
     made.append(tables.drives_table(SWINGING, found[SWINGING.name], beyond=True))
-    document = read_document(ROOT / "docs/drives.md", "compare_velocity")
+    document = read_document(ROOT / "docs/results/drives.md", "compare_velocity")
     assert document.stale(made, subset=True) == []
 
 

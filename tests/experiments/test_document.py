@@ -38,6 +38,25 @@ def test_each_block_gets_the_tables_it_asks_for_and_all_else_stays(tmp_path: Pat
     assert path.read_text(encoding="utf-8") == once
 
 
+def test_a_block_of_csv_has_links_and_the_tables_lie_beside_the_page(tmp_path: Path) -> None:
+    path = tmp_path / "page.md"
+    path.write_text("<!-- trial csv: -->\n<!-- end -->\n", encoding="utf-8")
+    read_document(path, "trial").write(TABLES)
+    assert path.read_text(encoding="utf-8") == (
+        "<!-- trial csv: -->\n\n* [Move one: far](trial_move_one_far.csv)\n"
+        "* [Move two](trial_move_two.csv)\n\nA note.\n\n<!-- end -->\n"
+    )
+    file = tmp_path / "trial_move_one_far.csv"
+    assert file.read_text(encoding="utf-8") == "strategy,s\na,1.2\n"
+    assert read_document(path, "trial").stale(TABLES) == []
+    file.write_text("strategy,s\na,1.9\n", encoding="utf-8")
+    stale = f"{path}, Move one: far: s of 'a' is 1.9, now 1.2."
+    assert read_document(path, "trial").stale(TABLES) == [stale]
+    file.unlink()
+    (missing,) = read_document(path, "trial").stale(TABLES)
+    assert "it is not there" in missing
+
+
 SHOWN = (
     "<!-- trial: -->\n\n**Move**\n\n| strategy | s | mrad | left |\n| --- | ---: | ---: | ---: |\n"
     "| a | 12.86 | 1.02e-05 | < 0.1 |\n| b | - | 5.52 | 0.7 |\n\n<!-- end -->\n"

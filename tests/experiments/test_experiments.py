@@ -129,7 +129,7 @@ def test_the_result_names_what_it_was_made_with(name: str, standard: Standard) -
 @each
 @pytest.mark.slow
 def test_documents_tell_the_numbers_of_the_command(name: str, standard: Standard) -> None:
-    documents = "README.md", "docs/findings.md"
+    documents = "README.md", "docs/results/article.md"
     for document, numbers in zip(documents, TOLD[name](standard(name)), strict=True):
         assert missing(numbers, document) == []
 
@@ -342,6 +342,9 @@ BAD = [
     ("mass_ratio", "--gravity nan", "gravity is nan m/s²; allowed is > 0"),
     ("a1", "--gravity -9.8", "gravity is -9.8 m/s²; allowed is > 0"),
     ("a1", "--dt 0", "dt is 0.0 s; allowed is > 0"),
+    ("a1", "--dt 5e-324", "dt is 5e-324 s; allowed is 1e-09 to 1000"),
+    ("a1", "--control-period nan", "control_period is nan s; allowed is > 0"),
+    ("a1", "--control-period 1e300", r"dt is 0.0005 s; allowed is 1e\+290 or more for a run of"),
     ("a1", "--set payload_mass:=nan", "payload_mass is nan kg; allowed is > 0"),
     ("a1", "--set payload_mas:=5", "There is no argument 'payload_mas'; there are payload_mass"),
     ("a1", "--set payload_mass=5", "'payload_mass=5' is not of the form name:=value"),

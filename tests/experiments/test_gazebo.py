@@ -123,7 +123,7 @@ def test_a_plugin_that_overwrites_the_passive_rates_is_a_damper_and_takes_what_t
     ]
     told = f"| {theirs[0]:.4f}, {theirs[2]:.2f} J | {ours[0]:.4f}, {ours[2]:.2f} J |"
     assert missing([told], "README.md") == []
-    assert missing([*rows, f"{dampings[1.0][0]:.2f} J are"], "docs/findings.md") == []
+    assert missing([*rows, f"{dampings[1.0][0]:.2f} J are"], "docs/results/article.md") == []
 
 
 def test_what_it_took_cannot_be_judged_in_another_world(tmp_path: Path) -> None:
@@ -150,4 +150,4 @@ def test_the_period_of_pure_gazebo_is_inertia_amplitude_and_gravity() -> None:
     )
     assert period == pytest.approx(7.793010, abs=7e-6)
     error = 100.0 * (period / float(theory.point_period(15.0, 9.80665)) - 1.0)
-    assert missing([f"{period:.6f} s", f"{error:+.3f} %"], "docs/findings.md") == []
+    assert missing([f"{period:.6f} s", f"{error:+.3f} %"], "docs/results/article.md") == []

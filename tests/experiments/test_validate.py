@@ -63,7 +63,7 @@ def test_the_documents_count_closed_forms_and_claims_as_the_command_does(result:
     forms, claims = result.result["parameters"]["closed_forms"], len(result.result["claims"])
     assert claims == forms + 1  # the order of the step
     assert missing([f"| {forms} closed forms of mechanics; order"], "README.md") == []
-    assert missing([f"of the {claims} claims fail"], "docs/validation.md") == []
+    assert missing([f"of the {claims} claims fail"], "docs/results/validation.md") == []
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import pytest
@@ -38,8 +39,8 @@ def test_every_claim_is_judged_and_holds(result: Ran) -> None:
 
 def test_documents_show_its_tables(result: Ran) -> None:
     name, tables = result.result["experiment"], result.result["tables"]
-    for document in (ROOT / "docs").glob("*.md"):
-        if f"<!-- {name}:" in document.read_text(encoding="utf-8"):
+    for document in (ROOT / "docs").rglob("*.md"):
+        if re.search(f"<!-- {name}( csv)?:", document.read_text(encoding="utf-8")):
             made = [ResultTable.of(table) for table in tables]
             assert read_document(document, name).stale(made) == []
 

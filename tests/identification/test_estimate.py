@@ -13,13 +13,15 @@ from cranedyn.controllers import follow, hold_controller
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, DataError, UnknownName
 from cranedyn.identification import Estimate, Model, Prior, Record, identify, load_record
+from cranedyn.identification.estimate import is_white
 from cranedyn.identification.motion import lagged
-from cranedyn.identification.noise import is_white
 from cranedyn.identification.search import jacobian
 from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.simulation.simulate import simulate
 from experiments.gazebo import RECORDINGS
 from experiments.identify.coverage import NAMES, NOISE, PLANTS, coverage, synthetic
+
+pytestmark = pytest.mark.slow
 
 PRIOR = Prior()
 TRUTH = {"payload_mass": 1300.0, "damp_swing": 900.0, "l_offset": 0.37, "delay": 0.08}
@@ -36,16 +38,8 @@ def recorded() -> dict[str, np.ndarray]:
     pulses = [JoystickPulse("x", 0.6, 2.0, 4.0), JoystickPulse("gamma", 0.08, 8.0, 4.0),
               JoystickPulse("l", 0.4, 16.0, 4.0), JoystickPulse("x", -0.5, 22.0, 4.0)]  # fmt: skip
     aims = joystick(crane, start, pulses, accelerations=(0.05, 0.3, 0.3))
-    run = simulate(
-        crane,
-        follow(crane, aims, 0.01),
-        start=start,
-        duration=34.0,
-        dt=0.01,
-        control_period=0.01,
-        drive="motion",
-        integrator=rk4,
-    )
+    run = simulate(crane, follow(crane, aims, 0.01), start=start, duration=34.0, dt=0.01,
+                   control_period=0.01, drive="motion", integrator=rk4)  # fmt: skip
     t = run.t[::5]
     columns = {"t_s": t, **{name: run[name][::5] for name in ("gamma_rad", "x_m", "l_m")}}
     columns["l_m"] = columns["l_m"] - TRUTH["l_offset"]
@@ -134,39 +128,30 @@ def test_intervals_of_95_percent_hold_the_truth_as_often(plant: str, cranes: int
     assert np.std(1.96 * scores) == pytest.approx(1.0, abs=5.0 / np.sqrt(2.0 * count))
 
 
-def test_errors_with_a_memory_are_no_white_noise_and_widen_the_intervals() -> None:
-    rng = np.random.default_rng(3)
-    steps, walk = rng.standard_normal(2000), np.zeros(2000)
+def _noisy(noise: np.ndarray) -> Estimate:
+    """Return the estimate from swings with a noise of 2 mrad."""
+    columns = {name: values for name, values in recorded().items() if name[0] != "F"}
+    columns["phi_rad"] = columns["phi_rad"] + 2e-3 * noise[: len(columns["t_s"])]
+    names = ["l_offset", "damp_swing", "phi_bias", "theta_bias", "delay"]
+    return identify(Model.of(PRIOR, [Record.of(PRIOR.crane, columns)], names))
+
+
+def test_coloured_errors_widen_the_intervals_and_never_narrow_them() -> None:
+    steps, walk = np.random.default_rng(3).standard_normal(2000), np.zeros(2000)
     for k in range(1, 2000):
         walk[k] = 0.9 * walk[k - 1] + steps[k]
     assert is_white(steps)
     assert not is_white(walk)
-    margins = []
-    for noise in (steps[:681], walk[:681] * np.sqrt(1.0 - 0.9**2)):
-        columns = {name: values for name, values in recorded().items() if name[0] != "F"}
-        columns["phi_rad"] = columns["phi_rad"] + 2e-3 * noise[: len(columns["t_s"])]
-        names = ["l_offset", "damp_swing", "phi_bias", "theta_bias", "delay"]
-        margins.append(
-            identify(Model.of(PRIOR, [Record.of(PRIOR.crane, columns)], names)).margin("phi_bias")
-        )
+    white, with_memory, alternating = (
+        _noisy(noise)
+        for noise in (steps[1:], walk * np.sqrt(1.0 - 0.9**2), np.diff(steps) / np.sqrt(2.0))
+    )
     # The mean of such errors is sqrt(1.9 / 0.1), 4.4 times as wide as that of white ones.
-    assert margins[1] > 2.0 * margins[0]
-
-
-def test_errors_that_alternate_do_not_narrow_the_intervals() -> None:
-    """The mean of such errors is surer than that of white ones, which nobody may build on."""
-    rng = np.random.default_rng(3)
-    steps = rng.standard_normal(682)
-    margins = []
-    for noise in (steps[1:], np.diff(steps) / np.sqrt(2.0)):
-        columns = {name: values for name, values in recorded().items() if name[0] != "F"}
-        columns["phi_rad"] = columns["phi_rad"] + 2e-3 * noise[: len(columns["t_s"])]
-        names = ["l_offset", "damp_swing", "phi_bias", "theta_bias", "delay"]
-        estimate = identify(Model.of(PRIOR, [Record.of(PRIOR.crane, columns)], names))
-        margins.append(estimate.margin("phi_bias"))
-    assert "record: phi_rad" in estimate.not_white
+    assert with_memory.margin("phi_bias") > 2.0 * white.margin("phi_bias")
+    # The mean of alternating errors is surer than that of white ones, which nobody may build on.
+    assert "record: phi_rad" in alternating.not_white
     # Of the same power within 1 / sqrt(n), 4 %, and twice that.
-    assert margins[1] > 0.92 * margins[0]
+    assert alternating.margin("phi_bias") > 0.92 * white.margin("phi_bias")
 
 
 def test_a_drive_behind_its_setpoint_is_the_closed_form() -> None:
@@ -227,6 +212,7 @@ def test_a_swing_of_one_degree_taken_for_one_radian_is_told_by_what_the_drives_m
     [
         (["rope_colour"], None, "There is no parameter 'rope_colour'; there are delay, gamma_"),
         (["x_lag"], None, "x_lag cannot be found: x_setpoint_m is not there"),
+        (["l_lag"], None, "l_lag cannot be found: l_setpoint_m never moves"),
         (["x_stiffness"], "motion", "drives beside x_stiffness is motion; allowed is hold"),
         (["x_friction"], "effort", "A record has no effort of some drive"),
         ([], None, "There is nothing to find"),
@@ -235,18 +221,13 @@ def test_a_swing_of_one_degree_taken_for_one_radian_is_told_by_what_the_drives_m
 def test_what_no_column_could_tell_is_refused(
     names: list[str], drives: str | None, sentence: str
 ) -> None:
-    record = Record.of(PRIOR.crane, recorded())
+    still = np.full(len(recorded()["t_s"]), 12.0)
+    record = Record.of(PRIOR.crane, {**recorded(), "l_setpoint_m": still})
     with pytest.raises(CraneError, match=sentence):
         Model.of(PRIOR, [record], names, drives=drives)  # type: ignore[arg-type]
 
 
-def test_a_drive_that_never_moves_says_nothing_of_its_lag() -> None:
-    columns = {**recorded(), "x_setpoint_m": np.full(len(recorded()["t_s"]), 8.0)}
-    with pytest.raises(DataError, match="x_lag cannot be found: x_setpoint_m never moves"):
-        Model.of(PRIOR, [Record.of(PRIOR.crane, columns)], ["x_lag"])
-
-
-def test_more_parameters_than_numbers_are_refused_and_unknown_ones_said() -> None:
+def test_no_records_and_parameters_that_were_not_estimated_are_refused() -> None:
     with pytest.raises(DataError, match="There is no record"):
         Model.of(PRIOR, [])
     with pytest.raises(UnknownName, match="There is no parameter 'x_lag'; there are l_offset"):

@@ -20,6 +20,7 @@ from tests.helpers import ROOT
 from tests.identification.test_estimate import TRUTH, recorded
 
 
+@pytest.mark.slow
 def test_the_examples_hold_their_claims(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Gravity, inertia, damping and gains of Gazebo's world from files alone, and the trial."""
     out = tmp_path / "out"
@@ -31,7 +32,7 @@ def test_the_examples_hold_their_claims(tmp_path: Path, capsys: pytest.CaptureFi
     }
     assert (out / "identify.rrd").stat().st_size > 1e5
     made = [ResultTable.of(kept) for kept in result["tables"]]
-    stale = read_document(ROOT / "docs" / "identify.md", "identify").stale(made)
+    stale = read_document(ROOT / "docs" / "results" / "identification.md", "identify").stale(made)
     # What is left of Gazebo's noiseless files, and so its intervals, is round-off.
     assert [sentence for sentence in stale if "Gazebo Classic" not in sentence] == []
 
@@ -46,6 +47,7 @@ def _write_site(file: Path, noise: dict[str, float]) -> None:
     np.savetxt(file, table, delimiter=",", header=header, comments="", fmt="%.17g")
 
 
+@pytest.mark.slow
 def test_a_record_that_the_model_does_not_explain_ends_in_a_sentence_and_exit_code_1(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -59,6 +61,7 @@ def test_a_record_that_the_model_does_not_explain_ends_in_a_sentence_and_exit_co
     assert "intervals may not hold the truth" in shown
 
 
+@pytest.mark.slow
 def test_a_file_of_a_stranger_in_degrees_gives_a_twin(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -109,6 +112,7 @@ def test_what_cannot_be_is_one_sentence_and_leaves_no_file(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_coverage_counts_intervals_that_hold_the_truth(tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert identify.main(["--coverage", "2", "--workers", "1", "--out", str(out)]) == 0

@@ -86,18 +86,13 @@ def test_files_in_other_names_and_units_give_the_same_record(tmp_path: Path) -> 
         load_record(file, PRIOR.crane)
 
 
+@pytest.mark.slow
 def test_csv_parquet_and_mcap_of_a_run_give_the_same_record(tmp_path: Path) -> None:
     pytest.importorskip("mcap_ros2", reason="mcap-ros2-support is not installed")
     crane = PRIOR.crane
-    run = simulate(
-        crane,
-        hold_controller(crane),
-        start=crane.state(phi=0.1, theta=0.05),
-        duration=16.0,
-        control_period=0.01,
-        dt=1e-3,
-        engine="compiled",
-    )
+    start = crane.state(phi=0.1, theta=0.05)
+    run = simulate(crane, hold_controller(crane), start=start, duration=16.0, dt=1e-3,
+                   control_period=0.01, engine="compiled")  # fmt: skip
     files = [run.write(tmp_path / name) for name in ("run.csv", "run.parquet")]
     files.append(mcap.export(tmp_path / "run.mcap", crane, run))
     one, other, ros = (load_record(file, crane) for file in files)

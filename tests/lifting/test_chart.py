@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cranedyn.errors import CraneError, DataError, OutOfRange
-from cranedyn.lifting.chart import CHARTS, Chart, CutOut, Falls, assess_run, cut_outs, read_chart
+from cranedyn.lifting.chart import CHARTS, CutOut, Falls, assess_run, cut_outs, read_chart
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import crane, locked
 
@@ -27,13 +27,9 @@ def falls(draw: st.DrawFn) -> Falls:
     return Falls(2, np.cumsum(steps), np.sort(loads)[::-1].copy())
 
 
-def test_at_its_points_a_chart_says_what_the_maker_says() -> None:
-    rated = MCT88.on().at(np.array([20.1, 25.0, 29.9]))
-    np.testing.assert_allclose(rated, [3900.0, 2990.0, 2540.0], rtol=1e-15)
-    assert MCT88.on(2).at(5.0) == 3900.0
-
-
 def test_between_its_points_the_moment_is_a_straight_line() -> None:
+    rated = MCT88.on().at(np.array([5.0, 20.1, 25.0, 29.9]))  # the maker's points, the first inward
+    np.testing.assert_allclose(rated, [3900.0, 3900.0, 2990.0, 2540.0], rtol=1e-15)
     halfway = (20.1 + 25.0) / 2.0
     moment = (20.1 * 3900.0 + 25.0 * 2990.0) / 2.0
     assert MCT88.on().at(halfway) * halfway == pytest.approx(moment, rel=1e-14)
@@ -127,28 +123,7 @@ def test_what_is_no_chart_is_refused_in_a_sentence(
     assert str(caught.value).startswith(str(file))
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-@given(st.data())
-def test_whatever_is_changed_in_a_chart_is_a_chart_or_a_sentence(
-    tmp_path: Path, data: st.DataObject
-) -> None:
-    content = (CHARTS / "laboratory.toml").read_bytes()
-    at = data.draw(st.integers(0, len(content)))
-    cut = data.draw(st.integers(0, 20))
-    put = data.draw(
-        st.one_of(st.binary(max_size=8), st.sampled_from([b"nan", b"-1e999", b"9" * 5000]))
-    )
-    file = tmp_path / "chart.toml"
-    file.write_bytes(content[:at] + put + content[at + cut :])
-    try:
-        made = read_chart(file)
-    except DataError:
-        return
-    for one in made.reevings:
-        assert np.isfinite(one.at(np.linspace(one.least, one.radii[-1], 20))).all()
-
-
 def test_a_chart_without_these_falls_names_those_it_has() -> None:
     with pytest.raises(CraneError, match="There is no number of falls '3'; there are 2, 4"):
         LABORATORY.on(3)
-    assert isinstance(LABORATORY, Chart) and LABORATORY.on().count == 2
+    assert LABORATORY.on().count == 2

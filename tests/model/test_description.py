@@ -89,11 +89,7 @@ def test_the_urdf_is_plain(urdf: str) -> None:
     assert ET.fromstring(urdf).tag == "robot"
 
 
-def test_the_same_arguments_give_the_same_bytes(urdf: str) -> None:
-    description._expand_cached.cache_clear()
-    assert describe() == urdf
-
-
+@pytest.mark.slow
 def test_a_file_of_ours_is_expanded_once_and_again_when_it_has_changed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -114,6 +110,7 @@ def test_a_file_of_ours_is_expanded_once_and_again_when_it_has_changed(
     assert '<mass value="1001.0"/>' in describe(own)
 
 
+@pytest.mark.slow
 def test_an_interruption_in_the_midst_of_an_expansion_does_no_harm_to_the_next(
     urdf: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -145,14 +142,6 @@ def test_every_digit_of_a_value_arrives(small: Path) -> None:
     assert float(sphere.get("radius", "")) == value
 
 
-def test_a_value_reaches_the_mass_of_the_load() -> None:
-    mass = ET.fromstring(describe(values={"payload_mass": "2500"})).find(
-        "link[@name='hook_link']/inertial/mass"
-    )
-    assert mass is not None
-    assert float(mass.get("value", "")) == 2500.0
-
-
 def test_an_unknown_argument_is_refused_and_the_known_are_named() -> None:
     with pytest.raises(UnknownName, match="no argument 'payload_mas'") as caught:
         describe(values={"payload_mas": 1})
@@ -170,6 +159,7 @@ def test_a_mass_that_is_none_is_refused_with_its_unit_and_range(value: object) -
     assert (caught.value.name, caught.value.unit) == ("payload_mass", "kg")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value"),
     [("damp_swing", -1), ("dummy_mass", -1e-9), ("slew_init", "nan"), ("hoist_min", 0)],
@@ -179,6 +169,7 @@ def test_every_documented_range_is_watched(name: str, value: object) -> None:
         describe(values={name: value})
 
 
+@pytest.mark.slow
 def test_zero_is_allowed_where_the_comment_says_so(small: Path) -> None:
     assert {n: a.allowed for n, a in arguments().items()}["dummy_mass"] == ">= 0"
     assert '<mass value="0.0"/>' in describe(values={"dummy_mass": 0})
@@ -270,13 +261,7 @@ def test_bad_input_is_one_sentence_exit_code_2_and_no_file(
     assert files(tmp_path) == []
 
 
-def test_an_older_file_survives_a_refusal(tmp_path: Path) -> None:
-    path = tmp_path / "crane.urdf"
-    path.write_text("old")
-    assert main(["payload_mass:=-3", "-o", str(path)]) == 2
-    assert path.read_text() == "old"
-
-
+@pytest.mark.slow
 def test_the_module_runs_as_a_command() -> None:
     run = subprocess.run(
         [sys.executable, "-m", "cranedyn.model.description", "hoist_init:=-1"],

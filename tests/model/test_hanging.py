@@ -127,6 +127,7 @@ def test_what_would_fall_does_not_hang_and_starts_where_its_description_says() -
         stuck.hanging(np.array([5.0, 0.5, 10.0]))
 
 
+@pytest.mark.slow
 @both
 @pytest.mark.parametrize("engine", ["pinocchio", FAST])
 def test_an_lqr_about_rest_moves_no_load_that_hangs_at_rest(text: str, engine: EngineName) -> None:
@@ -139,6 +140,7 @@ def test_an_lqr_about_rest_moves_no_load_that_hangs_at_rest(text: str, engine: E
     )
 
 
+@pytest.mark.slow
 @both
 def test_a_move_of_least_time_ends_at_rest_where_the_load_hangs(text: str) -> None:
     pytest.importorskip("casadi", reason="extra optimal (casadi) is not installed")
@@ -166,6 +168,7 @@ RATES = {
 }
 
 
+@pytest.mark.slow
 @both
 def test_predictive_control_takes_a_load_to_where_it_hangs(text: str) -> None:
     pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
@@ -189,6 +192,7 @@ def test_predictive_control_takes_a_load_to_where_it_hangs(text: str) -> None:
     assert np.abs(crane.swing_angles(batch.q)).max() < 0.1
 
 
+@pytest.mark.slow
 def test_the_swing_of_a_run_counts_from_where_the_load_hangs() -> None:
     pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
     from cranedyn.compiled.batch import simulate_batch

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
@@ -28,11 +28,8 @@ def crane() -> Crane:
 
 
 def corners(*size: float) -> np.ndarray:
-    return (
-        np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-        * np.array(size)
-        / 2.0
-    )
+    signs = [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    return np.array(signs) * np.array(size) / 2.0
 
 
 LOAD = corners(1.0, 1.0, 1.0)
@@ -58,6 +55,13 @@ def clearance(*solids: Any, **changes: Any) -> Clearance:
     return Clearance(crane(), site(*solids, **changes))
 
 
+def load_corners(asked: Clearance, q: np.ndarray) -> np.ndarray:
+    """Where Pinocchio has the corners of the load, in the frame of the crane [m]."""
+    data = crane().model.createData()
+    pin.forwardKinematics(crane().model, data, q)
+    return asked.bodies.load @ data.oMi[5].rotation.T + data.oMi[5].translation
+
+
 @cache
 def lift() -> Lift:
     return plan_lift(site(WALL), LIMITS, crane=crane())
@@ -70,9 +74,4 @@ def certificate() -> Certificate:
 
 def with_wall(by: float) -> Clearance:
     """The site of the lift with its wall higher by so much [m]."""
-    return Clearance(
-        crane(),
-        replace(
-            lift().clearance.site, solids=(box("wall", (14.0, 0.0), (14.0, 1.0, 8.0 + by), 0.0),)
-        ),
-    )
+    return Clearance(crane(), site(box("wall", (14.0, 0.0), (14.0, 1.0, 8.0 + by), 0.0)))

@@ -10,6 +10,7 @@ import pytest
 from experiments import lift_benchmark
 
 
+@pytest.mark.long
 def test_a_random_site_is_planned_certified_and_set_beside_other_means(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

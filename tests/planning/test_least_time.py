@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,19 +16,21 @@ from cranedyn.interfaces import State
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
 from tests.helpers import big_crane, crane
-from tests.planning.sites import LIMITS, certificate, clearance, lift
+from tests.planning.sites import LIMITS, clearance, lift
 
 ca = pytest.importorskip("casadi", reason="CasADi is not installed")
 
 from cranedyn.planning import transcription  # noqa: E402
 from cranedyn.planning.certificate import ARRIVAL_SWING, certify  # noqa: E402
 from cranedyn.planning.clearance import Clearance  # noqa: E402
+from cranedyn.planning.drive_trajectory import DriveTrajectory  # noqa: E402
 from cranedyn.planning.half_spaces import half_spaces  # noqa: E402
 from cranedyn.planning.least_time import in_least_time  # noqa: E402
-from cranedyn.planning.lift import Lift  # noqa: E402
-from cranedyn.planning.move import Move, Preference  # noqa: E402
+from cranedyn.planning.move import USUAL, Move, Preference  # noqa: E402
 from cranedyn.planning.optimal import optimal  # noqa: E402
 from cranedyn.planning.proof import Unproven, unproven_row  # noqa: E402
+
+pytestmark = pytest.mark.slow
 
 RATE, ACCELERATION = 1.0, 0.4
 """Of the hoist."""
@@ -55,11 +56,10 @@ def hoisted(way: float, *, first: float = 0.0, last: float = 0.0, **how: Any) ->
     return optimal(crane(), start, goal, LIMITS, still=("gamma", "x"), interval=0.5, **how)
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- closed forms and bounds
+# --- closed forms and bounds ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("way", [0.7, 2.0])
+@pytest.mark.parametrize("way", [1.0, 2.0])
 def test_without_a_ramp_a_short_move_of_one_drive_is_bang_bang(
     monkeypatch: pytest.MonkeyPatch, way: float
 ) -> None:
@@ -84,20 +84,6 @@ def test_without_a_ramp_a_long_move_of_one_drive_takes_the_time_of_a_trapezoid(
     assert least * (1.0 - 1e-6) < found[0] < least + 2.0 * ACCELERATION * 0.5**2 / 8.0 / RATE
 
 
-def test_finer_intervals_take_less_time_and_less_is_gained_each_time(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    found = durations(monkeypatch)
-    start, goal = crane().state(x=10.0, l=15.0), crane().state(x=15.0, l=15.0)
-    for interval in (1.0, 0.5, 0.25):
-        still = ("gamma", "l")
-        optimal(crane(), start, goal, LIMITS, still=still, ramp=1.0, interval=interval)
-    coarse, middle, fine = found
-    # Halves of intervals can do all that the wholes do.
-    assert fine < middle < coarse
-    assert middle - fine < 0.5 * (coarse - middle) < 0.01 * fine
-
-
 def test_no_combined_move_takes_less_than_its_slew_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     found = durations(monkeypatch)
     start, goal = crane().state(x=15.0, l=15.0), crane().state(gamma=0.6, x=12.0, l=15.0)
@@ -120,10 +106,6 @@ def test_a_preference_costs_no_more_time_than_it_is_worth(monkeypatch: pytest.Mo
     assert found[0] <= found[1] * (1.0 + worth[0])
     swings = [float((motion.q[:, 2:4] ** 2).sum()) for motion in motions]
     assert swings[1] < swings[0]
-
-
-# --------------------------------------------------------------------------------------------------
-# ---------------- in motion
 
 
 def test_a_move_that_begins_in_motion_takes_what_is_left_of_a_trapezoid(
@@ -151,15 +133,12 @@ def test_a_move_that_ends_in_motion_ends_so_in_a_row() -> None:
     assert motion.v[-2, 4] == pytest.approx(-RATE, abs=1e-5)
 
 
-@cache
-def swung() -> tuple[State, Motion]:
-    start = crane().state(x=12.0, l=15.0, phi=0.05, phi_dot=0.02)
-    goal = crane().state(x=12.0, l=15.0)
-    return start, optimal(crane(), start, goal, LIMITS, still=("gamma", "l"), interval=0.5)
-
-
 def test_a_swinging_load_is_brought_to_rest_where_it_hangs() -> None:
-    start, motion = swung()
+    start, goal = (
+        crane().state(x=12.0, l=15.0, phi=0.05, phi_dot=0.02),
+        crane().state(x=12.0, l=15.0),
+    )
+    motion = optimal(crane(), start, goal, LIMITS, still=("gamma", "l"), interval=0.5)
     assert motion.q[0].tolist() == start.q.tolist() and motion.v[0].tolist() == start.v.tolist()
     assert max(use(crane(), motion, LIMITS).values()) < 1.0 + 1e-6
     amplitude = np.hypot(motion.q[-2, 2], motion.v[-2, 2] * np.sqrt(15.0 / crane().gravity))
@@ -175,20 +154,14 @@ def test_a_move_ends_swinging_as_asked() -> None:
     assert motion.q[-2, 2] + motion.period * motion.v[-2, 2] == pytest.approx(-0.05, abs=2e-6)
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- obstacles
-
-
-@cache
-def shorter() -> Lift:
-    return in_least_time(lift())
+# --- obstacles ------------------------------------------------------------------------------------
 
 
 def test_a_lift_in_least_time_is_certified_and_near_what_the_drives_alone_need() -> None:
-    made = certify(shorter())
+    made = certify(in_least_time(lift()))
     assert [check.sentence for check in made.checks if not check.holds] == []
-    assert made.residual_swing < ARRIVAL_SWING and certificate().holds
-    planned, least = lift().timed, shorter().timed
+    assert made.residual_swing < ARRIVAL_SWING
+    planned, least = lift().timed, made.lift.timed
     assert least.bound < least.motion.arrival < 0.95 * planned.motion.arrival
     assert least.motion.arrival < 1.05 * least.bound
     assert max(least.shares.values()) <= 1.0 + 1e-3
@@ -267,10 +240,6 @@ def test_ends_that_are_too_near_to_something_are_refused() -> None:
         optimal(crane(), start, low, LIMITS, clearance=asked)
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- interruptions, senseless weights
-
-
 def test_an_interruption_of_the_optimiser_is_one_and_no_failure(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -296,10 +265,7 @@ def test_an_interruption_of_the_optimiser_is_one_and_no_failure(
     ("weights", "sentence"),
     [
         ({"swing": -1.0}, r"weight of the swing is -1\.0; allowed is >= 0"),
-        (
-            {"swing": 0.0, "acceleration": 0.0, "jerk": 0.0},
-            r"sum of the weights is 0\.0; allowed is > 0",
-        ),
+        ({"swing": 0.0, "acceleration": 0.0, "jerk": 0.0}, r"sum of the weights is 0\.0; allowed"),
         ({"longer": 0.5}, r"longer is 0\.5; allowed is 0 to 0\.1"),
     ],
 )
@@ -311,20 +277,13 @@ def test_weights_that_make_no_sense_are_refused(weights: dict[str, float], sente
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_drives_reach_no_farther_between_two_times_than_is_said(seed: int) -> None:
-    from cranedyn.planning.drive_trajectory import DriveTrajectory
-    from cranedyn.planning.move import USUAL, Move
-
     rng = np.random.default_rng(seed)
-    ones = np.ones(3)
-    point = big_crane()
+    ones, of = np.ones(3), big_crane()
     jerk = ones if seed % 2 else None
-    move = Move(point, point.start, point.start, np.arange(3), ones, ones, jerk, 0.1, USUAL, 1e-3)
-    driven = DriveTrajectory(
-        move,
-        transcription.CollocationPlan(
-            rng.uniform(0.1, 1.0, 8), rng.normal(size=(8, 3)), np.zeros((25, 13))
-        ),
-    )
+    move = Move(of, of.start, of.start, np.arange(3), ones, ones, jerk, 0.1, USUAL)
+    durations, controls = rng.uniform(0.1, 1.0, 8), rng.normal(size=(8, 3))
+    plan = transcription.CollocationPlan(durations, controls, np.zeros((25, 13)))
+    driven = DriveTrajectory(move, plan)
     low, high = np.sort(rng.uniform(0.0, driven.duration, 2))
     there = np.array([driven.at(t) for t in np.linspace(low, high, 101)])
     off = np.abs(there - driven.at((low + high) / 2.0)).max(axis=0)

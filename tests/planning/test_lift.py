@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,11 +19,11 @@ from cranedyn.estimation.sensor_model import with_sensor_model
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
 from cranedyn.planning import search
+from cranedyn.planning.bodies import neighbour
 from cranedyn.planning.certificate import ARRIVAL_SWING, Certificate, certify, controller_of
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import straight_time
-from cranedyn.planning.lift import RESERVE, NoWay, _way, plan_lift
-from cranedyn.planning.neighbour import neighbour
+from cranedyn.planning.lift import RESERVE, NoWay, _ways, plan_lift
 from cranedyn.planning.perturbed import (
     HOIST_INTEGRAL,
     Perturbed,
@@ -40,14 +38,12 @@ from cranedyn.planning.perturbed import (
 )
 from cranedyn.planning.proof import Line, unproven_parameter, unproven_row
 from cranedyn.planning.solids import body, box, prism
-from cranedyn.planning.timing import STEP, load_motion
+from cranedyn.planning.timing import STEP
 from cranedyn.references.limits import use
-from cranedyn.simulation.simulate import simulate
 from experiments import lift as experiment
-from tests.helpers import FAST, G
+from tests.helpers import FAST, G, quickly
 from tests.planning.sites import (
     LIMITS,
-    RATES,
     WALL,
     certificate,
     corners,
@@ -57,7 +53,7 @@ from tests.planning.sites import (
     with_wall,
 )
 
-ROOT = Path(__file__).parents[2]
+pytestmark = pytest.mark.slow
 
 
 def red(certified: Certificate) -> list[str]:
@@ -81,28 +77,15 @@ def test_a_lift_over_a_wall_is_certified() -> None:
     assert lift().clearance.point(lift().timed.places)[:, 2].max() > 8.0 + 0.5 + 0.5
 
 
-def test_perturbed_lifts_by_many_threads_are_those_by_one() -> None:
-    alone, shared = (perturb(certificate(), 120, threads=threads) for threads in (1, 4))
-    np.testing.assert_array_equal(shared.least, alone.least)
-    np.testing.assert_array_equal(shared.swing, alone.swing)
-
-
 @pytest.mark.parametrize("count", [0, 10**10, pytest.param(10**5000, id="endless")])
 def test_more_lifts_than_fit_are_refused(count: int) -> None:
     with pytest.raises(CraneError, match="number of lifts is"):
         perturb(certificate(), count)
 
 
-@pytest.mark.parametrize(("gravity", "words"), [(1e-12, "more than 100000 s"), (1e-310, "more")])
-def test_a_lift_that_takes_days_is_refused(gravity: float, words: str) -> None:
-    with pytest.raises(CraneError, match=words):
-        plan_lift(site(), LIMITS, crane=load_crane(gravity=gravity))
-
-
-def test_a_load_of_any_weight_is_carried_alike() -> None:
-    heavy = Clearance(load_crane(gravity=1e300), site())
-    motion = load_motion(heavy, lift().timed.places, STEP)
-    assert np.abs(motion.q[:, heavy.crane.swings]).max() < 1e-250
+def test_a_lift_that_takes_days_is_refused() -> None:
+    with pytest.raises(CraneError, match="more than 100000 s"):
+        plan_lift(site(), LIMITS, crane=load_crane(gravity=1e-12))
 
 
 def test_every_leg_curve_and_motion_of_a_lift_is_proven() -> None:
@@ -135,24 +118,19 @@ def test_a_lift_is_measured_against_the_shorter_way_round_whichever_way_it_goes(
     # A cell of half a second more at both ends.
     assert made.on_grid - 1.0 <= made.way <= 1.02 * made.on_grid
     round_about = made.ends - np.array([[0.0, 0.0, 0.0], [2.0 * math.pi, 0.0, 0.0]])
-    long = _way(made.clearance, round_about, made.slews, RATES, 0.5, LIMITS, 5e-3)
-    assert long is not None
+    long = min(
+        _ways(made.clearance, round_about, made.slews, LIMITS, 0.5, 5e-3),
+        key=lambda lift: lift.timed.motion.arrival,
+    )
     assert long.least == pytest.approx(made.least, rel=1e-12)
     assert long.timed.motion.arrival > 1.4 * long.least
 
 
-def test_a_lift_planned_after_another_is_that_of_a_process_of_its_own() -> None:
-    code = (
-        "from tests.planning.sites import *;"
-        "made = plan_lift(site(WALL), LIMITS, crane=crane());"
-        "print(made.points.tolist(), made.timed.motion.arrival)"
-    )
-    there = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
-    )
+def test_a_lift_planned_after_another_is_the_same_to_the_last_bit() -> None:
+    before = lift()
     plan_lift(site(WALL, start=np.array([9.0, -12.0, 4.0])), LIMITS, crane=crane())
     again = plan_lift(site(WALL), LIMITS, crane=crane())
-    assert there.stdout == f"{again.points.tolist()} {again.timed.motion.arrival}\n"
+    np.testing.assert_array_equal(again.timed.motion.q, before.timed.motion.q)
 
 
 def test_the_load_goes_where_the_plan_says_and_arrives_without_swing_in_pinocchio_too() -> None:
@@ -161,20 +139,12 @@ def test_the_load_goes_where_the_plan_says_and_arrives_without_swing_in_pinocchi
     assert certified.holds
     run, other = certified.run, certificate().run
     assert np.abs(run.q - other.q).max() < 2e-3  # steps of 1 ms instead of 0.5 ms
-    points = made.clearance.point(made.timed.places)
-    rows = np.searchsorted(run.t, STEP * np.arange(len(points) - 1) - 1e-9)
-    # hoisting is right to first order
-    assert (
-        max(
-            np.linalg.norm(payload_position(crane(), run.q[row]) - point)
-            for row, point in zip(rows[::50], points[::50], strict=False)
-        )
-        < 0.02
-    )
-    swing = swing_amplitude(
-        other.q[-1:, 2:4], other.v[-1:, 2:4], float(other.q[-1, 4]), crane().gravity
-    )
-    assert float(swing[0]) < ARRIVAL_SWING
+    points = made.clearance.point(made.timed.places)[:-1:50]
+    rows = np.searchsorted(run.t, 50 * STEP * np.arange(len(points)) - 1e-9)
+    carried = np.array([payload_position(crane(), run.q[row]) for row in rows])
+    assert np.linalg.norm(carried - points, axis=1).max() < 0.02  # hoisting is of first order
+    at_rest = other.q[-1:, 2:4], other.v[-1:, 2:4], float(other.q[-1, 4]), crane().gravity
+    assert float(swing_amplitude(*at_rest)[0]) < ARRIVAL_SWING
 
 
 def test_a_wall_moved_by_a_metre_into_the_plan_turns_its_certificate_red() -> None:
@@ -213,28 +183,15 @@ def test_a_start_too_near_to_a_zone_names_the_zone() -> None:
         plan_lift(site(WALL, ROAD), LIMITS, crane=crane())
 
 
-def test_a_tower_put_into_the_way_of_the_jib_turns_the_certificate_red() -> None:
+def test_a_tower_in_the_way_of_the_jib_and_a_swing_at_the_arrival_turn_a_certificate_red() -> None:
     tower = box("tower", (22.0, 0.0), (4.0, 4.0, 40.0), 0.0)
-    there = replace(lift().clearance.site, solids=(*lift().clearance.site.solids, tower))
-    assert any(
-        "the jib comes too near to tower" in sentence
-        for sentence in red(certify(lift(), Clearance(crane(), there)))
-    )
-
-
-def test_a_swing_at_the_arrival_turns_the_certificate_red() -> None:
-    weak = controller_of(lift())
-    off = replace(
-        weak,
-        tracking=replace(
-            weak.tracking,
-            gain=0.3 * weak.tracking.gain,
-            setpoint=weak.tracking.setpoint + 0.05 * np.eye(10)[1],
-        ),
-    )
-    assert any(
-        "At the arrival it swings" in sentence for sentence in red(certify(lift(), controller=off))
-    )
+    there = Clearance(crane(), site(WALL, tower))
+    strong = controller_of(lift())
+    gain, setpoint = strong.tracking.gain, strong.tracking.setpoint
+    weak = replace(strong.tracking, gain=0.3 * gain, setpoint=setpoint + 0.05 * np.eye(10)[1])
+    sentences = " ".join(red(certify(lift(), there, controller=replace(strong, tracking=weak))))
+    assert "the jib comes too near to tower" in sentences
+    assert "At the arrival it swings" in sentences
 
 
 # --- no way ---------------------------------------------------------------------------------------
@@ -244,30 +201,29 @@ def test_a_swing_at_the_arrival_turns_the_certificate_red() -> None:
     ("changes", "sentence"),
     [
         (
-            {"start": np.array([6.0, -12.0, 1.7])},
-            r"At the start the load is 1\.20 m from ground; required are 0\.5 m, and 0\.\d\d m for "
-            r"a swing of 2°",
+            {"start": (6.0, -12.0, 1.7)},
+            r"At the start the load is 1\.20 m from ground; required are 0\.5 m, and 0\.\d\d m for",
         ),
-        (
-            {"goal": np.array([14.0, 0.5, 4.0])},
-            "At the goal the (load|hook) is 0.00 m from wall; required are 0.5 m",
-        ),
-        (
-            {"goal": np.array([30.0, 0.0, 4.0])},
-            r"trolley radius for the goal .* is 30\.0 m; allowed is 2 to 22",
-        ),
-        (
-            {"goal": np.array([10.0, 10.0, 27.0])},
-            r"cable length for the goal .* allowed is 3\.4 to 26\.4",
-        ),
+        ({"goal": (14.0, 0.5, 4.0)}, "At the goal the (load|hook) is 0.00 m from wall; required"),
+        ({"goal": (30.0, 0.0, 4.0)}, r"trolley radius for the goal .* is 30\.0 m; allowed is 2 to"),
+        ({"goal": (10.0, 10.0, 27.0)}, r"cable length for the goal .* allowed is 3\.4 to 26\.4"),
         ({"start": None}, "does not say where the start of the lift is"),
+        (  # the hook, on top of the load, would be in the trolley
+            {
+                "load": corners(1.0, 1.0, 21.0),
+                "goal": (6.0, 12.0, 20.0),
+                "start": (6.0, -12.0, 14.0),
+            },
+            r"cable length for the goal .* is 8\.0 m; allowed is 12\.\d* to 26\.4",
+        ),
     ],
 )
 def test_what_is_no_lift_is_refused_in_a_sentence(
     changes: dict[str, object], sentence: str
 ) -> None:
+    given = {name: None if end is None else np.array(end) for name, end in changes.items()}
     with pytest.raises(CraneError, match=sentence):
-        plan_lift(site(WALL, **changes), LIMITS, crane=crane())
+        plan_lift(site(WALL, **given), LIMITS, crane=crane())
 
 
 def test_a_load_inside_of_a_mesh_is_refused() -> None:
@@ -306,54 +262,21 @@ def test_a_load_wider_than_every_gap_is_told_so(monkeypatch: pytest.MonkeyPatch)
         plan_lift(here, LIMITS, crane=crane())
 
 
-def test_a_load_too_tall_for_the_crane_is_refused_where_its_hook_would_be_in_the_trolley() -> None:
-    with pytest.raises(
-        CraneError, match=r"cable length for the goal .* is 8\.0 m; allowed is 12\.\d* to 26\.4"
-    ):
-        plan_lift(
-            site(
-                load=corners(1.0, 1.0, 21.0),
-                goal=np.array([6.0, 12.0, 20.0]),
-                start=np.array([6.0, -12.0, 14.0]),
-            ),
-            LIMITS,
-            crane=crane(),
-        )
-
-
 def test_a_goal_behind_the_neighbours_jib_names_it() -> None:
     towers = [
         box(name, (x, y), (3.0, 3.0, 40.0), 0.0)
         for name, x, y in (("east", 20.0, 0.0), ("west", -20.0, 0.0))
     ]
-    with pytest.raises(
-        NoWay,
-        match=r"The jib cannot turn to the goal: west and east is in its way on both sides|east "
-        r"and west",
-    ):
+    with pytest.raises(NoWay, match=r"cannot turn to the goal: (west and east|east and west) is"):
         plan_lift(site(*towers), LIMITS, crane=crane())
 
 
-@pytest.mark.parametrize(
-    ("other", "sentence"),
-    [
-        (
-            {"hook_mass": 300.0},
-            r"A planned lift is made for a tower crane of five joints; this one also moves in ",
-        ),
-        (
-            {"rope_stiffness": 1e7},
-            r"A planned lift is made for a tower crane of five joints; this one also moves in "
-            r"rope_stretch_joint",
-        ),
-    ],
-)
-def test_a_crane_of_other_joints_is_refused_in_a_sentence(
-    other: dict[str, float], sentence: str
-) -> None:
-    with pytest.raises(ModelError, match=sentence):
+@pytest.mark.parametrize("other", [{"hook_mass": 300.0}, {"rope_stiffness": 1e7}])
+def test_a_crane_of_other_joints_is_refused_in_a_sentence(other: dict[str, float]) -> None:
+    sentence = " is made for a tower crane of five joints; this one also moves in "
+    with pytest.raises(ModelError, match=f"A planned lift{sentence}"):
         plan_lift(site(WALL), LIMITS, crane=load_crane(**other))  # type: ignore[arg-type]
-    with pytest.raises(ModelError, match=sentence.replace("planned lift", "parked neighbour")):
+    with pytest.raises(ModelError, match=f"A parked neighbour{sentence}"):
         neighbour("n", np.zeros(3), 0.0, {"slew": 0.0, "trolley": 0.0, "cable": 0.0}, other)
 
 
@@ -366,26 +289,13 @@ def test_lifts_that_are_as_planned_are_as_near_as_planned() -> None:
     # a load that moves through still air is held back a little; between rows it is taken to be
     # nearer by half of its way of 0.1 s
     assert np.ptp(same.least) < 1e-6
-    assert (
-        certificate().nearest.distance - 0.25
-        < same.least[0]
-        <= certificate().nearest.distance + 1e-3
-    )
+    assert -0.25 < same.least[0] - certificate().nearest.distance <= 1e-3
 
 
-def test_perturbed_lifts_are_repeatable_and_a_storm_is_not_survived() -> None:
-    calm, again = (perturb(certificate(), 40, seed=3) for _ in range(2))
+def test_perturbed_lifts_by_many_threads_are_those_by_one_and_a_storm_is_not_survived() -> None:
+    calm, again = (perturb(certificate(), 40, seed=3, threads=threads) for threads in (1, 4))
     np.testing.assert_array_equal(calm.least, again.least)
-    assert set(calm.drawn) == {
-        "load",
-        "cable_m",
-        "wind_m_s",
-        "gust_m_s",
-        "gust_at_s",
-        "gust_lasts_s",
-        "direction_rad",
-        "late_s",
-    }
+    np.testing.assert_array_equal(calm.swing, again.swing)
     storm = perturb(certificate(), 40, seed=3, spread=Spread(wind=15.0, gust=40.0))
     assert storm.failures > calm.failures
     assert storm.interval()[1] > calm.interval()[1]
@@ -396,11 +306,8 @@ def test_a_perturbed_lift_is_what_the_plain_loop_makes_of_it() -> None:
     are really late.
     """
     made, load, cable, delay = lift(), 1.3, 0.4, 4
-    heavy, motion, control = (
-        _crane(crane(), load),
-        made.timed.motion,
-        controller_of(lift(), dt=1e-3),
-    )
+    heavy, motion = _crane(crane(), load), made.timed.motion
+    control = controller_of(lift(), dt=1e-3)
     weight = (load - 1.0) * crane().payload_mass * crane().gravity
     remembered = replace(control, integral=-weight / HOIST_INTEGRAL)
 
@@ -414,27 +321,14 @@ def test_a_perturbed_lift_is_what_the_plain_loop_makes_of_it() -> None:
     behind = with_sensor_model(
         made.crane, misread, delay=delay, noise=np.zeros(10), rng=np.random.default_rng(0)
     )
-    duration = motion.arrival + 5.0
-    run = simulate(
-        heavy,
-        behind,
-        motion,
-        start=State(q, np.zeros(5)),
-        duration=duration,
-        dt=1e-3,
-        engine="compiled",
-    )
+    duration, start = motion.arrival + 5.0, State(q, np.zeros(5))
+    run = quickly(heavy, behind, motion, start=start, duration=duration, dt=1e-3)
+    drawn = dict.fromkeys(("wind_m_s", "gust_m_s", "gust_at_s", "direction_rad"), np.zeros(1))
+    drawn |= {"load": np.array([load]), "cable_m": np.array([cable]), "gust_lasts_s": np.ones(1)}
     off = []
     for seconds in (delay * motion.period, 0.0):
-        alone = dict.fromkeys(("wind_m_s", "gust_m_s", "gust_at_s", "direction_rad"), np.zeros(1))
-        drawn = {
-            **alone,
-            "load": np.array([load]),
-            "cable_m": np.array([cable]),
-            "late_s": np.array([seconds]),
-            "gust_lasts_s": np.ones(1),
-        }
-        batch, _ = _batch(made, control, drawn, {load: heavy}, 1e-3)
+        late_by = {"late_s": np.array([seconds])}
+        batch, _ = _batch(made, control, drawn | late_by, {load: heavy}, 1e-3)
         rows = np.searchsorted(run.t, batch.t - 1e-9)
         off.append(float(made.clearance.displacement(batch.q[0], run.q[rows]).max()))
     # half a kilogram force of still air's drag, and what the delay does to what was not planned
@@ -476,9 +370,7 @@ def test_late_sensors_see_what_was_planned_a_while_ago() -> None:
     np.testing.assert_allclose(late(nominal, 0.0).setpoint, table)
 
 
-def test_the_interval_of_no_case_in_many_is_that_of_the_closed_form() -> None:
-    none = Perturbed(np.full(10_000, 1.0), 0.5, {}, np.zeros(10_000))
-    assert none.interval() == (0.0, pytest.approx(1.0 - 0.025 ** (1.0 / 10_000)))
+def test_a_lift_that_failed_counts_as_one_that_came_too_near() -> None:
     assert Perturbed(np.array([1.0, math.nan, 0.4]), 0.5, {}, np.zeros(3)).failures == 2
 
 
@@ -537,38 +429,20 @@ def test_the_experiment_leaves_tables_figures_runs_and_a_recording_with_the_site
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["--site", "nowhere.toml"], "Cannot read nowhere.toml"),
-        (["--from", "1", "2", "3"], "--from is for one site; give one with --site"),
-        (["--lifts", "-1"], "lifts is -1"),
+        ("--site nowhere.toml", "Cannot read nowhere.toml"),
+        ("--from 1 2 3", "--from is for one site; give one with --site"),
+        ("--lifts -1", "lifts is -1"),
+        ("--site yard.toml --from 14 -2 4", "is 0.00 m from wall"),
     ],
 )
-def test_the_experiment_refuses_in_a_sentence(
-    arguments: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_the_experiment_refuses_in_a_sentence_and_leaves_nothing(
+    arguments: str,
+    sentence: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert experiment.main([*arguments, "--out", str(tmp_path / "out")]) == 2
-    assert sentence in capsys.readouterr().err
-
-
-def test_an_experiment_whose_load_cannot_start_leaves_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "yard.toml").write_text(SITE)
-    out = tmp_path / "out"
-    assert (
-        experiment.main(
-            ["--site", str(tmp_path / "yard.toml"), "--from", "14", "-2", "4", "--out", str(out)]
-        )
-        == 2
-    )
-    assert "is 0.00 m from wall" in capsys.readouterr().err
-    assert not out.exists()
-
-
-def test_lengths_of_places_are_those_of_the_plan() -> None:
-    assert lift().crane.layout.symbols[lift().clearance.joints.hoist] == "l"
-    assert [lift().crane.layout.symbols[i] for i in lift().clearance.drive_joints] == [
-        "gamma",
-        "x",
-        "l",
-    ]
-    assert corners(2.0, 4.0, 6.0).max(axis=0).tolist() == [1.0, 2.0, 3.0]
+    monkeypatch.chdir(tmp_path)
+    Path("yard.toml").write_text(SITE)
+    assert experiment.main([*arguments.split(), "--out", "out"]) == 2
+    assert sentence in capsys.readouterr().err and not Path("out").exists()

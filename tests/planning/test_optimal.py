@@ -19,9 +19,8 @@ from scipy.optimize import linprog
 
 from cranedyn.controllers import lqr
 from cranedyn.dynamics import pinocchio as dynamics
-from cranedyn.errors import CraneError, ModelError
+from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
-from cranedyn.model.crane import Crane
 from cranedyn.references import Motion
 from cranedyn.references.flat import flat
 from cranedyn.references.limits import Limits, fastest, use
@@ -29,8 +28,11 @@ from tests.helpers import G, accelerations, big_crane, crane, quickly, states
 
 ca = pytest.importorskip("casadi", reason="CasADi is not installed")
 
-from cranedyn.planning import symbolic, transcription  # noqa: E402
+from cranedyn.planning import transcription  # noqa: E402
+from cranedyn.planning.move import hybrid_dynamics, rnea  # noqa: E402
 from cranedyn.planning.optimal import optimal  # noqa: E402
+
+pytestmark = pytest.mark.slow
 
 LIMITS = Limits((0.0838, 1.583, 1.0), (0.02, 0.4, 0.4))
 RAMP = 0.5
@@ -70,7 +72,7 @@ def squared_swing(motion: Motion) -> float:
 @cache
 def _symbolic_rnea(model: pin.Model) -> Any:
     q, v, a = (ca.SX.sym(name, model.nv) for name in "qva")
-    return ca.Function("rnea", [q, v, a], [symbolic.rnea(model, q, v, a)])
+    return ca.Function("rnea", [q, v, a], [rnea(model, q, v, a)])
 
 
 @given(states, accelerations)
@@ -80,13 +82,8 @@ def test_symbolic_inverse_dynamics_is_pinocchios_on_the_crane(
     a = np.array([drives[0], drives[1], 0.3, -0.2, drives[2]])
     model = crane().model
     theirs = pin.rnea(model, crane().data, *state, a)
-    # rounding of some hundred operations
-    np.testing.assert_allclose(
-        _symbolic_rnea(model)(*state, a).full().ravel(),
-        theirs,
-        rtol=0,
-        atol=1e-12 * np.abs(theirs).max(),
-    )
+    ours, size = _symbolic_rnea(model)(*state, a).full().ravel(), np.abs(theirs).max()
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12 * size)  # some hundred roundings
 
 
 def test_symbolic_inverse_dynamics_is_pinocchios_on_an_arm_with_turned_joints_and_armature() -> (
@@ -99,12 +96,8 @@ def test_symbolic_inverse_dynamics_is_pinocchios_on_an_arm_with_turned_joints_an
         model.inertias[i] = pin.Inertia.Random()
     for q, v, a in rng.normal(size=(20, 3, model.nv)):
         theirs = pin.rnea(model, model.createData(), q, v, a)
-        np.testing.assert_allclose(
-            _symbolic_rnea(model)(q, v, a).full().ravel(),
-            theirs,
-            rtol=0,
-            atol=1e-12 * np.abs(theirs).max(),
-        )
+        ours, size = _symbolic_rnea(model)(q, v, a).full().ravel(), np.abs(theirs).max()
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12 * size)
 
 
 @given(states, accelerations)
@@ -113,9 +106,7 @@ def test_symbolic_swing_under_prescribed_drives_is_that_of_the_dynamics_with_dam
 ) -> None:
     damped = crane(damp_slew=3e4, damp_trolley=200.0, damp_swing=5e3, damp_hoist=700.0)
     q, v, a = ca.SX.sym("q", 5), ca.SX.sym("v", 5), ca.SX.sym("a", 3)
-    ours = ca.Function("prescribed", [q, v, a], symbolic.hybrid_dynamics(damped, q, v, a))(
-        *state, drives
-    )
+    ours = ca.Function("prescribed", [q, v, a], hybrid_dynamics(damped, q, v, a))(*state, drives)
     for one, other in zip(
         ours, dynamics.prescribed_acceleration(damped, state, drives), strict=True
     ):
@@ -125,19 +116,11 @@ def test_symbolic_swing_under_prescribed_drives_is_that_of_the_dynamics_with_dam
         )
 
 
-def test_a_joint_of_several_coordinates_is_refused() -> None:
-    model = pin.buildSampleModelHumanoid()
-    with pytest.raises(ModelError, match="with one degree of freedom each"):
-        symbolic.rnea(
-            model, ca.SX.sym("q", model.nq), ca.SX.sym("v", model.nv), ca.SX.sym("a", model.nv)
-        )
-
-
 def test_without_casadi_a_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "casadi", None)
-    monkeypatch.delitem(sys.modules, "cranedyn.planning.symbolic")
+    monkeypatch.delitem(sys.modules, "cranedyn.planning.transcription")
     with pytest.raises(CraneError, match=r"pip install 'cranedyn\[optimal\]'"):
-        importlib.import_module("cranedyn.planning.symbolic")
+        importlib.import_module("cranedyn.planning.transcription")
 
 
 # --- transcription --------------------------------------------------------------------------------
@@ -177,16 +160,9 @@ def test_the_bridge_crane_switches_when_the_published_bang_bang_solution_does() 
     plan = bridge(4, 10)
     np.testing.assert_allclose(plan.controls.ravel(), [1.0, -1.0, 1.0, -1.0], atol=1e-6)
     # order 5 with steps of 0.3 s leaves 1e-6 s, the published digits 1e-8 s
-    np.testing.assert_allclose(
-        np.cumsum(plan.durations),
-        [2.98534056, 4.29005132, 5.59476207, 8.58010264],
-        rtol=0,
-        atol=1e-5,
-    )
-
-
-def test_the_bridge_crane_finds_the_time_without_being_told_how_often_to_switch() -> None:
-    # twice the intervals, steps of up to 0.6 s: 32 times the error
+    switches = [2.98534056, 4.29005132, 5.59476207, 8.58010264]
+    np.testing.assert_allclose(np.cumsum(plan.durations), switches, rtol=0, atol=1e-5)
+    # not told how often to switch; steps of up to 0.6 s: 32 times the error
     assert bridge(8, 5).durations.sum() == pytest.approx(8.58010264, abs=1e-4)
 
 
@@ -200,25 +176,14 @@ def test_equal_intervals_cost_the_bridge_crane_less_the_more_there_are() -> None
 
 def test_what_cannot_be_reached_is_unsolved_and_the_status_is_told() -> None:
     x, u, gap = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("gap")
-    none, one = ca.SX(0, 1), np.ones(1)
-    forward = transcription.Problem(
-        x,
-        u,
-        gap,
-        u,
-        ca.SX(1.0),
-        none,
-        np.array([-9 * one, 9 * one]),
-        np.array([0 * one, one]),
-        np.zeros((2, 0)),
-        one,
-    )
+    bounds, forwards = np.array([[-9.0], [9.0]]), np.array([[0.0], [1.0]])
+    nothing = ca.SX(0, 1), bounds, forwards, np.zeros((2, 0)), np.ones(1)
+    forward = transcription.Problem(x, u, gap, u, ca.SX(1.0), *nothing)
     backward = transcription.CollocationPlan(
         np.ones(2), np.zeros((2, 1)), -transcription.times(np.ones(2))[:, None]
     )
-    with pytest.raises(
-        transcription.Unsolved, match="IPOPT ends with Infeasible_Problem_Detected"
-    ) as failure:
+    infeasible = "IPOPT ends with Infeasible_Problem_Detected"
+    with pytest.raises(transcription.Unsolved, match=infeasible) as failure:
         transcription.solve(forward, backward, equal=True)
     assert failure.value.status == "Infeasible_Problem_Detected"
 
@@ -253,19 +218,10 @@ def linear_time(
             response = step[:5, :5] @ response
             response[:, k // parts] += step[:5, 5] * acceleration / RAMP
             rows.append(response[1:4] / size[1:4, None])
-        path = np.vstack(rows)
-        target = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
-        return (
-            linprog(
-                np.zeros(intervals),
-                A_ub=np.vstack([path, -path]),
-                b_ub=np.ones(2 * len(path)),
-                A_eq=response / size[:, None],
-                b_eq=target,
-                bounds=(-1.0, 1.0),
-            ).status
-            == 0
-        )
+        path = np.vstack([*rows, *(-row for row in rows)])
+        ends, target = response / size[:, None], np.array([1.0, 0.0, 0.0, 0.0, 0.0])
+        none, ones = np.zeros(intervals), np.ones(len(path))
+        return linprog(none, path, ones, ends, target, bounds=(-1.0, 1.0)).status == 0
 
     low, high = 8.0, 16.0
     while high - low > 1e-5:
@@ -289,16 +245,8 @@ def test_the_least_time_of_a_small_trolley_move_is_that_of_a_linear_program(
     start, goal = point.state(x=10.0, l=15.0), point.state(x=10.0 + 10.0 * small, l=15.0)
     limits = Limits([small * r for r in LIMITS.rates], [small * a for a in LIMITS.accelerations])
     optimal(point, start, goal, limits, swing=small * swing, ramp=RAMP)
-    durations = plans[0].durations
-    least = linear_time(
-        len(durations),
-        10.0 * small,
-        15.0,
-        limits.rates[1],
-        limits.accelerations[1],
-        small * swing,
-        parts,
-    )
+    durations, trolley = plans[0].durations, (limits.rates[1], limits.accelerations[1])
+    least = linear_time(len(durations), 10.0 * small, 15.0, *trolley, small * swing, parts)
     # Angles of a thousandth are linear to 1e-6. Where the swing touches its bound the tangents half
     # a gap of 1/8 s ahead give away some (1/16 s)²/2 of its curvature, 0.1 % of the swing, in some
     # of the twelve seconds.
@@ -406,10 +354,8 @@ def test_the_least_time_is_less_than_the_fastest_flat_motion_takes(move: str) ->
 def test_drives_with_no_way_to_go_stand_still_unless_they_are_set_free() -> None:
     assert np.ptp(moved("trolley").q[:, [0, 4]], axis=0).tolist() == [0.0, 0.0]
     assert np.ptp(moved("slew").q[:, 4]) == 0.0
-    free, alone = (
-        moved("trolley", still=()),
-        optimal(crane(), *ends("slew"), LIMITS, still=("x", "l")),
-    )
+    free = moved("trolley", still=())
+    alone = optimal(crane(), *ends("slew"), LIMITS, still=("x", "l"))
     assert free.arrival < moved("trolley").arrival  # a drive more does not make the best worse
     assert np.ptp(alone.q[:, [1, 4]], axis=0).tolist() == [0.0, 0.0]
     assert alone.arrival > moved("slew").arrival
@@ -471,49 +417,25 @@ def _state(**values: float) -> State:
     [
         ({"goal": _state(x=30.0)}, r"x at the goal is 30\.0 m; allowed is 2 to 22"),
         ({"start": _state(l=1.0)}, r"l at the start is 1\.0 m; allowed is 3\.4 to 26\.4"),
-        (
-            {"goal": _state(x=math.nan)},
-            "x at the goal is nan m; allowed is a finite number",
-        ),
+        ({"goal": _state(x=math.nan)}, "x at the goal is nan m; allowed is a finite number"),
         ({"start": _state(phi=0.2)}, r"phi at the start is 0\.2 rad; allowed is -0\.1 to 0\.1"),
-        (
-            {"goal": _state(x=20.0, x_dot=2.0)},
-            r"x_dot at the goal is 2\.0 m/s; allowed is -1\.583 to 1\.583",
-        ),
+        ({"goal": _state(x=20.0, x_dot=2.0)}, r"x_dot at the goal is 2\.0 m/s; allowed is -1\.583"),
         ({"goal": _state()}, "goal is the start itself; allowed is another place"),
-        ({"swing": 0.0}, r"swing is 0\.0 rad; allowed is > 0"),
         ({"swing": math.pi / 2}, "swing is 1.57.* rad; allowed is above 0 and below π/2"),
         ({"duration": -1.0}, r"duration is -1\.0 s; allowed is > 0"),
-        ({"duration": math.nan}, "duration is nan s"),
         ({"ramp": -1.0}, r"ramp is -1\.0 s; allowed is >= 0"),
         ({"ramp": 1e-5}, r"ramp is 1e-05 s; allowed is 0\.001 to 3600"),
         ({"interval": 0.0}, r"interval is 0\.0 s; allowed is > 0"),
         ({"tolerance": 1.0}, r"tolerance is 1\.0; allowed is 1e-12 to 0\.01"),
         ({"iterations": 0}, "iterations is 0; allowed is a whole number >= 1"),
-        ({"period": 0.0}, r"period is 0\.0 s; allowed is > 0"),
         ({"still": ("phi",)}, "no drive 'phi'; there are gamma, x, l"),
         ({"still": ("x",)}, "still is x; allowed is drives that have no way to go"),
-        (
-            {"crane": crane(hoist_effort=5e3)},
-            "share of the hoist's effort limit that holds the load is 1.96.*; allowed is 0 to 1",
-        ),
+        ({"crane": crane(hoist_effort=5e3)}, "hoist's effort limit that holds the load is 1.96"),
     ],
 )
 def test_what_makes_no_move_is_refused_before_the_search(
     changes: dict[str, Any], sentence: str
 ) -> None:
-    given: dict[str, Any] = {
-        "crane": crane(),
-        "start": _state(),
-        "goal": _state(x=20.0),
-        "limits": LIMITS,
-        **changes,
-    }
-    model: Crane = given.pop("crane")
+    given = {"crane": crane(), "start": _state(), "goal": _state(x=20.0), "limits": LIMITS}
     with pytest.raises(CraneError, match=sentence):
-        optimal(model, given.pop("start"), given.pop("goal"), given.pop("limits"), **given)
-
-
-def test_limits_that_are_not_positive_are_refused() -> None:
-    with pytest.raises(CraneError, match=r"acceleration limit is 0\.0 per s²; allowed is > 0"):
-        Limits((1.0, 1.0, 1.0), (1.0, 0.0, 1.0))
+        optimal(**{**given, **changes})

@@ -8,7 +8,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -18,7 +17,6 @@ from cranedyn.planning import lift as planned
 from cranedyn.planning.certificate import certify
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import Path, rounded_path
-from cranedyn.planning.grid import best_on_grid
 from cranedyn.planning.lift import plan_lift
 from cranedyn.planning.proof import (
     CLOSE,
@@ -28,10 +26,20 @@ from cranedyn.planning.proof import (
     unproven_parameter,
     unproven_row,
 )
+from cranedyn.planning.search import best_on_grid
 from cranedyn.planning.solids import box
 from cranedyn.planning.timing import STEP, load_motion
 from cranedyn.references.flat import smoothstep
-from tests.planning.sites import LIMITS, RATES, WALL, clearance, corners, crane, site
+from tests.planning.sites import (
+    LIMITS,
+    RATES,
+    WALL,
+    clearance,
+    corners,
+    crane,
+    load_corners,
+    site,
+)
 
 PLATE = box("plate", (13.4, 0.0), (6.0, 0.02, 20.0), 0.0)
 """Two centimetres thick, across the arc at 13.4 m that is the straight way of the drives."""
@@ -41,13 +49,10 @@ def sampled(asked: Clearance, line: DriveCurve, first: float, last: float) -> fl
     """What a library does if one does not say otherwise: look at places a hundredth of the way
     apart, each without its envelope.
     """
-    bare = Clearance(asked.crane, asked.site)
-    places = (s for s in np.linspace(first, last, 8) if not _free(bare, line.at(s)))
-    return next(places, None)
-
-
-def _free(asked: Clearance, place: np.ndarray) -> bool:
-    return asked.margin(asked.q(place)) > -asked.site.distance + 0.01
+    for s in np.linspace(first, last, 8):
+        if asked.margin(asked.q(line.at(s))) <= 0.01 - asked.site.distance:
+            return float(s)
+    return None
 
 
 @given(st.integers(0, 10_000))
@@ -72,6 +77,7 @@ def test_a_plate_between_two_samples_is_met_by_proof_and_missed_by_sampling() ->
     assert where == pytest.approx(0.5, abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_sampling_validator_in_the_place_of_the_proving_one_gets_no_certificate(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -119,16 +125,12 @@ def test_derivatives_of_a_path_are_those_of_its_places() -> None:
     points = np.array([[0.0, 10.0, 20.0], [0.5, 15.0, 12.0], [1.0, 8.0, 14.0]])
     path = Path(points, RATES, np.array([2.0]))
     s, h = np.linspace(0.1, path.duration - 0.1, 50), 1e-5
-    place, first, second = path.derivatives(s)
-    before, after = path.derivatives(s - h)[0], path.derivatives(s + h)[0]
-    np.testing.assert_allclose(first, (after - before) / (2 * h), atol=1e-6)
-    np.testing.assert_allclose(
-        second, (path.derivatives(s + h)[1] - path.derivatives(s - h)[1]) / (2 * h), atol=1e-5
-    )
-    np.testing.assert_allclose(
-        path.derivatives(np.array([0.0, path.duration]))[0], points[[0, -1]], atol=1e-12
-    )
-    assert place.shape == (50, 3)
+    _, first, second = path.derivatives(s)
+    before, after = path.derivatives(s - h), path.derivatives(s + h)
+    np.testing.assert_allclose(first, (after[0] - before[0]) / (2 * h), atol=1e-6)
+    np.testing.assert_allclose(second, (after[1] - before[1]) / (2 * h), atol=1e-5)
+    ends, _, _ = path.derivatives(np.array([0.0, path.duration]))
+    np.testing.assert_allclose(ends, points[[0, -1]], atol=1e-12)
 
 
 def test_a_motion_is_proven_with_the_load_turned_by_the_jib_not_by_its_own_azimuth() -> None:
@@ -143,21 +145,15 @@ def test_a_motion_is_proven_with_the_load_turned_by_the_jib_not_by_its_own_azimu
     motion = load_motion(asked, places, STEP)
     assert asked.tilt(motion.q).max() <= asked.site.swing
 
-    def corner(q: np.ndarray) -> np.ndarray:
-        data = crane().model.createData()
-        pin.forwardKinematics(crane().model, data, q)
-        return asked.bodies.load @ data.oMi[5].rotation.T + data.oMi[5].translation
-
-    off = np.array(
-        [
-            corner(q) - corner(asked.q(place))
-            for q, place in zip(motion.q[:350], places[:350], strict=True)
-        ]
+    moved, planned = (
+        np.array([load_corners(asked, q) for q in rows])
+        for rows in (motion.q[:350], map(asked.q, places[:350]))
     )
+    off = moved - planned
     row, which = np.unravel_index(np.argmax(np.linalg.norm(off, axis=2)), off.shape[:2])
     apart = off[row, which]
     assert np.linalg.norm(apart) > asked.envelope(25.0)
-    at = corner(motion.q[row])[which] + 0.45 * apart / np.linalg.norm(apart)
+    at = moved[row, which] + 0.45 * apart / np.linalg.norm(apart)
     solid = box("post", (float(at[0]), float(at[1])), (0.1, 0.1, 6.0), 0.0)
     post, so_far = Clearance(crane(), replace(asked.site, solids=(solid,))), motion.q[: row + 1]
     assert min(post.swing_margin(place) for place in places[: row + 1]) > CLOSE

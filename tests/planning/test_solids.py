@@ -15,7 +15,6 @@ from cranedyn.planning.fields import Body, Field
 from cranedyn.planning.solids import FARTHEST, body, box, convex_hull, hull, prism
 from tests.planning.sites import corners
 
-HERE = np.eye(3), np.zeros(3)
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 
 
@@ -37,10 +36,7 @@ def test_a_hull_of_any_points_reaches_as_far_as_the_points_in_every_direction(
 ) -> None:
     direction = direction / np.linalg.norm(direction)
     floor = coal.Halfspace(direction, -2.0 * FARTHEST)
-    placed = coal.Transform3s()
-    distance = coal.distance(
-        floor, placed, hull(points), placed, coal.DistanceRequest(), coal.DistanceResult()
-    )
+    distance = apart(floor, hull(points))
     expected = float((points @ direction).min()) + 2.0 * FARTHEST
     # A micrometre at most along each thin axis, half of it to this side; and round-off of numbers
     # of 2e7, which are 4e-9 apart.
@@ -63,8 +59,8 @@ def test_triangles_of_a_hull_are_closed_and_turn_outward(points: np.ndarray) -> 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_fewer_than_four_points_have_a_hull_a_micrometre_thick(count: int) -> None:
     solid = body("few", np.eye(3)[:count], np.zeros((0, 3), dtype=int), as_hull=True)
-    field = Field([("few", (one, *HERE)) for one in solid.geometries()])
-    moving = Body((hull(corners(2.0, 2.0, 2.0)), *HERE), 0.0)
+    field = Field([("few", one) for one in solid.geometries()])
+    moving = Body(hull(corners(2.0, 2.0, 2.0)), 0.0)
     apart = field.least(moving.put(coal.Transform3s(np.array([5.0, 0.0, 0.0]))))
     assert apart == pytest.approx(3.0, abs=2e-6)  # a micrometre, and coal's tolerance
 
@@ -74,10 +70,10 @@ def test_an_outline_with_a_corner_a_hair_off_a_line_is_measured_as_without_it(
     offset: float,
 ) -> None:
     outline = [[0.0, 0.0], [10.0, 0.0], [10.0, 5.0], [5.0, 5.0 + offset], [5.0, 10.0], [0.0, 10.0]]
-    moving = Body((hull(corners(1.0, 1.0, 1.0)), *HERE), 0.5)
+    moving = Body(hull(corners(1.0, 1.0, 1.0)), 0.5)
     put = moving.put(coal.Transform3s(np.array([8.0, 8.0, 1.0])))
     found = [
-        Field([("l", (one, *HERE)) for one in prism("l", np.array(shape), 0.0, 3.0).geometries()])
+        Field([("l", one) for one in prism("l", np.array(shape), 0.0, 3.0).geometries()])
         for shape in (outline, [*outline[:3], [5.0, 5.0], *outline[4:]])
     ]
     least, plain = (field.least(put) for field in found)
@@ -126,24 +122,17 @@ def round_outline(count: int) -> np.ndarray:
     return 5.0 * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
-def from_above(shape: coal.CollisionGeometry) -> float:
-    """How far a small ball 10 m above the origin is from a shape."""
-    above = coal.Transform3s(np.eye(3), np.array([0.0, 0.0, 10.0]))
-    return coal.distance(
-        shape,
-        coal.Transform3s(),
-        coal.Sphere(1e-3),
-        above,
-        coal.DistanceRequest(),
-        coal.DistanceResult(),
-    )
+def apart(one: coal.CollisionGeometry, other: coal.CollisionGeometry, height: float = 0.0) -> float:
+    """Return the distance of two shapes [m], the other one raised by a height [m]."""
+    here, above = coal.Transform3s(), coal.Transform3s(np.array([0.0, 0.0, height]))
+    return coal.distance(one, here, other, above, coal.DistanceRequest(), coal.DistanceResult())
 
 
-@pytest.mark.parametrize("count", [200, 300, 2000])
+@pytest.mark.parametrize("count", [200, 300, 1000])
 def test_a_round_prism_of_many_corners_stands(count: int) -> None:
     """Qhull makes triangles of its cap around one corner, which `coal` does not take."""
     (shape,) = prism("tank", round_outline(count), 0.0, 3.0).geometries()
-    assert from_above(shape) == pytest.approx(7.0 - 1e-3, abs=1e-6)
+    assert apart(shape, coal.Sphere(1e-3), 10.0) == pytest.approx(7.0 - 1e-3, abs=1e-6)
 
 
 @pytest.mark.parametrize("as_hull", [True, False])
@@ -155,14 +144,9 @@ def test_a_cone_of_many_sides_stands_by_its_surface(as_hull: bool) -> None:
     faces = np.vstack([sides, np.column_stack([sides[:, 1], i, np.full(count, count + 1)])])
     cone = body("tip", np.vstack([foot, [0, 0, 3], [0, 0, 0]]), faces, as_hull=as_hull)
     (shape,) = cone.geometries()
-    assert from_above(shape) == pytest.approx(7.0 - 1e-3, abs=1e-6)
+    assert apart(shape, coal.Sphere(1e-3), 10.0) == pytest.approx(7.0 - 1e-3, abs=1e-6)
     assert cone.holds(np.array([0.0, 0.0, 1.0]))
     with pytest.raises(
         DataError, match=r"a corner of a convex body has 300 edges; allowed are 255"
     ):
         hull(cone.vertices)
-
-
-def test_a_prism_that_is_too_high_is_refused_without_a_warning() -> None:
-    with pytest.raises(DataError, match="a corner lies at 1e\\+30 m"):
-        prism("p", round_outline(4), 0.0, 1e30)

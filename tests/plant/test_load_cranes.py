@@ -51,6 +51,7 @@ CASES: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("values", CASES.values(), ids=list(CASES))
 def test_every_crane_has_the_numbers_that_it_has_when_it_is_loaded(values: dict[str, Any]) -> None:
     cranes = load_cranes(**values)
@@ -65,6 +66,7 @@ def test_every_crane_has_the_numbers_that_it_has_when_it_is_loaded(values: dict[
         )
 
 
+@pytest.mark.slow
 def test_a_batch_of_them_moves_as_each_does_alone() -> None:
     cranes = load_cranes(payload_mass=some(500.0, 5000.0), l=some(8.0, 20.0), phi=0.1)
     controller = hold_controller(crane())

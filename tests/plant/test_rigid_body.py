@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.dynamics.bodies import Bodies, blank, bodies
-from cranedyn.dynamics.scalars import array, solve_linear
+from cranedyn.dynamics.scalars import array
 from cranedyn.interfaces import State
 from cranedyn.plant import rigid_body
 from cranedyn.plant.rigid_body import ExternalForce, Frame
@@ -113,20 +113,6 @@ def test_a_push_does_the_work_of_its_point(q: np.ndarray, body: int, strength: f
     arm = data.oMi[body + 1].rotation @ point
     expected = jacobian[:3].T @ force + jacobian[3:].T @ np.cross(arm, force)
     assert_allclose(_plain(free - pushed), expected, atol=1e-10)
-
-
-@given(vectors, vectors)
-def test_solving_with_the_mass_matrix_leaves_nothing_over(q: np.ndarray, right: np.ndarray) -> None:
-    mass = rigid_body.mass_matrix(*_at(q))
-    before = mass.tolist()
-    x = solve_linear(mass, array(right.tolist()))
-    assert mass.tolist() == before
-    # backward stable: what is left over is rounding of the sizes that go in
-    assert_allclose(
-        _plain(mass @ x),
-        right,
-        atol=1e-13 * np.abs(_plain(mass)).max() * (1.0 + np.abs(_plain(x)).max()),
-    )
 
 
 @given(vectors, vectors, vectors)

@@ -278,6 +278,7 @@ def test_two_runs_share_the_clock_but_neither_a_frame_nor_an_entity(
 # --- files ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_seventy_seconds_take_less_than_four_megabytes_and_a_second(
     crane: Crane, tmp_path: Path
 ) -> None:
@@ -352,6 +353,7 @@ def test_nothing_outside_the_recording_folder_imports_rerun() -> None:
             assert not any(line.startswith(("import rerun", "from rerun")) for line in lines), path
 
 
+@pytest.mark.slow
 def test_a_recording_that_is_interrupted_prints_nothing_of_its_own(tmp_path: Path) -> None:
     done = python(
         """

@@ -45,6 +45,7 @@ def test_serving_answers_on_this_machine_alone_and_ends(file: Path) -> None:
         urllib.request.urlopen(server.address, timeout=10)
 
 
+@pytest.mark.slow
 def test_a_viewer_that_we_start_sends_nothing_and_leaves_the_users_own_setting_alone(
     file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

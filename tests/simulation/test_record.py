@@ -21,8 +21,7 @@ from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.errors import CraneError, DataError
 from cranedyn.model.load import load_crane
 from cranedyn.references import hanging_reference, hold, pulse
-from cranedyn.references.hold import Still
-from cranedyn.references.pulse import Pulse
+from cranedyn.references.simple import Pulse, Still
 from cranedyn.simulation.record import json_value, run_record
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import crane
@@ -60,6 +59,7 @@ CRANES: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 @pytest.mark.parametrize("values", CRANES.values(), ids=list(CRANES))
 def test_a_run_is_made_again_from_its_file_alone_to_the_bit(
@@ -96,7 +96,7 @@ def test_a_run_is_made_again_from_the_gains_and_the_reference_in_its_file(tmp_pa
     control, base = kept.record["controller"], kept.record["reference"]
     assert (control["kind"], base["kind"]) == (
         "cranedyn.controllers.hold.Hold",
-        "cranedyn.references.pulse.Pulse",
+        "cranedyn.references.simple.Pulse",
     )
     gains = (np.array(control[name]) for name in ("stiffness", "damping", "feed_forward"))
     still = hold(again, kept.state(0))
@@ -151,6 +151,7 @@ def test_a_file_that_names_no_crane_is_a_sentence(record: str, tmp_path: Path) -
         load_crane(from_record=path)
 
 
+@pytest.mark.slow
 def test_the_looks_of_our_own_crane_are_made_again_unless_they_are_of_another(
     tmp_path: Path,
 ) -> None:

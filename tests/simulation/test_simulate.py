@@ -139,28 +139,6 @@ def test_the_controller_is_asked_once_per_period_at_the_instant_that_is_logged()
     assert found.setpoint[:, 1] == pytest.approx(10.0 + found.t)
 
 
-def test_the_effort_is_held_between_control_instants() -> None:
-    c = big_crane()
-    found = simulate(
-        c,
-        lambda t, s, w: np.array([0.0, 0.0, -1000.0 * (G + t)]),
-        duration=1.0,
-        dt=1e-3,
-        control_period=0.1,
-    )
-    # the hoist alone, hanging at rest: the effort of the start of each period acts all through it
-    expected = -0.1 * np.concatenate([[0.0], np.cumsum(found.t[:-1])])
-    assert_allclose(found.v[:, 4], expected, atol=1e-12)  # rounding
-
-
-def test_the_same_run_twice_is_the_same_to_the_bit() -> None:
-    c = crane()
-    start = c.state(phi=0.1, theta=0.05)
-    one, two = (_held(c, start=start, duration=2.0) for _ in range(2))
-    assert all(getattr(one, name).tobytes() == getattr(two, name).tobytes() for name in QUANTITIES)
-    assert start.q.tolist() == [0.0, 10.0, 0.1, 0.05, 15.0]
-
-
 def test_a_run_says_what_it_was_made_with() -> None:
     found = _held(crane(), duration=0.1, dt=1e-3, control_period=2e-3)
     assert found.parameters == {
@@ -213,27 +191,9 @@ def test_another_integrator_takes_its_place() -> None:
     # per step 1 + (ω dt)²: 28 % in these 100 s; finite amplitude 1e-4
     assert gain[-1] == pytest.approx((1.0 + G / 20.0 * dt**2) ** 20000, rel=1e-3)
     assert found.parameters["integrator"] == "explicit Euler"
-    ours = simulate(
-        c,
-        locked,
-        start=c.state(l=20, phi=0.01),
-        duration=100.0,
-        dt=dt,
-        control_period=0.1,
-        drive="motion",
-    )
-    # The ripple of order dt; no gain.
-    assert np.ptp(ours.energy) < 1.1 * whole * math.sqrt(G / 20.0) * dt
 
 
 # --- the start ------------------------------------------------------------------------------------
-
-
-def test_from_the_default_start_nothing_moves() -> None:
-    found = _held(crane(), duration=5.0)
-    # the feed-forward carries the load from step 0: rounding only, where 1 mm would be allowed
-    assert_allclose(found.q, found.q[:1] * np.ones((len(found), 1)), atol=1e-12)
-    assert found.effort[0].tolist() == [0.0, 0.0, -1000.0 * G]
 
 
 def test_in_a_world_of_other_gravity_the_load_gives_less_than_a_millimetre() -> None:
@@ -297,6 +257,7 @@ def test_a_run_of_motion_drives_converges_to_the_equations_of_motion() -> None:
     assert_allclose(extrapolated(last, 4e-3), np.concatenate([q[-1], v[-1]]), atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("joint", "coordinate", "inertia"), [("phi", 2, 500.0), ("theta", 3, 450.0)]
 )
@@ -347,16 +308,6 @@ def test_efforts_returned_by_prescribed_motion_reproduce_the_motion_through_effo
     assert_allclose(played.v, given.v, atol=1e-9)
 
 
-def test_motion_drives_reach_the_velocity_that_is_asked() -> None:
-    c = crane()
-    start = c.state()
-    reference = ramp(c, hold(c, start), "x", 2.0, rate=0.5, at=1.0)
-    found = simulate(c, follow(c, reference), reference, start=start, duration=6.0, drive="motion")
-    setpoint = [reference(t).velocity[1] for t in found.t]
-    assert_allclose(found.v[:, 1], setpoint, atol=1e-12)  # rounding
-    assert found.q[-1, 1] == pytest.approx(12.0, abs=1e-10)  # as far as asked
-
-
 # --- limits ---------------------------------------------------------------------------------------
 
 
@@ -369,17 +320,6 @@ def test_efforts_beyond_the_limits_are_cut_and_the_log_shows_it() -> None:
     expected = simulate(c, constant(-1e6, 1e6, -2e4), duration=5e-3)
     assert found.q[1].tolist() == expected.q[1].tolist()
     assert found.work[1].tolist() == expected.work[1].tolist()
-
-
-def test_a_command_within_the_limits_arrives_untouched() -> None:
-    found = simulate(crane(), constant(1e6, -1e6, -1e5), duration=5e-3)
-    assert found.command.tolist() == found.effort.tolist() == [[1e6, -1e6, -1e5]] * 2
-
-
-def test_a_saturated_hoist_moves_by_the_limit() -> None:
-    c = crane(hoist_effort=2e4)
-    found = simulate(c, constant(0.0, 0.0, -5e4), duration=5e-3)
-    assert found.v[1, 4] == pytest.approx(5e-3 * (G - 20.0), rel=1e-12)  # rounding
 
 
 # --- energy ---------------------------------------------------------------------------------------
@@ -471,16 +411,6 @@ def test_efforts_that_change_within_a_control_period_are_counted_at_both_ends() 
     assert np.abs(found.unexplained).max() < 10.0
 
 
-def test_dissipation_is_what_damping_takes() -> None:
-    c = crane(damp_swing=2e3)
-    found = moved(c, c.state(phi=0.1), 60.0, 2e-3)
-    taken = found.energy[0] - found.energy[-1]
-    # Order ω dt = 2e-3 of what is left swinging.
-    assert found.dissipated[-1] == pytest.approx(taken, rel=2e-3)
-    assert taken > 200.0
-    assert (np.diff(found.dissipated) >= 0.0).all()
-
-
 # --- what is refused ------------------------------------------------------------------------------
 
 
@@ -493,8 +423,8 @@ def test_dissipation_is_what_damping_takes() -> None:
 def test_only_the_three_drives_can_be_addressed(command: Any, drive: Any) -> None:
     with pytest.raises(
         OutOfRange,
-        match=r"command of the controller is an array of shape .*; allowed is three numbers: slew, "
-        r"trolley, hoist",
+        match=r"command of the controller is (an array of shape|no array of numbers but) .*; "
+        r"allowed is three numbers: slew, trolley, hoist",
     ):
         simulate(crane(), lambda t, state, setpoint: command, duration=0.1, drive=drive)
 

@@ -17,7 +17,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances import wind
 from cranedyn.dynamics.converters import converters
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
-from cranedyn.dynamics.validity import events, first_event
+from cranedyn.dynamics.validity import conditions, events, first_event
 from cranedyn.errors import CraneError, RunError
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
@@ -53,6 +53,7 @@ def agree(c: Crane, one: Trajectory, other: Trajectory) -> None:
     assert (other.valid == one.valid).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rule", "strong", "blows"),
     [
@@ -93,6 +94,7 @@ def test_both_engines_and_a_batch_record_the_same(
     assert batch.valid_until[1] == pytest.approx(first, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_cranes_of_a_batch_may_have_converters_of_their_own() -> None:
     c = crane()
     made = [converters(c, lags={"x": lag, "gamma": lag}) for lag in (0.05, 0.1, 0.3)]
@@ -227,6 +229,6 @@ def test_without_efforts_given_rows_are_judged_as_before() -> None:
     weak = crane(slew_effort=1.0)
     run = simulate(c, hold_controller(c), start=c.state(phi=0.1, theta=0.1), duration=0.2)
     rows = run.q, run.v, run.effort[:, 2]
-    assert first_event(weak, *rows) is None
-    event = first_event(weak, *rows, needed=run.effort)
+    assert first_event(weak, conditions(weak, *rows)) is None
+    event = first_event(weak, conditions(weak, *rows, needed=run.effort))
     assert event is not None and event.joint == "yaw_joint"

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import io
-import resource
 import shutil
-import socket
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -37,6 +35,7 @@ def _evaluate(study: object, design: Design) -> dict[str, list]:
 
 
 @given(st.lists(st.integers(0, 9), min_size=1, max_size=20))
+@pytest.mark.slow
 def test_bad_cases_say_why_and_cost_no_other_case_its_results(xs: list[int]) -> None:
     found = _evaluate(studies.troubled, grid(x=xs))
     why = {
@@ -89,6 +88,7 @@ def test_a_study_needs_a_name_by_which_workers_import_it(monkeypatch: pytest.Mon
 # --- a sweep --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_sweep_keeps_every_case_in_order_with_its_parameters(tmp_path: Path) -> None:
     design = cross(grid(strategy=["flat", "spline"]), grid(x=range(5)))
     folder = tmp_path / "a" / "b"
@@ -107,6 +107,7 @@ def test_a_sweep_keeps_every_case_in_order_with_its_parameters(tmp_path: Path) -
     assert files(folder) == ["_sweep.json", *(f"part-{i:06d}.parquet" for i in range(4))]
 
 
+@pytest.mark.slow
 def test_results_are_the_same_to_the_bit_for_any_workers_and_chunks(tmp_path: Path) -> None:
     design = grid(x=[0.1 * k for k in range(20)])
     tables = []
@@ -117,6 +118,7 @@ def test_results_are_the_same_to_the_bit_for_any_workers_and_chunks(tmp_path: Pa
     assert tables[0].equals(tables[1])
 
 
+@pytest.mark.slow
 def test_chunks_without_results_have_the_columns_of_the_others(tmp_path: Path) -> None:
     assert sweep(studies.hopeless, grid(x=range(7)), tmp_path, chunk=2, workers=1).errors == 4
     whole = pq.read_schema(tmp_path / "part-000003.parquet")
@@ -128,6 +130,7 @@ def test_chunks_without_results_have_the_columns_of_the_others(tmp_path: Path) -
     assert table["error"].to_pylist() == ["ValueError: too small"] * 4 + [None] * 3
 
 
+@pytest.mark.slow
 def test_a_case_that_kills_its_worker_is_bad_alone(tmp_path: Path) -> None:
     sweep(studies.deadly, grid(x=range(8)), tmp_path, chunk=4, workers=2)
     table = results(tmp_path)
@@ -135,6 +138,7 @@ def test_a_case_that_kills_its_worker_is_bad_alone(tmp_path: Path) -> None:
     assert table["y"].to_pylist() == [None if x == 3 else x * x for x in range(8)]
 
 
+@pytest.mark.slow
 def test_a_case_that_takes_too_long_is_bad_alone(tmp_path: Path) -> None:
     """Its worker, in native code that keeps Python's lock, is killed; the chunk of 4 has 4 times as
     long as a case, its halves half.
@@ -148,25 +152,19 @@ def test_a_case_that_takes_too_long_is_bad_alone(tmp_path: Path) -> None:
     assert table["y"].to_pylist() == [None if x == 3 else x * x for x in range(8)]
 
 
-def test_workers_that_cannot_be_started_are_reported(tmp_path: Path) -> None:
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    refused = []
-    for more in range(30):
-        with socket.socket() as probe:  # it has the lowest number that is free
-            resource.setrlimit(resource.RLIMIT_NOFILE, (probe.fileno() + more, hard))
-        try:
-            sweep(studies.squares, grid(x=range(2)), tmp_path / str(more), workers=1)
-        except CraneError as error:
-            assert str(error).endswith("Too many open files.")
-            refused.append(more)
-        finally:
-            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-        if more not in refused:
-            break
-    assert refused == list(range(more)) and more > 4
-    assert [path.name for path in tmp_path.iterdir()] == [str(more)]
+def test_workers_that_cannot_be_started_are_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full() -> None:
+        raise OSError(24, "Too many open files")
+
+    monkeypatch.setattr("cranedyn.sweep.workers._SPAWN.Pipe", full)
+    with pytest.raises(CraneError, match=r"Cannot start a worker process: Too many open files\."):
+        sweep(studies.squares, grid(x=range(2)), tmp_path / "sweep", workers=1)
+    assert files(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_a_sweep_without_a_chunk_goes_on_in_those_it_began_with(tmp_path: Path) -> None:
     design = grid(x=range(10))
     sweep(studies.squares, design, tmp_path, chunk=4, workers=1)
@@ -190,6 +188,7 @@ def test_a_sweep_without_a_chunk_goes_on_in_those_it_began_with(tmp_path: Path) 
         ("squares", grid(x=range(2)), 2, "chunk was 1, now 2"),
     ],
 )
+@pytest.mark.slow
 def test_another_sweep_is_not_swept_over(
     study: str, design: Design, chunk: int, says: str, tmp_path: Path
 ) -> None:
@@ -201,6 +200,7 @@ def test_another_sweep_is_not_swept_over(
     )
 
 
+@pytest.mark.slow
 def test_a_sweep_of_which_nothing_is_done_is_in_nobodys_way(tmp_path: Path) -> None:
     sweep(studies.squares, grid(x=[1.0]), tmp_path, workers=1)
     (tmp_path / "part-000000.parquet").unlink()
@@ -220,6 +220,7 @@ def test_a_folder_of_other_things_is_refused_and_untouched(tmp_path: Path) -> No
         results(tmp_path)
 
 
+@pytest.mark.slow
 def test_results_that_would_not_fit_the_memory_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -255,6 +256,7 @@ def test_a_sweep_that_is_refused_leaves_nothing(
     assert files(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_a_study_that_workers_cannot_import_is_reported_and_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -266,6 +268,7 @@ def test_a_study_that_workers_cannot_import_is_reported_and_leaves_nothing(
     assert files(tmp_path) == ["there"]
 
 
+@pytest.mark.slow
 def test_results_that_would_not_fit_the_disk_are_refused_before_and_after_the_first_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

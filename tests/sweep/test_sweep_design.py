@@ -22,6 +22,7 @@ _grids = st.dictionaries(_names, _numbers | _words, min_size=1, max_size=3)
 
 
 @given(_grids)
+@pytest.mark.slow
 def test_a_grid_is_the_product_of_its_values_the_last_changing_fastest(
     values: dict[str, list],
 ) -> None:
@@ -61,6 +62,7 @@ _boxes = st.dictionaries(
 @given(
     _boxes, st.integers(1, 70), st.integers(0, 1000), st.sampled_from(["sobol", "latin hypercube"])
 )
+@pytest.mark.slow
 def test_samples_stay_in_their_box_and_come_again_from_their_seed(
     box: dict[str, tuple], count: int, seed: int, method: str
 ) -> None:

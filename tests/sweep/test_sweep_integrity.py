@@ -6,7 +6,6 @@ import dataclasses
 import json
 import os
 import shutil
-import stat
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -24,8 +23,7 @@ from cranedyn.sweep.folder import (
     is_whole,
     read_manifest,
 )
-from cranedyn.sweep.sources import source_digests
-from cranedyn.sweep.study import Task
+from cranedyn.sweep.study import Task, source_digests
 from experiments import sweep as experiment
 from tests import studies
 from tests.helpers import files
@@ -60,6 +58,7 @@ def _flipped(content: bytes, bit: int) -> bytes:
     return bytes(changed)
 
 
+@pytest.mark.slow
 def test_no_flipped_bit_of_a_part_goes_unnoticed(copied: Path) -> None:
     folder, path = SweepFolder(copied, read_manifest(copied)), copied / CHUNK_FILE.format(1)
     content = path.read_bytes()
@@ -71,6 +70,7 @@ def test_no_flipped_bit_of_a_part_goes_unnoticed(copied: Path) -> None:
         folder.open(1)
 
 
+@pytest.mark.slow
 def test_no_flipped_bit_of_a_manifest_changes_results(copied: Path) -> None:
     whole, path = results(copied), copied / MANIFEST
     content = path.read_bytes()
@@ -96,6 +96,7 @@ def test_a_manifest_that_is_none_is_refused(text: str, copied: Path) -> None:
             act()
 
 
+@pytest.mark.slow
 def test_a_damaged_part_is_named_and_computed_again(copied: Path) -> None:
     parts = sorted(copied.glob("part-*"))
     parts[1].write_bytes(_flipped(parts[1].read_bytes(), 4000))
@@ -113,6 +114,7 @@ def test_a_damaged_part_is_named_and_computed_again(copied: Path) -> None:
     assert parts[0].stat().st_mtime_ns == before
 
 
+@pytest.mark.slow
 def test_a_part_that_stands_for_another_counts_as_not_done(copied: Path) -> None:
     shutil.copy(copied / CHUNK_FILE.format(0), copied / CHUNK_FILE.format(1))
     with pytest.raises(DataError, match=r"4 of 6 cases are there; .* goes on: part-000001\."):
@@ -120,6 +122,7 @@ def test_a_part_that_stands_for_another_counts_as_not_done(copied: Path) -> None
     assert _resume(copied) == Progress(4, 6, 0, 4)
 
 
+@pytest.mark.slow
 def test_a_part_of_another_sweep_is_neither_taken_nor_overwritten(
     copied: Path, tmp_path: Path
 ) -> None:
@@ -144,26 +147,6 @@ def test_a_pipe_or_a_folder_in_the_place_of_a_file_is_refused_at_once(
         with pytest.raises(DataError, match=name.replace(".", r"\.")):
             act()
     assert time.monotonic() - began < 1.0
-
-
-def test_files_are_on_the_disk_before_their_names_are(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    said: list[str] = []
-    fsync, replace = os.fsync, os.replace
-
-    def synced(file: int) -> None:
-        said.append("file" if stat.S_ISREG(os.fstat(file).st_mode) else "folder")
-        fsync(file)
-
-    def replaced(draft: Path, final: Path) -> None:
-        said.append(final.name)
-        replace(draft, final)
-
-    monkeypatch.setattr(os, "fsync", synced)
-    monkeypatch.setattr(os, "replace", replaced)
-    sweep(studies.squares, grid(x=[1.0]), tmp_path, workers=1)
-    assert said == ["file", MANIFEST, "folder", "file", CHUNK_FILE.format(0), "folder"]
 
 
 # --- the code -------------------------------------------------------------------------------------
@@ -191,6 +174,7 @@ def study(cases):
 """
 
 
+@pytest.mark.slow
 def test_a_study_edited_between_two_runs_is_not_mixed_in(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -226,6 +210,7 @@ def test_a_worker_with_other_sources_computes_nothing() -> None:
         "--tls-ca-file none.pem --tls-cert none.pem --tls-key none.pem --scheduler tls://a:1",
     ],
 )
+@pytest.mark.slow
 def test_a_refused_command_ends_in_a_message_and_leaves_no_folder(
     words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

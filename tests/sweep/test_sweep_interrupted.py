@@ -19,8 +19,29 @@ from cranedyn.sweep import Progress, grid, results, sweep
 from tests import studies
 from tests.helpers import ROOT, files
 
-pytestmark = pytest.mark.usefixtures("limited")
+pytestmark = [pytest.mark.usefixtures("limited"), pytest.mark.slow]
+proc = pytest.mark.skipif(
+    not Path("/proc/self").exists(), reason="processes are looked up in /proc"
+)
 CASES, CHUNK = 24, 2
+
+_STUCK_SWEEP = """
+import sys
+from cranedyn.sweep import grid, sweep
+from tests import studies
+
+if __name__ == "__main__":
+    sweep(studies.stuck, grid(x=[3.0, 3.0]), sys.argv[1], chunk=1, workers=2)
+"""
+
+_STUCK_COMPARE = """
+from experiments.compare.runs import processes
+from tests.studies import deaf
+
+if __name__ == "__main__":
+    with processes(1) as workers:
+        workers.submit(deaf, 100).result()
+"""
 
 _SWEEP = """
 import sys
@@ -126,7 +147,7 @@ def finish(folder: Path, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert all(name.startswith(("_sweep.json", "part-")) for name in files(folder))
 
 
-@pytest.mark.skipif(not Path("/proc/self").exists(), reason="processes are looked up in /proc")
+@proc
 def test_a_sweep_killed_in_the_middle_goes_on_and_leaves_no_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -163,19 +184,6 @@ def test_an_interrupted_sweep_says_how_to_go_on(
     assert process.returncode == 130
     assert gone(ran(log)[1])
     finish(folder, log, monkeypatch)
-
-
-def test_an_interruption_while_a_chunk_is_written_counts_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def sync(file: int) -> None:
-        if "part-" in os.readlink(f"/proc/self/fd/{file}"):
-            os.kill(os.getpid(), signal.SIGINT)
-
-    monkeypatch.setattr("cranedyn.data.files.os.fsync", sync)
-    with pytest.raises(KeyboardInterrupt, match="Interrupted: 1 of 8 cases are done, and kept in"):
-        sweep(studies.squares, grid(x=range(8)), tmp_path / "a", chunk=1, workers=1)
-    assert len(parts(tmp_path / "a")) == 1
 
 
 def test_an_interruption_while_workers_start_is_as_quiet(
@@ -235,3 +243,32 @@ def test_a_script_that_sweeps_while_it_is_imported_is_told_how_not_to(tmp_path: 
     assert run.stderr.splitlines()[-1].endswith(
         "before it began; a script that sweeps must do so under if __name__ == '__main__'."
     )
+
+
+@proc
+@pytest.mark.parametrize(
+    ("script", "workers"), [(_STUCK_SWEEP, 2), (_STUCK_COMPARE, 1)], ids=["sweep", "compare"]
+)
+def test_no_worker_outlives_a_killed_parent_by_two_seconds(
+    script: str, workers: int, tmp_path: Path
+) -> None:
+    """Not even from native code that keeps Python's lock."""
+    log = tmp_path / "log"
+    (tmp_path / "stuck.py").write_text(script)
+    process = subprocess.Popen(
+        [sys.executable, str(tmp_path / "stuck.py"), str(tmp_path / "sweep")],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT), "SWEEP_LOG": str(log)},
+        start_new_session=True,
+    )
+    try:
+        until(lambda: len(ran(log)[1]) == workers)
+        process.kill()
+        process.wait(10)
+        until(lambda: gone(ran(log)[1]), 2.0)
+    finally:
+        for pid in ran(log)[1]:
+            try:
+                os.kill(pid, signal.SIGKILL)
+            except ProcessLookupError:
+                continue

@@ -9,6 +9,7 @@ import pytest
 from tests.helpers import ROOT
 
 
+@pytest.mark.slow
 def test_the_code_of_the_page_runs_from_its_first_line_to_its_last(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -16,10 +16,12 @@ def edges() -> set[Edge]:
     return house.imports()
 
 
+@pytest.mark.slow
 def test_no_modules_of_cranedyn_import_each_other_in_a_circle(edges: set[Edge]) -> None:
     assert house.circles(edges, "cranedyn") == []
 
 
+@pytest.mark.slow
 def test_no_number_of_the_house_exceeds_its_bound() -> None:
     numbers = house.measure()
     assert numbers.keys() == house.LIMITS.keys()

@@ -15,18 +15,18 @@ from contextlib import redirect_stderr
 from pathlib import Path
 
 import pytest
-import xacro
 
 from cranedyn.command import INTERRUPTED, command
 from cranedyn.controllers import hold_controller
 from cranedyn.data.files import atomic_write
 from cranedyn.errors import DataError, RunError
-from cranedyn.model.description import describe
 from cranedyn.recording import Live
 from cranedyn.recording.process import is_free
 from cranedyn.simulation.simulate import simulate
 from experiments import harness
 from tests.helpers import ROOT, crane, files, python
+
+pytestmark = pytest.mark.slow
 
 _TRIAL = """
 import os, resource, signal, sys
@@ -115,15 +115,6 @@ def _taken_for_a_fault() -> None:
         raise UnboundLocalError("cannot access local variable 'ArgException'") from None
 
 
-def test_an_interruption_that_xacro_takes_for_a_fault_is_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "a.xacro").write_text('<robot name="a"/>')  # ours may have been expanded before
-    monkeypatch.setattr(xacro, "process_file", lambda *_, **__: _taken_for_a_fault())
-    with pytest.raises(KeyboardInterrupt):
-        describe(tmp_path / "a.xacro")
-
-
 def _raise_interrupt() -> int:
     raise KeyboardInterrupt
 
@@ -161,27 +152,34 @@ sys.exit(trial("--out", sys.argv[1], "--serve", "--port", str(port)))
 """
 
 
-@pytest.mark.parametrize("word", [signal.SIGINT, signal.SIGTERM])
-def test_a_server_that_is_told_to_end_ends_its_viewer_and_with_the_code_of_its_claims(
-    word: signal.Signals, tmp_path: Path
-) -> None:
+def _serving(folder: Path) -> tuple[subprocess.Popen[str], int, list[int]]:
+    """Return a program that serves a recording, its viewer and their ports."""
     process = subprocess.Popen(
-        [sys.executable, "-c", _SERVED, str(tmp_path / "out")],
+        [sys.executable, "-c", _SERVED, str(folder)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         cwd=ROOT,
     )
     assert process.stdout is not None
-    viewer = 0
+    lines = []
     for line in process.stdout:
-        if line.startswith("viewer "):
-            viewer = int(line.split()[1])
+        lines.append(line)
         if line.startswith("Serving at "):
             break
+    viewer = next(int(line.split()[1]) for line in lines if line.startswith("viewer "))
+    ports = [int(port) for port in re.findall(r"127\.0\.0\.1(?::|%3A)(\d+)", lines[-1])]
+    assert len(ports) == 2 and not any(map(is_free, ports))
+    return process, viewer, ports
+
+
+def test_a_server_that_is_told_to_end_ends_its_viewer_and_with_the_code_of_its_claims(
+    tmp_path: Path,
+) -> None:
+    process, viewer, _ = _serving(tmp_path / "out")
     os.kill(viewer, 0)  # it runs
-    process.send_signal(word)
-    _, err = process.communicate(timeout=30)
+    process.send_signal(signal.SIGTERM)
+    _, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (0, "")
     with pytest.raises(ProcessLookupError):
         os.kill(viewer, 0)
@@ -189,17 +187,7 @@ def test_a_server_that_is_told_to_end_ends_its_viewer_and_with_the_code_of_its_c
 
 
 def test_a_viewer_ends_within_two_seconds_of_a_program_that_is_killed(tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-c", _SERVED, str(tmp_path / "out")],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        cwd=ROOT,
-    )
-    assert process.stdout is not None
-    said = next(line for line in process.stdout if line.startswith("Serving at "))
-    ports = [int(port) for port in re.findall(r"127\.0\.0\.1(?::|%3A)(\d+)", said)]
-    assert len(ports) == 2 and not any(map(is_free, ports))
+    process, _, ports = _serving(tmp_path / "out")
     process.kill()
     process.wait()
     killed = time.monotonic()
@@ -233,25 +221,18 @@ def test_a_writer_that_is_killed_leaves_the_old_file_and_no_obstacle(tmp_path: P
     assert (path.read_text(), files(tmp_path)) == ("new", [*stale, "a.csv"])
 
 
-def test_a_run_that_breaks_off_over_a_full_disk_says_both(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def experiment(options: object, setup: harness.Setup) -> harness.Outcome:
-        (tmp_path / "out").rmdir()
-        (tmp_path / "out").write_text("in the way")
-        raise RunError(
-            "It broke.",
-            t=1.0,
-            trajectory=simulate(crane(), hold_controller(crane()), duration=0.02),
-        )
+def test_a_run_that_breaks_off_over_a_full_disk_says_both(tmp_path: Path) -> None:
+    out = tmp_path / "out"
 
+    def experiment(options: object, setup: harness.Setup) -> harness.Outcome:
+        out.rmdir()
+        out.write_text("in the way")
+        run = simulate(crane(), hold_controller(crane()), duration=0.02)
+        raise RunError("It broke.", t=1.0, trajectory=run)
+
+    parser = harness.parser("trial", "A trial.")
     with redirect_stderr(io.StringIO()) as err:
-        assert (
-            harness.run_experiment(
-                harness.parser("trial", "A trial."), experiment, ["--out", str(tmp_path / "out")]
-            )
-            == 1
-        )
+        assert harness.run_experiment(parser, experiment, ["--out", str(out)]) == 1
     first, second = err.getvalue().splitlines()
     assert first == "error: It broke."
     assert second.startswith("What was recorded up to then is lost: Cannot make the folder ")

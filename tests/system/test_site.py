@@ -4,6 +4,7 @@ docs/ in it.
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -15,26 +16,44 @@ import pytest
 
 from tests.helpers import ROOT
 
+pytestmark = pytest.mark.slow
 pytest.importorskip(
     "mkdocstrings_handlers.python",
     reason="the extra docs is not installed: pip install 'cranedyn[docs]'",
 )
 
 
+SEARCHED = {
+    "howto/install": "installation, python",
+    "howto/linearize": "linearize, matlab, python-control, margins",
+    "howto/fmi": "simulink, plc, fmi",
+    "howto/gazebo": "gazebo",
+    "howto/ros2": "ros 2, ros2_control",
+    "howto/mujoco": "mujoco",
+    "howto/mcap": "rosbag, foxglove",
+    "howto/crane": "xacro, double pendulum",
+    "tutorial/own_crane": "urdf",
+    "howto/reference": "input shaping, anti-sway, joystick",
+    "howto/wind": "wind, gust",
+    "howto/judge_lift": "load chart",
+    "howto/view": "rerun",
+    "howto/read_csv": "csv",
+    "howto/sweep": "cluster, dask",
+    "howto/train_policy": "reinforcement learning, stable-baselines3",
+    "api/columns": "parquet",
+    "concepts/model": "pendulum, damping, trolley, hoist, slewing, payload, energy",
+    "concepts/control": "lqr, mpc, kalman filter, pid",
+    "concepts/planning": "certificate",
+    "concepts/engine": "gpu",
+}
+"""Words that people search for, by the page that answers."""
+
+
 def built(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """The site made into a folder."""
-    command = [
-        sys.executable,
-        "-m",
-        "mkdocs",
-        "build",
-        "--strict",
-        "--site-dir",
-        str(folder),
-        *words,
-    ]
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
     return subprocess.run(
-        command,
+        [*command, *words],
         capture_output=True,
         text=True,
         cwd=ROOT,
@@ -44,26 +63,36 @@ def built(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_the_site_is_built_without_a_warning_and_has_every_page_and_function(
-    tmp_path: Path,
-) -> None:
-    done = built(tmp_path / "site")
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of the site, built without a warning."""
+    folder = tmp_path_factory.mktemp("site")
+    done = built(folder)
     assert done.returncode == 0, done.stderr[-2000:]
+    return folder
+
+
+def test_the_site_has_every_page_and_function(site: Path) -> None:
     for page in (ROOT / "docs").glob("**/*.md"):
         name = page.relative_to(ROOT / "docs").with_suffix("")
-        there = tmp_path / "site" / ("index.html" if name.name == "index" else f"{name}/index.html")
-        assert there.exists()
-    api = (tmp_path / "site" / "api" / "api" / "index.html").read_text(encoding="utf-8")
-    for name in (
-        "load_crane",
-        "simulate",
-        "simulate_batch",
-        "Trajectory",
-        "State",
-        "Setpoint",
-        "CraneError",
-    ):
+        assert (site / ("index.html" if name.name == "index" else f"{name}/index.html")).exists()
+    api = (site / "api" / "api" / "index.html").read_text(encoding="utf-8")
+    for name in ("load_crane", "simulate", "simulate_batch", "Trajectory", "State", "CraneError"):
         assert re.search(rf'id="cranedyn\.[\w.]*{name}"', api), name
+
+
+@pytest.mark.parametrize(
+    ("page", "word"),
+    [(page, word) for page, words in SEARCHED.items() for word in words.split(", ")],
+)
+def test_search_finds_what_people_look_for(page: str, word: str, site: Path) -> None:
+    index = json.loads((site / "search" / "search_index.json").read_text(encoding="utf-8"))
+    sections = [
+        f"{entry['title']} {entry['text']}".lower()
+        for entry in index["docs"]
+        if entry["location"].startswith(f"{page}/")
+    ]
+    assert any(re.search(rf"\b{re.escape(word)}", section) for section in sections)
 
 
 def test_a_link_that_leads_nowhere_fails(tmp_path: Path) -> None:

@@ -22,9 +22,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from cranedyn.compiled.code import INTEGER, Code, Value
+from cranedyn.compiled.code import DOUBLE, INTEGER, Code, Value
 from cranedyn.compiled.horizon import interior, model, planning, riccati
-from cranedyn.compiled.horizon.memory import HorizonShape, element, pointer
+from cranedyn.compiled.horizon.memory import HorizonShape, element
 from cranedyn.compiled.horizon.planning import QUERY
 from cranedyn.dynamics.scalars import array, clipped
 from cranedyn.model.layout import Layout
@@ -80,7 +80,16 @@ class Programme:
 
     def offsets(self, lanes: int) -> MemoryOffsets:
         """Return the offsets of the sections in the memory of a group of lanes."""
-        return MemoryOffsets.of(self, lanes)
+        shape = self.shape
+        counts = [
+            shape.lanes + 8,
+            8,
+            lanes * -(-lane_memory(self.topology.layout)["begun"].stop // 8) * 8,
+            lanes * plan_size(shape),
+            -(-max(self.rows, 1) * shape.states // 8) * 8 + shape.lanes,
+            shape.size,
+        ]
+        return MemoryOffsets(0, *np.cumsum(counts).tolist())
 
     @property
     def plant(self) -> Plant:
@@ -120,20 +129,6 @@ class MemoryOffsets(NamedTuple):
     work: int
     size: int
 
-    @classmethod
-    def of(cls, programme: Programme, lanes: int) -> MemoryOffsets:
-        """Return the offsets for a group of so many lanes."""
-        shape, layout = programme.shape, programme.topology.layout
-        counts = [
-            shape.lanes + 8,
-            8,
-            lanes * -(-lane_memory(layout)["begun"].stop // 8) * 8,
-            lanes * plan_size(shape),
-            -(-max(programme.rows, 1) * shape.states // 8) * 8 + shape.lanes,
-            shape.size,
-        ]
-        return cls(0, *np.cumsum(counts).tolist())
-
 
 def lane_memory(layout: Layout) -> dict[str, range]:
     """Return the slots of each lane's memory by name.
@@ -143,20 +138,10 @@ def lane_memory(layout: Layout) -> dict[str, range]:
     rates, the number of implausible readings, the last of these, and 1 after the first instant.
     """
     n, m = layout.n, layout.m
-    sizes = dict(
-        held=m,
-        estimate=m,
-        expected=m,
-        swing=2 * (n - m),
-        read=2 * n,
-        refusals=1,
-        refused=2 * n,
-        begun=1,
-    )
-    ends = np.cumsum(list(sizes.values())).tolist()
-    return {
-        name: range(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)
-    }
+    sizes = {"held": m, "estimate": m, "expected": m, "swing": 2 * (n - m)}
+    sizes |= {"read": 2 * n, "refusals": 1, "refused": 2 * n, "begun": 1}
+    ends = zip(sizes, np.cumsum(list(sizes.values())).tolist(), strict=True)
+    return {name: range(end - sizes[name], end) for name, end in ends}
 
 
 def plan_size(shape: HorizonShape) -> int:
@@ -193,13 +178,8 @@ def emit_instant(module: ir.Module, programme: Programme) -> None:
     position = array([code.load(query, z + i) for i in range(layout.m)])
     row, due = (code.load_one(query, z + layout.m + i, INTEGER) for i in range(2))
     control = PredictiveControl(code, programme, code.argument["memory"])
-    command = control.command(
-        state[: layout.n],
-        state[layout.n :],
-        position,
-        row,
-        code.builder.icmp_signed("!=", due, code.integer(0)),
-    )
+    optimise = code.builder.icmp_signed("!=", due, code.integer(0))
+    command = control.command(state[: layout.n], state[layout.n :], position, row, optimise)
     for i, value in enumerate(command):
         code.store(value, code.argument["command"], i)
     code.end()
@@ -210,25 +190,20 @@ class PredictiveControl:
 
     def __init__(self, code: Code, programme: Programme, memory: ir.Value) -> None:
         self.code, self.programme, self.memory = code, programme, memory
-        self.offsets, self.layout = (
-            MemoryOffsets.of(programme, code.lanes),
-            programme.topology.layout,
-        )
+        self.offsets, self.layout = programme.offsets(code.lanes), programme.topology.layout
         self._slots = lane_memory(self.layout)
 
     def count_instant(self) -> tuple[ir.Value, ir.Value]:
         """Count an instant; return the row of the path and whether to optimise."""
         code = self.code
         count = code.load_one(self.memory, self.offsets.counts, INTEGER)
-        address = pointer(code, self.memory, self.offsets.counts)
+        address = code.address(self.memory, self.offsets.counts)
         code.builder.store(code.builder.add(count, code.integer(1)), address, align=8)
         turn = code.builder.srem(count, code.integer(self.programme.ratio))
         first = code.load_one(self.memory, self.offsets.counts + 1, INTEGER)
-        due = code.builder.or_(
-            code.builder.icmp_signed("==", turn, code.integer(0)),
-            code.builder.icmp_signed("==", count, first),
-        )
-        return count, due
+        compared = code.builder.icmp_signed
+        due = compared("==", turn, code.integer(0)), compared("==", count, first)
+        return count, code.builder.or_(*due)
 
     def command(
         self, q: np.ndarray, v: np.ndarray, position: np.ndarray, row: ir.Value, due: ir.Value
@@ -250,7 +225,7 @@ class PredictiveControl:
             plant, tracked = self.programme.plant, self.programme.rows > 0
             goal = array([]) if tracked else model.hanging(plant, position)
             for lane in range(code.lanes):
-                self._plan(lane, *estimated, goal, row, plausible)
+                self._plan(lane, np.concatenate(estimated), goal, row, plausible)
         acceleration = self._load_memory("held")
         if self.programme.drive == "effort":
             return self._efforts(q, v, acceleration, begun * plausible)
@@ -259,9 +234,8 @@ class PredictiveControl:
             return acceleration
         rates = estimated[1][self.layout.drives]
         self._store_memory("expected", rates + self.programme.period * acceleration)
-        return array(
-            [r + t * a for r, t, a in zip(rates, self.programme.lead, acceleration, strict=True)]
-        )
+        lead = self.programme.lead
+        return array([r + t * a for r, t, a in zip(rates, lead, acceleration, strict=True)])
 
     def call_instant(
         self, q: np.ndarray, v: np.ndarray, position: np.ndarray, row: ir.Value, due: ir.Value
@@ -272,33 +246,25 @@ class PredictiveControl:
         code = self.code
         numbers = [*q, *v, *position]
         with code.builder.goto_entry_block():
-            query, command = (
-                code.builder.alloca(ir.DoubleType(), size)
-                for size in (len(numbers) + 2, len(position))
-            )
+            query = code.builder.alloca(DOUBLE, len(numbers) + 2)
+            command = code.builder.alloca(DOUBLE, len(position))
         for i, value in enumerate(numbers):
             code.store(value, query, i)
         for i, number in enumerate((row, code.builder.zext(due, INTEGER)), len(numbers)):
-            bits = code.builder.bitcast(number, ir.DoubleType())
+            bits = code.builder.bitcast(number, DOUBLE)
             code.store(Value(code, bits), query, i)
         function = code.function.module.globals["instant"]
         code.builder.call(function, [self.memory, query, command])
         return array([code.load(command, i) for i in range(len(position))])
 
     def _plan(
-        self,
-        lane: int,
-        q: np.ndarray,
-        v: np.ndarray,
-        goal: np.ndarray,
-        row: ir.Value,
-        plausible: Value,
+        self, lane: int, z: np.ndarray, goal: np.ndarray, row: ir.Value, plausible: Value
     ) -> None:
+        """Optimise for one lane from coordinates and rates, and hold the first accelerations."""
         code, offsets, shape = self.code, self.offsets, self.programme.shape
-        query, path = (
-            pointer(code, self.memory, offset) for offset in (offsets.query, offsets.path)
-        )
-        for i, value in enumerate([*q, *v]):
+        query = code.address(self.memory, offsets.query)
+        path = code.address(self.memory, offsets.path)
+        for i, value in enumerate(z):
             self._store_one(element(code, value, lane), query, i)
         rows = self.programme.rows
         if rows:
@@ -309,19 +275,19 @@ class PredictiveControl:
                 if isinstance(value, Value):  # constants are zeros, already in memory
                     self._store_one(element(code, value, lane), path, i)
         for i, number in enumerate(numbers):
-            code.builder.store(number, pointer(code, query, shape.lanes + i), align=8)
+            code.builder.store(number, code.address(query, shape.lanes + i), align=8)
         assert len(numbers) == len(QUERY)
         self._store_one(element(code, plausible, lane), query, shape.lanes + len(QUERY))
-        plan = pointer(code, self.memory, offsets.plans + lane * plan_size(shape))
-        work = pointer(code, self.memory, offsets.work)
+        plan = code.address(self.memory, offsets.plans + lane * plan_size(shape))
+        work = code.address(self.memory, offsets.work)
         code.builder.call(code.function.module.globals["plan"], [work, plan, query, path])
         for i in range(self.layout.m):
-            value = code.load_one(plan, shape.states + i, ir.DoubleType())
-            to = pointer(code, self.memory, offsets.lanes + i * code.lanes + lane)
+            value = code.load_one(plan, shape.states + i, DOUBLE)
+            to = code.address(self.memory, offsets.lanes + i * code.lanes + lane)
             code.builder.store(value, to, align=8)
 
     def _store_one(self, value: Value, base: ir.Value, offset: int) -> None:
-        self.code.builder.store(value.register, pointer(self.code, base, offset), align=8)
+        self.code.builder.store(value.register, self.code.address(base, offset), align=8)
 
     def _place(self, i: int) -> int:
         return self.offsets.lanes + i * self.code.lanes
@@ -350,9 +316,8 @@ class PredictiveControl:
             "refusals": (self._load_memory("refusals"), self._load_memory("refusals") + 1.0),
         }
         for name, pairs in updates.items():
-            self._store_memory(
-                name, [code.chosen(holds, a, b) for a, b in zip(*pairs, strict=True)]
-            )
+            values = [code.chosen(holds, a, b) for a, b in zip(*pairs, strict=True)]
+            self._store_memory(name, values)
         q, v = np.split(self._load_memory("read"), 2)
         return q, v, code.chosen(holds, 1.0, 0.0)
 
@@ -398,12 +363,8 @@ class PredictiveControl:
         """Return expected values, corrected by a share of their difference from the measured ones;
         measured ones at the first instant.
         """
-        return array(
-            [
-                self.code.chosen(begun, e + share * (s - e), s)
-                for e, s in zip(expected, measured, strict=True)
-            ]
-        )
+        pairs = zip(expected, measured, strict=True)
+        return array([self.code.chosen(begun, e + share * (s - e), s) for e, s in pairs])
 
     def _efforts(
         self, q: np.ndarray, v: np.ndarray, acceleration: np.ndarray, learns: Value
@@ -417,14 +378,12 @@ class PredictiveControl:
         estimate, expected = self._load_memory("estimate"), self._load_memory("expected")
         rates = v[layout.drives]
         gain = learns * (programme.share / programme.period)
-        estimate = array(
-            [e + gain * (r - x) for e, r, x in zip(estimate, rates, expected, strict=True)]
-        )
+        read = zip(estimate, rates, expected, strict=True)
+        estimate = array([e + gain * (r - x) for e, r, x in read])
         crane = programme.plant
         effort = crane.answer(q, v, acceleration - estimate, None)[1]
-        cut = [
-            clipped(f, -limit, limit) for f, limit in zip(effort, crane.effort_limit, strict=True)
-        ]
+        limits = zip(effort, crane.effort_limit, strict=True)
+        cut = [clipped(f, -limit, limit) for f, limit in limits]
         hoist = layout.drive_of("hoist")
         if hoist is not None:
             joint = int(layout.drives[hoist])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -73,18 +74,11 @@ class Dual:
 
 def variables(*groups: np.ndarray) -> list[np.ndarray]:
     """Return groups of values as independent variables of one set of derivatives."""
-    count, first, duals = sum(map(len, groups)), 0, []
-    for group in groups:
-        duals.append(
-            array(
-                [
-                    Dual(value, [float(j == first + i) for j in range(count)])
-                    for i, value in enumerate(group)
-                ]
-            )
-        )
-        first += len(group)
-    return duals
+    count, numbers = sum(map(len, groups)), itertools.count()
+    return [
+        array([Dual(value, np.eye(count)[next(numbers)].tolist()) for value in group])
+        for group in groups
+    ]
 
 
 def constants(values: np.ndarray, count: int) -> np.ndarray:

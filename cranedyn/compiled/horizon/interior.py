@@ -109,10 +109,10 @@ class _Solve:
         with code.loop(0, self.shape.stages) as k:
             rows = self.work.stage(k)
             node = rows.get("node")
-            further = {
-                shape.both + i: over_lanes(code, rows.get("extra", i) * node, "fadd")
-                for i in range(shape.inputs)
-            }
+            extra = [
+                over_lanes(code, rows.get("extra", i) * node, "fadd") for i in range(shape.inputs)
+            ]
+            further = dict(enumerate(extra, shape.both))
             node = with_elements(code, node, further) + rows.get("extra_shift")
             rows.put("iterate", node)
             for side in _SIDES:
@@ -156,8 +156,7 @@ class _Solve:
         forces = {}
         for side in _SIDES:
             per_force, per_relief = (
-                1.0 / rows.get(f"force_{side}"),
-                1.0 / rows.get(f"relief_{side}"),
+                1.0 / rows.get(f"{kind}_{side}") for kind in ("force", "relief")
             )
             rows.put(f"per_force_{side}", per_force)
             rows.put(f"per_relief_{side}", per_relief)
@@ -179,9 +178,8 @@ class _Solve:
             pull = pull + sign * (rows.get(f"force_{side}") - rows.get(f"stiff_{side}") * aim)
         terms = [rows.get("gradient"), pull]
         for i in range(shape.inputs):
-            terms.append(
-                rows.get("extra", i) * everywhere(code, element(code, pull, shape.both + i))
-            )
+            felt = everywhere(code, element(code, pull, shape.both + i))
+            terms.append(rows.get("extra", i) * felt)
         rows.put("slope", total(terms))
 
     def _predict(self, rows: MemoryRows, ratio: Any, crossed: Any) -> None:
@@ -247,11 +245,8 @@ class _Solve:
                 relief = rows.get(f"relief_{side}") - dforce
                 slack = rows.get(f"slack_{side}") + share * rows.get(f"dslack_{side}")
                 excess = rows.get(f"excess_{side}") + share * rows.get(f"dexcess_{side}")
-                for name, value in zip(
-                    ("force", "relief", "slack", "excess"),
-                    (force, relief, slack, excess),
-                    strict=True,
-                ):
+                values = {"force": force, "relief": relief, "slack": slack, "excess": excess}
+                for name, value in values.items():
                     rows.put(f"{name}_{side}", value)
                 products.set(products.get() + force * slack + relief * excess)
         count = 4.0 * self.shape.stages * self.shape.lanes

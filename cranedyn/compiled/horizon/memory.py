@@ -60,23 +60,10 @@ class HorizonShape:
         goal; and the report, see `REPORT`.
         """
         z, w = self.states, self.both
-        return {
-            "weight": w,
-            "start": 1,
-            "low": 1,
-            "high": 1,
-            "price": 1,
-            "least": 1,
-            "most": 1,
-            "end": z,
-            "end_gradient": 1,
-            "togo": z,
-            "product": w,
-            "spill": 1,
-            "goal": 1,
-            "report": 1,
-            "block": -(-BLOCK * self.entries // self.lanes),
-        }
+        rows = {"weight": w, "start": 1}
+        rows |= dict.fromkeys(("low", "high", "price", "least", "most"), 1)
+        rows |= {"end": z, "end_gradient": 1, "togo": z, "product": w, "spill": 1}
+        return rows | {"goal": 1, "report": 1, "block": -(-BLOCK * self.entries // self.lanes)}
 
     @property
     def stage(self) -> dict[str, int]:
@@ -91,23 +78,11 @@ class HorizonShape:
         z, w, u = self.states, self.both, self.inputs
         sides = ("slack", "excess", "force", "relief", "per_force", "per_relief")
         steps = ("stiff", "bend", "dslack", "dexcess", "dforce")
-        return {
-            "forward": z,
-            "columns": w,
-            "shift": 1,
-            "extra": u,
-            "extra_shift": 1,
-            "gradient": 1,
-            "slope": 1,
-            "curve": 1,
-            "carried": 1,
-            "feedback": u,
-            "open": 1,
-            "node": 1,
-            "iterate": 1,
-            "trial": 1,
-            **{f"{name}_{side}": 1 for side in ("high", "low") for name in (*sides, *steps)},
-        }
+        rows = {"forward": z, "columns": w, "shift": 1, "extra": u, "extra_shift": 1}
+        rows |= dict.fromkeys(("gradient", "slope", "curve", "carried"), 1)
+        rows |= {"feedback": u, "open": 1, "node": 1, "iterate": 1, "trial": 1}
+        bounds = [f"{name}_{side}" for side in ("high", "low") for name in (*sides, *steps)]
+        return rows | dict.fromkeys(bounds, 1)
 
     @property
     def size(self) -> int:
@@ -165,7 +140,7 @@ class MemoryRows:
         offset = self._shape.place(name, row) + lane
         if isinstance(self._base, int):
             return self._base + offset
-        return self._code.builder.add(self._base, self._code.integer(offset))
+        return self._code.plus(self._base, offset)
 
     def get(self, name: str, row: int = 0) -> Value:
         """Return a row."""
@@ -196,14 +171,10 @@ class Work:
 
     def stage(self, k: Any) -> MemoryRows:
         """Return the rows of a stage."""
+        shape, code = self.shape, self.code
         if isinstance(k, int):
-            return MemoryRows(self.code, self.shape, self.shape.first + k * self.shape.stride)
-        code = self.code
-        return MemoryRows(
-            code,
-            self.shape,
-            code.builder.add(code.product(k, self.shape.stride), code.integer(self.shape.first)),
-        )
+            return MemoryRows(code, shape, shape.first + k * shape.stride)
+        return MemoryRows(code, shape, code.plus(code.product(k, shape.stride), shape.first))
 
 
 def element(code: Code, value: Value, lane: int) -> Value:
@@ -230,19 +201,15 @@ def with_elements(code: Code, value: Value, elements: Mapping[int, Value]) -> Va
 
 def over_lanes(code: Code, value: Value, operation: str) -> Value:
     """Return the sum ("fadd") or maximum ("fmax") of the numbers of a vector."""
-    kind = value.register.type
+    assert value.register.type == code.type
     arguments = [value.register]
     if operation == "fadd":
         arguments = [ir.Constant(DOUBLE, -0.0), *arguments]
     name, module = f"llvm.vector.reduce.{operation}.v{code.lanes}f64", code.function.module
-    function = module.globals.get(name) or ir.Function(
-        module, ir.FunctionType(DOUBLE, [argument.type for argument in arguments]), name
-    )
-    assert kind == code.type
-    return Value(
-        LaneView(code, 1),
-        code.builder.call(function, arguments, fastmath=("reassoc", "nsz", "contract")),
-    )
+    kind = ir.FunctionType(DOUBLE, [argument.type for argument in arguments])
+    function = module.globals.get(name) or ir.Function(module, kind, name)
+    flags = ("reassoc", "nsz", "contract")
+    return Value(LaneView(code, 1), code.builder.call(function, arguments, fastmath=flags))
 
 
 def unit(code: Code, lane: int) -> Value:
@@ -253,9 +220,3 @@ def unit(code: Code, lane: int) -> Value:
 def constant(code: Code, numbers: list[float]) -> Value:
     """Return constants, one for each lane."""
     return Value(code, ir.Constant(code.type, numbers))
-
-
-def pointer(code: Code, base: ir.Value, offset: Any) -> ir.Value:
-    """Return an address, shifted by an offset [doubles]."""
-    index = offset if isinstance(offset, ir.Value) else code.integer(offset)
-    return code.builder.gep(base, [index], source_etype=DOUBLE)

@@ -9,7 +9,6 @@ integrators", §2.4).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -121,16 +120,18 @@ def stage(plant: Plant, length: float, q: np.ndarray, v: np.ndarray, u: np.ndarr
         share *= length / order
         after = after + share * np.vstack([moved, faster])
         moved, faster = faster, by_q @ moved + by_v @ faster
-    return [
-        *((("forward"), i, j, after[i, j]) for i in range(z) for j in range(w)),
-        *((("columns"), j, i, after[i, j]) for i in range(z) for j in range(w)),
-        *(("shift", 0, i, after[i, w] - after[i, :w] @ node) for i in range(z)),
-        *(("extra", i, j, derivatives.efforts[i, j]) for i in range(m) for j in range(w)),
-        *(
-            ("extra_shift", 0, w + i, derivatives.effort[i] - derivatives.efforts[i] @ node)
-            for i in range(m)
-        ),
-    ]
+    entries: Entries = []
+    for i in range(z):
+        entries += [("forward", i, j, after[i, j]) for j in range(w)]
+    for i in range(z):
+        entries += [("columns", j, i, after[i, j]) for j in range(w)]
+    entries += [("shift", 0, i, after[i, w] - after[i, :w] @ node) for i in range(z)]
+    for i in range(m):
+        entries += [("extra", i, j, derivatives.efforts[i, j]) for j in range(w)]
+    for i in range(m):
+        shift = derivatives.effort[i] - derivatives.efforts[i] @ node
+        entries.append(("extra_shift", 0, w + i, shift))
+    return entries
 
 
 def payload_jacobian(plant: Plant, q: np.ndarray) -> np.ndarray:
@@ -177,13 +178,12 @@ def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) ->
     code, layout = work.code, plant.topology.layout
     n, z = layout.n, shape.states
     with code.loop(0, shape.padded // BLOCK) as block:
-        stages = [
-            work.stage(code.builder.add(code.product(block, BLOCK), code.integer(lane)))
-            for lane in range(BLOCK)
-        ]
+        first = code.product(block, BLOCK)
+        stages = [work.stage(code.plus(first, lane)) for lane in range(BLOCK)]
+        pointer = code.argument["work"]
         node = array(
             [
-                code.gather(code.argument["work"], [rows.at("node", 0, i) for rows in stages])
+                code.gather(pointer, [rows.at("node", 0, i) for rows in stages])
                 for i in range(shape.both)
             ]
         )
@@ -193,7 +193,7 @@ def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) ->
             code.store(value, code.argument["work"], BLOCK * row + shape.place("block"))
         _scatter(work, block, written)
     code.end()
-    return list(_constant_entries(entries))
+    return [(*place, float(value)) for *place, value in entries if not isinstance(value, Value)]  # type: ignore[misc]
 
 
 def _scatter(work: Work, block: ir.Value, written: Entries) -> None:
@@ -204,18 +204,11 @@ def _scatter(work: Work, block: ir.Value, written: Entries) -> None:
     kind = ir.ArrayType(INTEGER, len(offsets))
     table = ir.GlobalVariable(code.function.module, kind, "places")
     table.global_constant, table.initializer = True, ir.Constant(kind, offsets)
-    first = builder.add(code.product(block, BLOCK * shape.stride), code.integer(shape.first))
+    first = code.plus(code.product(block, BLOCK * shape.stride), shape.first)
     with code.loop(0, len(offsets)) as row:
-        source = builder.add(code.product(row, BLOCK), code.integer(shape.place("block")))
+        source = code.plus(code.product(row, BLOCK), shape.place("block"))
         offset = builder.load(builder.gep(table, [row], source_etype=INTEGER), typ=INTEGER)
         offset = builder.add(first, offset)
         for lane in range(BLOCK):
-            value = single.load(code.argument["work"], builder.add(source, code.integer(lane)))
-            to = builder.add(offset, code.integer(lane * shape.stride))
-            single.store(value, code.argument["work"], to)
-
-
-def _constant_entries(entries: Entries) -> Iterator[tuple[str, int, int, float]]:
-    for name, row, lane, value in entries:
-        if not isinstance(value, Value):
-            yield name, row, lane, float(value)
+            value = single.load(code.argument["work"], code.plus(source, lane))
+            single.store(value, code.argument["work"], code.plus(offset, lane * shape.stride))

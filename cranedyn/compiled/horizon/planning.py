@@ -6,6 +6,8 @@ nonlinear optimization in optimal feedback control").
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 from llvmlite import ir
 
 from cranedyn.compiled.code import INTEGER, Code, Value
@@ -25,11 +27,28 @@ QUERY = ("row", "last", "hop")
 """Whole numbers after the state in a query: present row of the path, its last row, rows from one
 stage to the next. The last number of a query is 1, or 0 for an implausible state."""
 
-MARKS = ("begun", "failures", "flag", "iterations", "excess", "barrier")
-"""First lanes of the last row of a plan: 1 after the first optimisation; number of failures;
-success, iterations, and excess of the optimum without bounds of the last one; initial barrier of
-the next. Only the plan passes from one optimisation to the next: lanes share the memory of the
-optimisation."""
+
+class Marks(NamedTuple):
+    """First lanes of the last row of a plan: the outcome of the optimisations so far.
+
+    Only the plan passes from one optimisation to the next: lanes share the memory of the
+    optimisation.
+
+    Attributes:
+        begun: 1 after the first one.
+        failures: Number of failures, after which the last plan continues.
+        flag: 1 if the last one succeeded.
+        iterations: Iterations of the last one; 0 if no bound was active.
+        excess: Largest excess of a bound at the optimum without bounds, negative for none.
+        barrier: Initial barrier of the next one.
+    """
+
+    begun: Any
+    failures: Any
+    flag: Any
+    iterations: Any
+    excess: Any
+    barrier: Any
 
 
 def emit(
@@ -38,7 +57,7 @@ def emit(
     """Add the function `plan`.
 
     Its arguments: memory of an optimisation; a plan, rows of states and inputs by stage and a row
-    of `MARKS`; a query, the state and the numbers of `QUERY`; a path, rows of coordinates and
+    of `Marks`; a query, the state and the numbers of `QUERY`; a path, rows of coordinates and
     rates where to be.
 
     Args:
@@ -68,7 +87,7 @@ class _Plan:
         code, shape, arguments = self.code, self.shape, self.code.argument
         self.common.put("start", code.load(arguments["query"]) * mask(code, shape.states))
         fresh = self._mark("begun") < 0.5
-        wider = _WIDER * self.common.one("report", 0, REPORT.index("first"))
+        wider = _WIDER * self._reported("first")
         barrier = self.one.chosen(fresh, wider, self._mark("barrier"))
         self.common.put_one("report", 0, REPORT.index("barrier"), barrier)
         with code.when(fresh), code.loop(0, shape.stages) as k:
@@ -84,20 +103,22 @@ class _Plan:
         code.end()
 
     def _solve(self) -> None:
-        code, shape = self.code, self.shape
+        common = self.common
         self._begin_at_state()
         self._aim()
         self._bound()
-        call(code, "linearise")
-        call(code, "end")
-        aim = [
-            self.common.get("end", i) * self.common.every("goal", 0, i) for i in range(shape.states)
-        ]
-        self.common.put("end_gradient", -total(aim))
-        call(code, "solve")
+        call(self.code, "linearise")
+        call(self.code, "end")
+        states = range(self.shape.states)
+        aim = [common.get("end", i) * common.every("goal", 0, i) for i in states]
+        common.put("end_gradient", -total(aim))
+        call(self.code, "solve")
+
+    def _reported(self, name: str) -> Value:
+        return self.common.one("report", 0, REPORT.index(name))
 
     def _mark(self, name: str) -> Value:
-        return self.one.load(self.code.argument["plan"], self.marks + MARKS.index(name))
+        return self.one.load(self.code.argument["plan"], self.marks + Marks._fields.index(name))
 
     def _shift(self) -> None:
         """Set the nodes to the last plan, shifted to the present time."""
@@ -123,7 +144,7 @@ class _Plan:
         """Compute weights about the end of the path, and the gradient of the cost, which is about
         the path.
         """
-        code, shape, layout = self.code, self.shape, self.layout
+        code, shape, layout, common = self.code, self.shape, self.layout, self.common
         query, path = code.argument["query"], code.argument["path"]
         row, last, hop = (code.load_one(query, shape.lanes + i, INTEGER) for i in range(len(QUERY)))
 
@@ -140,10 +161,8 @@ class _Plan:
             for i in range(shape.states):
                 self.common.put_one("spill", 0, i, number(k, i))
             coming = code.builder.add(k, code.integer(1))
-            terms = [
-                self.common.get("weight", i) * self.common.every("spill", 0, i)
-                for i in range(shape.states)
-            ]
+            states = range(shape.states)
+            terms = [common.get("weight", i) * common.every("spill", 0, i) for i in states]
             for c, drive in enumerate((layout.n + layout.drives).tolist()):
                 pull = (number(coming, drive) - number(k, drive)) * (1.0 / self.length)
                 terms.append(self.common.get("weight", shape.states + c) * everywhere(code, pull))
@@ -168,7 +187,7 @@ class _Plan:
         """Store the new plan; after a failure keep the last one."""
         code, shape, single = self.code, self.shape, self.one
         plan = code.argument["plan"]
-        flag = self.common.one("report", 0, REPORT.index("flag"))
+        flag = self._reported("flag")
         finite = code.variables([1.0])[0]
         with code.loop(0, shape.stages) as k:
             size = code.call("llvm.fabs", self.work.stage(k).get("iterate"))
@@ -180,19 +199,16 @@ class _Plan:
             with code.when(solved):
                 plan_row.set(rows.get("iterate"))
             code.store(plan_row.get(), plan, code.product(k, shape.lanes))
-        first = self.common.one("report", 0, REPORT.index("first"))
-        barrier = self.common.one("report", 0, REPORT.index("barrier"))
+        first, barrier = map(self._reported, ("first", "barrier"))
         wider = single.call("llvm.minnum", _WIDER * barrier, _WIDEST * first)
         failed = self._mark("failures") + single.chosen(solved, 0.0, 1.0)
-        marks = {
-            "begun": single.chosen(plausible, 1.0, self._mark("begun")),
-            "failures": failed,
-            "flag": single.chosen(solved, 1.0, 0.0),
-            **{
-                name: self.common.one("report", 0, REPORT.index(name))
-                for name in ("iterations", "excess")
-            },
-            "barrier": single.chosen(solved, first, wider),
-        }
-        for name, value in marks.items():
-            single.store(value, plan, self.marks + MARKS.index(name))
+        marks = Marks(
+            begun=single.chosen(plausible, 1.0, self._mark("begun")),
+            failures=failed,
+            flag=single.chosen(solved, 1.0, 0.0),
+            iterations=self._reported("iterations"),
+            excess=self._reported("excess"),
+            barrier=single.chosen(solved, first, wider),
+        )
+        for i, value in enumerate(marks):
+            single.store(value, plan, self.marks + i)

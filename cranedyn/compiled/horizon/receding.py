@@ -16,7 +16,6 @@ from cranedyn.clocks import SAME_PERIOD, multiple, whole_periods
 from cranedyn.compiled.binding import Instant
 from cranedyn.compiled.horizon import model
 from cranedyn.compiled.horizon.control import (
-    MemoryOffsets,
     Programme,
     emit_instant,
     emit_plan,
@@ -24,7 +23,7 @@ from cranedyn.compiled.horizon.control import (
     plan_size,
 )
 from cranedyn.compiled.horizon.memory import REPORT
-from cranedyn.compiled.horizon.planning import MARKS
+from cranedyn.compiled.horizon.planning import Marks
 from cranedyn.compiled.machine import Machine, translate
 from cranedyn.controllers.tracking import check_finite
 from cranedyn.dynamics.converters import Converters, fitting
@@ -34,9 +33,9 @@ from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 from cranedyn.plant.plant import Plant, Topology, numbers, plant
-from cranedyn.references.interpolation import ROW_TOLERANCE
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
+from cranedyn.references.tabulated import ROW_TOLERANCE
 
 PRICE = 1e6
 """Cost of exceeding a bound by its own size in one stage."""
@@ -100,45 +99,19 @@ class Tuning:
 
     def errors(self, layout: Layout) -> tuple[float, ...]:
         """Return errors of coordinates, then of rates of each joint that weigh alike."""
-        errors = [
-            self.revolute if joint.kind == "revolute" else self.prismatic for joint in layout.joints
-        ]
-        return tuple(error[i] for i in (0, 1) for error in errors)
+        by_kind = {"revolute": self.revolute, "prismatic": self.prismatic}
+        return tuple(by_kind[joint.kind][i] for i in (0, 1) for joint in layout.joints)
 
     def slower(self, time: float) -> Tuning:
         """Return the tuning for a crane whose motions take a multiple of the time."""
+        times = ("period", "to_goal", "on_path", "settling", "smoothing", "recalled")
         length = time**2  # so that rates go with the time
         return Tuning(
-            period=self.period * time,
-            to_goal=self.to_goal * time,
-            on_path=self.on_path * time,
-            settling=self.settling * time,
-            smoothing=self.smoothing * time,
-            recalled=self.recalled * time,
+            **{name: time * getattr(self, name) for name in times},
             payload=(self.payload[0] * length, self.payload[1] * time),
             revolute=(self.revolute[0], self.revolute[1] / time),
             prismatic=(self.prismatic[0] * length, self.prismatic[1] * time),
         )
-
-
-class Marks(NamedTuple):
-    """Outcome of the optimisations so far.
-
-    Attributes:
-        begun: 1 after the first one.
-        failures: Number of failures, after which the last plan continues.
-        flag: 1 if the last one succeeded.
-        iterations: Iterations of the last one; 0 if no bound was active.
-        excess: Largest excess of a bound at the optimum without bounds, negative for none.
-        barrier: Initial barrier of the next one.
-    """
-
-    begun: float
-    failures: float
-    flag: float
-    iterations: float
-    excess: float
-    barrier: float
 
 
 @dataclass(eq=False, repr=False)
@@ -186,7 +159,7 @@ class Receding(ShortRepr):
 
     def memory(self, lanes: int) -> np.ndarray:
         """Return the memory of a group of so many cranes before a run, shape (doubles,)."""
-        offsets = MemoryOffsets.of(self.programme, lanes)
+        offsets = self.programme.offsets(lanes)
         memory = np.zeros(offsets.size)
         memory[offsets.work :] = self.table
         self._of_lanes(memory, lanes, "read")[:] = self._row("start")[:, None]
@@ -241,7 +214,7 @@ class Receding(ShortRepr):
         size, shape = plan_size(self.programme.shape), self.programme.shape
         first = self.programme.offsets(lanes).plans - shape.lanes
         ends = [first + (lane + 1) * size for lane in range(lanes)]
-        return [Marks(*memory[end : end + len(MARKS)].tolist()) for end in ends]
+        return [Marks(*memory[end : end + len(Marks._fields)].tolist()) for end in ends]
 
     def begin_run(self, t: float, control_period: float) -> None:
         """Check the control period, see `cranedyn.clocks.Clocked`.
@@ -251,9 +224,8 @@ class Receding(ShortRepr):
         """
         period = self.programme.period
         if not math.isclose(control_period, period, rel_tol=SAME_PERIOD):
-            raise OutOfRange(
-                "control period of the run", control_period, f"the controller's, {period:g}", "s"
-            )
+            allowed = f"the controller's, {period:g}"
+            raise OutOfRange("control period of the run", control_period, allowed, "s")
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return efforts [N m or N], accelerations or rates, shape (m,).
@@ -383,15 +355,13 @@ def receding(
     within("stages", whole("stages", stages, 2, "stages"), 2, _STAGES)
     within("settling", number("settling", settling, "s", "> 0"), control_period, 1e3, "s")
     within("smoothing", number("smoothing", smoothing, "s", "> 0"), 0.0, 1e3, "s")
-    swing = within(
-        "swing limit", number("swing limit", swing_limit, "rad", "> 0"), 0.0, 1.57, "rad"
-    )
+    swing = number("swing limit", swing_limit, "rad", "> 0")
+    within("swing limit", swing, 0.0, 1.57, "rad")
     if motion is not None:
         motion.check_fits("motion", layout)
     if motion is not None and not math.isclose(motion.period, control_period, rel_tol=SAME_PERIOD):
-        raise OutOfRange(
-            "period of the motion", motion.period, f"the control period, {control_period:g}", "s"
-        )
+        allowed = f"the control period, {control_period:g}"
+        raise OutOfRange("period of the motion", motion.period, allowed, "s")
     drive_limits = limits.for_crane(crane)
     rates, accelerations = np.array(drive_limits.rates), np.array(drive_limits.accelerations)
     lags = fitting(crane, drive, converters)
@@ -417,10 +387,8 @@ def receding(
         () if lags is None else tuple((lags.lags + lags.ahead(control_period)).tolist()),
     )
     cost = _weights(crane, accelerations, state_weight, input_weight)
-    rows = {
-        **_bounds(crane, rates, accelerations, swing, programme.taut),
-        **_plausible(crane, rates, programme),
-    }
+    bounds = _bounds(crane, rates, accelerations, swing, programme.taut)
+    rows = bounds | _plausible(crane, rates, programme)
     return Receding(programme, _table(programme, cost, rows), path)
 
 

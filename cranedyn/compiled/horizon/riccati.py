@@ -111,16 +111,12 @@ def _emit_sweep(work: Work) -> None:
     with code.loop(0, shape.stages) as count:
         rows = work.stage(code.builder.sub(code.integer(shape.stages - 1), count))
         common.put("spill", slope.get() + rows.get("carried"))
-        felt = total(
-            [rows.get("slope")]
-            + [rows.get("forward", i) * common.every("spill", 0, i) for i in range(z)]
-        )
-        feedback = total(
-            [
-                rows.get("feedback", c) * everywhere(code, element(code, felt, z + c))
-                for c in range(m)
-            ]
-        )
+        ahead = [rows.get("forward", i) * common.every("spill", 0, i) for i in range(z)]
+        felt = total([rows.get("slope"), *ahead])
+        answers = [
+            rows.get("feedback", c) * everywhere(code, element(code, felt, z + c)) for c in range(m)
+        ]
+        feedback = total(answers)
         rows.put("open", feedback)
         slope.set(felt - feedback)
     state = code.variables([common.get("start")])[0]
@@ -138,10 +134,8 @@ def _emit_sweep(work: Work) -> None:
         both = with_elements(code, current, {z + c: inputs[c] for c in range(m)})
         further = {w + i: over_lanes(code, rows.get("extra", i) * both, "fadd") for i in range(m)}
         rows.put("trial", with_elements(code, both, further) + rows.get("extra_shift"))
-        state.set(
-            predicted
-            + total([rows.get("columns", z + c) * everywhere(code, inputs[c]) for c in range(m)])
-        )
+        moved = [rows.get("columns", z + c) * everywhere(code, inputs[c]) for c in range(m)]
+        state.set(predicted + total(moved))
     code.end()
 
 

@@ -12,76 +12,55 @@ import sys
 import tempfile
 import traceback
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 from types import FrameType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
-ROOT = Path(__file__).resolve().parents[3]
-"""Root of the repository."""
-
-OURS = ("cranedyn", "experiments")
-"""Folders whose promises are tested."""
+from cranedyn.errors import CraneError
 
 BUDGET, PATIENCE = 2.0, 2.0
 """Processor time after which a case is interrupted, and in which it must then end [s]."""
 
+NUMBERS = (
+    "0 -0.0 -1 1e300 -1e300 1e-300 5e-324 nan inf -inf 1e400 1e-400 1e29 1e9 1e15 1e-9 0x10 1_0 ١ "
+    "1e --1 1,5 +1 1. 99999999999999999999 1e5 x"
+).split()
+"""What may stand where a number is asked for."""
 
-class Case(NamedTuple):
-    """An input: what a generator drew, made of plain values."""
+LETTERS = [
+    *("", " ", "\0", "a\0b", "\udcff", "a" * 300, "a\nerror: forged", "\x1b[31m", "\u2028", "-"),
+    *("ä" * 200, "${1/0}", "$(id)", "%s", "{0}", "..", "/"),
+]
+"""What may stand where a word is asked for."""
 
-    head: Any
-    parts: list[Any]
 
-
-class Generator(Protocol):
+@dataclass(frozen=True)
+class Generator:
     """A kind of input.
 
     Attributes:
         name: Name of the kind.
-        weight: Share of the cases, beside the other kinds.
-        interruptible: Whether a case may run until it is interrupted; else a case of more than
-            `BUDGET` is broken.
+        draw: Draws a case, made of plain values, the same for the same random numbers.
+        attempt: Tries a case in an empty folder and returns in a word how it ended; raises
+            `Broken` if a promise is broken, and breaks one by whatever else it raises.
+        long: Whether a case may run until it is interrupted; else one of more than `BUDGET` breaks
+            a promise.
     """
 
-    @property
-    def name(self) -> str:
-        """Name of the kind."""
-
-    @property
-    def weight(self) -> float:
-        """Share of the cases."""
-
-    @property
-    def interruptible(self) -> bool:
-        """Whether a case may take long."""
-
-    def draw(self, rng: Random) -> Case:
-        """Draw an input, the same for the same random numbers."""
-
-    def attempt(self, case: Case, folder: Path) -> str:
-        """Try the input in an empty folder; return in a word how it ended.
-
-        Raises:
-            Broken: If a promise is broken.
-            BaseException: Whatever escapes breaks one, too.
-        """
-
-    def shown(self, case: Case) -> str:
-        """Return the input as something to paste."""
+    name: str
+    draw: Callable[[Random], Any]
+    attempt: Callable[[Any, Path], str]
+    long: bool = False
 
 
 class Broken(Exception):
-    """A promise is broken although nothing was raised.
-
-    Attributes:
-        promise: The promise, in words that are the same for all inputs that break it alike.
-    """
+    """A promise is broken although nothing was raised."""
 
     def __init__(self, promise: str, detail: object = "") -> None:
-        self.promise = promise
         super().__init__(f"{promise}: {detail}" if detail != "" else promise)
 
 
@@ -90,101 +69,95 @@ class TooLong(BaseException):
 
 
 class Verdict(NamedTuple):
-    """Verdict on a case.
-
-    Attributes:
-        word: How it ended, for counting.
-        place: Where a promise is broken; empty if none is.
-        text: What happened there.
-    """
+    """How a case ended, in a word, and the promise that it broke; empty if it broke none."""
 
     word: str
-    place: str = ""
-    text: str = ""
+    fault: str = ""
 
 
-def drawn(generator: Generator, number: int) -> Case:
-    """Return the input of a case."""
+def drawn(generator: Generator, number: int) -> Any:
+    """Return a case of a generator."""
     return generator.draw(Random(f"{generator.name} {number}"))
 
 
-def judged(generator: Generator, case: Case) -> Verdict:
-    """Return the verdict on an input, tried in a folder of its own."""
+def judged(generator: Generator, case: Any) -> Verdict:
+    """Return the verdict on a case, tried in a folder of its own."""
     folder, home = Path(tempfile.mkdtemp(prefix="fuzz-")), os.getcwd()
+    (folder / "work").mkdir()
     try:
-        with _raw_output(folder) as output, _limited(BUDGET), warnings.catch_warnings():
+        with _raw_output(folder / "raw"), _limited(), warnings.catch_warnings():
             # An interruption between open and `with` leaves a file to be collected.
             warnings.simplefilter("ignore", ResourceWarning)
-            verdict = _attempted(generator, case, folder)
-        text = output()
+            verdict = _attempted(generator, case, folder / "work")
+        raw = (folder / "raw").read_text("utf-8", "replace")
     finally:
         os.chdir(home)
         shutil.rmtree(folder, ignore_errors=True)
-    if text and not verdict.place:
-        line = " ".join(re.sub(r"\x1b\[[0-9;]*m|\[[^]]*\]|\S*[0-9]\S*", "", text).split()[:5])
-        return Verdict("broken", f"raw words beside ours: {line}", text[:500])
-    return verdict
+    return Verdict("broken", f"raw words beside ours: {raw[:500]}") if raw else verdict
 
 
-def _attempted(generator: Generator, case: Case, folder: Path) -> Verdict:
-    work = folder / "work"
-    work.mkdir()
+def _attempted(generator: Generator, case: Any, folder: Path) -> Verdict:
     try:
-        return Verdict(generator.attempt(case, work))
-    except Broken as broken:
-        return Verdict("broken", broken.promise, str(broken)[:2000])
+        return Verdict(generator.attempt(case, folder))
     except KeyboardInterrupt as stop:
-        if generator.interruptible:
+        if generator.long:
             return Verdict("interrupted")
-        return Verdict("broken", f"takes more than {BUDGET:g} s, {place_of(stop)}", _trace(stop))
+        return Verdict("broken", f"takes more than {BUDGET:g} s\n{_trace(stop)}")
+    except TooLong as error:
+        return Verdict("broken", f"Ctrl-C is not answered in {PATIENCE:g} s\n{_trace(error)}")
     except BaseException as error:
-        return Verdict("broken", place_of(error), _trace(error))
+        return Verdict("broken", _trace(error))
 
 
 def _trace(error: BaseException) -> str:
-    return "".join(traceback.format_exception(error, limit=-6))[-1500:]
+    return "".join(traceback.format_exception(error, limit=-6))[-2000:]
 
 
-def place_of(error: BaseException) -> str:
-    """Return the kind of an exception, and the last line of ours through which it came."""
-    paths = [(Path(one.filename), one) for one in traceback.extract_tb(error.__traceback__)]
-    frames = [
-        (path.relative_to(ROOT), frame)
-        for path, frame in paths
-        if path.is_relative_to(ROOT) and path.relative_to(ROOT).parts[0] in OURS
-    ]
-    kind = type(error).__name__
-    if isinstance(error, TooLong):
-        kind = f"Ctrl-C is not answered in {PATIENCE:g} s"
-    if not frames:
-        return f"{kind} in the fuzzer"
-    path, frame = frames[-1]
-    return f"{kind} at {path}:{frame.lineno} {frame.name}"
+def check_message(error: CraneError) -> None:
+    """Return if an error is one printable sentence; else raise `Broken`."""
+    if not (str(error).isprintable() and str(error).endswith(".")):
+        raise Broken("an error that is no printable sentence", repr(str(error))) from None
+
+
+def outcome(action: Callable[[], object]) -> str:
+    """Return how an action ends, good or refused in one printable sentence."""
+    try:
+        action()
+    except CraneError as error:
+        check_message(error)
+        return "refused"
+    return "good"
+
+
+def check_line(code: int, err: str) -> None:
+    """Return if a command that ends with 2 said why on one line; else raise `Broken`."""
+    lines = [line for line in err.splitlines() if not line.startswith(("usage: ", " "))]
+    if code == 2 and not (len(lines) == 1 and re.match(r"(python -m [\w.]+: )?error: .", lines[0])):
+        raise Broken("exit code 2 without one line that begins with error:", err)
 
 
 @contextmanager
-def _limited(seconds: float) -> Iterator[None]:
-    """Interrupt as Ctrl-C does after so much processor time [s]; raise `TooLong` if that is not
-    answered.
-    """
-    before = signal.signal(signal.SIGPROF, _over)
+def _limited() -> Iterator[None]:
+    """Interrupt as Ctrl-C does at the end of the budget; raise `TooLong` if nothing answers."""
+    fired = False
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal fired
+        if fired:
+            raise TooLong
+        fired = True
+        interrupt_after(PATIENCE)
+        signal.raise_signal(signal.SIGINT)
+
+    before = signal.signal(signal.SIGPROF, interrupt)
     handler = signal.signal(signal.SIGINT, signal.default_int_handler)
-    signal.setitimer(signal.ITIMER_PROF, seconds)
-    _over.fired = False  # type: ignore[attr-defined]
+    interrupt_after(BUDGET)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        interrupt_after(0.0)
         signal.signal(signal.SIGPROF, before)
         signal.signal(signal.SIGINT, handler)
-
-
-def _over(number: int, frame: FrameType | None) -> None:
-    if _over.fired:  # type: ignore[attr-defined]
-        raise TooLong
-    _over.fired = True  # type: ignore[attr-defined]
-    signal.setitimer(signal.ITIMER_PROF, PATIENCE)
-    signal.raise_signal(signal.SIGINT)
 
 
 def interrupt_after(seconds: float) -> None:
@@ -193,18 +166,16 @@ def interrupt_after(seconds: float) -> None:
 
 
 @contextmanager
-def _raw_output(folder: Path) -> Iterator[Any]:
-    """Keep what is written to the file descriptors of standard output and error past Python's
-    streams.
-    """
-    with (folder / "raw").open("w+b") as file:
+def _raw_output(path: Path) -> Iterator[None]:
+    """Keep in a file what is written to standard output and error past Python's streams."""
+    with path.open("wb") as file:
         copies = [(number, os.dup(number)) for number in (1, 2)]
-        for stream in (sys.stdout, sys.stderr):
-            stream.flush()
+        sys.stdout.flush()
+        sys.stderr.flush()
         try:
             for number, _ in copies:
                 os.dup2(file.fileno(), number)
-            yield lambda: (folder / "raw").read_bytes().decode(errors="replace")
+            yield
         finally:
             for number, copy in copies:
                 os.dup2(copy, number)

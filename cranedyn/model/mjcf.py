@@ -1,0 +1,200 @@
+"""A crane in MuJoCo's format, MJCF, as a URDF of its joints and masses."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.errors import ModelError, OutOfRange, printable, quoted
+from cranedyn.model.urdf import are_numbers
+
+_READ = ("compiler", "default", "worldbody", "body", "joint", "freejoint", "geom", "inertial")
+"""Elements that say where bodies are, how they move and what they weigh."""
+
+_ACTING = ("tendon", "equality")
+"""Elements with forces of their own."""
+
+_FILES = ("plane", "hfield", "mesh")
+"""Shapes without a mass, or with that of another file."""
+
+_NUMBERS = frozenset(
+    "mass density pos quat euler axisangle xyaxes zaxis axis range size fromto damping armature "
+    "frictionloss stiffness diaginertia fullinertia".split()
+)
+"""Attributes that hold numbers: the parser takes a text for zero."""
+
+_ABSENT = ("frictionloss", "stiffness")
+"""Properties of joints that are not carried over."""
+
+_REACH = {"prismatic": 1e3, "revolute": math.pi}
+"""Range to either side of a joint without one [m or rad]."""
+
+_EFFORT = 1e6
+"""Largest effort of a joint without a limit [N or N m]."""
+
+
+def read_mjcf(root: ET.Element, path: Path) -> tuple[ET.Element, list[str]]:
+    """Return the URDF of an MJCF model: a link for each body that moves, without looks.
+
+    A ball joint becomes two revolute joints, about X and then Y of its body, since a rope does not
+    turn its load. The joints of actuators are driven. No other file is read.
+
+    Args:
+        root: Root of the MJCF.
+        path: File for error messages.
+
+    Returns:
+        The URDF, and a note on each assumption.
+
+    Raises:
+        OutOfRange: If a number is none, or a joint has friction or a spring.
+        ModelError: If Pinocchio cannot read it, or a joint has several degrees of freedom.
+    """
+    if root.find(".//include") is not None:
+        raise ModelError(f"{path} includes other files; merge them into one (mj_saveLastXML).")
+    notes = [
+        f"What acts by <{tag}> is left out." for tag in _ACTING if len(root.findall(f"{tag}/*"))
+    ]
+    for element in root.iter():
+        for name in _NUMBERS & element.attrib.keys():
+            if not are_numbers(element.get(name, "").split()):
+                raise OutOfRange(
+                    f"{name} of {element.tag} in {path}", repr(element.get(name)), "decimal numbers"
+                )
+            if name in _ABSENT and float(element.get(name, "")) != 0.0:
+                raise OutOfRange(f"{name} of a joint in {path}", element.get(name), "0")
+    bodies = ET.Element("mujoco", model=root.get("model", "crane"))
+    bodies.extend([_moving(child, notes) for child in root if child.tag in _READ])
+    model = _build(bodies, path)
+    driven = {
+        actuator.get("joint", "") for group in root.iterfind("actuator") for actuator in group
+    }
+    return _as_urdf(model, driven, notes, path), notes
+
+
+def _moving(element: ET.Element, notes: list[str]) -> ET.Element:
+    """Return an element with the children that matter for the dynamics, and one joint a body."""
+    copy = innermost = ET.Element(element.tag, element.attrib)
+    for i, joint in enumerate(_single_joints(element, notes)):
+        if i:
+            innermost = ET.SubElement(innermost, "body", name=f"{joint.get('name')}_body")
+        innermost.append(joint)
+    for child in element:
+        if child.tag == "geom" and child.get("type") in _FILES:
+            if child.get("type") == "mesh" and "0" not in (child.get("density"), child.get("mass")):
+                notes.append(f"The mesh of {quoted(element.get('name', 'world'))} weighs nothing.")
+        elif child.tag in _READ and child.tag != "joint":
+            innermost.append(_moving(child, notes))
+    return copy
+
+
+def _single_joints(body: ET.Element, notes: list[str]) -> list[ET.Element]:
+    """Return the joints of a body in their order, two hinges for a ball."""
+    joints = []
+    for joint in body.iterfind("joint"):
+        if joint.get("type") != "ball":
+            joints.append(joint)
+            continue
+        name = joint.get("name", f"{body.get('name', 'ball')}_joint")
+        notes.append(f"The ball joint {quoted(name)} turns about X, then Y, not about Z.")
+        for letter, axis in (("x", "1 0 0"), ("y", "0 1 0")):
+            attributes = joint.attrib | {"name": f"{name}_{letter}", "type": "hinge", "axis": axis}
+            attributes.pop("range", None)
+            joints.append(ET.Element("joint", attributes))
+    return joints
+
+
+def _build(bodies: ET.Element, path: Path) -> pin.Model:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "crane.xml"
+        ET.ElementTree(bodies).write(file, encoding="unicode")
+        try:
+            return pin.buildModelFromMJCF(str(file))
+        except (ValueError, RuntimeError) as error:
+            text = printable(str(error).strip().splitlines()[-1].rstrip("."))
+            raise ModelError(f"{path} is not an MJCF that can be loaded: {text}.") from error
+
+
+def _as_urdf(model: pin.Model, driven: set[str], notes: list[str], path: Path) -> ET.Element:
+    """Return a URDF with a link for each joint of a model."""
+    robot = ET.Element("robot", name=model.name or "crane")
+    ET.SubElement(robot, "link", name="world")
+    control = ET.SubElement(robot, "ros2_control", name="drives", type="system")
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    for i in range(1, model.njoints):
+        name, joint = model.names[i], model.joints[i]
+        if (joint.nq, joint.nv) != (1, 1):
+            raise ModelError(
+                f"{path} has {quoted(name)}, which moves in {joint.nv} directions; allowed are "
+                "slide, hinge and ball joints."
+            )
+        jacobian = pin.getJointJacobian(model, data, i, pin.LOCAL).reshape(6, model.nv)
+        column = jacobian[:, joint.idx_v]
+        kind = "prismatic" if np.linalg.norm(column[3:]) < 0.5 else "revolute"
+        axis = column[:3] if kind == "prismatic" else column[3:]
+        parent = "world" if model.parents[i] == 0 else f"{model.names[model.parents[i]]}_link"
+        _add_joint(robot, name, kind, parent, model.jointPlacements[i], axis)
+        element = robot[-1]
+        _add_limits(element, kind, model, joint.idx_q, joint.idx_v, name in driven, notes)
+        _add_link(robot, f"{name}_link", model.inertias[i])
+        if name in driven:
+            drive = ET.SubElement(control, "joint", name=name)
+            ET.SubElement(drive, "command_interface", name="effort")
+    return robot
+
+
+def _add_joint(
+    robot: ET.Element, name: str, kind: str, parent: str, placement: pin.SE3, axis: np.ndarray
+) -> None:
+    element = ET.SubElement(robot, "joint", name=name, type=kind)
+    ET.SubElement(element, "parent", link=parent)
+    ET.SubElement(element, "child", link=f"{name}_link")
+    rpy = pin.rpy.matrixToRpy(placement.rotation)
+    ET.SubElement(element, "origin", xyz=_text(placement.translation), rpy=_text(rpy))
+    ET.SubElement(element, "axis", xyz=_text(axis))
+
+
+def _add_limits(
+    element: ET.Element,
+    kind: str,
+    model: pin.Model,
+    q: int,
+    v: int,
+    driven: bool,
+    notes: list[str],
+) -> None:
+    name = element.get("name", "")
+    low, high = float(model.lowerPositionLimit[q]), float(model.upperPositionLimit[q])
+    if not (math.isfinite(low) and math.isfinite(high)):
+        low, high = -_REACH[kind], _REACH[kind]
+        unit = "m" if kind == "prismatic" else "rad"
+        notes.append(f"{name} has no range; {low:g} to {high:g} {unit} are taken.")
+    effort = float(model.effortLimit[v])
+    if driven and not math.isfinite(effort):
+        notes.append(f"{name} has no largest effort; {_EFFORT:g} are taken.")
+    limits = {"lower": low, "upper": high, "effort": min(effort, _EFFORT), "velocity": 0.0}
+    ET.SubElement(element, "limit", {key: repr(value) for key, value in limits.items()})
+    dynamics = {"damping": model.damping[v], "armature": model.armature[v]}
+    ET.SubElement(element, "dynamics", {key: repr(float(value)) for key, value in dynamics.items()})
+
+
+def _add_link(robot: ET.Element, name: str, inertia: pin.Inertia) -> None:
+    inertial = ET.SubElement(ET.SubElement(robot, "link", name=name), "inertial")
+    ET.SubElement(inertial, "origin", xyz=_text(inertia.lever), rpy="0 0 0")
+    ET.SubElement(inertial, "mass", value=repr(float(inertia.mass)))
+    tensor = inertia.inertia
+    moments = {
+        f"i{a}{b}": repr(float(tensor["xyz".index(a), "xyz".index(b)]))
+        for a, b in ("xx", "yy", "zz", "xy", "xz", "yz")
+    }
+    ET.SubElement(inertial, "inertia", moments)
+
+
+def _text(vector: np.ndarray) -> str:
+    return " ".join(repr(float(component)) for component in vector)

@@ -1,0 +1,298 @@
+"""References that know nothing of the load: hold still, pulses, ramps, and quintic splines."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from cranedyn.checks import finite, number, read_only, short_repr
+from cranedyn.errors import OutOfRange
+from cranedyn.interfaces import Reference, Setpoint, State
+from cranedyn.model.crane import Crane
+from cranedyn.model.layout import Layout
+from cranedyn.references.motion import Motion
+from cranedyn.references.tabulated import as_setpoint, tabulated
+
+
+@dataclass(frozen=True, eq=False)
+class Still:
+    """A reference that does not move.
+
+    Attributes:
+        setpoint: The setpoint at all times, read-only.
+    """
+
+    setpoint: Setpoint
+
+    def __post_init__(self) -> None:
+        """Check the setpoint and copy it."""
+        arrays = (read_only(np.array(component)) for component in as_setpoint(self.setpoint))
+        object.__setattr__(self, "setpoint", Setpoint(*arrays))
+
+    def __call__(self, t: float) -> Setpoint:
+        """Return the setpoint at a time [s]."""
+        return self.setpoint
+
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Return setpoints at many times [s], shape (n, m) each."""
+        shape = len(times), len(self.setpoint.position)
+        return Setpoint(*(np.broadcast_to(component, shape) for component in self.setpoint))
+
+
+def hold(crane: Crane, state: State | None = None) -> Reference:
+    """Keep the drives of a crane where a state has them; None for where it starts."""
+    q = crane.layout.as_state("state", crane.start if state is None else state).q
+    zero = np.zeros(crane.layout.m)
+    return Still(Setpoint(q[crane.layout.drives], zero, zero))
+
+
+def checked(reference: Reference, layout: Layout) -> Reference:
+    """Return a reference for a crane of a layout that checks its setpoints, see `as_setpoint`;
+    those of `Still`, which cannot change, only once.
+
+    Raises:
+        OutOfRange: If it is a `Motion` of another crane.
+    """
+    if isinstance(reference, Motion):
+        reference.check_fits("reference", layout)
+    if type(reference) is Still:
+        as_setpoint(reference.setpoint, (layout.m,))
+        return reference
+
+    def checked_reference(t: float) -> Setpoint:
+        return as_setpoint(reference(t), (layout.m,))
+
+    return checked_reference
+
+
+@dataclass(frozen=True, eq=False)
+class Pulse:
+    """A reference and a rectangular pulse.
+
+    Attributes:
+        base: The reference otherwise.
+        step: How far the drives are aside [rad or m], shape (m,).
+        first, last: When the pulse starts and ends [s].
+    """
+
+    base: Reference
+    step: np.ndarray
+    first: float
+    last: float
+
+    def __call__(self, t: float) -> Setpoint:
+        """Return the setpoint at a time [s]."""
+        setpoint = as_setpoint(self.base(t), self.step.shape)
+        if not self.first <= t < self.last:
+            return setpoint
+        return setpoint._replace(position=setpoint.position + self.step)
+
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Return setpoints at many times [s], shape (n, m) each."""
+        setpoint = tabulated(self.base, times, len(self.step))
+        aside = (self.first <= times) & (times < self.last)
+        return setpoint._replace(position=setpoint.position + np.outer(aside, self.step))
+
+
+def pulse(
+    crane: Crane, base: Reference, drive: str, amplitude: float, *, at: float, width: float
+) -> Reference:
+    """Add a rectangular pulse to one drive of a reference.
+
+    A pivot that follows it and comes back after half a swing period leaves a swing of 2 amplitude /
+    cable length (small angles).
+
+    Args:
+        crane: The crane.
+        base: The reference otherwise.
+        drive: Symbol of its coordinate, such as "x".
+        amplitude: How far aside [rad or m].
+        at: When it starts [s].
+        width: How long it lasts [s].
+
+    Raises:
+        UnknownName: For another drive.
+        OutOfRange: For a number that is not finite, or a width that is not positive.
+    """
+    step = number("pulse amplitude", amplitude) * crane.layout.along(drive)
+    start, duration = number("pulse start", at, "s"), number("pulse width", width, "s", "> 0")
+    return Pulse(base, step, start, start + duration)
+
+
+@dataclass(frozen=True, eq=False)
+class Ramp:
+    """A reference and a move at constant speed.
+
+    Attributes:
+        base: The reference otherwise.
+        rates: Of the drives during the move [rad/s or m/s], shape (m,).
+        first, last: When the move starts and ends [s].
+    """
+
+    base: Reference
+    rates: np.ndarray
+    first: float
+    last: float
+
+    def __call__(self, t: float) -> Setpoint:
+        """Return the setpoint at a time [s]."""
+        setpoint = as_setpoint(self.base(t), self.rates.shape)
+        if t < self.first:
+            return setpoint
+        elapsed = min(t, self.last) - self.first
+        moved = setpoint._replace(position=setpoint.position + elapsed * self.rates)
+        return moved._replace(velocity=setpoint.velocity + self.rates) if t < self.last else moved
+
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Return setpoints at many times [s], shape (n, m) each."""
+        setpoint = tabulated(self.base, times, len(self.rates))
+        elapsed = np.clip(times, self.first, self.last) - self.first
+        moving = (self.first <= times) & (times < self.last)
+        return setpoint._replace(
+            position=setpoint.position + np.outer(elapsed, self.rates),
+            velocity=setpoint.velocity + np.outer(moving, self.rates),
+        )
+
+
+def ramp(
+    crane: Crane, base: Reference, drive: str, by: float, *, rate: float, at: float
+) -> Reference:
+    """Add a move at constant speed to one drive of a reference.
+
+    Args:
+        crane: The crane.
+        base: The reference otherwise.
+        drive: Symbol of its coordinate, such as "x".
+        by: How far to move, with sign [rad or m].
+        rate: Speed [rad/s or m/s].
+        at: When it starts [s].
+
+    Raises:
+        UnknownName: For another drive.
+        OutOfRange: For a number that is not finite, or a rate that is not positive.
+    """
+    direction = math.copysign(1.0, number("ramp distance", by)) * crane.layout.along(drive)
+    speed = number("ramp rate", rate, "rad/s or m/s", "> 0")
+    return Ramp(base, speed * direction, number("ramp start", at, "s"), at + abs(by) / speed)
+
+
+PEAK_RATE, PEAK_ACCELERATION = 15.0 / 8.0, 10.0 / np.sqrt(3.0)
+"""Of a quintic from 0 to 1 in unit time, rest to rest: its largest velocity and its largest
+acceleration."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spline:
+    """A reference of one quintic for each drive and each section, at rest at every waypoint; before
+    and after it stands still.
+
+    Attributes:
+        times: When the waypoints are reached, the first is the departure [s], shape (n,).
+        points: Positions of the drives at each of them [rad or m], shape (n, m).
+    """
+
+    times: np.ndarray
+    points: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Build the polynomials."""
+        times = finite("times", self.times, ("n",), unit="s")
+        points = finite("points", self.points, (times.size, "m"))
+        if len(times) < 2 or not (np.diff(times) > 0.0).all():
+            raise OutOfRange("times", short_repr(times), "two or more that increase", "s")
+        zeros = np.zeros_like(points)
+        curve = scipy.interpolate.BPoly.from_derivatives(
+            times, np.stack([points, zeros, zeros], axis=1)
+        )
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "_curves", (curve, curve.derivative(), curve.derivative(2)))
+
+    @property
+    def arrival(self) -> float:
+        """When the last waypoint is reached [s]."""
+        return float(self.times[-1])
+
+    def __call__(self, t: float) -> Setpoint:
+        """Return the setpoint at a time [s]."""
+        inside = min(max(t, self.times[0]), self.times[-1])
+        return Setpoint(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
+
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Return setpoints at many times [s], shape (n, m) each."""
+        inside = np.clip(times, self.times[0], self.times[-1])
+        return Setpoint(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
+
+
+def spline(
+    crane: Crane,
+    start: State,
+    waypoints: Sequence[Sequence[float]],
+    durations: Sequence[float],
+    *,
+    at: float = 0.0,
+) -> Spline:
+    """Return a spline from the position of the drives through waypoints.
+
+    Args:
+        crane: The crane.
+        start: Where the drives are.
+        waypoints: Positions of the drives at each [rad or m], shape (k, m).
+        durations: Time for each section [s].
+        at: Departure [s].
+
+    Raises:
+        OutOfRange: If there is no waypoint, the numbers of waypoints and durations differ, or a
+            number is not finite or not positive.
+    """
+    if not len(waypoints) or len(waypoints) != len(durations):
+        raise OutOfRange(
+            "number of durations",
+            len(durations),
+            f"that of the waypoints, {len(waypoints)}, and one at least",
+        )
+    points = [crane.layout.as_state("start", start).q[crane.layout.drives]]
+    for waypoint in waypoints:
+        points.append(crane.layout.for_drives("waypoint", waypoint))
+    steps = [number("duration of a section", duration, "s", "> 0") for duration in durations]
+    return Spline(
+        number("departure", at, "s") + np.concatenate([[0.0], np.cumsum(steps)]), np.array(points)
+    )
+
+
+def shortest(
+    crane: Crane,
+    start: State,
+    waypoints: Sequence[Sequence[float]],
+    *,
+    rates: Sequence[float],
+    accelerations: Sequence[float],
+) -> list[float]:
+    """Return the shortest durations of the sections [s] at which no drive exceeds its rate or
+    acceleration.
+
+    Args:
+        crane: The crane.
+        start: Where the drives are.
+        waypoints: Positions of the drives at each [rad or m], shape (k, m).
+        rates: Limits of the drives [rad/s or m/s]; the crane's own hold as well.
+        accelerations: Limits of the drives [rad/s² or m/s²].
+
+    Raises:
+        OutOfRange: If a limit is not positive, or a waypoint not one number for each drive.
+    """
+    v = np.minimum(crane.layout.for_drives("rate limit", rates, "/s", "> 0"), crane.rate_limit)
+    a = crane.layout.for_drives("acceleration limit", accelerations, "/s²", "> 0")
+    points = [
+        crane.layout.as_state("start", start).q[crane.layout.drives],
+        *(crane.layout.for_drives("waypoint", waypoint) for waypoint in waypoints),
+    ]
+    paths = np.abs(np.diff(points, axis=0))
+    return [
+        float(max((PEAK_RATE * path / v).max(), np.sqrt(PEAK_ACCELERATION * path / a).max()))
+        for path in paths
+    ]

@@ -1,0 +1,215 @@
+"""Measured cranes: public records of other laboratories, identified blind and predicted."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from cranedyn.errors import DataError
+from cranedyn.identification import Estimate, Model, Prior, Record, identify
+from cranedyn.identification.estimate import ENOUGH
+from cranedyn.model.description import XACRO
+from experiments import harness
+from experiments.harness import Claim, Outcome, ResultTable, Setup, finite_or_none, make_table
+from experiments.identify.figures import beside
+from experiments.measured.sources import SOURCES, PublicRecords
+
+STEPS = 60
+"""Least peak-to-peak swing of a record in steps of its sensor; below, the steps are the swing."""
+
+COVERED = 12 / 13
+"""Least share of the records whose interval of the offset holds that of all records."""
+
+_FIGURES = 4
+
+
+class Single(NamedTuple):
+    """A record identified alone, and as predicted from the other records of its crane.
+
+    Attributes:
+        source: Name of the crane.
+        estimate: Estimate from this record alone.
+        held_out: RMS error of the swing, predicted with the means of the other records, over the
+            standard deviation of the swing; None without other records.
+    """
+
+    source: str
+    estimate: Estimate
+    held_out: float | None
+
+    @property
+    def record(self) -> Record:
+        """The record."""
+        return self.estimate.model.records[0]
+
+
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
+    """Identify each record alone, and predict it from the others."""
+    if options.data is None:
+        clones = {source.folder: source.command for source in reversed(SOURCES)}
+        commands = " ".join(f"{command};" for command in reversed(clones.values()))
+        raise DataError(
+            "The records have no licence and are no part of this project. Clone them into a folder "
+            f"DIR: {commands} then add --data DIR."
+        )
+    singles: list[Single] = []
+    for source in SOURCES:
+        folder = Path(options.data) / source.folder
+        if folder.is_dir():
+            singles += _identified(source, folder, setup)
+    if not singles:
+        names = " nor ".join(dict.fromkeys(source.folder for source in SOURCES))
+        raise DataError(f"{options.data} holds neither {names}.")
+    return _outcome(singles)
+
+
+def _identified(source: PublicRecords, folder: Path, setup: Setup) -> list[Single]:
+    """Identify the records of a crane whose swing is more than its sensor's steps."""
+    path = XACRO.with_name("overhead_crane.urdf.xacro")
+    prior = Prior(path, source.values)
+    records = [
+        Record.of(prior.crane, columns, name=name)
+        for name, columns in source.read(folder)
+        if _steps(columns["phi_rad"]) >= STEPS
+    ]
+    count = setup.reporter.count(source.name, len(records))
+    estimates = []
+    for done, record in enumerate(records):
+        count(done)
+        names = None if "x_m" in record.columns else ["l_offset", "damp_swing", "phi_bias"]
+        estimates.append(identify(Model.of(prior, [record], names)))
+    return [
+        Single(source.name, estimate, _held_out(estimate, estimates[:i] + estimates[i + 1 :]))
+        for i, estimate in enumerate(estimates)
+    ]
+
+
+def _steps(swing: np.ndarray) -> float:
+    """Return the peak-to-peak swing in steps of its sensor."""
+    values = np.unique(swing)
+    return float(np.ptp(values) / np.diff(values).min()) if len(values) > 1 else 0.0
+
+
+def mean_values(estimates: Sequence[Estimate]) -> Mapping[str, tuple[float, float]]:
+    """Return the mean of each parameter, weighted by its variances, and half its 95 % interval."""
+    means = {}
+    for p in estimates[0].model.own:
+        values, margins = np.array([e.intervals[p.name] for e in estimates]).T
+        weights = 1.0 / margins**2
+        mean = float(np.average(values, weights=weights))
+        means[p.name] = mean, float(1.0 / np.sqrt(weights.sum()))
+    return means
+
+
+def _held_out(estimate: Estimate, others: Sequence[Estimate]) -> float | None:
+    """Return the relative error of a record predicted with what others say of the crane."""
+    if not others:
+        return None
+    model, means = estimate.model, mean_values(others)
+    values = np.array(
+        [
+            means[p.name][0] if p.record is None else value
+            for p, value in zip(model.parameters, estimate.values.tolist(), strict=True)
+        ]
+    )
+    measured = model.measured(0)[0]
+    error = model.predicted(0, values[None])[0, 0] - measured
+    return float(np.sqrt(np.mean(error**2)) / np.std(measured))
+
+
+def _outcome(singles: Sequence[Single]) -> Outcome:
+    cranes = {
+        single.source: [s for s in singles if s.source == single.source] for single in singles
+    }
+    means = {name: mean_values([s.estimate for s in group]) for name, group in cranes.items()}
+    claims = [
+        claim for name, group in cranes.items() for claim in _claims(name, group, means[name])
+    ]
+    chosen = [singles[i] for i in np.linspace(0, len(singles) - 1, _FIGURES).astype(int)]
+    return Outcome(
+        tables=[
+            _records_table(singles),
+            *(_means_table(name, means[name]) for name in cranes if len(cranes[name]) > 1),
+        ],
+        claims=claims,
+        parameters={
+            "sources": [f"{source.repository}@{source.commit}" for source in SOURCES],
+            "least_steps": STEPS,
+        },
+        figures={f"record_{i + 1}": beside(single.estimate, 0) for i, single in enumerate(chosen)},
+    )
+
+
+def _records_table(singles: Sequence[Single]) -> ResultTable:
+    def number(single: Single, name: str, factor: float) -> tuple[float | None, float | None]:
+        value, margin = single.estimate.intervals.get(name, (np.nan, np.nan))
+        return finite_or_none(factor * value), finite_or_none(factor * margin)
+
+    return make_table(
+        "Each record alone",
+        singles,
+        ("crane", "", lambda s: s.source),
+        ("record", "", lambda s: s.record.name),
+        ("offset [mm]", ".1f", lambda s: number(s, "l_offset", 1e3)[0]),
+        ("±", ".1f", lambda s: number(s, "l_offset", 1e3)[1]),
+        ("delay [ms]", ".0f", lambda s: number(s, "delay", 1e3)[0]),
+        ("± [ms]", ".0f", lambda s: number(s, "delay", 1e3)[1]),
+        ("explained [%]", ".1f", lambda s: 100.0 * s.estimate.least_explained[0]),
+        ("held out [%]", ".1f", lambda s: None if s.held_out is None else 100.0 * s.held_out),
+        note="Offset: length of the pendulum less the recorded cable; delay: how late the swing is "
+        "recorded. ±: half the 95 % interval. Held out: RMS error of the swing predicted with the "
+        "means of all other records of the crane, over the standard deviation of the swing.",
+    )
+
+
+def _means_table(name: str, means: Mapping[str, tuple[float, float]]) -> ResultTable:
+    return make_table(
+        f"All records of the {name}",
+        means.items(),
+        ("parameter", "", lambda item: item[0]),
+        ("mean", ".5g", lambda item: item[1][0]),
+        ("±", ".2g", lambda item: item[1][1]),
+        note="Means weighted by the variances of the records.",
+    )
+
+
+def _claims(
+    name: str, group: Sequence[Single], means: Mapping[str, tuple[float, float]]
+) -> list[Claim]:
+    share, column = min(single.estimate.least_explained for single in group)
+    offset = means["l_offset"][0]
+    hits = sum(
+        abs(value - offset) <= margin
+        for value, margin in (single.estimate.intervals["l_offset"] for single in group)
+    )
+    explained = Claim(
+        f"{name}: each record alone explains {100 * ENOUGH:g} % of its swing at least "
+        f"({100 * share:.1f} % of {column}).",
+        share >= ENOUGH,
+    )
+    if len(group) == 1:
+        return [explained]
+    covered = Claim(
+        f"{name}: the interval of the cable's offset holds the mean of all records, "
+        f"{1e3 * offset:.1f} mm, in {100 * COVERED:.0f} % of the records at least ({hits} of "
+        f"{len(group)}).",
+        hits >= COVERED * len(group),
+    )
+    return [explained, covered]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    parser = harness.parser(
+        "measured",
+        "Public records of real cranes, identified blind and predicted.",
+        recording=False,
+        engines=("compiled",),
+    )
+    text = "folder with clones of the repositories; without it their commands are printed"
+    parser.add_argument("--data", metavar="DIR", default=None, help=text)
+    return harness.run_experiment(parser, experiment, argv)

@@ -1,0 +1,155 @@
+"""Readers of public records, on small files of the same form that the tests write."""
+
+from __future__ import annotations
+
+import io
+import subprocess
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from cranedyn.errors import DataError
+from experiments.measured import main
+from experiments.measured.sources import read_mat, read_workbook
+from tests.identification.test_sampling import logged
+
+HEADINGS = ("timestamp", "trolley_position", "cable_length", "sway_angle")
+NAMES = ("t_s", "trolley_m", "winch_m", "pendulum_rad")
+
+
+def workbook(path: Path, sheets: list[list[list[object]]]) -> Path:
+    """Write a workbook of sheets of rows of cells."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    kinds = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+    main_kind = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+    package = "http://schemas.openxmlformats.org/package/2006"
+
+    def cell(value: object) -> str:
+        if isinstance(value, str):
+            return f'<c t="inlineStr"><is><t>{value}</t></is></c>'
+        return f"<c><v>{value!r}</v></c>"
+
+    numbers = range(1, len(sheets) + 1)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr(
+            "[Content_Types].xml",
+            f'<Types xmlns="{package}/content-types"><Default Extension="rels" ContentType='
+            '"application/vnd.openxmlformats-package.relationships+xml"/></Types>',
+        )
+        file.writestr(
+            "_rels/.rels",
+            f'<Relationships xmlns="{package}/relationships"><Relationship Id="r" Type="{kinds}/'
+            'officeDocument" Target="xl/workbook.xml"/></Relationships>',
+        )
+        entries = "".join(f'<sheet name="S{i}" sheetId="{i}" r:id="r{i}"/>' for i in numbers)
+        file.writestr(
+            "xl/workbook.xml",
+            f'<workbook xmlns="{main_kind}" xmlns:r="{kinds}"><sheets>{entries}</sheets>'
+            "</workbook>",
+        )
+        links = "".join(
+            f'<Relationship Id="r{i}" Type="{kinds}/worksheet" Target="worksheets/s{i}.xml"/>'
+            for i in numbers
+        )
+        file.writestr(
+            "xl/_rels/workbook.xml.rels",
+            f'<Relationships xmlns="{package}/relationships">{links}</Relationships>',
+        )
+        for i, rows in zip(numbers, sheets, strict=True):
+            body = "".join(f"<row>{''.join(map(cell, row))}</row>" for row in rows)
+            text = f'<worksheet xmlns="{main_kind}"><sheetData>{body}</sheetData></worksheet>'
+            file.writestr(f"xl/worksheets/s{i}.xml", text)
+    return path
+
+
+def table(*, length: int = 5) -> list[list[object]]:
+    return [[0.01 * i, 0.1 * i, 0.4, 0.01 * i] for i in range(length)]
+
+
+def test_a_workbook_has_a_record_a_sheet_and_headings_in_the_first(tmp_path: Path) -> None:
+    pytest.importorskip("python_calamine", reason="extra measured is not installed")
+    path = workbook(tmp_path / "a.xlsx", [[list(HEADINGS), *table()], table(length=7)])
+    first, second = read_workbook(path)
+    assert (len(first["t_s"]), len(second["t_s"])) == (5, 7)
+    np.testing.assert_allclose(second["x_m"], 0.1 * np.arange(7))
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ([["time", *HEADINGS[1:]], *table()], r"a.xlsx, sheet S1, row 1 has no column 'timestamp'"),
+        ([list(HEADINGS), *table(), [0.02, 0, 0.4, 0]], "sheet S1, row 7: the time runs back"),
+        ([list(HEADINGS), *table(), [1.0, 0, 0.4, 400.0]], "row 7: phi_rad is 400; allowed"),
+        ([list(HEADINGS), *table(), [1.0, "x", 0.4, 0.0]], "row 7: 'x' is no number"),
+        ([list(HEADINGS)], "sheet S1 has 0 rows of numbers"),
+    ],
+)
+def test_a_workbook_that_is_no_record_is_refused_with_sheet_and_row(
+    tmp_path: Path, rows: list[list[object]], message: str
+) -> None:
+    pytest.importorskip("python_calamine", reason="extra measured is not installed")
+    with pytest.raises(DataError, match=message):
+        list(read_workbook(workbook(tmp_path / "a.xlsx", [rows])))
+
+
+def test_a_file_that_is_no_workbook_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("python_calamine", reason="extra measured is not installed")
+    path = tmp_path / "a.xlsx"
+    path.write_bytes(b"no workbook")
+    with pytest.raises(DataError, match="cannot be read as a workbook"):
+        list(read_workbook(path))
+
+
+def mat(**arrays: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    savemat(file, arrays)
+    return file.getvalue()
+
+
+def test_a_mat_file_has_times_and_angles() -> None:
+    t = np.arange(10.0)
+    columns = read_mat(mat(t=t, y=0.1 * t), "a")
+    np.testing.assert_array_equal(columns["phi_rad"], 0.1 * t)
+    for content, message in (
+        (mat(t=t), "cannot be read"),
+        (b"MATLAB 7.3 MAT-file", "cannot be read"),
+        (mat(t=t[::-1], y=t), "runs back"),
+        (mat(t=t, y=50.0 * t), "allowed is up to 3.142"),
+        (mat(t=t, y=t[:5]), "10 times and 5 angles"),
+    ):
+        with pytest.raises(DataError, match=message):
+            read_mat(content, "a")
+
+
+def test_without_data_it_says_how_to_get_them(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    message = capsys.readouterr().err
+    assert message.count("git clone https://github.com/") == 2 and "--data DIR" in message
+    assert main(["--data", "nowhere"]) == 2
+
+
+@pytest.mark.slow
+def test_records_of_the_same_form_are_identified_and_predicted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("python_calamine", reason="extra measured is not installed")
+    sheets = []
+    for seed in (2, 3):
+        columns = logged(seed)
+        rows = np.column_stack([columns[name] for name in NAMES]).tolist()
+        sheets.append([list(HEADINGS), *rows] if seed == 2 else rows)
+    folder = tmp_path / "gantry_crane_model_optimizer" / "data"
+    workbook(folder / "trolley_step_response_750_with_random.xlsx", sheets)
+    clone = tmp_path / "aaucrane"
+    clone.mkdir()
+    subprocess.run(["git", "init", "-q", str(clone)], check=True)
+    assert main(["--data", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert "has no matlab/model/ang/measang.mat in commit e48d9cb" in capsys.readouterr().err
+    clone.rename(tmp_path / "elsewhere")
+    code = main(["--data", str(tmp_path), "--out", str(tmp_path / "out")])
+    printed = capsys.readouterr().out
+    assert "holds      gantry: each record alone explains 90 % of its swing" in printed
+    assert code in (0, 1) and "trolley" in printed

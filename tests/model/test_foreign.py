@@ -1,0 +1,291 @@
+"""URDF and MJCF of other cranes: ROS packages, missing swing joints, other directions and signs."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cranedyn as cd
+from cranedyn.controllers.hold import hold_controller
+from cranedyn.errors import CraneError, ModelError, OutOfRange, UnknownName
+
+RIGID = """<robot name="rigid">
+  <link name="ground"/>
+  <link name="upper"><inertial><origin xyz="0 0 2.01"/><mass value="3000"/>
+    <inertia ixx="1e6" iyy="1e6" izz="1e6" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="carriage"><inertial><mass value="500"/>
+    <inertia ixx="50" iyy="50" izz="50" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><geometry><mesh filename="package://rigid/meshes/carriage.stl"/></geometry></visual>
+  </link>
+  <link name="hook"><inertial><mass value="1000"/>
+    <inertia ixx="400" iyy="400" izz="400" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="azimuth" type="revolute">
+    <parent link="ground"/><child link="upper"/><origin xyz="0 0 25.99"/><axis xyz="0 0 -1"/>
+    <limit lower="-3" upper="3" effort="1e6" velocity="0"/>
+  </joint>
+  <joint name="cart" type="prismatic">
+    <parent link="upper"/><child link="carriage"/><origin xyz="22 0 2.01" rpy="0 0 1.2"/>
+    <axis xyz="-0.36235775447667 0.93203908596723 0"/>
+    <limit lower="0" upper="20" effort="1e6" velocity="10"/>
+  </joint>
+  <joint name="lift" type="prismatic">
+    <parent link="carriage"/><child link="hook"/>
+    <origin xyz="0 0 -26.4" rpy="3.141592653589793 0 0"/>
+    <axis xyz="0 0 -1"/><limit lower="0" upper="23" effort="1e5" velocity="5"/>
+  </joint>
+</robot>"""
+"""The tower crane of this project without swing, in other directions: slew about -Z, jib along +X,
+trolley inwards from its outer end, hook upwards from the ground."""
+
+HEAVY = """<mujoco model="bridge">
+  <compiler angle="radian"/>
+  <asset><hfield name="ground" file="ground.png" size="1 1 1 0.1"/></asset>
+  <worldbody>
+    <geom type="hfield" hfield="ground"/>
+    <body name="bridge" pos="0 0 10">
+      <inertial mass="10" pos="0 0 0" diaginertia="1 1 1"/>
+      <joint name="travel" type="slide" axis="1 0 0" range="-5 5"/>
+      <body name="rope">
+        <inertial mass="0.001" pos="0 0 0" diaginertia="1e-6 1e-6 1e-6"/>
+        <joint name="swivel" type="ball" damping="0.5"/>
+        <body name="load" pos="0 0 -5">
+          <joint name="winch" type="slide" axis="0 0 1" range="-1 3"/>
+          <geom type="sphere" size="0.1" mass="20"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="travel"/><motor joint="winch"/></actuator>
+  <keyframe><key name="home" qpos="0 1 0 0 0 0"/></keyframe>
+</mujoco>"""
+
+
+def saved(folder: Path, text: str, name: str = "crane.urdf") -> Path:
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_rigid_crane_in_other_directions_swings_as_that_of_this_project(tmp_path: Path) -> None:
+    ours = cd.load_crane(dummy_mass=1.0, dummy_inertia=1e-3, damp_swing=1.0)
+    theirs = cd.load_crane(saved(tmp_path, RIGID), swing={"damping": 1.0})
+    assert theirs.layout.symbols == ours.layout.symbols
+    assert [joint.role for joint in theirs.layout.joints] == [
+        joint.role for joint in ours.layout.joints
+    ]
+    np.testing.assert_allclose(theirs.lower[[1, 4]], [2.0, 3.4], atol=1e-12)
+    np.testing.assert_allclose(theirs.upper[[1, 4]], [22.0, 26.4], atol=1e-12)
+
+    def setpoint(t: float) -> cd.Setpoint:
+        return cd.Setpoint(
+            [0.3 * math.sin(0.2 * t), 10.0 + math.sin(0.3 * t), 15.0 - 0.2 * t],
+            [0.06 * math.cos(0.2 * t), 0.3 * math.cos(0.3 * t), -0.2],
+            [-0.012 * math.sin(0.2 * t), -0.09 * math.sin(0.3 * t), 0.0],
+        )
+
+    start = ours.state(x=10.0, l=15.0, phi=0.2, theta=-0.1)
+    controller = hold_controller(ours)
+    runs = [
+        cd.simulate(crane, controller, setpoint, start=start, duration=10.0)
+        for crane in (ours, theirs)
+    ]
+    np.testing.assert_allclose(runs[1].q, runs[0].q, atol=1e-12)
+    np.testing.assert_allclose(runs[1].v, runs[0].v, atol=1e-12)
+    assert theirs.assumptions == (
+        "All joints of the file are driven.",
+        "gamma = 1.5708 rad - azimuth, the heading of the jib, 0 along -Y.",
+        "x = 22 m - cart, the radius from the slew axis.",
+        "The pivot is at the height of carriage.",
+        "l = 26.4 m - lift, the length of the rope.",
+        "Two links of 1 kg and 0.001 kg m² are at the pivot.",
+    )
+    again = cd.load_crane(from_record={"crane": theirs.record})
+    assert again.layout == theirs.layout
+    np.testing.assert_array_equal(again.model.inertias[3].mass, theirs.model.inertias[3].mass)
+
+
+def test_rope_and_load_can_be_given(tmp_path: Path) -> None:
+    swing = {"length": 30.0, "mass": 2000.0, "damping": 3.0}
+    crane = cd.load_crane(saved(tmp_path, RIGID), swing=swing)
+    assert crane.payload_mass == 2000.0
+    np.testing.assert_allclose(crane.payload_inertia, np.eye(3) * 800.0)
+    assert crane.damping[crane.layout.at("phi", "theta")].tolist() == [3.0, 3.0]
+    np.testing.assert_allclose([crane.lower[4], crane.upper[4], crane.start.q[4]], [7, 30, 18.5])
+    short = cd.load_crane(saved(tmp_path, RIGID), swing={"length": 20.0})
+    np.testing.assert_allclose([short.lower[4], short.upper[4]], [0.4, 20.0])
+    assert "The shortest rope is 0.4 m." in short.assumptions
+
+
+@pytest.mark.parametrize(
+    ("changes", "swing", "error", "message"),
+    [
+        ({}, {"rope": 2.0}, UnknownName, "number of the swing"),
+        ({}, {"mass": -2.0}, OutOfRange, "mass of the swing"),
+        ({}, {"damping": math.nan}, OutOfRange, "damping of the swing"),
+        ({'lower="0" upper="23"': 'lower="1" upper="23"'}, {"length": 0.5}, OutOfRange, "longest"),
+        (
+            {'"lift" type="prismatic"': '"lift" type="revolute"'},
+            True,
+            ModelError,
+            "needs one hoist",
+        ),
+        ({'rpy="3.141592653589793 0 0"': 'rpy="3.1 0 0"'}, True, ModelError, "it has none"),
+    ],
+)
+def test_a_swing_that_cannot_be_is_refused(
+    tmp_path: Path,
+    changes: dict[str, str],
+    swing: dict[str, float] | bool,
+    error: type[CraneError],
+    message: str,
+) -> None:
+    text = RIGID
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    with pytest.raises(error, match=message):
+        cd.load_crane(saved(tmp_path, text), swing=swing)
+
+
+def test_a_crane_that_swings_gets_no_second_swing() -> None:
+    with pytest.raises(ModelError, match="has the passive joint swing_radial_joint"):
+        cd.load_crane(swing=True)
+
+
+def test_axes_are_judged_by_a_milliradian(tmp_path: Path) -> None:
+    leaning = RIGID.replace('rpy="3.141592653589793 0 0"', 'rpy="3.1410 0 0"')
+    assert cd.load_crane(saved(tmp_path, leaning), swing=True).layout.has("hoist")
+
+
+def test_names_of_a_tower_crane_on_a_gantry_give_no_roles(tmp_path: Path) -> None:
+    text = (
+        RIGID.replace("azimuth", "trolley_joint")
+        .replace('type="revolute"', 'type="prismatic"')
+        .replace('xyz="0 0 -1"/>\n    <limit lower="-3"', 'xyz="1 0 0"/>\n    <limit lower="-3"')
+    )
+    crane = cd.load_crane(saved(tmp_path, text), driven=["trolley_joint", "cart", "lift"])
+    assert crane.layout.symbols == ("trolley", "cart", "lift")
+    assert not crane.layout.has("trolley")
+
+
+def test_transmissions_say_what_is_driven_and_limits_of_passive_joints_do_not_matter(
+    tmp_path: Path,
+) -> None:
+    transmission = '<transmission name="t"><joint name="azimuth"/></transmission></robot>'
+    text = RIGID.replace("</robot>", transmission).replace('effort="1e5"', 'effort="0"')
+    crane = cd.load_crane(saved(tmp_path, text))
+    assert [joint.driven for joint in crane.layout.joints] == [True, False, False]
+    assert crane.rate_limit.tolist() == [math.inf]
+
+
+PACKAGE = "<package><name>{}</name></package>"
+INCLUDING = """<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:include filename="$(find parts)/urdf/parts.xacro"/></robot>"""
+
+
+@pytest.mark.parametrize("place", ["above", "beside", "given", "ament", "ros"])
+def test_a_package_is_found_without_ros(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    home = {
+        "above": "space/parts", "beside": "space/parts", "given": "else/where",
+        "ament": "else/share/parts", "ros": "else/parts",
+    }[place]  # fmt: skip
+    saved(tmp_path, PACKAGE.format("parts"), f"{home}/package.xml")
+    saved(tmp_path, RIGID, f"{home}/urdf/parts.xacro")
+    mine = "space/parts" if place == "above" else "space/mine"
+    saved(tmp_path, PACKAGE.format(mine[6:]), f"{mine}/package.xml")
+    path = saved(tmp_path, INCLUDING, f"{mine}/urdf/crane.urdf.xacro")
+    if place in ("ament", "ros"):
+        folder = str(tmp_path / "else")
+        monkeypatch.setenv({"ament": "AMENT_PREFIX_PATH", "ros": "ROS_PACKAGE_PATH"}[place], folder)
+    packages = {"parts": tmp_path / home} if place == "given" else None
+    crane = cd.load_crane(path, swing=True, packages=packages)
+    assert crane.layout.has("slew", "trolley", "hoist")
+
+
+def test_a_package_that_is_nowhere_is_named(tmp_path: Path) -> None:
+    path = saved(tmp_path, INCLUDING, "mine/urdf/crane.urdf.xacro")
+    with pytest.raises(ModelError, match=r"needs the ROS package parts, .* --package parts=FOLDER"):
+        cd.load_crane(path)
+
+
+def test_mjcf_is_read_and_moves_as_mujoco_moves_it(tmp_path: Path) -> None:
+    crane = cd.load_crane(saved(tmp_path, HEAVY, "bridge.xml"))
+    assert crane.layout.symbols == ("travel", "swivel_x", "swivel_y", "winch")
+    assert [joint.driven for joint in crane.layout.joints] == [True, False, False, True]
+    assert crane.payload_mass == 20.0
+    assert crane.damping.tolist() == [0.0, 0.5, 0.5, 0.0]
+    assert crane.lower[[0, 3]].tolist() == [-5.0, -1.0]
+    mujoco = pytest.importorskip("mujoco")
+    text = ET.fromstring(HEAVY)
+    for tag in ("asset", "keyframe", "worldbody/geom"):
+        parent = text if "/" not in tag else text.find("worldbody")
+        parent.remove(text.find(tag))
+    text.find("compiler").set("inertiafromgeom", "auto")
+    model = mujoco.MjModel.from_xml_string(
+        ET.tostring(text, encoding="unicode").replace(
+            '<joint name="swivel" type="ball" damping="0.5" />',
+            '<joint name="sx" axis="1 0 0" damping="0.5"/>'
+            '<joint name="sy" axis="0 1 0" damping="0.5"/>',
+        )
+    )
+    model.opt.gravity[2] = -crane.gravity
+    data = mujoco.MjData(model)
+    data.qpos[:] = [0.5, 0.3, -0.2, 1.0]
+    data.qvel[:] = [0.1, 0.2, -0.3, 0.4]
+    data.ctrl[:] = [7.0, 150.0]
+    mujoco.mj_forward(model, data)
+    tau = np.array([7.0, 0.0, 0.0, 150.0]) - crane.damping * data.qvel
+    import pinocchio as pin
+
+    expected = pin.aba(crane.model, crane.model.createData(), data.qpos, data.qvel, tau)
+    np.testing.assert_allclose(data.qacc, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('type="ball" damping="0.5"', 'type="free"', "moves in 6 directions|free"),
+        ("<asset>", '<include file="other.xml"/><asset>', "includes other files"),
+        ('mass="20"', 'mass="heavy"', "mass of geom .* is 'heavy'; allowed is decimal numbers"),
+        ('damping="0.5"', 'stiffness="2"', "stiffness of a joint"),
+    ],
+)
+def test_mjcf_that_is_no_crane_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    with pytest.raises(CraneError, match=message):
+        cd.load_crane(saved(tmp_path, HEAVY.replace(old, new), "bridge.xml"))
+
+
+def test_describe_says_what_was_assumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from cranedyn.__main__ import main
+
+    path, target = saved(tmp_path, RIGID), tmp_path / "whole.urdf"
+    assert main(["describe", "--urdf", str(path), "--swing", "mass:=50", "-o", str(target)]) == 0
+    assert "x = 22 m - cart, the radius from the slew axis." in capsys.readouterr().out
+    roles = [f"{role}={name}" for role, name in (("slew", "azimuth"), ("trolley", "cart"),
+             ("radial_swing", "swing_radial_joint"), ("hoist", "lift"))]  # fmt: skip
+    driven = ["azimuth", "cart", "lift"]
+    assert main(["describe", "--urdf", str(target), "--driven", *driven, "--role", *roles]) == 0
+    assert "payload of 50 kg" in capsys.readouterr().out
+    assert main(["describe", "--swing"]) == 2
+    assert "--swing has no effect without --urdf" in capsys.readouterr().err
+    assert main(["describe", "--urdf", str(path), "--role", "slew"]) == 2
+    assert "of --role is not of the form" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("exporter", ["mjcf", "ros2", "fmu"])
+def test_a_crane_that_was_given_a_swing_is_exported(tmp_path: Path, exporter: str) -> None:
+    from cranedyn.__main__ import main
+
+    path, target = saved(tmp_path, RIGID), tmp_path / "out"
+    if exporter == "fmu":
+        target = target.with_suffix(".fmu")
+    if exporter == "mjcf":
+        target = target.with_suffix(".xml")
+    assert main(["export", exporter, str(target), "--urdf", str(path), "--swing"]) == 0
+    assert target.exists()

@@ -1,0 +1,135 @@
+"""Pages of docs/: their words, and what a reader is told to run."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cranedyn as cd
+from cranedyn.__main__ import main
+from tests.helpers import ROOT
+
+PAGES = sorted([*(ROOT / "docs").glob("**/*.md"), ROOT / "README.md"])
+KINDS = ("tutorial", "howto", "concepts", "results")
+BANNED = (
+    "anew|as told|at hand|cannot be addressed|found|from elsewhere|gone through|goes on"
+    "|is a sentence|(is|are) met|(is|are) told|less half of|looked at|nearer than|nobody"
+    "|of one's own|of which|says otherwise|shall|somebody|that hangs|what hangs|what is left"
+    "|who asks|whoever"
+)
+ELSEWHERE = {"README.md", "README.ja.md", "sweep.md", "experiment.md"}
+"""Pages whose code other tests run: test_readme.py, tests/sweep/test_sweep_dask.py and below."""
+LONG = {"first_lift.md", "judge_lift.md"}
+"""Pages whose code takes 20 s."""
+MODULES = {"compiled": "llvmlite", "optimal": "casadi", "planning": "toppra"}
+"""Module to look for by the name of its extra, where they differ."""
+
+
+def prose(page: Path) -> str:
+    """Return the text of a page without code, and without tables that a command prints."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.S | re.M)
+    return re.sub(r"<!-- \w+( csv)?:.*?<!-- end -->", "", text, flags=re.S)
+
+
+def scripts(page: Path) -> list[str]:
+    """Return the Python of a page."""
+    return re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.S | re.M)
+
+
+def of_kinds(*kinds: str) -> list[Path]:
+    """Return the pages of kinds."""
+    return [page for page in PAGES if page.parent.name in kinds]
+
+
+def name(page: Path) -> str:
+    """Return the path of a page below the repository."""
+    return page.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_a_page_is_written_in_plain_words(page: Path) -> None:
+    assert re.findall(rf"(?i)\b({BANNED})\b", prose(page)) == []
+
+
+def test_pages_and_readme_have_22_000_words_at_most() -> None:
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in PAGES) <= 22_000
+
+
+@pytest.mark.parametrize("page", of_kinds(*KINDS), ids=name)
+def test_a_page_begins_with_a_sentence_and_an_example(page: Path) -> None:
+    title, first, *others = re.split(r"\n\n+", page.read_text(encoding="utf-8"))
+    assert title.startswith("# ")
+    assert first.endswith((".", ":")) and not first.startswith(("|", "!", "```"))
+    assert any(part.startswith("```") for part in others[:3])
+
+
+def test_every_csv_file_is_linked_from_a_page() -> None:
+    text = "".join(page.read_text(encoding="utf-8") for page in of_kinds("results"))
+    files = {file.name for file in (ROOT / "docs/results").glob("*.csv")}
+    assert files == set(re.findall(r"\]\((\w+\.csv)\)", text))
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder to run a page in, beside the experiments, with no viewer."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "experiments").symlink_to(ROOT / "experiments")
+    monkeypatch.setattr(cd, "view", lambda run: None)
+    return tmp_path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=pytest.mark.long if page.name in LONG else ())
+        for page in PAGES
+        if scripts(page) and page.name not in ELSEWHERE and page.parent.name != "tutorial"
+    ],
+    ids=name,
+)
+def test_the_python_of_a_page_runs(page: Path, folder: Path) -> None:
+    for extra in re.findall(r"pip install 'cranedyn\[(\w+)\]'", page.read_text(encoding="utf-8")):
+        pytest.importorskip(MODULES.get(extra, extra), reason=f"the extra {extra} is not installed")
+    scope: dict[str, object] = {"__name__": "page"}
+    for script in scripts(page):
+        exec(compile(script, page.name, "exec", dont_inherit=True), scope)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=pytest.mark.long if page.name in LONG else ())
+        for page in of_kinds("tutorial")
+    ],
+    ids=name,
+)
+def test_every_line_of_a_tutorial_runs(page: Path, folder: Path) -> None:
+    if page.name == "first_lift.md":
+        pytest.importorskip("toppra", reason="the extra planning is not installed")
+    text = page.read_text(encoding="utf-8")
+    scope: dict[str, object] = {"__name__": "page"}
+    for language, block in re.findall(r"^```(\w*)\n(.*?)^```", text, re.S | re.M):
+        if language == "python":
+            exec(compile(block, page.name, "exec", dont_inherit=True), scope)
+            continue
+        for words in map(shlex.split, block.splitlines()):
+            if words[0] == "cranedyn":
+                assert main(words[1:]) == 0
+            else:  # a lift without the masses of its crane is no go, exit code 1
+                module = importlib.import_module(words[2])
+                assert module.main(words[3:]) == int("lift_report" in words[2])
+
+
+@pytest.mark.slow
+def test_the_experiment_of_the_how_to_holds_its_claim(folder: Path) -> None:
+    (script,) = scripts(ROOT / "docs/howto/experiment.md")
+    scope: dict[str, Any] = {"__name__": "page"}
+    exec(compile(script, "experiment.md", "exec", dont_inherit=True), scope)
+    assert scope["main"](["--out", str(folder / "out")]) == 0
