@@ -160,9 +160,8 @@ def _records_table(singles: Sequence[Single]) -> ResultTable:
         ("± [ms]", ".0f", lambda s: number(s, "delay", 1e3)[1]),
         ("explained [%]", ".1f", lambda s: 100.0 * s.estimate.least_explained[0]),
         ("held out [%]", ".1f", lambda s: None if s.held_out is None else 100.0 * s.held_out),
-        note="Offset: length of the pendulum less the recorded cable; delay: how late the swing is "
-        "recorded. ±: half the 95 % interval. Held out: RMS error of the swing predicted with the "
-        "means of all other records of the crane, over the standard deviation of the swing.",
+        note="Offset: pendulum less recorded cable. ±: half the 95 % interval. Held out: RMS error "
+        "predicted from the other records, over the standard deviation.",
     )
 
 
