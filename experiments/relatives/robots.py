@@ -4,11 +4,9 @@ move them.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
@@ -80,8 +78,7 @@ def _robot(name: str, payload: str, driven: int) -> Robot:
     files = metadata.files("example-robot-data") or []
     path = Path(str(next(file for file in files if file.name == name).locate()))
     joints = list(pin.buildModelFromUrdf(str(path)).names)[1:]
-    with TemporaryDirectory() as folder:
-        crane = load_crane(_undriven(path, folder), payload=payload, driven=joints[:driven])
+    crane = load_crane(path, payload=payload, driven=joints[:driven])
     engines, open_energy = dict[str, float](), dict[str, tuple[float, float]]()
     for rule in (semi_implicit_euler, rk4):
         runs = [_moved(crane, rule, engine, STEP) for engine in ("pinocchio", "compiled")]
@@ -91,14 +88,6 @@ def _robot(name: str, payload: str, driven: int) -> Robot:
         )
         open_energy[rule.name] = _open(runs[1]), _open(_moved(crane, rule, "compiled", STEP / 2.0))
     return Robot(name.removesuffix(".urdf"), crane.layout.n, driven, engines, open_energy)
-
-
-def _undriven(path: Path, folder: str) -> Path:
-    """Return a copy of a URDF without transmissions, which say that drives move all joints."""
-    text = path.read_text(encoding="utf-8")
-    copy = Path(folder) / path.name
-    copy.write_text(re.sub(r"<transmission.*?</transmission>", "", text, flags=re.DOTALL))
-    return copy
 
 
 def _open(run: Trajectory) -> float:
