@@ -1,5 +1,5 @@
-"""B1, the paper's control: quintic splines, two decoupled LQRs and a hoist PID, beside what is
-simpler and what is better.
+"""The paper's control on single-axis and combined moves, beside PD, full-model LQR and flat
+feed-forward.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.plotting.style import LINE_STYLES
 from experiments import harness
-from experiments.harness import Claim, Outcome, ResultTable, Setup, finite_or_none, tabulate
-from experiments.scenarios.colours import strategy_colour
+from experiments.harness import Claim, Outcome, ResultTable, Setup, finite_or_none, make_table
 from experiments.scenarios.moves import AFTER, CLOSE, MOVES, RestToRest, Score, of_sampling
 from experiments.scenarios.perturbations import make
 from experiments.scenarios.strategies import (
@@ -29,6 +28,7 @@ from experiments.scenarios.strategies import (
     STRATEGIES,
     file_name,
     flat_motion,
+    strategy_colour,
 )
 
 SHOWN = ("spline alone", PD, PAPER, LQR, FLAT)
@@ -49,7 +49,6 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         tables=[_table(move, of_move) for move, of_move in scores.items()],
         claims=_claims(setup, combined, scores[combined]),
         parameters={
-            **setup.parameters(),
             "moves": {move.name: [move.start, move.goal, move.duration] for move in MOVES},
             "paper_trolley_weights": [np.diag(w).tolist() for w in paper.TROLLEY_WEIGHTS],
             "paper_slew_weights": [np.diag(w).tolist() for w in paper.SLEW_WEIGHTS],
@@ -71,7 +70,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 def _claims(setup: Setup, move: RestToRest, scores: Mapping[str, Score]) -> list[Claim]:
     pd, ours, lqr, best = (scores[strategy] for strategy in (PD, PAPER, LQR, FLAT))
-    planned = flat_motion(setup, move, move.duration)
+    planned = flat_motion(setup, move)
     plan = float(np.linalg.norm(planned.q[:, setup.crane.swings], axis=1).max())
     sampling = of_sampling(setup.gravity, best.length, setup.control_period, plan)
     return [
@@ -100,25 +99,23 @@ def _settled(score: Score) -> str:
 
 
 def _table(move: RestToRest, scores: Mapping[str, Score]) -> ResultTable:
-    return tabulate(
+    return make_table(
         f"Move {move.name}: {move.start} to {move.goal} in {move.duration:g} s",
         scores.items(),
-        [
-            ("strategy", "", lambda s: s[0]),
-            ("peak [mrad]", ".2f", lambda s: 1000 * s[1].peak),
-            ("at arrival", ".4f", lambda s: 1000 * s[1].arrival),
-            ("20 s later", ".4f", lambda s: 1000 * s[1].later),
-            ("hook [mm]", ".3f", lambda s: 1000 * s[1].later * s[1].length),
-            ("settled [s]", ".2f", lambda s: finite_or_none(s[1].settled)),
-            ("γ off [mrad]", ".2f", lambda s: float(s[1].tracking[0])),
-            ("x off [mm]", ".1f", lambda s: float(s[1].tracking[1])),
-            ("l off [mm]", ".2f", lambda s: float(s[1].tracking[2])),
-            ("T_γ [N m]", ".0f", lambda s: float(s[1].effort[0])),
-            ("F_x [N]", ".0f", lambda s: float(s[1].effort[1])),
-            ("F_l [N]", ".0f", lambda s: float(s[1].effort[2])),
-        ],
-        "Swing amplitudes in mrad; settled: the payload stays within 10 mm of its goal, a dash "
-        "where it does not in 20 s. Off: the drives' largest distance from their reference. "
+        ("strategy", "", lambda s: s[0]),
+        ("peak [mrad]", ".2f", lambda s: 1000 * s[1].peak),
+        ("at arrival", ".4f", lambda s: 1000 * s[1].arrival),
+        ("20 s later", ".4f", lambda s: 1000 * s[1].later),
+        ("hook [mm]", ".3f", lambda s: 1000 * s[1].later * s[1].length),
+        ("settled [s]", ".2f", lambda s: finite_or_none(s[1].settled)),
+        ("γ off [mrad]", ".2f", lambda s: float(s[1].tracking[0])),
+        ("x off [mm]", ".1f", lambda s: float(s[1].tracking[1])),
+        ("l off [mm]", ".2f", lambda s: float(s[1].tracking[2])),
+        ("T_γ [N m]", ".0f", lambda s: float(s[1].effort[0])),
+        ("F_x [N]", ".0f", lambda s: float(s[1].effort[1])),
+        ("F_l [N]", ".0f", lambda s: float(s[1].effort[2])),
+        note="Swing amplitudes in mrad; settled: the payload stays within 10 mm of its goal, a "
+        "dash where it does not in 20 s. Off: the drives' largest distance from their reference. "
         "Efforts: the largest beyond holding the load. Spline, planes (7)-(10), LQR and PID are "
         "the paper's; weights, gains and durations are ours, since the paper's are not public.",
     )
@@ -156,11 +153,7 @@ def _swing_figure(move: RestToRest, runs: Mapping[str, Trajectory]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "b1",
-        "The paper's control on single-axis and combined moves, beside PD, full-model LQR and flat "
-        "feed-forward.",
-    )
+    parser = harness.parser("b1", __doc__)
     harness.add_setup(parser)
     return harness.run_experiment(parser, experiment, argv)
 

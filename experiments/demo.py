@@ -1,4 +1,6 @@
-"""The demo: seven legs at limited rates, again and again, and the residual swing in the dwells."""
+"""The seven legs of the article's demonstration, until Ctrl-C, and the swing that is left in every
+dwell.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +28,7 @@ from cranedyn.interfaces import Controller
 from cranedyn.planning.itinerary import Stage, Timetable
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references.limits import Limits
-from experiments import harness
-from experiments.endless import PART, Dwell, Dwells, EndlessRecord, part_of
+from experiments import endless, harness
 from experiments.scenarios.moves import CLOSE, DWELL, TOUR_LIMITS, of_sampling
 from experiments.scenarios.tours import CONTROLS
 
@@ -62,8 +63,6 @@ def pieces(
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Run until the cycles are done or the user interrupts; both keep all that was recorded."""
-    from cranedyn.recording import Run
-
     setup = _setup(options, setup)
     rates = (options.rate_slew, options.rate_x, options.rate_hoist)
     rates = setup.crane.layout.for_drives("rate limit", rates, "/s", "> 0").tolist()
@@ -102,12 +101,12 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     return harness.Outcome(
         tables=tables,
         claims=claims,
-        parameters=setup.parameters()
-        | parameters
-        | ({"earlier_parts": earlier_files} if earlier_files else {}),
+        parameters=parameters | ({"earlier_parts": earlier_files} if earlier_files else {}),
         trajectories=trajectories,
         figures={"swing": _figure(tour, run)},
-        recording=[Run(name, setup.crane, trajectory) for name, trajectory in runs.items()],
+        recording=harness.side_by_side(
+            {name: (setup.crane, trajectory) for name, trajectory in runs.items()}, apart=0.0
+        ),
     )
 
 
@@ -145,10 +144,10 @@ class Bare:
         """Begin at the start of the tour."""
         tour, controller = CONTROLS["none"](setup, limits, dwell)
         tour = in_step(tour, leader)
-        self._pieces = pieces(setup, tour, controller, 2.0 * PART)
+        self._pieces = pieces(setup, tour, controller, 2.0 * endless.PART)
         self._past: list[Trajectory] = []
         self._failed = False
-        self.dwells = Dwells(tour, setup.control_period)
+        self.dwells = endless.Dwells(tour, setup.control_period)
 
     def follow(self, t: float) -> None:
         """Simulate up to a time [s], the end of what is kept, or an error, which is printed."""
@@ -173,7 +172,10 @@ class Bare:
 
 
 def _table(
-    rows: Sequence[Dwell], control: str, t_start: float = 0.0, earlier_files: Sequence[str] = ()
+    rows: Sequence[endless.Dwell],
+    control: str,
+    t_start: float = 0.0,
+    earlier_files: Sequence[str] = (),
 ) -> harness.ResultTable:
     columns = [
         ("leg", ""),
@@ -194,7 +196,7 @@ def _table(
     return harness.ResultTable(title, columns, rows[-MAX_ROWS:], note)
 
 
-def _bare(setup: harness.Setup, tour: Timetable, dwells: Dwells) -> list[harness.Claim]:
+def _bare(setup: harness.Setup, tour: Timetable, dwells: endless.Dwells) -> list[harness.Claim]:
     """Claim that the load swings on, after the first leg as the closed form predicts."""
     swing, hook = min(row.swing for row in dwells.rows), min(row.deviation for row in dwells.rows)
     row, length = dwells.first, dwells.first["l_m"]
@@ -249,7 +251,9 @@ def started_and_stopped(setup: harness.Setup, stage: Stage, length: float) -> tu
     )
 
 
-def _better(after: Sequence[Dwell], before: Sequence[Dwell], control: str) -> harness.Claim:
+def _better(
+    after: Sequence[endless.Dwell], before: Sequence[endless.Dwell], control: str
+) -> harness.Claim:
     """Claim that control leaves a quarter of the swing, or less, in each dwell."""
     worst = max(row.swing / bare.swing for row, bare in zip(after, before, strict=False))
     return harness.Claim(
@@ -259,7 +263,7 @@ def _better(after: Sequence[Dwell], before: Sequence[Dwell], control: str) -> ha
     )
 
 
-def _nothing(setup: harness.Setup, dwells: Dwells) -> harness.Claim:
+def _nothing(setup: harness.Setup, dwells: endless.Dwells) -> harness.Claim:
     """Claim that flat paths leave no more swing than the sampling of the efforts explains."""
     residual, peak = max(row.swing for row in dwells.rows), dwells.peak
     allowed = 1000.0 * of_sampling(setup.gravity, dwells.shortest, setup.control_period, peak)
@@ -303,8 +307,8 @@ class _Show:
         if options.pace is not None:
             self._pace = number("pace", options.pace, "", PACES)
         self._console = Console(highlight=False)
-        self.record = EndlessRecord(options.folder / "demo.parquet")
-        self.dwells = Dwells(tour, setup.control_period)
+        self.record = endless.EndlessRecord(options.folder / "demo.parquet")
+        self.dwells = endless.Dwells(tour, setup.control_period)
 
     def run(self, pieces: Iterator[Trajectory]) -> Trajectory:
         """Return the last minutes of the run, which are in memory."""
@@ -379,7 +383,7 @@ class _Sinks:
     def put_aside(self) -> None:
         """Finish the file and rename it after its begin, so that another can take its name."""
         self._file.close()
-        file = part_of(self._path, self._begin)
+        file = endless.part_of(self._path, self._begin)
         try:
             self._path.replace(file)
         except OSError as error:
@@ -388,11 +392,7 @@ class _Sinks:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "demo",
-        "The seven legs of the article's demonstration, until Ctrl-C, and the swing that is left "
-        "in every dwell.",
-    )
+    parser = harness.parser("demo", __doc__)
     harness.add_setup(parser)
     parser.set_defaults(live=True)
     parser.add_argument(

@@ -1,6 +1,4 @@
-"""Factors of the standards: the formulas, the mechanics under them by simulation, and what of them
-a controlled move needs.
-"""
+"""Factors of the standards: formulas, the mechanics under them, and what control needs."""
 
 from __future__ import annotations
 
@@ -14,56 +12,49 @@ from matplotlib.figure import Figure
 from cranedyn.lifting import factors
 from cranedyn.plotting.figures import COLOURS, panels
 from experiments import harness
-from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
-from experiments.standards.derived import AGREES, RATIOS, Derived, derived
-from experiments.standards.formulas import DIGITS, FORMULAS
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
+from experiments.standards.derived import AGREES, RATIOS, derived
+from experiments.standards.formulas import DIGITS, FORMULAS, Compared
 from experiments.standards.needed import Need, across, upwards
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Compare formulas, derive them by simulation, and measure what moves need of them."""
-    from cranedyn.recording import Run
-
     moves, hoists = across(setup), upwards(setup)
     factors_derived = derived(setup.gravity)
     return Outcome(
         tables=[_formulas(), _derived(factors_derived), _moves(moves), _hoists(hoists)],
         claims=[*_claims(factors_derived), *_gains(moves, hoists)],
-        parameters=setup.parameters(),
         trajectories={f"{need.move}_{i}": need.run for i, need in enumerate(moves)},
         figures={"factors": _figure(factors_derived), "needed": _needed(moves)},
-        recording=[
-            Run(need.strategy, setup.crane, need.run) for need in moves if need.move == "trolley"
-        ],
+        recording=harness.side_by_side(
+            {n.strategy: (setup.crane, n.run) for n in moves if n.move == "trolley"}, apart=0.0
+        ),
     )
 
 
 def _formulas() -> ResultTable:
-    return tabulate(
+    return make_table(
         "Formulas of the standards",
         FORMULAS,
-        [
-            ("formula", "", lambda f: f.name),
-            ("source", "", lambda f: f.source),
-            ("ours", ".6g", lambda f: f.value()),
-            ("printed", ".6g", lambda f: f.printed),
-        ],
-        "Sources were read second hand: none of the standards was before us.",
+        ("formula", "", lambda f: f.name),
+        ("source", "", lambda f: f.origin),
+        ("ours", ".6g", lambda f: f.formula),
+        ("printed", ".6g", lambda f: f.other),
+        note="Sources were read second hand: none of the standards was before us.",
     )
 
 
-def _derived(factors: Sequence[Derived]) -> ResultTable:
-    return tabulate(
+def _derived(factors: Sequence[Compared]) -> ResultTable:
+    return make_table(
         "The same by mechanics alone",
         factors,
-        [
-            ("factor", "", lambda d: d.name),
-            ("simulated", "", lambda d: d.means),
-            ("formula", ".6f", lambda d: d.formula),
-            ("found", ".6f", lambda d: d.simulated),
-            ("relative", "+.1e", lambda d: d.difference),
-        ],
-        "Pick-up: by an elastic hoist at 0.5 m/s; release: of a part of the load, slowly over "
+        ("factor", "", lambda d: d.name),
+        ("simulated", "", lambda d: d.origin),
+        ("formula", ".6f", lambda d: d.formula),
+        ("found", ".6f", lambda d: d.other),
+        ("relative", "+.1e", lambda d: d.difference),
+        note="Pick-up: by an elastic hoist at 0.5 m/s; release: of a part of the load, slowly over "
         "0.6034 of its periods; braking: of a carriage by a constant force, the worst of all "
         "durations, and of a slew; pushes: by a drive that keeps its acceleration; gust: comes at "
         "once and stays.",
@@ -71,39 +62,35 @@ def _derived(factors: Sequence[Derived]) -> ResultTable:
 
 
 def _moves(needs: Sequence[Need]) -> ResultTable:
-    return tabulate(
+    return make_table(
         "What a move needs of ψ_h",
         needs,
-        [
-            ("move", "", lambda n: n.move),
-            ("strategy", "", lambda n: n.strategy),
-            ("arrives [s]", ".1f", lambda n: n.arrives),
-            ("ψ_h allowed", ".2f", lambda n: n.allowed),
-            ("needed", ".3f", lambda n: n.needed),
-            ("unused [%]", ".0f", lambda n: 100.0 * n.unused),
-        ],
-        "Largest pull of the rope along the way of the drive, over the mass that hangs times the "
-        "drive's limit of acceleration. Allowed: 2, of one acceleration from rest for longer than "
-        "half a swing. A joystick that brakes while the load swings adds a second one to it.",
+        ("move", "", lambda n: n.move),
+        ("strategy", "", lambda n: n.strategy),
+        ("arrives [s]", ".1f", lambda n: n.arrives),
+        ("ψ_h allowed", ".2f", lambda n: n.allowed),
+        ("needed", ".3f", lambda n: n.needed),
+        ("unused [%]", ".0f", lambda n: 100.0 * n.unused),
+        note="Largest pull of the rope along the way of the drive, over the mass that hangs times "
+        "the drive's limit of acceleration. Allowed: 2, of one acceleration from rest for longer "
+        "than half a swing. A joystick that brakes while the load swings adds a second one to it.",
     )
 
 
 def _hoists(needs: Sequence[Need]) -> ResultTable:
-    return tabulate(
+    return make_table(
         "What taking up a load needs of φ2",
         needs,
-        [
-            ("taken up", "", lambda n: n.strategy),
-            ("φ2 at 1 m/s", ".3f", lambda n: n.allowed),
-            ("needed", ".3f", lambda n: n.needed),
-            ("unused [%]", ".0f", lambda n: 100.0 * n.unused),
-        ],
-        "On the rope that stretches of experiment cranes. At full speed: 1 + v ω/g, the φ2 of a "
-        "class with the slope ω/g of this rope, without the part φ2,min - 1 that needs no speed.",
+        ("taken up", "", lambda n: n.strategy),
+        ("φ2 at 1 m/s", ".3f", lambda n: n.allowed),
+        ("needed", ".3f", lambda n: n.needed),
+        ("unused [%]", ".0f", lambda n: 100.0 * n.unused),
+        note="On the rope that stretches of experiment cranes. At full speed: 1 + v ω/g, the φ2 of "
+        "a class with the slope ω/g of this rope, without the part φ2,min - 1 that needs no speed.",
     )
 
 
-def _claims(factors_derived: Sequence[Derived]) -> list[Claim]:
+def _claims(factors_derived: Sequence[Compared]) -> list[Claim]:
     holding = sum(factor.holds for factor in FORMULAS)
     worst = max(factors_derived, key=lambda factor: abs(factor.difference))
     return [
@@ -144,40 +131,25 @@ def _gains(moves: Sequence[Need], hoists: Sequence[Need]) -> list[Claim]:
             f"hoist: taken up at full speed a load needs φ2 = {rough:.3f}, {hoists[0].allowed:.3f} "
             f"in closed form; creeping, from a taut rope, and shaped "
             f"{', '.join(f'{need:.3f}' for need in gentler)}, each less than the one before.",
-            all(
-                need > gentler_need for need, gentler_need in itertools.pairwise([rough, *gentler])
-            ),
+            all(one > next_one for one, next_one in itertools.pairwise([rough, *gentler])),
         )
     )
     return claims
 
 
-def _figure(factors_derived: Sequence[Derived]) -> Figure:
+def _figure(factors_derived: Sequence[Compared]) -> Figure:
     """Draw ψ_h over the mass ratio, and β2 over the class."""
     figure, (ratio, slope) = panels(1, 2, height=3.4, width=10.0)
     mus = [0.2 + 0.1 * i for i in range(110)]
     ratio.plot(mus, [factors.psi_h(mu) for mu in mus], color=COLOURS["setpoint"], label="formula")
-    derived_at = [
-        factor.simulated for factor in factors_derived if factor.name.startswith("ψ_h at μ")
-    ]
+    derived_at = [f.other for f in factors_derived if f.name.startswith("ψ_h at μ")]
     ratio.plot(RATIOS, derived_at, "o", color=COLOURS["phi"], label="worst braking, simulated")
     ratio.set(xlabel="load over carriage", ylabel="ψ_h")
-    slopes = [factor for factor in factors_derived if factor.name.startswith("β2")]
-    positions = range(len(slopes))
-    slope.bar(
-        positions,
-        [factor.formula for factor in slopes],
-        color=COLOURS["setpoint"],
-        label="EN 1991-3",
-    )
-    slope.plot(
-        positions,
-        [factor.simulated for factor in slopes],
-        "o",
-        color=COLOURS["phi"],
-        label="pick-up",
-    )
-    slope.set(xlabel="hoisting class", ylabel="β2 [s/m]", xticks=positions)
+    slopes = [f for f in factors_derived if f.name.startswith("β2")]
+    at = range(len(slopes))
+    slope.bar(at, [f.formula for f in slopes], color=COLOURS["setpoint"], label="EN 1991-3")
+    slope.plot(at, [f.other for f in slopes], "o", color=COLOURS["phi"], label="pick-up")
+    slope.set(xlabel="hoisting class", ylabel="β2 [s/m]", xticks=at)
     slope.set_xticklabels(list(factors.HOISTING))
     for ax in (ratio, slope):
         ax.legend()
@@ -188,11 +160,8 @@ def _needed(moves: Sequence[Need]) -> Figure:
     figure, axes = panels(1, 2, height=3.0, width=10.0)
     for ax, name in zip(axes, dict.fromkeys(need.move for need in moves), strict=True):
         of_move = [need for need in moves if need.move == name]
-        ax.barh(
-            [need.strategy for need in of_move],
-            [need.needed for need in of_move],
-            color=COLOURS["phi"],
-        )
+        strategies, needs = [n.strategy for n in of_move], [n.needed for n in of_move]
+        ax.barh(strategies, needs, color=COLOURS["phi"])
         ax.axvline(of_move[0].allowed, color=COLOURS["limit"], linestyle="--")
         ax.set(title=name, xlabel="ψ_h needed; the line is what a standard allows for")
         ax.invert_yaxis()
@@ -201,11 +170,7 @@ def _needed(moves: Sequence[Need]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "factors",
-        "Factors of the standards: formulas, the mechanics under them, and what control needs.",
-        engines=("compiled", "pinocchio"),
-    )
+    parser = harness.parser("factors", __doc__, engines=("compiled", "pinocchio"))
     harness.add_setup(parser)
     return harness.run_experiment(parser, experiment, argv)
 

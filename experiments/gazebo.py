@@ -1,6 +1,4 @@
-"""The same runs in Gazebo Classic, the article's own simulator: recordings made there beside runs
-made here.
-"""
+"""Runs of the article's own simulator, Gazebo Classic 11.1, beside the same runs here."""
 
 from __future__ import annotations
 
@@ -20,7 +18,7 @@ from cranedyn.errors import DataError
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.plotting.figures import panels
 from experiments import a1, a2, a3, harness
-from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 
 GRAVITY = 9.8
 """Gravity of the article's world, Gazebo's default [m/s²]."""
@@ -135,26 +133,24 @@ def _swings(free: Sequence[RecordedPair]) -> ResultTable:
         point = float(theory.point_period(length(pair), STANDARD_GRAVITY))
         return 100.0 * (_fit(columns).period / point - 1.0)
 
-    return tabulate(
+    return make_table(
         "Free swing (A1) in Gazebo and here",
         free,
-        [
-            ("l", "", lambda p: f"{length(p):g} m{', soft' if p.name == 'a1_soft' else ''}"),
-            ("T Gazebo [s]", ".6f", lambda p: _fit(p.recorded).period),
-            ("here", ".6f", lambda p: _fit(p.run).period),
-            ("error Gazebo [%]", "+.3f", lambda p: error(p, p.recorded)),
-            ("here", "+.3f", lambda p: error(p, p.run)),
-            ("article", "+.2f", lambda p: published(p).point),
-            ("ζ Gazebo", ".6f", lambda p: _fit(p.recorded).damping_ratio),
-            ("here", ".6f", lambda p: _fit(p.run).damping_ratio),
-            ("article", ".5f", lambda p: published(p).zeta),
-            ("A Gazebo [rad]", ".5f", lambda p: _fit(p.recorded).amplitude),
-            ("here", ".5f", lambda p: _fit(p.run).amplitude),
-            ("article", ".4f", lambda p: published(p).amplitude),
-            ("apart [rad]", ".1e", lambda p: p.largest()),
-        ],
-        "Apart: the largest difference in a swing angle at any time of the 70 s. Errors against "
-        "the point pendulum in standard gravity.",
+        ("l", "", lambda p: f"{length(p):g} m{', soft' if p.name == 'a1_soft' else ''}"),
+        ("T Gazebo [s]", ".6f", lambda p: _fit(p.recorded).period),
+        ("here", ".6f", lambda p: _fit(p.run).period),
+        ("error Gazebo [%]", "+.3f", lambda p: error(p, p.recorded)),
+        ("here", "+.3f", lambda p: error(p, p.run)),
+        ("article", "+.2f", lambda p: published(p).point),
+        ("ζ Gazebo", ".6f", lambda p: _fit(p.recorded).damping_ratio),
+        ("here", ".6f", lambda p: _fit(p.run).damping_ratio),
+        ("article", ".5f", lambda p: published(p).zeta),
+        ("A Gazebo [rad]", ".5f", lambda p: _fit(p.recorded).amplitude),
+        ("here", ".5f", lambda p: _fit(p.run).amplitude),
+        ("article", ".4f", lambda p: published(p).amplitude),
+        ("apart [rad]", ".1e", lambda p: p.largest()),
+        note="Apart: the largest difference in a swing angle at any time of the 70 s. Errors "
+        "against the point pendulum in standard gravity.",
     )
 
 
@@ -164,19 +160,17 @@ def _hoisting(pair: RecordedPair) -> ResultTable:
         name: a2.read_swing(data["t_s"], data["phi_rad"], data["l_m"])
         for name, data in (("Gazebo", dict(pair.recorded)), ("here", pair.run))
     }
-    return tabulate(
+    return make_table(
         "Hoisting while swinging (A2) in Gazebo and here",
         readings.items(),
-        [
-            ("run", "", lambda r: r[0]),
-            ("mean [%]", "+.2f", lambda r: 100.0 * float(r[1].errors.mean())),
-            ("max [%]", ".2f", lambda r: 100.0 * r[1].worst),
-            ("exp. all", "+.4f", lambda r: r[1].everywhere.exponent),
-            ("exp. hoisting", "+.4f", lambda r: r[1].section.exponent),
-            ("A after [rad]", ".4f", lambda r: float(r[1].amplitudes[-1])),
-        ],
-        f"No swing angle is ever further apart than {pair.largest():.1e} rad, the cable length "
-        f"{pair.largest('l_m'):.1e} m.",
+        ("run", "", lambda r: r[0]),
+        ("mean [%]", "+.2f", lambda r: 100.0 * float(r[1].errors.mean())),
+        ("max [%]", ".2f", lambda r: 100.0 * r[1].worst),
+        ("exp. all", "+.4f", lambda r: r[1].everywhere.exponent),
+        ("exp. hoisting", "+.4f", lambda r: r[1].section.exponent),
+        ("A after [rad]", ".4f", lambda r: float(r[1].amplitudes[-1])),
+        note=f"No swing angle is ever further apart than {pair.largest():.1e} rad, the cable "
+        f"length {pair.largest('l_m'):.1e} m.",
         last_row=("article", p["mean"], p["max"], p["all"], p["hoisting"], p["after"]),
     )
 
@@ -187,16 +181,14 @@ def _slewing(pair: RecordedPair) -> ResultTable:
         (name, agreement(*a3.by_paper(data)[1:3]))
         for name, data in (("Gazebo", dict(pair.recorded)), ("here", columns))
     ]
-    return tabulate(
+    return make_table(
         "Slewing (A3) in Gazebo and here",
         [*rows, ("article", a3.PUBLISHED)],
-        [
-            ("run", "", lambda row: row[0]),
-            ("θ [rad]", ".4f", lambda row: row[1].measured),
-            ("correlation", "+.5f", lambda row: row[1].correlation),
-            ("RMS [rad]", ".6f", lambda row: row[1].rms),
-        ],
-        "Against the paper's Eq. (10). θ is never further apart than "
+        ("run", "", lambda row: row[0]),
+        ("θ [rad]", ".4f", lambda row: row[1].measured),
+        ("correlation", "+.5f", lambda row: row[1].correlation),
+        ("RMS [rad]", ".6f", lambda row: row[1].rms),
+        note="Against the paper's Eq. (10). θ is never further apart than "
         f"{pair.largest('theta_rad'):.1e} rad, φ than {pair.largest('phi_rad'):.1e} rad.",
     )
 
@@ -213,11 +205,7 @@ def _figure(recordings: Mapping[str, RecordedPair]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "gazebo",
-        "Runs of the article's own simulator, Gazebo Classic 11.1, beside the same runs here.",
-        recording=False,
-    )
+    parser = harness.parser("gazebo", __doc__, recording=False)
     return harness.run_experiment(parser, experiment, argv)
 
 

@@ -1,5 +1,6 @@
-"""From a site with obstacles to a motion that provably touches nothing: planned, certified, and
-simulated ten thousand times with perturbations.
+"""From a site with obstacles to a motion that provably touches nothing.
+
+Planned, certified, and simulated ten thousand times with perturbations.
 """
 
 from __future__ import annotations
@@ -10,11 +11,13 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cranedyn.checks import number, whole
 from cranedyn.errors import DataError
+from cranedyn.interfaces import EngineName
 from cranedyn.planning.certificate import Certificate, certify
 from cranedyn.planning.lift import Lift, crane_of, plan_lift
 from cranedyn.planning.perturbed import CONFIDENCE, Perturbed, perturb
@@ -33,10 +36,11 @@ OF_BOUND, OF_LEAST, IN_LEAST_TIME = 1.25, 1.4, 1.25
 """How long the drives may need along the way, how long a planned motion may last, and one in least
 time, over the time that no motion falls short of."""
 
+LEAST_TIME = "also make each lift as short as it can be, some ten seconds a site (extra `optimal`)"
+"""Help of the option of that name."""
+
 _APART = 90.0
 """Distance between the sites in the recording [m]."""
-
-Rows = list[list[float | str | None]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +48,7 @@ class SiteResult:
     """The lift of a site.
 
     Attributes:
+        name: Of its file.
         site: The site.
         certificate: The planned lift, simulated and checked against the site.
         perturbed: Perturbed lifts; None if none were made.
@@ -52,12 +57,34 @@ class SiteResult:
         least_seconds: Time that finding it took [s].
     """
 
+    name: str
     site: Site
     certificate: Certificate
     perturbed: Perturbed | None
-    seconds: tuple[float, float, float]
-    least: Certificate | None = None
-    least_seconds: float = 0.0
+    seconds: Sequence[float]
+    least: Certificate | None
+    least_seconds: float
+
+    @property
+    def lift(self) -> Lift:
+        """The planned lift."""
+        return self.certificate.lift
+
+    def swing(self, certificate: Certificate) -> float:
+        """Return the largest swing of a lift of this site [mrad]."""
+        return 1e3 * certificate.lift.timed.shares["swing"] * self.site.swing
+
+
+def arrival(certificate: Certificate) -> float:
+    """Return how long the motion of a lift lasts [s]."""
+    return certificate.lift.timed.motion.arrival
+
+
+def certify_in_least_time(lift: Lift, dt: float, engine: EngineName = "compiled") -> Certificate:
+    """Certify a lift made as short as it can be."""
+    from cranedyn.planning.least_time import in_least_time
+
+    return certify(in_least_time(lift), dt=dt, engine=engine)
 
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
@@ -66,27 +93,24 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     from cranedyn.recording import Run
 
     count = whole("lifts", options.lifts, 0)
-    results = {name: _result(setup, site, options, count) for name, site in _sites(options)}
-    certified = {name: result for name, result in results.items() if result.certificate.holds}
-    figures = {}
-    for name, result in certified.items():
-        figures[f"site_{name}"] = site_views(result.certificate)
-        figures[f"time_{name}"] = clearance_over_time(result.certificate)
-    trajectories = {f"lift_{name}": result.certificate.run for name, result in results.items()}
-    for name, result in results.items():
+    results = [_result(setup, name, site, options, count) for name, site in _sites(options)]
+    certified = [result for result in results if result.certificate.holds]
+    figures = {f"site_{result.name}": site_views(result.certificate) for result in certified}
+    for result in certified:
+        figures[f"time_{result.name}"] = clearance_over_time(result.certificate)
+    trajectories = {f"lift_{result.name}": result.certificate.run for result in results}
+    for result in results:
         if result.least:
-            trajectories[f"least_time_{name}"] = result.least.run
-    limits = {name: result.certificate.lift.limits for name, result in results.items()}
+            trajectories[f"least_time_{result.name}"] = result.least.run
     return harness.Outcome(
-        tables=[*_tables(certified), *_least_time(certified), _times(results)],
-        claims=[claim for name, result in results.items() for claim in _claims(name, result)],
-        parameters=setup.parameters()
-        | {
-            "sites": list(results),
+        tables=_tables(certified, results),
+        claims=[claim for result in results for claim in _claims(result)],
+        parameters={
+            "sites": [result.name for result in results],
             "lifts": count,
             "limits": {
-                name: [list(limit.rates), list(limit.accelerations)]
-                for name, limit in limits.items()
+                r.name: [list(r.lift.limits.rates), list(r.lift.limits.accelerations)]
+                for r in results
             },
         },
         trajectories=trajectories,
@@ -94,12 +118,12 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         recording=[
             Run(
                 result.site.name,
-                result.certificate.lift.crane,
+                result.lift.crane,
                 result.certificate.run,
                 (_APART * i, 0.0, 0.0),
                 scenery=scenery(result.certificate),
             )
-            for i, result in enumerate(results.values())
+            for i, result in enumerate(results)
         ],
     )
 
@@ -117,9 +141,9 @@ def _sites(options: argparse.Namespace) -> list[tuple[str, Site]]:
 
 
 def _result(
-    setup: harness.Setup, site: Site, options: argparse.Namespace, count: int
+    setup: harness.Setup, name: str, site: Site, options: argparse.Namespace, count: int
 ) -> SiteResult:
-    started = time.monotonic()
+    times = [time.monotonic()]
     crane = crane_of(site, gravity=setup.gravity, **setup.values)
     start, goal = (
         None if point is None else np.array([number("coordinate", value, "m") for value in point])
@@ -127,139 +151,106 @@ def _result(
     )
     limits = site.limits or LIMITS
     lift = plan_lift(site, limits, start=start, goal=goal, crane=crane, period=setup.control_period)
-    planned = time.monotonic()
+    times.append(time.monotonic())
     certificate = certify(lift, dt=setup.dt, engine=setup.engine)
-    certified = time.monotonic()
-    perturbed = (
-        perturb(certificate, count, dt=2.0 * setup.dt) if count and certificate.holds else None
-    )
-    seconds = planned - started, certified - planned, time.monotonic() - certified
-    shortest_lift, started = None, time.monotonic()
+    times.append(time.monotonic())
+    perturbed, least = None, None
+    if count and certificate.holds:
+        perturbed = perturb(certificate, count, dt=2.0 * setup.dt)
+    times.append(time.monotonic())
     if options.least_time and certificate.holds:
-        shortest_lift = certify(_shortened(lift), dt=setup.dt, engine=setup.engine)
-    return SiteResult(
-        site, certificate, perturbed, seconds, shortest_lift, time.monotonic() - started
+        least = certify_in_least_time(lift, setup.dt, setup.engine)
+    times.append(time.monotonic())
+    *seconds, least_seconds = np.diff(times).tolist()
+    return SiteResult(name, site, certificate, perturbed, seconds, least, least_seconds)
+
+
+def _tables(
+    certified: Sequence[SiteResult], results: Sequence[SiteResult]
+) -> list[harness.ResultTable]:
+    tables = [_certified(certified)]
+    if perturbed := [result for result in certified if result.perturbed]:
+        tables.append(_perturbed(perturbed))
+    if shorter := [result for result in certified if result.least and result.least.holds]:
+        tables.append(_least_time(shorter))
+    columns = [("planned [s]", 0), ("certified [s]", 1), ("perturbed [s]", 2)]
+    times = [(header, ".1f", lambda r, i=i: r.seconds[i]) for header, i in columns]
+    title = "How long it took on this machine"
+    return [*tables, harness.make_table(title, results, _SITE, *times)]
+
+
+_SITE: harness.Column = ("site", "", lambda r: r.name)
+
+
+def _certified(results: Sequence[SiteResult]) -> harness.ResultTable:
+    return harness.make_table(
+        "Certified lifts",
+        results,
+        _SITE,
+        ("way [s]", ".2f", lambda r: r.lift.way),
+        ("grid [s]", ".2f", lambda r: r.lift.on_grid),
+        ("bound [s]", ".2f", lambda r: r.lift.least),
+        ("drives [s]", ".2f", lambda r: r.lift.timed.bound),
+        ("motion [s]", ".2f", lambda r: arrival(r.certificate)),
+        ("motion / bound", ".3f", lambda r: arrival(r.certificate) / r.lift.least),
+        ("clearance [m]", ".2f", lambda r: r.certificate.nearest.distance),
+        ("of", "", lambda r: f"{r.certificate.nearest.body}, {r.certificate.nearest.obstacle}"),
+        ("swing [mrad]", ".1f", lambda r: r.swing(r.certificate)),
+        note="Way: the path at full speed of the drives; grid: the best on cells of 0.5 s with no "
+        "more clearance than required, whichever way round. Bound: what the drives need at least, "
+        "by that grid and from start to goal. Drives: what they need along the path without a "
+        "thought of the load; motion: with the load at rest at the end. Clearance: the least in "
+        "the simulation.",
     )
 
 
-def _shortened(lift: Lift) -> Lift:
-    from cranedyn.planning.least_time import in_least_time
+def _perturbed(results: Sequence[SiteResult]) -> harness.ResultTable:
+    def percent(perturbed: Perturbed, bound: int) -> float:
+        return 100.0 * perturbed.interval()[bound]
 
-    return in_least_time(lift)
-
-
-def _tables(results: dict[str, SiteResult]) -> list[harness.ResultTable]:
-    tables = [_certified(results)]
-    perturbed = {name: result.perturbed for name, result in results.items() if result.perturbed}
-    return [*tables, _perturbed(perturbed)] if perturbed else tables
-
-
-def _certified(results: dict[str, SiteResult]) -> harness.ResultTable:
-    rows: Rows = []
-    for name, result in results.items():
-        lift, nearest = result.certificate.lift, result.certificate.nearest
-        times = [lift.way, lift.on_grid, lift.least, lift.timed.bound, lift.timed.motion.arrival]
-        swing = 1e3 * lift.timed.shares["swing"] * result.site.swing
-        bodies = f"{nearest.body}, {nearest.obstacle}"
-        share = lift.timed.motion.arrival / lift.least
-        rows.append([name, *times, share, nearest.distance, bodies, swing])
-    columns = [
-        ("site", ""),
-        ("way [s]", ".2f"),
-        ("grid [s]", ".2f"),
-        ("bound [s]", ".2f"),
-        ("drives [s]", ".2f"),
-        ("motion [s]", ".2f"),
-        ("motion / bound", ".3f"),
-        ("clearance [m]", ".2f"),
-        ("of", ""),
-        ("swing [mrad]", ".1f"),
-    ]
-    note = (
-        "Way: the path at full speed of the drives; grid: the best on cells of 0.5 s with no more "
-        "clearance than required, whichever way round. Bound: what the drives need at least, by "
-        "that grid and from start to goal. Drives: what they need along the path without a thought "
-        "of the load; motion: with the load at rest at the end. Clearance: the least in the "
-        "simulation."
-    )
-    return harness.ResultTable("Certified lifts", columns, rows, note)
-
-
-def _perturbed(results: dict[str, Perturbed]) -> harness.ResultTable:
-    rows: Rows = []
-    for name, perturbed in results.items():
-        count, failures = len(perturbed.least), perturbed.failures
-        shares = [100.0 * share for share in (failures / count, *perturbed.interval())]
-        clearance, swing = float(np.nanmin(perturbed.least)), 1e3 * float(perturbed.swing.max())
-        rows.append([name, count, failures, *shares, clearance, swing])
-    columns = [
-        ("site", ""),
-        ("lifts", "d"),
-        ("below required clearance", "d"),
-        ("%", ".2f"),
-        ("from %", ".3f"),
-        ("to %", ".3f"),
-        ("least [m]", ".2f"),
-        ("swing after [mrad]", ".1f"),
-    ]
-    note = (
-        f"The probability lies from … to with {100 * CONFIDENCE:g} % confidence (Clopper and "
+    return harness.make_table(
+        "Perturbed lifts",
+        [(result.name, result.perturbed) for result in results],
+        ("site", "", lambda r: r[0]),
+        ("lifts", "d", lambda r: len(r[1].least)),
+        ("below required clearance", "d", lambda r: r[1].failures),
+        ("%", ".2f", lambda r: 100.0 * (r[1].failures / len(r[1].least))),
+        ("from %", ".3f", lambda r: percent(r[1], 0)),
+        ("to %", ".3f", lambda r: percent(r[1], 1)),
+        ("least [m]", ".2f", lambda r: float(np.nanmin(r[1].least))),
+        ("swing after [mrad]", ".1f", lambda r: 1e3 * float(r[1].swing.max())),
+        note=f"The probability lies from … to with {100 * CONFIDENCE:g} % confidence (Clopper and "
         "Pearson). Load ±30 %, cable ±0.5 m off its measure, wind up to 4 m/s with a gust of up to "
-        "6 m/s more, sensors up to 20 ms late. Least: negative where something is run into."
+        "6 m/s more, sensors up to 20 ms late. Least: negative where something is run into.",
     )
-    return harness.ResultTable("Perturbed lifts", columns, rows, note)
 
 
-def _least_time(results: dict[str, SiteResult]) -> list[harness.ResultTable]:
-    rows: Rows = []
-    for name, result in results.items():
-        if result.least is not None and result.least.holds:
-            timed, bound = result.least.lift.timed, result.certificate.lift.least
-            planned, shortest_time = (
-                result.certificate.lift.timed.motion.arrival,
-                timed.motion.arrival,
-            )
-            times = [planned, shortest_time, planned / bound, shortest_time / bound]
-            swing = 1e3 * timed.shares["swing"] * result.site.swing
-            nearest, residual = result.least.nearest.distance, 1e3 * result.least.residual_swing
-            rows.append([name, *times, nearest, swing, residual, result.least_seconds])
-    columns = [
-        ("site", ""),
-        ("planned [s]", ".2f"),
-        ("least time [s]", ".2f"),
-        ("planned / bound", ".3f"),
-        ("least / bound", ".3f"),
-        ("clearance [m]", ".2f"),
-        ("swing [mrad]", ".1f"),
-        ("at arrival [mrad]", ".4f"),
-        ("found in [s]", ".1f"),
-    ]
-    note = (
-        "The same lifts with motions of least time near the planned ones, as proven and as "
-        "certified. Bound: what drives need at least, whichever way round."
+def _least_time(results: Sequence[SiteResult]) -> harness.ResultTable:
+    return harness.make_table(
+        "In least time",
+        results,
+        _SITE,
+        ("planned [s]", ".2f", lambda r: arrival(r.certificate)),
+        ("least time [s]", ".2f", lambda r: arrival(r.least)),
+        ("planned / bound", ".3f", lambda r: arrival(r.certificate) / r.lift.least),
+        ("least / bound", ".3f", lambda r: arrival(r.least) / r.lift.least),
+        ("clearance [m]", ".2f", lambda r: r.least.nearest.distance),
+        ("swing [mrad]", ".1f", lambda r: r.swing(r.least)),
+        ("at arrival [mrad]", ".4f", lambda r: 1e3 * r.least.residual_swing),
+        ("found in [s]", ".1f", lambda r: r.least_seconds),
+        note="The same lifts with motions of least time near the planned ones, as proven and as "
+        "certified. Bound: what drives need at least, whichever way round.",
     )
-    return [harness.ResultTable("In least time", columns, rows, note)] if rows else []
 
 
-def _times(results: dict[str, SiteResult]) -> harness.ResultTable:
-    columns = [
-        ("site", ""),
-        ("planned [s]", ".1f"),
-        ("certified [s]", ".1f"),
-        ("perturbed [s]", ".1f"),
-    ]
-    rows = [(name, *result.seconds) for name, result in results.items()]
-    return harness.ResultTable("How long it took on this machine", columns, rows)
-
-
-def _claims(name: str, result: SiteResult) -> Iterator[harness.Claim]:
-    lift = result.certificate.lift
+def _claims(result: SiteResult) -> Iterator[harness.Claim]:
+    name, lift = result.name, result.lift
     for check in result.certificate.checks:
         yield harness.Claim(f"{name}: {check.sentence}", check.holds)
     if result.certificate.holds:
         for phrase, duration, ratio in (
             ("along the way the drives need", lift.timed.bound, OF_BOUND),
-            ("the motion lasts", lift.timed.motion.arrival, OF_LEAST),
+            ("the motion lasts", arrival(result.certificate), OF_LEAST),
         ):
             yield harness.Claim(
                 f"{name}: {phrase} {duration / lift.least:.3f} times what drives need at "
@@ -270,53 +261,27 @@ def _claims(name: str, result: SiteResult) -> Iterator[harness.Claim]:
         return
     for check in result.least.checks:
         yield harness.Claim(f"{name} in least time: {check.sentence}", check.holds)
-    shortest_time = result.least.lift.timed.motion.arrival
+    shortest = arrival(result.least)
     yield harness.Claim(
-        f"{name}: in least time it lasts {shortest_time / lift.least:.3f} times what drives need "
+        f"{name}: in least time it lasts {shortest / lift.least:.3f} times what drives need "
         f"at least, at most {IN_LEAST_TIME:g}, and less than planned.",
-        lift.least * IN_LEAST_TIME >= shortest_time < lift.timed.motion.arrival,
+        lift.least * IN_LEAST_TIME >= shortest < arrival(result.certificate),
     )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "lift",
-        "From a site with obstacles to a motion that provably touches nothing.",
-        engines=("compiled", "pinocchio"),
-    )
+    parser = harness.parser("lift", __doc__, engines=("compiled", "pinocchio"))
     harness.add_setup(parser, "payload_mass")
-    parser.add_argument(
-        "--site",
-        nargs="+",
-        metavar="FILE",
-        default=None,
-        help="sites as TOML, see docs/howto/plan_lift.md; all examples if not given",
-    )
-    parser.add_argument(
-        "--from",
-        dest="start",
-        nargs=3,
-        type=float,
-        metavar=("X", "Y", "Z"),
-        help="centre of the load at the start, in the site's frame [m]",
-    )
-    parser.add_argument(
-        "--to",
-        dest="goal",
-        nargs=3,
-        type=float,
-        metavar=("X", "Y", "Z"),
-        help="the same at the end",
-    )
-    parser.add_argument(
-        "--lifts", type=int, default=LIFTS, metavar="N", help="perturbed lifts; 0 for none"
-    )
-    parser.add_argument(
-        "--least-time",
-        action="store_true",
-        help="also make each lift as short as it can be, some ten seconds a site (extra `optimal`)",
-    )
+    add = parser.add_argument
+    text = "sites as TOML, see docs/howto/plan_lift.md; all examples if not given"
+    add("--site", nargs="+", metavar="FILE", default=None, help=text)
+    point: dict[str, Any] = {"nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
+    text = "centre of the load at the start, in the site's frame [m]"
+    add("--from", dest="start", help=text, **point)
+    add("--to", dest="goal", help="the same at the end", **point)
+    add("--lifts", type=int, default=LIFTS, metavar="N", help="perturbed lifts; 0 for none")
+    add("--least-time", action="store_true", help=LEAST_TIME)
     return harness.run_experiment(parser, experiment, argv)
 
 

@@ -1,11 +1,11 @@
-"""A hundred random sites: how often a lift is found and certified, how fast, how near the best;
-beside what else one might do.
+"""Lifts on random sites, beside other means.
+
+How often one is found and certified, how fast, how near the best.
 """
 
 from __future__ import annotations
 
 import argparse
-import itertools
 import math
 import sys
 import time
@@ -18,19 +18,26 @@ from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.checks import whole
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import follow, hold_controller
-from cranedyn.interfaces import Reference
+from cranedyn.interfaces import Controller, Reference
 from cranedyn.model.crane import Crane
-from cranedyn.planning.certificate import AFTER, certify
+from cranedyn.planning.certificate import AFTER, Certificate, certify
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.planning.lift import Lift, NoWay, plan_lift
 from cranedyn.planning.site import Site
 from cranedyn.planning.solids import Solid, box
 from cranedyn.references.simple import shortest, spline
 from experiments import harness
-from experiments.lift import IN_LEAST_TIME, OF_BOUND, OF_LEAST
-from experiments.scenarios.moves import LIMITS
-from experiments.scenarios.strategies import instant
+from experiments.harness.table import Cell
+from experiments.lift import (
+    IN_LEAST_TIME,
+    LEAST_TIME,
+    OF_BOUND,
+    OF_LEAST,
+    arrival,
+    certify_in_least_time,
+)
+from experiments.scenarios.moves import LIMITS, instant
+from experiments.scenarios.shaping import joystick_path
 
 SITES, SEED = 100, 14
 """How many sites, and the seed of them."""
@@ -38,27 +45,33 @@ SITES, SEED = 100, 14
 _LOAD = np.array([[x, y, z] for x in (-0.75, 0.75) for y in (-1.0, 1.0) for z in (-0.6, 0.6)])
 
 
+Measures = tuple[float, float, float]
+"""Duration [s], least distance [m] and swing at the arrival [rad]."""
+
+
 @dataclass(frozen=True, eq=False)
 class SiteLift:
     """What came of a site.
 
     Attributes:
-        lift: The lift, None if there is none.
-        why: Why there is none, or what its certificate lacks.
+        certificate: The planned lift, simulated and checked; None if there is none.
+        refused: Why there is none.
         seconds: For plan and certificate [s].
-        clearance: Least in the simulation [m].
-        means: Duration [s], least distance [m] and swing at the arrival [rad] along the same way as
-            planned and by other means, by name.
-        least: The same lift in least time; None if it was not asked for, or its certificate lacks
-            something.
+        means: The measures along the same way as planned and by other means, by name.
+        least: The same lift in least time; None if it was not asked for.
     """
 
-    lift: Lift | None
-    why: str
+    certificate: Certificate | None
+    refused: str
     seconds: float
-    clearance: float
-    means: dict[str, tuple[float, float, float]]
-    least: Lift | None = None
+    means: dict[str, Measures]
+    least: Certificate | None = None
+
+    @property
+    def why(self) -> str:
+        """Why there is no certified lift; empty if there is."""
+        checks = self.certificate.checks if self.certificate else ()
+        return self.refused or "; ".join(check.sentence for check in checks if not check.holds)
 
 
 def sites(crane: Crane, count: int, seed: int = SEED) -> Iterator[Site]:
@@ -108,7 +121,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     return harness.Outcome(
         tables=[_summary(tried), _beside(tried), _failed(tried)],
         claims=_claims(tried),
-        parameters=setup.parameters() | {"sites": count, "seed": SEED},
+        parameters={"sites": count, "seed": SEED},
     )
 
 
@@ -117,36 +130,21 @@ def _tried(setup: harness.Setup, site: Site, least_time: bool) -> SiteLift:
     try:
         lift = plan_lift(site, LIMITS, crane=setup.crane, period=setup.control_period)
     except NoWay as error:
-        return SiteLift(None, str(error), time.monotonic() - begun, math.nan, {})
+        return SiteLift(None, str(error), time.monotonic() - begun, {})
     certificate = certify(lift, dt=setup.dt)
     seconds = time.monotonic() - begun
-    lacking = "; ".join(check.sentence for check in certificate.checks if not check.holds)
-    planned = lift.timed.motion.arrival, certificate.nearest.distance, certificate.residual_swing
-    means = {"planned": planned, **_others(setup, lift)}
-    shortest_lift = None
-    if least_time and not lacking:
-        shortest_lift, measures = _in_least_time(setup, lift)
-        means["in least time"] = measures
-    return SiteLift(lift, lacking, seconds, certificate.nearest.distance, means, shortest_lift)
+    means, least = {"planned": _measures(certificate), **_others(setup, lift)}, None
+    if least_time and certificate.holds:
+        least = certify_in_least_time(lift, setup.dt)
+        means["in least time"] = _measures(least)
+    return SiteLift(certificate, "", seconds, means, least)
 
 
-def _in_least_time(
-    setup: harness.Setup, lift: Lift
-) -> tuple[Lift | None, tuple[float, float, float]]:
-    """Return the lift in least time, None if it is not certified, and its measures."""
-    from cranedyn.planning.least_time import in_least_time
-
-    shorter = in_least_time(lift)
-    certificate = certify(shorter, dt=setup.dt)
-    measures = (
-        shorter.timed.motion.arrival,
-        certificate.nearest.distance,
-        certificate.residual_swing,
-    )
-    return (shorter if certificate.holds else None), measures
+def _measures(certificate: Certificate) -> Measures:
+    return arrival(certificate), certificate.nearest.distance, certificate.residual_swing
 
 
-def _others(setup: harness.Setup, lift: Lift) -> dict[str, tuple[float, float, float]]:
+def _others(setup: harness.Setup, lift: Lift) -> dict[str, Measures]:
     """Run the same path stopping at every corner, by splines under PD, and by an operator."""
     start, _ = lift.states()
     corners = lift.points[1:].tolist()
@@ -154,7 +152,7 @@ def _others(setup: harness.Setup, lift: Lift) -> dict[str, tuple[float, float, f
         lift.crane, start, corners, rates=lift.limits.rates, accelerations=lift.limits.accelerations
     )
     splines = spline(lift.crane, start, corners, durations)
-    joystick, end = _operated(lift)
+    joystick, end = joystick_path(lift.crane, start, lift.points.tolist(), lift.limits)
     return {
         "stop at corners": _run(setup, lift, splines, splines.arrival, True),
         "spline + PD": _run(setup, lift, splines, splines.arrival, False),
@@ -162,39 +160,14 @@ def _others(setup: harness.Setup, lift: Lift) -> dict[str, tuple[float, float, f
     }
 
 
-def _operated(lift: Lift) -> tuple[Reference, float]:
-    """Return an operator's reference from corner to corner at full rate, and its duration [s]."""
-    pulses, t_start, drives = [], 0.0, [joint.symbol for joint in lift.crane.layout.driven]
-    limits = lift.limits
-    for corner, next_corner in itertools.pairwise(lift.points):
-        lasts = 0.0
-        for drive, distance, rate, acceleration in zip(
-            drives, next_corner - corner, limits.rates, limits.accelerations, strict=True
-        ):
-            if abs(distance) > 1e-6:
-                speed = min(rate, math.sqrt(abs(distance) * acceleration))
-                pulses.append(
-                    JoystickPulse(
-                        drive, math.copysign(speed, distance), t_start, abs(distance) / speed
-                    )
-                )
-                lasts = max(lasts, abs(distance) / speed + speed / acceleration)
-        t_start += lasts
-    return joystick(
-        lift.crane, lift.states()[0], pulses, accelerations=limits.accelerations
-    ), t_start
-
-
 def _run(
     setup: harness.Setup, lift: Lift, reference: Reference, arrives: float, exact: bool
-) -> tuple[float, float, float]:
-    """Return duration [s], least distance [m] and swing at the arrival [rad] of a run."""
-    controller = (
-        follow(lift.crane, reference, setup.control_period)
-        if exact
-        else hold_controller(lift.crane)
-    )
-    duration, start = instant(setup, arrives + AFTER), lift.states()[0]
+) -> Measures:
+    if exact:
+        controller: Controller = follow(lift.crane, reference, setup.control_period)
+    else:
+        controller = hold_controller(lift.crane)
+    duration, start = instant(arrives + AFTER, setup.control_period), lift.states()[0]
     batch = simulate_batch(
         lift.crane,
         controller,
@@ -210,38 +183,33 @@ def _run(
     clearance = min(lift.clearance.least_distance(q) for q in batch.q[0])
     k = int(np.searchsorted(batch.t, arrives))
     passive, hoist = lift.crane.layout.passive, lift.clearance.joints.hoist
-    row = slice(k, k + 1)
-    swing = swing_amplitude(
-        batch.q[0, row][:, passive],
-        batch.v[0, row][:, passive],
-        float(batch.q[0, k, hoist]),
-        lift.crane.gravity,
-    )
+    q, v = batch.q[:, k], batch.v[:, k]
+    swing = swing_amplitude(q[:, passive], v[:, passive], float(q[0, hoist]), lift.crane.gravity)
     return arrives, clearance, float(swing[0])
 
 
-def _held(tried: Sequence[SiteLift]) -> list[tuple[SiteLift, Lift]]:
-    return [(result, result.lift) for result in tried if result.lift is not None and not result.why]
+def _held(tried: Sequence[SiteLift]) -> list[tuple[SiteLift, Certificate]]:
+    return [(r, r.certificate) for r in tried if r.certificate is not None and not r.why]
 
 
 def _summary(tried: Sequence[SiteLift]) -> harness.ResultTable:
     """Return median and worst values of certified lifts."""
     certified = _held(tried)
+    lifts = [certificate.lift for _, certificate in certified]
     measured: dict[str, list[float]] = {
         "plan and certificate [s]": [result.seconds for result, _ in certified],
-        "way / grid": [lift.way / lift.on_grid for _, lift in certified],
-        "drives along the way / bound": [lift.timed.bound / lift.least for _, lift in certified],
-        "motion / bound": [lift.timed.motion.arrival / lift.least for _, lift in certified],
-        "motion [s]": [lift.timed.motion.arrival for _, lift in certified],
-        "least clearance [m]": [-result.clearance for result, _ in certified],
+        "way / grid": [lift.way / lift.on_grid for lift in lifts],
+        "drives along the way / bound": [lift.timed.bound / lift.least for lift in lifts],
+        "motion / bound": [lift.timed.motion.arrival / lift.least for lift in lifts],
+        "motion [s]": [lift.timed.motion.arrival for lift in lifts],
+        "least clearance [m]": [-certificate.nearest.distance for _, certificate in certified],
+        "least time / bound": [
+            arrival(result.least) / certificate.lift.least
+            for result, certificate in certified
+            if result.least and result.least.holds
+        ],
     }
-    if any(result.least for result, _ in certified):
-        measured["least time / bound"] = [
-            result.least.timed.motion.arrival / lift.least
-            for result, lift in certified
-            if result.least
-        ]
-    rows: list[list[float | str | None]] = [
+    rows: list[list[Cell]] = [
         [name, *(abs(float(np.quantile(values, share))) for share in (0.5, 0.9, 1.0))]
         for name, values in measured.items()
         if values
@@ -259,22 +227,12 @@ def _summary(tried: Sequence[SiteLift]) -> harness.ResultTable:
 def _beside(tried: Sequence[SiteLift]) -> harness.ResultTable:
     """Return the table of other means along the same paths."""
     certified = _held(tried)
-    rows: list[list[float | str | None]] = []
+    rows: list[list[Cell]] = []
     for name in certified[0][0].means if certified else ():
-        of = [result.means[name] for result, _ in certified]
-        nearer = sum(
-            clearance < lift.clearance.site.distance
-            for (_, clearance, _), (_, lift) in zip(of, certified, strict=True)
-        )
-        rows.append(
-            [
-                name,
-                float(np.median([t for t, _, _ in of])),
-                min(clearance for _, clearance, _ in of),
-                nearer,
-                1e3 * max(swing for *_, swing in of),
-            ]
-        )
+        times, clearances, swings = zip(*(r.means[name] for r, _ in certified), strict=True)
+        required = (certificate.lift.clearance.site.distance for _, certificate in certified)
+        nearer = sum(near < least for near, least in zip(clearances, required, strict=True))
+        rows.append([name, float(np.median(times)), min(clearances), nearer, 1e3 * max(swings)])
     columns = [
         ("along the same way", ""),
         ("median [s]", ".1f"),
@@ -294,12 +252,11 @@ def _failed(tried: Sequence[SiteLift]) -> harness.ResultTable:
 
 def _claims(tried: Sequence[SiteLift]) -> list[harness.Claim]:
     certified = _held(tried)
-    refused = [result for result in tried if result.lift is None]
-    planned = sum(result.lift is not None for result in tried)
-    times_in_least_time = [
-        (result.least.timed.motion.arrival, lift.least)
-        for result, lift in certified
-        if result.least is not None
+    planned = sum(result.certificate is not None for result in tried)
+    shorter = [
+        (arrival(result.least), certificate.lift.least)
+        for result, certificate in certified
+        if result.least is not None and result.least.holds
     ]
 
     def at_most(subject: str, ratio: float, times: list[tuple[float, float]]) -> harness.Claim:
@@ -307,50 +264,34 @@ def _claims(tried: Sequence[SiteLift]) -> list[harness.Claim]:
         sentence = f"{subject} at most {ratio:g} times what drives need at least: {worst:.3f}."
         return harness.Claim(sentence, worst <= ratio)
 
-    in_least_time = at_most(
-        f"In least time {len(times_in_least_time)} of {len(certified)} are certified and last",
-        IN_LEAST_TIME,
-        times_in_least_time if len(times_in_least_time) == len(certified) else [],
-    )
-    return [
-        *(
-            [in_least_time]
-            if any("in least time" in result.means for result, _ in certified)
-            else []
-        ),
+    claims = [
         harness.Claim(
             f"Every lift that is planned is certified: {len(certified)} of {planned}; "
-            f"{len(refused)} sites are refused.",
+            f"{len(tried) - planned} sites are refused.",
             len(certified) == planned > 0,
         ),
         at_most(
             "Along its way a lift takes the drives",
             OF_BOUND,
-            [(lift.timed.bound, lift.least) for _, lift in certified],
+            [(c.lift.timed.bound, c.lift.least) for _, c in certified],
         ),
         at_most(
-            "A planned motion lasts",
-            OF_LEAST,
-            [(lift.timed.motion.arrival, lift.least) for _, lift in certified],
+            "A planned motion lasts", OF_LEAST, [(arrival(c), c.lift.least) for _, c in certified]
         ),
     ]
+    if any(result.least for result, _ in certified):
+        subject = f"In least time {len(shorter)} of {len(certified)} are certified and last"
+        times = shorter if len(shorter) == len(certified) else []
+        claims.insert(0, at_most(subject, IN_LEAST_TIME, times))
+    return claims
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "lift_benchmark",
-        "Lifts on random sites, beside other means.",
-        recording=False,
-        engines=("compiled",),
-    )
+    parser = harness.parser("lift_benchmark", __doc__, recording=False, engines=("compiled",))
     harness.add_setup(parser)
     parser.add_argument("--sites", type=int, default=SITES, metavar="N", help="how many sites")
-    parser.add_argument(
-        "--least-time",
-        action="store_true",
-        help="also make each lift as short as it can be, some ten seconds a site (extra `optimal`)",
-    )
+    parser.add_argument("--least-time", action="store_true", help=LEAST_TIME)
     return harness.run_experiment(parser, experiment, argv)
 
 

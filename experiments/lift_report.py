@@ -1,5 +1,6 @@
-"""Judge a lift: utilisation, clearances, factors, wind and robustness on a page for a method
-statement, with GO or NO GO at its beginning.
+"""A lift judged: go or no go, and every number for a method statement.
+
+Utilisation, clearances, factors, wind and robustness on a page with GO or NO GO at its beginning.
 """
 
 from __future__ import annotations
@@ -71,8 +72,7 @@ def _outcome(judgement: Judgement, setup: harness.Setup, command: str) -> harnes
     return harness.Outcome(
         tables=[harness.ResultTable(*table) for table in judgement.tables(command)],
         claims=[harness.Claim(*check) for check in judgement.checks],
-        parameters=setup.parameters()
-        | {
+        parameters={
             "site": lift.site.name,
             "chart": lift.chart.name,
             "falls": lift.falls,
@@ -131,11 +131,7 @@ def write_pages(judgement: Judgement, folder: Path, command_line: str) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = harness.parser(
-        "lift_report",
-        "A lift judged: go or no go, and every number for a method statement.",
-        engines=("compiled", "pinocchio"),
-    )
+    parser = harness.parser("lift_report", __doc__, engines=("compiled", "pinocchio"))
     harness.add_setup(parser, "payload_mass")
     add = parser.add_argument
     add("--site", metavar="FILE", help="site as TOML, see docs/howto/plan_lift.md; open_yard")

@@ -1,5 +1,6 @@
-"""Where the paper's linear swing, Eqs. (8) and (10), is good enough and where not, beside the plant
-under the same motion of the drives.
+"""The paper's linear swing, Eqs. (8) and (10), beside the plant on four cranes.
+
+Where it is good enough and where not, under the same motion of the drives.
 """
 
 from __future__ import annotations
@@ -11,16 +12,9 @@ from dataclasses import replace
 
 from experiments import harness
 from experiments.harness import Claim, Outcome, Setup
-from experiments.linear.runs import LinearCase, powers, reaches, run_cases, scan
-from experiments.linear.sites import ANGLES, SHARES, SITES, short_slews, slow_slews
-from experiments.linear.tables import (
-    RPM,
-    angles_table,
-    dropped_table,
-    errors_table,
-    powers_table,
-    rates_table,
-)
+from experiments.linear import moves, results
+from experiments.linear.moves import ANGLES, SHARES, SITES, LinearCase
+from experiments.linear.results import RPM
 
 DT, CONTROL_PERIOD = 4e-3, 4e-2
 """Coarser than elsewhere [s]."""
@@ -43,30 +37,25 @@ SHOWN = ("slew", "slew, trolley, fast hoist")
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Make every move of every crane, slower slews, and slow hoisting."""
-    from cranedyn.recording import Run
-    from experiments.linear.figures import angles_figure, dropped_figure, slew_figure
-
     setup = replace(setup, dt=DT, control_period=CONTROL_PERIOD)
     cranes = {site: site.crane(setup) for site in SITES}
-    cases = [case for site, crane in cranes.items() for case in run_cases(setup, site, crane)]
-    slow = {
-        site.name: scan(setup, crane, slow_slews(site, crane)) for site, crane in cranes.items()
-    }
-    short = {
-        site.name: scan(setup, crane, short_slews(site, crane)) for site, crane in cranes.items()
-    }
-    rates = {site.name: site.slew * reaches(SHARES, slow[site.name], GOOD) for site in SITES}
-    angles = {site.name: reaches(ANGLES, short[site.name], GOOD) for site in SITES}
-    hoisted = {site.name: powers(setup, site, crane) for site, crane in cranes.items()}
+    cases = [case for site, crane in cranes.items() for case in moves.run_cases(setup, site, crane)]
+    slow, short = (
+        {site.name: moves.scan(setup, crane, slews(site, crane)) for site, crane in cranes.items()}
+        for slews in (moves.slow_slews, moves.short_slews)
+    )
+    rates = {site.name: site.slew * moves.reaches(SHARES, slow[site.name], GOOD) for site in SITES}
+    angles = {site.name: moves.reaches(ANGLES, short[site.name], GOOD) for site in SITES}
+    hoisted = {site.name: moves.powers(setup, site, crane) for site, crane in cranes.items()}
     drawn = [case for case in cases if case.site is SITES[1] and case.job.name in SHOWN]
     of_site = {site: [case for case in cases if case.site is site] for site in SITES}
     return Outcome(
         tables=[
-            *(errors_table(site, cases_of_site) for site, cases_of_site in of_site.items()),
-            *(dropped_table(site, cases_of_site) for site, cases_of_site in of_site.items()),
-            rates_table(slow, rates, GOOD),
-            angles_table(short, angles, GOOD),
-            powers_table(hoisted),
+            *(results.errors_table(*site_cases) for site_cases in of_site.items()),
+            *(results.dropped_table(*site_cases) for site_cases in of_site.items()),
+            results.rates_table(slow, rates, GOOD),
+            results.angles_table(short, angles, GOOD),
+            results.powers_table(hoisted),
         ],
         claims=claims(cases, rates, angles, hoisted),
         parameters={
@@ -79,14 +68,16 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             case.job.name.replace(", ", "_").replace(" ", "_"): case.run for case in drawn
         },
         figures={
-            name: angles_figure(case, setup.gravity)
+            name: results.angles_figure(case, setup.gravity)
             for name, case in zip(("swing_slew", "swing_all"), drawn, strict=True)
         }
-        | {"slews": slew_figure(slow, short, GOOD), "dropped": dropped_figure(cases, SHOWN)},
-        recording=[
-            Run(case.job.name, cranes[case.site], case.run, (120.0 * i, 0.0, 0.0))
-            for i, case in enumerate(drawn)
-        ],
+        | {
+            "slews": results.slew_figure(slow, short, GOOD),
+            "dropped": results.dropped_figure(cases, SHOWN),
+        },
+        recording=harness.side_by_side(
+            {case.job.name: (cranes[case.site], case.run) for case in drawn}, apart=120.0
+        ),
     )
 
 
@@ -152,10 +143,7 @@ def _span(shares: Sequence[float]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "linear_vs_full",
-        "The paper's linear swing, Eqs. (8) and (10), beside the plant on four cranes.",
-    )
+    parser = harness.parser("linear_vs_full", __doc__)
     return harness.run_experiment(parser, experiment, argv)
 
 

@@ -1,5 +1,6 @@
-"""Mass ratio: the links between the swing joints may be as light as one likes, and a point load
-swings alike whatever it weighs.
+"""Light links between the swing joints, and loads of any mass.
+
+The links may be as light as one likes, and a point load swings alike whatever it weighs.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import spline
 from experiments import harness
-from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
-from experiments.oracles.reading import locked
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
+from experiments.oracles.bench import locked
 
 LINKS = (50.0, 10.0, 1.0, 0.1, 1e-2, 1e-4, 1e-6, 0.0)
 """Masses of each dummy link [kg]; its inertia is 1 m² times that."""
@@ -100,8 +101,6 @@ def run_tour(setup: Setup, crane: Crane) -> Trajectory:
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Sweep the dummy links, then the load."""
-    from cranedyn.recording import Run
-
     crane = setup.crane
     runs = {m: swing(setup, m) for m in LINKS}
     periods = {m: crossing_period(r) for m, r in runs.items()}
@@ -154,10 +153,10 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
                 spread < rounding(setup, TOUR) < spread_rigid,
             ),
         ],
-        parameters=setup.parameters() | {"swing_rad": SWING, "length_m": LENGTH},
+        parameters={"swing_rad": SWING, "length_m": LENGTH},
         trajectories={"links_50": runs[50.0], "links_1e-6": runs[1e-6], "tour_1000": points[1.0e3]},
         figures={"links": _links_figure(crane, periods)},
-        recording=[Run("all drives at once", crane, points[1.0e3])],
+        recording=harness.side_by_side({"all drives at once": (crane, points[1.0e3])}),
     )
 
 
@@ -169,18 +168,16 @@ def _spread(runs: dict[float, Trajectory]) -> float:
 def _links_table(
     crane: Crane, periods: dict[float, float], expected: dict[float, float]
 ) -> ResultTable:
-    return tabulate(
+    return make_table(
         "Free swing with ever lighter links between the swing joints",
         periods,
-        [
-            ("link [kg]", "g", lambda m: m),
-            ("load/link", ".0e", lambda m: crane.payload_mass / m if m else None),
-            ("T [s]", ".8f", lambda m: periods[m]),
-            ("compound pendulum [s]", ".8f", lambda m: expected[m]),
-            ("relative", "+.1e", lambda m: periods[m] / expected[m] - 1),
-            ("against no links", "+.1e", lambda m: periods[m] / periods[0.0] - 1),
-        ],
-        "The article's engine diverged at 1 kg.",
+        ("link [kg]", "g", lambda m: m),
+        ("load/link", ".0e", lambda m: crane.payload_mass / m if m else None),
+        ("T [s]", ".8f", lambda m: periods[m]),
+        ("compound pendulum [s]", ".8f", lambda m: expected[m]),
+        ("relative", "+.1e", lambda m: periods[m] / expected[m] - 1),
+        ("against no links", "+.1e", lambda m: periods[m] / periods[0.0] - 1),
+        note="The article's engine diverged at 1 kg.",
     )
 
 
@@ -188,16 +185,14 @@ def _loads_table(points: dict[float, Trajectory], rigid: dict[float, Trajectory]
     def largest(run: Trajectory, name: str) -> float:
         return float(np.abs(run[name]).max())
 
-    return tabulate(
+    return make_table(
         "All drives in prescribed motion: swing of loads of different mass",
         points,
-        [
-            ("load [kg]", "g", lambda m: m),
-            ("point: max φ [rad]", ".9f", lambda m: largest(points[m], "phi_rad")),
-            ("max θ [rad]", ".9f", lambda m: largest(points[m], "theta_rad")),
-            ("400 kg m²: max φ [rad]", ".9f", lambda m: largest(rigid[m], "phi_rad")),
-            ("max θ [rad]", ".9f", lambda m: largest(rigid[m], "theta_rad")),
-        ],
+        ("load [kg]", "g", lambda m: m),
+        ("point: max φ [rad]", ".9f", lambda m: largest(points[m], "phi_rad")),
+        ("max θ [rad]", ".9f", lambda m: largest(points[m], "theta_rad")),
+        ("400 kg m²: max φ [rad]", ".9f", lambda m: largest(rigid[m], "phi_rad")),
+        ("max θ [rad]", ".9f", lambda m: largest(rigid[m], "theta_rad")),
     )
 
 
@@ -218,9 +213,7 @@ def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "mass_ratio", "Light links between the swing joints, and loads of any mass."
-    )
+    parser = harness.parser("mass_ratio", __doc__)
     harness.add_setup(parser, "dummy_mass", "dummy_inertia", "damp_swing", "hoist_init")
     return harness.run_experiment(parser, experiment, argv)
 

@@ -1,5 +1,6 @@
-"""Observer: what a flat move leaves when nobody tells its controller what hangs on which cable,
-over a grid of loads and cables, by three sets of sensors.
+"""Loads and cables that nobody told, over a grid.
+
+What a flat move leaves then, by three sets of sensors.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from experiments.harness import (
     ResultTable,
     Setup,
     finite_or_none,
-    tabulate,
+    make_table,
 )
 from experiments.scenarios.moves import MOVES
 from experiments.scenarios.perturbations import AFTER_UNTOLD, Perturbation, make
@@ -96,7 +97,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     return Outcome(
         tables=[_table(swings)],
         claims=claims,
-        parameters=setup.parameters() | {"loads": LOADS, "cables": CABLES},
+        parameters={"loads": LOADS, "cables": CABLES},
         figures={"left": _figure(swings)},
     )
 
@@ -111,12 +112,13 @@ def _table(swings: Cases) -> ResultTable:
         (f"{100 * load:g} %, {100 * cable:+g} %", ".3g", partial(swing, load=load, cable=cable))
         for load, cable in grid
     ]
-    return tabulate(
+    return make_table(
         "Swing at the arrival, flat + LQR, load and cable not told [mrad]",
         dict.fromkeys((sensors, kind) for sensors, kind, *_ in swings),
-        [("sensors, cable off by", "", ", ".join), *columns],
-        "Columns: load over that planned for, and how much longer the cable is. A dash: the run "
-        "breaks off, or the cable is as read and stands one row above.",
+        ("sensors, cable off by", "", ", ".join),
+        *columns,
+        note="Columns: load over that planned for, and how much longer the cable is. A dash: the "
+        "run breaks off, or the cable is as read and stands one row above.",
     )
 
 
@@ -134,7 +136,7 @@ def _figure(swings: Cases) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser("observer", "loads and cables that nobody told, over a grid.")
+    parser = harness.parser("observer", __doc__)
     harness.add_setup(parser, "payload_mass")
     parser.add_argument(
         "--sensors", nargs="+", choices=SENSORS, default=list(SENSORS), help="what is measured"

@@ -9,7 +9,8 @@ import importlib
 import json
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import date
 from html import escape
 from pathlib import Path
@@ -55,10 +56,11 @@ def page(folders: Sequence[Path]) -> str:
     Raises:
         DataError: If a result cannot be read.
     """
-    results = [read_result(folder) for folder in folders]
-    sections = [
-        _checked_section(folder, result) for folder, result in zip(folders, results, strict=True)
-    ]
+    results, sections = [], []
+    for folder in folders:
+        with _naming(folder / "result.json"):
+            results.append(read_result(folder))
+            sections.append(_section(folder, results[-1]))
     links = "".join(
         f'<a href="#{escape(r["experiment"])}">{escape(_entry(r).title)}</a>' for r in results
     )
@@ -71,6 +73,26 @@ def page(folders: Sequence[Path]) -> str:
         + "\n".join(sections)
         + "\n</main></body></html>\n"
     )
+
+
+@contextmanager
+def _naming(file: Path) -> Iterator[None]:
+    """Name the file in errors about what it holds.
+
+    Raises:
+        DataError: If it cannot be read, or is not the result of an experiment.
+    """
+    try:
+        yield
+    except json.JSONDecodeError as error:
+        raise DataError(f"Cannot read {file}: it is not JSON.") from error
+    except OSError as error:
+        raise DataError(f"Cannot read {error.filename}: {error.strerror}.") from error
+    except (LookupError, TypeError, AttributeError, ValueError, RecursionError) as error:
+        raise DataError(
+            f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: "
+            f"{error})."
+        ) from error
 
 
 def _first(results: Sequence[dict[str, Any]]) -> str:
@@ -122,39 +144,16 @@ def read_result(folder: Path) -> dict[str, Any]:
         DataError: If there is none.
     """
     file = folder / "result.json"
-    try:
+    with _naming(file):
         result = parse_json(read_text(file))
         _check_set(folder, result["files"])
-        if not all(
-            isinstance(result[name], str) for name in ("experiment", "about", "command", "machine")
-        ):
+        words = (result[name] for name in ("experiment", "about", "command", "machine"))
+        sentences = (claim["sentence"] for claim in result["claims"])
+        if not all(isinstance(word, str) for word in (*words, *sentences)):
             raise TypeError("a word is not text")
-        for claim in result["claims"]:
-            if not isinstance(claim["sentence"], str) or claim["holds"] not in (True, False, None):
-                raise TypeError("a claim is none")
-        return dict(result)
-    except json.JSONDecodeError as error:
-        raise DataError(f"Cannot read {file}: it is not JSON.") from error
-    except OSError as error:
-        raise DataError(f"Cannot read {error.filename}: {error.strerror}.") from error
-    except (LookupError, TypeError, AttributeError, ValueError, RecursionError) as error:
-        raise _none(file, error) from error
-
-
-def _checked_section(folder: Path, result: dict[str, Any]) -> str:
-    try:
-        return _section(folder, result)
-    except OSError as error:
-        raise DataError(f"Cannot read {error.filename}: {error.strerror}.") from error
-    except (LookupError, TypeError, AttributeError, ValueError, RecursionError) as error:
-        raise _none(folder / "result.json", error) from error
-
-
-def _none(file: Path, error: Exception) -> DataError:
-    return DataError(
-        f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: "
-        f"{error})."
-    )
+        if not all(claim["holds"] in (True, False, None) for claim in result["claims"]):
+            raise TypeError("a claim is none")
+    return dict(result)
 
 
 def _made(folder: Path) -> bool:

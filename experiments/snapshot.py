@@ -30,50 +30,20 @@ def main(arguments: list[str] | None = None) -> int:
     parser = Parser(
         prog=command_name("snapshot"), description="Pictures of a recording, without a display."
     )
-    parser.add_argument("recording", metavar="RECORDING", type=Path, help="the .rrd file")
-    parser.add_argument(
-        "-t",
-        "--times",
-        metavar="T",
-        type=float,
-        nargs="+",
-        default=[],
-        help="when to take a picture [s]",
-    )
-    parser.add_argument(
-        "-o",
-        "--out",
-        metavar="DIR",
-        type=Path,
-        default=Path("out/snapshot"),
-        help="where to put the pictures (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--gif",
-        metavar=("START", "END", "FILE"),
-        nargs=3,
-        help="write a moving picture of a span [s]",
-    )
-    parser.add_argument(
-        "--fps",
-        type=float,
-        default=10.0,
-        help="pictures per second of the moving one (default: %(default)g)",
-    )
-    parser.add_argument(
-        "--view",
-        choices=("dashboard", "3d"),
-        default="dashboard",
-        help="what to show (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--size",
-        metavar=("WIDTH", "HEIGHT"),
-        type=int,
-        nargs=2,
-        default=(1280, 720),
-        help="in pixels (default: 1280 720)",
-    )
+    add = parser.add_argument
+    add("recording", metavar="RECORDING", type=Path, help="the .rrd file")
+    text = "when to take a picture [s]"
+    add("-t", "--times", metavar="T", type=float, nargs="+", default=[], help=text)
+    text = "where to put the pictures (default: %(default)s)"
+    add("-o", "--out", metavar="DIR", type=Path, default=Path("out/snapshot"), help=text)
+    text = "write a moving picture of a span [s]"
+    add("--gif", metavar=("START", "END", "FILE"), nargs=3, help=text)
+    text = "pictures per second of the moving one (default: %(default)g)"
+    add("--fps", type=float, default=10.0, help=text)
+    text = "what to show (default: %(default)s)"
+    add("--view", choices=("dashboard", "3d"), default="dashboard", help=text)
+    text, pixels = "in pixels (default: 1280 720)", ("WIDTH", "HEIGHT")
+    add("--size", metavar=pixels, type=int, nargs=2, default=(1280, 720), help=text)
 
     def run() -> int:
         options = parser.parse_args(arguments)
@@ -90,26 +60,24 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _write(options: argparse.Namespace) -> list[Path]:
     paths: list[Path] = []
-    arguments: Any = {"size": tuple(options.size), "dashboard": options.view == "dashboard"}
-    with Progress(
-        console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()
-    ) as bar:
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("pictures", total=None)
 
         def progress(count: int) -> None:
             bar.update(task, completed=count, description=f"{count} pictures")
 
+        how: Any = {
+            "size": tuple(options.size),
+            "dashboard": options.view == "dashboard",
+            "progress": progress,
+        }
         if options.gif:
             start, end, file = options.gif
             span = number("START", start, "s"), number("END", end, "s")
-            gif = animate(
-                options.recording, span, file, fps=options.fps, progress=progress, **arguments
-            )
-            paths.append(gif)
+            paths.append(animate(options.recording, span, file, fps=options.fps, **how))
         if options.times:
-            paths[:0] = snapshot(
-                options.recording, options.times, options.out, progress=progress, **arguments
-            )
+            paths[:0] = snapshot(options.recording, options.times, options.out, **how)
     return paths
 
 

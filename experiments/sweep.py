@@ -1,12 +1,12 @@
-"""Sweep: a hundred thousand moves by cranes that differ from the planned one; how much swing each
-strategy leaves, and how often it fails.
+"""How much swing each strategy for the combined move leaves where load, cable and time for it
+differ, case by case.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,15 +18,19 @@ from cranedyn.sweep.cluster import tls
 from cranedyn.sweep.design import check_memory
 from experiments import harness
 from experiments.harness.swept import columns_swept
-from experiments.scenarios.drawn import DRAWN, drawn
-from experiments.scenarios.robustness import AFTER, COMBINED, IDEAL, SWEPT, robustness
-from experiments.scenarios.strategies import FLAT, PAPER, PD
-from experiments.sweep_drawn import drawn_claims, drawn_tables
-from experiments.sweep_figures import drawn_figure, map_figure, timing_figure
-
-LOADS, CABLES, DURATIONS = (0.5, 1.5), (-1.5, 1.5), (13.0, 35.0)
-"""Ranges: mass of the payload over that planned for, length of the cable less that measured [m],
-time for the move [s]."""
+from experiments.scenarios.robustness import DRAWN, IDEAL, SWEPT, drawn, robustness
+from experiments.sweep_results import (
+    CABLES,
+    DURATIONS,
+    LOADS,
+    drawn_claims,
+    drawn_figure,
+    drawn_tables,
+    grid_claims,
+    grid_table,
+    map_figure,
+    timing_figure,
+)
 
 _COLUMNS = 8
 """Columns of the design."""
@@ -34,8 +38,6 @@ _COLUMNS = 8
 _LARGEST_COUNT = 10**9
 _DRAWN_CHUNK = 512
 _SEED = 1
-
-Columns = Mapping[str, np.ndarray]
 
 
 def design(setup: harness.Setup, points: int, durations: int, drive: str = IDEAL) -> Design:
@@ -93,8 +95,8 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             figures={"sweep_map": drawn_figure(columns)},
         )
     return harness.Outcome(
-        tables=[_table(columns, options.drive)],
-        claims=_claims(columns, end.errors),
+        tables=[grid_table(columns, options.drive)],
+        claims=grid_claims(columns, end.errors),
         parameters=parameters | {"points": options.points, "durations": options.durations},
         figures={"sweep_map": map_figure(columns), "sweep_timing": timing_figure(columns)},
     )
@@ -113,77 +115,9 @@ def _cases(options: argparse.Namespace, setup: harness.Setup) -> Design:
     return design(setup, options.points, options.durations, options.drive)
 
 
-def _table(columns: Columns, drive: str) -> harness.ResultTable:
-    rows = []
-    for strategy in SWEPT:
-        of_strategy = columns["strategy"] == strategy
-        residual, peak, off_goal = (
-            columns[name][of_strategy]
-            for name in ("residual_swing_rad", "peak_swing_rad", "off_goal_m")
-        )
-        quantiles = 1e3 * np.nanquantile(residual, [0.5, 0.95, 1.0])
-        worst = 1e3 * np.nanmax(peak), 1e3 * np.nanmax(off_goal)
-        rows.append((strategy, len(residual), int(np.isnan(residual).sum()), *quantiles, *worst))
-    headings = [
-        ("strategy", ""),
-        ("cases", ",d"),
-        ("bad", "d"),
-        ("median [mrad]", ".3g"),
-        ("95 % below [mrad]", ".3g"),
-        ("worst [mrad]", ".3g"),
-        ("worst on the way [mrad]", ".3g"),
-        ("worst off goal [mm]", ".3g"),
-    ]
-    drives = (
-        "Strategies without a controller in their name have drives that follow exactly."
-        if drive == IDEAL
-        else "All drives have typical frequency converters."
-    )
-    note = (
-        f"Swing that is left {AFTER:g} s after the arrival of the {COMBINED.name} move. Loads are "
-        f"{LOADS[0]:g} to {LOADS[1]:g} times that planned for, cables up to {CABLES[1]:g} m longer "
-        f"or shorter than measured, times for the move {DURATIONS[0]:g} to {DURATIONS[1]:g} s. "
-    )
-    title = f"Swing left by {len(columns['case']):,} moves"
-    suffix = "" if drive == IDEAL else " on velocity drives"
-    return harness.ResultTable(title + suffix, headings, rows, note + drives)
-
-
-def _claims(columns: Columns, errors: int) -> list[harness.Claim]:
-    durations = len(np.unique(columns["duration_s"]))
-    residual = {
-        strategy: columns["residual_swing_rad"][columns["strategy"] == strategy].reshape(
-            durations, -1
-        )
-        for strategy in SWEPT
-    }
-    other_swings = np.array([swing for strategy, swing in residual.items() if strategy != FLAT])
-    pd, paper = residual[PD], residual[PAPER]
-    return [
-        harness.Claim(
-            f"Each of the {len(columns['case']):,} cases is done and none is bad.", errors == 0
-        ),
-        harness.Claim(
-            f"{FLAT} leaves less swing than any other strategy, case by case.",
-            bool((residual[FLAT] < other_swings).all()),
-        ),
-        harness.Claim(
-            f"At every time for the move the worst that {PAPER} leaves is below the median of "
-            f"{PD}, which leaves less in {(paper >= pd).sum():,} of {pd.size:,} cases.",
-            bool((paper.max(axis=1) < np.median(pd, axis=1)).all()),
-        ),
-    ]
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "sweep",
-        "How much swing each strategy for the combined move leaves where load, cable and time for "
-        "it differ, case by case.",
-        recording=False,
-        engines=("compiled",),
-    )
+    parser = harness.parser("sweep", __doc__, recording=False, engines=("compiled",))
     option = parser.add_argument
     count: dict[str, Any] = {"type": _count, "metavar": "N"}
     option("--points", default=32, help="loads, and cables, evenly over their ranges", **count)

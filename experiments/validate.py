@@ -1,5 +1,5 @@
-"""The plant against mechanics: closed forms beside runs of the plant, with the step's own error
-known from halving it.
+"""The plant against the closed forms of mechanics, its error for a vanishing step, and its
+order.
 """
 
 from __future__ import annotations
@@ -10,23 +10,40 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+from matplotlib.figure import Figure
+
+from cranedyn import theory
 from cranedyn.checks import number
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
+from cranedyn.plotting.figures import COLOURS, panels
 from experiments import harness
-from experiments.harness import Claim, Outcome, ResultTable, Setup, tabulate
-from experiments.oracles import conserved, hoisting, moves, slewing, swing
-from experiments.oracles.check import STEP, G, OracleCheck, check_oracle, point_crane
-from experiments.oracles.reading import Bench, locked
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
+from experiments.oracles import conserved, moves, swings
+from experiments.oracles.bench import (
+    STEP,
+    Bench,
+    G,
+    OracleCheck,
+    check_oracle,
+    locked,
+    offset_from_plumb,
+    point_crane,
+)
 
 PARTS = {
-    "Locked drives": swing.oracles,
-    "Running cable": hoisting.oracles,
-    "Turning jib": slewing.oracles,
-    "Moves of the trolley": moves.oracles,
+    "Locked drives": swings.locked_drives,
+    "Running cable": swings.running_cable,
+    "Turning jib": moves.turning_jib,
+    "Moves of the trolley": moves.trolley_moves,
     "What is conserved": conserved.oracles,
 }
 """Titles of the tables and what makes their rows."""
+
+SWING = 0.5
+"""Swing whose energy is shown to ripple [rad]."""
 
 ORDER = 0.02
 """How far a measured order may be from a whole number."""
@@ -42,29 +59,23 @@ def checks(bench: Bench, halvings: int) -> dict[str, list[OracleCheck]]:
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run the oracles, measure the order, record two telling runs."""
-    from cranedyn.recording import Run
-    from experiments.oracles.figures import convergence_figure, oval_figure, ripple_figure
-
-    halvings, spoilt = (
-        int(number("halvings", options.halvings, "", "3 to 6")),
-        parse_values(options.spoil),
-    )
+    halvings = int(number("halvings", options.halvings, "", "3 to 6"))
+    spoilt = parse_values(options.spoil)
 
     def build(**values: object) -> Crane:
         return point_crane(**{**values, **spoilt})
 
     bench = Bench(build, setup.engine)
     telling = {
-        "oval swing": (build(), swing.oval(build(), *swing.OVALS[1]), 90.0),
-        "steady slewing": (*slewing.turning(build, *slewing.STEADY[0]), 75.0),
+        "oval swing": (build(), swings.oval(build(), *swings.OVALS[1]), 90.0),
+        "steady slewing": (*moves.turning(build, *moves.STEADY[0]), 75.0),
     }
-    setup = replace(setup, dt=1e-3)
-    mode = {"drive": "motion", "validity": "mark"}
+    world = replace(setup, dt=1e-3, validity="mark")
     runs = {
         name: (
             crane,
-            setup.simulate(
-                crane, locked(crane), None, start=start, duration=end, label=name, **mode
+            world.simulate(
+                crane, locked(crane), None, start=start, duration=end, label=name, drive="motion"
             ),
         )
         for name, (crane, start, end) in telling.items()
@@ -85,39 +96,26 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         },
         trajectories={name.replace(" ", "_"): run for name, (_, run) in runs.items()},
         figures={
-            "convergence": convergence_figure(all_checks),
-            "ripple": ripple_figure(bench, build()),
-            "oval": oval_figure(runs["oval swing"][1]),
+            "convergence": _convergence_figure(all_checks),
+            "ripple": _ripple_figure(bench, build()),
+            "oval": _oval_figure(runs["oval swing"][1]),
         },
-        recording=[
-            Run(name, crane, run, (100.0 * i, 0.0, 0.0))
-            for i, (name, (crane, run)) in enumerate(runs.items())
-        ],
+        recording=harness.side_by_side(runs, apart=100.0),
     )
 
 
 def oracle_table(title: str, checks: Sequence[OracleCheck]) -> ResultTable:
     """Return the table of one part of mechanics."""
-    return tabulate(
+    return make_table(
         title,
         checks,
-        [
-            ("oracle", "", _named),
-            ("closed form", ".10g", lambda c: c.oracle.closed),
-            (f"dt = {1000 * checks[0].steps[-1]:g} ms", ".7g>1e-11", lambda c: c.values[-1]),
-            ("error", "+.1e>1e-11", lambda c: c.error),
-            ("of the step", "+.1e>1e-11", lambda c: c.of_step),
-            ("rest within", ".0e", lambda c: c.allowed),
-            ("order", ".2f", lambda c: c.order),
-        ],
-    )
-
-
-def _named(check_run: OracleCheck) -> str:
-    return (
-        f"{check_run.oracle.name} [{check_run.oracle.unit}]"
-        if check_run.oracle.unit
-        else check_run.oracle.name
+        ("oracle", "", lambda c: f"{c.oracle.name} [{c.oracle.unit}]".removesuffix(" []")),
+        ("closed form", ".10g", lambda c: c.oracle.closed),
+        (f"dt = {1000 * checks[0].steps[-1]:g} ms", ".7g>1e-11", lambda c: c.values[-1]),
+        ("error", "+.1e>1e-11", lambda c: c.error),
+        ("of the step", "+.1e>1e-11", lambda c: c.of_step),
+        ("rest within", ".0e", lambda c: c.allowed),
+        ("order", ".2f", lambda c: c.order),
     )
 
 
@@ -135,9 +133,9 @@ def _order(checks_run: Sequence[OracleCheck]) -> Claim:
     orders = [c.order for c in checks_run if c.order is not None]
     first, second = ([order for order in orders if round(order) == power] for power in (1, 2))
     spans = [
-        f"{min(group):.3f} to {max(group):.3f} in {len(group)} rows"
-        for group in (first, second)
-        if group
+        f"{min(rows):.3f} to {max(rows):.3f} in {len(rows)} rows"
+        for rows in (first, second)
+        if rows
     ]
     return Claim(
         "The error goes with the first power of the step, or where the step is symmetric with the "
@@ -148,13 +146,77 @@ def _order(checks_run: Sequence[OracleCheck]) -> Claim:
     )
 
 
+def _convergence_figure(checks: Sequence[OracleCheck]) -> Figure:
+    """Draw the error of every row in which the step shows, over the step, each over its error at
+    the coarsest.
+    """
+    figure, (ax,) = panels(1, height=4.5)
+    ordered = [check for check in checks if check.order is not None]
+    for check in ordered:
+        errors = np.abs(np.array(check.values) - check.oracle.closed)
+        colour = COLOURS["gamma" if round(check.order or 0.0) == 1 else "x"]
+        ax.loglog(
+            1e3 * np.array(check.steps), errors / errors[0], ".-", color=colour, linewidth=0.8
+        )
+    steps = STEP * np.array([1.0, 0.06])
+    for power, colour in ((1, "gamma"), (2, "x")):
+        ax.loglog(
+            steps * 1e3, (steps / STEP) ** power, ":", color=COLOURS["unexplained"], linewidth=1.0
+        )
+        ax.plot([], [], ".-", color=COLOURS[colour], label=f"rows of order {power}")
+    ax.plot([], [], ":", color=COLOURS["unexplained"], label="first and second power")
+    ticks = [1000.0 * step for step in checks[0].steps]
+    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    ax.minorticks_off()
+    ax.set(xlabel="dt [ms]", ylabel=f"error over that at {1000 * STEP:g} ms")
+    ax.legend()
+    return figure
+
+
+def _ripple_figure(bench: Bench, crane: Crane) -> Figure:
+    """Draw the energy of a large swing in its plane, at three steps, each half of the one
+    before.
+    """
+    figure, (ax,) = panels(1, height=3.2)
+    for dt, colour in zip((0.02, 0.01, 0.005), ("x", "energy", "l"), strict=True):
+        swing = bench.run(crane, crane.state(l=swings.LENGTH, phi=SWING), 30.0, dt)
+        ax.plot(
+            swing.t,
+            swing.energy - swing.energy[0],
+            color=COLOURS[colour],
+            label=f"dt = {1000 * dt:g} ms",
+        )
+    full = crane.payload_mass * crane.gravity * swings.LENGTH * (1.0 - np.cos(SWING))
+    ax.set(xlabel="time [s]", ylabel=f"gain of energy [J] of {full:.0f} J")
+    ax.legend(ncols=3, loc="upper right")
+    return figure
+
+
+def _oval_figure(trajectory: Trajectory) -> Figure:
+    """Draw the load from above, and the far ends of its oval by the apsidal integral."""
+    figure, (ax,) = panels(1, height=6.0, width=6.5)
+    offset = offset_from_plumb(trajectory.q)
+    far, near = swings.OVALS[1]
+    turns = int(trajectory.t[-1] / theory.point_period(swings.LENGTH, G)) + 1
+    angles = np.arctan2(offset[0, 1], offset[0, 0]) + theory.apsidal_precession(
+        swings.LENGTH, far, near
+    ) * np.arange(turns)
+    ax.plot(*offset[:, :2].T, color=COLOURS["theta"], linewidth=0.8, label="load from above")
+    ax.plot(
+        far * np.cos(angles),
+        far * np.sin(angles),
+        "o",
+        color=COLOURS["x"],
+        label="far ends by the integral",
+    )
+    ax.set(xlabel="[m]", ylabel="[m]", aspect="equal")
+    ax.legend(loc="upper right")
+    return figure
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser(
-        "validate",
-        "The plant against the closed forms of mechanics, its error for a vanishing step, and its "
-        "order.",
-    )
+    parser = harness.parser("validate", __doc__)
     text = f"how often the step of {1000 * STEP:g} ms is halved, 3 to 6"
     parser.add_argument("--halvings", type=int, default=4, metavar="N", help=text)
     text = (

@@ -37,7 +37,7 @@ NO_VERBS = frozenset(
 """Words that begin a docstring without a verb."""
 
 PROTOCOL = frozenset(
-    "main run export experiment add_arguments emit oracles generate_launch_description".split()
+    "main run export experiment add_arguments emit study generate_launch_description".split()
 )
 """Public names that every module of a kind defines."""
 

@@ -97,15 +97,11 @@ def _of_a1(result: Result) -> Told:
 def _of_a2(result: Result) -> Told:
     stages = [row["exponent"] for row in result.table("Where the exponent")][:-1]
     ours, stiff, _ = result.table("Hoisting while swinging")
-    phases = result.table("The phase of the swing")[:-1]
-    worst, everywhere = ([row[name] for row in phases] for name in ("max [%]", "exp. all"))
     findings = [
         *(f"{_row([exponent], '.4f')}|" for exponent in stages),
         f"{ours['mean [%]']:+.2f} % here",
         f"({ours['max [%]']:.2f} % here",
         f"({ours['exp. all']:.3f} here",
-        f"between {min(worst):.1f} and {max(worst):.1f} %",
-        f"{max(everywhere):.3f} and {min(everywhere):.3f}",
         f"{ours['A after']:.3f} rad at the end",
         f"with a stiff one {stiff['A after']:.3f} rad",
     ]

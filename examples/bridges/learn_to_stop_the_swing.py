@@ -27,9 +27,16 @@ from cranedyn.bridges.task import Rules, SwingTask
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references import hold
 from experiments.harness import Setup
-from experiments.scenarios.moves import MOVES, SWINGING, Score
+from experiments.scenarios.moves import (
+    MOVES,
+    SWINGING,
+    MovePlan,
+    Score,
+)
 from experiments.scenarios.perturbations import make
-from experiments.scenarios.strategies import STRATEGIES, MovePlan
+from experiments.scenarios.strategies import (
+    STRATEGIES,
+)
 
 SCALE = np.array([1.0, 0.1, 0.1, 10.0, 1.0, 1.0, 5.0, 5.0, 5.0, 5.0, 0.05, 0.05], dtype=np.float32)
 """Brings what is observed to numbers of about one."""

@@ -24,10 +24,17 @@ from experiments.compare.runs import (
     tour_results,
 )
 from experiments.harness import Outcome, ProgressReporter, Setup
-from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import LIMITS, MOVES, SWINGING, RestToRest
 from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS
-from experiments.scenarios.strategies import FLAT, PAPER, PD, STRATEGIES, TIME, file_name
+from experiments.scenarios.strategies import (
+    FLAT,
+    PAPER,
+    PD,
+    STRATEGIES,
+    TIME,
+    file_name,
+    strategy_colour,
+)
 from experiments.scenarios.tours import CONTROLS
 
 COMBINED = MOVES[-1]

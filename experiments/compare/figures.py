@@ -11,8 +11,8 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.plotting.figures import panels
 from cranedyn.plotting.style import run_colour
 from experiments.compare.runs import Results, score_of
-from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import RestToRest
+from experiments.scenarios.strategies import strategy_colour
 
 _MARKERS = "osv^D*PXhd"
 

@@ -23,8 +23,16 @@ from cranedyn.sweep.workers import end_with_parent
 from experiments.harness import Setup
 from experiments.scenarios import perturbations as cases
 from experiments.scenarios import strategies
-from experiments.scenarios.moves import AFTER, DWELL, TOUR_LIMITS, RestToRest, Score, residual
-from experiments.scenarios.strategies import MovePlan
+from experiments.scenarios.moves import (
+    AFTER,
+    DWELL,
+    TOUR_LIMITS,
+    MovePlan,
+    RestToRest,
+    Score,
+    on_converters,
+    residual,
+)
 from experiments.scenarios.tours import CONTROLS
 
 UNSEEING = "it does not look at the swing"
@@ -95,7 +103,7 @@ def strategy_results(
     """
     try:
         plan = strategies.STRATEGIES[strategy](setup, move)
-        plan = plan if drive == IDEAL else strategies.on_converters(setup, plan)
+        plan = plan if drive == IDEAL else on_converters(setup, plan)
     except CraneError as error:
         return {cases.NOMINAL.name: StrategyResult(None, str(error))}
     perturbed = (*cases.PERTURBATIONS, *(cases.UNTOLD if drive == IDEAL else ()))

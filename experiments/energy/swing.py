@@ -17,7 +17,7 @@ from cranedyn.interfaces import State, Validity
 from cranedyn.model.crane import Crane
 from cranedyn.references import spline
 from experiments.harness import Setup
-from experiments.oracles.reading import locked
+from experiments.oracles.bench import locked
 
 SWING, LENGTH, AUDIT, LONG = 0.15, 15.0, 6.0, 60.0
 """Swing at the start [rad], cable length [m], time of the audit and of the long run [s]."""

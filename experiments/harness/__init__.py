@@ -11,7 +11,7 @@ from experiments.harness.progress import ProgressReporter
 from experiments.harness.recorded import add_files, add_sources, analyse_files, swept_columns
 from experiments.harness.run import run_experiment
 from experiments.harness.setup import Setup, add_setup
-from experiments.harness.table import Column, ResultTable, finite_or_none, make_table, tabulate
+from experiments.harness.table import Column, ResultTable, finite_or_none, make_table
 
 __all__ = [
     "Claim",
@@ -33,5 +33,4 @@ __all__ = [
     "run_experiment",
     "side_by_side",
     "swept_columns",
-    "tabulate",
 ]

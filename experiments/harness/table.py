@@ -123,10 +123,3 @@ def make_table(
     rows = [tuple(value(item) for *_, value in columns) for item in items]
     heads = [(header, form) for header, form, _ in columns]
     return ResultTable(title, heads, [*rows, last_row] if last_row else rows, note)
-
-
-def tabulate(
-    title: str, items: Iterable[Any], columns: Sequence[Column], note: str = "", **last: Any
-) -> ResultTable:
-    """Return the same table of a list of columns."""
-    return make_table(title, items, *columns, note=note, **last)

@@ -23,7 +23,7 @@ from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.simulation.simulate import simulate
 from experiments.harness import Setup
 from experiments.scenarios import strategies
-from experiments.scenarios.moves import LIMITS, MOVES
+from experiments.scenarios.moves import LIMITS, MOVES, instant
 
 TRUTH = {
     "l_offset": 0.37,
@@ -196,7 +196,7 @@ def _left(
             wrong[:, layout.index(symbol)] -= off
         elif kind == "bias":
             wrong[:, layout.index(symbol)] += off
-    ends = strategies.instant(setup, plan.arrives + AFTER)
+    ends = instant(plan.arrives + AFTER, setup.control_period)
     return simulate_batch(
         cranes,
         plan.controller(),

@@ -5,8 +5,8 @@ paper's leave out.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from inspect import unwrap
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,24 +18,10 @@ _radial, _tangential = unwrap(theory.radial_paper), unwrap(theory.tangential_pap
 _small_swing = unwrap(theory.small_swing)
 
 
-@dataclass(frozen=True)
-class Drives:
-    """Where the drives are and how they move at an instant [m, rad, s].
-
-    Attributes:
-        x, x_rate, x_acceleration: Trolley.
-        slew_rate, slew_acceleration: Slew.
-        length, length_rate: Cable.
-    """
-
-    x: float
-    x_rate: float
-    x_acceleration: float
-    slew_rate: float
-    slew_acceleration: float
-    length: float
-    length_rate: float
-
+Drives = Mapping[str, float]
+"""Motion of the drives at an instant by the names of `cranedyn.theory.small_swing`: x, x_rate,
+x_acceleration of the trolley [m, s], slew_rate, slew_acceleration [rad, s], length, length_rate of
+the cable [m, s]."""
 
 Model = Callable[[np.ndarray, np.ndarray, Drives, float], np.ndarray]
 """From swing, its rates, drives and gravity [m/s²] to φ̈, θ̈."""
@@ -43,19 +29,15 @@ Model = Callable[[np.ndarray, np.ndarray, Drives, float], np.ndarray]
 
 def paper(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: float) -> np.ndarray:
     """Return Eqs. (8) and (10) of Muddassir et al."""
-    phi = _radial(swing[0], length=drives.length, gravity=gravity, excitation=drives.x_acceleration)
-    theta = _tangential(
-        swing[1],
-        length=drives.length,
-        gravity=gravity,
-        excitation=drives.x * drives.slew_acceleration,
-    )
-    return np.array([phi, theta])
+    pendulum = {"length": drives["length"], "gravity": gravity}
+    phi = _radial(swing[0], **pendulum, excitation=drives["x_acceleration"])
+    along_arc = drives["x"] * drives["slew_acceleration"]
+    return np.array([phi, _tangential(swing[1], **pendulum, excitation=along_arc)])
 
 
 def all_rates(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: float) -> np.ndarray:
     """Return the same with everything that is linear in the swing."""
-    return _small_swing(swing, rates, gravity=gravity, **vars(drives))
+    return _small_swing(swing, rates, gravity=gravity, **drives)
 
 
 def integrate(run: Trajectory, model: Model, gravity: float) -> np.ndarray:
@@ -70,12 +52,10 @@ def integrate(run: Trajectory, model: Model, gravity: float) -> np.ndarray:
     a = drive_accelerations(run)
 
     def rates(y: np.ndarray, k: int, s: float) -> np.ndarray:
-        slew_rate, x_rate, length_rate = (v[k] + a[k] * s).tolist()
-        slew_acceleration, x_acceleration, _ = a[k]
         _, x, length = q[k] + (2.0 * v[k] + a[k] * s) / 2.0 * s
-        drives = Drives(
-            x, x_rate, x_acceleration, slew_rate, slew_acceleration, length, length_rate
-        )
+        drives = {"x": x, "length": length, "slew_acceleration": a[k, 0], "x_acceleration": a[k, 1]}
+        speeds = zip(("slew_rate", "x_rate", "length_rate"), v[k] + a[k] * s, strict=True)
+        drives.update(speeds)
         return np.concatenate([y[2:], model(y[:2], y[2:], drives, gravity)])
 
     swing = [np.hstack([run.coordinates("phi", "theta"), run.rates("phi", "theta")])[0]]
@@ -95,8 +75,7 @@ def drive_accelerations(run: Trajectory) -> np.ndarray:
     return np.diff(run.rates("gamma", "x", "l"), axis=0) / np.diff(run.t)[:, None]
 
 
-@dataclass(frozen=True)
-class Miss:
+class Miss(NamedTuple):
     """How far a model is from the plant, as a share of the largest swing of the plant, both angles
     together.
 

@@ -14,7 +14,7 @@ from cranedyn.identification import Estimate, Model, Prior, Record, identify
 from cranedyn.identification.estimate import ENOUGH
 from cranedyn.model.description import XACRO
 from experiments import harness
-from experiments.harness import Claim, Outcome, ResultTable, Setup, finite_or_none, tabulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, finite_or_none, make_table
 from experiments.identify.figures import beside
 from experiments.measured.sources import SOURCES, PublicRecords
 
@@ -149,34 +149,30 @@ def _records_table(singles: Sequence[Single]) -> ResultTable:
         value, margin = single.estimate.intervals.get(name, (np.nan, np.nan))
         return finite_or_none(factor * value), finite_or_none(factor * margin)
 
-    return tabulate(
+    return make_table(
         "Each record alone",
         singles,
-        [
-            ("crane", "", lambda s: s.source),
-            ("record", "", lambda s: s.record.name),
-            ("offset [mm]", ".1f", lambda s: number(s, "l_offset", 1e3)[0]),
-            ("±", ".1f", lambda s: number(s, "l_offset", 1e3)[1]),
-            ("delay [ms]", ".0f", lambda s: number(s, "delay", 1e3)[0]),
-            ("± [ms]", ".0f", lambda s: number(s, "delay", 1e3)[1]),
-            ("explained [%]", ".1f", lambda s: 100.0 * s.estimate.least_explained[0]),
-            ("held out [%]", ".1f", lambda s: None if s.held_out is None else 100.0 * s.held_out),
-        ],
-        "Offset: pendulum less recorded cable. ±: half the 95 % interval. Held out: RMS error "
+        ("crane", "", lambda s: s.source),
+        ("record", "", lambda s: s.record.name),
+        ("offset [mm]", ".1f", lambda s: number(s, "l_offset", 1e3)[0]),
+        ("±", ".1f", lambda s: number(s, "l_offset", 1e3)[1]),
+        ("delay [ms]", ".0f", lambda s: number(s, "delay", 1e3)[0]),
+        ("± [ms]", ".0f", lambda s: number(s, "delay", 1e3)[1]),
+        ("explained [%]", ".1f", lambda s: 100.0 * s.estimate.least_explained[0]),
+        ("held out [%]", ".1f", lambda s: None if s.held_out is None else 100.0 * s.held_out),
+        note="Offset: pendulum less recorded cable. ±: half the 95 % interval. Held out: RMS error "
         "predicted from the other records, over the standard deviation.",
     )
 
 
 def _means_table(name: str, means: Mapping[str, tuple[float, float]]) -> ResultTable:
-    return tabulate(
+    return make_table(
         f"All records of the {name}",
         means.items(),
-        [
-            ("parameter", "", lambda item: item[0]),
-            ("mean", ".5g", lambda item: item[1][0]),
-            ("±", ".2g", lambda item: item[1][1]),
-        ],
-        "Means weighted by the variances of the records.",
+        ("parameter", "", lambda item: item[0]),
+        ("mean", ".5g", lambda item: item[1][0]),
+        ("±", ".2g", lambda item: item[1][1]),
+        note="Means weighted by the variances of the records.",
     )
 
 

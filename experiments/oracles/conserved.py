@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
 from cranedyn import theory
-from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import prescribed_acceleration
 from cranedyn.interfaces import Controller, Drive, Setpoint, State
 from cranedyn.model.crane import Crane
-from experiments.oracles.check import MASS, G, Oracle
-from experiments.oracles.reading import Bench, crossing, curve, payload_from_pivot, rate_along
+from experiments.oracles.bench import (
+    FINITE,
+    MASS,
+    Bench,
+    G,
+    Oracle,
+    crossing,
+    curve,
+    offset_from_plumb,
+    payload_from_pivot,
+    rate_along,
+)
 
 LENGTH, TROLLEY, STRUCTURE = 20.0, 500.0, 2e5 + 50.0
 """Cable length [m]; mass of the trolley [kg]; inertia about the slew axis of the upper structure
@@ -60,13 +69,9 @@ def _locked(bench: Bench, crane: Crane) -> list[Oracle]:
 
     def momentum(dt: float) -> float:
         run = swing(dt)
-        arm, rate = (
-            payload_from_pivot(run.q)[[0, -1]]
-            - payload_from_pivot(run.q * [1, 1, 0, 0, 0])[[0, -1]],
-            rate_along(payload_from_pivot, run)[[0, -1]],
-        )
-        first, last = (arm[:, 0] * rate[:, 1] - arm[:, 1] * rate[:, 0]).tolist()
-        return last / first
+        arm, rate = offset_from_plumb(run.q), rate_along(payload_from_pivot, run)
+        momenta = arm[:, 0] * rate[:, 1] - arm[:, 1] * rate[:, 0]
+        return float(momenta[-1] / momenta[0])
 
     return [
         Oracle("energy gained by an oval swing in 20 s, of itself", "", 0.0, energy),
@@ -86,31 +91,19 @@ def _ripple(bench: Bench, crane: Crane) -> Oracle:
         gained = curve(run.t, run.energy - run.energy[0], int(np.searchsorted(run.t, t_full)))
         return float(gained(t_full)) / full_energy / (omega * dt / 2.0)
 
-    return Oracle(
-        "ripple of the energy over that of the step, ω dt/2",
-        "",
-        1.0,
-        read,
-        small**2,
-        "finite swing",
-    )
+    name = "ripple of the energy over that of the step, ω dt/2"
+    return Oracle(name, "", 1.0, read, small**2, FINITE)
 
 
 def _slewing(bench: Bench, crane: Crane) -> Oracle:
     start = crane.state(x=20.0, phi=0.4, theta=0.5, gamma_dot=0.05)
 
-    def total(run: Trajectory) -> np.ndarray:
-        """Return the angular momentum about the slew axis of structure, trolley and load [kg
-        m²/s].
-        """
-        load, rate = payload_from_pivot(run.q), rate_along(payload_from_pivot, run)
-        structure = STRUCTURE + TROLLEY * run["x_m"] ** 2
-        return structure * run["gamma_dot_rad_s"] + MASS * (
-            load[:, 0] * rate[:, 1] - load[:, 1] * rate[:, 0]
-        )
-
     def read(dt: float) -> float:
-        momenta = total(bench.run(crane, start, FREE, dt, free(crane, 0), substeps=1))
+        run = bench.run(crane, start, FREE, dt, free(crane, 0), substeps=1)
+        load, rate = payload_from_pivot(run.q), rate_along(payload_from_pivot, run)
+        structure = (STRUCTURE + TROLLEY * run["x_m"] ** 2) * run["gamma_dot_rad_s"]
+        # Of structure, trolley and load about the slew axis [kg m²/s].
+        momenta = structure + MASS * (load[:, 0] * rate[:, 1] - load[:, 1] * rate[:, 0])
         return float(momenta[-1] / momenta[0])
 
     return Oracle("total angular momentum, free slew, of the first", "", 1.0, read)
@@ -128,9 +121,8 @@ def _rolling(bench: Bench, crane: Crane) -> list[Oracle]:
         )
 
     def period(dt: float) -> float:
-        run = bench.run(
-            crane, crane.state(l=LENGTH, phi=1e-6), FREE, dt, free(crane, 1), substeps=1
-        )
+        small = crane.state(l=LENGTH, phi=1e-6)
+        run = bench.run(crane, small, FREE, dt, free(crane, 1), substeps=1)
         return 2.0 * (crossing(run.t, run["phi_rad"], 3) - crossing(run.t, run["phi_rad"], 2))
 
     first = 0.2 * (TROLLEY + MASS)
@@ -147,33 +139,30 @@ def _ledgers(bench: Bench) -> list[Oracle]:
     """
     crane = bench.build(damp_slew=3e4, damp_trolley=200.0, damp_swing=5e3, damp_hoist=700.0)
     start = crane.state(x=15.0, l=LENGTH, phi=0.2, theta=-0.1, gamma_dot=0.03)
-    hold = MASS * G
+    weight = MASS * G * crane.layout.along("l")
 
-    def random_efforts(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        return np.array(
-            [2e4 * math.sin(0.5 * t), 300.0 * math.cos(0.4 * t), -hold + 50.0 * math.sin(0.3 * t)]
-        )
+    def waves(t: float, *amplitudes: float) -> np.ndarray:
+        shapes = math.sin(0.5 * t), math.cos(0.4 * t), math.sin(0.3 * t)
+        return np.array(amplitudes) * shapes
 
-    def moves(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        return np.array(
-            [0.02 * math.sin(0.5 * t), 0.2 * math.cos(0.4 * t), 0.1 * math.sin(0.3 * t)]
-        )
+    def efforts(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        return waves(t, 2e4, 300.0, 50.0) - weight
 
-    def open_(controller: Controller, drive: Drive, dt: float) -> float:
-        run = bench.run(crane, start, DURATION, dt, controller, drive=drive)
+    def motions(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        return waves(t, 0.02, 0.2, 0.1)
+
+    controllers: dict[Drive, Controller] = {"effort": efforts, "motion": motions}
+
+    def unexplained(drive: Drive, dt: float) -> float:
+        run = bench.run(crane, start, DURATION, dt, controllers[drive], drive=drive)
         return float(run.unexplained[-1] / np.abs(run.work[-1]).sum())
 
     return [
         Oracle(
-            "energy unexplained, drives by effort, of their work",
+            f"energy unexplained, drives by {drive}, of their work",
             "",
             0.0,
-            lambda dt: open_(random_efforts, "effort", dt),
-        ),
-        Oracle(
-            "energy unexplained, drives by motion, of their work",
-            "",
-            0.0,
-            lambda dt: open_(moves, "motion", dt),
-        ),
+            partial(unexplained, drive),
+        )
+        for drive in controllers
     ]

@@ -15,12 +15,9 @@ from cranedyn.references.limits import Limits
 OVERHEAD = XACRO.with_name("overhead_crane.urdf.xacro")
 """The xacro of the overhead crane."""
 
-POINT: dict[str, Any] = {
-    "payload_inertia": 0.0,
-    "dummy_mass": 0.0,
-    "dummy_inertia": 0.0,
-    "damp_swing": 0.0,
-}
+POINT: dict[str, Any] = dict.fromkeys(
+    ("payload_inertia", "dummy_mass", "dummy_inertia", "damp_swing"), 0.0
+)
 """A point load on a massless, frictionless rope, in either xacro."""
 
 
@@ -88,3 +85,14 @@ def rest_at(crane: Crane, **positions: float) -> State:
     for symbol, position in positions.items():
         q[crane.layout.index(symbol)] = position
     return State(crane.hanging(q), 0.0 * q)
+
+
+def at_start(crane: Crane, symbol: str) -> float:
+    """Return where a joint stands at the start [m or rad]."""
+    return float(crane.start.q[crane.layout.index(symbol)])
+
+
+def rope_stiffness(crane: Crane) -> float:
+    """Return EA of the rope of a crane that has one [N]."""
+    assert crane.springs.rope is not None
+    return float(crane.springs.rope.stiffness)

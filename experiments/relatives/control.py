@@ -4,7 +4,9 @@ batch.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +28,16 @@ from cranedyn.references import hold
 from cranedyn.references.limits import use
 from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import Relative, moved, relative_crane, rest_at
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
+from experiments.relatives.agreement import ROUNDING
+from experiments.relatives.catalogue import (
+    RELATIVES,
+    Relative,
+    at_start,
+    moved,
+    relative_crane,
+    rest_at,
+)
 from experiments.scenarios.moves import of_sampling
 
 SWING, DURATION = 0.05, 10.0
@@ -38,7 +49,20 @@ WAY = 2.0
 GUST, AREA = 15.0, 4.0
 """Speed of the wind [m/s], and drag area of the load [m²]."""
 
+HALF = 0.5
+"""A controller that damps leaves at most this share of what the hold controller leaves in the same
+time."""
+
+ALIKE = 0.05
+"""Of the swing left: how far MPC and LQR may differ, whose periods are 50 ms and 5 ms, and the run
+from the linear loop, at 0.05 rad."""
+
+LEDGER = 1e-10
+"""Share of the wind's work: energies of 1e6 J are known to 1e-10 J, the work is 100 J, and there
+are 800 rows."""
+
 _DT, _PERIOD, _COPIES = 1e-3, 5e-3, 8
+_CLOCKS: dict[str, Any] = {"dt": _DT, "control_period": _PERIOD}
 
 
 class ControlResult(NamedTuple):
@@ -82,23 +106,27 @@ class ControlResult(NamedTuple):
     run: Trajectory
 
 
-def run_controllers(relative: Relative, engine: EngineName = "pinocchio") -> ControlResult:
-    """Control one crane by each controller, with an engine."""
+def study(setup: Setup) -> Outcome:
+    """Control each crane by each controller."""
+    results = [_controlled(relative, setup.engine) for relative in RELATIVES]
+    return Outcome([_table(results)], _claims(results))
+
+
+def _controlled(relative: Relative, engine: EngineName) -> ControlResult:
     crane = relative_crane(relative)
     start = moved(crane, **{crane.layout.symbols[i]: SWING for i in crane.swings})
     reference = hanging_reference(crane, hold(crane, crane.start), 2 * _PERIOD, _PERIOD)
     regulator = lqr(crane, reference, dt=_DT)
 
     def run(controller: Controller) -> Trajectory:
-        clocks = {"duration": DURATION, "dt": _DT, "control_period": _PERIOD}
-        return simulate(crane, controller, reference, start=start, engine=engine, **clocks)  # type: ignore[arg-type]
+        return simulate(
+            crane, controller, reference, start=start, duration=DURATION, engine=engine, **_CLOCKS
+        )
 
+    left = partial(_swing_left, crane, crane.start)
     brake = hold_controller(crane)
-    with_hold, damped, observed = (
-        run(brake),
-        run(regulator),
-        run(with_observer(regulator, crane, reference, dt=_DT)),
-    )
+    with_hold, damped = run(brake), run(regulator)
+    observed = run(with_observer(regulator, crane, reference, dt=_DT))
     ahead = run(mpc(crane, reference, dt=_DT, period=10 * _PERIOD, horizon=20))
     motion, move = _least_time(relative, crane, engine)
     goal = State(motion.q[-1], motion.v[-1])
@@ -110,14 +138,14 @@ def run_controllers(relative: Relative, engine: EngineName = "pinocchio") -> Con
         relative,
         2.0 * weight * SWING / float(brake.stiffness[drive]),
         float(np.abs(with_hold["x_m"] - with_hold["x_m"][0]).max()),
-        swing_left(crane, crane.start, with_hold),
-        swing_left(crane, crane.start, damped),
-        swing_left(crane, crane.start, observed),
-        swing_left(crane, crane.start, ahead),
+        left(with_hold),
+        left(damped),
+        left(observed),
+        left(ahead),
         _predicted(crane, regulator, start),
         float((np.abs(ahead.effort) / crane.effort_limit).max()),
         motion.arrival,
-        swing_left(crane, goal, move, motion.arrival),
+        _swing_left(crane, goal, move, motion.arrival),
         _sampling(crane, goal, motion),
         max(use(crane, motion, relative.limits).values()),
         blown,
@@ -127,40 +155,39 @@ def run_controllers(relative: Relative, engine: EngineName = "pinocchio") -> Con
     )
 
 
-def swing_left(crane: Crane, goal: State, run: Trajectory, since: float | None = None) -> float:
+def _swing_left(crane: Crane, goal: State, run: Trajectory, since: float | None = None) -> float:
     """Return the largest swing that the modes about a rest can still make together in any swing
     joint [rad], at a time or at the end.
     """
-    modes = free_modes(crane, goal)
     row = len(run) - 1 if since is None else int(np.searchsorted(run.t, since - 1e-9))
+    return _swing(crane, goal, *run.state(row))
+
+
+def _swing(crane: Crane, goal: State, q: np.ndarray, v: np.ndarray) -> float:
+    modes = free_modes(crane, goal)
     reach = np.abs(modes.shapes[np.isin(modes.passive, crane.swings)])
-    return float((reach @ modes.amplitudes(run.q[row : row + 1], run.v[row : row + 1])[0]).max())
+    return float((reach @ modes.amplitudes(q[None], v[None])[0]).max())
 
 
 def _least_time(relative: Relative, crane: Crane, engine: EngineName) -> tuple[Motion, Trajectory]:
-    x = float(crane.start.q[crane.layout.index("x")])
-    goal = rest_at(crane, x=x + WAY)
+    goal = rest_at(crane, x=at_start(crane, "x") + WAY)
     still = [joint.symbol for joint in crane.layout.driven if joint.symbol != "x"]
     motion = optimal(
         crane, crane.start, goal, relative.limits, ramp=1.0, still=still, period=_PERIOD
     )
     tracking = lqr(crane, motion, dt=_DT)
     duration = _PERIOD * round((motion.arrival + 1.0) / _PERIOD)
-    return motion, simulate(
-        crane, tracking, motion, duration=duration, dt=_DT, control_period=_PERIOD, engine=engine
-    )
+    return motion, simulate(crane, tracking, motion, duration=duration, engine=engine, **_CLOCKS)
 
 
 def _sampling(crane: Crane, goal: State, motion: Motion) -> float:
     """Return the bound of `of_sampling` for the fastest mode that swings."""
     modes = free_modes(crane, goal)
-    swinging = np.abs(modes.shapes[np.isin(modes.passive, crane.swings)]).max(
-        axis=0
-    ) > 0.01 * np.abs(modes.shapes).max(axis=0)
+    shapes = np.abs(modes.shapes)
+    swinging = shapes[np.isin(modes.passive, crane.swings)].max(axis=0) > 0.01 * shapes.max(axis=0)
     length = crane.gravity / float(modes.frequencies[swinging].max()) ** 2
-    return of_sampling(
-        crane.gravity, length, _PERIOD, float(np.abs(motion.q[:, crane.swings]).max())
-    )
+    peak = float(np.abs(motion.q[:, crane.swings]).max())
+    return of_sampling(crane.gravity, length, _PERIOD, peak)
 
 
 def _predicted(crane: Crane, regulator: Tracking, start: State) -> float:
@@ -170,9 +197,7 @@ def _predicted(crane: Crane, regulator: Tracking, start: State) -> float:
         [start.q - crane.start.q, start.v]
     )
     q, v = np.split(z, 2)
-    modes = free_modes(crane, crane.start)
-    reach = np.abs(modes.shapes[np.isin(modes.passive, crane.swings)])
-    return float((reach @ modes.amplitudes(crane.start.q[None] + q, v[None])[0]).max())
+    return _swing(crane, crane.start, crane.start.q + q, v)
 
 
 def _blown(crane: Crane, engine: EngineName) -> tuple[float, float]:
@@ -198,16 +223,85 @@ def _lanes(crane: Crane, regulator: Controller, motion: Motion, start: State) ->
     """Compare a batch of cranes that start with swings of their own to two of them run alone."""
     shares = np.linspace(0.2, 1.0, _COPIES)
     starts = [State(crane.start.q + share * (start.q - crane.start.q), start.v) for share in shares]
-    times = {"duration": 2.0, "dt": _DT, "control_period": _PERIOD}
-    batch = simulate_batch(crane, regulator, motion, start=starts, **times)  # type: ignore[arg-type]
+    times = {"duration": 2.0, **_CLOCKS}
+    batch = simulate_batch(crane, regulator, motion, start=starts, **times)
     worst = 0.0
     for i in (0, _COPIES - 1):
-        alone = simulate(crane, regulator, motion, start=starts[i], engine="compiled", **times)  # type: ignore[arg-type]
-        worst = max(
-            worst,
-            *(
-                float(np.abs(a - b[-1]).max())
-                for a, b in zip((batch.end.q[i], batch.end.v[i]), (alone.q, alone.v), strict=True)
-            ),
-        )
+        alone = simulate(crane, regulator, motion, start=starts[i], engine="compiled", **times)
+        ends = zip((batch.end.q[i], batch.end.v[i]), alone.state(-1), strict=True)
+        worst = max(worst, *(float(np.abs(a - b).max()) for a, b in ends))
     return worst
+
+
+def _table(results: Sequence[ControlResult]) -> ResultTable:
+    return make_table(
+        "Control",
+        results,
+        ("crane", "", lambda c: c.relative.name),
+        ("gives way [mm]", ".2f", lambda c: 1e3 * c.deflection),
+        ("hold [mrad]", ".2f", lambda c: 1e3 * c.left_by_hold),
+        ("LQR", ".2f", lambda c: 1e3 * c.left_by_lqr),
+        ("observer", ".2f", lambda c: 1e3 * c.left_by_observer),
+        ("MPC", ".2f", lambda c: 1e3 * c.left_by_mpc),
+        ("least time [s]", ".2f", lambda c: c.arrival),
+        ("left [mrad]", ".3f", lambda c: 1e3 * c.residual),
+        ("limits [%]", ".1f", lambda c: 100.0 * c.limits),
+        ("wind [m]", ".2f", lambda c: c.blown),
+        ("batch", ".0e>1e-12", lambda c: c.lanes),
+        note=f"From {1e3 * SWING:g} mrad in each swing joint: how far the trolley gives way under "
+        "the hold controller, and the swing left after 10 s by each controller. Then the trolley's "
+        f"move of {WAY:g} m in least time: how long, swing left, largest share of a limit. Wind of "
+        f"{GUST:g} m/s on {AREA:g} m² for 4 s: where the load goes. Batch: eight cranes at once "
+        "beside runs one by one [rad, m, per second].",
+    )
+
+
+def _claims(controls: Sequence[ControlResult]) -> list[Claim]:
+    damped = max(
+        max(c.left_by_lqr, c.left_by_observer, c.left_by_mpc) / c.left_by_hold for c in controls
+    )
+    predicted = max(abs(c.left_by_lqr / c.predicted - 1.0) for c in controls)
+    alike = max(abs(c.left_by_mpc / c.left_by_lqr - 1.0) for c in controls)
+    gives, late = (
+        max(c.deflection / c.pull for c in controls),
+        max(c.residual / c.sampling for c in controls),
+    )
+    return [
+        Claim(
+            f"Hold: the trolley gives way by {100 * gives:.0f} % at most of what a pull at once, 2 "
+            "m g φ, allows.",
+            all(c.deflection < c.pull for c in controls),
+        ),
+        Claim(
+            "LQR, LQR with an observer that sees the drives alone, and MPC leave "
+            f"{100 * damped:.0f} % at most of what the hold leaves (allowed {100 * HALF:g} %).",
+            damped < HALF,
+        ),
+        Claim(
+            f"LQR: {100 * predicted:.1f} % off the linear loop at most (allowed {100 * ALIKE:g} "
+            "%).",
+            predicted < ALIKE,
+        ),
+        Claim(
+            f"MPC is the LQR where no limit binds: {100 * alike:.1f} % apart (allowed "
+            f"{100 * ALIKE:g} %), efforts up to "
+            f"{100 * max(c.efforts for c in controls):.0f} % of their limits.",
+            alike < ALIKE and all(c.efforts <= 1.0 for c in controls),
+        ),
+        Claim(
+            "Moves of least time keep all limits and end at rest in all modes: "
+            f"{1e3 * max(c.residual for c in controls):.3f} mrad, "
+            f"{100 * late:.0f} % at most of what efforts held for 5 ms may leave.",
+            late < 1.0 and all(c.limits < 1.0 + 1e-6 for c in controls),
+        ),
+        Claim(
+            f"Wind: its work is in the ledger to {max(c.open for c in controls):.0e} (allowed "
+            f"{LEDGER:.0e}), and it moves every load.",
+            all(c.open < LEDGER and c.blown > 0.01 for c in controls),
+        ),
+        Claim(
+            f"Cranes of a batch move as alone: {max(c.lanes for c in controls):.0e} (allowed "
+            f"{ROUNDING:.0e}).",
+            all(c.lanes < ROUNDING for c in controls),
+        ),
+    ]

@@ -4,7 +4,7 @@ and with one that does not.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ from cranedyn.controllers.lqr import lqr
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.linearisation import free_modes, sampled
-from cranedyn.interfaces import Controller, EngineName, Reference, Setpoint, State
+from cranedyn.interfaces import Controller, EngineName, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.planning.joystick import JoystickPulse, joystick
@@ -26,8 +26,10 @@ from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.references.shaped import shaped, zv
 from cranedyn.references.simple import spline
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import HOOK, POINT, moved, relative_crane, rest_at
-from experiments.scenarios.moves import of_sampling
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
+from experiments.relatives.catalogue import HOOK, POINT, at_start, moved, relative_crane, rest_at
+from experiments.relatives.control import ALIKE
+from experiments.scenarios.moves import instant, of_sampling
 
 WAY, LASTS = 4.0, 9.0
 """Of the trolley in the moves [m], and time for those that are given one [s]."""
@@ -37,6 +39,7 @@ NUDGE = 0.05
 small swing."""
 
 _DT, _PERIOD, _AFTER = 1e-3, 5e-3, 10.0
+_CLOCKS: dict[str, Any] = {"dt": _DT, "control_period": _PERIOD}
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,51 +67,52 @@ class ModeResidual(NamedTuple):
         arrival: When the drives are there [s].
         slow, fast: Amplitude of the load's sling, or of the cable, in each mode, whichever is
             larger [rad].
-        closed_slow, closed_fast: By a closed form; None without one.
         run: What happened.
+        closed: The same by a closed form; None without one.
     """
 
     strategy: str
     arrival: float
     slow: float
     fast: float
-    closed_slow: float | None
-    closed_fast: float | None
     run: Trajectory
+    closed: tuple[float, float] | None = None
 
 
-def mode_amplitudes(crane: Crane, goal: State, run: Trajectory, t: float) -> tuple[float, float]:
+def study(setup: Setup) -> Outcome:
+    """Make the moves, and compare closed loops that know of the hook and that do not."""
+    shaped, moves = _shaping(setup.engine), list(_trolley_moves(setup.engine))
+    growth, growth_in_run = _closed_loop_growth(), _stirred(setup.engine)
+    note = f"Trolley at {NUDGE:g} m/s; closed: by the swing that the move leaves unshaped."
+    return Outcome(
+        [
+            _table("Double pendulum: shaped moves of an operator", shaped, note),
+            _table(f"Double pendulum: {WAY:g} m of the trolley", moves, _unaware_note(growth)),
+        ],
+        _claims(shaped, moves, growth, growth_in_run),
+        trajectories={"double_pendulum_unaware": moves[-1].run},
+    )
+
+
+def _amplitudes(crane: Crane, goal: State, run: Trajectory, t: float) -> tuple[float, float]:
     """Return the amplitude of the slow and of the fast mode at a time [rad], radial and tangential
     together.
     """
     modes = free_modes(crane, goal)
-    row = int(np.searchsorted(run.t, t - 1e-9))
-    sizes = (
-        np.abs(modes.shapes).max(axis=0)
-        * modes.amplitudes(run.q[row : row + 1], run.v[row : row + 1])[0]
-    )
+    q, v = run.state(int(np.searchsorted(run.t, t - 1e-9)))
+    sizes = np.abs(modes.shapes).max(axis=0) * modes.amplitudes(q[None], v[None])[0]
     return float(np.hypot(*sizes[:2])), float(np.hypot(*sizes[2:]))
 
 
-def sampling(run: Trajectory) -> float:
-    """Swing that a move may leave since efforts are held for a control period [rad], by the fast
-    mode.
-    """
-    crane = relative_crane(HOOK)
-    length = crane.gravity / float(free_modes(crane, crane.start).frequencies[-1]) ** 2
-    return of_sampling(crane.gravity, length, _PERIOD, float(np.abs(run.q[:, crane.swings]).max()))
-
-
-def shaping(engine: EngineName = "pinocchio") -> list[ModeResidual]:
+def _shaping(engine: EngineName) -> list[ModeResidual]:
     """Make an operator's slow move of the trolley as it is, and shaped for no, one or both
     modes.
     """
     crane = relative_crane(HOOK)
-    slow, fast = theory.double_pendulum(_at(crane, "l"), 5.0, 300.0, 2000.0, crane.gravity)
-    base = joystick(
-        crane, crane.start, [JoystickPulse("x", NUDGE, 0.0, 3.0)], accelerations=(0.05, 0.5, 0.3)
-    )
-    one_cable = 2.0 * np.pi / float(theory.point_period(_at(crane, "l") + 5.0, crane.gravity))
+    slow, fast = theory.double_pendulum(at_start(crane, "l"), 5.0, 300.0, 2000.0, crane.gravity)
+    nudge = [JoystickPulse("x", NUDGE, 0.0, 3.0)]
+    base = joystick(crane, crane.start, nudge, accelerations=(0.05, 0.5, 0.3))
+    one_cable = 2.0 * np.pi / float(theory.point_period(at_start(crane, "l") + 5.0, crane.gravity))
     plans: dict[str, tuple[float, ...]] = {
         "operator": (),
         "ZV for a load on one cable of 20 m": (one_cable,),
@@ -118,27 +122,31 @@ def shaping(engine: EngineName = "pinocchio") -> list[ModeResidual]:
     results: list[ModeResidual] = []
     for name, modes in plans.items():
         reference = shaped(base, zv(), [2.0 * np.pi / mode for mode in modes]) if modes else base
-        end = _whole(3.0 + NUDGE / 0.5 + sum(np.pi / mode for mode in modes))
-        drives: Any = {"drive": "motion", "engine": engine}
-        run = _run(crane, follow(crane, reference, _PERIOD), reference, end + 0.5, **drives)
-        goal = rest_at(crane, x=float(run["x_m"][-1]))
-        amounts = mode_amplitudes(crane, goal, run, end)
-        closed: list[float | None] = [None, None]
-        if results:
-            closed = [
-                theory.convolved_zv(mode, modes) * alone
-                for mode, alone in zip((slow, fast), results[0][2:4], strict=True)
-            ]
-        results.append(ModeResidual(name, end, amounts[0], amounts[1], closed[0], closed[1], run))
+        end = instant(3.0 + NUDGE / 0.5 + sum(np.pi / mode for mode in modes), _PERIOD)
+        run = simulate(
+            crane,
+            follow(crane, reference, _PERIOD),
+            reference,
+            duration=end + 0.5,
+            drive="motion",
+            engine=engine,
+            **_CLOCKS,
+        )
+        left = _amplitudes(crane, rest_at(crane, x=float(run["x_m"][-1])), run, end)
+        results.append(ModeResidual(name, end, *left, run))
+        if modes:
+            remains = [theory.convolved_zv(mode, modes) for mode in (slow, fast)]
+            closed = remains[0] * results[0].slow, remains[1] * results[0].fast
+            results[-1] = results[-1]._replace(closed=closed)
     return results
 
 
-def trolley_moves(engine: EngineName = "pinocchio") -> Iterator[ModeResidual]:
+def _trolley_moves(engine: EngineName) -> Iterator[ModeResidual]:
     """Move the trolley by four metres, with the whole model, and with that of a load on one
     cable.
     """
-    crane, simple = relative_crane(HOOK), one_pendulum()
-    indices = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
+    crane, simple = relative_crane(HOOK), _one_pendulum()
+    goal = rest_at(crane, x=at_start(crane, "x") + WAY)
     for name, designed, motion in (
         ("spline, LQR of the whole model", crane, _spline(crane)),
         ("least time, LQR of the whole model", crane, _fastest(crane)),
@@ -146,50 +154,59 @@ def trolley_moves(engine: EngineName = "pinocchio") -> Iterator[ModeResidual]:
         ("least time, five-joint LQR", simple, _fastest(simple)),
     ):
         tracking = lqr(designed, motion, dt=_DT)
-        controller = tracking if designed is crane else Unaware(tracking, indices)
-        # Of the drives, which both cranes have; the motion itself is of one crane.
-        setpoints = motion.__call__
-        run = _run(crane, controller, setpoints, _whole(motion.arrival + _AFTER), engine=engine)
-        slow, fast = mode_amplitudes(
-            crane, rest_at(crane, x=_at(crane, "x") + WAY), run, motion.arrival
+        run = simulate(
+            crane,
+            tracking if designed is crane else Unaware(tracking, _indices(crane, simple)),
+            motion.__call__,  # of the drives, which both cranes have
+            duration=instant(motion.arrival + _AFTER, _PERIOD),
+            engine=engine,
+            **_CLOCKS,
         )
-        yield ModeResidual(name, motion.arrival, slow, fast, None, None, run)
+        left = _amplitudes(crane, goal, run, motion.arrival)
+        yield ModeResidual(name, motion.arrival, *left, run)
 
 
-def one_pendulum() -> Crane:
+def _indices(crane: Crane, simple: Crane) -> list[int]:
+    """Return where the joints of the simple crane stand among those of a crane."""
+    return [crane.layout.index(symbol) for symbol in simple.layout.symbols]
+
+
+def _one_pendulum() -> Crane:
     """Return the tower crane of a designer who does not know of the hook: all the mass at the
     hoist's end.
     """
     return load_crane(payload_mass=2300.0, **POINT)
 
 
-def closed_loop_growth() -> tuple[float, float]:
+def _closed_loop_growth() -> tuple[float, float]:
     """Return the largest growth rate of the closed loops at rest [1/s]: LQR of the whole model, and
     of five joints on the crane with the hook.
     """
-    crane, simple = relative_crane(HOOK), one_pendulum()
-    loop = sampled(crane, crane.start, dt=_DT, control_period=_PERIOD)
-    indices = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
-    n = crane.layout.n
+    crane, simple = relative_crane(HOOK), _one_pendulum()
+    loop = sampled(crane, crane.start, **_CLOCKS)
+    indices, n = _indices(crane, simple), crane.layout.n
     gain = np.zeros((crane.layout.m, 2 * n))
     gain[:, [*indices, *(n + i for i in indices)]] = _regulator(simple).gain[-1]
-    radii = (
-        np.abs(np.linalg.eigvals(loop.closed(gain_matrix))).max()
-        for gain_matrix in (_regulator(crane).gain[-1], gain)
+    aware, unaware = (
+        float(np.log(np.abs(np.linalg.eigvals(loop.closed(matrix))).max()) / _PERIOD)
+        for matrix in (_regulator(crane).gain[-1], gain)
     )
-    aware, unaware = (float(np.log(radius) / _PERIOD) for radius in radii)
     return aware, unaware
 
 
-def stirred(engine: EngineName = "pinocchio") -> float:
+def _stirred(engine: EngineName) -> float:
     """Return the growth rate of the fast mode in a run under the LQR of five joints [1/s], from a
     small swing of the sling across the jib.
     """
-    crane, simple = relative_crane(HOOK), one_pendulum()
-    indices = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
-    start = moved(crane, sling_tangential=1e-3)
-    controller = Unaware(_regulator(simple), indices)
-    run = _run(crane, controller, None, 30.0, start=start, engine=engine)
+    crane, simple = relative_crane(HOOK), _one_pendulum()
+    run = simulate(
+        crane,
+        Unaware(_regulator(simple), _indices(crane, simple)),
+        start=moved(crane, sling_tangential=1e-3),
+        duration=30.0,
+        engine=engine,
+        **_CLOCKS,
+    )
     later = run.since(15.0)
     fast = np.hypot(*free_modes(crane, crane.start).amplitudes(later.q, later.v)[:, 2:].T)
     return float(np.polyfit(later.t, np.log(fast), 1)[0])
@@ -207,27 +224,90 @@ def _spline(crane: Crane) -> Motion:
 
 
 def _fastest(crane: Crane) -> Motion:
-    goal = rest_at(crane, x=_at(crane, "x") + WAY)
+    goal = rest_at(crane, x=at_start(crane, "x") + WAY)
     return optimal(
         crane, crane.start, goal, HOOK.limits, ramp=1.0, still=["gamma", "l"], period=_PERIOD
     )
 
 
-def _run(
-    crane: Crane,
-    controller: Controller,
-    reference: Reference | None,
-    duration: float,
-    **options: Any,
-) -> Trajectory:
-    return simulate(
-        crane, controller, reference, duration=duration, dt=_DT, control_period=_PERIOD, **options
+def _table(title: str, results: Sequence[ModeResidual], note: str) -> ResultTable:
+    return make_table(
+        title,
+        results,
+        ("strategy", "", lambda r: r.strategy),
+        ("arrives [s]", ".2f", lambda r: r.arrival),
+        ("slow [mrad]", ".4f", lambda r: 1e3 * r.slow),
+        ("closed", ".4f", lambda r: r.closed and 1e3 * r.closed[0]),
+        ("fast [mrad]", ".4f", lambda r: 1e3 * r.fast),
+        ("closed ", ".4f", lambda r: r.closed and 1e3 * r.closed[1]),
+        ("later: slow", ".4f", lambda r: 1e3 * _later(r)[0]),
+        ("fast", ".4f", lambda r: 1e3 * _later(r)[1]),
+        note=note,
     )
 
 
-def _at(crane: Crane, symbol: str) -> float:
-    return float(crane.start.q[crane.layout.index(symbol)])
+def _later(result: ModeResidual) -> tuple[float, float]:
+    """Return the amplitudes at the end of the run [rad]."""
+    crane = relative_crane(HOOK)
+    goal = rest_at(crane, x=float(result.run["x_setpoint_m"][-1]))
+    return _amplitudes(crane, goal, result.run, float(result.run.t[-1]))
 
 
-def _whole(duration: float) -> float:
-    return _PERIOD * float(np.ceil(duration / _PERIOD - 1e-9))
+def _unaware_note(growth: tuple[float, float]) -> str:
+    """Return a note on designs that do not know of the hook, with the growth rates of the closed
+    loops [1/s].
+    """
+    return (
+        f"At the arrival, and {LASTS + 1:g} s later. The five-joint designs take hook and "
+        "load for one load of 2300 kg at the hoist's end, and see slew, trolley, cable and its two "
+        f"swings. At rest every motion under the LQR of the whole model goes with {growth[0]:+.4f} "
+        f"1/s or faster; under that of five joints one has {growth[1]:+.4f} 1/s"
+        + (
+            ": through the slew it stirs up the fast mode across the jib, which it does not see."
+            if growth[1] > 0.0
+            else "."
+        )
+    )
+
+
+def _claims(
+    shaped: Sequence[ModeResidual],
+    moves: Sequence[ModeResidual],
+    growth: tuple[float, float],
+    stirred: float,
+) -> list[Claim]:
+    size = max(shaped[0].slow, shaped[0].fast)
+    off = max(max(abs(s.slow - s.closed[0]), abs(s.fast - s.closed[1])) for s in shaped if s.closed)
+    least_time, unaware = moves[1], moves[3]
+    # Of the fast mode.
+    crane = relative_crane(HOOK)
+    length = crane.gravity / float(free_modes(crane, crane.start).frequencies[-1]) ** 2
+    peak = float(np.abs(least_time.run.q[:, crane.swings]).max())
+    sampling = of_sampling(crane.gravity, length, _PERIOD, peak)
+    return [
+        Claim(
+            "Shapers on the double pendulum leave their closed form, Π |cos(π ω/(2 ω_i))|, to "
+            f"{off:.0e} rad (allowed {size**3:.0e}, the cube of the swing); that for both modes "
+            f"leaves {1e3 * max(shaped[-1].slow, shaped[-1].fast):.0e} mrad.",
+            off < size**3,
+        ),
+        Claim(
+            "A move of least time on the whole model ends at rest in both modes: "
+            f"{1e3 * least_time.slow:.4f} and {1e3 * least_time.fast:.4f} mrad, "
+            f"where efforts held for 5 ms may leave {1e3 * sampling:.4f}.",
+            max(least_time.slow, least_time.fast) < sampling,
+        ),
+        Claim(
+            f"The LQR of the whole model damps every motion ({growth[0]:+.3f} 1/s); planned and "
+            "tracked with five joints, the move of "
+            f"least time leaves {unaware.slow / least_time.slow:.0f} and "
+            f"{unaware.fast / least_time.fast:.0f} times as much in the two modes.",
+            growth[0] < 0.0 and unaware.slow > least_time.slow and unaware.fast > least_time.fast,
+        ),
+        Claim(
+            "On the crane with the hook the LQR of five joints stirs up the fast mode across the "
+            f"jib: {stirred:+.4f} 1/s in a run, "
+            f"{growth[1]:+.4f} 1/s by the linear loop (allowed {100 * ALIKE:g} %).",
+            stirred > 0.0 and abs(stirred / growth[1] - 1.0) < ALIKE,
+        ),
+    ]

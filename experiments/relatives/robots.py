@@ -4,6 +4,7 @@ move them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import NamedTuple
@@ -19,6 +20,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold
 from cranedyn.simulation.simulate import simulate
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 
 ROBOTS = {
     "ur5_joint_limited_robot.urdf": ("wrist_3_joint", 4),
@@ -66,20 +68,17 @@ class Robot(NamedTuple):
         return float(np.log2(coarse / fine))
 
 
-def robots() -> list[Robot]:
+def study(setup: Setup) -> Outcome:
     """Run all robots."""
-    return [_robot(name, payload, driven) for name, (payload, driven) in ROBOTS.items()]
-
-
-def robot(name: str) -> Path:
-    """Return the file of a robot's URDF."""
-    files = metadata.files("example-robot-data") or []
-    return Path(str(next(file for file in files if file.name == name).locate()))
+    results = [_robot(name, payload, driven) for name, (payload, driven) in ROBOTS.items()]
+    return Outcome([_table(results)], [_claim(results)])
 
 
 def _robot(name: str, payload: str, driven: int) -> Robot:
-    joints = _joints(robot(name))
-    crane = load_crane(robot(name), payload=payload, driven=joints[:driven])
+    files = metadata.files("example-robot-data") or []
+    path = Path(str(next(file for file in files if file.name == name).locate()))
+    joints = list(pin.buildModelFromUrdf(str(path)).names)[1:]
+    crane = load_crane(path, payload=payload, driven=joints[:driven])
     engines, open_energy = dict[str, float](), dict[str, tuple[float, float]]()
     for rule in (semi_implicit_euler, rk4):
         runs = [_moved(crane, rule, engine, STEP) for engine in ("pinocchio", "compiled")]
@@ -91,10 +90,6 @@ def _robot(name: str, payload: str, driven: int) -> Robot:
     return Robot(name.removesuffix(".urdf"), crane.layout.n, driven, engines, open_energy)
 
 
-def _joints(path: Path) -> list[str]:
-    return list(pin.buildModelFromUrdf(str(path)).names)[1:]
-
-
 def _open(run: Trajectory) -> float:
     return float(np.abs(run.unexplained).max())
 
@@ -103,11 +98,10 @@ def _moved(crane: Crane, rule: Integrator, engine: EngineName, dt: float) -> Tra
     """Hold a robot for half a second, pushed away from where it stands."""
     rng = np.random.default_rng(5)
     start = State(crane.start.q, rng.normal(size=crane.layout.n))
-    brake, reference = hold_controller(crane), hold(crane, crane.start)
     return simulate(
         crane,
-        brake,
-        reference,
+        hold_controller(crane),
+        hold(crane, crane.start),
         start=start,
         duration=0.5,
         dt=dt,
@@ -115,4 +109,40 @@ def _moved(crane: Crane, rule: Integrator, engine: EngineName, dt: float) -> Tra
         validity="mark",
         integrator=rule,
         engine=engine,
+    )
+
+
+def _table(results: Sequence[Robot]) -> ResultTable:
+    return make_table(
+        "Robots of example-robot-data, loaded as cranes",
+        results,
+        ("robot", "", lambda r: r.name),
+        ("joints", "d", lambda r: r.joints),
+        ("driven", "d", lambda r: r.driven),
+        ("Pinocchio - code", ".0e>1e-12", lambda r: max(r.engines.values())),
+        ("open, Euler [J]", ".1e", lambda r: r.open[semi_implicit_euler.name][0]),
+        ("order", ".3f", lambda r: r.order(semi_implicit_euler)),
+        ("open, RK4 [J]", ".1e", lambda r: r.open[rk4.name][0]),
+        ("order ", ".3f", lambda r: r.order(rk4)),
+        note=f"Half a second under hold in steps of {1e3 * STEP:g} ms; what the ledger leaves "
+        "open, and the power of the step with which that falls.",
+    )
+
+
+def _claim(results: Sequence[Robot]) -> Claim:
+    engines = max(max(r.engines.values()) for r in results)
+    orders = {rule.name: [r.order(rule) for r in results] for rule in (semi_implicit_euler, rk4)}
+    orders_text = ", ".join(
+        f"{name} {min(values):.3f} to {max(values):.3f}" for name, values in orders.items()
+    )
+    off = max(
+        abs(order - power)
+        for values, power in zip(orders.values(), (1.0, 4.0), strict=True)
+        for order in values
+    )
+    return Claim(
+        f"{len(results)} robots move as well: both engines agree to {engines:.0e} (allowed "
+        f"{ROUNDING:.0e}), and what the ledger leaves open falls with the order of the "
+        f"rule: {orders_text} (within {ORDER:g} of 1 and 4).",
+        engines < ROUNDING and off < ORDER,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,9 +15,9 @@ from cranedyn.interfaces import Controller, EngineName, Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
-from experiments.oracles.reading import locked
-from experiments.relatives.catalogue import POINT, ROPE, moved
-from experiments.relatives.modes import crane_ea
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
+from experiments.oracles.bench import locked
+from experiments.relatives.catalogue import POINT, ROPE, at_start, moved, rope_stiffness
 
 _DT = 5e-4
 
@@ -45,9 +45,15 @@ class Jump(NamedTuple):
         return abs(self.simulated - self.closed) < self.allowed
 
 
-def jumps(engine: EngineName = "pinocchio") -> list[Jump]:
-    """Return all jumps of the tension, with the runs by an engine."""
-    return [*_pickups(engine), *_drops(engine)]
+def study(setup: Setup) -> Outcome:
+    """Compare all jumps of the tension, with the runs by an engine."""
+    jumps = [*_pickups(setup.engine), *_drops(setup.engine)]
+    claim = Claim(
+        "A load picked up at a speed v loads the rope by 1 + v ω/g, a part dropped by 1 ± its "
+        f"share of the load left: {len(jumps)} cases, each within what is allowed.",
+        all(jump.holds for jump in jumps),
+    )
+    return Outcome([_table(jumps)], [claim])
 
 
 def _pickups(engine: EngineName) -> Iterator[Jump]:
@@ -55,7 +61,7 @@ def _pickups(engine: EngineName) -> Iterator[Jump]:
     turns: the load rises by what the rope is too short.
     """
     crane = ROPE.crane(**POINT)
-    length, omega = _length(crane), _bounce(crane)
+    length, omega = at_start(crane, "l"), _bounce(crane)
     for speed in (0.05, 0.2, 0.5):
         start = moved(crane, l_dot=-speed, rope_stretch_dot=speed)
         closed = theory.pickup_factor(speed, omega, crane.gravity)
@@ -64,7 +70,7 @@ def _pickups(engine: EngineName) -> Iterator[Jump]:
         assert float(np.ptp(run["l_dot_m_s"])) < 1e-6, "the drum turns evenly"
         weight = crane.payload_mass * crane.gravity
         peak = float(_tension(crane, run).max()) / weight
-        strain, shorter = weight / crane_ea(crane), math.pi / 2.0 * speed / (omega * length)
+        strain, shorter = weight / rope_stiffness(crane), math.pi / 2.0 * speed / (omega * length)
         allowed = (closed - 1.0) * (strain + shorter) + (omega * _DT) ** 2
         why = "strain at rest; shorter cable at the peak; (ω dt)²"
         yield Jump(f"picked up at {speed:g} m/s", closed, peak, allowed, why)
@@ -75,8 +81,8 @@ def _drops(engine: EngineName) -> Iterator[Jump]:
         before, after = (
             ROPE.crane(payload_mass=mass, **POINT) for mass in (mass_before, mass_after)
         )
-        stretches = [crane.start.q[crane.layout.index("rope_stretch")] for crane in (before, after)]
-        start = moved(after, rope_stretch=float(stretches[0] - stretches[1]))
+        more = at_start(before, "rope_stretch") - at_start(after, "rope_stretch")
+        start = moved(after, rope_stretch=more)
         run = _run(after, locked(after), None, start, 1.0, engine)
         tension = _tension(after, run) / (mass_after * after.gravity)
         closed = theory.drop_factor(mass_before - mass_after, mass_after)
@@ -100,12 +106,21 @@ def _run(
 
 
 def _tension(crane: Crane, run: Trajectory) -> np.ndarray:
-    return crane_ea(crane) * run["rope_stretch_m"] / run["l_m"]
-
-
-def _length(crane: Crane) -> float:
-    return float(crane.start.q[crane.layout.index("l")])
+    return rope_stiffness(crane) * run["rope_stretch_m"] / run["l_m"]
 
 
 def _bounce(crane: Crane) -> float:
-    return theory.rope_bounce(crane_ea(crane), _length(crane), crane.payload_mass)
+    return theory.rope_bounce(rope_stiffness(crane), at_start(crane, "l"), crane.payload_mass)
+
+
+def _table(results: Sequence[Jump]) -> ResultTable:
+    return make_table(
+        "Rope that stretches: tension over the weight that hangs",
+        results,
+        ("what happens", "", lambda j: j.name),
+        ("closed form", ".4f", lambda j: j.closed),
+        ("run", ".4f", lambda j: j.simulated),
+        ("off", "+.1e", lambda j: j.simulated - j.closed),
+        ("allowed", ".1e", lambda j: j.allowed),
+        ("because of", "", lambda j: j.why),
+    )

@@ -1,21 +1,28 @@
-"""Moves from rest to rest, and what is left of a swing after them; shared by the control
-experiments.
+"""Moves from rest to rest, plans for them, and what is left of a swing after them; shared by the
+control experiments.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from cranedyn.analysis.swing import settling_time, swing_amplitude
+from cranedyn.controllers import follow
+from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.controllers.velocity_command import VelocityCommand, as_velocity_command
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import OutOfRange
-from cranedyn.interfaces import State
+from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
+from cranedyn.references.motion import Motion
+from experiments.harness.setup import Setup
 
 CLOSE = 0.010
 """How near the payload must stay to its goal to count as settled [m]."""
@@ -124,6 +131,11 @@ class Score:
         return self.arrives + self.settled
 
 
+def instant(t: float, control_period: float) -> float:
+    """Return the first control instant at or after a time [s]."""
+    return control_period * float(np.ceil(t / control_period - 1e-9))
+
+
 def of_sampling(gravity: float, length: float, control_period: float, peak: float) -> float:
     """Swing that a plan which leaves none may leave [rad], because efforts are held for a control
     period and so come half of it late.
@@ -182,4 +194,67 @@ def score(crane: Crane, goal: State, run: Trajectory, arrives: float) -> Score:
         ),
         work=float(np.maximum(np.diff(run.work, axis=0), 0.0).sum()),
         beyond=float(np.diff(run.t)[run.valid[:-1] == 0.0].sum()),
+    )
+
+
+class MovePlan(NamedTuple):
+    """How a move is to be made.
+
+    Attributes:
+        controller: Makes a controller, a new one for each run.
+        reference: Where the drives should be.
+        drive: How they take commands.
+        arrives: When they should be there [s].
+        motion: What a tracking controller goes by, None where there is none.
+        uses_swing_sensor: Whether the controller needs the swing measured.
+        softer: Makes a controller that is gentle enough for converters; None where the other is.
+        rates: Makes a controller for converters that answers rates by itself; None where they are
+            made of what the other answers.
+    """
+
+    controller: Callable[[], Controller]
+    reference: Reference
+    drive: Drive
+    arrives: float
+    motion: Motion | None = None
+    uses_swing_sensor: bool = True
+    softer: Callable[[], Controller] | None = None
+    rates: Callable[[], Controller] | None = None
+
+
+Planner = Callable[[Setup, RestToRest], MovePlan]
+"""Plans a move."""
+
+
+def on_converters(setup: Setup, plan: MovePlan) -> MovePlan:
+    """Return a plan for drives with typical frequency converters: commands of its controller become
+    rates, see `cranedyn.controllers.velocity_command`.
+    """
+    if plan.rates:
+        return plan._replace(controller=plan.rates, drive="velocity")
+
+    def controller() -> Controller:
+        return as_velocity_command(
+            setup.crane,
+            (plan.softer or plan.controller)(),
+            drive="motion" if plan.drive == "motion" else "effort",
+            control_period=setup.control_period,
+        )
+
+    first = controller()
+    if isinstance(first, VelocityCommand):  # what is inside may remember
+        return plan._replace(controller=controller, drive="velocity")
+    if isinstance(first, HoistIntegral):
+        return plan._replace(controller=lambda: replace(first, integral=0.0), drive="velocity")
+    return plan._replace(controller=lambda: first, drive="velocity")
+
+
+def followed(setup: Setup, reference: Reference, arrives: float) -> MovePlan:
+    """Return the plan of a reference that drives follow exactly and that nothing corrects."""
+    return MovePlan(
+        lambda: follow(setup.crane, reference, setup.control_period),
+        reference,
+        "motion",
+        arrives,
+        uses_swing_sensor=False,
     )

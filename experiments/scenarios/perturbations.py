@@ -1,25 +1,27 @@
-"""What may be different from what was planned: the load, the cable, the sensors, the air."""
+"""What may be different from what was planned: the load, the cable, the sensors, the air; and moves
+under it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
+from cranedyn.clocks import Clocked
+from cranedyn.controllers.affine import Affine, Stateful, affine_form
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import cosine_gust, steady, wind
 from cranedyn.errors import CraneError
 from cranedyn.estimation.load_estimate import with_load_estimate
 from cranedyn.estimation.observer import with_observer
 from cranedyn.estimation.sensor_model import noise_of, with_sensor_model
-from cranedyn.interfaces import Disturbance, State
+from cranedyn.interfaces import Controller, Disturbance, Setpoint, State
 from cranedyn.model.crane import Crane
 from experiments.harness import Setup
-from experiments.scenarios.misread import Misread
-from experiments.scenarios.moves import AFTER, DRAG, RestToRest, Score, score
-from experiments.scenarios.strategies import MovePlan, instant
+from experiments.scenarios.moves import AFTER, DRAG, MovePlan, RestToRest, Score, instant, score
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,63 @@ def _gust(crane: Crane, arrives: float) -> Disturbance:
         direction=0.0,
         payload_area=DRAG,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Misread:
+    """A controller whose hoist reads less than the cable has: l = (1 + share) reading + offset.
+
+    Attributes:
+        crane: The crane.
+        controller: What acts on the reading.
+        share: By which share the cable is longer than it is read.
+        offset: By how much it is longer besides, wherever the hoist stands [m].
+    """
+
+    crane: Crane
+    controller: Controller
+    share: float
+    offset: float
+
+    def begin_run(self, t: float, control_period: float) -> None:
+        """Begin a run, see `cranedyn.clocks.Clocked`."""
+        if isinstance(self.controller, Clocked):
+            self.controller.begin_run(t, control_period)
+
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        """Return the command, shape (m,)."""
+        hoist, q, v = self.crane.layout.index("l"), state.q.copy(), state.v.copy()
+        q[hoist] = (q[hoist] - self.offset) / (1.0 + self.share)
+        v[hoist] /= 1.0 + self.share
+        return self.controller(t, State(q, v), setpoint)
+
+    def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
+        """Return the affine form, see `cranedyn.controllers.affine`: what z - setpoint is to the
+        reading, (z - added) / scale - setpoint, is that of the cable from scale setpoint + added,
+        over scale.
+        """
+        layout = self.crane.layout
+        form = affine_form(self.controller, times, positions, 2 * layout.n)
+        if form is None:
+            return None
+        scale, added = np.ones(2 * layout.n), np.zeros(2 * layout.n)
+        scale[layout.index("l") :: layout.n] += self.share  # position and rate
+        added[layout.index("l")] = self.offset
+        of_drives = scale[layout.drives]
+        return replace(
+            form,
+            gain=form.gain / scale,
+            setpoint=scale * form.setpoint + added,
+            target=of_drives * form.target + added[layout.drives],
+            integral_gain=form.integral_gain / of_drives,
+            integral=of_drives * form.integral,
+        )
+
+    def resume(self, t: float, integral: np.ndarray) -> None:
+        """Resume a run, see `cranedyn.controllers.affine.Stateful`."""
+        if isinstance(self.controller, Stateful):
+            scale = 1.0 + self.share * self.crane.layout.along("l")
+            self.controller.resume(t, integral / scale)
 
 
 UNOBSERVED = "The observer goes by efforts, not by the rates of converters."
@@ -115,14 +174,9 @@ def make(
     Raises:
         CraneError: If the run breaks off, or the plan has no motion that an observer could go by.
     """
-    values = {
-        **perturbation.values,
-        **(
-            {}
-            if perturbation.load == 1.0
-            else {"payload_mass": perturbation.load * setup.crane.payload_mass}
-        ),
-    }
+    values = dict(perturbation.values)
+    if perturbation.load != 1.0:
+        values["payload_mass"] = perturbation.load * setup.crane.payload_mass
     crane = setup.variant(**values) if values else setup.crane
     misread = perturbation.cable, perturbation.offset
     first, last = (_stretched(crane, end, *misread) for end in move.ends(setup.crane))
@@ -149,7 +203,8 @@ def make(
         )
     if any(misread):
         controller = Misread(crane, controller, *misread)
-    duration = instant(setup, plan.arrives + after)
+    duration = instant(plan.arrives + after, setup.control_period)
+    disturbance = perturbation.disturbance
     run = setup.simulate(
         crane,
         controller,
@@ -158,9 +213,7 @@ def make(
         duration=duration,
         label=label,
         drive=plan.drive,
-        disturbance=perturbation.disturbance(crane, plan.arrives)
-        if perturbation.disturbance
-        else None,
+        disturbance=disturbance(crane, plan.arrives) if disturbance else None,
     )
     return run, score(crane, last, run, plan.arrives)
 

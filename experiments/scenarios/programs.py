@@ -1,16 +1,28 @@
-"""Runs by name, not made but handed on: to engines that are not ours."""
+"""Gazebo Classic: a folder with the crane, the world, a plugin that runs an affine controller from
+tables, and what builds and runs it.
+
+The runs are those of the experiments, by name: not made but handed on to an engine that is not
+ours. From Python, `cranedyn.bridges.gazebo.export` takes any program.
+"""
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any, NoReturn
 
+from cranedyn.bridges.gazebo import SOLVERS, export
 from cranedyn.bridges.programs import Program
 from cranedyn.errors import DataError, UnknownName
+from cranedyn.model.description import parse_values
 from experiments import a1, a2, a3, energy
 from experiments.harness import Setup
-from experiments.scenarios.moves import AFTER, MOVES
+from experiments.scenarios.moves import MOVES
+from experiments.scenarios.perturbations import make
 from experiments.scenarios.strategies import FLAT, STRATEGIES
+
+TARGET = "DIR"
 
 RUNS = ("a1", "a2", "a3", "swing", "move")
 """Free swing, hoisting, slewing, the swing of the energy ledger, and the combined move of the
@@ -42,18 +54,8 @@ class _Asking(Setup):
         label: str,
         **options: Any,
     ) -> NoReturn:
-        raise _Asked(
-            Program(
-                crane,
-                controller,
-                reference,
-                start,
-                duration,
-                self.dt,
-                self.control_period,
-                options.get("drive", "effort"),
-            )
-        )
+        clocks, drive = (self.dt, self.control_period), options.get("drive", "effort")
+        raise _Asked(Program(crane, controller, reference, start, duration, *clocks, drive))
 
 
 def program(
@@ -79,8 +81,6 @@ def program(
     ):
         if value is not None and name not in users:
             raise DataError(f"{flag} has no effect on the run {name}; leave it out.")
-    if name == "move":
-        return _move(setup, FLAT if strategy is None else strategy)
     asking = _Asking(**{field.name: getattr(setup, field.name) for field in fields(setup)})
     along = _LENGTH if length is None else length
     try:
@@ -90,27 +90,48 @@ def program(
             a2.run(asking)
         elif name == "a3":
             a3.run(asking)
-        else:
+        elif name == "swing":
             energy.run(asking, asking.crane, energy.SWING, along, energy.AUDIT)
+        elif (strategy := strategy or FLAT) in STRATEGIES:
+            make(asking, MOVES[-1], STRATEGIES[strategy](asking, MOVES[-1]))
+        else:
+            raise UnknownName("strategy", strategy, STRATEGIES)
     except _Asked as asked:
         return asked.program
     raise AssertionError(name)  # every experiment runs something
 
 
-def _move(setup: Setup, strategy: str) -> Program:
-    if strategy not in STRATEGIES:
-        raise UnknownName("strategy", strategy, STRATEGIES)
-    move = MOVES[-1]
-    plan = STRATEGIES[strategy](setup, move)
-    start = move.ends(setup.crane)[0]
-    duration = setup.control_period * round((plan.arrives + AFTER) / setup.control_period)
-    return Program(
-        setup.crane,
-        plan.controller(),
-        plan.reference,
-        start,
-        duration,
-        setup.dt,
-        setup.control_period,
-        plan.drive,
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments beside the folder and the crane."""
+    add = parser.add_argument
+    text = "what to run: a1, a2, a3, swing or move"
+    add("--experiment", default="a1", metavar="RUN", help=text)
+    text = f"cable length of a1 and swing [m] (default {_LENGTH:g})"
+    add("--length", type=float, metavar="L", help=text)
+    text = "strategy of a move, such as 'flat + LQR' (default), see experiments.compare"
+    add("--strategy", metavar="NAME", help=text)
+    add("--solver", default="world", choices=SOLVERS, help="ODE's solver")
+    text = "ODE's error reduction in a step"
+    add("--erp", type=float, default=0.8, metavar="SHARE", help=text)
+    text = "control instants from one row of the log to the next"
+    add("--every", type=int, default=1, metavar="N", help=text)
+    text = "set the rates of the passive joints to zero at every step"
+    add("--overwritten", action="store_true", help=text)
+
+
+def run(options: argparse.Namespace) -> Path:
+    """Write the run that the command line names, and return its folder."""
+    if options.urdf is not None:
+        raise DataError(
+            "--urdf has no effect here: the runs are those of this project's crane; from Python, "
+            "export takes any program."
+        )
+    setup = Setup(options.gravity, parse_values(options.values))
+    return export(
+        options.target,
+        program(options.experiment, setup, length=options.length, strategy=options.strategy),
+        solver=options.solver,
+        erp=options.erp,
+        every=options.every,
+        overwritten=options.overwritten,
     )

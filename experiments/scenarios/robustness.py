@@ -1,12 +1,12 @@
 """What a chunk of the sweep is: strategies for the combined move, planned once each, by many cranes
-that are not quite those planned for.
+that are not quite those planned for, perhaps in everything at once, drawn at random.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -21,12 +21,19 @@ from cranedyn.dynamics.validity import conditions, hoisting, valid
 from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.references.shaped import Shaper, shaped, shaped_hoisting, zv, zvd
-from cranedyn.references.simple import spline
-from cranedyn.theory import point_period
+from cranedyn.references.shaped import zv, zvd
+from cranedyn.sweep import Design, cross, grid
 from experiments.harness.setup import Setup
-from experiments.scenarios import strategies as strategies
-from experiments.scenarios.moves import DRAG, MOVES, RestToRest
+from experiments.scenarios import shaping, strategies
+from experiments.scenarios.moves import (
+    DRAG,
+    MOVES,
+    MovePlan,
+    Planner,
+    RestToRest,
+    instant,
+    on_converters,
+)
 
 COMBINED = MOVES[-1]
 
@@ -37,37 +44,12 @@ CLOCKS = ("gravity_m_s2", "dt_s", "control_period_s")
 """Columns of a design that say in which world it takes place, the same in every case."""
 
 
-def _shaped_spline(shaper: Shaper) -> Callable[[Setup, RestToRest], strategies.MovePlan]:
-    """Return a plan of a shorter spline, shaped for the mean cable length, ending with the move."""
-
-    def plan(setup: Setup, move: RestToRest) -> strategies.MovePlan:
-        period = strategies.mean_period(setup, move)
-        base = spline(
-            setup.crane,
-            move.ends(setup.crane)[0],
-            [move.goal],
-            [move.duration - period * float(shaper.fractions[-1])],
-        )
-        reference = shaped(base, shaper, period)
-        return strategies.followed(setup, reference, move.duration)
-
-    return plan
-
-
-def _shaped_for_moving_cable(setup: Setup, move: RestToRest) -> strategies.MovePlan:
-    """Plan a shorter spline, shaped for a cable of varying length."""
-    shorter = move.duration - float(point_period(move.goal[2], setup.crane.gravity)) / 2.0
-    base = spline(setup.crane, move.ends(setup.crane)[0], [move.goal], [shorter])
-    reference = shaped_hoisting(setup.crane, base, zv(), shorter, step=setup.control_period)
-    return strategies.followed(setup, reference, move.duration)
-
-
-SWEPT: dict[str, Callable[[Setup, RestToRest], strategies.MovePlan]] = {
+SWEPT: dict[str, Planner] = {
     strategies.PD: strategies.STRATEGIES[strategies.PD],
     "spline alone": strategies.STRATEGIES["spline alone"],
-    "spline + ZV": _shaped_spline(zv()),
-    "spline + ZVD": _shaped_spline(zvd()),
-    "spline + ZV for a moving cable": _shaped_for_moving_cable,
+    "spline + ZV": shaping.shaped_plan(zv(), shaping.spline_base),
+    "spline + ZVD": shaping.shaped_plan(zvd(), shaping.spline_base),
+    "spline + ZV for a moving cable": shaping.plan_for_moving_cable(shaping.spline_base),
     strategies.PAPER: strategies.STRATEGIES[strategies.PAPER],
     strategies.LQR: strategies.STRATEGIES[strategies.LQR],
     strategies.FLAT: strategies.STRATEGIES[strategies.FLAT],
@@ -96,7 +78,7 @@ def robustness(cases: Cases) -> dict[str, np.ndarray]:
         cases: Columns ``strategy``; ``duration_s`` planned for the move; ``load``, mass of the
             payload over that planned for; ``cable_error_m``, by how much the cable is longer than
             measured; those of `CLOCKS`. Where there are: ``drive``, "ideal" or "velocity"; and of
-            moves that are drawn, those of `experiments.scenarios.drawn.drawn`.
+            moves that are drawn, those of `drawn`.
 
     Returns:
         Columns: largest swing and amplitude of the swing 10 s after the arrival [rad]; distance of
@@ -127,21 +109,16 @@ def robustness(cases: Cases) -> dict[str, np.ndarray]:
 @lru_cache(maxsize=64)
 def _planned(
     gravity: float, dt: float, control_period: float, strategy: str, duration: float, drive: str
-) -> tuple[strategies.MovePlan, RestToRest]:
+) -> tuple[MovePlan, RestToRest]:
     """Plan a move by a strategy, once for all chunks of a process."""
     setup = Setup(gravity, dt=dt, control_period=control_period)
     move = replace(COMBINED, duration=duration)
     plan = STRATEGIES[strategy](setup, move)
-    return (plan if drive == IDEAL else strategies.on_converters(setup, plan)), move
-
-
-def arrival(setup: Setup, plan: strategies.MovePlan, move: RestToRest) -> float:
-    """Return the arrival time of a move [s]; its duration where the plan states none."""
-    return strategies.instant(setup, plan.arrives or move.duration)
+    return (plan if drive == IDEAL else on_converters(setup, plan)), move
 
 
 def _made(
-    setup: Setup, plan: strategies.MovePlan, move: RestToRest, cases: Cases
+    setup: Setup, plan: MovePlan, move: RestToRest, cases: Cases
 ) -> list[tuple[str, np.ndarray]]:
     """Simulate moves by one plan as a batch and return the columns of results."""
     began = time.process_time()
@@ -149,8 +126,9 @@ def _made(
     cranes = [_crane(setup.gravity, mass) for mass in masses]
     errors, drawn = cases["cable_error_m"], "noise" in cases
     start, goal = (_longer(setup.crane, end, errors) for end in move.ends(setup.crane))
-    arrives = arrival(setup, plan, move)
-    ends = strategies.instant(setup, arrives + AFTER)
+    # A plan that states no arrival has the duration of the move for it.
+    arrives = instant(plan.arrives or move.duration, setup.control_period)
+    ends = instant(arrives + AFTER, setup.control_period)
     times = setup.control_period * np.arange(round(ends / setup.control_period) + 1)
     stride = max(1, round(_ROWS / setup.control_period))
     if plan.drive == "motion":  # drives that follow exactly know where they are
@@ -277,3 +255,66 @@ def _longer(crane: Crane, state: State, by: np.ndarray) -> State:
 def _crane(gravity: float, payload_mass: float) -> Crane:
     """Return the crane with another load, cached by load."""
     return Setup(gravity).variant(payload_mass=payload_mass)
+
+
+RANGES = {
+    "load": (0.5, 1.5),
+    "cable_error_m": (-1.5, 1.5),
+    "gust_m_s": (0.0, 12.0),
+    "gust_to_rad": (-math.pi, math.pi),
+    "gust_at_s": (0.0, 8.0),
+    "gust_lasts_s": (4.0, 8.0),
+    "noise": (0.0, 2.0),
+    "delay": (0.0, 5.0),
+    "lag": (0.5, 2.0),
+}
+"""Between which numbers each is drawn, all of them alike likely: mass of the payload over that
+planned for; length of the cable less that measured; a gust of wind, its largest speed, where it
+blows to as an angle from the world's +X, when it begins and how long it lasts; noise of the sensors
+as a multiple of `sensor_model.noise_of`; by how many control periods they are late,
+0 to 4; lags of frequency converters over the typical ones."""
+
+LEVELS = 129
+"""How many different loads there are, evenly, so that not every case needs a crane of its own."""
+
+UNBATCHED = {
+    strategies.MPC: "its optimiser is called from Python; the compiled one stands for it",
+    strategies.YIELD: "its rates are not affine in the state",
+}
+"""Strategies that no batch runs, and why."""
+
+DRAWN = [name for name in strategies.STRATEGIES if name not in UNBATCHED]
+"""Those that are drawn for."""
+
+
+def drawn(setup: Setup, names: Sequence[str], drive: str, count: int, seed: int) -> Design:
+    """Draw the same cases for each strategy; fewer of one seed are the first of more.
+
+    Args:
+        setup: Where it takes place.
+        names: Of strategies.
+        drive: "ideal" or "velocity".
+        count: Cases for each strategy.
+        seed: Of the random numbers.
+
+    Raises:
+        CraneError: If the table would not fit the memory.
+    """
+    plans = grid(
+        strategy=list(names),
+        drive=drive,
+        duration_s=COMBINED.duration,
+        gravity_m_s2=setup.gravity,
+        dt_s=setup.dt,
+        control_period_s=setup.control_period,
+        seed=seed,
+    )
+    low, high = np.array(list(RANGES.values())).T
+    shares = np.random.default_rng(seed).random((count, len(RANGES)))
+    columns = dict(zip(RANGES, (low + (high - low) * shares).T, strict=True))
+    lightest, heaviest = RANGES["load"]
+    columns["load"] = np.linspace(lightest, heaviest, LEVELS)[
+        np.rint((columns["load"] - lightest) / (heaviest - lightest) * (LEVELS - 1)).astype(int)
+    ]
+    columns["delay"] = np.floor(columns["delay"])
+    return cross(plans, Design(columns | {"number": np.arange(count, dtype=float)}))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,8 +14,10 @@ from cranedyn.lifting import factors, wind
 from cranedyn.lifting.loads import hanging_mass, loads_of_rows
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from experiments.oracles.reading import locked
+from experiments.oracles.bench import locked
 from experiments.relatives.catalogue import POINT
+from experiments.scenarios.moves import instant
+from experiments.standards.formulas import Compared
 
 if TYPE_CHECKING:
     from cranedyn.compiled.batch import Batch
@@ -36,33 +38,7 @@ _LOAD, _LEAN, _LENGTH, _SPEED = 1000.0, 0.005, 10.0, 0.5
 _DT, _PERIOD = 5e-4, 5e-3
 
 
-class Derived(NamedTuple):
-    """A factor by its formula and by simulation.
-
-    Attributes:
-        name: Which.
-        means: How it was simulated.
-        formula: By the function of `cranedyn.lifting`.
-        simulated: In simulation.
-    """
-
-    name: str
-    means: str
-    formula: float
-    simulated: float
-
-    @property
-    def difference(self) -> float:
-        """By how much they differ, relative."""
-        return self.simulated / self.formula - 1.0
-
-    @property
-    def holds(self) -> bool:
-        """Whether they agree."""
-        return abs(self.difference) < AGREES
-
-
-def derived(gravity: float) -> list[Derived]:
+def derived(gravity: float) -> list[Compared]:
     """Derive all factors by simulation, in a gravity [m/s²]."""
     return [
         *_pick_ups(),
@@ -74,15 +50,15 @@ def derived(gravity: float) -> list[Derived]:
     ]
 
 
+def _derived(name: str, means: str, formula: float, simulated: float) -> Compared:
+    return Compared(name, means, formula, simulated, AGREES)
+
+
 def _simulated(crane: Crane, controller: Hold, **options: Any) -> Batch:
     """Run `cranedyn.compiled.batch.simulate_batch`, which needs the extra `compiled`."""
     from cranedyn.compiled.batch import simulate_batch
 
     return simulate_batch(crane, controller, **{"dt": _DT, "control_period": _PERIOD, **options})
-
-
-def _whole_periods(duration: float) -> float:
-    return _PERIOD * math.ceil(duration / _PERIOD)
 
 
 def _hoist(slope: float, mass: float = _LOAD) -> Crane:
@@ -104,7 +80,7 @@ def _coast(crane: Crane, start: State, duration: float, force: np.ndarray | None
         crane,
         locked(crane),
         start=[start],
-        duration=_whole_periods(duration),
+        duration=instant(duration, _PERIOD),
         drive="motion",
         force=force,
         record=1,
@@ -117,7 +93,7 @@ def _pulls(crane: Crane, batch: Batch) -> np.ndarray:
     return pull / (hanging_mass(crane) * crane.gravity)
 
 
-def _pick_ups() -> Iterator[Derived]:
+def _pick_ups() -> Iterator[Compared]:
     """Pick up a load: the rope carries it, it still stands, and the drum already turns."""
     for name, hoisting_class in factors.HOISTING.items():
         crane = _hoist(hoisting_class.slope)
@@ -127,23 +103,23 @@ def _pick_ups() -> Iterator[Derived]:
             crane, State(crane.start.q, v), 0.6 * 2.0 * math.pi / (hoisting_class.slope * _HEAVY)
         )
         slope = (float(_pulls(crane, batch).max()) - 1.0) / _SPEED
-        yield Derived(f"β2 of {name} [s/m]", "pick-up", hoisting_class.slope, slope)
+        yield _derived(f"β2 of {name} [s/m]", "pick-up", hoisting_class.slope, slope)
 
 
-def _releases() -> Iterator[Derived]:
+def _releases() -> Iterator[Compared]:
     """Let go a part of a load that hangs: at once, or evenly over a time."""
     slope = factors.HOISTING["HC4"].slope
     period = 2.0 * math.pi / (slope * _HEAVY)
     for share in (0.2, 0.4):
         least_pull = _least_pull(slope, share, 0.0)
         name = f"φ3, {share:g} let go at once"
-        yield Derived(name, "release", factors.phi_3(share), least_pull)
+        yield _derived(name, "release", factors.phi_3(share), least_pull)
     share, periods = 0.4, 0.6034
     # The part that is left bounces faster.
     lasts = periods * period * math.sqrt(1.0 - share)
     least_pull = _least_pull(slope, share, lasts)
     name, formula = "φ3, 0.4 let go slowly", factors.phi_3(share, factors.SLOW_RELEASE)
-    yield Derived(name, "release", formula, least_pull)
+    yield _derived(name, "release", formula, least_pull)
 
 
 def _least_pull(slope: float, share: float, lasts: float) -> float:
@@ -163,7 +139,7 @@ def _least_pull(slope: float, share: float, lasts: float) -> float:
     return float(_pulls(relieved, batch)[after].min()) * (1.0 - share)
 
 
-def _braked(gravity: float) -> Iterator[Derived]:
+def _braked(gravity: float) -> Iterator[Compared]:
     """Brake a carriage by a constant force: whenever it stands, the load swings on.
 
     A crane does not know how fast it goes as a whole. So one run under the force tells of brakings
@@ -189,13 +165,13 @@ def _braked(gravity: float) -> Iterator[Derived]:
         )
         period = 2.0 * math.pi / math.sqrt(gravity / _LENGTH * (1.0 + ratio))
         run = _simulated(
-            crane, controller, start=[crane.start], duration=_whole_periods(period), record=1
+            crane, controller, start=[crane.start], duration=instant(period, _PERIOD), record=1
         )
         psi = float(_swings_on(crane, run).max()) / _LEAN
-        yield Derived(f"ψ_h at μ = {ratio:g}", "braking", factors.psi_h(ratio), psi)
+        yield _derived(f"ψ_h at μ = {ratio:g}", "braking", factors.psi_h(ratio), psi)
 
 
-def _regulated(gravity: float) -> Iterator[Derived]:
+def _regulated(gravity: float) -> Iterator[Compared]:
     """Accelerate a trolley evenly, whatever the load does, for some part of a period."""
     crane = load_crane(gravity=gravity, trolley_init=5.0, hoist_init=_LENGTH, **POINT)
     zero = np.zeros(crane.layout.m)
@@ -216,7 +192,7 @@ def _regulated(gravity: float) -> Iterator[Derived]:
     for beta in DURATIONS:
         psi = float(swings[round(1200.0 * beta)]) / _LEAN
         formula = factors.psi_h_regulated(beta)
-        yield Derived(f"ψ_h at β = {beta:.3g}", "pushes", formula, psi)
+        yield _derived(f"ψ_h at β = {beta:.3g}", "pushes", formula, psi)
 
 
 def _swings_on(crane: Crane, run: Batch) -> np.ndarray:
@@ -224,12 +200,12 @@ def _swings_on(crane: Crane, run: Batch) -> np.ndarray:
     q, v = run.q[0], run.v[0].copy()
     v[:, crane.layout.drives] = 0.0
     period = 2.0 * math.pi * math.sqrt(_LENGTH / crane.gravity)
-    start, duration = State(q, v), _whole_periods(1.1 * period)
+    start, duration = State(q, v), instant(1.1 * period, _PERIOD)
     batch = _simulated(crane, locked(crane), start=start, duration=duration, drive="motion")
     return batch.peak_swing
 
 
-def _blown(gravity: float) -> Iterator[Derived]:
+def _blown(gravity: float) -> Iterator[Compared]:
     """Blow at a load that hangs plumb by a wind that comes at once and stays."""
     crane = load_crane(gravity=gravity, payload_mass=_LOAD, hoist_init=_LENGTH, **POINT)
     for speed, area in ((20.0, 4.0), (28.5, 10.0)):
@@ -239,10 +215,10 @@ def _blown(gravity: float) -> Iterator[Derived]:
         batch = _coast(crane, crane.start, 8.0, rows)
         formula = wind.gust_lean(force, _LOAD, gravity)
         name = f"lean in {speed:g} m/s on {area:g} m² [rad]"
-        yield Derived(name, "gust", formula, float(batch.peak_swing[0]))
+        yield _derived(name, "gust", formula, float(batch.peak_swing[0]))
 
 
-def _stopped(gravity: float) -> Iterator[Derived]:
+def _stopped(gravity: float) -> Iterator[Compared]:
     crane = load_crane(gravity=gravity, trolley_init=20.0, hoist_init=_LENGTH, **POINT)
     zero, rate, braking = np.zeros(crane.layout.m), 0.8 * math.pi / 30.0, 0.02
     angle, lasts = factors.stopping(rate, braking)
@@ -259,4 +235,4 @@ def _stopped(gravity: float) -> Iterator[Derived]:
         drive="motion",
     )
     turned = float(batch.end.q[0, crane.layout.index("gamma")])
-    yield Derived("slew stops within [rad]", "braking", angle, turned)
+    yield _derived("slew stops within [rad]", "braking", angle, turned)

@@ -18,10 +18,10 @@ from cranedyn.model.crane import Crane
 from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.references.shaped import shaped, zv
 from experiments.harness import Setup
-from experiments.oracles.reading import locked
-from experiments.relatives.catalogue import POINT, ROPE
-from experiments.relatives.modes import crane_ea
-from experiments.scenarios.moves import LIMITS, MOVES, RestToRest
+from experiments.oracles.bench import locked
+from experiments.relatives.catalogue import POINT, ROPE, at_start, rope_stiffness
+from experiments.scenarios.moves import LIMITS, MOVES, RestToRest, instant
+from experiments.scenarios.perturbations import make
 from experiments.scenarios.strategies import FASTEST, FLAT, STRATEGIES
 
 CONTROLLED = ("operator", "operator + ZV", FASTEST, FLAT)
@@ -96,16 +96,8 @@ def across(setup: Setup) -> list[Need]:
 
 
 def _moved(setup: Setup, move: RestToRest, strategy: str) -> Need:
-    plan, crane = STRATEGIES[strategy](setup, move), setup.crane
-    run = setup.simulate(
-        crane,
-        plan.controller(),
-        plan.reference,
-        start=move.ends(crane)[0],
-        duration=setup.control_period * math.ceil((plan.arrives + AFTER) / setup.control_period),
-        label=f"{move.name}, {strategy}",
-        drive=plan.drive,
-    )
+    crane, plan = setup.crane, STRATEGIES[strategy](setup, move)
+    run, _ = make(setup, move, plan, label=f"{move.name}, {strategy}", after=AFTER)
     columns = loads(crane, run)
     lead = columns["off_lead_rad" if move.name == "trolley" else "side_lead_rad"]
     pull = float(np.abs(columns["pull_N"] * np.tan(lead)).max())
@@ -121,8 +113,8 @@ def upwards(setup: Setup) -> list[Need]:
     this rope: 1 + v ω/g at full speed.
     """
     crane = ROPE.crane(gravity=setup.gravity, **POINT)
-    length = float(crane.start.q[crane.layout.index("l")])
-    omega = theory.rope_bounce(crane_ea(crane), length, crane.payload_mass)
+    length = at_start(crane, "l")
+    omega = theory.rope_bounce(rope_stiffness(crane), length, crane.payload_mass)
     allowed = theory.pickup_factor(_FULL, omega, crane.gravity)
     return [_taken_up(setup, crane, hoisting, omega, allowed) for hoisting in HOISTINGS]
 
@@ -134,7 +126,7 @@ def _taken_up(setup: Setup, crane: Crane, hoisting: PickUp, omega: float, allowe
     if hoisting.speed:
         start.v[crane.layout.at("l", "rope_stretch")] = -hoisting.speed, hoisting.speed
         controller = locked(crane)
-        duration = setup.control_period * math.ceil(2.0 * math.pi / omega / setup.control_period)
+        duration = instant(2.0 * math.pi / omega, setup.control_period)
     else:
         reference = _lifted(crane, hoisting.shaped, omega)
         controller, duration = follow(crane, reference, setup.control_period), _WATCHED

@@ -90,3 +90,11 @@ def write_csv(path: Path, **columns: np.ndarray) -> None:
     """Write columns with all their digits."""
     table, header = np.stack(list(columns.values()), axis=1), ",".join(columns)
     np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.17g")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark as slow what reads a whole experiment."""
+    for item in items:
+        if "ran" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.slow)

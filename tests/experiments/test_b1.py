@@ -11,12 +11,9 @@ import pytest
 from cranedyn import theory
 from cranedyn.analysis.swing import settling_time, swing_amplitude
 from experiments.b1 import SHOWN as STRATEGIES
-from experiments.harness.document import read_document
-from experiments.harness.outcome import ResultTable
-from experiments.report import page
 from experiments.scenarios.moves import MOVES
 from tests.experiments.conftest import Ran
-from tests.helpers import FAST, ROOT
+from tests.helpers import FAST
 
 
 @pytest.fixture(scope="module")
@@ -24,21 +21,13 @@ def result(ran: Callable[..., Ran]) -> Ran:
     return ran("b1", "--engine", FAST)
 
 
-def test_every_claim_holds(result: Ran) -> None:
-    assert [claim["holds"] for claim in result.result["claims"]] == [True] * 4
-
-
-def test_every_way_is_scored_on_every_move_and_the_spline_alone_among_them(
-    result: Ran,
-) -> None:
+def test_every_way_is_scored_on_every_move_and_the_spline_alone_among_them(result: Ran) -> None:
     for table, move in zip(result.result["tables"], MOVES, strict=True):
         assert move.name in table["title"]
         assert [row[0] for row in table["rows"]] == list(STRATEGIES)
 
 
-def test_the_spline_alone_on_the_trolley_leaves_the_swing_of_the_closed_form(
-    result: Ran,
-) -> None:
+def test_the_spline_alone_on_the_trolley_leaves_the_swing_of_the_closed_form(result: Ran) -> None:
     # Quintic of 10 m in 20 s on 15 m of cable: what a linear pendulum of the reduced length keeps;
     # 16 mrad is small (A²/16 = 2e-5).
     length = 15.0 + 500.0 / (1000.0 * 15.0)
@@ -46,26 +35,6 @@ def test_the_spline_alone_on_the_trolley_leaves_the_swing_of_the_closed_form(
     row = result.result["tables"][0]["rows"][0]
     # finite swing on the way (26 mrad) and damp_swing change it by some 1e-4
     assert row[3] == pytest.approx(closed, rel=2e-3)
-
-
-@pytest.mark.parametrize("document", ["docs/results/control.md"])
-def test_documents_show_the_tables_as_printed(document: str, result: Ran) -> None:
-    assert (
-        read_document(ROOT / document, "b1").stale(
-            [ResultTable.of(kept) for kept in result.result["tables"]]
-        )
-        == []
-    )
-
-
-def test_figures_and_trajectories_are_written(result: Ran) -> None:
-    names = {path.name for path in result.folder.iterdir()}
-    assert {f"{kind}_{move.name}.png" for kind in ("tracking", "swing") for move in MOVES} <= names
-    assert {"b1.rrd", "b1_combined_paper_lqr_pid.csv", "b1_combined_flat_lqr.parquet"} <= names
-
-
-def test_the_report_shows_the_result(result: Ran) -> None:
-    assert '<section id="b1">' in page([result.folder])
 
 
 def test_swing_amplitude_of_a_free_swing_is_its_amplitude_at_any_time() -> None:

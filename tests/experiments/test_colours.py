@@ -4,8 +4,6 @@ payload.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -19,8 +17,8 @@ from cranedyn.recording.scene import looks, payload_entity
 from cranedyn.recording.series import plots, series_table, time_series_view
 from experiments import harness
 from experiments.demo import in_step
-from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import TOUR_LIMITS
+from experiments.scenarios.strategies import strategy_colour
 from experiments.scenarios.tours import CONTROLS
 from tests.helpers import crane, quickly
 
@@ -33,10 +31,10 @@ def moving() -> Trajectory:
 def _inks(runs: list[Run], name: str) -> list[list[int]]:
     """Packed colours of the curves of each run of a plot."""
     view = time_series_view(name, runs, [series_table(run) for run in runs])
-    found = []
-    for visualizers in view.visualizer_overrides.values():
-        found.append([int(one.overrides[0].as_arrow_array()[0].as_py()) for one in visualizers])
-    return found
+    return [
+        [int(one.overrides[0].as_arrow_array()[0].as_py()) for one in visualizers]
+        for visualizers in view.visualizer_overrides.values()
+    ]
 
 
 def _packed(colour: str) -> int:
@@ -46,18 +44,14 @@ def _packed(colour: str) -> int:
 
 def test_a_run_has_one_colour_in_the_scene_and_in_every_plot(moving: Trajectory) -> None:
     runs = [Run(name, crane(), moving) for name in ("one", "two", "three")]
-    assert (
-        colours(runs) == [look.colour for look in looks(runs)] == [run_colour(i) for i in range(3)]
-    )
+    expected = [run_colour(i) for i in range(3)]
+    assert colours(runs) == [look.colour for look in looks(runs)] == expected
     for name, shown in plots(crane().layout).items():
         if name == "energy":
             continue
         for inks, colour in zip(_inks(runs, name), colours(runs), strict=True):
-            own = [
-                ink
-                for ink, curve in zip(inks, shown.curves, strict=True)
-                if curve.quantity not in ("setpoint", "limit")
-            ]
+            curves = zip(inks, shown.curves, strict=True)
+            own = [ink for ink, curve in curves if curve.quantity not in ("setpoint", "limit")]
             assert set(own) == {_packed(colour)}
 
 
@@ -93,17 +87,13 @@ def test_the_second_view_follows_the_payload(moving: Trajectory) -> None:
     run = Run("one", crane(), moving)
     view = payload_view([run])
     eye = view.properties["EyeControls3D"]
-    assert (
-        eye.tracking_entity.as_arrow_array()[0].as_py()
-        == payload_entity(run)
-        == "/one/scene/hook_link/box"
-    )
+    tracked = eye.tracking_entity.as_arrow_array()[0].as_py()
+    assert tracked == payload_entity(run) == "/one/scene/hook_link/box"
 
 
-@pytest.mark.parametrize("control", ["shaped"])
-def test_the_tour_without_control_waits_for_the_other_leg_by_leg(control: str) -> None:
-    setup = replace(harness.Setup(), engine="pinocchio")
-    leader, _ = CONTROLS[control](setup, TOUR_LIMITS, 12.0)
+def test_the_tour_without_control_waits_for_the_other_leg_by_leg() -> None:
+    setup = harness.Setup()
+    leader, _ = CONTROLS["shaped"](setup, TOUR_LIMITS, 12.0)
     bare, _ = CONTROLS["none"](setup, TOUR_LIMITS, 12.0)
     both = in_step(bare, leader)
     for one, other, before in zip(both.stages, leader.stages, bare.stages, strict=True):

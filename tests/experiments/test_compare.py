@@ -24,6 +24,7 @@ from experiments.harness.outcome import ResultTable
 from experiments.report import page
 from experiments.scenarios.moves import LIMITS, MOVES, SWINGING, RestToRest, Score
 from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, Perturbation, make
+from experiments.scenarios.shaping import joystick_move
 from experiments.scenarios.strategies import (
     FASTEST,
     FLAT,
@@ -32,7 +33,6 @@ from experiments.scenarios.strategies import (
     PD,
     STRATEGIES,
     TIME,
-    joystick_move,
 )
 from tests.experiments.conftest import Ran
 from tests.helpers import FAST, ROOT

@@ -13,7 +13,13 @@ from experiments.compare import claims, runs, tables
 from experiments.compare.runs import Results, StrategyResult
 from experiments.harness.document import read_document
 from experiments.harness.outcome import ResultTable
-from experiments.scenarios.moves import CLOSE, MOVES, SWINGING, Score
+from experiments.scenarios.moves import (
+    CLOSE,
+    MOVES,
+    SWINGING,
+    Score,
+    on_converters,
+)
 from experiments.scenarios.perturbations import NOMINAL, UNOBSERVED
 from experiments.scenarios.strategies import (
     COMPILED_MPC,
@@ -25,7 +31,6 @@ from experiments.scenarios.strategies import (
     PD,
     STRATEGIES,
     TO_GOAL,
-    on_converters,
 )
 from tests.helpers import FAST, ROOT
 

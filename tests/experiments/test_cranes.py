@@ -4,7 +4,6 @@ all of it.
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 
@@ -35,10 +34,7 @@ from cranedyn.recording.dashboard import extent
 from cranedyn.references import hold, ramp
 from cranedyn.references.shaped import zv
 from cranedyn.simulation.simulate import simulate
-from experiments import cranes
-from experiments.harness.document import read_document
-from experiments.harness.outcome import ResultTable
-from experiments.oracles.reading import locked
+from experiments.oracles.bench import locked
 from experiments.relatives.catalogue import (
     BEND,
     BRIDGE,
@@ -49,10 +45,11 @@ from experiments.relatives.catalogue import (
     ROPE,
     TWIST,
     Relative,
+    at_start,
     moved,
     relative_crane,
 )
-from tests.helpers import ROOT, big_crane, crane
+from tests.helpers import big_crane, crane
 from tests.rrd import numbers, rows
 
 each = pytest.mark.parametrize("relative", RELATIVES, ids=[relative.name for relative in RELATIVES])
@@ -77,11 +74,10 @@ def test_a_double_pendulum_has_the_published_frequencies(
 
 
 def test_a_tower_that_twists_has_the_frequencies_derived_by_hand() -> None:
-    found = theory.twisting_tower(1e6, 2e7, 20.0, 15.0, 2000.0, STANDARD_GRAVITY)
-    assert_allclose(found, (0.79786094, 4.53213150), atol=5e-9)
-    assert theory.twisting_tower(1e6, 2e7, 20.0, 15.0, 2000.0, STANDARD_GRAVITY, trolley=500.0)[
-        1
-    ] == pytest.approx(4.13761079, abs=5e-9)
+    tower = 1e6, 2e7, 20.0, 15.0, 2000.0, STANDARD_GRAVITY
+    assert_allclose(theory.twisting_tower(*tower), (0.79786094, 4.53213150), atol=5e-9)
+    _, fast = theory.twisting_tower(*tower, trolley=500.0)
+    assert fast == pytest.approx(4.13761079, abs=5e-9)
 
 
 def test_a_double_pendulum_with_a_load_that_weighs_nothing_is_two_pendulums() -> None:
@@ -90,11 +86,10 @@ def test_a_double_pendulum_with_a_load_that_weighs_nothing_is_two_pendulums() ->
 
 
 def test_a_rigid_tower_leaves_the_pendulum() -> None:
-    stiff = theory.twisting_tower(1e6, 1e15, 20.0, 15.0, 2000.0, STANDARD_GRAVITY)
-    assert stiff[0] == pytest.approx(math.sqrt(STANDARD_GRAVITY / 15.0), rel=1e-7)
-    assert theory.bending_tower(1e6, 1e15, 0.0, 28.0, 15.0, 2000.0, STANDARD_GRAVITY)[
-        0
-    ] == pytest.approx(stiff[0], rel=1e-7)
+    length, load, pendulum = 15.0, 2000.0, math.sqrt(STANDARD_GRAVITY / 15.0)
+    twisting = theory.twisting_tower(1e6, 1e15, 20.0, length, load, STANDARD_GRAVITY)
+    bending = theory.bending_tower(1e6, 1e15, 0.0, 28.0, length, load, STANDARD_GRAVITY)
+    assert_allclose([twisting[0], bending[0]], pendulum, rtol=1e-7)
 
 
 @pytest.mark.parametrize("modes", [(), (0.7,), (0.7, 4.4)])
@@ -108,20 +103,15 @@ def test_convolved_shapers_leave_the_product_of_what_each_leaves(modes: tuple[fl
 
 @each
 def test_springs_push_down_their_energy_and_the_tangent_is_how_they_do(relative: Relative) -> None:
-    springs = relative_crane(relative).springs
-    rng, h = np.random.default_rng(1), 1e-30
+    springs, h = relative_crane(relative).springs, 1e-30
     n = len(springs.rest)
-    q = rng.uniform(0.5, 2.0, n)
-    ways = q + 1j * h * np.eye(n)
-    energies = np.array([springs.energy(way).imag / h for way in ways])
+    q, ways = np.random.default_rng(1).uniform(0.5, 2.0, n), np.eye(n)
+    energies = np.array([springs.energy(q + 1j * h * way).imag / h for way in ways])
     assert_allclose(springs.effort(q), -energies, rtol=1e-13, atol=1e-9)
-
-    def effort(way: np.ndarray) -> np.ndarray:
-        return (springs.effort(q + 1e-6 * way) - springs.effort(q - 1e-6 * way)) / 2e-6
-
-    assert_allclose(
-        np.array([effort(way) for way in np.eye(n)]).T, -springs.tangent(q), rtol=1e-6, atol=1e-3
-    )
+    slopes = [
+        (springs.effort(q + 1e-6 * way) - springs.effort(q - 1e-6 * way)) / 2e-6 for way in ways
+    ]
+    assert_allclose(np.array(slopes).T, -springs.tangent(q), rtol=1e-6, atol=1e-3)
 
 
 @each
@@ -135,9 +125,8 @@ def test_a_crane_hangs_where_nothing_accelerates_and_its_energy_has_the_springs(
     assert np.isfinite(by_state).all()
     away = moved(c, **{c.layout.symbols[i]: 0.01 for i in c.layout.passive})
     stored = float(c.springs.energy(away.q)) if c.springs.any else 0.0
-    assert energy(c, away) == pytest.approx(
-        float(pin.computeMechanicalEnergy(c.model, c.data, *away)) + stored, rel=1e-15
-    )
+    rigid = float(pin.computeMechanicalEnergy(c.model, c.data, *away))
+    assert energy(c, away) == pytest.approx(rigid + stored, rel=1e-15)
 
 
 @each
@@ -162,30 +151,21 @@ def test_the_linear_crane_has_its_springs(relative: Relative) -> None:
 
 def test_a_rope_stretches_by_its_load_over_its_stiffness_at_its_length() -> None:
     c = relative_crane(ROPE)
-    length = c.start.q[c.layout.index("l")]
-    expected = c.payload_mass * c.gravity * length / 3e6
-    assert c.start.q[c.layout.index("rope_stretch")] == pytest.approx(expected, rel=1e-12)
-    assert rope_tension(c, c.start, holding_effort(c, c.start.q)) == pytest.approx(
-        c.payload_mass * c.gravity, rel=1e-12
-    )
+    weight = c.payload_mass * c.gravity
+    stretch = weight * at_start(c, "l") / 3e6
+    assert at_start(c, "rope_stretch") == pytest.approx(stretch, rel=1e-12)
+    # a drum that is braked hard pushes the hoist joint, while the rope stays taut
+    for effort in (holding_effort(c, c.start.q), np.array([0.0, 0.0, 1e4])):
+        assert rope_tension(c, c.start, effort) == pytest.approx(weight, rel=1e-12)
 
 
 @pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 def test_a_rope_that_is_not_stretched_any_more_is_slack(engine: str) -> None:
     c = ROPE.crane(**POINT)
     lifted = moved(c, rope_stretch_dot=-3.0)  # thrown up by more than what the rope holds
-    with pytest.raises(
-        RunError, match=r"the rope would have to push, its tension is -.* N; a rope goes slack"
-    ):
+    words = r"the rope would have to push, its tension is -.* N; a rope goes slack"
+    with pytest.raises(RunError, match=words):
         simulate(c, locked(c), start=lifted, duration=1.0, drive="motion", engine=engine)  # type: ignore[arg-type]
-
-
-def test_the_tension_of_a_rope_that_stretches_is_not_the_force_of_its_drum() -> None:
-    """A drum that is braked hard pushes the hoist joint, while the rope stays taut."""
-    c = relative_crane(ROPE)
-    assert rope_tension(c, c.start, np.array([0.0, 0.0, 1e4])) == pytest.approx(
-        c.payload_mass * c.gravity, rel=1e-12
-    )
 
 
 @pytest.mark.parametrize(
@@ -221,15 +201,8 @@ def test_free_modes_are_normal_and_keep_their_amplitudes(relative: Relative) -> 
     assert_allclose(modes.weights @ modes.shapes, np.eye(len(modes.passive)), atol=1e-9)
     q = c.start.q.copy()
     q[modes.passive] += 1e-5 * modes.shapes.sum(axis=1) / np.abs(modes.shapes).max()
-    run = simulate(
-        c,
-        locked(c),
-        start=State(q, c.start.v),
-        duration=0.5,
-        dt=2e-4,
-        control_period=5e-2,
-        drive="motion",
-    )
+    clocks = {"duration": 0.5, "dt": 2e-4, "control_period": 5e-2}
+    run = simulate(c, locked(c), start=State(q, c.start.v), drive="motion", **clocks)
     kept = modes.amplitudes(run.q, run.v)
     ripple = modes.frequencies.max() * 2e-4 / 2.0  # of the step: ω dt/2
     assert_allclose(kept, np.broadcast_to(kept[0], kept.shape), rtol=1.2 * ripple + 2e-4)
@@ -250,28 +223,25 @@ def test_amplitudes_of_rows_of_another_crane_are_refused() -> None:
 
 
 def test_a_joint_that_a_spring_holds_is_believed_to_stand_as_still_as_a_drive() -> None:
-    for relative, symbol in ((TWIST, "tower_twist"), (BEND, "tower_bend_x"), (JIB, "jib_bend")):
+    for relative, symbol, like in (
+        (TWIST, "tower_twist", "gamma"),
+        (BEND, "tower_bend_x", "gamma"),
+        (JIB, "jib_bend", "gamma"),
+        (HOOK, "sling_radial", "phi"),
+    ):
         c = relative_crane(relative)
-        assert (
-            initial_std_of(c)[c.layout.index(symbol)] == initial_std_of(c)[c.layout.index("gamma")]
-        )
-        assert (
-            disturbance_of(c)[c.layout.index(symbol)] == disturbance_of(c)[c.layout.index("gamma")]
-        )
-    hooked = relative_crane(HOOK)
-    assert (
-        initial_std_of(hooked)[hooked.layout.index("sling_radial")]
-        == initial_std_of(hooked)[hooked.layout.index("phi")]
-    )
+        joint, drive = c.layout.index(symbol), c.layout.index(like)
+        assert initial_std_of(c)[joint] == initial_std_of(c)[drive]
+        if like == "gamma":
+            assert disturbance_of(c)[joint] == disturbance_of(c)[drive]
 
 
 def test_forces_in_steps_are_the_same_forces() -> None:
     c = load_crane(rope_stiffness=2e7, rope_damping=300.0, tower_twist_stiffness=2e7)
     state, dt = State(c.start.q + 0.01, c.start.v + 0.2), 1e-3
     joint = JointForces.of(c)
-    assert_allclose(
-        joint.in_steps(dt).effort(state.q, dt * state.v), dt * dt * joint.effort(*state), rtol=1e-14
-    )
+    in_steps = joint.in_steps(dt).effort(state.q, dt * state.v)
+    assert_allclose(in_steps, dt * dt * joint.effort(*state), rtol=1e-14)
 
 
 # --- the recordings -------------------------------------------------------------------------------
@@ -284,14 +254,8 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Run], Path]
     for relative in (HOOK, BRIDGE):
         c = relative_crane(relative)
         start = moved(c, **{c.layout.symbols[i]: 0.1 for i in c.swings})
-        runs.append(
-            Run(
-                relative.name,
-                c,
-                simulate(c, locked(c), start=start, duration=0.5, drive="motion"),
-                (0.0, 0.0, 0.0),
-            )
-        )
+        run = simulate(c, locked(c), start=start, duration=0.5, drive="motion")
+        runs.append(Run(relative.name, c, run, (0.0, 0.0, 0.0)))
     return runs, record(tmp_path_factory.mktemp("pictures") / "two.rrd", runs, title="t")
 
 
@@ -299,39 +263,28 @@ def test_cranes_of_several_layouts_stand_in_one_recording_each_with_its_own_colu
     pictures: tuple[list[Run], Path],
 ) -> None:
     runs, path = pictures
-    for run in runs:
-        _, found = numbers(path, run.name.replace(" ", r"\ "))
-        assert {joint.symbol for joint in run.crane.layout.joints} <= {
-            name.rpartition("_")[0] for name in found
-        }
-
-
-def test_a_joint_may_be_called_radial_and_keeps_its_name_in_degrees(
-    pictures: tuple[list[Run], Path],
-) -> None:
-    (hooked, _), path = pictures
-    _, found = numbers(path, hooked.name.replace(" ", r"\ "))
-    assert_allclose(found["sling_radial_deg"], np.degrees(hooked.trajectory["sling_radial_rad"]))
-    assert_allclose(
-        found["sling_radial_dot_deg_s"], np.degrees(hooked.trajectory["sling_radial_dot_rad_s"])
-    )
+    found = [numbers(path, run.name.replace(" ", r"\ "))[1] for run in runs]
+    for run, columns in zip(runs, found, strict=True):
+        symbols = {joint.symbol for joint in run.crane.layout.joints}
+        assert symbols <= {name.rpartition("_")[0] for name in columns}
+    # a joint may be called radial and keeps its name in degrees
+    hooked = runs[0].trajectory
+    for name in ("sling_radial", "sling_radial_dot"):
+        unit = "_s" if name.endswith("dot") else ""
+        degrees = np.degrees(hooked[f"{name}_rad{unit}"])
+        assert_allclose(found[0][f"{name}_deg{unit}"], degrees)
 
 
 def test_the_outline_of_the_setpoint_hangs_where_the_slung_load_hangs_at_rest(
     pictures: tuple[list[Run], Path],
 ) -> None:
     (hooked, _), path = pictures
-    _, place = rows(
-        path,
-        f"{hooked.name.replace(' ', chr(92) + ' ')}/joints/setpoint",
-        "Transform3D:translation",
-    )
+    name = hooked.name.replace(" ", r"\ ")
+    _, place = rows(path, f"{name}/joints/setpoint", "Transform3D:translation")
     # The load's shape in the frame of its link, a sling below the hook.
     body = np.array([0.0, 0.0, -5.0])
-    # float32.
-    assert_allclose(
-        place[0] + body, payload_position(hooked.crane, hooked.crane.start.q), atol=1e-5
-    )
+    load = payload_position(hooked.crane, hooked.crane.start.q)
+    assert_allclose(place[0] + body, load, atol=1e-5)  # float32
 
 
 @each
@@ -348,34 +301,10 @@ def test_all_that_can_be_seen_of_a_crane_is_in_its_box(relative: Relative) -> No
 def test_hoisting_a_stretching_rope_steadily_does_not_make_it_bounce() -> None:
     """As the cable shortens the stretch shrinks with it: s = m g l/EA at every length."""
     c = ROPE.crane(**POINT)
-    start = moved(c, l_dot=-0.2)
-    start.v[c.layout.index("rope_stretch")] = (
-        -0.2 * start.q[c.layout.index("rope_stretch")] / start.q[c.layout.index("l")]
-    )
+    shrinks = -0.2 * at_start(c, "rope_stretch") / at_start(c, "l")
+    start = moved(c, l_dot=-0.2, rope_stretch_dot=shrinks)
     reference = ramp(c, hold(c, start), "l", -2.0, rate=0.2, at=0.0)
-    run = simulate(
-        c,
-        follow(c, reference, 5e-3),
-        reference,
-        start=start,
-        duration=2.5,
-        dt=2.5e-3,
-        drive="motion",
-    )
+    drives, how = follow(c, reference, 5e-3), {"duration": 2.5, "dt": 2.5e-3, "drive": "motion"}
+    run = simulate(c, drives, reference, start=start, **how)
     share = run["rope_stretch_m"] / run["l_m"] * 3e6 / (c.payload_mass * c.gravity)
     assert np.abs(share - 1.0).max() < 5e-4
-
-
-# --- the experiment, last since it takes longest --------------------------------------------------
-
-
-def test_every_claim_of_the_experiment_holds_and_none_goes_unjudged(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("mujoco")
-    assert cranes.main(["--out", str(tmp_path / "cranes")]) == 0
-    assert "25 of 25 claims hold, 0 not judged." in capsys.readouterr().out
-    assert (tmp_path / "cranes" / "cranes.rrd").stat().st_size > 1e6
-    kept = json.loads((tmp_path / "cranes" / "result.json").read_text())["tables"]
-    document = read_document(ROOT / "docs" / "results" / "cranes.md", "cranes")
-    assert document.stale([ResultTable.of(one) for one in kept]) == []

@@ -1,73 +1,80 @@
-"""The demo: legs, dwells, streaming, and that nothing is lost when it is stopped or killed."""
+"""The demo: legs, dwells, streaming, a run without end in bounded memory, and that nothing is lost
+when it is stopped or killed.
+"""
 
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from rerun.chunk import RrdReader
 
 from cranedyn.controllers import hold_controller
-from cranedyn.data.trajectory import Trajectory, join, read
+from cranedyn.data.trajectory import QUANTITIES, Trajectory, join, read
 from cranedyn.planning.itinerary import ARTICLE_TOUR, Leg, itinerary
 from cranedyn.recording import Live
 from experiments import demo, harness
-from experiments.endless import Dwell, Dwells
-from experiments.report import page
 from experiments.scenarios.moves import residual
-from tests.helpers import FAST, ROOT, crane
+from tests.experiments.conftest import Ran
+from tests.helpers import FAST, ROOT, crane, files
 from tests.told import missing
 
 RATES = (0.08, 0.8, 0.8)
 """Of the article: slew [rad/s], trolley and hoist [m/s]."""
 
+WORLD = harness.Setup(engine=FAST)
+TOUR = itinerary(WORLD.crane, WORLD.crane.start, ARTICLE_TOUR, rates=RATES, dwell=3.0)
+
 
 def times(file: Path) -> np.ndarray:
     """Every time at which numbers stand in a recording [s], increasing."""
-    found = [np.zeros(0)]
+    return np.array(sorted(rows(file))) / 1e9
+
+
+def rows(file: Path) -> dict[int, dict[str, float]]:
+    """The numbers in a recording by their times [ns]."""
+    found = {}
     for chunk in RrdReader(str(file)).stream():
         batch = chunk.to_record_batch()
-        if "Run:row" in "".join(batch.schema.names):
-            column = next(i for i, name in enumerate(batch.schema.names) if "sim_time" in name)
-            found.append(batch.column(column).cast("int64").to_numpy() / 1e9)
-    return np.unique(np.concatenate(found).round(9))
+        names = batch.schema.names
+        if "Run:row" in names:
+            (clock,) = (i for i, name in enumerate(names) if "sim_time" in name)
+            t = batch.column(clock).cast("int64").to_pylist()
+            numbers = batch.column(names.index("Run:row")).to_pylist()
+            found |= dict(zip(t, (row[0] for row in numbers), strict=True))
+    return found
+
+
+# --- the tour -------------------------------------------------------------------------------------
 
 
 def test_the_tour_visits_the_published_targets_and_returns() -> None:
-    tour = itinerary(crane(), crane().start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
-    arrivals = [tour(stage.arrival).position for stage in tour.stages]
+    arrivals = [TOUR(stage.arrival).position for stage in TOUR.stages]
     assert [a[1] for a in arrivals[:4]] == [20.0, 20.0, 20.0, 6.0]
     assert [a[2] for a in arrivals[:4]] == [15.0, 24.0, 10.0, 10.0]
     assert arrivals[4][0] == 0.6
-    np.testing.assert_allclose(arrivals[-1], crane().start.q[[0, 1, 4]])
+    assert_allclose(arrivals[-1], crane().start.q[[0, 1, 4]])
 
 
-def test_no_drive_exceeds_its_rate_or_jumps_over_two_cycles() -> None:
-    tour = itinerary(crane(), crane().start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
-    t = np.arange(0.0, 2 * tour.duration, 0.05)
-    position = np.array([tour(s).position for s in t])
-    # 1e-9: rounding of the differences
-    assert (
-        np.abs(np.diff(position, axis=0) / 0.05).max(axis=0) <= np.array(RATES) * (1 + 1e-9)
-    ).all()
-
-
-def test_every_dwell_stands_still_as_long_as_asked_for() -> None:
-    tour = itinerary(crane(), crane().start, ARTICLE_TOUR, rates=RATES, dwell=2.5)
-    for stage in tour.stages:
-        assert stage.end - stage.arrival == pytest.approx(2.5)
-        np.testing.assert_array_equal(
-            tour(stage.arrival + 0.1).position, tour(stage.end - 0.1).position
-        )
-        assert not tour(stage.arrival + 0.1).velocity.any()
+def test_no_drive_exceeds_its_rate_and_every_dwell_stands_still_as_long_as_asked_for() -> None:
+    position = np.array([TOUR(t).position for t in np.arange(0.0, 2 * TOUR.duration, 0.05)])
+    fastest = np.abs(np.diff(position, axis=0) / 0.05).max(axis=0)
+    assert (fastest <= np.array(RATES) * (1 + 1e-9)).all()  # rounding of the differences
+    for stage in TOUR.stages:
+        assert stage.end - stage.arrival == pytest.approx(3.0)
+        resting, leaving = TOUR(stage.arrival + 0.1), TOUR(stage.end - 0.1)
+        assert_array_equal(resting.position, leaving.position)
+        assert not resting.velocity.any()
 
 
 @pytest.mark.parametrize(
@@ -92,160 +99,252 @@ def test_an_impossible_tour_is_refused_with_a_sentence(
         itinerary(crane(), crane().start, legs, rates=rates, dwell=dwell)
 
 
-def test_pieces_joined_are_the_run_in_one_go_to_the_bit() -> None:
-    setup = harness.Setup()
-    tour = itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
-    joined = join(list(demo.pieces(setup, tour, hold_controller(setup.crane), 3.0)))
-    whole = setup.simulate(
-        setup.crane,
-        hold_controller(setup.crane),
-        tour,
-        start=setup.crane.start,
-        duration=3.0,
-        label="",
-    )
-    # velocities pass through the unit of the step at every seam: one rounding each, 1e-16 of values
-    # up to 1, grown over 3 s
-    np.testing.assert_allclose(joined.q, whole.q, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(joined.work, whole.work, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(joined.t, whole.t, rtol=0, atol=1e-12)
-
-
-def test_residual_is_the_amplitude_of_a_known_swing() -> None:
-    t = np.linspace(0.0, 20.0, 4001)
-    q = np.zeros((4001, 5))
-    q[:, 2], q[:, 3] = 0.03 * np.cos(t), 0.04 * np.sin(t)
-    empty = np.zeros((4001, 3))
-    run = Trajectory(
-        t,
-        q,
-        0 * q,
-        empty,
-        empty,
-        empty,
-        0 * t,
-        empty,
-        0 * t,
-        np.zeros((4001, 6)),
-        np.zeros((4001, 2)),
-        0 * t + 1,
-        crane().layout.columns(),
-    )
-    assert residual(run) == pytest.approx(0.05, rel=1e-5)  # 4001 samples meet the tops within 1e-6
+# --- pieces ---------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("demo")
-    assert demo.main(["--cycles", "1", "--engine", FAST, "--out", str(folder / "demo")]) == 0
-    return folder / "demo"
+def pieces() -> list[Trajectory]:
+    return list(demo.pieces(WORLD, TOUR, hold_controller(WORLD.crane), TOUR.duration + 20.0))
 
 
-def test_the_load_keeps_swinging_in_every_dwell_and_the_table_says_how_much(done: Path) -> None:
-    result = json.loads((done / "result.json").read_text())
-    rows = result["tables"][0]["rows"]
-    assert [row[0] for row in rows] == [leg.name for leg in ARTICLE_TOUR]
-    left = [row[2] for row in rows]
+def test_pieces_joined_are_the_run_in_one_go(pieces: list[Trajectory]) -> None:
+    joined, c = join([piece for piece in pieces if piece.t[-1] < 3.0 + 1e-9]), WORLD.crane
+    whole = WORLD.simulate(
+        c, hold_controller(c), TOUR, start=c.start, duration=float(joined.t[-1]), label=""
+    )
+    # velocities pass through the unit of the step at every seam: one rounding each, 1e-16 of values
+    # up to 1, grown over 3 s
+    assert_allclose(joined.q, whole.q, rtol=0, atol=1e-12)
+    assert_allclose(joined.work, whole.work, rtol=0, atol=1e-6)
+    assert_allclose(joined.t, whole.t, rtol=0, atol=1e-12)
+
+
+def test_residual_is_the_amplitude_of_a_known_swing(pieces: list[Trajectory]) -> None:
+    run = join(pieces).before(20.0)
+    swing = np.zeros_like(run.q)
+    swing[:, 2], swing[:, 3] = 0.03 * np.cos(run.t), 0.04 * np.sin(run.t)
+    # rows 5 ms apart meet the tops within 1e-5
+    assert residual(replace(run, q=swing)) == pytest.approx(0.05, rel=1e-5)
+
+
+def test_memory_holds_two_parts_at_most_and_the_files_hold_the_rest(
+    pieces: list[Trajectory], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(demo.endless, "PART", 7.0)
+    record = demo.endless.EndlessRecord(tmp_path / "demo.parquet")
+    for piece in pieces:
+        record.append(piece)
+        last = record.last()
+        assert last.t[-1] == piece.t[-1]
+        assert last.t[-1] - last.t[0] < 14.0
+    names = [part.name for part in record.parts[:3]]
+    assert names == [f"demo_from_{begin}s.parquet" for begin in (0, 7, 14)]
+    parts, whole = [*map(read, record.parts), record.last()], join(pieces)
+    for name in set(QUANTITIES) - {"work", "dissipated", "outside"}:
+        together = np.concatenate([getattr(part, name) for part in parts])
+        assert_array_equal(together, getattr(whole, name))
+    for part in parts:
+        assert not part.work[0].any() and not part.outside[0].any() and part.dissipated[0] == 0.0
+        unexplained = whole.unexplained[(whole.t >= part.t[0]) & (whole.t <= part.t[-1])]
+        # 1e-7: sums up to 2e6 J that begin at another row round at 5e-10 each
+        assert_allclose(part.unexplained, unexplained - unexplained[0], rtol=0, atol=1e-7)
+
+
+def test_what_is_left_in_the_dwells_is_the_same_from_pieces_as_from_the_whole_run(
+    pieces: list[Trajectory],
+) -> None:
+    dwells, whole = demo.endless.Dwells(TOUR, WORLD.control_period), join(pieces)
+    told = [dwell for piece in pieces if (dwell := dwells.add(piece)) is not None]
+    assert told == dwells.rows
+    assert [row.leg for row in dwells.rows[:7]] == [leg.name for leg in ARTICLE_TOUR]
+    stages = ((c, s) for c in (0.0, TOUR.duration) for s in TOUR.stages)
+    for row, (cycle, stage) in zip(dwells.rows, stages, strict=False):
+        rest = whole.between(cycle + stage.arrival, cycle + stage.end)
+        assert row.arrival == cycle + stage.arrival
+        assert row.swing == pytest.approx(1000.0 * residual(rest), rel=1e-12)
+        assert row.deviation == pytest.approx(row.swing * rest.q[-1, 4], rel=1e-12)
+
+
+def test_a_live_recording_shows_the_energy_of_the_whole_run_not_of_its_pieces(
+    pieces: list[Trajectory], tmp_path: Path
+) -> None:
+    few = [piece for piece in pieces if piece.t[-1] < 2.0 + 1e-9]
+    with Live(WORLD.crane, "demo", title="Live", file=tmp_path / "live.rrd") as live:
+        for piece in few:
+            live.append(piece)
+    whole, shown = join(few), [row for _, row in sorted(rows(tmp_path / "live.rrd").items())]
+    for name, expected, rounding in (
+        ("W_x_J", whole["W_x_J"], 1e-9),
+        (
+            "unexplained_J",
+            whole.unexplained,
+            1e-7,
+        ),  # energies of 2e5 J are sums that round at 3e-11
+        ("energy_J", whole.energy - whole.energy[0], 1e-9),
+    ):
+        assert_allclose([row[name] for row in shown], expected, rtol=0, atol=rounding)
+
+
+# --- the command ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def done(ran: Callable[..., Ran]) -> Ran:
+    return ran("demo", "--cycles", "1", "--engine", FAST)
+
+
+def test_the_load_keeps_swinging_in_every_dwell_and_the_table_says_how_much(done: Ran) -> None:
+    table = done.result["tables"][0]["rows"]
+    assert [row[0] for row in table] == [leg.name for leg in ARTICLE_TOUR]
+    left = [row[2] for row in table]
     assert min(left) > 1.0
     assert missing([f"{min(left):.0f} to {max(left):.0f} mrad"], "README.md") == []
-    run = read(done / "demo.parquet")
+    run = read(done.folder / "demo.parquet")
     last = run.between(run.t[-1] - 6.0, run.t[-1])
-    assert 1000 * residual(last) == pytest.approx(rows[-1][2], rel=1e-6)
-
-
-def test_the_report_shows_the_result(done: Path) -> None:
-    assert '<section id="demo">' in page([done])
+    assert 1000 * residual(last) == pytest.approx(table[-1][2], rel=1e-6)
+    assert_allclose(times(done.folder / "demo.rrd"), run.t, rtol=0, atol=1e-9)
 
 
 def test_what_the_first_leg_leaves_is_the_closed_forms_and_that_of_another_lag_is_not(
-    done: Path, monkeypatch: pytest.MonkeyPatch
+    done: Ran, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    claims = json.loads((done / "result.json").read_text())["claims"]
-    assert [claim["holds"] for claim in claims] == [True, True]
-    setup, run = harness.Setup(), read(done / "demo.parquet")
-    tour = itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
-    dwells = Dwells(tour, setup.control_period)
+    assert (done.code, done.failed()) == (0, [])
+    run = read(done.folder / "demo.parquet")
+    tour = itinerary(WORLD.crane, WORLD.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
+    dwells = demo.endless.Dwells(tour, WORLD.control_period)
     dwells.add(run.between(0.0, tour.stages[0].end))
-    assert [claim.holds for claim in demo._bare(setup, tour, dwells)] == [True, True]
+    assert [claim.holds for claim in demo._bare(WORLD, tour, dwells)] == [True, True]
     monkeypatch.setattr(demo, "DAMPING", {"trolley": 4.0 * demo.DAMPING["trolley"]})
-    dwells.rows = [Dwell("leg", 0.0, 100.0, 9.0)]  # 9 mm at the hook count as settled
-    assert [claim.holds for claim in demo._bare(setup, tour, dwells)] == [False, False]
+    dwells.rows = [demo.endless.Dwell("leg", 0.0, 100.0, 9.0)]  # 9 mm at the hook count as settled
+    assert [claim.holds for claim in demo._bare(WORLD, tour, dwells)] == [False, False]
 
 
 def test_flat_paths_may_leave_what_sampling_makes_of_the_swing_and_no_more() -> None:
-    setup = harness.Setup()
-    dwells = Dwells(
-        itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0),
-        setup.control_period,
-    )
+    dwells = demo.endless.Dwells(TOUR, WORLD.control_period)
     dwells.peak, dwells.shortest = 0.04, 10.0
-    most = np.sqrt(setup.gravity / 10.0) * 2.5e-3 * 40.0  # mrad
+    most = np.sqrt(WORLD.gravity / 10.0) * 2.5e-3 * 40.0  # mrad
     for left, holds in ((0.99 * most, True), (1.01 * most, False)):
-        dwells.rows = [Dwell("leg", 0.0, left, 0.0)]
-        assert demo._nothing(setup, dwells).holds == holds
+        dwells.rows = [demo.endless.Dwell("leg", 0.0, left, 0.0)]
+        assert demo._nothing(WORLD, dwells).holds == holds
 
 
-def test_the_recording_of_a_finished_demo_holds_every_instant(done: Path) -> None:
-    run = read(done / "demo.parquet")
-    np.testing.assert_allclose(times(done / "demo.rrd"), run.t, rtol=0, atol=1e-9)
+def test_the_controlled_demo_has_no_swing_worth_the_name_and_is_recorded_over_that_without(
+    ran: Callable[..., Ran],
+) -> None:
+    flat = ran("demo", "--control", "flat", "--cycles", "1", "--engine", FAST)
+    assert (flat.code, flat.failed()) == (0, [])
+    after, before = flat.result["tables"]
+    assert max(row[2] for row in after["rows"]) < 0.1
+    assert min(row[2] for row in before["rows"]) > 50.0
+    assert {"demo.csv", "demo_before.csv", "demo.rrd", "swing.png"} <= {*files(flat.folder)}
+    recording = (flat.folder / "demo.rrd").read_bytes()
+    assert b"with flat" in recording and b"without control" in recording
 
 
-def start(folder: Path) -> subprocess.Popen[bytes]:
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+@pytest.mark.parametrize("control", ["none", "flat"])
+def test_a_long_demo_leaves_its_parts_and_its_last_minutes(
+    control: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ran: Callable[..., Ran]
+) -> None:
+    monkeypatch.setattr(demo.endless, "PART", 12.0)
+    monkeypatch.setattr(demo, "RECORDED", 14.0)
+    words = "--cycles 0.3 --dwell 1 --control".split()
+    long = ran("demo", *words, control, "--engine", FAST)
+    parts = [read(long.folder / name) for name in long.result["parameters"]["earlier_parts"]]
+    last = read(long.folder / "demo.parquet")
+    t = np.concatenate([part.t for part in (*parts, last)])
+    assert_allclose(t, 0.005 * np.arange(len(t)), rtol=0, atol=1e-9)
+    assert len(parts) >= 1 and last.t[-1] - last.t[0] < 24.0
+    note = f"What happened before t = {last.t[0]:.0f} s is in demo_from_0s.parquet"
+    assert note in long.result["tables"][0]["note"]
+    earlier = [times(path) for path in long.folder.glob("demo_from_*.rrd")]
+    assert_allclose(np.unique(np.concatenate(earlier)), t, rtol=0, atol=1e-9)
+    assert_allclose(times(long.folder / "demo.rrd"), last.t, rtol=0, atol=1e-9)
+    if control != "none":
+        bare = read(long.folder / "demo_before.parquet")
+        assert bare.t[0] == 0.0 and bare.t[-1] == pytest.approx(24.0)
+        assert len(long.result["tables"][1]["rows"]) >= 1
+
+
+def test_a_short_demo_has_no_parts(ran: Callable[..., Ran]) -> None:
+    short = ran("demo", "--cycles", "0.01", "--engine", FAST)
+    names = "demo.csv demo.parquet demo.rrd result.json swing.png swing.svg"
+    assert files(short.folder) == names.split()
+
+
+def test_a_rate_that_ends_between_control_instants_loses_no_leg_and_units_are_printed(
+    ran: Callable[..., Ran],
+) -> None:
+    made = ran("demo", *"--cycles 1 --rate-x 0.7 --dwell 1 --engine".split(), FAST)
+    assert made.text.count("the load still swings") == len(ARTICLE_TOUR)
+    assert {"residual", "swing", "[mrad]"} <= set(made.text.split())  # a head may fold
+    assert len(made.result["tables"][0]["rows"]) == len(ARTICLE_TOUR)
+
+
+def _start(folder: Path, *words: str) -> subprocess.Popen[str]:
     """A demo in a process of its own, already writing."""
-    command = [sys.executable, "-m", "experiments.demo", "--pace", "20", "--out", str(folder)]
-    process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=ROOT
-    )
+    command = [sys.executable, "-m", "experiments.demo", *words, "--out", str(folder)]
+    pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+    process = subprocess.Popen(command, text=True, cwd=ROOT, **pipes)
     for _ in range(600):
         # While its first bytes are being written it is no recording yet.
         with contextlib.suppress(RuntimeError, ValueError):
-            if (folder / "demo.rrd").is_file() and len(times(folder / "demo.rrd")) > 100:
+            if (folder / "demo.rrd").is_file() and len(rows(folder / "demo.rrd")) > 100:
                 return process
         time.sleep(0.05)
     process.kill()
     raise AssertionError("the demo did not begin to write within 30 s")
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_ctrl_c_leaves_everything_complete(tmp_path: Path) -> None:
-    process = start(tmp_path / "demo")
+def test_ctrl_c_ends_a_demo_with_its_comparison_soon_and_leaves_everything_complete(
+    tmp_path: Path,
+) -> None:
+    """What would have run without control is simulated alongside, so that nothing is left to
+    simulate when Ctrl-C comes.
+    """
+    folder = tmp_path / "demo"
+    process = _start(folder, *"--control shaped --pace 20 --engine".split(), FAST)
     process.send_signal(signal.SIGINT)
-    try:
-        assert process.wait(30) == 0
-    finally:
-        process.kill()
-    run = read(tmp_path / "demo" / "demo.parquet")
+    _, error = process.communicate(timeout=30)
+    assert (process.returncode, error) == (0, "")
+    run, bare = read(folder / "demo.parquet"), read(folder / "demo_before.parquet")
     assert run.t[-1] >= 0.5  # the first piece at least
-    np.testing.assert_allclose(times(tmp_path / "demo" / "demo.rrd"), run.t, rtol=0, atol=1e-9)
+    assert bare.t[-1] == pytest.approx(run.t[-1], abs=0.51)  # a piece at most
+    assert_allclose(times(folder / "demo.rrd"), run.t, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="kill -9 is a signal of POSIX")
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
 def test_a_killed_demo_leaves_a_file_that_opens(tmp_path: Path) -> None:
-    process = start(tmp_path / "demo")
+    process = _start(tmp_path / "demo", "--pace", "20")
     process.send_signal(signal.SIGKILL)
-    process.wait(30)
+    process.communicate(timeout=30)
     t = times(tmp_path / "demo" / "demo.rrd")
     assert t[0] == 0.0
     assert t[-1] >= 0.5  # the first piece at least
     # no gap: rows every 5 ms, times to the nanosecond
-    np.testing.assert_allclose(np.diff(t), 0.005, rtol=0, atol=2e-9)
+    assert_allclose(np.diff(t), 0.005, rtol=0, atol=2e-9)
 
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--rate-x", "0"], "rate limit of x is 0.0 m/s"),
-        (["--dwell", "-1"], "dwell is -1.0 s"),
-        (["--cycles", "0"], "cycles is 0.0"),
-        (["--pace", "-2", "--cycles", "1"], "pace is -2.0"),
-        (["--set", "trolley_max:=15"], "x at the start is 20.0 m; allowed is 2 to 15"),
-        (["--payload-mass", "0"], "payload_mass is 0.0 kg"),
-        (["--view", "--cycles", "1"], "--serve"),
+        ("--rate-x 0", "rate limit of x is 0.0 m/s"),
+        ("--dwell -1", "dwell is -1.0 s"),
+        ("--cycles 0", "cycles is 0.0"),
+        ("--cycles 1e-9", "cycles is 1e-09; allowed is 3.82e-05 or more, one control period"),
+        ("--pace -2 --cycles 1", "pace is -2.0"),
+        ("--set trolley_max:=15", "x at the start is 20.0 m; allowed is 2 to 15"),
+        ("--payload-mass 0", "payload_mass is 0.0 kg"),
+        ("--view --cycles 1", "--serve"),
+        ("--control shaped --dwell 2 --cycles 1", "so it must be that at least"),
     ],
 )
 def test_bad_input_is_one_sentence_and_nothing_written(
-    words: list[str],
+    words: str,
     sentence: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -253,74 +352,8 @@ def test_bad_input_is_one_sentence_and_nothing_written(
 ) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    assert demo.main([*words, "--out", str(tmp_path / "demo")]) == 2
+    assert demo.main([*words.split(), "--out", str(tmp_path / "demo")]) == 2
     error = capsys.readouterr().err
     assert sentence in error
     assert error.count("\n") == 1
     assert not (tmp_path / "demo").exists()
-
-
-def test_a_live_recording_shows_the_energy_of_the_whole_run_not_of_its_pieces(
-    tmp_path: Path,
-) -> None:
-    setup = harness.Setup(engine=FAST)
-    tour = itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
-    pieces = list(demo.pieces(setup, tour, hold_controller(setup.crane), 2.0))
-    with Live(setup.crane, "demo", title="Live", file=tmp_path / "live.rrd") as live:
-        for piece in pieces:
-            live.append(piece)
-    rows = {}
-    for chunk in RrdReader(str(tmp_path / "live.rrd")).stream():
-        batch = chunk.to_record_batch()
-        names = batch.schema.names
-        if "Run:row" in names:
-            t = (
-                batch.column(next(i for i, n in enumerate(names) if "sim_time" in n))
-                .cast("int64")
-                .to_pylist()
-            )
-            rows |= dict(
-                zip(
-                    t,
-                    [row[0] for row in batch.column(names.index("Run:row")).to_pylist()],
-                    strict=True,
-                )
-            )
-    whole = join(pieces)
-    shown = [rows[t] for t in sorted(rows)]
-    np.testing.assert_allclose([row["W_x_J"] for row in shown], whole["W_x_J"], rtol=0, atol=1e-9)
-    # 1e-7: energies of 2e5 J are sums that round at 3e-11
-    np.testing.assert_allclose(
-        [row["unexplained_J"] for row in shown], whole.unexplained, rtol=0, atol=1e-7
-    )
-    np.testing.assert_allclose(
-        [row["energy_J"] for row in shown], whole.energy - whole.energy[0], rtol=0, atol=1e-9
-    )
-
-
-def test_a_rate_that_ends_between_control_instants_loses_no_leg_and_units_are_printed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert (
-        demo.main(
-            [
-                "--cycles",
-                "1",
-                "--rate-x",
-                "0.7",
-                "--dwell",
-                "1",
-                "--engine",
-                FAST,
-                "--out",
-                str(tmp_path / "demo"),
-            ]
-        )
-        == 0
-    )
-    printed = capsys.readouterr().out
-    assert printed.count("the load still swings") == len(ARTICLE_TOUR)
-    assert {"residual", "swing", "[mrad]"} <= set(printed.split())  # a head may fold
-    assert len(
-        json.loads((tmp_path / "demo" / "result.json").read_text())["tables"][0]["rows"]
-    ) == len(ARTICLE_TOUR)

@@ -18,13 +18,20 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.interfaces import Setpoint, State
 from experiments import linear_vs_full
-from experiments.linear.model import Drives, Miss, all_rates, dropped, integrate, miss, paper
-from experiments.linear.runs import LinearCase, reaches
-from experiments.linear.sites import SITES, Job, jobs, short_slews, slow_slews
+from experiments.linear.model import Miss, all_rates, dropped, integrate, miss, paper
+from experiments.linear.moves import (
+    SITES,
+    Job,
+    LinearCase,
+    SiteCrane,
+    jobs,
+    reaches,
+    short_slews,
+    slow_slews,
+)
 from experiments.linear_vs_full import ALONE, OF_SLEWING
-from experiments.report import page
 from tests.experiments.conftest import Ran
-from tests.helpers import FAST, G, big_crane, crane, files, moved
+from tests.helpers import FAST, G, big_crane, crane, moved
 from tests.told import missing
 
 
@@ -36,44 +43,28 @@ def result(ran: Callable[..., Ran]) -> Ran:
 # --- the command ----------------------------------------------------------------------------------
 
 
-def test_every_claim_holds(result: Ran) -> None:
-    assert result.code == 0 and result.failed() == []
-    assert len(result.result["claims"]) == 6
-
-
 def test_the_readme_tells_its_largest_errors(result: Ran) -> None:
     rows = [row for site in SITES for row in result.table(f"{site.name}: error")]
     alone = [row["both rms [%]"] for row in rows if row["move"] in ALONE]
     slewing = [row["both rms [%]"] for row in rows if row["move"].startswith("slew")]
-    assert (
-        missing(
-            [f"at most {max(alone):.1f} %; {min(slewing):.0f} to {max(slewing):.0f} %"], "README.md"
-        )
-        == []
-    )
+    told = f"at most {max(alone):.1f} %; {min(slewing):.0f} to {max(slewing):.0f} %"
+    assert missing([told], "README.md") == []
 
 
-def test_every_crane_makes_every_move(result: Ran) -> None:
-    for site in SITES:
-        for what in ("error", "largest"):
-            assert len(result.table(f"{site.name}: {what}")) == 8
-
-
-def test_the_report_shows_the_result(result: Ran) -> None:
-    assert '<section id="linear_vs_full">' in page([result.folder])
-
-
-def test_errors_of_both_angles_make_up_the_whole(result: Ran) -> None:
-    for row in result.table("71 EC-B 5: error"):
-        assert math.hypot(row["φ rms [%]"], row["θ rms [%]"]) == pytest.approx(
-            row["both rms [%]"], rel=1e-12
-        )
-        assert row["both rms [%]"] <= row["peak [%]"]
-
-
-def test_the_centrifugal_share_of_a_slew_is_twice_the_angle_of_its_ramp(
+def test_every_crane_makes_every_move_and_errors_of_both_angles_make_up_the_whole(
     result: Ran,
 ) -> None:
+    for site in SITES:
+        assert len(result.table(f"{site.name}: largest")) == 8
+        rows = result.table(f"{site.name}: error")
+        assert len(rows) == 8
+        for row in rows:
+            both = math.hypot(row["φ rms [%]"], row["θ rms [%]"])
+            assert both == pytest.approx(row["both rms [%]"], rel=1e-12)
+            assert row["both rms [%]"] <= row["peak [%]"]
+
+
+def test_the_centrifugal_share_of_a_slew_is_twice_the_angle_of_its_ramp(result: Ran) -> None:
     # Ω² x over x Ω/t_r is Ω t_r; the load that swings out by 10° and more adds l φ to x
     for site, rate in (("71 EC-B 5", 0.8), ("L1-24", 0.5)):
         row = next(row for row in result.table(f"{site}: largest") if row["move"] == "slew")
@@ -88,54 +79,24 @@ def test_slow_hoisting_tells_the_equations_apart(result: Ran) -> None:
         assert row["Eq. (8)"] == pytest.approx(0.25, abs=5e-3)
 
 
-def test_figures_trajectories_and_recording_are_written(
-    result: Ran,
-) -> None:
-    runs = {
-        f"{name}{ending}"
-        for name in ("slew", "slew_trolley_fast_hoist")
-        for ending in (".csv", ".parquet")
-    }
-    figures = {
-        f"{name}{ending}"
-        for name in ("swing_slew", "swing_all", "slews", "dropped")
-        for ending in (".png", ".svg")
-    }
-    assert set(files(result.folder)) == runs | figures | {"result.json", "linear_vs_full.rrd"}
-
-
 # --- moves ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("site", SITES, ids=lambda site: site.name)
-def test_moves_keep_the_ranges_and_rates_of_their_crane_and_end_at_rest(site: Any) -> None:
-    large = crane(trolley_max=80.0, hoist_max=90.0, hoist_min=1.0)
-    for job in (*jobs(site, large), *slow_slews(site, large), *short_slews(site, large)):
-        setpoint = [job.reference(t) for t in np.linspace(0.0, job.arrival, 401)]
-        position, velocity, acceleration = (np.array([w[k] for w in setpoint]) for k in range(3))
-        rounding = 1.0 + 1e-9
-        assert position[:, 1].max() <= site.jib * rounding
-        assert position[:, 1].min() >= 2.0
-        assert position[:, 2].max() <= site.height * rounding
-        assert position[:, 2].min() >= 1.0
-        assert (
-            np.abs(velocity).max(axis=0)
-            <= np.array([site.slew, site.trolley, site.hoist[1]]) * rounding
-        ).all()
-        assert (np.abs(acceleration).max(axis=0) <= np.array(site.accelerations) * rounding).all()
+def test_moves_keep_the_ranges_and_rates_of_their_crane_and_end_at_rest(site: SiteCrane) -> None:
+    large, rounding = crane(trolley_max=80.0, hoist_max=90.0, hoist_min=1.0), 1.0 + 1e-9
+    short = short_slews(site, large)
+    for job in (*jobs(site, large), *slow_slews(site, large), *short):
+        setpoints = [job.reference(t) for t in np.linspace(0.0, job.arrival, 401)]
+        position, velocity, acceleration = map(np.array, zip(*setpoints, strict=True))
+        (x, length), rates = position[:, 1:].T, (site.slew, site.trolley, site.hoist[1])
+        assert 2.0 <= x.min() and x.max() <= site.jib * rounding
+        assert 1.0 <= length.min() and length.max() <= site.height * rounding
+        assert (np.abs(velocity) <= np.array(rates) * rounding).all()
+        assert (np.abs(acceleration) <= np.array(site.accelerations) * rounding).all()
         assert_allclose(job.reference(job.arrival).velocity, 0.0, atol=1e-12)  # rounding
-
-
-def test_short_slews_are_as_short_as_they_say() -> None:
-    for site in SITES:
-        for job, angle in zip(
-            short_slews(site, crane(trolley_max=80.0, hoist_max=90.0, hoist_min=1.0)),
-            (1, 2, 5, 10, 20),
-            strict=True,
-        ):
-            assert math.degrees(job.reference(job.arrival).position[0]) == pytest.approx(
-                angle, rel=1e-12
-            )
+    turned = [math.degrees(job.reference(job.arrival).position[0]) for job in short]
+    assert_allclose(turned, (1, 2, 5, 10, 20), rtol=1e-12)
 
 
 # --- models ---------------------------------------------------------------------------------------
@@ -177,28 +138,10 @@ _TERMS = {
 
 def _two_rows(state: State, excitation: tuple[float, float, float]) -> Trajectory:
     """A state, and what drives that accelerate so make of its rates 20 ms later."""
-    later, nothing, h = state.v.copy(), np.zeros((2, 3)), 0.02
+    later, h = state.v.copy(), 0.02
     later[crane().layout.drives] += h * np.array(excitation)
-    q, v = np.stack([state.q, state.q]), np.stack([state.v, later])
-    still = np.zeros(2)
-    forces, outside = np.zeros((2, 6)), np.zeros((2, 2))
-    return Trajectory(
-        *(
-            np.array([0.0, h]),
-            q,
-            v,
-            nothing,
-            nothing,
-            nothing,
-            still,
-            nothing,
-            still,
-            forces,
-            outside,
-            still + 1,
-        ),
-        columns=crane().layout.columns(),
-    )
+    run = moved(big_crane(), big_crane().start, h, h)
+    return replace(run, q=np.stack([state.q, state.q]), v=np.stack([state.v, later]))
 
 
 @pytest.mark.parametrize("name", _TERMS)
@@ -207,11 +150,11 @@ def test_what_is_dropped_is_what_the_equations_differ_by(name: str) -> None:
     slew = values.pop("slew", 0.0)
     state = big_crane(trolley_min=0.0).state(**{"x": 0.0, "l": 15.0, **values})
     (_, x, phi, theta, length), (slew_rate, x_rate, phi_rate, theta_rate, length_rate) = state
-    drives = Drives(x, x_rate, excitation, slew_rate, slew, length, length_rate)
-    swing, rates = np.array([phi, theta]), np.array([phi_rate, theta_rate])
-    difference = (
-        length * np.abs(all_rates(swing, rates, drives, G) - paper(swing, rates, drives, G)).max()
-    )
+    drives = {"x": x, "x_rate": x_rate, "x_acceleration": excitation, "slew_rate": slew_rate}
+    drives |= {"slew_acceleration": slew, "length": length, "length_rate": length_rate}
+    swing = np.array([phi, theta]), np.array([phi_rate, theta_rate])
+    accelerations = [model(*swing, drives, G) for model in (all_rates, paper)]
+    difference = length * np.abs(np.subtract(*accelerations)).max()
     kept, shares = dropped(_two_rows(state, (slew, excitation, 0.0)))
     assert kept == pytest.approx(excitation, rel=1e-12)
     assert shares[name] * kept == pytest.approx(difference, rel=1e-12)
@@ -220,31 +163,21 @@ def test_what_is_dropped_is_what_the_equations_differ_by(name: str) -> None:
 
 
 def test_what_is_dropped_follows_the_cable_too() -> None:
-    state = big_crane().state(
-        x=20.0,
-        l=15.0,
-        phi=0.1,
-        theta=-0.2,
-        gamma_dot=0.1,
-        x_dot=0.3,
-        phi_dot=0.05,
-        theta_dot=0.04,
-        l_dot=0.5,
-    )
+    rates = {"gamma_dot": 0.1, "x_dot": 0.3, "phi_dot": 0.05, "theta_dot": 0.04, "l_dot": 0.5}
+    state = big_crane().state(x=20.0, l=15.0, phi=0.1, theta=-0.2, **rates)
     kept, shares = dropped(_two_rows(state, (0.03, 0.4, 0.0)))
 
-    def rate(swing: float, swing_rate: float, s: float = 1e-6) -> float:
-        return (
-            (15.0 + s * 0.5) * (swing + s * swing_rate)
-            - (15.0 - s * 0.5) * (swing - s * swing_rate)
-        ) / (2.0 * s)
+    def along(swing: float, swing_rate: float, s: float) -> float:
+        return (15.0 + s * 0.5) * (swing + s * swing_rate)
+
+    def rate(*swing: float, s: float = 1e-6) -> float:
+        return (along(*swing, s) - along(*swing, -s)) / (2.0 * s)
 
     assert kept == pytest.approx(20.0 * 0.03, rel=1e-12)
     # central differences of a quadratic: rounding 1e-16/1e-6 of 3 m
     assert shares["2γ̇ (lθ)˙"] * kept == pytest.approx(abs(0.2 * rate(-0.2, 0.04)), rel=1e-8)
-    assert shares["2γ̇ (ẋ - (lφ)˙)"] * kept == pytest.approx(
-        abs(0.2 * (0.3 - rate(0.1, 0.05))), rel=1e-8
-    )
+    relative = abs(0.2 * (0.3 - rate(0.1, 0.05)))
+    assert shares["2γ̇ (ẋ - (lφ)˙)"] * kept == pytest.approx(relative, rel=1e-8)
     assert shares["γ̇² (x - lφ)"] * kept == pytest.approx(0.01 * (20.0 - 1.5), rel=1e-12)
 
 
@@ -258,13 +191,11 @@ def test_a_miss_is_a_share_of_the_largest_swing() -> None:
 
 def test_where_an_error_reaches_a_bound_is_found_by_its_power_law() -> None:
     values = np.array([1.0, 0.5, 0.25, 0.125])
-    assert reaches(values, 0.3 * values**1.5, 0.05) == pytest.approx(
-        (0.05 / 0.3) ** (1 / 1.5), rel=1e-12
-    )
+    bound = (0.05 / 0.3) ** (1 / 1.5)
+    assert reaches(values, 0.3 * values**1.5, 0.05) == pytest.approx(bound, rel=1e-12)
     for good in (0.5, 1e-3):
-        with pytest.raises(
-            DataError, match=rf"The errors run from 0.0132583 to 0.3; {good:g} is not among them"
-        ):
+        words = rf"The errors run from 0.0132583 to 0.3; {good:g} is not among them"
+        with pytest.raises(DataError, match=words):
             reaches(values, 0.3 * values**1.5, good)
 
 
@@ -281,19 +212,13 @@ def _cases() -> list[LinearCase]:
         "slew": large,
         "trolley, slow hoist": large,
     }
+    dropped = dict.fromkeys(OF_SLEWING, 0.4)
     return [
         LinearCase(
-            site,
-            Job(name, big_crane().start, lambda t: None, 1.0),
-            run,
-            found,
-            small,
-            None,
-            0.3,
-            dict.fromkeys(OF_SLEWING, 0.4),
+            site, Job(name, run.state(0), lambda t: None, 1.0), run, of, small, None, 0.3, dropped
         )  # type: ignore[arg-type,return-value]
         for site in SITES
-        for name, found in names.items()
+        for name, of in names.items()
     ]
 
 
@@ -317,11 +242,12 @@ _GOOD = {"rates": 0.004, "angles": 8.0, "powers": [-0.75, 0.25]}
 )
 def test_each_claim_fails_where_it_should(changed: dict[str, Any], failing: list[int]) -> None:
     cases = [
-        replace(c, paper=changed.get(c.job.name, c.paper), rates=changed.get("all rates", c.rates))
+        c._replace(
+            paper=changed.get(c.job.name, c.paper),
+            rates=changed.get("all rates", c.rates),
+            dropped=dict.fromkeys(OF_SLEWING, changed.get("dropped", 0.4)),
+        )
         for c in _cases()
-    ]
-    cases = [
-        replace(c, dropped=dict.fromkeys(OF_SLEWING, changed.get("dropped", 0.4))) for c in cases
     ]
     found = [{site.name: changed.get(name, good) for site in SITES} for name, good in _GOOD.items()]
     claims = linear_vs_full.claims(cases, *found)

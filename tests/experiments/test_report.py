@@ -27,15 +27,23 @@ browser = pytest.mark.skipif(
 )
 
 
+SHOWN = ("energy", "mass_ratio")
+"""Experiments on the page."""
+
+
 @pytest.fixture(scope="module")
 def made(ran: Callable[..., Ran], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A report of two experiments, one of them run by the report itself."""
     folder = tmp_path_factory.mktemp("report") / "out"
     shutil.copytree(ran("mass_ratio", "--engine", FAST).folder, folder / "mass_ratio")
-    assert (
-        report.main(["--out", str(folder), "--only", "energy", "mass_ratio", "--engine", FAST]) == 0
-    )
+    words = ["--out", str(folder), "--only", *SHOWN, "--engine", FAST]
+    assert report.main(words) == 0
     return folder
+
+
+@pytest.fixture(scope="module")
+def results(made: Path) -> dict[str, dict[str, Any]]:
+    return {name: json.loads((made / name / "result.json").read_text()) for name in SHOWN}
 
 
 @pytest.fixture(scope="module")
@@ -59,26 +67,33 @@ def page(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         driver.quit()
 
 
-@browser
-def test_every_table_is_there_with_its_rows(made: Path, page: Any) -> None:
-    for name in ("energy", "mass_ratio"):
-        tables = json.loads((made / name / "result.json").read_text())["tables"]
-        shown = page.find_elements("css selector", f"#{name} table")
-        assert [t.find_element("css selector", "caption").text for t in shown] == [
-            t["title"] for t in tables
-        ]
-        assert [len(t.find_elements("css selector", "tbody tr")) for t in shown] == [
-            len(t["rows"]) for t in tables
-        ]
+def _all(where: Any, selector: str) -> list[Any]:
+    return where.find_elements("css selector", selector)
 
 
 @browser
-def test_every_figure_is_loaded(made: Path, page: Any) -> None:
+def test_every_table_is_there_with_its_rows(results: dict[str, Any], page: Any) -> None:
+    for name, result in results.items():
+        shown, tables = _all(page, f"#{name} table"), result["tables"]
+        titles = [table.find_element("css selector", "caption").text for table in shown]
+        assert titles == [table["title"] for table in tables]
+        rows = [len(_all(table, "tbody tr")) for table in shown]
+        assert rows == [len(table["rows"]) for table in tables]
+
+
+@browser
+def test_every_figure_is_loaded_a_drawing_and_has_a_caption(made: Path, page: Any) -> None:
     widths = page.execute_script(
         "return Array.from(document.images, i => i.complete ? i.naturalWidth : 0)"
     )
     assert len(widths) == 1 + sum(1 for _ in made.glob("*/*.svg"))  # the crane of the first screen
     assert min(widths) > 100
+    figures = _all(page, "section figure")
+    assert figures
+    for figure in figures:
+        (image,), (caption,) = _all(figure, "img"), _all(figure, "figcaption")
+        assert image.get_attribute("src").startswith("data:image/svg+xml")
+        assert len(caption.text.split()) > 4
 
 
 @browser
@@ -89,40 +104,22 @@ def test_the_page_fits_a_phone_and_leaves_no_error_in_the_console(page: Any) -> 
 
 @browser
 def test_nothing_is_fetched_from_anywhere(page: Any) -> None:
-    fetched = page.execute_script(
-        "return performance.getEntriesByType('resource').map(e => e.name)"
-    )
+    script = "return performance.getEntriesByType('resource').map(e => e.name)"
+    fetched = page.execute_script(script)
     assert [name for name in fetched if not name.startswith("data:")] == []
 
 
 @browser
-def test_the_first_screen_says_when_what_and_how_many_claims_hold(made: Path, page: Any) -> None:
-    claims = [
-        claim
-        for name in ("energy", "mass_ratio")
-        for claim in json.loads((made / name / "result.json").read_text())["claims"]
-    ]
-    assert page.find_element("css selector", ".count").text == f"{len(claims)} of {len(claims)}"
-    rows = [row.text for row in page.find_elements("css selector", ".summary tbody tr")]
-    assert [
-        row.split("\n")[0].startswith(title)
-        for row, title in zip(rows, ("Energy", "Light links"), strict=True)
-    ] == [True] * 2
-    assert f"{date.today().year}" in page.find_element("css selector", ".lead").text
-    assert [h.text for h in page.find_elements("css selector", "h2")] == ["Energy", "Light links"]
-
-
-@browser
-def test_every_figure_is_a_drawing_with_a_caption(page: Any) -> None:
-    figures = page.find_elements("css selector", "section figure")
-    assert figures
-    for figure in figures:
-        assert (
-            figure.find_element("css selector", "img")
-            .get_attribute("src")
-            .startswith("data:image/svg+xml")
-        )
-        assert len(figure.find_element("css selector", "figcaption").text.split()) > 4
+def test_the_first_screen_says_when_what_and_how_many_claims_hold(
+    results: dict[str, Any], page: Any
+) -> None:
+    count = sum(len(result["claims"]) for result in results.values())
+    assert [e.text for e in _all(page, ".count")] == [f"{count} of {count}"]
+    rows = [row.text.split("\n")[0] for row in _all(page, ".summary tbody tr")]
+    titles = ["Energy", "Light links"]
+    assert all(row.startswith(title) for row, title in zip(rows, titles, strict=True))
+    assert f"{date.today().year}" in _all(page, ".lead")[0].text
+    assert [heading.text for heading in _all(page, "h2")] == titles
 
 
 @browser
@@ -137,25 +134,21 @@ def test_on_paper_no_table_is_wider_than_the_page_and_by_night_words_are_light(p
             {"width": a4, "height": 1000, "deviceScaleFactor": 1, "mobile": False},
         )
         emulate(media="print")
-        tables = page.execute_script(
+        edges = page.execute_script(
             "return Array.from(document.querySelectorAll('table'), t => "
             "t.getBoundingClientRect().right)"
         )
-        assert tables and max(tables) <= a4
-        assert (
-            page.execute_script("return getComputedStyle(document.querySelector('nav')).display")
-            == "none"
-        )
+        assert edges and max(edges) <= a4
+        shown = "return getComputedStyle(document.querySelector('nav')).display"
+        assert page.execute_script(shown) == "none"
         emulate(media="screen", features=[{"name": "prefers-color-scheme", "value": "dark"}])
-        ink, paper = page.execute_script(
-            "const s = getComputedStyle(document.body); return [s.color, s.backgroundColor]"
+        ink, paper = (
+            sum(map(int, re.findall(r"\d+", colour)[:3]))
+            for colour in page.execute_script(
+                "const s = getComputedStyle(document.body); return [s.color, s.backgroundColor]"
+            )
         )
-        assert (
-            sum(map(int, re.findall(r"\d+", ink)[:3]))
-            > 600
-            > 150
-            > sum(map(int, re.findall(r"\d+", paper)[:3]))
-        )
+        assert ink > 600 > 150 > paper
     finally:
         emulate(media="screen", features=[])
         page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
@@ -164,20 +157,15 @@ def test_on_paper_no_table_is_wider_than_the_page_and_by_night_words_are_light(p
 @browser
 def test_the_contents_stay_in_view(page: Any) -> None:
     page.execute_script("window.scrollTo(0, document.body.scrollHeight)")
-    assert (
-        0
-        <= page.execute_script("return document.querySelector('nav').getBoundingClientRect().top")
-        < 10
-    )
+    script = "return document.querySelector('nav').getBoundingClientRect().top"
+    assert 0 <= page.execute_script(script) < 10
 
 
 def test_every_experiment_of_the_catalogue_is_one_of_the_report() -> None:
     assert report.EXPERIMENTS is EXPERIMENTS
     assert all(len(entry.title) < 30 for entry in EXPERIMENTS.values())
-    assert [name for name, entry in EXPERIMENTS.items() if not entry.figures] == [
-        "cranes",
-        "lift_benchmark",
-    ]
+    without = [name for name, entry in EXPERIMENTS.items() if not entry.figures]
+    assert without == ["cranes", "lift_benchmark"]
 
 
 def test_a_report_says_which_experiment_it_is_at_and_goes_on_without_one_that_fails(
@@ -203,13 +191,13 @@ def test_a_report_says_which_experiment_it_is_at_and_goes_on_without_one_that_fa
     assert 'id="mass_ratio"' in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
-def test_claims_and_the_command_that_repeats_them_are_on_the_page(made: Path) -> None:
+def test_claims_and_the_command_that_repeats_them_are_on_the_page(
+    made: Path, results: dict[str, Any]
+) -> None:
     text = (made / "report.html").read_text(encoding="utf-8")
-    for name in ("energy", "mass_ratio"):
-        result = json.loads((made / name / "result.json").read_text())
-        assert all(
-            claim["sentence"].split("(")[0].strip()[:40] in text for claim in result["claims"]
-        )
+    for name, result in results.items():
+        for claim in result["claims"]:
+            assert claim["sentence"].split("(")[0].strip()[:40] in text
         assert f"python -m experiments.{name}" in text
         assert result["parameters"]["engine"] == FAST
 

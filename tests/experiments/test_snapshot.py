@@ -42,29 +42,21 @@ def crane() -> Crane:
 @pytest.fixture(scope="module")
 def moving(crane: Crane) -> Trajectory:
     """The trolley goes out by 4 m at once; at 3 s the load has followed."""
-    return simulate(
-        crane,
-        hold_controller(crane),
-        pulse(crane, hold(crane), "x", 4.0, at=0.5, width=10.0),
-        duration=4.0,
-    )
+    out = pulse(crane, hold(crane), "x", 4.0, at=0.5, width=10.0)
+    return simulate(crane, hold_controller(crane), out, duration=4.0)
 
 
 @pytest.fixture(scope="module")
 def file(crane: Crane, moving: Trajectory, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return record(
-        tmp_path_factory.mktemp("snapshot") / "out.rrd",
-        [Run("out", crane, moving, (0.0, 8.0, 2.0))],
-        title="Out",
-    )
+    run = Run("out", crane, moving, (0.0, 8.0, 2.0))
+    return record(tmp_path_factory.mktemp("snapshot") / "out.rrd", [run], title="Out")
 
 
 @pytest.fixture(scope="module")
 def scenes(file: Path, tmp_path_factory: pytest.TempPathFactory) -> list[np.ndarray]:
     """The scene at 0 and at 3 s, shape (height, width, 3)."""
-    paths = snapshot(
-        file, [0.0, 3.0], tmp_path_factory.mktemp("scenes"), size=SIZE, dashboard=False
-    )
+    folder = tmp_path_factory.mktemp("scenes")
+    paths = snapshot(file, [0.0, 3.0], folder, size=SIZE, dashboard=False)
     assert [path.name for path in paths] == ["out-0s.png", "out-3s.png"]
     return [pixels(path) for path in paths]
 
@@ -83,10 +75,10 @@ def load(picture: np.ndarray) -> np.ndarray:
     return (red > 120) & (green < 0.3 * red) & (blue < 0.3 * red)
 
 
-def like(picture: np.ndarray, colour: str, within: int = 12) -> int:
-    return int(
-        np.count_nonzero(np.abs(picture - list(bytes.fromhex(colour[1:]))).max(axis=-1) <= within)
-    )
+def like(picture: np.ndarray, colour: str) -> int:
+    """Number of pixels of almost a colour."""
+    off = np.abs(picture - list(bytes.fromhex(colour[1:]))).max(axis=-1)
+    return int(np.count_nonzero(off <= 12))
 
 
 @drawn
@@ -101,19 +93,15 @@ def test_the_scene_shows_crane_and_load_before_a_light_sky(scenes: list[np.ndarr
 @drawn
 def test_the_load_is_seen_to_go_out_with_the_trolley(scenes: list[np.ndarray]):
     before, after = (np.argwhere(load(picture)).mean(axis=0) for picture in scenes)
-    assert 40 < before[1] - after[1] < 120, (
-        "pixels to the left; 4 m are an eighth of the crane's width"
-    )
+    # pixels to the left; 4 m are an eighth of the crane's width
+    assert 40 < before[1] - after[1] < 120
     assert abs(before[0] - after[0]) < 15
 
 
 @drawn
 def test_the_cable_is_seen_all_the_way_from_trolley_to_load(scenes: list[np.ndarray]):
-    picture = scenes[0]
-    top, middle = (
-        np.argwhere(load(picture))[:, 0].min(),
-        round(np.argwhere(load(picture))[:, 1].mean()),
-    )
+    picture, where = scenes[0], np.argwhere(load(scenes[0]))
+    top, middle = where[:, 0].min(), round(where[:, 1].mean())
     beside = picture[top - 120 : top - 30, middle - 10 : middle + 10]
     assert (beside.max(axis=-1).min(axis=1) < 110).all()
 
@@ -123,13 +111,10 @@ def test_the_dashboard_shows_scene_and_curves(file: Path, tmp_path: Path):
     (path,) = snapshot(file, [3.0], tmp_path, size=(1280, 720))
     picture = pixels(path)
     assert picture.shape == (720, 1280, 3)
-    right = picture[:, 720:]
-    for colour in (COLOURS[name] for name in ("x", "phi", "energy", "theta")):
-        assert like(right, colour) > 100, f"curves of colour {colour}"
-    assert (
-        np.count_nonzero(steel(picture[:, :700])) > 2000
-        and np.count_nonzero(load(picture[:, :700])) > 200
-    )
+    left, right = picture[:, :700], picture[:, 720:]
+    for name in ("x", "phi", "energy", "theta"):
+        assert like(right, COLOURS[name]) > 100, f"curves of the colour of {name}"
+    assert np.count_nonzero(steel(left)) > 2000 and np.count_nonzero(load(left)) > 200
 
 
 @drawn
@@ -137,9 +122,8 @@ def test_a_second_crane_in_the_same_place_has_a_load_of_another_colour(
     crane: Crane, moving: Trajectory, tmp_path: Path
 ):
     still = simulate(crane, hold_controller(crane), duration=4.0)
-    path = record(
-        tmp_path / "two.rrd", [Run("out", crane, moving), Run("still", crane, still)], title="Two"
-    )
+    runs = [Run("out", crane, moving), Run("still", crane, still)]
+    path = record(tmp_path / "two.rrd", runs, title="Two")
     picture = pixels(snapshot(path, [3.0], tmp_path, size=SIZE, dashboard=False)[0])
     red, _, blue = np.moveaxis(picture, -1, 0)
     second = (blue > 80) & (red < 0.3 * blue)
@@ -150,16 +134,15 @@ def test_a_second_crane_in_the_same_place_has_a_load_of_another_colour(
 @drawn
 def test_a_gif_lasts_as_long_as_its_span_and_moves(file: Path, tmp_path: Path):
     seen: list[int] = []
-    path = animate(
-        file, (0.0, 2.0), tmp_path / "out.gif", fps=5.0, size=(320, 240), progress=seen.append
-    )
+    target, size = tmp_path / "out.gif", (320, 240)
+    path = animate(file, (0.0, 2.0), target, fps=5.0, size=size, progress=seen.append)
     image = Image.open(path)
     frames, durations = [], []
     for k in range(image.n_frames):
         image.seek(k)
         frames.append(np.asarray(image.convert("RGB")).astype(int))
         durations.append(image.info["duration"])
-    assert image.size == (320, 240) and sum(durations) == 2200 and seen == list(range(1, 12))
+    assert image.size == size and sum(durations) == 2200 and seen == list(range(1, 12))
     assert np.count_nonzero(load(frames[0]) != load(frames[-1])) > 50
 
 
@@ -221,9 +204,8 @@ def test_the_command_writes_what_it_names(
     pictures = ["-t", "0", "2.5", "-o", str(tmp_path / "new"), "--gif", "0", "0.3", str(gif)]
     assert main([str(file), *pictures, "--view", "3d", "--size", "320", "240"]) == 0
     named = [Path(line) for line in capsys.readouterr().out.split()]
-    assert [path.name for path in named] == ["out-0s.png", "out-2.5s.png", "a.gif"] and all(
-        path.is_file() for path in named
-    )
+    assert [path.name for path in named] == ["out-0s.png", "out-2.5s.png", "a.gif"]
+    assert all(path.is_file() for path in named)
 
 
 @pytest.mark.parametrize("arguments", [["-t", "0"], ["--gif", "0", "x", "a.gif"]])

@@ -4,11 +4,9 @@ and without control.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,10 +14,8 @@ from numpy.testing import assert_allclose
 
 from cranedyn.controllers import follow
 from cranedyn.controllers.damping import with_damping
-from cranedyn.controllers.integral import HoistIntegral
-from cranedyn.controllers.lqr import lqr
 from cranedyn.dynamics.pinocchio import payload_position
-from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import EngineName, State
 from cranedyn.planning.itinerary import ARTICLE_TOUR, Leg, tour
 from cranedyn.references import hanging_reference, hold, spline
@@ -27,8 +23,9 @@ from cranedyn.references.flat import cruise, flat
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
 from cranedyn.simulation.simulate import simulate
-from experiments import demo, harness
+from experiments import harness
 from experiments.scenarios.moves import TOUR_LIMITS as LIMITS
+from experiments.scenarios.strategies import with_integral
 from experiments.scenarios.tours import CONTROLS, Repeated
 from tests.helpers import FAST, G, big_crane, crane, quickly
 
@@ -36,9 +33,8 @@ FREE = Limits((10.0, 100.0, 100.0), (10.0, 100.0, 100.0))
 
 
 def in_ten_seconds(start: State, goal: State) -> Motion:
-    return hanging_reference(
-        crane(), spline(crane(), start, [goal.q[crane().layout.drives]], [10.0]), 10.0
-    )
+    way = spline(crane(), start, [goal.q[crane().layout.drives]], [10.0])
+    return hanging_reference(crane(), way, 10.0)
 
 
 def test_a_cruise_is_at_constant_speed_between_its_ramps_and_arrives() -> None:
@@ -100,20 +96,18 @@ def test_drives_that_yield_damp_the_swing_as_much_as_asked() -> None:
     for angle in ("phi_rad", "theta_rad"):
         swing = run[angle]
         tops = [
-            float(np.abs(swing[(run.t >= a) & (run.t < a + 9.2)]).max()) for a in (0.0, 9.2, 18.4)
+            np.abs(swing[(run.t >= start) & (run.t < start + 9.2)]).max() for start in (0.0, 9.2)
         ]
         # a period of damped swing is 9.16 s and takes exp(-2πζ/√(1-ζ²)) = 0.277; sampling at 200 Hz
         # and 30 m of radius for the arc: 3 %
-        assert tops[1] / tops[0] == pytest.approx(
-            math.exp(-2 * math.pi * 0.2 / math.sqrt(0.96)), rel=0.03
-        )
+        decrement = math.exp(-2 * math.pi * 0.2 / math.sqrt(0.96))
+        assert tops[1] / tops[0] == pytest.approx(decrement, rel=0.03)
 
 
 def test_drives_that_yield_keep_their_rates_and_accelerations() -> None:
     start = crane().state(phi=0.3)
-    controller = with_damping(
-        crane(), hold(crane(), start), limits=Limits((0.08, 0.1, 0.8), (0.02, 0.4, 0.4))
-    )
+    limits = Limits((0.08, 0.1, 0.8), (0.02, 0.4, 0.4))
+    controller = with_damping(crane(), hold(crane(), start), limits=limits)
     run = quickly(crane(), controller, start=start, duration=10.0, drive="motion")
     assert np.abs(np.diff(run["x_dot_m_s"])).max() <= 0.4 * 5e-3 * (1 + 1e-9)
     assert np.abs(run["x_dot_m_s"]).max() == pytest.approx(0.1)
@@ -134,34 +128,20 @@ def test_at_the_slew_axis_the_slew_does_not_yield_and_every_command_is_finite(th
     assert command[0] == -math.copysign(10.0, theta) * (theta != 0.0)
 
 
-@pytest.mark.parametrize(
-    "made",
-    [
-        partial(follow, crane()),
-        lambda reference, period: with_damping(
-            crane(), reference, limits=FREE, control_period=period
-        ),
-    ],
-)
+@pytest.mark.parametrize("made", [follow, partial(with_damping, limits=FREE)])
 @pytest.mark.parametrize("engine", ["pinocchio", FAST])
 def test_a_controller_made_for_a_shorter_control_period_is_refused(
     made: Callable, engine: EngineName
 ) -> None:
-    reference = hold(crane(), crane().start)
-    run = partial(
-        simulate,
-        crane(),
-        reference=reference,
-        duration=0.1,
-        drive="motion",
-        control_period=0.02,
-        engine=engine,
+    how = {"reference": hold(crane(), crane().start), "drive": "motion", "engine": engine}
+    run = partial(simulate, crane(), duration=0.1, control_period=0.02, **how)
+    short, exact = (
+        made(crane(), how["reference"], control_period=period) for period in (5e-3, 0.02)
     )
-    with pytest.raises(
-        OutOfRange, match=r"control period of the run is 0.02 s; allowed is .* 0.005 s, or less"
-    ):
-        run(made(reference, 5e-3))
-    run(made(reference, 0.02))
+    words = r"control period of the run is 0.02 s; allowed is .* 0.005 s, or less"
+    with pytest.raises(OutOfRange, match=words):
+        run(short)
+    run(exact)
 
 
 def test_without_yielding_they_follow() -> None:
@@ -190,55 +170,12 @@ def test_planned_tours_keep_the_limits(control: str) -> None:
     assert max(shares.values()) < 1.0 + 1e-5  # a quintic's peak, rounded up to control periods
 
 
-@pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("demo") / "out"
-    assert (
-        demo.main(["--control", "flat", "--cycles", "1", "--engine", FAST, "--out", str(folder)])
-        == 0
-    )
-    return folder
-
-
-def test_the_controlled_demo_has_no_swing_worth_the_name_in_any_dwell(done: Path) -> None:
-    after, before = json.loads((done / "result.json").read_text())["tables"]
-    assert max(row[2] for row in after["rows"]) < 0.1
-    assert min(row[2] for row in before["rows"]) > 50.0
-
-
-def test_before_and_after_are_kept_and_recorded_together(done: Path) -> None:
-    assert {"demo.csv", "demo_before.csv", "demo.rrd", "swing.png"} <= {
-        path.name for path in done.iterdir()
-    }
-    recording = (done / "demo.rrd").read_bytes()
-    assert b"with flat" in recording
-    assert b"without control" in recording
-
-
-def test_a_dwell_too_short_for_shaped_commands_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert (
-        demo.main(
-            ["--control", "shaped", "--dwell", "2", "--cycles", "1", "--out", str(tmp_path / "out")]
-        )
-        == 2
-    )
-    assert "so it must be that at least" in capsys.readouterr().err
-    with pytest.raises(CraneError, match="dwell"):
-        CONTROLS["shaped"](harness.Setup(), LIMITS, 2.0)
-
-
 def test_a_load_heavier_than_planned_is_held_in_the_second_cycle_as_in_the_first() -> None:
     heavy, planned = crane(payload_mass=1300.0), crane()
     still = hanging_reference(planned, hold(planned, planned.start), 1.0, 1e-2)
-    controller = HoistIntegral(
-        planned, lqr(planned, still, dt=1e-3), 4e3, float(planned.effort_limit[2])
-    )
-    loop = Repeated(controller, still.arrival)
-    run = quickly(
-        heavy, loop, still, start=planned.start, duration=30.0, dt=1e-3, control_period=1e-2
-    )
+    loop = Repeated(with_integral(harness.Setup(G, dt=1e-3), still), still.arrival)
+    clocks = {"duration": 30.0, "dt": 1e-3, "control_period": 1e-2}
+    run = quickly(heavy, loop, still, start=planned.start, **clocks)
     sag = np.abs(run["l_m"] - planned.start.q[planned.layout.index("l")])
     # The LQR alone lets a load sag that is heavier than planned; the integrator takes that out, in
     # 30 cycles of a second

@@ -4,13 +4,10 @@ plant that is wrong is noticed.
 
 from __future__ import annotations
 
-import json
 import math
-import shutil
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,15 +21,12 @@ from cranedyn.model.description import XACRO
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 from experiments import validate
-from experiments.harness.document import read_document
-from experiments.oracles import conserved, hoisting, moves, reading, slewing, swing
-from experiments.oracles.check import LARGE, POINT, G, Oracle, check_oracle, point_crane
-from experiments.oracles.reading import Bench
-from experiments.report import page
-from tests.helpers import FAST, ROOT, files, turned
+from experiments.oracles import bench, conserved, moves, swings
+from experiments.oracles.bench import LARGE, POINT, Bench, G, Oracle, check_oracle, point_crane
+from tests.experiments.conftest import Ran
+from tests.helpers import FAST, files, turned
 from tests.lagrangian import Lagrangian
-
-DOCUMENT = ROOT / "docs" / "results" / "validation.md"
+from tests.told import missing
 
 HALVINGS = 3
 """One less than by default, so that the tests take half of the time; what is allowed follows from
@@ -40,92 +34,36 @@ the runs themselves."""
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
-    folder = tmp_path_factory.mktemp("validate")
-    shutil.copy(DOCUMENT, folder / "validation.md")
-    words = [
-        "--halvings",
-        str(HALVINGS),
-        "--document",
-        str(folder / "validation.md"),
-        "--out",
-        str(folder / "out"),
-    ]
-    assert validate.main(words) == 0
-    return folder, json.loads((folder / "out" / "result.json").read_text(encoding="utf-8"))
-
-
-BEGIN, END = "<!-- validate csv: -->\n", "<!-- end -->\n"
+def result(ran: Callable[..., Ran]) -> Ran:
+    return ran("validate", "--engine", FAST)
 
 
 # --- the command ----------------------------------------------------------------------------------
 
 
-def test_every_oracle_is_a_claim_and_holds(result: tuple[Path, dict[str, Any]]) -> None:
-    claims = result[1]["claims"]
-    assert [claim["sentence"] for claim in claims if claim["holds"] is not True] == []
-    assert len(claims) == sum(len(table["rows"]) for table in result[1]["tables"]) + 1
-    assert [table["title"] for table in result[1]["tables"]] == list(validate.PARTS)
+def test_every_oracle_is_a_claim(result: Ran) -> None:
+    tables, claims = result.result["tables"], result.result["claims"]
+    assert len(claims) == sum(len(table["rows"]) for table in tables) + 1
+    assert [table["title"] for table in tables] == list(validate.PARTS)
 
 
-def test_the_error_goes_with_the_first_or_second_power_of_the_step(
-    result: tuple[Path, dict[str, Any]],
-) -> None:
-    orders = {row[0]: row[-1] for table in result[1]["tables"] for row in table["rows"]}
+def test_the_error_goes_with_the_first_or_second_power_of_the_step(result: Ran) -> None:
+    orders = {row[0]: row[-1] for table in result.result["tables"] for row in table["rows"]}
     first = [order for order in orders.values() if order is not None and order < 1.5]
     assert len(first) >= 10
     assert max(abs(order - 1.0) for order in first) < 0.02  # the claim's own bound
     # a swing in its plane is a sequence that time can run either way, so its period has no first
     # power
-    assert all(
-        orders[name] == pytest.approx(2.0, abs=0.02)
-        for name in orders
-        if name.startswith("period of")
-    )
+    for name in orders:
+        if name.startswith("period of"):
+            assert orders[name] == pytest.approx(2.0, abs=0.02)
 
 
-def test_the_document_shows_the_numbers_of_the_command() -> None:
-    made = [
-        validate.oracle_table(title, found)
-        for title, found in validate.checks(Bench(point_crane, FAST), 4).items()
-    ]
-    assert read_document(DOCUMENT, "validate").stale(made) == []
-
-
-def test_the_document_keeps_its_text(result: tuple[Path, dict[str, Any]]) -> None:
-    texts = [path.read_text(encoding="utf-8") for path in (DOCUMENT, result[0] / "validation.md")]
-    one, two = ((text[: text.index(BEGIN)], text[text.index(END) :]) for text in texts)
-    assert one == two
-
-
-def test_the_documents_count_closed_forms_and_claims_as_the_command_does(
-    result: tuple[Path, dict[str, Any]],
-) -> None:
-    forms, claims = result[1]["parameters"]["closed_forms"], len(result[1]["claims"])
+def test_the_documents_count_closed_forms_and_claims_as_the_command_does(result: Ran) -> None:
+    forms, claims = result.result["parameters"]["closed_forms"], len(result.result["claims"])
     assert claims == forms + 1  # the order of the step
-    assert f"| {forms} closed forms of mechanics; order" in (ROOT / "README.md").read_text(
-        encoding="utf-8"
-    )
-    assert f"of the {claims} claims fail" in DOCUMENT.read_text(encoding="utf-8")
-
-
-def test_trajectories_figures_and_recording_are_written(
-    result: tuple[Path, dict[str, Any]],
-) -> None:
-    runs = {
-        f"{name}{ending}"
-        for name in ("oval_swing", "steady_slewing")
-        for ending in (".csv", ".parquet")
-    }
-    assert set(files(result[0] / "out")) == runs | {"result.json", "validate.rrd"} | {
-        f"{name}{ending}"
-        for name in ("convergence", "ripple", "oval")
-        for ending in (".png", ".svg")
-    }
-
-
-def test_the_report_shows_the_result(result: tuple[Path, dict[str, Any]]) -> None:
-    assert '<section id="validate">' in page([result[0] / "out"])
+    assert missing([f"| {forms} closed forms of mechanics; order"], "README.md") == []
+    assert missing([f"of the {claims} claims fail"], "docs/results/validation.md") == []
 
 
 @pytest.mark.parametrize(
@@ -135,34 +73,24 @@ def test_the_report_shows_the_result(result: tuple[Path, dict[str, Any]]) -> Non
         ("--halvings 7", "halvings is 7; allowed is 3 to 6"),
         ("--spoil payload_mas:=5", "There is no argument 'payload_mas'"),
         ("--spoil payload_mass", "'payload_mass' is not of the form name:=value"),
-        ("--document missing.md", "Cannot read missing.md: No such file or directory"),
-        ("--document plain.md", "plain.md has no lines <!-- validate: --> and <!-- end -->"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(
-    words: str,
-    sentence: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    words: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "plain.md").write_text("# Title\n")
-    assert validate.main(words.split()) == 2
+    assert validate.main([*words.split(), "--out", str(tmp_path / "out")]) == 2
     out, err = capsys.readouterr()
-    assert out == ""
+    assert (out, err.count("\n")) == ("", 1)
     assert err.startswith(f"error: {sentence}")
-    assert err.count("\n") == 1
-    assert files(tmp_path) == ["plain.md"]
+    assert files(tmp_path) == []
 
 
 # --- judging --------------------------------------------------------------------------------------
 
 
 def test_powers_of_the_step_are_taken_off_and_their_order_is_found() -> None:
-    found = check_oracle(
-        Oracle("x", "", 2.0, lambda dt: 2.0 + 3.0 * dt - 5.0 * dt**2 + 7.0 * dt**3), HALVINGS
-    )
+    cubic = Oracle("x", "", 2.0, lambda dt: 2.0 + 3.0 * dt - 5.0 * dt**2 + 7.0 * dt**3)
+    found = check_oracle(cubic, HALVINGS)
     assert found.steps == [0.02, 0.01, 0.005, 0.0025]
     assert found.limit == pytest.approx(2.0, abs=1e-14)  # rounding
     assert found.order == pytest.approx(1.0, abs=1e-3)  # the second power, (dt 5/3)² of it
@@ -175,20 +103,16 @@ def test_powers_of_the_step_are_taken_off_and_their_order_is_found() -> None:
 
 @pytest.mark.parametrize("off", [1e-9, -1e-6, math.nan])
 def test_a_limit_that_is_off_does_not_hold(off: float) -> None:
-    assert not check_oracle(Oracle("x", "", 2.0, lambda dt: 2.0 + off + 3.0 * dt), HALVINGS).holds
-    assert (
-        off != off
-        or check_oracle(
-            Oracle("x", "", 2.0, lambda dt: 2.0 + off + 3.0 * dt, 2.0 * abs(off), "much"), HALVINGS
-        ).holds
-    )
+    oracle = Oracle("x", "", 2.0, lambda dt: 2.0 + off + 3.0 * dt)
+    assert not check_oracle(oracle, HALVINGS).holds
+    if math.isfinite(off):
+        assert check_oracle(oracle._replace(beyond=2.0 * abs(off), why="much"), HALVINGS).holds
 
 
 def test_runs_that_have_no_limit_hold_nothing() -> None:
     noise = np.random.default_rng(3)
-    assert not check_oracle(
-        Oracle("x", "", 2.0, lambda dt: 2.0 + 1e-3 * noise.normal()), HALVINGS
-    ).holds
+    noisy = Oracle("x", "", 2.0, lambda dt: 2.0 + 1e-3 * noise.normal())
+    assert not check_oracle(noisy, HALVINGS).holds
     jump = check_oracle(Oracle("x", "", 2.0, lambda dt: 2.001 if dt == 0.02 else 2.0), HALVINGS)
     assert abs(jump.rest) <= jump.allowed
     assert not jump.holds  # near enough, but only because nothing is known
@@ -216,23 +140,23 @@ def test_the_axis_of_the_tangential_swing_is_noticed(tmp_path: Path) -> None:
     own = tmp_path / XACRO.name
     own.write_text(turned('<axis xyz="0 1 0"/>', '<axis xyz="0 -1 0"/>', own.read_text()))
     flipped = load_crane(own, gravity=G, check_axes=False, **POINT, **LARGE)
-    assert _failing(slewing.oracles, flipped, "seen from a jib") == 2
+    assert _failing(moves.turning_jib, flipped, "seen from a jib") == 2
     assert _failing(conserved.oracles, flipped, "total angular momentum") == 1
 
 
 def test_twice_the_gravity_is_noticed() -> None:
     heavy = load_crane(gravity=2.0 * G, **POINT, **LARGE)
-    assert _failing(hoisting.oracles, heavy, "φ after") == 2
-    assert _failing(swing.oracles, heavy, "period of") == 5
-    assert _failing(moves.oracles, heavy, "swing left") == 6
+    assert _failing(swings.running_cable, heavy, "φ after") == 2
+    assert _failing(swings.locked_drives, heavy, "period of") == 5
+    assert _failing(moves.trolley_moves, heavy, "swing left") == 6
 
 
 @pytest.mark.parametrize(
     ("part", "words", "values"),
     [
-        (swing.oracles, "period of 30", {"payload_inertia": 1.0}),
-        (swing.oracles, "precession of an oval of 8 m by 4 m", {"damp_swing": 10.0}),
-        (swing.oracles, "tension at the lowest point", {"payload_mass": 1001.0}),
+        (swings.locked_drives, "period of 30", {"payload_inertia": 1.0}),
+        (swings.locked_drives, "precession of an oval of 8 m by 4 m", {"damp_swing": 10.0}),
+        (swings.locked_drives, "tension at the lowest point", {"payload_mass": 1001.0}),
         (conserved.oracles, "period under a free trolley", {"trolley_mass": 501.0}),
     ],
 )
@@ -252,7 +176,7 @@ def _explicit(
 
 def test_another_integrator_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        reading,
+        bench,
         "simulate",
         partial(simulate, integrator=Integrator("explicit Euler", _explicit, lead=-0.5)),
     )
@@ -268,31 +192,18 @@ def test_coriolis_and_centrifugal_forces_that_are_lost_are_noticed(
         "follow_drives",
         lambda model, data, q, v, a, *more: usual(model, data, q, 0.0 * v, a, *more),
     )
-    assert _failing(hoisting.oracles, point_crane(), "φ after", "pinocchio") == 2
-    assert _failing(slewing.oracles, point_crane(), "seen from a jib", "pinocchio") == 2
+    assert _failing(swings.running_cable, point_crane(), "φ after", "pinocchio") == 2
+    assert _failing(moves.turning_jib, point_crane(), "seen from a jib", "pinocchio") == 2
 
 
 def test_spoilt_cranes_make_claims_fail_and_the_exit_code_say_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(
-        validate, "PARTS", {"Locked drives": lambda bench: swing.oracles(bench)[:2]}
+        validate, "PARTS", {"Locked drives": lambda bench: swings.locked_drives(bench)[:2]}
     )
-    assert (
-        validate.main(
-            [
-                "--spoil",
-                "payload_inertia:=5",
-                "--halvings",
-                "3",
-                "--engine",
-                FAST,
-                "--out",
-                str(tmp_path / "out"),
-            ]
-        )
-        == 1
-    )
+    words = f"--spoil payload_inertia:=5 --halvings 3 --engine {FAST} --out".split()
+    assert validate.main([*words, str(tmp_path / "out")]) == 1
     # Both periods, and no order where an error does not vanish.
     assert capsys.readouterr().out.count("\nFAILS ") == 3
 
@@ -302,21 +213,21 @@ def test_a_run_in_which_there_is_nothing_to_read_is_refused() -> None:
     with pytest.raises(
         DataError, match="A swing passes the vertical 0 times in 2 s, where its oracle needs 2"
     ):
-        reading.crossing(t, np.exp(-t), 2)
+        bench.crossing(t, np.exp(-t), 2)
     with pytest.raises(
         DataError,
         match=r"nothing to read between 1 and 1\.1 s, where its oracle needs a turning point",
     ):
-        reading.zero_between(reading.curve(t, np.exp(-t), 10).derivative(), 1.0, 1.1)
+        bench.zero_between(bench.curve(t, np.exp(-t), 10).derivative(), 1.0, 1.1)
 
 
 def test_times_between_rows_are_read_to_rounding() -> None:
     t = np.linspace(0.0, 10.0, 101)
     # (0.07)⁸ of the polynomial.
-    assert reading.crossing(t, np.cos(0.7 * t), 2) == pytest.approx(1.5 * math.pi / 0.7, rel=1e-12)
+    assert bench.crossing(t, np.cos(0.7 * t), 2) == pytest.approx(1.5 * math.pi / 0.7, rel=1e-12)
 
 
 def test_the_payload_by_hand_is_where_the_lagrangian_has_it() -> None:
     q = np.array([[0.4, 12.0, 0.3, -0.2, 15.0], [-1.0, 5.0, -0.7, 0.6, 8.0]])
     expected = [Lagrangian(G).payload(row) - [0.0, 0.0, 28.0] for row in q]
-    np.testing.assert_allclose(reading.payload_from_pivot(q), expected, atol=1e-13)  # rounding
+    np.testing.assert_allclose(bench.payload_from_pivot(q), expected, atol=1e-13)  # rounding

@@ -16,7 +16,7 @@ from cranedyn.recording.dashboard import extent
 from cranedyn.recording.record import describe_runs as markdown
 from cranedyn.recording.shapes import Shape, shapes
 from cranedyn.simulation.simulate import simulate
-from experiments.oracles.reading import locked
+from experiments.oracles.bench import locked
 
 EDGES = (1.0, 2.0, 4.0)
 
