@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from http.client import HTTPConnection, HTTPException
@@ -231,7 +232,9 @@ class Server:
     def wait(self) -> None:
         """Return when the server has ended; Ctrl-C or SIGTERM ends it."""
         with self, suppress(KeyboardInterrupt):
-            self.process.wait()
+            # A signal just before a wait without limit would be seen only after it.
+            while self.process.poll() is None:
+                time.sleep(0.1)
 
     def stop(self) -> None:
         """End the server."""
