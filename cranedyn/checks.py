@@ -87,7 +87,7 @@ def check_choice(name: str, value: str, choices: Any) -> None:
 
 
 def as_array(name: str, value: Any, *shapes: Shape, meaning: str = "") -> np.ndarray:
-    """Return a value as an array of doubles in C order, finite or not; such an array is not copied.
+    """Return a value as an array of doubles, finite or not; an array of doubles is not copied.
 
     Args:
         name: Name of the array for the error message.
@@ -98,12 +98,7 @@ def as_array(name: str, value: Any, *shapes: Shape, meaning: str = "") -> np.nda
     Raises:
         Misshapen: If it is no array of real numbers, has masked elements, or another shape.
     """
-    if (
-        type(value) is np.ndarray
-        and value.dtype is _DOUBLE
-        and value.shape in shapes
-        and value.flags.c_contiguous
-    ):
+    if type(value) is np.ndarray and value.dtype is _DOUBLE and value.shape in shapes:
         return value
     try:
         array = np.asarray(value)
@@ -117,7 +112,7 @@ def as_array(name: str, value: Any, *shapes: Shape, meaning: str = "") -> np.nda
         raise Misshapen(name, given, meaning or f"an array of {allowed}")
     if not any(_matches(array.shape, shape) for shape in shapes):
         raise Misshapen(name, f"an array of shape {array.shape}", meaning or f"one of {allowed}")
-    return array.astype(float, order="C", copy=False)
+    return array.astype(float, copy=False)
 
 
 def finite(name: str, value: Any, *shapes: Shape, unit: str = "", meaning: str = "") -> np.ndarray:

@@ -139,7 +139,7 @@ def as_command(answer: object, t: float, layout: Layout) -> np.ndarray:
         RunError: If a number is not finite.
     """
     name, meaning = "command of the controller", layout.drives_in_words
-    command = as_array(name, answer, (layout.m,), meaning=meaning)
+    command = np.ascontiguousarray(as_array(name, answer, (layout.m,), meaning=meaning))
     if not math.isfinite(math.hypot(*command.tolist())) and not np.isfinite(command).all():
         joint = layout.driven[int(np.argmin(np.isfinite(command)))].name
         raise RunError(
