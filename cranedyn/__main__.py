@@ -112,22 +112,32 @@ def _view(parser: _Parser) -> None:
 def _describe(parser: _Parser) -> None:
     """Describe a crane: its joints, or with -o FILE its plain URDF.
 
-    The crane is that of this project, as: describe payload_mass:=2000 -o crane.urdf; or another
-    one, as: describe --urdf crane.xacro --swing.
+    The crane is that of this project, as: describe payload_mass:=2000 -o crane.urdf; a real one of
+    the library, as: describe --machine inteco_3dcrane; or another one, as: describe --urdf
+    crane.xacro --swing.
     """
     from cranedyn.model import description
+    from cranedyn.model.machines import machine_names, read_machine
     from cranedyn.model.options import add_crane_options, load_options
 
     description.add_arguments(parser)
     add_crane_options(parser)
+    parser.add_argument(
+        "--machines", action="store_true", help="list the real cranes of the library"
+    )
 
     def run(options: argparse.Namespace) -> int:
+        if options.machines:
+            for name in machine_names():
+                machine = read_machine(name)
+                print(f"{name:19} {machine.title} ({machine.source})")
+            return 0
         arguments = load_options(options)
-        if not arguments:
+        if options.urdf is None and options.machine is None:
             return description.write_description(options)
         from cranedyn.model.load import load_crane
 
-        crane = load_crane(**arguments, values=description.parse_values(options.values))
+        crane = load_crane(**arguments)
         print(crane)
         if options.output:
             description.write_urdf(crane.urdf, options.output)

@@ -1,4 +1,4 @@
-"""Options of a command line that name a crane."""
+"""Options of a command line that name a crane, and the crane that they name."""
 
 from __future__ import annotations
 
@@ -6,11 +6,21 @@ import argparse
 from typing import Any
 
 from cranedyn.errors import DataError
+from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
+from cranedyn.model.load import load_crane
 
 
 def add_crane_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--urdf``, ``--swing``, ``--driven``, ``--role`` and ``--package`` to a parser."""
+    """Add ``--machine``, ``--urdf``, ``--swing``, ``--driven``, ``--role`` and ``--package`` to a
+    parser.
+    """
+    parser.add_argument(
+        "--machine",
+        metavar="NAME",
+        default=None,
+        help="a real crane of the library; describe --machines names them",
+    )
     parser.add_argument(
         "--urdf",
         metavar="FILE",
@@ -44,7 +54,8 @@ def add_crane_options(parser: argparse.ArgumentParser) -> None:
 
 
 def load_options(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the arguments of `load_crane` that the options of `add_crane_options` name.
+    """Return the arguments of `load_crane` that the options of `add_crane_options`, values and
+    gravity name.
 
     Raises:
         DataError: If an option has another form, or no effect without ``--urdf``.
@@ -52,9 +63,13 @@ def load_options(options: argparse.Namespace) -> dict[str, Any]:
     for name in ("swing", "driven", "role", "package"):
         if options.urdf is None and getattr(options, name) is not None:
             raise DataError(f"--{name} has no effect without --urdf; leave it out.")
-    if options.urdf is None:
-        return {}
-    arguments: dict[str, Any] = {"urdf": options.urdf, "driven": options.driven}
+    arguments: dict[str, Any] = {
+        "urdf": options.urdf,
+        "machine": options.machine,
+        "driven": options.driven,
+        "gravity": getattr(options, "gravity", None),
+        "values": parse_values(options.values),
+    }
     if options.swing is not None:
         arguments["swing"] = parse_values(options.swing) or True
     if options.role is not None:
@@ -62,6 +77,11 @@ def load_options(options: argparse.Namespace) -> dict[str, Any]:
     if options.package is not None:
         arguments["packages"] = _pairs("package", options.package)
     return arguments
+
+
+def crane_from_options(options: argparse.Namespace) -> Crane:
+    """Load the crane that the command line names."""
+    return load_crane(**load_options(options))
 
 
 def _pairs(option: str, texts: list[str]) -> dict[str, str]:
