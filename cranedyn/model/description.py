@@ -1,8 +1,4 @@
-"""Descriptions: xacro files with checked arguments, expanded to a plain URDF without comments.
-
-Run ``python -m cranedyn.model.description [name:=value ...] [-o FILE]`` to write one, ``--list`` to
-see every argument.
-"""
+"""Descriptions: xacro files with checked arguments, expanded to a plain URDF without comments."""
 
 from __future__ import annotations
 
@@ -11,7 +7,6 @@ import contextlib
 import io
 import os
 import re
-import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,8 +19,8 @@ import xacro
 from xacro import substitution_args
 
 from cranedyn.checks import number
-from cranedyn.command import Parser, command, interrupted
-from cranedyn.data.files import atomic_write, parse_json, read_text
+from cranedyn.command import interrupted
+from cranedyn.data.files import parse_json, read_text
 from cranedyn.errors import CraneError, DataError, ModelError, UnknownName, quoted
 from cranedyn.model.urdf import parse_urdf
 
@@ -285,51 +280,3 @@ def _strip_comments(node: minidom.Node) -> None:
             node.removeChild(child)  # type: ignore[misc]
         else:
             _strip_comments(child)
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Write the URDF to standard output or a file and return the exit code."""
-    parser = Parser(
-        prog="python -m cranedyn.model.description", description="Write the crane as a plain URDF."
-    )
-    add_arguments(parser)
-    return command(lambda: write_description(parser.parse_args(argv)))
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command to a parser."""
-    parser.add_argument(
-        "values", nargs="*", metavar="name:=value", help="arguments of the xacro file"
-    )
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", help="write to this file instead of standard output"
-    )
-    parser.add_argument(
-        "--list",
-        action="store_true",
-        help="list the arguments with default, unit, range and meaning",
-    )
-
-
-def write_description(options: argparse.Namespace) -> int:
-    """Write the URDF, or list the arguments of the xacro file; return the exit code."""
-    if options.list:
-        for name, a in arguments().items():
-            print(f"{name:17} {a.default:>9} {a.unit:11} {a.allowed:5} {a.meaning}")
-        return 0
-    urdf = describe(values=parse_values(options.values))
-    if options.output:
-        write_urdf(urdf, options.output)
-    else:
-        sys.stdout.write(urdf)
-    return 0
-
-
-def write_urdf(urdf: str, path: str | Path) -> None:
-    """Write a URDF to a file."""
-    with atomic_write(path) as file:
-        file.write_text(urdf, encoding="utf-8")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -15,42 +15,17 @@ def add_crane_options(parser: argparse.ArgumentParser) -> None:
     """Add ``--machine``, ``--urdf``, ``--swing``, ``--driven``, ``--role`` and ``--package`` to a
     parser.
     """
-    parser.add_argument(
-        "--machine",
-        metavar="NAME",
-        default=None,
-        help="a real crane of the library; describe --machines names them",
-    )
-    parser.add_argument(
-        "--urdf",
-        metavar="FILE",
-        default=None,
-        help="another crane: a plain URDF or MJCF, or a .xacro that you trust",
-    )
-    parser.add_argument(
-        "--swing",
-        nargs="*",
-        default=None,
-        metavar="name:=value",
-        help="hang the hook of that URDF on a rope; length:=, mass:= and damping:= may be given",
-    )
-    parser.add_argument(
-        "--driven", nargs="+", default=None, metavar="JOINT", help="joints that drives move"
-    )
-    parser.add_argument(
-        "--role",
-        nargs="+",
-        default=None,
-        metavar="ROLE=JOINT",
-        help="slew, trolley, radial_swing, tangential_swing or hoist of a tower crane",
-    )
-    parser.add_argument(
-        "--package",
-        nargs="+",
-        default=None,
-        metavar="NAME=FOLDER",
-        help="folders of ROS packages that are not above the file",
-    )
+    add, text = parser.add_argument, "a real crane; describe --machines names all"
+    add("--machine", metavar="NAME", help=text)
+    text = "another crane: a plain URDF or MJCF, or a .xacro that you trust"
+    add("--urdf", metavar="FILE", help=text)
+    text = "hang the hook of that URDF on a rope; length:=, mass:= and damping:= may be given"
+    add("--swing", nargs="*", metavar="name:=value", help=text)
+    add("--driven", nargs="+", metavar="JOINT", help="joints that drives move")
+    text = "slew, trolley, radial_swing, tangential_swing or hoist of a tower crane"
+    add("--role", nargs="+", metavar="ROLE=JOINT", help=text)
+    text = "folders of ROS packages that are not above the file"
+    add("--package", nargs="+", metavar="NAME=FOLDER", help=text)
 
 
 def load_options(options: argparse.Namespace) -> dict[str, Any]:

@@ -44,7 +44,7 @@ def add_setup(parser: argparse.ArgumentParser, *fixed: str) -> None:
         "let buffers end the ranges of the drives, or mark it and go on"
     )
     parser.add_argument("--validity", choices=get_args(Validity), default="stop", help=text)
-    add_values(parser, "numbers of the crane, see python -m cranedyn.model.description --list")
+    add_values(parser, "numbers of the crane, see cranedyn describe --list")
 
 
 @dataclass(frozen=True)

@@ -123,8 +123,8 @@ def run(options: argparse.Namespace) -> Path:
     """Write the run that the command line names, and return its folder."""
     if options.urdf is not None or options.machine is not None:
         raise DataError(
-            "--urdf and --machine have no effect here: the runs are those of this project's crane; from Python, "
-            "export takes any program."
+            "--urdf and --machine have no effect here: the runs are those of this project's crane; "
+            "from Python, export takes any program."
         )
     setup = Setup(options.gravity, parse_values(options.values))
     return export(
