@@ -157,6 +157,31 @@ def _write_description(options: argparse.Namespace) -> int:
     return 0
 
 
+def _record_template(parser: _Parser) -> None:
+    """Say what to measure with a phone and a tape, or write a record of it."""
+    add, text = parser.add_argument, "a template to fill in, or the record of a gyroscope"
+    add("file", nargs="?", metavar="FILE.csv", help=text)
+    text = "file of the app phyphox or Sensor Logger, and the cable length of its swing [m]"
+    add("--gyroscope", nargs=2, metavar=("PHONE.csv", "L"), help=text)
+
+    def run(options: argparse.Namespace) -> int:
+        from cranedyn.identification.phone import RECIPE, write_gyroscope_record, write_template
+
+        if options.gyroscope is None:
+            print(RECIPE, end="")
+            if options.file is None:
+                return 0
+            write_template(options.file)
+        elif options.file is None:
+            parser.error("--gyroscope needs FILE.csv")
+        else:
+            write_gyroscope_record(options.file, *options.gyroscope)
+        print(f"Written to {options.file}.")
+        return 0
+
+    parser.set_defaults(run=run)
+
+
 def _export(parser: _Parser) -> None:
     """Write a crane, or a run, for another program."""
     exporters = parser.add_subparsers(required=True, dest="exporter", metavar="EXPORTER")
@@ -206,6 +231,7 @@ COMMANDS: dict[str, Callable[[_Parser], None]] = {
     "list": _list,
     "view": _view,
     "describe": _describe,
+    "record-template": _record_template,
     "export": _export,
 }
 """Function by the name of its command; it adds the arguments and sets what runs it, and its

@@ -213,11 +213,6 @@ def payload_orientation(crane: Crane, q: np.ndarray) -> np.ndarray:
     return pin.Quaternion(crane.data.oMi[crane.payload.body + 1].rotation).coeffs()
 
 
-def payload_velocity(crane: Crane, state: State) -> np.ndarray:
-    """Return the velocity of the centre of the payload in the world [m/s], shape (3,)."""
-    return point_velocities(crane, state)[0]
-
-
 def rope_tension(crane: Crane, state: State, effort: np.ndarray) -> float:
     """Return the tension of the rope [N]; at zero or below a real rope would be slack.
 

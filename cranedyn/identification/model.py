@@ -92,10 +92,17 @@ class _Variants:
         for c, channel in enumerate(self.channels):
             joint = self.layout.joints[channel.at]
             if channel.kind == "swing":
-                outputs[:, c] = self._interpolate(batch, channel.at, self.value("delay"))
-                outputs[:, c] += self.value(f"{joint.symbol}_bias")[:, None]
+                position, rate = self._interpolate(batch, channel.at, self.value("delay"))
+                if channel.column == joint.columns[0]:
+                    outputs[:, c] = position + self.value(f"{joint.symbol}_bias")[:, None]
+                else:
+                    bias, drift = (
+                        self.values[:, self.record_indices[kind, joint.symbol], None]
+                        for kind in ("rate bias", "rate drift")
+                    )
+                    outputs[:, c] = rate + bias + drift * self.t
             elif channel.kind == "position":
-                outputs[:, c] = self._interpolate(batch, channel.at, np.zeros(variants))
+                outputs[:, c], _ = self._interpolate(batch, channel.at, np.zeros(variants))
                 outputs[:, c] -= self.value(f"{joint.symbol}_offset")[:, None]
             else:
                 signal = (
@@ -214,9 +221,11 @@ class _Variants:
             aims[:, :, i] += self.value(f"{joint.symbol}_offset")[:, None]
         return aims
 
-    def _interpolate(self, batch: Batch, coordinate: int, delay: np.ndarray) -> np.ndarray:
-        """Return a coordinate at the rows evaluated, less a delay [s] of each variant, by cubic
-        Hermite interpolation; shape (variants, rows).
+    def _interpolate(
+        self, batch: Batch, coordinate: int, delay: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return a coordinate and its rate at the rows evaluated, less a delay [s] of each variant,
+        by cubic Hermite interpolation; shape (variants, rows) each.
         """
         position = np.clip((self.t - delay[:, None]) / self.period, 0.0, len(self.grid) - 1.001)
         k = position.astype(int)
@@ -224,7 +233,9 @@ class _Variants:
         q, v = batch.q[:, :, coordinate], self.period * batch.v[:, :, coordinate]
         q0, q1, v0, v1 = (np.take_along_axis(a, k + i, axis=1) for a in (q, v) for i in (0, 1))
         rise = q1 - q0
-        return q0 + s * (v0 + s * (3.0 * rise - 2.0 * v0 - v1 + s * (v0 + v1 - 2.0 * rise)))
+        square, cube = 3.0 * rise - 2.0 * v0 - v1, v0 + v1 - 2.0 * rise
+        rate = (v0 + s * (2.0 * square + 3.0 * s * cube)) / self.period
+        return q0 + s * (v0 + s * (square + s * cube)), rate
 
     def _effort(self, batch: Batch, channel: Channel, joint: Joint) -> np.ndarray:
         """Return the effort of a drive, dry friction included, shape (variants, rows): at a control

@@ -22,7 +22,7 @@ or a hold controller holds them at their setpoints."""
 
 Kind = Literal[
     "argument", "offset", "lag", "delay", "bias", "friction", "stiffness", "damping", "start",
-    "start rate", "setpoint",
+    "start rate", "setpoint", "rate bias", "rate drift",
 ]  # fmt: skip
 
 MEANINGS = {
@@ -38,6 +38,13 @@ MEANINGS = {
 EARLY, LATE = -0.5, 1.0
 """Bounds of the delay of the swing sensor [s], and a quarter of the period of the swing: a delay of
 half a period is the other sign."""
+
+
+_RATE_ERRORS: tuple[tuple[Kind, str, float], ...] = (
+    ("rate bias", "rad/s", 1e-3),
+    ("rate drift", "rad/s²", 1e-5),
+)
+"""What a gyroscope adds to a rate, and how fast that changes: kind, unit and scale."""
 
 
 @dataclass(frozen=True)
@@ -123,8 +130,10 @@ def default_names(prior: Prior, records: Sequence[Record], drives: Drives) -> li
     """Return the names of the parameters that the recorded columns can determine."""
     layout, winch = prior.crane.layout, prior.crane.winch
     chosen = [] if winch is None else [f"{layout.driven[winch].symbol}_offset"]
-    biased = {joint.symbol for record in records for joint in record.swings}
-    damped = ("damp_swing", *(f"damp_{symbol}" for symbol in layout.symbols if symbol in biased))
+    swings = [(record, joint) for record in records for joint in record.swings]
+    recorded = {joint.symbol for _, joint in swings}
+    biased = {joint.symbol for record, joint in swings if joint.columns[0] in record.columns}
+    damped = ("damp_swing", *(f"damp_{symbol}" for symbol in layout.symbols if symbol in recorded))
     chosen += [name for name in damped if name in prior.arguments]
     chosen += ["delay"] if drives == "motion" else []
     chosen += [f"{symbol}_bias" for symbol in layout.symbols if symbol in biased]
@@ -157,6 +166,11 @@ def initial_parameters(record: Record, index: int, drives: Drives) -> list[Param
     for joint in record.swings:
         ends = (-1.5, 1.5) if joint.kind == "revolute" else free
         parameters += _start(record, index, joint, ends, 0.02)
+        if joint.columns[0] not in record.columns:  # a gyroscope
+            for kind, unit, scale in _RATE_ERRORS:
+                name = f"{joint.symbol} {kind}"
+                p = Parameter(name, kind, joint.symbol, unit, 0.0, *free, scale, index)
+                parameters.append(p)
     for joint in record.crane.layout.driven if drives != "motion" else ():
         column = joint.columns[0]
         if not record.moves(column):
@@ -173,10 +187,13 @@ def initial_parameters(record: Record, index: int, drives: Drives) -> list[Param
 def _start(
     record: Record, index: int, joint: Joint, ends: tuple[float, float], scale: float
 ) -> list[Parameter]:
-    """Return the initial coordinate and rate of a joint, by a parabola through the first rows."""
-    rows = max(4, int(np.searchsorted(record.t, 0.8)))
-    values = record.columns[joint.columns[0]][:rows]
-    _, rate, position = np.polyfit(record.t[:rows], values, 2)
+    """Return the initial coordinate and rate of a joint, by a parabola through the first rows. Of a
+    swing whose rate was recorded the coordinate follows from the slope of the rate.
+    """
+    rows, column = max(4, int(np.searchsorted(record.t, 0.8))), record.swing_column(joint)
+    _, rate, position = np.polyfit(record.t[:rows], record.columns[column][:rows], 2)
+    if column == joint.columns[1]:
+        rate, position = position, -rate * (record.swing_period / (2.0 * math.pi)) ** 2
     symbol, unit, first = joint.symbol, joint.unit, float(np.clip(position, *ends))
     free = (-math.inf, math.inf)
     return [

@@ -260,7 +260,7 @@ class _RecordTemplate:
             if joint.effort_column in recorded:
                 columns[joint.effort_column] = np.sin(t)  # only how it is predicted counts
         for joint in self.like.swings:
-            columns[joint.columns[0]] = 1e-3 * np.sin(t)
+            columns[self.like.swing_column(joint)] = 1e-3 * np.sin(t)
         return replace(self.like, name="a further record", t=t, columns=columns)
 
 

@@ -108,7 +108,7 @@ class EstimationProblem:
         other delays of the swing sensor.
         """
         swings = dict.fromkeys(
-            joint.columns[0] for record in self.records for joint in record.swings
+            record.swing_column(joint) for record in self.records for joint in record.swings
         )
         delays = np.unique([0.0, *(0.6 * np.array(self.delay_bounds))]).tolist()
         for signs in product((1, -1), repeat=len(swings)):
@@ -170,8 +170,10 @@ class EstimationProblem:
     def _channels(self, record: Record) -> tuple[Channel, ...]:
         layout, names = self.prior.crane.layout, {p.name for p in self.parameters}
         channels = [
-            Channel(joint.columns[0], joint.unit, "swing", layout.index(joint.symbol))
+            Channel(column, unit, "swing", layout.index(joint.symbol))
             for joint in record.swings
+            for column in (record.swing_column(joint),)
+            for unit in (joint.unit if column == joint.columns[0] else f"{joint.unit}/s",)
         ]
         for drive, joint in enumerate(layout.driven):
             at, position, effort = int(layout.drives[drive]), joint.columns[0], joint.effort_column

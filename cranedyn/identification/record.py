@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -78,8 +78,8 @@ class Record:
         t = finite(f"t_s of {name}", t, ("rows",), unit="s")
         recorded = {
             key: finite(f"{key} of {name}", columns[key], (len(t),))
-            for key in relevant_columns(crane)
-            if key in columns and key != "t_s"
+            for key in relevant_columns(crane, columns)
+            if key != "t_s"
         }
         _check_clock(name, t)
         mask = (t >= since - 1e-9) & (t <= until + 1e-9)
@@ -97,7 +97,9 @@ class Record:
             )
             if not {*joint.columns, joint.setpoint_column, joint.effort_column} & recorded.keys()
         ]
-        return cls(name, crane, t - t[0], recorded, tuple(notes), resolution)
+        record = cls(name, crane, t - t[0], recorded, tuple(notes), resolution)
+        _check_rates(record)
+        return record
 
     @property
     def duration(self) -> float:
@@ -113,7 +115,12 @@ class Record:
     def swings(self) -> tuple[Joint, ...]:
         """Recorded swings."""
         joints = (self.crane.layout.joints[i] for i in self.crane.swings.tolist())
-        return tuple(joint for joint in joints if joint.columns[0] in self.columns)
+        return tuple(joint for joint in joints if {*joint.columns} & self.columns.keys())
+
+    def swing_column(self, joint: Joint) -> str:
+        """Return the column of a recorded swing: its angle, or its rate where no angle is."""
+        angle, rate = joint.columns
+        return angle if angle in self.columns else rate
 
     @cached_property
     def swing_period(self) -> float:
@@ -165,8 +172,7 @@ def _resample(
             f"{position} brings a fresh value every {1e3 * sampled.interval:.0f} ms in steps of "
             f"{sampled.resolution:.2g} {joint.unit}, smoothed by {deviation:.2g} {joint.unit}."
         )
-    swings = [crane.layout.joints[i].columns[0] for i in crane.swings.tolist()]
-    sampled_swings = [samples(t, columns[key]) for key in swings if key in columns]
+    sampled_swings = [samples(t, columns[key]) for key in _swing_columns(crane, columns)]
     if sampled_swings and all(sampled.is_held for sampled in sampled_swings):
         rows = np.unique(np.concatenate([sampled.rows for sampled in sampled_swings]))
         remarks.append(
@@ -177,16 +183,23 @@ def _resample(
     return t, fresh, resolution, remarks
 
 
-def relevant_columns(crane: Crane) -> list[str]:
-    """Return the names of the columns of times, drives, their setpoints and efforts, and swings."""
-    layout = crane.layout
-    swings = [layout.joints[i].columns[0] for i in crane.swings.tolist()]
+def relevant_columns(crane: Crane, present: Collection[str]) -> list[str]:
+    """Return those of some columns that identification reads: times, swings, and the drives with
+    their setpoints and efforts. The rate of a swing is read where its angle is not there.
+    """
     driven = [
         name
-        for joint in layout.driven
+        for joint in crane.layout.driven
         for name in (*joint.columns, joint.setpoint_column, joint.effort_column)
     ]
-    return ["t_s", *swings, *driven]
+    names = ["t_s", *_swing_columns(crane, present), *driven]
+    return [name for name in names if name in present]
+
+
+def _swing_columns(crane: Crane, present: Collection[str]) -> list[str]:
+    joints = [crane.layout.joints[i] for i in crane.swings.tolist()]
+    columns = [joint.columns[joint.columns[0] not in present] for joint in joints]
+    return [name for name in columns if name in present]
 
 
 def load_record(
@@ -218,12 +231,12 @@ def load_record(
     path = Path(path)
     if path.suffix in bags.ENDINGS:
         present = {"t_s", *bags.joint_state_columns(path, joints)}
-        wanted = [name for name in relevant_columns(crane) if name in present]
+        wanted = relevant_columns(crane, present)
         data = bags.read_joint_states(path, wanted, joints)
     else:
         sources = sources or {}
         present = {"t_s", *column_names(path), *sources}
-        wanted = [name for name in relevant_columns(crane) if name in present]
+        wanted = relevant_columns(crane, present)
         data = read_external(path, list(dict.fromkeys([*wanted, *sources])), sources)
     return Record.of(crane, data, name=path.name, since=since, until=until)
 
@@ -246,12 +259,13 @@ def _check_clock(name: str, t: np.ndarray) -> None:
 
 def _check_swings(name: str, crane: Crane, columns: Mapping[str, np.ndarray]) -> list[str]:
     """Return the names of swing columns that never move; at least one other does."""
-    swings = [crane.layout.joints[i].columns[0] for i in crane.swings.tolist()]
-    present = [key for key in swings if key in columns]
+    present = _swing_columns(crane, columns)
     if not present:
+        swings = [name for i in crane.swings.tolist() for name in crane.layout.joints[i].columns]
         raise DataError(f"{name} has no swing column; one of {', '.join(swings)} is needed.")
     for key in present:
-        if (peak := float(np.abs(columns[key]).max(initial=0.0))) > _UPRIGHT:
+        peak = float(np.abs(columns[key]).max(initial=0.0))
+        if peak > _UPRIGHT and not key.endswith("_s"):
             raise DataError(
                 f"{name}: {key} is {peak:.4g} rad in some row; a swing is {_UPRIGHT:.4f} rad (90 "
                 f"degrees) at most. If it is in degrees, say so: --columns {key}={key}[deg]."
@@ -263,6 +277,17 @@ def _check_swings(name: str, crane: Crane, columns: Mapping[str, np.ndarray]) ->
             "is not connected, says nothing."
         )
     return dead
+
+
+def _check_rates(record: Record) -> None:
+    for key in map(record.swing_column, record.swings):
+        swing = np.ptp(record.columns[key]) / 2.0 * record.swing_period / (2.0 * math.pi)
+        if key.endswith("_s") and swing > _UPRIGHT:
+            raise DataError(
+                f"{record.name}: {key} is that of a swing of {swing:.3g} rad; allowed are "
+                f"{_UPRIGHT:.4f} rad (90 degrees). If it is in degrees, say so: --columns "
+                f"{key}={key}[deg/s]."
+            )
 
 
 def _check_length(

@@ -37,17 +37,6 @@ class Twin:
     records: tuple[str, ...]
 
     @property
-    def device_parameters(self) -> dict[str, float]:
-        """Values of the parameters of drives and sensors, by name: all that are no arguments of the
-        crane.
-        """
-        return {
-            name: float(entry["value"])
-            for name, entry in self.identified.items()
-            if entry["kind"] != "argument"
-        }
-
-    @property
     def options(self) -> str:
         """Options ``--gravity`` and ``--set`` that describe the crane on a command line."""
         values = self.crane.record.get("arguments", {})

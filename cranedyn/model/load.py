@@ -26,7 +26,7 @@ from cranedyn.errors import (
 )
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
-from cranedyn.model.description import XACRO, describe
+from cranedyn.model.description import XACRO, CraneValues, describe
 from cranedyn.model.joints import (
     check_joints,
     check_roles,
@@ -45,7 +45,6 @@ from cranedyn.model.solvability import check_ranges, check_solvable
 from cranedyn.model.springs import read_springs
 from cranedyn.model.swing import hang_load, swing_numbers, turn_tower
 from cranedyn.model.urdf import bare, check_urdf, parse_urdf, skeleton
-from cranedyn.model.values import CraneValues
 
 _RECORD_TYPES = {
     "urdf": str,

@@ -33,10 +33,10 @@ def beside(estimate: Estimate, index: int) -> Figure:
         wave.plot(t, recorded, color=_LINES["recorded"], linewidth=2.4, label="recorded")
         wave.plot(t, recorded - 1e3 * off, color=COLOURS.get(symbol, "#0072B2"), linewidth=1.0,
                   label="twin")  # fmt: skip
-        wave.set(xlabel="time [s]", ylabel=f"{symbol} [mrad]")
+        wave.set(xlabel="time [s]", ylabel=f"{symbol} [m{channel.unit}]")
         wave.legend(loc="upper right", fontsize=9)
         residual.plot(t, 1e3 * off, color=_LINES["left"], linewidth=0.7)
-        residual.set(xlabel="time [s]", ylabel="recorded less twin [mrad]")
+        residual.set(xlabel="time [s]", ylabel=f"recorded less twin [m{channel.unit}]")
         _spectra(spectrum, record.interval, t, measured[c], off)
     figure.suptitle(record.name)
     return figure

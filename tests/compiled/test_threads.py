@@ -84,7 +84,6 @@ def test_what_a_crane_is_asked_in_two_threads_it_answers_as_in_one(restless: Non
             part
             for _ in range(300)
             for part in (
-                dynamics.payload_velocity(c, state),
                 dynamics.point_velocities(c, state),
                 dynamics.payload_position(c, state.q),
                 *dynamics.linearise(c, state, np.zeros(3)),

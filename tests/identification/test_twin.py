@@ -22,9 +22,8 @@ def test_a_twin_is_read_back_and_is_the_crane_that_was_found(tmp_path: Path) -> 
     file = twin.write(tmp_path / "twin.json")
     again, loaded = read_twin(file), load_crane(from_record=file)
     assert again.identified == twin.identified
-    assert again.device_parameters == twin.device_parameters
     devices = {"l_offset", "delay", "phi_bias", "theta_bias", "x_friction"}
-    assert again.device_parameters.keys() == devices
+    assert devices <= again.identified.keys()
     assert again.records == ("record",)
     for crane in (again.crane, loaded, load_crane(**parse_values([str(file)]))):  # type: ignore[arg-type]
         assert crane.payload_mass == twin.crane.payload_mass == found().value("payload_mass")

@@ -9,18 +9,17 @@ from pathlib import Path
 import pytest
 
 from cranedyn.errors import OutOfRange
-from cranedyn.model import values
+from cranedyn.model import description
 from cranedyn.model.crane import Crane
-from cranedyn.model.description import arguments
+from cranedyn.model.description import CraneValues, arguments
 from cranedyn.model.load import load_crane
-from cranedyn.model.values import CraneValues
 from tests.helpers import ROOT
 
 OVERHEAD = ROOT / "urdf" / "overhead_crane.urdf.xacro"
 
 
 def test_the_keywords_of_load_crane_are_the_documented_arguments_in_their_units() -> None:
-    source = Path(values.__file__).read_text(encoding="utf-8")
+    source = Path(description.__file__).read_text(encoding="utf-8")
     units = dict(re.findall(r"    (\w+): float  # (.+)", source))
     assert units == {name: argument.unit for name, argument in arguments().items()}
     assert [*CraneValues.__annotations__] == [*units]

@@ -305,7 +305,7 @@ def _twin() -> dict[str, bytes]:
 
 def _use_twin(path: Path) -> None:
     twin = read_twin(path)
-    check_finite("a twin", *twin.device_parameters.values())
+    check_finite("a twin", *(entry["value"] for entry in twin.identified.values()))
     if read_twin(twin.write(path.with_name("again.json"))).text != twin.text:
         raise Broken("a twin that is written again is another")
     load_crane(from_record=path)

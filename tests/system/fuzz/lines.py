@@ -62,7 +62,7 @@ _ROWS = 8
 def commands() -> dict[str, Callable[[list[str]], int]]:
     """Return every command by its module."""
     names = [f"experiments.{module.name}" for module in pkgutil.iter_modules(experiments.__path__)]
-    modules = [importlib.import_module(name) for name in ("cranedyn.model.description", *names)]
+    modules = [importlib.import_module(name) for name in names]
     mains = {module.__name__: module.main for module in modules if hasattr(module, "main")}
     return mains | {"experiments.trial": _trial}
 

@@ -1,0 +1,62 @@
+"""Records made with a phone and a tape: what to measure, a template, and a gyroscope's file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from cranedyn.bridges.target import check_free
+from cranedyn.checks import number
+from cranedyn.data.external import Source, read_external
+from cranedyn.data.files import write_text
+from cranedyn.data.tables import column_names, write_table
+from cranedyn.errors import DataError
+
+TEMPLATE, RECIPE = (
+    Path(__file__).with_name(f"record_template{ending}").read_text(encoding="utf-8")
+    for ending in (".csv", ".txt")
+)
+"""Record of three rows, to be replaced by measured ones; what to measure, and how to go on."""
+
+_APPS = {
+    "phyphox": ("Time (s)", *(f"Gyroscope {axis} (rad/s)" for axis in "xyz")),
+    "Sensor Logger": ("seconds_elapsed", "x", "y", "z"),
+}
+"""Columns of time and of the rates about three axes [rad/s] by app."""
+
+
+def write_template(path: str | Path) -> None:
+    """Write `TEMPLATE` to a new file."""
+    check_free(Path(path))
+    write_text(path, TEMPLATE)
+
+
+def write_gyroscope_record(path: str | Path, source: str | Path, length: float | str) -> None:
+    """Write the record of a phone that swings with the load to a new file.
+
+    The swing turns the phone about one axis, however the phone lies: that of the largest variance.
+    Its sign is unknown, which a free swing does not need.
+
+    Args:
+        path: A ``.csv`` or ``.parquet`` file.
+        source: CSV of the app phyphox or Sensor Logger.
+        length: Cable length [m].
+
+    Raises:
+        DataError: If a file cannot be read or written, or is that of another app.
+        OutOfRange: If the length is not positive.
+    """
+    length, names = number("length of the cable", length, "m", "> 0"), column_names(source)
+    app = next((columns for columns in _APPS.values() if {*columns} <= {*names}), None)
+    if app is None:
+        known = "; ".join(f"{', '.join(columns)} ({name})" for name, columns in _APPS.items())
+        raise DataError(f"{source} has no columns of a gyroscope; allowed are {known}.")
+    ours = ("t_s", "x_rad_s", "y_rad_s", "z_rad_s")
+    data = read_external(source, ours, dict(zip(ours, map(Source, app), strict=True)))
+    rates = np.stack([data[name] for name in ours[1:]], axis=1)
+    axis = np.linalg.svd(rates - rates.mean(axis=0), full_matrices=False)[2][0]
+    columns = {"t_s": data["t_s"], "phi_dot_rad_s": rates @ axis, "l_m": 0.0 * data["t_s"] + length}
+    check_free(Path(path))
+    write_table(path, pa.table(columns))
