@@ -7,7 +7,9 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
+import tempfile
 import textwrap
+import webbrowser
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -180,12 +182,34 @@ def _exporter(parser: _Parser, name: str) -> None:
     parser.set_defaults(run=run)
 
 
+def _drive(parser: _Parser) -> None:
+    """Drive a crane by keyboard, gamepad or mouse, in the browser."""
+    from cranedyn.bridges import page
+    from cranedyn.model.description import add_values
+    from cranedyn.model.options import add_crane_options
+
+    add_crane_options(parser)
+    parser.add_argument("--gravity", type=float, metavar="G", help="gravity of the world [m/s²]")
+    add_values(parser, "numbers of the crane")
+    page.add_arguments(parser)
+
+    def run(options: argparse.Namespace) -> int:
+        options.target = Path(tempfile.mkdtemp(prefix="cranedyn-")) / "crane.html"
+        file = page.run(options)
+        print(f"The crane is in {file}. It needs no network; copy it where you like.")
+        webbrowser.open(file.as_uri())
+        return 0
+
+    parser.set_defaults(run=run)
+
+
 COMMANDS: dict[str, Callable[[_Parser], None]] = {
     "run": _experiment,
     "list": _list,
     "view": _view,
     "describe": _describe,
     "export": _export,
+    "drive": _drive,
 }
 """Function by the name of its command; it adds the arguments and sets what runs it, and its
 docstring is the help."""

@@ -21,6 +21,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from cranedyn.bridges.exercises import SWING, exercises, lift_exercise
 from cranedyn.bridges.joints import crane_from_options
 from cranedyn.bridges.target import check_free, new_file
 from cranedyn.controllers.lqr import effort_weight_of, lqr
@@ -130,7 +131,8 @@ def page_data(crane: Crane, site: Site | None = None) -> dict[str, Any]:
     """Return all that the page needs of a crane and its site, for JSON."""
     layout, drives = crane.layout, converters(crane)
     sliders, cranes, responses = _variations(crane, drives)
-    obstacles = [] if site is None else [_in_crane(site, solid) for solid in site.solids]
+    turn, foot = (np.eye(3), np.zeros(3)) if site is None else _frame(site)
+    obstacles = [] if site is None else [solid.moved(turn, foot) for solid in site.solids]
     area = DRAG * _frontal_area(crane)
     return {
         "title": _title(crane) if site is None else site.name,
@@ -140,9 +142,9 @@ def page_data(crane: Crane, site: Site | None = None) -> dict[str, Any]:
         "kernel": _kernel_data(crane, drives, sliders, cranes, responses),
         "sliders": [asdict(slider) for slider in (*sliders, *_WIND)],
         "drag": 0.5 * AIR_DENSITY * area,
-        "site": None if site is None else _site_data(crane, site, obstacles),
+        "site": None if site is None else {"name": site.name, "solids": _solids_data(obstacles)},
         "parts": [part for solid in obstacles for part in _parts(solid)],
-        "tasks": [],
+        "tasks": list(_tasks(crane, drives, site)),
         "colours": {name: COLOURS.get(name, "#8A8A8A") for name in (*layout.symbols, "setpoint")},
         "control_period": PERIOD,
     }
@@ -520,28 +522,52 @@ def _packed(data: bytes) -> str:
 # --- site -----------------------------------------------------------------------------------------
 
 
-def _in_crane(site: Site, solid: Solid) -> Solid:
-    """Return an obstacle in the frame of the crane."""
+def _frame(site: Site) -> tuple[np.ndarray, np.ndarray]:
+    """Return rotation and translation [m] from the frame of a site to that of its crane."""
     turn = Rotation.from_euler("z", -(site.heading + math.pi / 2.0)).as_matrix()
-    return solid.moved(turn, -turn @ site.foot)
+    return turn, -turn @ site.foot
 
 
-def _site_data(crane: Crane, site: Site, solids: Sequence[Solid]) -> dict[str, Any]:
-    turn = Rotation.from_euler("z", -(site.heading + math.pi / 2.0)).as_matrix()
-    return {
-        "name": site.name,
-        "solids": [
-            {
-                "name": solid.name,
-                "zone": solid.zone,
-                "vertices": solid.vertices.round(4).ravel().tolist(),
-                "triangles": solid.triangles.ravel().tolist(),
-            }
-            for solid in solids
-        ],
-        "goal": None if site.goal is None else (turn @ (site.goal - site.foot)).tolist(),
-        "distance": site.distance,
-    }
+def _solids_data(solids: Sequence[Solid]) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": solid.name,
+            "zone": solid.zone,
+            "vertices": solid.vertices.round(4).ravel().tolist(),
+            "triangles": solid.triangles.ravel().tolist(),
+        }
+        for solid in solids
+    ]
+
+
+def _tasks(crane: Crane, drives: Converters, site: Site | None) -> Iterator[dict[str, Any]]:
+    """Yield the exercises: those for a tower crane, or on a site its lift."""
+    if not _is_tower(crane):
+        return
+    limits = Limits(_usual_rates(drives).tolist(), drives.accelerations.tolist())
+    if site is None:
+        given = list(exercises(crane, limits))
+        turn, foot = np.eye(3), np.zeros(3)
+    else:
+        lift = lift_exercise(crane, limits, site)
+        given = [] if lift is None else [lift]
+        turn, foot = _frame(site)
+    for exercise in given:
+        solids = [solid.moved(turn, foot) for solid in exercise.solids]
+        goal = exercise.goal
+        yield {
+            "name": exercise.name,
+            "title": exercise.title,
+            "text": exercise.text,
+            "state": np.concatenate(exercise.start).tolist(),
+            "goal": None if goal is None else (turn @ goal + foot).tolist(),
+            "radius": exercise.radius,
+            "swing": SWING,
+            "blind": exercise.blind,
+            "parts": [part for solid in solids for part in _parts(solid)],
+            "solids": _solids_data(solids),
+            "best": None if exercise.best is None else asdict(exercise.best),
+        }
 
 
 def _parts(solid: Solid) -> Iterator[dict[str, Any]]:

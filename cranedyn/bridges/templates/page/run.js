@@ -14,7 +14,7 @@
  * @property {string} title
  * @property {string} text
  * @property {number[]} state Coordinates and rates at the start.
- * @property {number[]} [goal] Where the load is to be [m]; anywhere if absent.
+ * @property {number[] | null} goal Where the load is to be [m]; null for anywhere.
  * @property {number} radius Allowed distance from there [m].
  * @property {number} swing Allowed swing [rad].
  * @property {Part[]} parts Obstacles of the task.
@@ -227,7 +227,7 @@ class Run {
     if (!task || task.done) return;
     task.time += period;
     task.largest = Math.max(task.largest, this.swing);
-    const away = task.goal ? Math.hypot(...load.map((x, i) => x - /** @type {number[]} */ (task.goal)[i])) : 0;
+    const {goal} = task, away = goal ? Math.hypot(...load.map((x, i) => x - goal[i])) : 0;
     const {v} = /** @type {{v: number[]}} */ (this.state);
     const rate = Math.hypot(...this.crane.swings.map(i => v[i]));
     const quiet = this.swing <= task.swing && rate <= task.swing && away <= task.radius;
