@@ -355,13 +355,16 @@ def _is_tower(crane: Crane) -> bool:
 
 
 def _assist_data(crane: Crane, drives: Converters) -> dict[str, Any]:
-    layout = crane.layout
+    layout, response = (
+        crane.layout,
+        drives.lags + drives.delay + drives.accelerations / drives.jerks,
+    )
     hoist = layout.drive_of("hoist")
     lengths = _rows(crane, "hoist", _LENGTHS)
     data: dict[str, Any] = {
         "rates": _usual_rates(drives).tolist(),
         "accelerations": drives.accelerations.tolist(),
-        "reaction": (drives.lags + drives.delay + drives.accelerations / drives.jerks).tolist(),
+        "reaction": (2.0 * response).tolist(),  # twice, or the end would be overshot
         "joints": layout.drives.tolist(),
         "hoist": -1 if hoist is None else hoist,
         "swing": {
