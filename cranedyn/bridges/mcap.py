@@ -28,6 +28,7 @@ from cranedyn.errors import DataError, OutOfRange
 from cranedyn.model.crane import Crane
 
 TARGET = "FILE"
+EXAMPLE = "run.mcap --trajectory out/a1/l5_pinned.csv"
 
 FRAME_PERIOD = 0.02
 """Least time between messages of frames [s]; joints have a message at every row."""
