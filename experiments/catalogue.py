@@ -1,6 +1,4 @@
-"""Which experiments there are: what each is called in front of people, with which arguments the
-report makes it, and a list of them by subject.
-"""
+"""Catalogue of the experiments: titles, captions, arguments for the report; a list by subject."""
 
 from __future__ import annotations
 
@@ -22,8 +20,7 @@ class Entry(NamedTuple):
         line: What it shows.
         arguments: The arguments with which the report makes it.
         quick: Arguments that make the least of it; its claims need not hold then.
-        figures: A caption for each of its figures, by name; one that ends in a star is for all that
-            begin so.
+        figures: Captions by the name of the figure; a star at the end is for any end.
     """
 
     title: str
@@ -51,9 +48,9 @@ EXPERIMENTS = {
         _ARTICLE,
         ("--length", "5"),
         {
-            "waveform": "Swing over time, and at the period of a point pendulum: what lags is the error.",
+            "waveform": "Swing over time, and the same at the period of a point pendulum.",
             "period": "Period over cable length, and its error beside the published one.",
-            "budget": "What each cause adds to the period, beside what was simulated and published.",
+            "budget": "What each cause adds to the period, beside simulated and published.",
         },
     ),
     "a2": Entry(
@@ -72,7 +69,7 @@ EXPERIMENTS = {
         _ARTICLE,
         _ARTICLE,
         {
-            "slewing": "Acceleration of the trolley's path, and the swing simulated and by Eq. (10).",
+            "slewing": "The trolley's acceleration, and the swing simulated and by Eq. (10).",
             "stages": "What is left of the difference as one cause after the other is removed.",
         },
     ),
@@ -99,7 +96,7 @@ EXPERIMENTS = {
         "The plant against closed forms of mechanics.",
         quick=("--halvings", "3"),
         figures={
-            "convergence": "Error over time step, each over its error at the coarsest: slopes 1 and 2.",
+            "convergence": "Error over time step, relative to the coarsest: slopes 1 and 2.",
             "ripple": "Energy of a large swing at steps of which each is half of the one before.",
             "oval": "The load from above, and where the far ends of its oval must come to lie.",
         },
