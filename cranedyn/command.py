@@ -92,7 +92,7 @@ def command(run: Callable[[], int]) -> int:
 
     Returns:
         That code; `REFUSED` after a `CraneError`, whose message is printed; `INTERRUPTED` after
-        Ctrl-C or SIGTERM; `FAILED` if whoever reads standard output stops reading.
+        Ctrl-C or SIGTERM; `FAILED` if the reader of standard output stops reading.
     """
     try:
         with _sigterm_as_interrupt():

@@ -153,7 +153,7 @@ class MissingRole(CraneError):
 
 
 class UnknownColumn(UnknownName, KeyError):
-    """A column that a table does not have; a KeyError, too, for whoever takes the table for a
+    """A column that a table does not have; a KeyError, too, where the table serves as a
     mapping.
     """
 

@@ -70,7 +70,6 @@ def _of_a1(result: Result) -> Told:
         "gravity",
         "hoist compliance",
         "sum",
-        "simulated",
     ]
     left = [
         f"{row['simulated less article']:+.6f}" for row in result.table("Where the damping ratio")
