@@ -36,7 +36,7 @@ from experiments.report import page
 from experiments.scenarios import robustness as study
 from experiments.scenarios.moves import DRAG, MOVES, instant, on_converters
 from experiments.scenarios.robustness import AFTER, COMBINED, RANGES, SWEPT, drawn, robustness
-from experiments.scenarios.strategies import COMPILED_MPC, FLAT, LQR, PAPER, PD, STRATEGIES
+from experiments.scenarios.strategies import COMPILED_MPC, FLAT, LQR, PD, STRATEGIES
 from tests.experiments.conftest import Ran, parse_strict
 from tests.helpers import ROOT
 from tests.told import missing
