@@ -592,7 +592,6 @@ cranedyn/command.py
 ? help::help_is_a_screen_that_begins_with_an_example_which_parses
 - action.help = argparse.SUPPRESS
 + action.help = action.help
-
 cranedyn/plugins.py
 * an exporter of another package replaces one of ours
 ? plugins::an_exporter_of_another_package_writes_what_it_says_and_replaces_none_of_ours
