@@ -40,7 +40,7 @@ from cranedyn.plotting.html import (
 from cranedyn.recording.sketch import sketch
 from experiments import harness
 from experiments.catalogue import EXPERIMENTS, Entry
-from experiments.harness.arguments import add_engine, command_name
+from experiments.harness.arguments import add_engine
 from experiments.harness.outcome import summary
 
 _LARGEST_FIGURE = 50_000_000
@@ -233,7 +233,9 @@ def figure_html(folder: Path, name: str) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run what is missing, write the page; 0, or the first code of an experiment that is not 0."""
     parser = Parser(
-        prog=command_name("report"), description="All experiments on one page, report.html."
+        prog="cranedyn report",
+        description="All experiments on one page, report.html.",
+        example="cranedyn report --quick --only a1 a3",
     )
     text = "folder of all results, one folder inside for each experiment (default out)"
     parser.add_argument("--out", metavar="DIR", default="out", help=text)

@@ -220,8 +220,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     text = f"how often the step of {1000 * STEP:g} ms is halved, 3 to 6"
     parser.add_argument("--halvings", type=int, default=4, metavar="N", help=text)
     text = (
-        "change the cranes but not the closed forms, to see which rows notice; see python -m "
-        "cranedyn.model.description --list"
+        "change the cranes but not the closed forms, to see which rows notice; see cranedyn "
+        "describe --list"
     )
     parser.add_argument(
         "--spoil", nargs="+", action="extend", default=[], metavar="name:=value", help=text

@@ -38,6 +38,7 @@ from cranedyn.interfaces import DirectDrive
 from cranedyn.model.crane import Crane
 
 TARGET = "FILE"
+EXAMPLE = "crane.fmu"
 """Target of the command line."""
 
 NAME = "cranedyn_crane"

@@ -29,6 +29,7 @@ from cranedyn.errors import DataError, ModelError, quoted
 from cranedyn.model.crane import Crane
 
 TARGET = "FILE"
+EXAMPLE = "crane.xml"
 
 
 def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:

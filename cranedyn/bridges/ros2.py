@@ -28,6 +28,7 @@ from cranedyn.errors import DataError
 from cranedyn.model.crane import Crane
 
 TARGET = "DIR"
+EXAMPLE = "crane_description"
 
 RATE = 200
 """Rate of the controllers [Hz], as in the article."""

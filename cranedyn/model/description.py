@@ -169,7 +169,7 @@ def _expand(
         ) from error
 
 
-def add_values(parser: argparse.ArgumentParser, text: str) -> None:
+def add_values(parser: argparse._ActionsContainer, text: str) -> None:
     """Add the option ``--set`` for `parse_values` to a parser."""
     parser.add_argument(
         "--set",
@@ -261,6 +261,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def write_description(options: argparse.Namespace) -> int:
     """Write the URDF, or list the arguments of the xacro file; return the exit code."""
     if options.list:
+        if options.values or options.output:
+            raise DataError("--list takes no values and no output; leave them out.")
         for name, a in arguments().items():
             print(f"{name:17} {a.default:>9} {a.unit:11} {a.allowed:5} {a.meaning}")
         return 0

@@ -9,7 +9,7 @@ from cranedyn.errors import DataError
 from cranedyn.model.description import parse_values
 
 
-def add_crane_options(parser: argparse.ArgumentParser) -> None:
+def add_crane_options(parser: argparse._ActionsContainer) -> None:
     """Add ``--urdf``, ``--swing``, ``--driven``, ``--role`` and ``--package`` to a parser."""
     parser.add_argument(
         "--urdf",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import get_args
@@ -11,6 +12,7 @@ from typing import get_args
 from cranedyn.command import Parser
 from cranedyn.errors import DataError
 from cranedyn.interfaces import EngineName
+from experiments.catalogue import example
 
 
 def command_name(name: str) -> str:
@@ -27,7 +29,7 @@ def parser(
     *,
     recording: bool = True,
     engines: Sequence[str] = get_args(EngineName),
-) -> argparse.ArgumentParser:
+) -> Parser:
     """Return a parser with the arguments that every experiment has.
 
     Args:
@@ -39,11 +41,11 @@ def parser(
     result = Parser(
         prog=command_name(name),
         description=" ".join((description or "").partition("\n\n")[0].split()),
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        example=shlex.join([*command_name(name).split(), *example(name)]),
     )
     result.set_defaults(experiment=name, live=False, modes={}, conditions=[])
     result.set_defaults(view=False, serve=False)
-    add, no_default = result.add_argument, argparse.SUPPRESS
+    add, no_default = result.common.add_argument, argparse.SUPPRESS
     text = f"folder for results, default out/{name}"
     add("--out", metavar="DIR", help=text, default=no_default)
     text = "put the tables between their marks in this document, too"
@@ -57,12 +59,12 @@ def parser(
         text = "where --serve has its page; the data is at the next port"
         add("--port", type=int, default=9090, metavar="P", help=text)
         add_condition(result, "--serve", lambda options: options.serve, "port")
-    add_engine(result, engines)
+    add_engine(result.common, engines)
     return result
 
 
 def add_engine(
-    parser: argparse.ArgumentParser, engines: Sequence[str] = get_args(EngineName)
+    parser: argparse._ActionsContainer, engines: Sequence[str] = get_args(EngineName)
 ) -> None:
     """Add the choice of the engine, the default first."""
     text = (

@@ -135,9 +135,9 @@ def test_documents_tell_the_numbers_of_the_command(name: str, standard: Standard
 
 
 @each
-def test_help_is_printed(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_lists_all_options(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
-        EXPERIMENTS[name].main(["--help"])
+        EXPERIMENTS[name].main(["--help-all"])
     assert caught.value.code == 0
     options = "--out --save --serve --view --gravity --dt --control-period --set"
     assert set(options.split()) <= set(re.findall(r"--[a-z-]+", capsys.readouterr().out))
