@@ -143,26 +143,50 @@ def _describe(parser: _Parser) -> None:
     """Describe a crane of ours or another: its joints, or with -o FILE its plain URDF.
 
     Example: cranedyn describe payload_mass:=2000 -o crane.urdf
+    cranedyn describe --machine inteco_3dcrane shows a real crane of the library.
     """
-    from cranedyn.model import description
-    from cranedyn.model.options import add_crane_options, load_options
+    from cranedyn.model.options import add_crane_options
 
-    description.add_arguments(parser)
+    add, text = parser.add_argument, "arguments of the xacro file"
+    add("values", nargs="*", metavar="name:=value", help=text)
+    add("-o", "--output", metavar="FILE", help="write the URDF to this file")
+    text = "list the arguments with default, unit, range and meaning"
+    add("--list", action="store_true", help=text)
+    add("--machines", action="store_true", help="list the real cranes of the library")
     add_crane_options(parser)
+    parser.set_defaults(run=_write_description)
 
-    def run(options: argparse.Namespace) -> int:
-        arguments = load_options(options)
-        if not arguments:
-            return description.write_description(options)
-        from cranedyn.model.load import load_crane
 
-        crane = load_crane(**arguments, values=description.parse_values(options.values))
-        print(crane)
-        if options.output:
-            description.write_urdf(crane.urdf, options.output)
+def _write_description(options: argparse.Namespace) -> int:
+    from cranedyn.data.files import write_text
+    from cranedyn.errors import DataError
+    from cranedyn.model.description import arguments, describe
+    from cranedyn.model.load import load_crane
+    from cranedyn.model.machines import machine_names, read_machine
+    from cranedyn.model.options import load_options
+
+    if options.list:
+        if options.values or options.output:
+            raise DataError("--list takes no values and no output; leave them out.")
+        for name, a in arguments().items():
+            print(f"{name:17} {a.default:>9} {a.unit:11} {a.allowed:5} {a.meaning}")
         return 0
-
-    parser.set_defaults(run=run)
+    if options.machines:
+        for machine in map(read_machine, machine_names()):
+            print(f"{machine.name:19} {machine.title} ({machine.source})")
+        return 0
+    settings = load_options(options)
+    if options.urdf is None and options.machine is None:
+        urdf = describe(values=settings["values"])
+        if not options.output:
+            sys.stdout.write(urdf)
+    else:
+        crane = load_crane(**settings)
+        urdf = crane.urdf
+        print(crane)
+    if options.output:
+        write_text(options.output, urdf)
+    return 0
 
 
 def _export(parser: _Parser) -> None:

@@ -5,7 +5,7 @@ An exporter writes a crane, or a run, for another program. It is a module with
 * ``TARGET``, the name of its target in the help, such as "DIR";
 * ``add_arguments(parser)``, which adds its arguments beside the target and the crane;
 * ``run(options)``, which writes to ``options.target`` and returns it.
-  `joints.crane_from_options(options)` loads the crane that the command line describes;
+  `cranedyn.model.options.crane_from_options` loads the crane that the command line names;
   `target.new_folder` and `target.new_file` write all or nothing.
 
 The first paragraph of its docstring is its help. Its name is an entry point of the group

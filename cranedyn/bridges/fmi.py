@@ -22,7 +22,6 @@ import numpy as np
 
 from cranedyn.bridges.joints import (
     add,
-    crane_from_options,
     force_names,
     input_names,
     state_names,
@@ -36,6 +35,7 @@ from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, ModelError, OutOfRange, quoted
 from cranedyn.interfaces import DirectDrive
 from cranedyn.model.crane import Crane
+from cranedyn.model.options import crane_from_options
 
 TARGET = "FILE"
 EXAMPLE = "crane.fmu"

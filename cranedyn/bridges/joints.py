@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from argparse import Namespace
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,18 +11,8 @@ import numpy as np
 from cranedyn.dynamics.pinocchio import full, holding_effort
 from cranedyn.errors import ModelError, quoted
 from cranedyn.model.crane import Crane
-from cranedyn.model.description import parse_values
 from cranedyn.model.layout import Joint
-from cranedyn.model.load import load_crane
-from cranedyn.model.options import load_options
 from cranedyn.model.urdf import parse_urdf
-
-
-def crane_from_options(options: Namespace) -> Crane:
-    """Load the crane that the command line describes."""
-    return load_crane(
-        **load_options(options), gravity=options.gravity, values=parse_values(options.values)
-    )
 
 
 def state_names(crane: Crane) -> list[str]:

@@ -16,7 +16,6 @@ import pinocchio as pin
 
 from cranedyn.bridges.joints import (
     ExportedJoint,
-    crane_from_options,
     ends,
     joints,
     urdf_element,
@@ -26,6 +25,7 @@ from cranedyn.bridges.target import new_file
 from cranedyn.data.trajectory import Trajectory, read
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.model.crane import Crane
+from cranedyn.model.options import crane_from_options
 
 TARGET = "FILE"
 EXAMPLE = "run.mcap --trajectory out/a1/l5_pinned.csv"

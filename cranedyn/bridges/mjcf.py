@@ -16,7 +16,6 @@ from cranedyn.bridges.joints import (
     ExportedJoint,
     add,
     check_inertias,
-    crane_from_options,
     ends,
     joints,
     urdf_element,
@@ -27,6 +26,7 @@ from cranedyn.bridges.target import new_file
 from cranedyn.checks import number
 from cranedyn.errors import DataError, ModelError, quoted
 from cranedyn.model.crane import Crane
+from cranedyn.model.options import crane_from_options
 
 TARGET = "FILE"
 EXAMPLE = "crane.xml"

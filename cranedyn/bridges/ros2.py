@@ -17,7 +17,6 @@ from cranedyn.bridges.joints import (
     add,
     anchor_to_world,
     check_inertias,
-    crane_from_options,
     joints,
     urdf_element,
     xml_bytes,
@@ -26,6 +25,7 @@ from cranedyn.bridges.target import new_folder
 from cranedyn.checks import number
 from cranedyn.errors import DataError
 from cranedyn.model.crane import Crane
+from cranedyn.model.options import crane_from_options
 
 TARGET = "DIR"
 EXAMPLE = "crane_description"

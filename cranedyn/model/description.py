@@ -1,18 +1,14 @@
-"""Descriptions: xacro files with checked arguments, expanded to a plain URDF without comments.
-
-Run ``python -m cranedyn.model.description [name:=value ...] [-o FILE]`` to write one, ``--list`` to
-see every argument.
-"""
+"""Descriptions: xacro files with checked arguments, expanded to a plain URDF without comments."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
 import io
+import os
 import re
-import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -23,10 +19,9 @@ import xacro
 from xacro import substitution_args
 
 from cranedyn.checks import number
-from cranedyn.command import Parser, command, interrupted
-from cranedyn.data.files import atomic_write, parse_json, read_text
-from cranedyn.errors import DataError, ModelError, UnknownName, quoted
-from cranedyn.model.packages import package_folder
+from cranedyn.command import interrupted
+from cranedyn.data.files import parse_json, read_text
+from cranedyn.errors import CraneError, DataError, ModelError, UnknownName, quoted
 from cranedyn.model.urdf import parse_urdf
 
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -39,6 +34,9 @@ XACRO = next(
 
 
 _LOCK = threading.Lock()  # xacro keeps the current file in a variable of its module
+
+_LEVELS = 4
+"""Count of folders above a file that are searched: packages of one workspace stand side by side."""
 
 _DOCUMENTED = re.compile(r"\[(?P<unit>[^\]]*)\] (?P<allowed>any|> 0|>= 0): (?P<meaning>.+)")
 
@@ -105,7 +103,7 @@ def describe(
         visuals: False omits the looks of this project's cranes, which is much faster; other files
             are not affected.
         packages: Folders of ROS packages by name, for ``$(find NAME)``; others are looked for, see
-            `cranedyn.model.packages.package_folder`.
+            `package_folder`.
 
     Raises:
         UnknownName: If the file declares no argument of a name (xacro itself would ignore it).
@@ -167,6 +165,56 @@ def _expand(
         raise ModelError(
             f"{path} cannot be expanded: {str(error) or type(error).__name__}."
         ) from error
+
+
+def package_folder(
+    name: str, source: str | Path, packages: Mapping[str, str | Path] | None = None
+) -> Path:
+    """Return the folder of a ROS package.
+
+    Looked for in this order: the folders given, the ``package.xml`` above the file and beside its
+    package, AMENT_PREFIX_PATH (ROS 2), ROS_PACKAGE_PATH (ROS 1).
+
+    Args:
+        name: Name of the package.
+        source: File that names the package.
+        packages: Folders of packages by name.
+
+    Raises:
+        ModelError: If the package is not found.
+    """
+    if packages and name in packages:
+        return Path(packages[name]).resolve()
+    for folder in _candidates(name, Path(source).resolve()):
+        if (folder / "package.xml").is_file() and _package_name(folder) == name:
+            return folder
+    raise ModelError(
+        f"{source} needs the ROS package {quoted(name)}, which is not above the file; name its "
+        f"folder by packages={{{name!r}: folder}}, or --package {name}=FOLDER."
+    )
+
+
+def _candidates(name: str, source: Path) -> Iterator[Path]:
+    above = source.parents[: _LEVELS + 1]
+    yield from above
+    for folder in above[1:]:
+        for pattern in ("*/package.xml", "*/*/package.xml"):
+            yield from sorted(path.parent for path in folder.glob(pattern))
+    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+        if prefix:
+            yield Path(prefix) / "share" / name
+    for root in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep):
+        if root:
+            yield from (Path(root), Path(root) / name)
+
+
+def _package_name(folder: Path) -> str:
+    """Return the name in a ``package.xml``, "" if it cannot be read."""
+    path = folder / "package.xml"
+    try:
+        return (parse_urdf(read_text(path), path).findtext("name") or "").strip()
+    except CraneError:
+        return ""
 
 
 def add_values(parser: argparse._ActionsContainer, text: str) -> None:
@@ -232,53 +280,3 @@ def _strip_comments(node: minidom.Node) -> None:
             node.removeChild(child)  # type: ignore[misc]
         else:
             _strip_comments(child)
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Write the URDF to standard output or a file and return the exit code."""
-    parser = Parser(
-        prog="python -m cranedyn.model.description", description="Write the crane as a plain URDF."
-    )
-    add_arguments(parser)
-    return command(lambda: write_description(parser.parse_args(argv)))
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command to a parser."""
-    parser.add_argument(
-        "values", nargs="*", metavar="name:=value", help="arguments of the xacro file"
-    )
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", help="write to this file instead of standard output"
-    )
-    parser.add_argument(
-        "--list",
-        action="store_true",
-        help="list the arguments with default, unit, range and meaning",
-    )
-
-
-def write_description(options: argparse.Namespace) -> int:
-    """Write the URDF, or list the arguments of the xacro file; return the exit code."""
-    if options.list:
-        if options.values or options.output:
-            raise DataError("--list takes no values and no output; leave them out.")
-        for name, a in arguments().items():
-            print(f"{name:17} {a.default:>9} {a.unit:11} {a.allowed:5} {a.meaning}")
-        return 0
-    urdf = describe(values=parse_values(options.values))
-    if options.output:
-        write_urdf(urdf, options.output)
-    else:
-        sys.stdout.write(urdf)
-    return 0
-
-
-def write_urdf(urdf: str, path: str | Path) -> None:
-    """Write a URDF to a file."""
-    with atomic_write(path) as file:
-        file.write_text(urdf, encoding="utf-8")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,10 +13,7 @@ import pinocchio as pin
 from cranedyn.checks import number
 from cranedyn.errors import ModelError, UnknownName, quoted
 from cranedyn.model.crane import Point
-from cranedyn.model.layout import ROLES, Joint
-
-_ALIGNED = math.cos(1e-3)
-"""Cosine of the largest angle between an axis and that of a role."""
+from cranedyn.model.layout import ALIGNED, ROLES, Joint
 
 
 def joint_names(model: pin.Model) -> list[str]:
@@ -135,13 +131,17 @@ def driven_joints(
     return declared or {*(driven or ())}
 
 
-def joint_roles(joints: Sequence[Joint], given: Mapping[str, str] | None) -> dict[str, str]:
+def joint_roles(
+    joints: Sequence[Joint], given: Mapping[str, str] | None, is_chain: bool
+) -> dict[str, str]:
     """Return the role of each joint by its name.
 
     Args:
         joints: The joints, without roles.
-        given: Names of joints by role. None for the default names of `ROLES`: a crane that has all
-            five of them is a tower crane; in any other a joint must also move as its role does.
+        given: Names of joints by role. None for a tower crane where the joints have all five
+            default names of `ROLES`, or where each moves as the role in its place does, whatever
+            its name. In any other crane a joint has the role of its name if it moves as that does.
+        is_chain: Whether each joint carries the next one and no other.
 
     Raises:
         UnknownName: If there is no such role or no such joint.
@@ -152,6 +152,8 @@ def joint_roles(joints: Sequence[Joint], given: Mapping[str, str] | None) -> dic
         named = {role.joint: name for name, role in ROLES.items() if role.joint in names}
         if len(named) == len(ROLES):
             return named
+        if is_chain and len(joints) == len(ROLES) and all(map(_plays, joints, ROLES)):
+            return dict(zip(names, ROLES, strict=True))
         return {
             joint.name: named[joint.name]
             for joint in joints
@@ -205,7 +207,8 @@ def read_joints(
                 driven=name in driven,
             )
         )
-    for name, role in joint_roles(joints, given).items():
+    is_chain = list(model.parents)[1:] == list(range(n))
+    for name, role in joint_roles(joints, given, is_chain).items():
         i = joint_names(model).index(name)
         joints[i] = replace(joints[i], role=role, symbol=ROLES[role].symbol)
     symbols = [joint.symbol for joint in joints]
@@ -219,8 +222,13 @@ def read_joints(
 
 def _fits(joint: Joint, role: str) -> bool:
     """Return whether a joint has the kind and, within a milliradian, the axis of a role."""
-    aligned = np.dot(joint.axis, ROLES[role].axis) >= _ALIGNED
+    aligned = np.dot(joint.axis, ROLES[role].axis) >= ALIGNED
     return joint.kind == ROLES[role].kind and bool(aligned)
+
+
+def _plays(joint: Joint, role: str) -> bool:
+    """Return whether a joint moves as a role does, and is driven or passive as the role is."""
+    return _fits(joint, role) and joint.driven != role.endswith("_swing")
 
 
 def check_roles(joints: Sequence[Joint], path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -32,6 +33,9 @@ class Role(NamedTuple):
     axis: tuple[int, int, int]
     joint: str
 
+
+ALIGNED = math.cos(1e-3)
+"""Cosine of the largest angle between an axis and the direction it is taken for."""
 
 ROLES = {
     "slew": Role("gamma", "revolute", (0, 0, 1), "yaw_joint"),

@@ -39,6 +39,7 @@ from cranedyn.model.joints import (
     read_joints,
 )
 from cranedyn.model.layout import Layout
+from cranedyn.model.machines import read_machine
 from cranedyn.model.mjcf import read_mjcf
 from cranedyn.model.solvability import check_ranges, check_solvable
 from cranedyn.model.springs import read_springs
@@ -71,6 +72,7 @@ class _Options(NamedTuple):
 def load_crane(
     urdf: str | Path | None = None,
     *,
+    machine: str | None = None,
     from_record: str | Path | Mapping[str, Any] | None = None,
     gravity: float | None = None,
     joints: Mapping[str, str] | None = None,
@@ -88,6 +90,8 @@ def load_crane(
         urdf: A ``.xacro`` file, which is expanded and may run any Python expression: load only
             files whose programs you would run, too. Any other file is plain URDF or MJCF: nothing
             in it is run, fetched or read from elsewhere. None is the tower crane of this project.
+        machine: Name of a machine of the library, see `cranedyn.model.machines`; values change
+            those of the machine.
         from_record: A Parquet file of a run, an identified twin (``.json``), or the `record` of a
             run, which contains the whole crane. The looks of this project's crane are made again,
             the looks of other cranes are not kept.
@@ -105,7 +109,7 @@ def load_crane(
             given, for example ``{"length": 2.0, "mass": 5.0, "damping": 0.01}``, see
             `cranedyn.model.swing.Swing`. `Crane.assumptions` lists what was assumed.
         packages: Folders of ROS packages by name, for ``$(find NAME)`` in a xacro file; others are
-            looked for, see `cranedyn.model.packages.package_folder`.
+            looked for, see `cranedyn.model.description.package_folder`.
         values: Arguments of a xacro file by name, for files other than the tower crane of this
             project.
         numbers: Arguments of the tower crane of this project, for example ``payload_mass=2000``.
@@ -122,8 +126,8 @@ def load_crane(
     values = {**(values or {}), **numbers}
     if from_record is not None:
         excluded = {
-            "urdf": urdf, "joints": joints, "driven": driven, "payload": payload,
-            "swing": swing or None,
+            "urdf": urdf, "machine": machine, "joints": joints, "driven": driven,
+            "payload": payload, "swing": swing or None,
         }  # fmt: skip
         for name, value in {**excluded, "gravity": gravity, **values}.items():
             if value is not None:
@@ -134,6 +138,12 @@ def load_crane(
         return _from_record(read_record(from_record), Path(from_record))
     g = STANDARD_GRAVITY if gravity is None else number("gravity", gravity, "m/s²", "> 0")
     options = _Options(g, joints, driven, payload, check_axes)
+    if machine is not None:
+        if urdf is not None:
+            raise OutOfRange("machine", f"{machine!r} beside urdf", "one of both")
+        specification = read_machine(machine)
+        urdf, values = specification.urdf, {**specification.values, **values}
+        options = options._replace(assumptions=specification.assumptions)
     path = XACRO if urdf is None else Path(urdf)
     if path.suffix == ".xacro":
         text = describe(path, values, visuals=urdf is not None, packages=packages)

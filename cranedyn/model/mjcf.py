@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.errors import ModelError, OutOfRange, printable, quoted
-from cranedyn.model.urdf import are_numbers
+from cranedyn.model.urdf import are_numbers, inertial_element, numbers_text, set_placement
 
 _READ = ("compiler", "default", "worldbody", "body", "joint", "freejoint", "geom", "inertial")
 """Elements that say where bodies are, how they move and what they weigh."""
@@ -142,7 +142,8 @@ def _as_urdf(model: pin.Model, driven: set[str], notes: list[str], path: Path) -
         _add_joint(robot, name, kind, parent, model.jointPlacements[i], axis)
         element = robot[-1]
         _add_limits(element, kind, model, joint.idx_q, joint.idx_v, name in driven, notes)
-        _add_link(robot, f"{name}_link", model.inertias[i])
+        link = ET.SubElement(robot, "link", name=f"{name}_link")
+        link.append(inertial_element(model.inertias[i]))
         if name in driven:
             drive = ET.SubElement(control, "joint", name=name)
             ET.SubElement(drive, "command_interface", name="effort")
@@ -155,9 +156,8 @@ def _add_joint(
     element = ET.SubElement(robot, "joint", name=name, type=kind)
     ET.SubElement(element, "parent", link=parent)
     ET.SubElement(element, "child", link=f"{name}_link")
-    rpy = pin.rpy.matrixToRpy(placement.rotation)
-    ET.SubElement(element, "origin", xyz=_text(placement.translation), rpy=_text(rpy))
-    ET.SubElement(element, "axis", xyz=_text(axis))
+    set_placement(element, placement)
+    ET.SubElement(element, "axis", xyz=numbers_text(axis))
 
 
 def _add_limits(
@@ -182,19 +182,3 @@ def _add_limits(
     ET.SubElement(element, "limit", {key: repr(value) for key, value in limits.items()})
     dynamics = {"damping": model.damping[v], "armature": model.armature[v]}
     ET.SubElement(element, "dynamics", {key: repr(float(value)) for key, value in dynamics.items()})
-
-
-def _add_link(robot: ET.Element, name: str, inertia: pin.Inertia) -> None:
-    inertial = ET.SubElement(ET.SubElement(robot, "link", name=name), "inertial")
-    ET.SubElement(inertial, "origin", xyz=_text(inertia.lever), rpy="0 0 0")
-    ET.SubElement(inertial, "mass", value=repr(float(inertia.mass)))
-    tensor = inertia.inertia
-    moments = {
-        f"i{a}{b}": repr(float(tensor["xyz".index(a), "xyz".index(b)]))
-        for a, b in ("xx", "yy", "zz", "xy", "xz", "yz")
-    }
-    ET.SubElement(inertial, "inertia", moments)
-
-
-def _text(vector: np.ndarray) -> str:
-    return " ".join(repr(float(component)) for component in vector)

@@ -1,4 +1,4 @@
-"""Options of a command line that name a crane."""
+"""Options of a command line that name a crane, and the crane that they name."""
 
 from __future__ import annotations
 
@@ -6,45 +6,31 @@ import argparse
 from typing import Any
 
 from cranedyn.errors import DataError
+from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
+from cranedyn.model.load import load_crane
 
 
 def add_crane_options(parser: argparse._ActionsContainer) -> None:
-    """Add ``--urdf``, ``--swing``, ``--driven``, ``--role`` and ``--package`` to a parser."""
-    parser.add_argument(
-        "--urdf",
-        metavar="FILE",
-        default=None,
-        help="another crane: a plain URDF or MJCF, or a .xacro that you trust",
-    )
-    parser.add_argument(
-        "--swing",
-        nargs="*",
-        default=None,
-        metavar="name:=value",
-        help="hang the hook of that URDF on a rope; length:=, mass:= and damping:= may be given",
-    )
-    parser.add_argument(
-        "--driven", nargs="+", default=None, metavar="JOINT", help="joints that drives move"
-    )
-    parser.add_argument(
-        "--role",
-        nargs="+",
-        default=None,
-        metavar="ROLE=JOINT",
-        help="slew, trolley, radial_swing, tangential_swing or hoist of a tower crane",
-    )
-    parser.add_argument(
-        "--package",
-        nargs="+",
-        default=None,
-        metavar="NAME=FOLDER",
-        help="folders of ROS packages that are not above the file",
-    )
+    """Add ``--machine``, ``--urdf``, ``--swing``, ``--driven``, ``--role`` and ``--package`` to a
+    parser.
+    """
+    add, text = parser.add_argument, "a real crane; describe --machines names all"
+    add("--machine", metavar="NAME", help=text)
+    text = "another crane: a plain URDF or MJCF, or a .xacro that you trust"
+    add("--urdf", metavar="FILE", help=text)
+    text = "hang the hook of that URDF on a rope; length:=, mass:= and damping:= may be given"
+    add("--swing", nargs="*", metavar="name:=value", help=text)
+    add("--driven", nargs="+", metavar="JOINT", help="joints that drives move")
+    text = "slew, trolley, radial_swing, tangential_swing or hoist of a tower crane"
+    add("--role", nargs="+", metavar="ROLE=JOINT", help=text)
+    text = "folders of ROS packages that are not above the file"
+    add("--package", nargs="+", metavar="NAME=FOLDER", help=text)
 
 
 def load_options(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the arguments of `load_crane` that the options of `add_crane_options` name.
+    """Return the arguments of `load_crane` that the options of `add_crane_options`, values and
+    gravity name.
 
     Raises:
         DataError: If an option has another form, or no effect without ``--urdf``.
@@ -52,9 +38,13 @@ def load_options(options: argparse.Namespace) -> dict[str, Any]:
     for name in ("swing", "driven", "role", "package"):
         if options.urdf is None and getattr(options, name) is not None:
             raise DataError(f"--{name} has no effect without --urdf; leave it out.")
-    if options.urdf is None:
-        return {}
-    arguments: dict[str, Any] = {"urdf": options.urdf, "driven": options.driven}
+    arguments: dict[str, Any] = {
+        "urdf": options.urdf,
+        "machine": options.machine,
+        "driven": options.driven,
+        "gravity": getattr(options, "gravity", None),
+        "values": parse_values(options.values),
+    }
     if options.swing is not None:
         arguments["swing"] = parse_values(options.swing) or True
     if options.role is not None:
@@ -62,6 +52,11 @@ def load_options(options: argparse.Namespace) -> dict[str, Any]:
     if options.package is not None:
         arguments["packages"] = _pairs("package", options.package)
     return arguments
+
+
+def crane_from_options(options: argparse.Namespace) -> Crane:
+    """Load the crane that the command line names."""
+    return load_crane(**load_options(options))
 
 
 def _pairs(option: str, texts: list[str]) -> dict[str, str]:

@@ -18,10 +18,8 @@ import pinocchio as pin
 
 from cranedyn.checks import number
 from cranedyn.errors import ModelError, OutOfRange, UnknownName, quoted
-from cranedyn.model.layout import ROLES, Joint
-
-_ALIGNED = math.cos(1e-3)
-"""Cosine of the largest angle between an axis and the direction it is taken for."""
+from cranedyn.model.layout import ALIGNED, ROLES, Joint
+from cranedyn.model.urdf import inertial_element, numbers_text, set_placement
 
 _SHORTEST = 0.02
 """Shortest rope as a share of the longest, where the range of a hoist reaches above the pivot."""
@@ -224,11 +222,11 @@ def hang_load(
         for value, share in zip((swing.link_mass, swing.link_inertia), _LIGHT.values(), strict=True)
     )
     notes.append(f"Two links of {mass:g} kg and {inertia:g} kg m² are at the pivot.")
-    body = _inertial(mass, inertia)
+    body = _lump(mass, inertia)
     _insert_swing(robot, parent.get("link", ""), carrier.actInv(pivot), swing.damping, body)
     parent.set("link", "swing_tangential_link")
-    _set_placement(element, pin.SE3(hook.rotation, np.zeros(3)))
-    _axis(element).set("xyz", _text(hook.rotation.T @ [0.0, 0.0, -1.0]))
+    set_placement(element, pin.SE3(hook.rotation, np.zeros(3)))
+    _axis(element).set("xyz", numbers_text(hook.rotation.T @ [0.0, 0.0, -1.0]))
     roles = {role: ROLES[role].joint for role in ("radial_swing", "tangential_swing")}
     return roles | {"hoist": name}, notes
 
@@ -242,11 +240,11 @@ def _formula(role: str, name: str, sign: float, zero: float) -> str:
 
 
 def _is_along(axis: Sequence[float], component: int) -> bool:
-    return abs(axis[component]) >= _ALIGNED
+    return abs(axis[component]) >= ALIGNED
 
 
 def _is_level(axis: Sequence[float]) -> bool:
-    return math.hypot(*axis[:2]) >= _ALIGNED
+    return math.hypot(*axis[:2]) >= ALIGNED
 
 
 def _limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
@@ -267,8 +265,8 @@ def _turn(robot: ET.Element, name: str, sign: float, zero: float, least: float =
         step = pin.SE3(np.eye(3), axis * zero)
     else:
         step = pin.SE3(pin.exp3(axis * zero), np.zeros(3))
-    _set_placement(element, placement * step)
-    _axis(element).set("xyz", _text(sign * axis))
+    set_placement(element, placement * step)
+    _axis(element).set("xyz", numbers_text(sign * axis))
     limit = element.find("limit")
     assert limit is not None  # see check_urdf
     ends = sorted(sign * (float(limit.get(end, 0.0)) - zero) for end in ("lower", "upper"))
@@ -303,7 +301,7 @@ def _insert_swing(
         reach = repr(math.pi / 2)
         ET.SubElement(joint, "limit", lower="-" + reach, upper=reach, effort="0", velocity="0")
         ET.SubElement(joint, "dynamics", damping=repr(damping))
-        _set_placement(joint, placement)
+        set_placement(joint, placement)
         ET.SubElement(robot, "link", name=child).append(body)
         parent, placement = child, pin.SE3.Identity()
 
@@ -313,7 +311,7 @@ def _set_mass(robot: ET.Element, name: str, mass: float) -> None:
     link = next(link for link in robot.iterfind("link") if link.get("name") == name)
     inertial = link.find("inertial")
     if inertial is None:
-        inertial = _inertial(0.0, 0.0)
+        inertial = _lump(0.0, 0.0)
         link.append(inertial)
     body, tensor = inertial.find("mass"), inertial.find("inertia")
     assert body is not None and tensor is not None  # see check_urdf
@@ -323,13 +321,9 @@ def _set_mass(robot: ET.Element, name: str, mass: float) -> None:
     body.set("value", repr(mass))
 
 
-def _inertial(mass: float, inertia: float) -> ET.Element:
+def _lump(mass: float, inertia: float) -> ET.Element:
     """Return a body with the same inertia about each axis."""
-    inertial = ET.Element("inertial")
-    ET.SubElement(inertial, "mass", value=repr(mass))
-    moments = dict.fromkeys(("ixx", "iyy", "izz"), repr(inertia))
-    ET.SubElement(inertial, "inertia", moments | dict.fromkeys(("ixy", "ixz", "iyz"), "0"))
-    return inertial
+    return inertial_element(pin.Inertia(mass, np.zeros(3), inertia * np.eye(3)))
 
 
 def _axis(joint: ET.Element) -> ET.Element:
@@ -345,15 +339,3 @@ def _placement(joint: ET.Element) -> pin.SE3:
         for key in ("xyz", "rpy")
     )
     return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
-
-
-def _set_placement(joint: ET.Element, placement: pin.SE3) -> None:
-    origin = joint.find("origin")
-    if origin is None:
-        origin = ET.SubElement(joint, "origin")
-    origin.set("xyz", _text(placement.translation))
-    origin.set("rpy", _text(pin.rpy.matrixToRpy(placement.rotation)))
-
-
-def _text(vector: np.ndarray) -> str:
-    return " ".join(repr(float(component)) for component in vector)

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from copy import deepcopy
 
 import numpy as np
+import pinocchio as pin
 
 from cranedyn.checks import number
 from cranedyn.errors import ModelError, OutOfRange, printable, quoted
@@ -280,3 +281,30 @@ def _filtered(element: ET.Element) -> ET.Element:
     children = _SKELETON.get(element.tag, ())
     copy.extend([_filtered(child) for child in element if child.tag in children])
     return copy
+
+
+def numbers_text(vector: np.ndarray) -> str:
+    """Return the numbers of a vector as an attribute of a URDF, to the bit."""
+    return " ".join(repr(float(component)) for component in vector)
+
+
+def set_placement(joint: ET.Element, placement: pin.SE3) -> None:
+    """Set the placement of a joint in its parent link."""
+    origin = joint.find("origin")
+    if origin is None:
+        origin = ET.SubElement(joint, "origin")
+    origin.set("xyz", numbers_text(placement.translation))
+    origin.set("rpy", numbers_text(pin.rpy.matrixToRpy(placement.rotation)))
+
+
+def inertial_element(inertia: pin.Inertia) -> ET.Element:
+    """Return mass, centre and inertia of a link."""
+    inertial, tensor = ET.Element("inertial"), inertia.inertia
+    ET.SubElement(inertial, "origin", xyz=numbers_text(inertia.lever), rpy="0 0 0")
+    ET.SubElement(inertial, "mass", value=repr(float(inertia.mass)))
+    moments = {
+        f"i{a}{b}": repr(float(tensor["xyz".index(a), "xyz".index(b)]))
+        for a, b in ("xx", "yy", "zz", "xy", "xz", "yz")
+    }
+    ET.SubElement(inertial, "inertia", moments)
+    return inertial

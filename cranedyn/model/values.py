@@ -8,7 +8,7 @@ from typing import TypedDict
 class CraneValues(TypedDict, total=False):
     """Numbers of the tower crane of this project, each an argument of its xacro file.
 
-    ``python -m cranedyn.model.description --list`` lists them with default, range and meaning. The
+    ``cranedyn describe --list`` lists them with default, range and meaning. The
     comment behind each is its unit.
     """
 

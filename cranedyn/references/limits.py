@@ -75,25 +75,6 @@ def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:
     }
 
 
-def check_limits(
-    crane: Crane, motion: Motion, limits: Limits, plan: Callable[[float], Motion]
-) -> None:
-    """Return if a motion keeps the limits.
-
-    Raises:
-        OutOfRange: If it does not: which limit, and the shortest duration that does.
-    """
-    shares = use(crane, motion, limits)
-    worst = max(shares, key=lambda name: shares[name])
-    if shares[worst] > 1.0 + 1e-9:
-        raise OutOfRange(
-            "duration",
-            motion.arrival,
-            f"at least {fastest(crane, plan, limits):.2f} s to keep the {worst} within its limit",
-            "s",
-        )
-
-
 def fastest(crane: Crane, plan: Callable[[float], Motion], limits: Limits) -> float:
     """Return the shortest duration [s] at which a plan keeps the limits, to a thousandth of a
     second; a quarter of a second at least.

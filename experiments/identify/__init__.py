@@ -14,7 +14,8 @@ from cranedyn.identification import Estimate, Model, Prior, load_record
 from cranedyn.identification.estimate import ENOUGH
 from cranedyn.identification.parameters import Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
-from cranedyn.model.description import add_values, parse_values
+from cranedyn.model.description import add_values
+from cranedyn.model.machines import read_machine
 from cranedyn.model.options import add_crane_options, load_options
 from experiments import gazebo, harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup
@@ -67,12 +68,13 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     if options.coverage is not None:
         return covered(options, setup)
     loading = load_options(options)
-    prior = Prior(
-        loading.pop("urdf", None),
-        parse_values(options.values),
-        number("gravity", options.believed, "m/s²", "> 0"),
-        loading,
-    )
+    urdf, values = loading.pop("urdf"), loading.pop("values")
+    if (name := loading.pop("machine")) is not None:
+        machine = read_machine(name)
+        urdf, values = machine.urdf, machine.values | values
+    del loading["gravity"]
+    gravity = number("gravity", options.believed, "m/s²", "> 0")
+    prior = Prior(urdf, values, gravity, loading)
     return files(options, setup, prior) if options.files else examples(setup)
 
 
@@ -299,7 +301,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--plant", choices=tuple(PLANTS), help=text)
     text = "processes for that, by default one for each processor"
     add("--workers", type=int, metavar="N", help=text)
-    of_files = "estimate", "drives", "since", "until", "urdf", "believed", "values"
+    of_files = "estimate", "drives", "since", "until", "urdf", "machine", "believed", "values"
     harness.add_condition(parser, "a FILE", lambda options: bool(options.files), *of_files)
     of_coverage = "plant", "workers"
     harness.add_condition(

@@ -122,10 +122,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Path:
     """Write the run that the command line names, and return its folder."""
-    if options.urdf is not None:
+    if options.urdf is not None or options.machine is not None:
         raise DataError(
-            "--urdf has no effect here: the runs are those of this project's crane; from Python, "
-            "export takes any program."
+            "--urdf and --machine have no effect here: the runs are those of this project's crane; "
+            "from Python, export takes any program."
         )
     setup = Setup(options.gravity, parse_values(options.values))
     return export(

@@ -36,7 +36,7 @@ from cranedyn.interfaces import State
 from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.references import hold, ramp
 from cranedyn.references.flat import flat, smoothstep
-from cranedyn.references.limits import Limits, check_limits, fastest, use
+from cranedyn.references.limits import Limits, fastest, use
 from cranedyn.references.motion import hanging_reference
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.simple import shortest, spline
@@ -495,19 +495,6 @@ def test_the_fastest_flat_motion_uses_one_limit_fully_and_no_other_more() -> Non
     # apart
     assert max(shares.values()) == pytest.approx(1.0, abs=5e-3)
     assert max(use(crane(), plan(0.95 * duration), limits).values()) > 1.0
-
-
-def test_a_duration_too_short_names_the_limit_and_the_shortest_possible() -> None:
-    first, last = crane().state(x=10.0, l=15.0), crane().state(x=20.0, l=15.0)
-    limits = Limits((0.08, 0.8, 0.8), (0.05, 0.5, 0.5))
-    plan = partial(flat, crane(), first, last, period=0.05)
-    with pytest.raises(
-        CraneError,
-        match=r"duration is 15\.0 s; allowed is at least \d+\.\d\d s to keep the rate of the "
-        r"trolley",
-    ):
-        check_limits(crane(), plan(15.0), limits, plan)
-    check_limits(crane(), plan(60.0), limits, plan)
 
 
 def test_limits_that_no_duration_keeps_are_refused() -> None:

@@ -459,25 +459,39 @@ def test_what_is_no_crane_is_refused_in_a_sentence(
     assert "\n" not in str(caught.value)
 
 
-def test_a_joint_by_another_name_is_what_it_is_called_until_it_is_given_its_part(
+def test_a_tower_crane_is_one_by_what_its_joints_do_whatever_their_names(
+    urdf: str, load: Load
+) -> None:
+    text = urdf
+    for i, role in enumerate(ROLES.values()):
+        text = text.replace(role.joint, f"axis_{i}")
+    other, ours = load(text), crane()
+    assert other.layout.symbols == ours.layout.symbols
+    assert other.layout.tower("A plan") == (0, 1, 2, 3, 4)
+    assert other.model.inertias.tolist() == load_crane().model.inertias.tolist()
+    turned_off = turned('<axis xyz="1 0 0"/>', '<axis xyz="-1 0 0"/>', text)
+    drives = ["axis_0", "axis_1", "axis_4"]
+    assert load(turned_off).layout.symbols == tuple(f"axis_{i}" for i in range(5))
+    bare = text.replace("ros2_control", "unknown")
+    assert load(bare, driven=drives).layout.symbols == ours.layout.symbols
+    assert load(bare, driven=drives[:2]).layout.symbols[0] == "axis_0"  # its hoist hangs free
+
+
+def test_a_joint_by_another_name_is_what_it_is_called_where_roles_are_given(
     urdf: str, load: Load
 ) -> None:
     text = urdf.replace("yaw_joint", "slewing_joint")
-    other = load(text)
+    rest = {role: one.joint for role, one in ROLES.items() if role != "slew"}
+    other = load(text, joints=rest)
     assert other.layout.symbols == ("slewing", "x", "phi", "theta", "l")
-    assert other.layout.drives.tolist() == [0, 1, 4]
     with pytest.raises(
         MissingRole,
         match="A plan needs a joint in the role slew; the joints of this crane are slewing_joint, "
         "trolley_joint, swing_radial",
     ):
         other.layout.tower("A plan")
-    own = load(
-        text, joints={role: one.joint for role, one in ROLES.items()} | {"slew": "slewing_joint"}
-    )
+    own = load(text, joints=rest | {"slew": "slewing_joint"})
     assert own.layout.symbols == crane().layout.symbols
-    assert own.layout.tower("A plan") == (0, 1, 2, 3, 4)
-    assert own.model.inertias.tolist() == load_crane().model.inertias.tolist()
 
 
 def test_swing_joints_in_another_order_are_another_crane(urdf: str, load: Load) -> None:

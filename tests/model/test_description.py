@@ -13,9 +13,10 @@ from xml.dom import minidom
 import pytest
 import xacro
 
+from cranedyn.__main__ import main
 from cranedyn.errors import DataError, ModelError, OutOfRange, UnknownName
 from cranedyn.model import description
-from cranedyn.model.description import XACRO, arguments, describe, main, parse_values
+from cranedyn.model.description import XACRO, arguments, describe, parse_values
 from tests.helpers import files, turned
 
 SMALL = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -222,16 +223,16 @@ def test_a_word_without_mark_is_refused() -> None:
 def test_the_command_writes_the_urdf_to_standard_output_or_to_a_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], urdf: str
 ) -> None:
-    assert main([]) == 0
+    assert main(["describe"]) == 0
     assert capsys.readouterr().out == urdf
-    assert main(["-o", str(tmp_path / "crane.urdf")]) == 0
+    assert main(["describe", "-o", str(tmp_path / "crane.urdf")]) == 0
     assert (tmp_path / "crane.urdf").read_text() == urdf
     assert files(tmp_path) == ["crane.urdf"]
     assert capsys.readouterr() == ("", "")
 
 
 def test_the_command_lists_every_argument(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--list"]) == 0
+    assert main(["describe", "--list"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(arguments())
 
 
@@ -254,7 +255,7 @@ def test_bad_input_is_one_sentence_exit_code_2_and_no_file(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(argv) == 2
+    assert main(["describe", *argv]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert re.fullmatch(r"error: .+\.\n", err)
@@ -264,7 +265,7 @@ def test_bad_input_is_one_sentence_exit_code_2_and_no_file(
 @pytest.mark.slow
 def test_the_module_runs_as_a_command() -> None:
     run = subprocess.run(
-        [sys.executable, "-m", "cranedyn.model.description", "hoist_init:=-1"],
+        [sys.executable, "-m", "cranedyn", "describe", "hoist_init:=-1"],
         capture_output=True,
         text=True,
         check=False,

@@ -1,0 +1,73 @@
+"""Library of machines: numbers of real cranes, each machine with its source.
+
+A file in ``cranedyn/machines`` has the arguments of a crane of this project: those that its source
+states, with half of their intervals, and those that no source states.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import NamedTuple
+
+from cranedyn.errors import UnknownName
+from cranedyn.model.description import XACRO
+
+_FOLDER = Path(__file__).resolve().parents[1] / "machines"
+
+
+class MachineSpecification(NamedTuple):
+    """Numbers of a real crane.
+
+    Attributes:
+        name: Name in the library.
+        title: Kind of crane, where it stands.
+        source: Place where its numbers are published.
+        urdf: File of this project whose arguments they are; None for the tower crane.
+        values: Arguments of that file by name, those assumed among them.
+        margins: Half of the interval of each value that the source states, by name.
+        accelerations: Largest accelerations of the drives [rad/s² or m/s²] by symbol, as
+            `cranedyn.dynamics.converters.converters` takes them. Rates are velocity limits of the
+            crane.
+    """
+
+    name: str
+    title: str
+    source: str
+    urdf: Path | None
+    values: dict[str, float]
+    margins: dict[str, float]
+    accelerations: dict[str, float]
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """Sentences for `Crane.assumptions`."""
+        return (f"{self.title}: all is assumed but {', '.join(self.margins)}.",)
+
+
+def machine_names() -> list[str]:
+    """Return the names of the machines of the library."""
+    return sorted(path.stem for path in _FOLDER.glob("*.toml"))
+
+
+def read_machine(name: str) -> MachineSpecification:
+    """Return a machine of the library.
+
+    Raises:
+        UnknownName: If the library has no machine of this name.
+    """
+    if name not in machine_names():
+        raise UnknownName("machine", name, machine_names())
+    content = tomllib.loads((_FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
+    path = XACRO.with_name(f"{content['crane']}.urdf.xacro")
+    stated, assumed = content["values"], content["assumed"]
+    accelerations = content.get("accelerations", {})
+    return MachineSpecification(
+        name,
+        content["title"],
+        content["source"],
+        None if path == XACRO else path,
+        {key: value for key, (value, _) in stated.items()} | assumed,
+        {key: margin for key, (_, margin) in (stated | accelerations).items()},
+        {key: value for key, (value, _) in accelerations.items()},
+    )
