@@ -76,7 +76,7 @@ def _of_a1(result: Result) -> Told:
     ]
     errors, amplitudes = (
         max(abs(row[one] - row[other]) for row in article)
-        for one, other in (("error [%]", "art. 2"), ("A [rad]", "art. 5"))
+        for one, other in (("error [%]", "art."), ("A [rad]", "art. 3"))
     )
     findings = [
         f"{_row((row['error [%]'] for row in article), '+.3f', ', ')}% |",

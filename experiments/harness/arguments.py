@@ -48,6 +48,7 @@ def parser(
     add, no_default = result.common.add_argument, argparse.SUPPRESS
     text = f"folder for results, default out/{name}"
     add("--out", metavar="DIR", help=text, default=no_default)
+    add("--all", action="store_true", help="print all tables and claims, not one screen of them")
     text = "put the tables between their marks in this document, too"
     add("--document", metavar="FILE.md", help=text, default=no_default)
     if recording:
@@ -127,7 +128,7 @@ def _check_effect(parser: argparse.ArgumentParser, options: argparse.Namespace) 
         if name in flags and value != parser.get_default(name)
     }
     for mode, uses in options.modes.items():
-        allowed = {mode, "out", "document", *uses} if mode in changed else changed
+        allowed = {mode, "out", "all", "document", *uses} if mode in changed else changed
         for name in changed:
             if name not in allowed:
                 message = f"{changed[name]} has no effect beside {changed[mode]}; leave it out."
