@@ -9,15 +9,16 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from datetime import date
 from html import escape
 from importlib.util import find_spec
+from itertools import count
 from pathlib import Path
-from tempfile import TemporaryFile
-from time import sleep
-from typing import IO, Any, get_args
+from string import Template
+from typing import Any, get_args
 
 from cranedyn import __version__
 from cranedyn.checks import whole
@@ -37,7 +38,6 @@ from cranedyn.plotting.html import IMAGE_TYPES, STYLE, image_address, mark_html,
 from experiments import harness
 from experiments.catalogue import EXPERIMENTS, Entry
 from experiments.harness.arguments import command_name
-from experiments.harness.outcome import summary
 
 PLAIN = ("a1", "a2", "a3", "energy", "gazebo", "mass_ratio", "validate")
 """Experiments that test Pinocchio's algorithms, and therefore run by them."""
@@ -46,35 +46,27 @@ LONGEST = ("compare", "observer", "margins", "identify", "lift_report", "lift", 
 """Experiments that take longest, the longest first."""
 
 FOUND = (
-    ("a2", "the Bessel envelope's"),
-    ("linear_vs_full", "At the cranes' slew rates"),
-    ("compare", "Under the same limits the move of least time"),
-    ("compare", "Where the drives alone are seen"),
-    ("margins", "simulation is stable with"),
-    ("lift", "tower: Nothing that hangs"),
-    ("factors", "trolley: a joystick"),
-    ("identify", "Setpoints alone do not tell"),
+    "the Bessel envelope's",
+    "At the cranes' slew rates",
+    "the move of least time settles before any other",
+    "Where the drives alone are seen",
+    "the least delay for the full-model LQR",
+    "tower: Nothing that hangs",
+    "trolley: a joystick that brakes",
+    "Setpoints alone do not tell",
 )
-"""What was not known before: experiments, and a phrase of the claim."""
+"""Phrases of the claims that say what was not known before."""
 
 PICTURES = (
-    ("a1", "budget"),
-    ("a3", "slewing"),
-    ("energy", "ledger"),
-    ("linear_vs_full", "slews"),
-    ("compare", "robustness"),
-    ("margins", "margins_map"),
-    ("sweep", "sweep_map"),
-    ("lift", "site_tower"),
-    ("factors", "needed"),
-    ("identify", "twin_1"),
-)
-"""Figures of the first screen, by experiment."""
+    "a1-budget a3-slewing energy-ledger linear_vs_full-slews compare-robustness margins-margins_map"
+    " sweep-sweep_map lift-site_tower factors-needed identify-twin_1"
+).split()
+"""Figures of the first screen: experiment and figure."""
 
 COMMAND = (sys.executable, "-m", "cranedyn", "run")
 """What runs an experiment."""
 
-_SCRIPT = Path(__file__).with_name("report.js")
+_PAGE = Template(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
 
 _LARGEST_FIGURE = 50_000_000
 """Most bytes of a figure."""
@@ -94,22 +86,7 @@ def page(folders: Sequence[Path]) -> str:
         with _naming(folder / "result.json"):
             results.append(read_result(folder))
             sections.append(_section(folder, results[-1]))
-    links = "".join(
-        f'<a href="#{escape(r["experiment"])}">{mark_html(_verdict(r["claims"]))}'
-        f"{escape(_entry(r).title)}</a>"
-        for r in results
-    )
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
-        'content="width=device-width, initial-scale=1">'
-        '<link rel="icon" href="data:,">'
-        f"<title>cranedyn: experiments</title><style>{STYLE}</style></head><body>"
-        '<nav><a class="brand" href="#top">cranedyn</a><input type="search" placeholder="Search" '
-        'aria-label="Search claims, tables and figures"><span role="status"></span>'
-        f'{links}</nav>\n<main id="top">{_first(results)}\n'
-        + "\n".join(sections)
-        + f"\n</main><script>{_SCRIPT.read_text(encoding='utf-8')}</script></body></html>\n"
-    )
+    return _PAGE.substitute(_first(results), style=STYLE, sections="\n".join(sections))
 
 
 @contextmanager
@@ -132,50 +109,46 @@ def _naming(file: Path) -> Iterator[None]:
         ) from error
 
 
-def _first(results: Sequence[dict[str, Any]]) -> str:
-    """Return the first screen: what was judged, what holds, what is new, and pictures of it."""
-    today, of = date.today(), {r["experiment"]: r for r in results}
-    claims = [claim for r in results for claim in r["claims"]]
-    judged = [harness.Claim(claim["sentence"], claim["holds"]) for claim in claims]
-    holding, counts = sum(claim.holds is True for claim in judged), summary(judged)
-    kind = {True: "held", False: "fails", None: "open"}[_verdict(claims)]
-    failing = "".join(_linked(r, c) for r in results for c in r["claims"] if c["holds"] is False)
-    found = "".join(
-        _linked(of[name], claim)
-        for name, start in FOUND
-        for claim in of.get(name, {"claims": ()})["claims"]
-        if start in claim["sentence"]
-    )
-    pictures = "".join(
-        f'<a href="#{name}-{figure}"><img alt="" data-of="{name}-{figure}">'
-        f"{escape(EXPERIMENTS[name].title)}</a>"
-        for name, figure in PICTURES
-        if f"{figure}.png" in of.get(name, {"figures": ()})["figures"]
-    )
-    machines = ", ".join(sorted({r["machine"] for r in results}))
-    return (
-        '<header><div class="first"><div><h1>What cranedyn claims</h1><p class="lead">'
-        f"{len(results)} experiments, judged on {escape(machines)} with cranedyn "
-        f"{escape(__version__)}; {today.day} {today:%B %Y}.</p>"
-        f'<p class="count {kind}">{holding} of {len(claims)}</p><p>'
-        f"{escape(counts.partition(f'of {len(claims)} ')[2])} Each experiment is folded below, "
-        f'and each claim leads to its command.</p><ul class="claims">{failing}</ul></div>'
-        f'<div><h2>Newly found</h2><ul class="claims">{found}</ul></div></div>'
-        f'<div class="pictures">{pictures}</div></header>'
-    )
+def _first(results: Sequence[dict[str, Any]]) -> dict[str, object]:
+    """Return the values of the first screen: what was judged, what holds, what is new, pictures."""
+    today = date.today()
+    claims = [(r["experiment"], c["sentence"], c["holds"]) for r in results for c in r["claims"]]
+    found = [claim for phrase in FOUND for claim in claims if phrase in claim[1]]
+    verdicts = [_verdict(c["holds"] for c in r["claims"]) for r in results]
+    figures = {
+        f"{r['experiment']}-{Path(f).stem}": _entry(r).title for r in results for f in r["figures"]
+    }
+    return {
+        "experiments": len(results),
+        "machines": escape(", ".join(sorted({r["machine"] for r in results}))),
+        "version": escape(__version__),
+        "date": f"{today.day} {today:%B %Y}",
+        "claims": len(claims),
+        "holding": sum(holds is True for *_, holds in claims),
+        "unknown": sum(holds is None for *_, holds in claims),
+        "mark": mark_html(_verdict(holds for *_, holds in claims)),
+        "links": "".join(
+            _link(r["experiment"], _entry(r).title, verdict)
+            for r, verdict in zip(results, verdicts, strict=True)
+        ),
+        "failing": "".join(f"<li>{_link(*claim)}</li>" for claim in claims if claim[2] is False),
+        "found": "".join(f"<li>{_link(*claim)}</li>" for claim in found),
+        "pictures": "".join(
+            f'<a href="#{at}"><img alt="" data-of="{at}">{escape(figures[at])}</a>'
+            for at in PICTURES
+            if at in figures
+        ),
+    }
 
 
-def _linked(result: Mapping[str, Any], claim: Mapping[str, Any]) -> str:
-    """Return a claim that leads to its experiment."""
-    return (
-        f'<li>{mark_html(claim["holds"])}<a href="#{escape(result["experiment"])}">'
-        f"{escape(claim['sentence'])}</a></li>"
-    )
+def _link(name: str, text: str, holds: bool | None) -> str:
+    """Return a link to an experiment, with the sign of what holds."""
+    return f'<a href="#{escape(name)}">{mark_html(holds)}{escape(text)}</a>'
 
 
-def _verdict(claims: Sequence[Mapping[str, Any]]) -> bool | None:
+def _verdict(verdicts: Iterable[bool | None]) -> bool | None:
     """Return whether all claims hold, None if none fails and some are not judged."""
-    kinds = {claim["holds"] for claim in claims}
+    kinds = set(verdicts)
     return False if False in kinds else None if None in kinds else True
 
 
@@ -248,7 +221,7 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
     holding = sum(c["holds"] is True for c in claims)
     return (
         f'<section id="{name}"><details><summary><h2>{escape(entry.title)}</h2>'
-        f"<span>{escape(entry.line)}</span><span>{mark_html(_verdict(claims))}{holding} of "
+        f"<span>{escape(entry.line)}</span><span>{mark_html(_verdict(c['holds'] for c in claims))}{holding} of "
         f"{len(claims)}</span></summary>"
         f'<p class="lead">{escape(result["about"][:1].upper() + result["about"][1:])}</p>'
         f'<p id="{name}-command"><code>{command}</code></p><ul class="claims">{listed}</ul>'
@@ -315,8 +288,6 @@ def _main(options: argparse.Namespace) -> int:
         check_writable(file)
     with lock_folder(folder):  # it is there for them, and gone again if they leave nothing
         codes = _run(missing, options)
-        if INTERRUPTED in codes:
-            return INTERRUPTED
         finished = [name for name in options.only if os.path.isfile(folder / name / "result.json")]
         for name in set(options.only) - set(finished):
             print(
@@ -327,41 +298,35 @@ def _main(options: argparse.Namespace) -> int:
             write_text(folder / "report.html", page([folder / name for name in finished]))
     if finished:
         print(f"Written to {folder / 'report.html'}.")
-    return max(codes, default=0)
+    return max(map(abs, codes), default=0)  # of one killed by a signal the code is negative
 
 
 def _run(names: Sequence[str], options: argparse.Namespace) -> list[int]:
-    """Run experiments side by side, the longest first; return their exit codes.
+    """Run experiments side by side, the longest first; return their exit codes."""
+    started: list[subprocess.Popen[str]] = []
 
-    One that is interrupted ends the others, and so does an error here.
-    """
-    waiting = sorted(names, key=lambda name: (*LONGEST, name).index(name))
-    running: dict[str, tuple[subprocess.Popen[bytes], IO[bytes]]] = {}
-    output: IO[bytes]
-    codes: list[int] = []
-    try:
-        while (waiting or running) and INTERRUPTED not in codes:
-            while waiting and len(running) < options.jobs:
-                name, output = waiting.pop(0), TemporaryFile()
-                print(f"Experiment {len(names) - len(waiting)} of {len(names)}: {name}", flush=True)
-                command = [*COMMAND, name, *_arguments(name, options)]
-                process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
-                running[name] = process, output
-            sleep(0.05)
-            for name in [name for name in running if running[name][0].poll() is not None]:
-                code, output = running[name][0].returncode, running.pop(name)[1]
-                codes.append(code)
-                with output:
-                    output.seek(0)
-                    lines = output.read().decode(errors="replace").splitlines()
-                for line in lines if code else [s for s in lines if " claims hold, " in s]:
-                    print(f"{name}: {line}", flush=True)
-    finally:
-        for process, output in running.values():
-            process.terminate()
-            process.wait()
-            output.close()
-    return codes
+    def run(number: int, name: str) -> int:
+        print(f"Experiment {number} of {len(names)}: {name}", flush=True)
+        command = [*COMMAND, name, *_arguments(name, options)]
+        pipes: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+        process = subprocess.Popen(command, text=True, errors="replace", **pipes)
+        started.append(process)
+        lines = process.communicate()[0].splitlines()
+        for line in lines if process.returncode else [s for s in lines if " claims hold, " in s]:
+            print(f"{name}: {line}", flush=True)
+        if process.returncode == INTERRUPTED:
+            raise KeyboardInterrupt
+        return process.returncode
+
+    ordered = sorted(names, key=lambda name: (*LONGEST, name).index(name))
+    with ThreadPoolExecutor(options.jobs) as pool:
+        try:
+            return list(pool.map(run, count(1), ordered))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in started:
+                process.terminate()
+            raise
 
 
 def _arguments(name: str, options: argparse.Namespace) -> list[str]:

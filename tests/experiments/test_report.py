@@ -117,7 +117,7 @@ def test_the_first_screen_says_when_what_and_how_many_claims_hold(
     results: dict[str, Any], page: Any
 ) -> None:
     count = sum(len(result["claims"]) for result in results.values())
-    assert [e.text for e in _all(page, ".count")] == [f"{count} of {count}"]
+    assert [e.text for e in _all(page, ".count")] == [f"✔{count} of {count}"]
     titles = ["Energy", "Light links"]
     assert [heading.text for heading in _all(page, "section h2")] == titles
     assert len(_all(page, "nav a .mark.held")) == len(titles)
