@@ -22,7 +22,6 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from cranedyn.bridges.exercises import SWING, exercises, lift_exercise
-from cranedyn.bridges.joints import crane_from_options
 from cranedyn.bridges.target import check_free, new_file
 from cranedyn.controllers.lqr import effort_weight_of, lqr
 from cranedyn.controllers.velocity_command import as_velocity_command
@@ -33,6 +32,7 @@ from cranedyn.dynamics.pinocchio import holding_effort, linearise
 from cranedyn.errors import DataError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
+from cranedyn.model.options import crane_from_options
 from cranedyn.planning.site import Site
 from cranedyn.planning.site_file import read_site
 from cranedyn.planning.solids import Solid
