@@ -42,6 +42,7 @@ from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
 
 TARGET = "FILE"
+EXAMPLE = "crane.html"
 
 PERIOD, DT = 5e-3, 5e-4
 """Control period and physics step [s], those of `simulate`."""
