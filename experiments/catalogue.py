@@ -212,11 +212,11 @@ EXPERIMENTS = {
 SUBJECTS = {
     "The article": "a1 10 s, a2 20 s, a3 10 s, energy 10 s, gazebo 15 s, demo endless",
     "Mechanics": "validate 20 s, mass_ratio 20 s, linear_vs_full 25 s, cranes 1 min",
-    "Control": "b1 25 s, compare 5 min, observer 5 min, margins 5 min, sweep 5 min",
-    "Lifts": "lift 5 min, lift_report 5 min, lift_benchmark 5 min, factors 1 min",
-    "Identification": "identify 5 min, measured 1 min",
+    "Control": "b1 25 s, compare 10 min, observer 3 min, margins 2 min, sweep 3 min",
+    "Lifts": "lift 4 min, lift_report 3 min, lift_benchmark 5 min, factors 1 min",
+    "Identification": "identify 1 min, measured 10 s",
 }
-"""Experiments by subject, each with the time that it takes on two processors."""
+"""Experiments by subject, each with about the time that it takes on two processors."""
 
 
 def example(name: str) -> tuple[str, ...]:

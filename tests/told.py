@@ -121,7 +121,7 @@ def _of_a3(result: Result) -> Told:
         for drive in ("soft", "stiff")
     )
     findings = [f"{_row(pair, '.2f')}|" for pair in zip(soft, stiff, strict=True)]
-    readme = [f"correlation {correlation} with the paper's Eq. (10)"]
+    readme = [f"correlation {correlation} with Eq. (10)"]
     return readme, [*findings, f"| {amplitude}, {correlation}, {rms} |"]
 
 
