@@ -46,7 +46,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         example = example.strip().removeprefix("Example: ")
         subparser = commands.add_parser(name, help=text, description=text, example=example)
         subparser.configure = configure
-    return command(lambda: _run(parser.parse_args(argv)))
+    words = sys.argv[1:] if argv is None else argv
+    return command(lambda: _run(parser.parse_args(words or ["--help"])))
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -73,7 +73,7 @@ class Parser(argparse.ArgumentParser):
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
-            kind = str(action.metavar or action.dest).lower()
+            kind = str(action.metavar or "/".join(action.option_strings) or action.dest).lower()
             self.error(str(UnknownName(kind, value, action.choices)))
 
     def error(self, message: str) -> NoReturn:

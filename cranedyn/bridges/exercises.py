@@ -1,4 +1,4 @@
-"""Exercises for whoever drives the crane in a page, each beside what a planned motion needs."""
+"""Exercises for driving the crane in a page, each beside what a planned motion needs."""
 
 from __future__ import annotations
 
