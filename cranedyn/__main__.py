@@ -1,5 +1,5 @@
-"""The command ``cranedyn``: run and list experiments, view a recording, describe or export a
-crane.
+"""The command ``cranedyn``: run, list and report experiments, view a recording, describe or export
+a crane.
 """
 
 from __future__ import annotations
@@ -7,7 +7,8 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-import textwrap
+import tempfile
+import webbrowser
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -35,13 +36,18 @@ class _Parser(Parser):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code, 2 for bad arguments."""
-    parser = _Parser(prog="cranedyn", description="A crane dynamics laboratory.")
+    parser = _Parser(
+        prog="cranedyn", description="A crane dynamics laboratory.", example="cranedyn run a1"
+    )
     parser.add_argument("--version", action="version", version=f"cranedyn {__version__}")
     commands = parser.add_subparsers(required=True, dest="command", metavar="COMMAND")
     for name, configure in COMMANDS.items():
-        text = (configure.__doc__ or "").strip()
-        commands.add_parser(name, help=text, description=text).configure = configure
-    return command(lambda: _run(parser.parse_args(argv)))
+        text, _, example = (configure.__doc__ or "").strip().partition("\n\n")
+        example = example.strip().removeprefix("Example: ")
+        subparser = commands.add_parser(name, help=text, description=text, example=example)
+        subparser.configure = configure
+    words = sys.argv[1:] if argv is None else argv
+    return command(lambda: _run(parser.parse_args(words or ["--help"])))
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -49,7 +55,10 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _experiment(parser: _Parser) -> None:
-    """Run an experiment, as: run a1 --gravity 9.8; list names them."""
+    """Run an experiment; list names them.
+
+    Example: cranedyn run a1 --gravity 9.8
+    """
     parser.add_argument("name", metavar="NAME", help="of the experiment")
     parser.add_argument(
         "arguments",
@@ -63,19 +72,41 @@ def _experiment(parser: _Parser) -> None:
 
 
 def _list(parser: _Parser) -> None:
-    """List the experiments."""
+    """List the experiments by subject, with how long each takes and what one sees.
 
-    def run(options: argparse.Namespace) -> int:
-        for name in plugins.names("experiment"):
-            text = f"{name:15} {plugins.description('experiment', name)}"
-            print(textwrap.fill(text, 80, subsequent_indent=" " * 16))
-        return 0
+    Example: cranedyn list
+    """
+    _delegate(parser, "list")
 
-    parser.set_defaults(run=run)
+
+def _report(parser: _Parser) -> None:
+    """Put all experiments on one page, report.html.
+
+    Example: cranedyn report --quick
+    """
+    _delegate(parser, "report")
+
+
+def _snapshot(parser: _Parser) -> None:
+    """Take pictures of a recording, still or moving.
+
+    Example: cranedyn snapshot out/a1/a1.rrd -t 10
+    """
+    _delegate(parser, "snapshot")
+
+
+def _delegate(parser: _Parser, name: str) -> None:
+    """Hand all arguments to a module that parses them."""
+    parser.prefix_chars = ""  # options, too
+    parser.add_argument("arguments", nargs=argparse.REMAINDER)
+    parser.set_defaults(run=lambda options: plugins.load("command", name).main(options.arguments))
 
 
 def _view(parser: _Parser) -> None:
-    """View a recording, in a window or in a browser of this machine."""
+    """View a recording, in a window or in a browser of this machine.
+
+    Example: cranedyn view out/a1/a1.rrd --serve
+    """
     parser.add_argument("file", metavar="FILE.rrd", type=Path, help="the recording")
     parser.add_argument(
         "--serve", action="store_true", help="in a browser on this machine, until Ctrl-C"
@@ -110,11 +141,10 @@ def _view(parser: _Parser) -> None:
 
 
 def _describe(parser: _Parser) -> None:
-    """Describe a crane: its joints, or with -o FILE its plain URDF.
+    """Describe a crane of ours or another: its joints, or with -o FILE its plain URDF.
 
-    The crane is that of this project, as: describe payload_mass:=2000 -o crane.urdf; a real one of
-    the library, as: describe --machine inteco_3dcrane; or another one, as: describe --urdf
-    crane.xacro --swing.
+    Example: cranedyn describe payload_mass:=2000 -o crane.urdf
+    cranedyn describe --machine inteco_3dcrane shows a real crane of the library.
     """
     from cranedyn.model.options import add_crane_options
 
@@ -130,12 +160,15 @@ def _describe(parser: _Parser) -> None:
 
 def _write_description(options: argparse.Namespace) -> int:
     from cranedyn.data.files import write_text
+    from cranedyn.errors import DataError
     from cranedyn.model.description import arguments, describe
     from cranedyn.model.load import load_crane
     from cranedyn.model.machines import machine_names, read_machine
     from cranedyn.model.options import load_options
 
     if options.list:
+        if options.values or options.output:
+            raise DataError("--list takes no values and no output; leave them out.")
         for name, a in arguments().items():
             print(f"{name:17} {a.default:>9} {a.unit:11} {a.allowed:5} {a.meaning}")
         return 0
@@ -183,16 +216,14 @@ def _record_template(parser: _Parser) -> None:
 
 
 def _export(parser: _Parser) -> None:
-    """Write a crane, or a run, for another program."""
+    """Write a crane, or a run, for another program.
+
+    Example: cranedyn export mjcf crane.xml
+    """
     exporters = parser.add_subparsers(required=True, dest="exporter", metavar="EXPORTER")
     for name in plugins.names("exporter"):
         text = plugins.description("exporter", name)
-        exporter = exporters.add_parser(
-            name,
-            help=text,
-            description=text,
-            formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-        )
+        exporter = exporters.add_parser(name, help=text, description=text)
         exporter.configure = lambda parser, name=name: _exporter(parser, name)
 
 
@@ -202,6 +233,7 @@ def _exporter(parser: _Parser, name: str) -> None:
     from cranedyn.model.options import add_crane_options
 
     exporter = plugins.load("exporter", name)
+    parser.example += f" {getattr(exporter, 'EXAMPLE', exporter.TARGET)}"
     parser.add_argument(
         "target",
         type=Path,
@@ -226,16 +258,43 @@ def _exporter(parser: _Parser, name: str) -> None:
     parser.set_defaults(run=run)
 
 
+def _drive(parser: _Parser) -> None:
+    """Drive a crane by keyboard, gamepad or mouse, in the browser.
+
+    Example: cranedyn drive --set payload_mass:=2000
+    """
+    from cranedyn.bridges import page
+    from cranedyn.model.description import add_values
+    from cranedyn.model.options import add_crane_options
+
+    add_crane_options(parser)
+    parser.add_argument("--gravity", type=float, metavar="G", help="gravity of the world [m/s²]")
+    add_values(parser, "numbers of the crane")
+    page.add_arguments(parser)
+
+    def run(options: argparse.Namespace) -> int:
+        options.target = Path(tempfile.mkdtemp(prefix="cranedyn-")) / "crane.html"
+        file = page.run(options)
+        print(f"The crane is in {file}. It needs no network; copy it where you like.")
+        webbrowser.open(file.as_uri())
+        return 0
+
+    parser.set_defaults(run=run)
+
+
 COMMANDS: dict[str, Callable[[_Parser], None]] = {
     "run": _experiment,
     "list": _list,
+    "report": _report,
     "view": _view,
+    "snapshot": _snapshot,
     "describe": _describe,
     "record-template": _record_template,
     "export": _export,
+    "drive": _drive,
 }
 """Function by the name of its command; it adds the arguments and sets what runs it, and its
-docstring is the help."""
+docstring is help and example."""
 
 
 if __name__ == "__main__":

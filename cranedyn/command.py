@@ -7,24 +7,78 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cached_property
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
-from cranedyn.errors import CraneError, printable
+from cranedyn.errors import CraneError, UnknownName, nearest, printable
 
 FAILED, REFUSED, INTERRUPTED = 1, 2, 130
 """Exit codes: a claim does not hold or a run failed; bad arguments or files; stopped by the
 user."""
 
 
+class _Help(argparse.ArgumentDefaultsHelpFormatter):
+    """Help with defaults that say something, and a usage without the options listed below it."""
+
+    def add_usage(self, usage: Any, actions: Any, groups: Any, prefix: Any = None) -> None:
+        """Add the usage: positional arguments alone."""
+        positional = [action for action in actions if not action.option_strings]
+        if len(positional) < len(actions):
+            positional.append(argparse.Action(["options"], "options", nargs=0))
+        super().add_usage(usage, positional, (), prefix)
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        said = action.default in (None, False, []) or "default" in (action.help or "")
+        return action.help if said else super()._get_help_string(action)
+
+
 class Parser(argparse.ArgumentParser):
-    """A parser of arguments whose error message is one printable line."""
+    """A parser of arguments whose help begins with an example, and whose error message is one
+    printable line.
+
+    Attributes:
+        example: A command line to begin with, by default the name of the program.
+    """
+
+    def __init__(self, *args: Any, example: str = "", **options: Any) -> None:
+        """Set the example, and whatever else argparse takes."""
+        super().__init__(*args, **{"formatter_class": _Help, **options})
+        self.example = example or self.prog
+
+    @cached_property
+    def common(self) -> argparse._ArgumentGroup:
+        """Group of options that --help leaves out and --help-all shows."""
+        text = "show this help and the common options, and exit"
+        self.add_argument("--help-all", action="help", help=text)
+        return self.add_argument_group("common options")
+
+    def format_help(self) -> str:
+        """Return the help, the example first."""
+        return f"example: {self.example}\n\n{super().format_help()}"
+
+    def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
+        """Parse as argparse does; an unknown option is an error of the command that it follows."""
+        args = sys.argv[1:] if args is None else args
+        if "common" in vars(self) and "--help-all" not in args:
+            for action in self.common._group_actions:
+                action.help = argparse.SUPPRESS
+        options, extras = super().parse_known_args(args, namespace)
+        for option in (extra.partition("=")[0] for extra in extras if extra.startswith("-")):
+            known = [name for action in self._actions for name in action.option_strings]
+            self.error(f"There is no option {option}{nearest(option, known)}; --help lists them.")
+        return options, extras
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            kind = str(action.metavar or "/".join(action.option_strings) or action.dest).lower()
+            self.error(str(UnknownName(kind, value, action.choices)))
 
     def error(self, message: str) -> NoReturn:
-        """Print usage and message, and exit with `REFUSED`."""
-        super().error(printable(message))
+        """Print the message and exit with `REFUSED`."""
+        self.exit(REFUSED, f"error: {printable(message)}\n")
 
 
 def command(run: Callable[[], int]) -> int:
@@ -38,7 +92,7 @@ def command(run: Callable[[], int]) -> int:
 
     Returns:
         That code; `REFUSED` after a `CraneError`, whose message is printed; `INTERRUPTED` after
-        Ctrl-C or SIGTERM; `FAILED` if whoever reads standard output stops reading.
+        Ctrl-C or SIGTERM; `FAILED` if the reader of standard output stops reading.
     """
     try:
         with _sigterm_as_interrupt():

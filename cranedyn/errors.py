@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 import traceback
@@ -42,6 +43,12 @@ def written_out(value: object) -> str:
         return str(value)
     except ValueError:  # an int of more than 4300 digits
         return f"{type(value).__name__} that cannot be written out"
+
+
+def nearest(given: object, known: Iterable[str]) -> str:
+    """Return the end of a sentence that names the known name most alike, empty if none is."""
+    names = difflib.get_close_matches(written_out(given), [str(name) for name in known], 1, 0.5)
+    return f"; the nearest is {names[0]}" if names else ""
 
 
 def format_error(error: Exception) -> str:
@@ -115,7 +122,10 @@ class UnknownName(CraneError):
     def __init__(self, kind: str, given: str, known: Iterable[str]) -> None:
         """Set the attributes and the error message."""
         self.given, self.known = given, tuple(known)
-        super().__init__(f"There is no {kind} {shown(given)}; there are {', '.join(self.known)}.")
+        super().__init__(
+            f"There is no {kind} {shown(given)}; there are {', '.join(map(str, self.known))}"
+            f"{nearest(given, self.known)}."
+        )
 
 
 class MissingRole(CraneError):
@@ -143,7 +153,7 @@ class MissingRole(CraneError):
 
 
 class UnknownColumn(UnknownName, KeyError):
-    """A column that a table does not have; a KeyError, too, for whoever takes the table for a
+    """A column that a table does not have; a KeyError, too, where the table serves as a
     mapping.
     """
 

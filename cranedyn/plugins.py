@@ -23,7 +23,7 @@ from typing import Any, Literal
 
 from cranedyn.errors import CraneError, UnknownName
 
-Kind = Literal["engine", "exporter", "experiment"]
+Kind = Literal["engine", "exporter", "experiment", "command"]
 
 _PACKAGE = Path(__file__).resolve().parent
 

@@ -6,7 +6,20 @@ work=$(mktemp -d)
 "$python" -m experiments.demo --cycles 1 --engine compiled --out "$work/demo"
 "$python" -m experiments.snapshot "$work/demo/demo.rrd" -t 115 --size 1200 640 -o "$work"
 mv "$work/demo-115s.png" docs/pictures/crane.png
-"$python" -m experiments.snapshot "$work/demo/demo.rrd" --gif 86 118 docs/pictures/demo.gif --fps 5 --view 3d --size 480 400
+"$python" -m experiments.demo --cycles 1 --control shaped --engine compiled --out "$work/shaped"
+for control in demo shaped; do
+  "$python" - "$work/$control/demo.parquet" "$work/$control.rrd" <<'PYTHON'
+import sys
+from cranedyn.data.trajectory import read
+from cranedyn.model.load import load_crane
+from cranedyn.recording import Run, record
+run = read(sys.argv[1])
+record(sys.argv[2], [Run("demo", load_crane(from_record=run.record), run)], title="Demo")
+PYTHON
+  "$python" -m experiments.snapshot "$work/$control.rrd" --gif 76 112 "$work/$control.gif" --fps 6 --view 3d --size 400 360
+done
+mv "$work/demo.gif" docs/pictures/swing.gif
+mv "$work/shaped.gif" docs/pictures/no_swing.gif
 "$python" -m experiments.demo --cycles 1 --control flat --engine compiled --out "$work/flat"
 "$python" -m experiments.snapshot "$work/flat/demo.rrd" -t 110 --size 1200 640 -o "$work"
 mv "$work/demo-110s.png" docs/pictures/controlled.png

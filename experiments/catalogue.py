@@ -1,12 +1,15 @@
-"""Which experiments there are: what each is called in front of people, and with which arguments the
-report makes it.
-"""
+"""Catalogue of the experiments: titles, captions, arguments for the report; a list by subject."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
+
+from cranedyn import plugins
+from cranedyn.command import Parser
 
 
 class Entry(NamedTuple):
@@ -17,8 +20,7 @@ class Entry(NamedTuple):
         line: What it shows.
         arguments: The arguments with which the report makes it.
         quick: Arguments that make the least of it; its claims need not hold then.
-        figures: A caption for each of its figures, by name; one that ends in a star is for all that
-            begin so.
+        figures: Captions by the name of the figure; a star at the end is for any end.
     """
 
     title: str
@@ -42,37 +44,32 @@ _ARTICLE = ("--gravity", "9.8")
 EXPERIMENTS = {
     "a1": Entry(
         "A1, free swing",
-        "Free swing at four cable lengths: period and error budget.",
+        "Free swing at four cable lengths: period, error budget.",
         _ARTICLE,
         ("--length", "5"),
         {
-            "waveform": "Swing over time, and the same wave at the period of a point pendulum: the "
-            "phase lost is the error.",
+            "waveform": "Swing over time, and the same at the period of a point pendulum.",
             "period": "Period over cable length, and its error beside the published one.",
-            "budget": "What each cause adds to the period, stacked, beside what was simulated and "
-            "published.",
+            "budget": "What each cause adds to the period, beside simulated and published.",
         },
     ),
     "a2": Entry(
         "A2, hoisting",
-        "Hoisting while the load swings: amplitude over cable length.",
+        "Hoisting while swinging: amplitude over cable length.",
         _ARTICLE,
         _ARTICLE,
         {
-            "hoisting": "Swing, cable length, and the period of each half swing on the theoretical "
-            "curve.",
-            "fits": "Amplitude over cable length: through all points, and through those where the "
-            "cable runs.",
+            "hoisting": "Swing, cable length, and the period of each half swing beside theory.",
+            "fits": "Amplitude over cable length: all points, and those where the cable runs.",
         },
     ),
     "a3": Entry(
         "A3, slewing",
-        "Slewing: the tangential swing beside the paper's Eq. (10).",
+        "Slewing: tangential swing beside the paper's Eq. (10).",
         _ARTICLE,
         _ARTICLE,
         {
-            "slewing": "Above, the acceleration of the trolley's path; below, the swing simulated "
-            "and by Eq. (10).",
+            "slewing": "The trolley's acceleration, and the swing simulated and by Eq. (10).",
             "stages": "What is left of the difference as one cause after the other is removed.",
         },
     ),
@@ -99,18 +96,16 @@ EXPERIMENTS = {
         "The plant against closed forms of mechanics.",
         quick=("--halvings", "3"),
         figures={
-            "convergence": "Error over time step, each over its error at the coarsest: slopes one "
-            "and two.",
+            "convergence": "Error over time step, relative to the coarsest: slopes 1 and 2.",
             "ripple": "Energy of a large swing at steps of which each is half of the one before.",
             "oval": "The load from above, and where the far ends of its oval must come to lie.",
         },
     ),
     "linear_vs_full": Entry(
         "Linear models",
-        "The paper's linear equations beside the whole multibody.",
+        "The paper's linear equations beside the multibody.",
         figures={
-            "swing_*": "Both swing angles of the multibody, of the paper's equations, and with all "
-            "rates kept.",
+            "swing_*": "Swing of the multibody, of the paper's equations, and with all rates kept.",
             "slews": "Error of the linear equations over slew rate and slew angle, for each crane.",
             "dropped": "How large the terms are that the linear equations leave out.",
         },
@@ -123,40 +118,37 @@ EXPERIMENTS = {
             "swing_*": "Radial (solid) and tangential (dashed) swing under each strategy.",
         },
     ),
-    "cranes": Entry("Other cranes", "Cranes of other topology: closed forms, engines, control."),
+    "cranes": Entry("Other cranes", "Other topologies: closed forms, engines, control."),
     "compare": Entry(
         "Comparison",
-        "Fifteen strategies, then on cranes that are not as planned.",
+        "Fifteen strategies, also on cranes that differ.",
         quick=("--only", "spline alone", "flat + LQR"),
         figures={
             "swing": "Swing over time under each strategy, on one scale.",
-            "robustness": "Swing 20 s after arrival under each strategy as load, cable, sensors "
-            "and air change.",
+            "robustness": "Swing 20 s after arrival as load, cable, sensors and air change.",
         },
     ),
     "observer": Entry(
-        "Untold loads",
-        "Loads and cables that nobody told, by the drives alone.",
+        "Unknown loads",
+        "Unknown loads and cables, seen by the drives alone.",
         quick=("--sensors", "drives"),
         figures={"left": "How much of the grid ends below a swing, for each set of sensors."},
     ),
     "margins": Entry(
         "Margins",
-        "How far each strategy is from its end, over the workspace.",
+        "Stability margins of each strategy, over the workspace.",
         quick=("--points", "2"),
         figures={
-            "margins_map": "Least damping, and the delay that the worst drive bears, over trolley "
-            "radius and cable length."
+            "margins_map": "Least damping and tolerated delay over trolley radius and cable length."
         },
     ),
     "sweep": Entry(
         "Sweep",
-        "A hundred thousand moves of cranes that are not as planned.",
+        "100,000 moves of cranes that differ from the plan.",
         quick=("--points", "2", "--durations", "2"),
         figures={
             "sweep_map": "Swing left over load and cable, for each strategy.",
-            "sweep_timing": "Swing left over the time for the move: median, and a band from least "
-            "to most.",
+            "sweep_timing": "Swing left over the time for the move: median, least and most.",
         },
     ),
     "lift": Entry(
@@ -171,13 +163,13 @@ EXPERIMENTS = {
     ),
     "lift_benchmark": Entry(
         "Lifts on random sites",
-        "Random sites: success, time to plan, duration over bounds.",
+        "Random sites: success, time to plan, duration.",
         ("--sites", "20"),
         ("--sites", "1"),
     ),
     "lift_report": Entry(
         "A lift, judged",
-        "Go or no go: utilisation, clearances, factors, wind, robustness.",
+        "Go or no go: utilisation, clearance, wind, robustness.",
         (),
         ("--lifts", "20", "--gusts", "1"),
         {
@@ -190,10 +182,9 @@ EXPERIMENTS = {
     ),
     "factors": Entry(
         "Factors of the standards",
-        "Factors of the standards, derived; what of them control needs.",
+        "Factors of the standards, and what control needs.",
         figures={
-            "factors": "ψ_h over the mass ratio and β2 of the hoisting classes: formula and "
-            "simulation.",
+            "factors": "ψ_h over mass ratio, β2 of hoisting classes: formula and simulation.",
             "needed": "What each strategy needs of the ψ_h that a standard allows for.",
         },
     ),
@@ -210,10 +201,40 @@ EXPERIMENTS = {
     ),
     "demo": Entry(
         "Demo",
-        "The seven legs of the article, with their swing controlled.",
+        "The article's seven legs, with swing control.",
         ("--cycles", "1", "--control", "flat"),
         ("--cycles", "0.2"),
         {"swing": "Swing over time; where it is shaded the drives stand still."},
     ),
 }
 """By name, in the order of the report."""
+
+SUBJECTS = {
+    "The article": "a1 10 s, a2 20 s, a3 10 s, energy 10 s, gazebo 15 s, demo endless",
+    "Mechanics": "validate 20 s, mass_ratio 20 s, linear_vs_full 25 s, cranes 1 min",
+    "Control": "b1 25 s, compare 10 min, observer 3 min, margins 2 min, sweep 3 min",
+    "Lifts": "lift 4 min, lift_report 3 min, lift_benchmark 5 min, factors 1 min",
+    "Identification": "identify 1 min, measured 10 s",
+}
+"""Experiments by subject, each with about the time that it takes on two processors."""
+
+
+def example(name: str) -> tuple[str, ...]:
+    """Return arguments of an experiment that show what it does."""
+    entry = EXPERIMENTS.get(name)
+    return (entry.arguments or entry.quick) if entry else ()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print all experiments by subject, those of other packages last; return the exit code."""
+    Parser(prog="cranedyn list", description="List the experiments.").parse_args(argv)
+    others = {*plugins.names("experiment")} - {*re.findall(r"(\w+) \w+", str(SUBJECTS))}
+    for subject, texts in {**SUBJECTS, "Other packages": ", ".join(sorted(others))}.items():
+        if texts:
+            print(subject)
+        for name, _, time in (text.partition(" ") for text in filter(None, texts.split(", "))):
+            entry = EXPERIMENTS.get(name)
+            line = entry.line if entry else plugins.description("experiment", name)
+            text = f"  {name:15} {time:7} {line}"
+            print(textwrap.fill(text, 80, subsequent_indent=" " * 26))
+    return 0

@@ -163,7 +163,7 @@ def _needed(moves: Sequence[Need]) -> Figure:
         strategies, needs = [n.strategy for n in of_move], [n.needed for n in of_move]
         ax.barh(strategies, needs, color=COLOURS["phi"])
         ax.axvline(of_move[0].allowed, color=COLOURS["limit"], linestyle="--")
-        ax.set(title=name, xlabel="ψ_h needed; the line is what a standard allows for")
+        ax.set(title=name, xlabel="ψ_h needed; dashed: allowed for")
         ax.invert_yaxis()
     return figure
 

@@ -272,6 +272,7 @@ def _claims(result: SiteResult) -> Iterator[harness.Claim]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = harness.parser("lift", __doc__, engines=("compiled", "pinocchio"))
+    parser.example = f"{parser.prog} --lifts 20"
     harness.add_setup(parser, "payload_mass")
     add = parser.add_argument
     text = "sites as TOML, see docs/howto/plan_lift.md; all examples if not given"

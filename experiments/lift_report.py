@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from cranedyn.checks import number, within
-from cranedyn.command import FAILED, command
+from cranedyn.command import FAILED, Parser, command
 from cranedyn.lifting.chart import CHARTS, read_chart
 from cranedyn.lifting.factors import DriveClass, HoistingClass
 from experiments import harness
@@ -130,7 +130,7 @@ def write_pages(judgement: Judgement, folder: Path, command_line: str) -> int:
     return 0 if judgement.go else FAILED
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser() -> Parser:
     parser = harness.parser("lift_report", __doc__, engines=("compiled", "pinocchio"))
     harness.add_setup(parser, "payload_mass")
     add = parser.add_argument

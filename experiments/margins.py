@@ -334,12 +334,8 @@ def _figure(radii: np.ndarray, cables: np.ndarray, maps: Mapping[str, MarginMap]
     """
     count = len(maps)
     figure, axes = panels(2, count, height=2.8, width=12.5, sharex=True, sharey=True)
-    for row, (title, name, scale, form) in enumerate(
-        (
-            ("least damping [% of critical]", "damping", 100.0, "{:.2g}"),
-            ("delay borne [ms]", "late", 1e3, "{:.0f}"),
-        )
-    ):
+    shown = ("least damping [% of critical]", "damping", 100.0), ("delay borne [ms]", "late", 1e3)
+    for row, (title, name, scale) in enumerate(shown):
         values = {strategy: scale * margins[name] for strategy, margins in maps.items()}
         norm = LogNorm(
             min(v[v > 0.0].min(initial=v.max()) for v in values.values()),
@@ -351,16 +347,17 @@ def _figure(radii: np.ndarray, cables: np.ndarray, maps: Mapping[str, MarginMap]
                 radii, cables, numbers, norm=norm, cmap="viridis", rasterized=True
             )
             for (i, j), number in np.ndenumerate(numbers):
-                ends = number <= 0.0
-                text = "unstable" if ends else form.format(number)
-                style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 6.5}
-                style["color"] = "black" if ends or norm(number) > 0.6 else "white"
-                ax.text(float(radii[j]), float(cables[i]), text, **style)
+                stable = number > 0.0
+                text = f"{number:.0f}" if number > 9.5 else f"{number:.1g}"
+                style: dict[str, Any] = {"ha": "center", "va": "center"}
+                style["color"] = "white" if stable and norm(number) <= 0.6 else "#111111"
+                style["fontsize"] = min(8.0, 40.0 / len(radii))
+                ax.text(float(radii[j]), float(cables[i]), text if stable else "×", **style)
             ax.grid(visible=False)
             if not row:
                 ax.set_title(strategy, fontsize=9.5)
         figure.colorbar(drawn, ax=strip, label=title)
-    figure.supxlabel("trolley radius [m]", fontsize=11.0)
+    figure.supxlabel("trolley radius [m]; × unstable", fontsize=11.0)
     figure.supylabel("cable length [m]", fontsize=11.0)
     return figure
 

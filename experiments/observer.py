@@ -1,4 +1,4 @@
-"""Loads and cables that nobody told, over a grid.
+"""Loads and cables that the controller does not know, over a grid.
 
 What a flat move leaves then, by three sets of sensors.
 """

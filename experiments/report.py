@@ -5,18 +5,23 @@ make each again.
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 import os
+import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from datetime import date
 from html import escape
+from importlib.util import find_spec
+from itertools import count
 from pathlib import Path
-from typing import Any
+from string import Template
+from typing import Any, get_args
 
 from cranedyn import __version__
+from cranedyn.checks import whole
 from cranedyn.command import INTERRUPTED, Parser, command
 from cranedyn.data.files import (
     check_writable,
@@ -28,20 +33,39 @@ from cranedyn.data.files import (
     write_text,
 )
 from cranedyn.errors import DataError, UnknownName
-from cranedyn.model.load import load_crane
-from cranedyn.plotting.html import (
-    IMAGE_TYPES,
-    STYLE,
-    image_address,
-    mark_html,
-    svg_address,
-    table_html,
-)
-from cranedyn.recording.sketch import sketch
+from cranedyn.interfaces import EngineName
+from cranedyn.plotting.html import IMAGE_TYPES, STYLE, image_address, mark_html, table_html
 from experiments import harness
 from experiments.catalogue import EXPERIMENTS, Entry
-from experiments.harness.arguments import add_engine, command_name
-from experiments.harness.outcome import summary
+
+PLAIN = ("a1", "a2", "a3", "energy", "gazebo", "mass_ratio", "validate")
+"""Experiments that test Pinocchio's algorithms, and therefore run by them."""
+
+LONGEST = ("compare", "observer", "margins", "identify", "lift_report", "lift", "sweep")
+"""Experiments that take longest, the longest first."""
+
+FOUND = (
+    "the Bessel envelope's",
+    "At the cranes' slew rates",
+    "the move of least time settles before any other",
+    "Where the drives alone are seen",
+    "the least delay for the full-model LQR",
+    "tower: Nothing that hangs",
+    "trolley: a joystick that brakes",
+    "Setpoints alone do not tell",
+)
+"""Phrases of the claims that say what was not known before."""
+
+PICTURES = (
+    "a1-budget a3-slewing energy-ledger linear_vs_full-slews compare-robustness margins-margins_map"
+    " sweep-sweep_map lift-site_tower factors-needed identify-twin_1"
+).split()
+"""Figures of the first screen: experiment and figure."""
+
+COMMAND = (sys.executable, "-m", "cranedyn", "run")
+"""What runs an experiment."""
+
+_PAGE = Template(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
 
 _LARGEST_FIGURE = 50_000_000
 """Most bytes of a figure."""
@@ -61,18 +85,7 @@ def page(folders: Sequence[Path]) -> str:
         with _naming(folder / "result.json"):
             results.append(read_result(folder))
             sections.append(_section(folder, results[-1]))
-    links = "".join(
-        f'<a href="#{escape(r["experiment"])}">{escape(_entry(r).title)}</a>' for r in results
-    )
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
-        'content="width=device-width, initial-scale=1">'
-        '<link rel="icon" href="data:,">'
-        f"<title>cranedyn: experiments</title><style>{STYLE}</style></head><body>"
-        f'<nav><a href="#top">Summary</a>{links}</nav>\n<main id="top">{_first(results)}\n'
-        + "\n".join(sections)
-        + "\n</main></body></html>\n"
-    )
+    return _PAGE.substitute(_first(results), style=STYLE, sections="\n".join(sections))
 
 
 @contextmanager
@@ -95,41 +108,47 @@ def _naming(file: Path) -> Iterator[None]:
         ) from error
 
 
-def _first(results: Sequence[dict[str, Any]]) -> str:
-    """Return the first screen: date, crane, claims that hold, a line for each experiment."""
+def _first(results: Sequence[dict[str, Any]]) -> dict[str, object]:
+    """Return the values of the first screen: what was judged, what holds, what is new, pictures."""
     today = date.today()
-    claims = [
-        harness.Claim(c["sentence"], c["holds"]) for result in results for c in result["claims"]
-    ]
-    holding, failed = (sum(claim.holds is kind for claim in claims) for kind in (True, False))
-    rows = "".join(
-        f'<tr><td><a href="#{escape(r["experiment"])}">{escape(_entry(r).title)}</a></td>'
-        f"<td>{escape(_entry(r).line)}</td><td>{_of_total(r['claims'])}</td></tr>"
-        for r in results
-    )
-    counts = summary(claims).partition(f"of {len(claims)} ")[2]
-    verdict = "held" if holding == len(claims) else "fails" if failed else "open"
-    crane = load_crane()
-    picture = sketch(crane, crane.state(phi=0.06))
-    return (
-        '<div class="first"><div><h1>cranedyn: what it claims, and what was found</h1>'
-        f'<p class="lead">{today.day} {today:%B %Y} · cranedyn {escape(__version__)}</p>'
-        f'<p class="count {verdict}">{holding} of {len(claims)}</p><p>{escape(counts)}</p></div>'
-        f'<figure><img alt="The crane from the side" src="{svg_address(picture)}">'
-        "<figcaption>The crane of the experiments, from the side.</figcaption></figure></div>"
-        '<div class="table"><table class="summary"><thead><tr><th>experiment</th><th>what it '
-        "shows</th>"
-        f"<th>claims that hold</th></tr></thead><tbody>{rows}</tbody></table></div>"
-    )
+    claims = [(r["experiment"], c["sentence"], c["holds"]) for r in results for c in r["claims"]]
+    found = [claim for phrase in FOUND for claim in claims if phrase in claim[1]]
+    verdicts = [_verdict(c["holds"] for c in r["claims"]) for r in results]
+    figures = {
+        f"{r['experiment']}-{Path(f).stem}": _entry(r).title for r in results for f in r["figures"]
+    }
+    return {
+        "experiments": len(results),
+        "machines": escape(", ".join(sorted({r["machine"] for r in results}))),
+        "version": escape(__version__),
+        "date": f"{today.day} {today:%B %Y}",
+        "claims": len(claims),
+        "holding": sum(holds is True for *_, holds in claims),
+        "unknown": sum(holds is None for *_, holds in claims),
+        "mark": mark_html(_verdict(holds for *_, holds in claims)),
+        "links": "".join(
+            _link(r["experiment"], _entry(r).title, verdict)
+            for r, verdict in zip(results, verdicts, strict=True)
+        ),
+        "failing": "".join(f"<li>{_link(*claim)}</li>" for claim in claims if claim[2] is False),
+        "found": "".join(f"<li>{_link(*claim)}</li>" for claim in found),
+        "pictures": "".join(
+            f'<a href="#{at}"><img alt="" data-of="{at}">{escape(figures[at])}</a>'
+            for at in PICTURES
+            if at in figures
+        ),
+    }
 
 
-def _of_total(claims: Sequence[Mapping[str, Any]]) -> str:
-    holding, failed = (sum(c["holds"] is kind for c in claims) for kind in (True, False))
-    kind = "fails" if failed else "held" if holding == len(claims) else "open"
-    unknown = len(claims) - holding - failed
-    return f'<span class="{kind}">{holding} of {len(claims)}</span>' + (
-        f", {unknown} not judged" if unknown else ""
-    )
+def _link(name: str, text: str, holds: bool | None) -> str:
+    """Return a link to an experiment, with the sign of what holds."""
+    return f'<a href="#{escape(name)}">{mark_html(holds)}{escape(text)}</a>'
+
+
+def _verdict(verdicts: Iterable[bool | None]) -> bool | None:
+    """Return whether all claims hold, None if none fails and some are not judged."""
+    kinds = set(verdicts)
+    return False if False in kinds else None if None in kinds else True
 
 
 def _entry(result: Mapping[str, Any]) -> Entry:
@@ -180,30 +199,36 @@ def _check_set(folder: Path, files: Mapping[str, str]) -> None:
 
 
 def _section(folder: Path, result: dict[str, Any]) -> str:
-    entry = _entry(result)
-    claims = "".join(
-        f"<li>{mark_html(c['holds'])}{escape(c['sentence'])}</li>" for c in result["claims"]
+    entry, name, claims = _entry(result), escape(result["experiment"]), result["claims"]
+    command = escape(result["command"])
+    listed = "".join(
+        f"<li>{mark_html(c['holds'])}{escape(c['sentence'])} "
+        f'<a href="#{name}-command" title="{command}">command</a></li>'
+        for c in claims
     )
     if strange := set(result["figures"]) - set(result["files"]):
         raise ValueError(f"its figures {sorted(strange)} are not among its files")
     figures = "".join(
-        f"<figure>{figure_html(folder, best_figure(name, result['files']))}"
-        f"<figcaption>{escape(entry.caption(Path(name).stem))}</figcaption></figure>"
-        for name in result["figures"]
+        f'<figure id="{name}-{escape(Path(file).stem)}">'
+        f"{figure_html(folder, best_figure(file, result['files']))}"
+        f"<figcaption>{escape(entry.caption(Path(file).stem))}</figcaption></figure>"
+        for file in result["figures"]
     )
     versions = ", ".join(
-        f"{name} {version}" for name, version in result["versions"].items() if version
+        f"{package} {version}" for package, version in result["versions"].items() if version
     )
+    holding = sum(c["holds"] is True for c in claims)
     return (
-        f'<section id="{escape(result["experiment"])}"><h2>{escape(entry.title)}</h2>'
-        f'<p class="lead">{escape(result["about"][:1].upper() + result["about"][1:])}</p><ul '
-        f'class="claims">{claims}</ul>'
-        f"{''.join(map(_table, result['tables']))}{figures}"
-        f"<p>Again: <code>{escape(result['command'])}</code></p>"
-        "<details><summary>Parameters and "
-        "versions</summary>"
+        f'<section id="{name}"><details><summary><h2>{escape(entry.title)}</h2>'
+        f"<span>{escape(entry.line)}</span><span>{mark_html(_verdict(c['holds'] for c in claims))}{holding} of "
+        f"{len(claims)}</span></summary>"
+        f'<p class="lead">{escape(result["about"][:1].upper() + result["about"][1:])}</p>'
+        f'<p id="{name}-command"><code>{command}</code></p><ul class="claims">{listed}</ul>'
+        f"{figures}{''.join(map(_table, result['tables']))}"
+        "<details><summary>Parameters and versions</summary>"
         f"<pre>{escape(json.dumps(result['parameters'], indent=1, ensure_ascii=False))}</pre>"
-        f'<p class="note">{escape(versions)}; {escape(result["machine"])}</p></details></section>'
+        f'<p class="note">{escape(versions)}; {escape(result["machine"])}</p></details>'
+        "</details></section>"
     )
 
 
@@ -233,7 +258,9 @@ def figure_html(folder: Path, name: str) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run what is missing, write the page; 0, or the first code of an experiment that is not 0."""
     parser = Parser(
-        prog=command_name("report"), description="All experiments on one page, report.html."
+        prog="cranedyn report",
+        description="All experiments on one page, report.html.",
+        example="cranedyn report --quick --only a1 a3",
     )
     text = "folder of all results, one folder inside for each experiment (default out)"
     parser.add_argument("--out", metavar="DIR", default="out", help=text)
@@ -244,48 +271,73 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     text = "run the least of what is missing, to see the page; claims need not hold"
     parser.add_argument("--quick", action="store_true", help=text)
-    add_engine(parser)
+    text = "how many experiments run side by side (default 2)"
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help=text)
+    text = "what computes steps, default compiled code, for these Pinocchio: " + ", ".join(PLAIN)
+    parser.add_argument("--engine", choices=get_args(EngineName), help=text)
     return command(lambda: _main(parser.parse_args(argv)))
 
 
 def _main(options: argparse.Namespace) -> int:
-    folder, codes = Path(options.out), [0]
+    folder = Path(options.out)
     for name in options.only:
         if name not in EXPERIMENTS:
             raise UnknownName("experiment", name, EXPERIMENTS)
+    whole("jobs", options.jobs, 1)
     missing = [name for name in options.only if options.again or not _made(folder / name)]
     for file in (folder / "report.html", *(folder / name / "result.json" for name in missing)):
         check_writable(file)
     with lock_folder(folder):  # it is there for them, and gone again if they leave nothing
-        for name in missing:
-            print(
-                f"Experiment {options.only.index(name) + 1} of {len(options.only)}: "
-                f"{EXPERIMENTS[name].title} ({name})",
-                flush=True,
-            )
-            code = importlib.import_module(f"experiments.{name}").main(
-                _words(name, options, folder)
-            )
-            if code == INTERRUPTED:
-                return code
-            codes.append(code)
+        codes = _run(missing, options)
         finished = [name for name in options.only if os.path.isfile(folder / name / "result.json")]
         for name in set(options.only) - set(finished):
             print(
                 f"{EXPERIMENTS[name].title} ({name}) could not be made and is not on the page.",
                 file=sys.stderr,
             )
-        if not finished:
-            return max(codes)
-        write_text(folder / "report.html", page([folder / name for name in finished]))
-    print(f"Written to {folder / 'report.html'}.")
-    return max(codes)
+        if finished:
+            write_text(folder / "report.html", page([folder / name for name in finished]))
+    if finished:
+        print(f"Written to {folder / 'report.html'}.")
+    return max(map(abs, codes), default=0)  # of one killed by a signal the code is negative
 
 
-def _words(name: str, options: argparse.Namespace, folder: Path) -> list[str]:
-    entry = EXPERIMENTS[name]
-    engine = [] if options.engine == "pinocchio" else ["--engine", options.engine]
-    return [*(entry.quick if options.quick else entry.arguments), *engine, f"--out={folder / name}"]
+def _run(names: Sequence[str], options: argparse.Namespace) -> list[int]:
+    """Run experiments side by side, the longest first; return their exit codes."""
+    started: list[subprocess.Popen[str]] = []
+
+    def run(number: int, name: str) -> int:
+        print(f"Experiment {number} of {len(names)}: {name}", flush=True)
+        command = [*COMMAND, name, *_arguments(name, options)]
+        pipes: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+        process = subprocess.Popen(command, text=True, errors="replace", **pipes)
+        started.append(process)
+        lines = process.communicate()[0].splitlines()
+        for line in lines if process.returncode else [s for s in lines if " claims hold, " in s]:
+            print(f"{name}: {line}", flush=True)
+        if process.returncode == INTERRUPTED:
+            raise KeyboardInterrupt
+        return process.returncode
+
+    ordered = sorted(names, key=lambda name: (*LONGEST, name).index(name))
+    with ThreadPoolExecutor(options.jobs) as pool:
+        try:
+            return list(pool.map(run, count(1), ordered))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in started:
+                process.terminate()
+            raise
+
+
+def _arguments(name: str, options: argparse.Namespace) -> list[str]:
+    entry, plain = EXPERIMENTS[name], name in PLAIN or find_spec("llvmlite") is None
+    engine = options.engine or ("pinocchio" if plain else "compiled")
+    return [
+        *(entry.quick if options.quick else entry.arguments),
+        *(["--engine", "compiled"] if engine == "compiled" else []),
+        f"--out={Path(options.out) / name}",
+    ]
 
 
 if __name__ == "__main__":

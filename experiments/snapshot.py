@@ -20,7 +20,6 @@ from cranedyn.checks import number
 from cranedyn.command import Parser, command
 from cranedyn.data.files import atomic_write_set, lock_folder
 from cranedyn.recording.snapshot import animate, snapshot
-from experiments.harness.arguments import command_name
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -28,7 +27,9 @@ def main(arguments: list[str] | None = None) -> int:
     to draw with.
     """
     parser = Parser(
-        prog=command_name("snapshot"), description="Pictures of a recording, without a display."
+        prog="cranedyn snapshot",
+        description="Pictures of a recording, without a display.",
+        example="cranedyn snapshot out/a1/a1.rrd -t 10 -o out",
     )
     add = parser.add_argument
     add("recording", metavar="RECORDING", type=Path, help="the .rrd file")

@@ -139,6 +139,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="ideal: drives take what each strategy answers, efforts or accelerations; velocity: "
         "all drives have frequency converters, which take rates",
     )
+    option = parser.common.add_argument
     option("--workers", help="processes, by default one for each processor", **count)
     option(
         "--limit",

@@ -583,6 +583,15 @@ cranedyn/bridges/margins.py
 ? margins::a_drive_is_unstable_just_beyond_what_its_margins_say
 - gains = np.append(gains, [-1.0 / end] if end < 0.0 else [])
 + gains = np.append(gains, [])
+cranedyn/command.py
+* an unknown option is answered without the nearest
+? help::an_unknown_option_is_answered_with_the_nearest_on_one_line
+- self.error(f"There is no option {option}{nearest(option, known)}; --help lists them.")
++ self.error(f"There is no option {option}; --help lists them.")
+* common options are shown in every help
+? help::help_is_a_screen_that_begins_with_an_example_which_parses
+- action.help = argparse.SUPPRESS
++ action.help = action.help
 cranedyn/plugins.py
 * an exporter of another package replaces one of ours
 ? plugins::an_exporter_of_another_package_writes_what_it_says_and_replaces_none_of_ours

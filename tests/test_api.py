@@ -64,16 +64,8 @@ def test_every_module_of_the_experiments_with_a_command_line_is_an_entry_point()
         for path in (ROOT / "experiments").glob("*.py")
         if "\ndef main(" in path.read_text(encoding="utf-8")
     } | {path.parent.name for path in (ROOT / "experiments").glob("*/__main__.py")}
-    assert commands == {*plugins.names("experiment")}
-
-
-def test_list_names_every_experiment_in_lines_of_80_columns(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert face.main(["list"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines if line[0] != " "] == plugins.names("experiment")
-    assert max(map(len, lines)) <= 80
+    assert commands - {"catalogue", "report", "snapshot"} == {*plugins.names("experiment")}
+    assert {*plugins.names("command")} <= {*face.COMMANDS}
 
 
 def test_run_hands_all_arguments_to_the_experiment_and_its_code_back(
@@ -97,7 +89,7 @@ def test_describe_writes_the_crane(capsys: pytest.CaptureFixture[str]) -> None:
         ("run a9", "There is no experiment 'a9'"),
         ("view nothing.rrd --serve", "Cannot read nothing.rrd"),
         ("view nothing.rrd --port 9999", "--port has no effect without --serve"),
-        ("fly", "invalid choice: 'fly'"),
+        ("fly", "There is no command 'fly'"),
         ("list all", "unrecognized arguments: all"),
     ],
 )

@@ -102,7 +102,7 @@ def from_control(
             forward.
         drive: Outputs of the feedback: "effort", or with "motion" the accelerations of the
             drives.
-        dt: Physics step of the run [s], of which a motion's period is a multiple.
+        dt: Physics step of the run [s]; a motion's period is a multiple of it.
 
     Raises:
         OutOfRange: If the feedback is no gain of that shape, or a number in it is not finite; or

@@ -38,6 +38,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 
 TARGET = "FILE"
+EXAMPLE = "crane.fmu"
 """Target of the command line."""
 
 NAME = "cranedyn_crane"

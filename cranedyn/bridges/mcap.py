@@ -28,6 +28,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 
 TARGET = "FILE"
+EXAMPLE = "run.mcap --trajectory out/a1/l5_pinned.csv"
 
 FRAME_PERIOD = 0.02
 """Least time between messages of frames [s]; joints have a message at every row."""
@@ -75,7 +76,7 @@ def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
     effort, of the drives the effort that acted, 0 for passive joints. ``/joint_setpoints`` has the
     drives with position wanted and effort commanded. ``/tf`` has a frame for each moving link, 20
     ms apart or more; ``/tf_static`` and ``/robot_description`` stand at the first time, and reach
-    whoever subscribes later (`PROFILES`). Times are those of the run, from 0 on, in the header, as
+    later subscribers, too (`PROFILES`). Times are those of the run, from 0 on, in the header, as
     log time and as publish time.
 
     Args:

@@ -29,6 +29,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 
 TARGET = "FILE"
+EXAMPLE = "crane.xml"
 
 
 def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:

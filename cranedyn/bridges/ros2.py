@@ -28,6 +28,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 
 TARGET = "DIR"
+EXAMPLE = "crane_description"
 
 RATE = 200
 """Rate of the controllers [Hz], as in the article."""

@@ -365,7 +365,7 @@ class Loop:
         """Return a function that advances a range of groups by one control period under the
         commands in their states.
 
-        Many groups are gone through in one call, which takes some tenths of a second at most.
+        One call handles many groups and takes some tenths of a second at most.
 
         Raises:
             OutOfRange: If a period has too many steps for that.

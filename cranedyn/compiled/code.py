@@ -105,7 +105,7 @@ class Code(Instructions):
 
         Yields:
             What to call at the end of the statements with whether nothing is. Statements after that
-            call are gone through where something is, and after the last number.
+            call run where something is, and after the last number.
         """
         build, names = self.builder, ("head", "body", "rest", "after")
         head, body, rare, after = map(self.function.append_basic_block, names)

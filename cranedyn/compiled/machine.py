@@ -59,12 +59,19 @@ def translate(module: ir.Module) -> Machine:
     return Machine(engine, context)
 
 
-def object_code(module: ir.Module) -> bytes:
-    """Translate a module into an object file that any processor of this machine's kind runs, to be
-    linked into a shared library.
+def object_code(module: ir.Module, triple: str | None = None) -> bytes:
+    """Translate a module into an object file.
+
+    Args:
+        module: The code.
+        triple: LLVM's name of the platform, such as "wasm32-unknown-unknown". None for a file that
+            any processor of this machine's kind runs, to be linked into a shared library.
     """
-    code = binding.parse_assembly(str(module), binding.create_context())
-    target = _initialised().create_target_machine(opt=3, reloc="pic", codemodel="default")
+    if triple is None:
+        target = _initialised().create_target_machine(opt=3, reloc="pic", codemodel="default")
+        code = binding.parse_assembly(str(module), binding.create_context())
+    else:
+        target, code = _cross(module, triple)
     _optimise(code, target)
     return target.emit_object(code)
 
@@ -77,13 +84,18 @@ def assembly(module: ir.Module, triple: str, processor: str) -> str:
         triple: LLVM's name of the platform, such as "nvptx64-nvidia-cuda".
         processor: LLVM's name of the oldest processor to run it, such as "sm_75".
     """
+    target, code = _cross(module, triple, processor)
+    _optimise(code, target)
+    return target.emit_assembly(code)
+
+
+def _cross(module: ir.Module, triple: str, processor: str = "") -> tuple[Any, Any]:
+    """Return a target machine of another platform, and the module as code for it."""
     binding.initialize_all_targets()
     binding.initialize_all_asmprinters()
     target = binding.Target.from_triple(triple).create_target_machine(cpu=processor, opt=3)
     module.triple, module.data_layout = triple, str(target.target_data)
-    code = binding.parse_assembly(str(module), binding.create_context())
-    _optimise(code, target)
-    return target.emit_assembly(code)
+    return target, binding.parse_assembly(str(module), binding.create_context())
 
 
 def _optimise(code: Any, target: Any) -> None:

@@ -151,7 +151,7 @@ def _gains(crane: Crane, name: str, gains: Gains, usual: list[float]) -> np.ndar
 
 
 def _weight(crane: Crane, joint: int, gravity: float) -> float:
-    """Return the effort that holds what hangs on a drive [N m or N]."""
+    """Return the effort that holds the weight on a drive [N m or N]."""
     kind, (_, _, up) = crane.layout.joints[joint].kind, crane.layout.joints[joint].axis
     if kind == "prismatic":
         return (

@@ -24,7 +24,7 @@ class HoistIntegral(ShortRepr):
 
     It remembers: make a new one for each run. Asked again for the same time it answers without
     integrating again. An error counts for the time since the controller was last asked; at the
-    first control instant, or where time begins anew, for one control period.
+    first control instant, or where time restarts, for one control period.
 
     Attributes:
         crane: The crane, which must have a hoist.

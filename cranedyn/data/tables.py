@@ -64,15 +64,22 @@ def write_table(path: str | Path, table: pa.Table) -> Path:
         DataError: If the ending is another or the file cannot be written.
     """
     path = Path(path)
-    writer = {".csv": pyarrow.csv.write_csv, ".parquet": pyarrow.parquet.write_table}.get(
-        path.suffix
-    )
+    writer = {".csv": pyarrow.csv.write_csv, ".parquet": _write_parquet}.get(path.suffix)
     if writer is None:
         raise DataError(f"Cannot write {path}: the ending must be .csv or .parquet.")
     # Arrow accepts only names that are UTF-8.
     with atomic_write(path) as draft, draft.open("wb") as file:
         writer(table, file)
     return path
+
+
+def _write_parquet(table: pa.Table, file: BinaryIO) -> None:
+    """Write a table with the bytes of its numbers split, which Zstandard then halves."""
+    floats = [field.name for field in table.schema if pa.types.is_floating(field.type)]
+    others = [name for name in table.column_names if name not in floats]
+    pyarrow.parquet.write_table(
+        table, file, compression="zstd", use_dictionary=others, use_byte_stream_split=floats
+    )
 
 
 def column_names(path: str | Path) -> list[str]:

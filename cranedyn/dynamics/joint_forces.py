@@ -106,7 +106,7 @@ class Stops:
 
     @classmethod
     def of(cls, crane: Crane) -> Stops:
-        """Return the buffers of a crane: each drive, with what hangs on it, oscillates at 20 rad/s
+        """Return the buffers of a crane: each drive, with the masses on it, oscillates at 20 rad/s
         with half of critical damping.
         """
         drives, q = crane.layout.drives, crane.start.q.copy()

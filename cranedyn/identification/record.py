@@ -154,7 +154,7 @@ def _resample(
     """Return the rows in which a swing is fresh, with smooth motions of the drives, the resolution
     of these, and remarks.
 
-    A column that is sampled anew in each row, by a regular clock, stays as it is.
+    A column that is sampled in each row, by a regular clock, stays as it is.
     """
     fresh, resolution, remarks = dict(columns), dict[str, float](), list[str]()
     irregular = is_irregular(t)

@@ -113,8 +113,8 @@ def hoist_frequency(slope: float, gravity: float = STANDARD_GRAVITY) -> float:
 
 
 def phi_3(share: float, beta: float = RAPID_RELEASE) -> float:
-    """Return φ3 = 1 - (Δm/m)(1 + β3), on a load of which a part is let go; negative where it jumps
-    up.
+    """Return φ3 = 1 - (Δm/m)(1 + β3), on a load that loses a part of its mass; negative where it
+    jumps up.
 
     EN 1991-3, Table 2.4 (second hand). With β3 = 1 it is exactly the least tension of an undamped
     elastic hoist over the weight before.

@@ -173,7 +173,7 @@ def site_views(certificate: Certificate) -> Figure:
     for limits in (lift.crane.lower, lift.crane.upper):
         circle = limits[clearance.joints.trolley] * np.stack([np.cos(angle), np.sin(angle)])
         axes[0].plot(*(site.foot[:2, None] + circle), ":", color="#999999", linewidth=1.0)
-    axes[0].legend(loc="best", fontsize=9)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     figure.suptitle(site.name)
     return figure
 

@@ -48,7 +48,7 @@ _SHEET = """
 .statement { border-left: 4px solid var(--line); padding-left: 0.8rem; max-width: 46rem; }
 main { max-width: 64rem; }
 section { margin-top: 1.6rem; padding-top: 0.8rem; }
-@media (min-width: 70rem) { body { display: block; } main { margin: 0 auto; } }
+@media (min-width: 60rem) { body { display: block; } main { margin: 0 auto; } }
 @media print { section { break-before: auto; margin-top: 6mm; } figure { max-width: 100%; }
   .verdict { font-size: 26pt; } .first { flex-wrap: nowrap; gap: 6mm; }
   .first > div { flex: 1 1 auto; } .first figure { flex: 0 0 48mm; }

@@ -280,7 +280,7 @@ def _package_name(folder: Path) -> str:
         return ""
 
 
-def add_values(parser: argparse.ArgumentParser, text: str) -> None:
+def add_values(parser: argparse._ActionsContainer, text: str) -> None:
     """Add the option ``--set`` for `parse_values` to a parser."""
     parser.add_argument(
         "--set",

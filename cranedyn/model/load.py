@@ -164,7 +164,7 @@ def _foreign_crane(
     options: _Options,
     swing: bool | Mapping[str, float],
 ) -> Crane:
-    """Return the crane of the URDF or MJCF of somebody else, completed."""
+    """Return the crane of a foreign URDF or MJCF, completed."""
     robot, notes = parse_urdf(text, path), list[str]()
     if not (swing or robot.tag == "mujoco"):
         return _crane(robot, path, partial(str, text), options)

@@ -11,7 +11,7 @@ from cranedyn.model.description import parse_values
 from cranedyn.model.load import load_crane
 
 
-def add_crane_options(parser: argparse.ArgumentParser) -> None:
+def add_crane_options(parser: argparse._ActionsContainer) -> None:
     """Add ``--machine``, ``--urdf``, ``--swing``, ``--driven``, ``--role`` and ``--package`` to a
     parser.
     """

@@ -53,7 +53,7 @@ class Spread:
         gust: Largest rise of one gust [m/s], of shape (1 - cos)/2, in the same direction, at any
             time of the lift.
         gust_lasts: Shortest and longest gust [s].
-        late: Delays of the sensors, of which one is drawn [s].
+        late: Delays of the sensors to draw from [s].
 
     Raises:
         OutOfRange: If a number is none, negative or not finite, the load could be gone, or a gust

@@ -74,7 +74,7 @@ class Cranes:
     def __getitem__(self, index: slice) -> list[Crane]: ...
 
     def __getitem__(self, index: int | slice) -> Crane | list[Crane]:
-        """Return one or some of the cranes, loaded anew."""
+        """Load one or some of the cranes again and return them."""
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):

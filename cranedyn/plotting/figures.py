@@ -17,23 +17,9 @@ from matplotlib.layout_engine import LayoutEngine
 
 from cranedyn.data.files import atomic_write
 from cranedyn.data.time_series import TimeSeries
-from cranedyn.plotting.style import COLOURS, LINE_STYLES, colour_of, run_colour
+from cranedyn.plotting.style import COLOURS, LINE_STYLES, RC, colour_of, run_colour
 
 __all__ = ["COLOURS", "panels", "save"]
-
-_STYLE: Any = {
-    "font.size": 11.0,
-    "axes.grid": True,
-    "grid.color": "#DDDDDD",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "lines.linewidth": 1.6,
-    "legend.frameon": False,
-    "figure.facecolor": "white",
-    "axes.formatter.useoffset": False,
-    "svg.hashsalt": "cranedyn",
-}
 
 _DPI = 130
 """Resolution of a picture [dots per inch]."""
@@ -43,7 +29,7 @@ class _NotebookFigure(Figure):
     """A figure that notebooks display."""
 
     def _repr_png_(self) -> bytes:
-        with mpl.rc_context(_STYLE), io.BytesIO() as file:
+        with mpl.rc_context(RC), io.BytesIO() as file:
             self.savefig(file, format="png", dpi=90)
             return file.getvalue()
 
@@ -60,7 +46,7 @@ def panels(
         width: Width of the figure [inch].
         arguments: Arguments of matplotlib's ``Figure.subplots``, for example ``sharex=True``.
     """
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(RC):
         figure = _NotebookFigure(figsize=(width, rows * height), layout="constrained")
         return figure, list(figure.subplots(rows, columns, squeeze=False, **arguments).flat)
 
@@ -78,7 +64,7 @@ def save(figure: Figure, path: str | Path, *further: str | Path) -> Path:
         DataError: If a file cannot be written.
     """
     engine = figure.get_layout_engine()
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(RC):
         if engine is not None:
             _lay_out(figure, engine)
         try:
@@ -101,11 +87,33 @@ def _lay_out(figure: Figure, engine: LayoutEngine) -> None:
 def _save(figure: Figure, path: Path) -> None:
     ending = path.suffix.removeprefix(".")
     # Matplotlib would leave a file of its own open if Ctrl-C interrupts it.
-    picture = io.BytesIO()
-    metadata = {"Date": None} if ending == "svg" else None
-    figure.savefig(picture, format=ending, dpi=_DPI, metadata=metadata)
     with atomic_write(path) as draft:
-        draft.write_bytes(picture.getvalue())
+        draft.write_bytes(svg(figure) if ending == "svg" else _picture(figure, ending))
+
+
+def svg(figure: Figure) -> bytes:
+    """Return a figure as SVG whose paper is dark where its reader prefers that; the same figure
+    gives the same bytes.
+    """
+    with mpl.rc_context(RC):
+        content = _picture(figure, "svg", metadata={"Date": None})
+    return content.replace(b"</style>", _NIGHT.encode() + b"</style>", 1)
+
+
+def _picture(figure: Figure, ending: str, **arguments: Any) -> bytes:
+    file = io.BytesIO()
+    figure.savefig(file, format=ending, dpi=_DPI, **arguments)
+    return file.getvalue()
+
+
+_NIGHT = """
+@media screen and (prefers-color-scheme: dark) {
+text:not([style*="fill"]), [style*="fill: #000000"],
+use[style*="stroke: #000000"]:not([style*="fill"]) { fill: #e6eaf0 !important }
+[style*="stroke: #000000"] { stroke: #c4ccd6 !important }
+[style*="stroke: #dddddd"] { stroke: #333b47 !important }
+path[style*="fill: #ffffff"], use[style*="fill: #ffffff"] { fill: #1d232c !important } }"""
+"""Style of an SVG by night: white paper, black ink and the grid change, all other colours stay."""
 
 
 _LEAST_SPAN = 1e-3

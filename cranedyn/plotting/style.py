@@ -1,10 +1,12 @@
-"""Colours and line styles: the same in every plot, figure and recording.
+"""Colours, line styles and font: the same in every plot, figure and recording.
 
 Colours of quantities are the colour-blind-safe palette of Okabe and Ito, its pale ones darkened, so
 that every one is legible on white and on black.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 COLOURS = {
     "gamma": "#0072B2",
@@ -35,6 +37,23 @@ RUN_COLOURS = (
 )
 """Hex colours of the runs of one picture in their order. The first is the colour of the payload
 where there is one run."""
+
+RC: Any = {
+    "font.sans-serif": ["DejaVu Sans", "Verdana"],
+    "font.size": 11.0,
+    "axes.grid": True,
+    "grid.color": "#DDDDDD",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.6,
+    "legend.frameon": False,
+    "figure.facecolor": "white",
+    "axes.formatter.useoffset": False,
+    "svg.fonttype": "none",  # words, not outlines: fewer bytes, and the browser finds them
+    "svg.hashsalt": "cranedyn",
+}
+"""Settings of Matplotlib with which figures are drawn and saved."""
 
 LINE_STYLES = {"phi": "-", "theta": "--"}
 """Line styles: solid for radial swing and dashed for tangential swing, in every figure."""

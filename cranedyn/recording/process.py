@@ -98,13 +98,13 @@ def end(process: subprocess.Popen[bytes]) -> None:
 
 
 def is_free(port: int) -> bool:
-    """Return whether nobody listens at a port of this machine."""
+    """Return whether a port of this machine is free."""
     with socket.socket() as probe:
         return probe.connect_ex((HOST, port)) != 0
 
 
 def free_port() -> int:
-    """Return a port of this machine at which nobody listens."""
+    """Return a free port of this machine."""
     with socket.socket() as probe:
         probe.bind((HOST, 0))
         return int(probe.getsockname()[1])

@@ -40,7 +40,8 @@ def check_enabled() -> None:
 def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "") -> Path:
     """Write runs into one ``.rrd`` file with its layout.
 
-    The scene has 50 rows a second in single precision. The numbers have all rows in double
+    A recording is for looking at; every row to the bit is in the file that the run writes. The
+    scene has 25 rows a second, the numbers have 50 and those where an effort jumps, in single
     precision, angles in degrees, energy since the start: see
     `cranedyn.recording.series.series_table`.
 

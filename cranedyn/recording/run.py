@@ -109,3 +109,9 @@ def colours(runs: Sequence[Run]) -> list[str]:
 def clock(t: np.ndarray) -> list[rr.TimeColumn]:
     """Return times [s] as a column of the timeline, rounded to nanoseconds (Rerun truncates)."""
     return [rr.TimeColumn(TIMELINE, duration=np.round(1e9 * t).astype("timedelta64[ns]"))]
+
+
+def rows_every(t: np.ndarray, period: float) -> np.ndarray:
+    """Return indices of rows a period apart, the first and the last row included."""
+    times = np.append(np.arange(t[0], t[-1], period), t[-1])
+    return np.unique(np.searchsorted(t, times - 1e-9))

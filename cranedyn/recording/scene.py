@@ -26,7 +26,7 @@ from cranedyn.errors import printable
 from cranedyn.model.crane import Crane
 from cranedyn.model.urdf import parse_urdf, skeleton
 from cranedyn.plotting.style import COLOURS, mixed, rgb
-from cranedyn.recording.run import Run, Scenery, clock, colours
+from cranedyn.recording.run import Run, Scenery, clock, colours, rows_every
 from cranedyn.recording.shapes import Shape, shapes
 
 BACKGROUND = "#E1E8F0"
@@ -35,7 +35,7 @@ BACKGROUND = "#E1E8F0"
 PATH_SECONDS = 4.0
 """Duration of the path of the payload [s]."""
 
-_FRAME_PERIOD, _PATH_PERIOD = 0.02, 0.1
+_FRAME_PERIOD, _PATH_PERIOD = 0.04, 0.1
 _PATH_POINTS = round(PATH_SECONDS / _PATH_PERIOD)
 _CABLE, _GREY = "#202020", "#8C8C8C"
 _CABLE_RADIUS, _PATH_RADIUS, _ARROW_RADIUS = 0.05, 0.16, 0.12
@@ -104,15 +104,16 @@ class Scene:
             self._log_scenery(run.scenery, float(run.trajectory.t[0]))
 
     def move(self, trajectory: Trajectory, t_start: float = -math.inf) -> None:
-        """Log the rows from a time on [s], 50 a second; the path also shows earlier rows."""
-        crane, rows = self._crane, _rows_every(trajectory.t, _FRAME_PERIOD)
+        """Log the rows from a time on [s], 25 a second; the path also shows earlier rows."""
+        crane, rows = self._crane, rows_every(trajectory.t, _FRAME_PERIOD)
         rows = rows[trajectory.t[rows] >= t_start]
         t, q = trajectory.t[rows], trajectory.q[rows]
         for joint, values in zip(crane.layout.joints, q.T, strict=True):
             urdf_joint = self._tree.get_joint_by_name(joint.name)
             assert urdf_joint is not None
-            columns = urdf_joint.compute_transform_columns(values.tolist(), clamp=False)
-            self._send(t, columns, "joints", joint.name)
+            moves = np.append(True, np.diff(values) != 0)
+            columns = urdf_joint.compute_transform_columns(values[moves].tolist(), clamp=False)
+            self._send(t[moves], columns, "joints", joint.name)
         self._send(t, rr.LineStrips3D.columns(strips=_cable(crane, q)), "scene", "cable")
         self._move_path(trajectory, t_start)
         self._move_setpoint(t, trajectory.setpoint[rows])
@@ -213,7 +214,7 @@ class Scene:
 
     def _move_path(self, trajectory: Trajectory, t_start: float) -> None:
         """Log the last positions of the payload, the newest first."""
-        rows = _rows_every(trajectory.t, _PATH_PERIOD)
+        rows = rows_every(trajectory.t, _PATH_PERIOD)
         payload = _cable(self._crane, trajectory.q[rows])[:, -1]
         new = np.flatnonzero(trajectory.t[rows] >= t_start)
         past = payload[np.clip(new[:, None] - np.arange(_PATH_POINTS), 0, None)]
@@ -302,12 +303,6 @@ def _largest(link_shapes: Sequence[Shape]) -> Shape:
     """Return the largest shape of the payload, its body; a cube where there is none."""
     default = Shape("box", (1.0, 1.0, 1.0))
     return max(link_shapes, key=lambda shape: math.prod(shape.size), default=default)
-
-
-def _rows_every(t: np.ndarray, period: float) -> np.ndarray:
-    """Return indices of rows a period apart, the first and the last row included."""
-    times = np.append(np.arange(t[0], t[-1], period), t[-1])
-    return np.unique(np.searchsorted(t, times - 1e-9))
 
 
 def _cable(crane: Crane, q: np.ndarray) -> np.ndarray:

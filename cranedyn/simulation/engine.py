@@ -154,7 +154,7 @@ class Engine:
         self.reset(start)
 
     def reset(self, start: State) -> None:
-        """Start anew at a state, without command, force or work."""
+        """Restart at a state, without command, force or work."""
         self.state = start
         self._external = self._setting.external()
         self._drives = self._setting.drives(self._external)

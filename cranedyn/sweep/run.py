@@ -88,8 +88,8 @@ def sweep(
     took longer than it may, or twice killed its process. Chunks in which that happens are halved
     and tried again. A chunk file that fails its checksum counts as not done.
 
-    Whoever listens at the address of a scheduler, and every worker behind it, can run code in this
-    program, since Dask's processes exchange pickles. Name one that you trust.
+    The scheduler at an address, and every worker behind it, can run code in this program, since
+    Dask's processes exchange pickles. Name one that you trust.
 
     Args:
         study: The function; workers import it by its name.

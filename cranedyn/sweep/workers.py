@@ -129,7 +129,7 @@ class _Worker:
 
 
 def _serve(pipe: Connection, task: Task) -> None:
-    """Compute chunks until nobody asks any more."""
+    """Compute chunks until none is requested any more."""
     end_with_parent()
     with suppress(EOFError, OSError):
         try:

@@ -14,7 +14,7 @@ from experiments.compare.runs import Results, score_of
 from experiments.scenarios.moves import RestToRest
 from experiments.scenarios.strategies import strategy_colour
 
-_MARKERS = "osv^D*PXhd"
+_MARKERS = "osv^D*PX>d"
 
 
 def swing_figure(move: RestToRest, runs: Mapping[str, Trajectory]) -> Figure:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import get_args
@@ -11,6 +12,7 @@ from typing import get_args
 from cranedyn.command import Parser
 from cranedyn.errors import DataError
 from cranedyn.interfaces import EngineName
+from experiments.catalogue import example
 
 
 def command_name(name: str) -> str:
@@ -27,7 +29,7 @@ def parser(
     *,
     recording: bool = True,
     engines: Sequence[str] = get_args(EngineName),
-) -> argparse.ArgumentParser:
+) -> Parser:
     """Return a parser with the arguments that every experiment has.
 
     Args:
@@ -39,13 +41,14 @@ def parser(
     result = Parser(
         prog=command_name(name),
         description=" ".join((description or "").partition("\n\n")[0].split()),
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        example=shlex.join([*command_name(name).split(), *example(name)]),
     )
     result.set_defaults(experiment=name, live=False, modes={}, conditions=[])
     result.set_defaults(view=False, serve=False)
-    add, no_default = result.add_argument, argparse.SUPPRESS
+    add, no_default = result.common.add_argument, argparse.SUPPRESS
     text = f"folder for results, default out/{name}"
     add("--out", metavar="DIR", help=text, default=no_default)
+    add("--all", action="store_true", help="print all tables and claims, not one screen of them")
     text = "put the tables between their marks in this document, too"
     add("--document", metavar="FILE.md", help=text, default=no_default)
     if recording:
@@ -57,12 +60,12 @@ def parser(
         text = "where --serve has its page; the data is at the next port"
         add("--port", type=int, default=9090, metavar="P", help=text)
         add_condition(result, "--serve", lambda options: options.serve, "port")
-    add_engine(result, engines)
+    add_engine(result.common, engines)
     return result
 
 
 def add_engine(
-    parser: argparse.ArgumentParser, engines: Sequence[str] = get_args(EngineName)
+    parser: argparse._ActionsContainer, engines: Sequence[str] = get_args(EngineName)
 ) -> None:
     """Add the choice of the engine, the default first."""
     text = (
@@ -125,7 +128,7 @@ def _check_effect(parser: argparse.ArgumentParser, options: argparse.Namespace) 
         if name in flags and value != parser.get_default(name)
     }
     for mode, uses in options.modes.items():
-        allowed = {mode, "out", "document", *uses} if mode in changed else changed
+        allowed = {mode, "out", "all", "document", *uses} if mode in changed else changed
         for name in changed:
             if name not in allowed:
                 message = f"{changed[name]} has no effect beside {changed[mode]}; leave it out."

@@ -234,6 +234,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(
         prog="python -m experiments.harness.document",
         description="Say which cells of documents are stale.",
+        example="python -m experiments.harness.document docs/results/article.md",
     )
     text = "documents with tables between marks"
     parser.add_argument("documents", nargs="+", metavar="FILE.md", help=text)

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from cranedyn.data.trajectory import Trajectory
 from experiments.harness.table import ResultTable
-from experiments.harness.terminal import blocks
+from experiments.harness.terminal import blocks, excerpt
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 MARKS = {True: "holds", False: "FAILS", None: "not judged"}
 """The word printed before a claim."""
+
+_LINES, _MOST_CLAIMS = 19, 5
+"""Lines of a screen for its table and claims, and most claims there that do not fail."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,7 @@ class Outcome:
     """The result of an experiment.
 
     Attributes:
-        tables: In the order to print.
+        tables: In the order to print, the one that matters most first, its columns likewise.
         claims: What the experiment shows.
         parameters: The numbers it was made with, with units in the names.
         trajectories: Runs, and loads of runs, to store, by file name without ending.
@@ -66,24 +69,49 @@ def side_by_side(runs: Mapping[str, tuple[Crane, Trajectory]], apart: float = 20
     ]
 
 
-def show(outcome: Outcome) -> None:
+def show(outcome: Outcome, *, whole: bool = True) -> str:
     """Print tables, claims, and how many of these hold; on a terminal in its width, else in that of
     the variable COLUMNS or 80.
+
+    Args:
+        outcome: The outcome.
+        whole: Whether to print all of it. Else what fits a screen of 24 lines is printed: the
+            first columns and rows of the first table, and the claims; those that fail in full, the
+            others cut to a line.
+
+    Returns:
+        What is left out, as "3 tables and 5 columns"; empty for nothing.
     """
     console = Console(highlight=False)
-    for table in outcome.tables:
-        for block in blocks(table, console.width):
-            console.print(block)
+    if whole:
+        for table in outcome.tables:
+            for block in blocks(table, console.width):
+                console.print(block)
+            console.print()
+    failed = [claim for claim in outcome.claims if claim.holds is not None and not claim.holds]
+    others = [claim for claim in outcome.claims if claim.holds is None or claim.holds]
+    claims = outcome.claims if whole else [*failed, *others[:_MOST_CLAIMS]]
+    folded = {"table": 0, "column": 0, "row": 0, "claim": len(outcome.claims) - len(claims)}
+    if not whole and outcome.tables:
+        table, lines = outcome.tables[0], _LINES - len(claims)
+        block, folded["column"], folded["row"] = excerpt(table, console.width, lines)
+        folded["table"] = len(outcome.tables) - 1
+        console.print(block)
         console.print()
-    for claim in outcome.claims:
-        if console.is_terminal:
-            line = RichTable.grid(padding=(0, 1, 0, 0))
-            line.add_row(Text(f"{MARKS[claim.holds]:10}"), Text(claim.sentence))
+    for claim in claims:
+        if not whole and claim in others:
+            line = Text(f"{MARKS[claim.holds]:11}{claim.sentence}")
+            line.truncate(console.width, overflow="ellipsis")
             console.print(line)
+        elif console.is_terminal:
+            grid = RichTable.grid(padding=(0, 1, 0, 0))
+            grid.add_row(Text(f"{MARKS[claim.holds]:10}"), Text(claim.sentence))
+            console.print(grid)
         else:  # a line each, for searching
             print(f"{MARKS[claim.holds]:11}{claim.sentence}")
     if outcome.claims:
         console.print(summary(outcome.claims))
+    return " and ".join(f"{n} {noun}{'s' * (n > 1)}" for noun, n in folded.items() if n)
 
 
 def summary(claims: Sequence[Claim]) -> str:

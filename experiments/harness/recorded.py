@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from cranedyn.bridges import bags
+from cranedyn.command import Parser
 from cranedyn.data.external import parse_sources, read_external
 from cranedyn.errors import CraneError, DataError, quoted
 from cranedyn.sweep import results
@@ -21,7 +22,7 @@ _LARGEST, _FASTEST, _LONGEST_GAP = 1e6, 10.0, 0.5
 """Largest number in any unit, fastest angle [rad/s], longest time from row to row [s]."""
 
 
-def add_files(parser: argparse.ArgumentParser, columns: Sequence[str], *uses: str) -> None:
+def add_files(parser: Parser, columns: Sequence[str], *uses: str) -> None:
     """Add the argument for recorded files.
 
     Args:
@@ -38,7 +39,7 @@ def add_files(parser: argparse.ArgumentParser, columns: Sequence[str], *uses: st
     add_sources(parser, "--from and {} file")
 
 
-def add_sources(parser: argparse.ArgumentParser, place: str) -> None:
+def add_sources(parser: Parser, place: str) -> None:
     """Add the arguments for the names of columns and joints in recorded files.
 
     Args:
@@ -49,11 +50,11 @@ def add_sources(parser: argparse.ArgumentParser, place: str) -> None:
         "what columns of CSV and Parquet files are called, and their units where they are "
         "others than ours, as phi_rad=Angle[deg] t_s=time[ms]"
     )
-    parser.add_argument(
+    parser.common.add_argument(
         "--columns", nargs="+", action="extend", default=[], metavar="OURS=NAME[UNIT]", help=text
     )
     text = "names of joints in .mcap and .bag files, where they are not those of this crane"
-    parser.add_argument("--joints", nargs="+", default=[], metavar="l=NAME", help=text)
+    parser.common.add_argument("--joints", nargs="+", default=[], metavar="l=NAME", help=text)
 
     def has_file(options: argparse.Namespace, *, ros: bool) -> bool:
         return any((Path(file).suffix in bags.ENDINGS) is ros for file in options.files or ())

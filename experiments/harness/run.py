@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import platform
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -65,8 +66,8 @@ def _run(
             outcome = _outcome(experiment, options)
         except RunError as error:
             return _store_partial_run(error, options.folder)
-    show(outcome)
-    print(f"Written to {options.folder}.")
+    left_out = show(outcome, whole=options.all)
+    print(_pointers(outcome, options, left_out))
     if outcome.recording and not options.live:  # the demo has shown it already
         _view(options)
     failed = any(claim.holds is not None and not claim.holds for claim in outcome.claims)
@@ -101,9 +102,7 @@ def _write(outcome: Outcome, options: argparse.Namespace, document: Document | N
         if document is not None:
             document.write(outcome.tables)
         for name, trajectory in outcome.trajectories.items():
-            table = trajectory.table()
-            for ending in (".csv", ".parquet"):
-                write_table(folder / f"{name}{ending}", table)
+            write_table(folder / f"{name}.parquet", trajectory.table())
         for name, figure in outcome.figures.items():
             save(figure, *(folder / f"{name}{ending}" for ending in FIGURES))
         for name, text in outcome.texts.items():
@@ -147,6 +146,19 @@ def _record(outcome: Outcome, options: argparse.Namespace) -> None:
     text = "\n\n".join([options.about, *claims, *(t.markdown() for t in outcome.tables)])
     title = f"Experiment {options.experiment}"
     record(options.recording, outcome.recording, title=title, text=text)
+
+
+def _pointers(outcome: Outcome, options: argparse.Namespace, left_out: str) -> str:
+    """Return where the files are, and the commands that show more."""
+    picture = next((f"; picture: {options.folder / name}.png" for name in outcome.figures), "")
+    commands = []
+    if outcome.recording:
+        commands.append(f"cranedyn view {shlex.quote(str(options.recording))}")
+    if left_out:
+        again = shlex.join([*options.argv, "--all"])
+        commands.append(f"{command_name(options.experiment)} {again}  # {left_out} more")
+    nexts = [f"{lead}{line}" for lead, line in zip(("Next: ", " " * 6), commands, strict=False)]
+    return "\n".join([f"Written to {options.folder}{picture}.", *nexts])
 
 
 def _view(options: argparse.Namespace) -> None:

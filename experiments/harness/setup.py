@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any, get_args
 
 from cranedyn.clocks import clocks
+from cranedyn.command import Parser
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.errors import DataError
@@ -23,28 +24,29 @@ INTEGRATORS = {"euler": semi_implicit_euler, "rk4": rk4}
 """Stepping rules by their names on the command line."""
 
 
-def add_setup(parser: argparse.ArgumentParser, *fixed: str) -> None:
+def add_setup(parser: Parser, *fixed: str) -> None:
     """Add the arguments of the setup: gravity, both clocks, and numbers of the crane except those
     that the experiment sets itself.
     """
     parser.set_defaults(fixed=fixed)
+    add = parser.common.add_argument
     text = "gravity of the world [m/s²]; the article's was 9.8"
-    parser.add_argument("--gravity", type=float, default=STANDARD_GRAVITY, metavar="G", help=text)
-    parser.add_argument("--dt", type=float, default=5e-4, help="physics step [s]")
+    add("--gravity", type=float, default=STANDARD_GRAVITY, metavar="G", help=text)
+    add("--dt", type=float, default=5e-4, help="physics step [s]")
     text = "time between control instants [s], a multiple of dt"
-    parser.add_argument("--control-period", type=float, default=5e-3, metavar="T", help=text)
+    add("--control-period", type=float, default=5e-3, metavar="T", help=text)
     text = (
         "stepping rule: semi-implicit Euler, for which the claims are made, or rk4, under "
         "which they are not judged"
     )
-    parser.add_argument("--integrator", choices=INTEGRATORS, default="euler", help=text)
+    add("--integrator", choices=INTEGRATORS, default="euler", help=text)
     text = (
         "where a joint leaves its range, the rope would have to push, the load swings to 90 "
         "degrees or touches the ground: stop, "
         "let buffers end the ranges of the drives, or mark it and go on"
     )
-    parser.add_argument("--validity", choices=get_args(Validity), default="stop", help=text)
-    add_values(parser, "numbers of the crane, see cranedyn describe --list")
+    add("--validity", choices=get_args(Validity), default="stop", help=text)
+    add_values(parser.common, "numbers of the crane, see cranedyn describe --list")
 
 
 @dataclass(frozen=True)

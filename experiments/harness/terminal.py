@@ -9,6 +9,7 @@ from textwrap import wrap
 from typing import NamedTuple
 
 from rich.cells import cell_len
+from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
@@ -57,6 +58,26 @@ def blocks(table: ResultTable, width: int) -> Iterator[RichTable]:
     for i, columns in enumerate(groups):
         last = i == len(groups) - 1
         yield _block(columns, width, "" if i else table.title, table.note if last else "")
+
+
+def excerpt(table: ResultTable, width: int, lines: int) -> tuple[RichTable, int, int]:
+    """Return the first columns and rows of a table that fit into a width [columns] and a number of
+    lines, but one row at least, and how many columns and rows are left out.
+    """
+    columns, count = columns_of(table), len(table.columns)
+    while count > 1 and (
+        _total(column.least for column in columns[:count]) > width
+        or max(_lines(column.head, column.least) for column in columns[:count]) > _LINES
+    ):
+        count -= 1
+    console = Console(width=width)
+    for rows in range(min(len(table.rows), lines), -1, -1):
+        first = [c._replace(cells=c.cells[:rows]) for c in columns[:count]]
+        for note in dict.fromkeys((table.note, "")):
+            block = _block(first, width, table.title, note)
+            if (rows <= 1 and not note) or len(console.render_lines(block)) <= lines:
+                return block, len(columns) - count, len(table.rows) - rows
+    raise AssertionError("no row always fits")
 
 
 def columns_of(table: ResultTable) -> list[TextColumn]:

@@ -270,6 +270,7 @@ def _outcome(
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = harness.parser("identify", __doc__, engines=("compiled",))
+    parser.example = f"{parser.prog} run.csv --drives motion"
     add = parser.add_argument
     text = (
         "records of one crane: CSV, Parquet, .mcap or .bag with a swing and the drives; "
@@ -290,10 +291,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         text = f"leave out what was recorded {end} this time [s]"
         add(f"--{name}", type=float, default=default, metavar="T", help=text)
     harness.add_sources(parser, "{} FILE")
-    add_crane_options(parser)
+    add_crane_options(parser.common)
     text, default = "gravity that one believes in [m/s²]", STANDARD_GRAVITY
     add("--gravity", dest="believed", type=float, default=default, metavar="G", help=text)
-    add_values(parser, "numbers of the crane that one believes in")
+    add_values(parser.common, "numbers of the crane that one believes in")
     text = "identify N synthetic cranes instead, and count how often the intervals hold the truth"
     add("--coverage", type=int, metavar="N", help=text)
     text = "what makes their records: simulate (default) or mujoco (extra mujoco)"

@@ -23,6 +23,7 @@ from experiments.scenarios.perturbations import make
 from experiments.scenarios.strategies import FLAT, STRATEGIES
 
 TARGET = "DIR"
+EXAMPLE = "gazebo_a1 --experiment a1"
 
 RUNS = ("a1", "a2", "a3", "swing", "move")
 """Free swing, hoisting, slewing, the swing of the energy ledger, and the combined move of the

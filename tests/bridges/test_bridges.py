@@ -120,7 +120,7 @@ def test_no_door_is_no_door(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["export", "unity", "x"])
     assert ended.value.code == 2
-    assert "invalid choice: 'unity'" in capsys.readouterr().err
+    assert "There is no exporter 'unity'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -72,19 +72,22 @@ def test_the_claims_and_the_readme_tell_the_largest_difference_of_either_swing_a
     for name, pair in found.items():
         run = name[:2].upper()
         worst[run] = max(worst[run], pair.largest("phi_rad"), pair.largest("theta_rad"))
-    told = ", ".join(f"{run} {value:.1e}".replace("e-0", "e-") for run, value in worst.items())
-    assert missing([f"| {told} rad |"], "README.md") == []
+    short = {run: f"{value:.1e}".replace("e-0", "e-") for run, value in worst.items()}
+    told = ", ".join(f"{run} {value}" for run, value in short.items())
+    assert missing([f"| {told} rad |"], "docs/results/article.md") == []
+    largest = short[max(worst, key=worst.__getitem__)]
+    assert missing([f"differ by {largest} rad at most"], "README.md") == []
     for claim, value in zip(result["claims"], worst.values(), strict=True):
         assert f"({value:.1e} rad at most)" in claim["sentence"]
 
 
-def test_the_readme_tells_its_numbers(result: Any) -> None:
+def test_the_page_on_the_article_tells_its_numbers(result: Any) -> None:
     swings, hoisting, slewing = (table["rows"] for table in result["tables"])
     errors = ", ".join(f"{row[3]:+.3f}" for row in swings[:4])
     ratios = ", ".join(f"{row[6]:.6f}" for row in swings[:4])
-    readme = [f"| {errors} % |", f"| {ratios} |", f"| {hoisting[0][4]:.4f} |"]
-    readme.append(f"| {slewing[0][1]:.4f}, {slewing[0][2]:+.4f}, {slewing[0][3]:.5f} |")
-    assert missing(readme, "README.md") == []
+    told = [f"| {errors} % |", f"| {ratios} |", f"| {hoisting[0][4]:.4f} |"]
+    told.append(f"| {slewing[0][1]:.4f}, {slewing[0][2]:+.4f}, {slewing[0][3]:.5f} |")
+    assert missing(told, "docs/results/article.md") == []
 
 
 @pytest.mark.parametrize(("main", "name"), [(a1.main, "a1_l5"), (a2.main, "a2"), (a3.main, "a3")])
@@ -121,8 +124,6 @@ def test_a_plugin_that_overwrites_the_passive_rates_is_a_damper_and_takes_what_t
         for name, row in ratios.items()
         if name[:4] in ("here", "Gaze")
     ]
-    told = f"| {theirs[0]:.4f}, {theirs[2]:.2f} J | {ours[0]:.4f}, {ours[2]:.2f} J |"
-    assert missing([told], "README.md") == []
     assert missing([*rows, f"{dampings[1.0][0]:.2f} J are"], "docs/results/article.md") == []
 
 

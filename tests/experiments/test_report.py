@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import sys
 from collections.abc import Callable, Iterator
 from datetime import date
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -26,6 +26,8 @@ browser = pytest.mark.skipif(
     not (CHROMIUM and DRIVER), reason="Chromium and its driver are not installed"
 )
 
+
+UNFOLD = "document.querySelectorAll('details').forEach(folded => folded.open = true)"
 
 SHOWN = ("energy", "mass_ratio")
 """Experiments on the page."""
@@ -62,6 +64,7 @@ def page(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     driver = selenium.Chrome(options=options, service=selenium.ChromeService(DRIVER))
     try:
         driver.get((made / "report.html").as_uri())
+        driver.execute_script(UNFOLD)
         yield driver
     finally:
         driver.quit()
@@ -86,7 +89,7 @@ def test_every_figure_is_loaded_a_drawing_and_has_a_caption(made: Path, page: An
     widths = page.execute_script(
         "return Array.from(document.images, i => i.complete ? i.naturalWidth : 0)"
     )
-    assert len(widths) == 1 + sum(1 for _ in made.glob("*/*.svg"))  # the crane of the first screen
+    assert len(widths) == 1 + sum(1 for _ in made.glob("*/*.svg"))  # one stands twice
     assert min(widths) > 100
     figures = _all(page, "section figure")
     assert figures
@@ -114,12 +117,72 @@ def test_the_first_screen_says_when_what_and_how_many_claims_hold(
     results: dict[str, Any], page: Any
 ) -> None:
     count = sum(len(result["claims"]) for result in results.values())
-    assert [e.text for e in _all(page, ".count")] == [f"{count} of {count}"]
-    rows = [row.text.split("\n")[0] for row in _all(page, ".summary tbody tr")]
+    assert [e.text for e in _all(page, ".count")] == [f"✔{count} of {count}"]
     titles = ["Energy", "Light links"]
-    assert all(row.startswith(title) for row, title in zip(rows, titles, strict=True))
+    assert [heading.text for heading in _all(page, "section h2")] == titles
+    assert len(_all(page, "nav a .mark.held")) == len(titles)
     assert f"{date.today().year}" in _all(page, ".lead")[0].text
-    assert [heading.text for heading in _all(page, "h2")] == titles
+    holding = [row.text.split("\n")[-1] for row in _all(page, "section > details > summary")]
+    counts = [len(result["claims"]) for result in results.values()]
+    assert all(
+        text.endswith(f"{count} of {count}") for text, count in zip(holding, counts, strict=True)
+    )
+
+
+@browser
+def test_at_1280_pixels_the_contents_stand_beside_one_screen_and_all_else_is_folded(
+    page: Any,
+) -> None:
+    size = {"width": 1280, "height": 800, "deviceScaleFactor": 1, "mobile": False}
+    page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    page.refresh()
+    try:
+        nav, main, header = (_all(page, name)[0].rect for name in ("nav", "main", "header"))
+        assert nav["x"] == 0 and nav["height"] == 800 and nav["width"] < 300
+        assert main["x"] >= nav["width"] and main["x"] + main["width"] <= 1280
+        assert header["y"] + header["height"] < 800
+        assert not any(item.is_displayed() for item in _all(page, "section li, section figure"))
+        for link in _all(page, "nav a[href='#mass_ratio'], .pictures a, section .claims a"):
+            page.execute_script("arguments[0].click()", link)
+            target = page.find_element("css selector", link.get_attribute("hash"))
+            assert target.is_displayed()
+        assert all(item.is_displayed() for item in _all(page, "section li, section figure"))
+    finally:
+        page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+        page.execute_script(UNFOLD)
+
+
+@browser
+def test_search_shows_the_claims_tables_and_figures_that_have_every_word(page: Any) -> None:
+    field = page.find_element("css selector", "input[type=search]")
+    shown = "section .claims li, section .table, section figure"
+    try:
+        page.execute_script("document.querySelectorAll('details').forEach(d => d.open = false)")
+        field.send_keys("DAMPED pendulum")
+        found = [item.text.lower() for item in _all(page, shown) if item.is_displayed()]
+        assert found and all("damped" in text and "pendulum" in text for text in found)
+        assert page.find_element("css selector", "[role=status]").text == f"{len(found)} found"
+        assert not page.find_element("id", "mass_ratio").is_displayed()
+        field.clear()
+        field.send_keys("no such thing")
+        assert not any(item.is_displayed() for item in _all(page, "header, section"))
+    finally:
+        field.clear()
+        field.send_keys(" ")
+        page.execute_script(UNFOLD)
+    assert all(item.is_displayed() for item in _all(page, f"header, {shown}"))
+
+
+@browser
+def test_every_claim_leads_to_the_command_that_repeats_it(
+    results: dict[str, Any], page: Any
+) -> None:
+    for name, result in results.items():
+        links = _all(page, f"#{name} .claims a")
+        assert len(links) == len(result["claims"])
+        for link in links:
+            command = page.find_element("css selector", link.get_attribute("hash"))
+            assert command.text == link.get_attribute("title") == result["command"]
 
 
 @browser
@@ -134,6 +197,8 @@ def test_on_paper_no_table_is_wider_than_the_page_and_by_night_words_are_light(p
             {"width": a4, "height": 1000, "deviceScaleFactor": 1, "mobile": False},
         )
         emulate(media="print")
+        page.execute_script("document.querySelectorAll('details').forEach(d => d.open = false)")
+        page.execute_script("dispatchEvent(new Event('beforeprint'))")
         edges = page.execute_script(
             "return Array.from(document.querySelectorAll('table'), t => "
             "t.getBoundingClientRect().right)"
@@ -151,6 +216,7 @@ def test_on_paper_no_table_is_wider_than_the_page_and_by_night_words_are_light(p
         assert ink > 600 > 150 > paper
     finally:
         emulate(media="screen", features=[])
+        page.execute_script(UNFOLD)
         page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
@@ -168,25 +234,31 @@ def test_every_experiment_of_the_catalogue_is_one_of_the_report() -> None:
     assert without == ["cranes", "lift_benchmark"]
 
 
-def test_a_report_says_which_experiment_it_is_at_and_goes_on_without_one_that_fails(
+RUNNER = """
+import pathlib, shutil, sys, time
+name, folder = sys.argv[1], pathlib.Path(sys.argv[-1].removeprefix("--out="))
+(folder.parent / f"began_{name}").touch()
+deadline = time.monotonic() + 20.0
+while not all((folder.parent / f"began_{name}").exists() for name in ("energy", "mass_ratio")):
+    assert time.monotonic() < deadline, "the other does not run beside this one"
+    time.sleep(0.01)
+if name == "energy":
+    sys.exit("error: a sentence")
+shutil.copytree({made!r}, folder)
+print("noise", "3 of 3 claims hold, 0 not judged.", sep="\\n")
+"""
+
+
+def test_two_experiments_run_side_by_side_and_one_that_fails_stops_no_other(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def fails(argv: list[str]) -> int:
-        return 2
-
-    def works(argv: list[str]) -> int:
-        shutil.copytree(made / "mass_ratio", tmp_path / "mass_ratio")
-        assert argv == [f"--out={tmp_path / 'mass_ratio'}"]
-        return 0
-
-    modules = {
-        "experiments.energy": SimpleNamespace(main=fails),
-        "experiments.mass_ratio": SimpleNamespace(main=works),
-    }
-    monkeypatch.setattr(report.importlib, "import_module", modules.__getitem__)
-    assert report.main(["--out", str(tmp_path), "--only", "energy", "mass_ratio", "--quick"]) == 2
+    script = RUNNER.replace("{made!r}", repr(str(made / "mass_ratio")))
+    monkeypatch.setattr(report, "COMMAND", (sys.executable, "-c", script))
+    assert report.main(["--out", str(tmp_path), "--only", "energy", "mass_ratio", "--quick"]) == 1
     out, err = capsys.readouterr()
-    assert "Experiment 2 of 2: Light links (mass_ratio)" in out
+    assert "Experiment 2 of 2: mass_ratio" in out and "noise" not in out
+    assert "mass_ratio: 3 of 3 claims hold" in out
+    assert "energy: error: a sentence" in out
     assert "Energy (energy) could not be made" in err
     assert 'id="mass_ratio"' in (tmp_path / "report.html").read_text(encoding="utf-8")
 
@@ -205,9 +277,7 @@ def test_claims_and_the_command_that_repeats_them_are_on_the_page(
 def test_results_that_are_there_are_collected_not_run_again(
     made: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        report.importlib, "import_module", lambda name: pytest.fail(f"{name} was run")
-    )
+    monkeypatch.setattr(report, "COMMAND", ("/nothing is run",))
     assert report.main(["--out", str(made), "--only", "mass_ratio"]) == 0
 
 

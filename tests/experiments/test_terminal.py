@@ -106,6 +106,27 @@ def test_without_a_terminal_a_claim_is_one_line_and_columns_are_80(
     assert max(map(len, capsys.readouterr().out.splitlines())) > 150
 
 
+@pytest.mark.parametrize("width", [60, 80])
+def test_a_screen_has_24_lines_the_failed_claim_whole_and_says_what_is_left_out(
+    width: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    columns = [("name", ""), *((f"number {i}", ".6f") for i in range(14))]
+    table = ResultTable("t", columns, [("some words", *[1.0] * 14)] * 30, "A note. " * 20)
+    claims = [Claim(f"Claim {i}. " * 12, None if i % 2 else True) for i in range(30)]
+    left_out = show(Outcome([table, table], claims), whole=False)
+    lines = capsys.readouterr().out.splitlines()
+    counts = dict(reversed(count.removesuffix("s").split()) for count in left_out.split(" and "))
+    names = [line for line in lines if "some" in line]
+    assert len(lines) <= 21 and max(map(cell_len, lines)) <= width  # and three of pointers
+    assert int(counts["row"]) == 30 - len(names) and counts["table"] == "1"
+    assert int(counts["claim"]) == 30 - sum("Claim" in line for line in lines) == 25
+    assert lines[-1] == "15 of 30 claims hold, 15 not judged."
+    show(Outcome([table], [Claim("It does not. " * 20, False)]), whole=False)
+    assert capsys.readouterr().out.count("It does not.") == 20
+    assert show(Outcome([], [Claim("It holds.", True)]), whole=False) == ""
+
+
 def test_a_long_run_says_a_line_now_and_then_and_a_short_one_nothing(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -62,7 +62,7 @@ def test_the_error_goes_with_the_first_or_second_power_of_the_step(result: Ran) 
 def test_the_documents_count_closed_forms_and_claims_as_the_command_does(result: Ran) -> None:
     forms, claims = result.result["parameters"]["closed_forms"], len(result.result["claims"])
     assert claims == forms + 1  # the order of the step
-    assert missing([f"| {forms} closed forms of mechanics; order"], "README.md") == []
+    assert missing([f"| {forms} closed forms hold |"], "README.md") == []
     assert missing([f"of the {claims} claims fail"], "docs/results/validation.md") == []
 
 

@@ -637,22 +637,17 @@ def test_a_result_of_another_shape_is_one_sentence_and_no_report(
 def test_a_report_may_go_into_a_folder_that_looks_like_an_option_and_ends_as_its_experiment(
     code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folders: list[str] = []
-
-    def main(argv: list[str]) -> int:
-        folders.append(harness.parser("mass_ratio", "A trial.").parse_args(argv).out)
-        return code
-
+    script = f"import sys; sys.exit({code} if sys.argv[-1] == '--out=-/mass_ratio' else 99)"
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(mass_ratio, "main", main)
+    monkeypatch.setattr(report, "COMMAND", (sys.executable, "-c", script))
     assert report.main(["--out=-", "--only", "mass_ratio"]) == code
-    assert folders == ["-/mass_ratio"] and files(tmp_path) == []
+    assert files(tmp_path) == []
 
 
 def test_a_report_judges_all_folders_before_the_first_experiment(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(a1, "main", lambda argv: pytest.fail("a1 was run"))
+    monkeypatch.setattr(report, "COMMAND", ("/nothing is run",))
     (tmp_path / "a2").write_text("in the way", encoding="utf-8")
     assert report.main(["--out", str(tmp_path), "--only", "a1", "a2"]) == 2
     assert files(tmp_path) == ["a2"]

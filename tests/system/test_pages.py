@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import re
 import shlex
@@ -12,6 +13,7 @@ import pytest
 
 import cranedyn as cd
 from cranedyn.__main__ import main
+from tests import house
 from tests.helpers import ROOT
 
 PAGES = sorted([*(ROOT / "docs").glob("**/*.md"), ROOT / "README.md"])
@@ -54,6 +56,20 @@ def name(page: Path) -> str:
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_a_page_is_written_in_plain_words(page: Path) -> None:
     assert re.findall(rf"(?i)\b({BANNED})\b", prose(page)) == []
+
+
+def test_docstrings_are_written_in_plain_words() -> None:
+    odd = (
+        r"(?i)\b(anew|as told|gone through|is a sentence|nobody|of which (a|one)|somebody"
+        r"|what hangs|who asks|whoever)\b"
+    )
+    docstrings = [
+        (path.name, ast.get_docstring(node) or "")
+        for path in house.sources("cranedyn", "experiments")
+        for node in ast.walk(house.tree(path))
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+    ]
+    assert [(name, text) for name, text in docstrings if re.search(odd, text)] == []
 
 
 def test_pages_and_readme_have_22_000_words_at_most() -> None:

@@ -26,7 +26,7 @@ pytest.importorskip(
 SEARCHED = {
     "howto/install": "installation, python",
     "howto/linearize": "linearize, matlab, python-control, margins",
-    "howto/fmi": "simulink, plc, fmi",
+    "howto/fmi": "simulink, plc, fmi, fmu",
     "howto/gazebo": "gazebo",
     "howto/ros2": "ros 2, ros2_control",
     "howto/mujoco": "mujoco",

@@ -1,5 +1,5 @@
-"""Show the crane in RViz; its joints are moved by hand, or by whoever publishes /joint_states, such
-as a recording played back.
+"""Show the crane in RViz; its joints are moved by hand, or by what publishes /joint_states, such as
+a recording played back.
 """
 
 from pathlib import Path

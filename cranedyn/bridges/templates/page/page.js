@@ -1,0 +1,451 @@
+"use strict";
+// The page around the picture: what the operator reads and sets, and the messages of the worker.
+
+/**
+ * @typedef {{t: number, q: number[], v: number[], effort: number[], swing: number, height: number,
+ *   radius: number, rope_force: number | null, work: number, assist: string, stopped: boolean,
+ *   goal: number[] | null, ratio: number, event: {text: string} | null, replaying: boolean,
+ *   task: {name: string, time: number, largest_swing: number, done: boolean} | null}} State
+ * @typedef {{title: string, unit: string, least: number,
+ *   curves: {label: string, colour: string, dash: number[]}[]}} Plot
+ */
+
+const STRIP_SECONDS = 30, STRIP_ROWS = 480, NOTICE_SECONDS = 6;
+const DEGREES = 180 / Math.PI;
+const GREEK = /** @type {Record<string, string>} */ ({gamma: "γ", phi: "φ", theta: "θ"});
+
+/** @param {string} id @returns {any} */
+const byId = id => document.getElementById(id);
+
+/** Element with properties and children. @param {string} tag @param {Record<string, unknown>} properties
+ * @param {(Node | string)[]} children @returns {any} */
+function element(tag, properties = {}, ...children) {
+  const made = Object.assign(document.createElement(tag), properties);
+  made.append(...children);
+  return made;
+}
+
+/** Number with some digits after the point. @param {number | null | undefined} value
+ * @param {number} digits */
+const fixed = (value, digits) => value == null ? "–" : value.toFixed(digits).replace("-", "−");
+
+/** Next of 1, 2, 5, 10, 20, ... that is no smaller. @param {number} value */
+function roundUp(value) {
+  const power = 10 ** Math.floor(Math.log10(value) + 1e-9);
+  return Number(((([1, 2, 5].find(x => x * power >= value * 0.999)) ?? 10) * power).toPrecision(1));
+}
+
+/** Plots over the last 30 s of simulated time, one below the other. */
+class Strips {
+  /** @param {HTMLCanvasElement} canvas @param {Plot[]} plots */
+  constructor(canvas, plots) {
+    this.canvas = canvas;
+    this.plots = plots;
+    this.columns = 1 + plots.reduce((sum, plot) => sum + plot.curves.length, 0);
+    /** Rows of time and values, the oldest first. */
+    this.rows = new Float64Array(STRIP_ROWS * this.columns);
+    this.count = 0;
+  }
+
+  /** Keep a row if the last is old enough. @param {number[]} row Time [s] and values. */
+  push(row) {
+    const {rows, columns} = this, last = this.count ? rows[(this.count - 1) * columns] : -Infinity;
+    if (row[0] < last) this.count = 0;
+    else if (row[0] - last < STRIP_SECONDS / (STRIP_ROWS - 20)) return;
+    if (this.count === STRIP_ROWS) rows.copyWithin(0, columns, columns * this.count--);
+    rows.set(row, this.count++ * columns);
+  }
+
+  /** Times [s] at which a column passes zero upward. @param {number} column */
+  crossings(column) {
+    const {rows, columns: n} = this, times = [];
+    for (let i = 1; i < this.count; i++) {
+      const a = rows[(i - 1) * n + column], b = rows[i * n + column], t = rows[(i - 1) * n];
+      if (a < 0 && b >= 0) times.push(t + a / (a - b) * (rows[i * n] - t));
+    }
+    return times;
+  }
+
+  /** Draw all plots. @param {boolean} marks Whether zeros of the first curve are marked. */
+  draw(marks) {
+    const {canvas, rows, columns, count} = this, ratio = window.devicePixelRatio || 1;
+    const width = canvas.clientWidth, height = canvas.clientHeight, pen = canvas.getContext("2d");
+    if (!pen || !width) return;
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+    const style = getComputedStyle(document.documentElement);
+    const [ink, soft, line] = ["--ink", "--soft", "--line"].map(name => style.getPropertyValue(name));
+    const now = count ? rows[(count - 1) * columns] : 0, begin = now - STRIP_SECONDS;
+    const left = 36, right = width - 2, each = (height - 16) / this.plots.length;
+    /** @param {number} t */
+    const across = t => left + (t - begin) / STRIP_SECONDS * (right - left);
+    /** @param {string} text @param {number} x @param {number} y @param {string} colour
+     * @param {CanvasTextAlign} align */
+    const write = (text, x, y, colour, align) => {
+      pen.fillStyle = colour;
+      pen.textAlign = align;
+      pen.fillText(text, x, y);
+    };
+    /** @param {[number, number][]} points @param {string} colour */
+    const trace = (points, colour) => {
+      pen.strokeStyle = colour;
+      pen.beginPath();
+      for (const [x, y] of points) pen.lineTo(x, y);
+      pen.stroke();
+    };
+    pen.scale(ratio, ratio);
+    pen.font = "11px system-ui, sans-serif";
+    let column = 1;
+    this.plots.forEach(({title, unit, least, curves}, k) => {
+      const top = k * each + 18, bottom = (k + 1) * each - 4, middle = (top + bottom) / 2;
+      const index = Array.from({length: count}, (_, i) => i * columns).filter(i => rows[i] >= begin);
+      const values = curves.map((_, c) => index.map(i => rows[i + column + c]));
+      const most = roundUp(Math.max(least, ...values.flat().map(Math.abs)));
+      /** @param {number} y */
+      const down = y => middle - y / most * (bottom - top) / 2;
+      pen.lineWidth = 1;
+      pen.setLineDash([]);
+      for (const y of [-most, 0, most]) {
+        trace([[left, Math.round(down(y)) + 0.5], [right, Math.round(down(y)) + 0.5]], line);
+        write(`${y}`.replace("-", "−"), left - 5, down(y) + 4, soft, "right");
+      }
+      for (let t = Math.ceil(Math.max(begin, 0) / 10) * 10; t <= now; t += 10) {
+        trace([[across(t), top], [across(t), bottom]], line);
+        if (k === this.plots.length - 1) write(`${t} s`, Math.min(across(t), right - 12), height - 4, soft, "center");
+      }
+      write(`${title} [${unit}]`, left, top - 7, ink, "left");
+      let x = right;
+      for (const {label, colour} of [...curves].reverse()) {
+        write(label, x, top - 7, colour, "right");
+        x -= pen.measureText(label).width + 10;
+      }
+      curves.forEach(({colour, dash}, c) => {
+        pen.lineWidth = 1.6;
+        pen.setLineDash(dash);
+        trace(index.map((i, n) => [across(rows[i]), down(values[c][n])]), colour);
+      });
+      if (marks && k === 0) {
+        for (const t of this.crossings(1).filter(t => t > begin)) {
+          write("▲", across(t), down(0) + 4, curves[0].colour, "center");
+          write(t.toFixed(2), Math.min(across(t), right - 14), bottom + 3, ink, "center");
+        }
+      }
+      column += curves.length;
+    });
+  }
+}
+
+/** The page: one worker, one picture, the operator's hands. */
+class Page {
+  /** @param {ViewData} data */
+  constructor(data) {
+    const {crane, colours} = data;
+    this.data = data;
+    /** @type {Look} */
+    this.look = {view: "follow", night: matchMedia("(prefers-color-scheme: dark)").matches, t: 0,
+      goal: null, radius: 1, aim: null};
+    this.assist = "none";
+    this.stopped = this.paused = false;
+    /** @type {State | null} */
+    this.state = null;
+    /** @type {Exercise | undefined} */
+    this.task = undefined;
+    this._frames = 0;
+    const kernel = new Blob([byId("kernel").textContent], {type: "text/javascript"});
+    this.worker = new Worker(URL.createObjectURL(kernel));
+    this.worker.onmessage = ({data: message}) => this.receive(message);
+    this.worker.onerror = ({message}) => this.tell(`The simulation stopped: ${message}`);
+    this.worker.postMessage({type: "start", data});
+    /** Drives with what a user calls them and measures them by. */
+    this.drives = crane.drives.map((i, k) => {
+      const {role, name, symbol, kind} = crane.joints[i], turns = kind === "revolute";
+      return {label: role || name, colour: colours[symbol], dash: [], joint: i, rate: crane.rates[k],
+        effort: crane.efforts[k], factor: turns ? DEGREES : 60, unit: turns ? "°/s" : "m/min"};
+    });
+    const swings = crane.swings.slice(0, 2).map((i, k) => ({label: GREEK[crane.joints[i].symbol] ?? crane.joints[i].symbol,
+      colour: colours[crane.joints[i].symbol], dash: k ? [5, 3] : []}));
+    this.strips = new Strips(byId("strips"), [
+      {title: "swing", unit: "°", least: 1, curves: swings},
+      {title: "speeds", unit: "% of full", least: 100, curves: this.drives},
+      {title: "efforts", unit: "% of limit", least: 10, curves: this.drives}]);
+    /** What keys and buttons do besides driving, by code. @type {Record<string, () => void>} */
+    this.actions = {
+      Space: () => this.stop(),
+      KeyV: () => this.view(VIEWS[(VIEWS.indexOf(this.look.view) + 1) % VIEWS.length]),
+      KeyN: () => { this.look.night = !this.look.night; },
+      KeyP: () => { this.paused = !this.paused; this.pace(); },
+      KeyH: () => byId("keys").showModal(),
+      Backspace: () => this.worker.postMessage({type: "reset"}),
+      save: () => this.worker.postMessage({type: "save"}),
+    };
+    this._arrange();
+    const joints = crane.drives.map(i => crane.joints[i]);
+    this.hands = new Hands(joints, [byId("stick_left"), byId("stick_right")], code => this.act(code));
+    for (const [side, axes] of /** @type {[string, number[]][]} */ ([["left", [0, 1]], ["right", [2]]])) {
+      byId(`name_${side}`).textContent = axes.map(axis => this.drives[this.hands.order[axis]]?.label).join(" · ");
+    }
+    try {
+      this.scene = new Scene(byId("scene"), data);
+      this.scene.build(data.site?.solids ?? []);
+      this._watchPointer(byId("scene"));
+    } catch (error) {
+      this.tell(/** @type {Error} */ (error).message, Infinity);
+    }
+    this.show();
+    this._frame = this._frame.bind(this);
+    requestAnimationFrame(this._frame);
+  }
+
+  /** Do what a key stands for; return whether it stands for something. @param {string} code */
+  act(code) {
+    const action = this.actions[code];
+    if (!action) return false;
+    action();
+    this.show();
+    return true;
+  }
+
+  /** Fill the page with this crane's drives, assistances, sliders and tasks. */
+  _arrange() {
+    const {data, actions} = this;
+    document.title = `${data.title} · cranedyn drive`;
+    byId("title").textContent = data.title;
+    data.assistances.forEach(({name, label, text}, i) => {
+      const code = `Digit${i + 1}`;
+      actions[code] = () => this.choose(name);
+      const title = `${text} (${i + 1})`;
+      byId("assistances").append(element("button", {textContent: label, title, value: name, name: code}));
+    });
+    for (const name of VIEWS) {
+      actions[name] = () => this.view(name);
+      byId("views").append(element("button", {textContent: name, value: name, name}));
+    }
+    for (const task of data.tasks) {
+      actions[task.name] = () => this.begin(task);
+      byId("task_list").append(element("button", {textContent: task.title, value: task.name, name: task.name}));
+    }
+    const tonne = 1000 * data.crane.gravity;
+    const rows = /** @type {[string, string, number, (state: State) => number | null, string?][]} */ ([
+      ["height", "m", 2, state => state.height],
+      ["radius", "m", 2, state => state.radius],
+      ["rope force", "t", 2, state => state.rope_force && state.rope_force / tonne],
+      ["load moment", "t m", 1, state => state.rope_force && state.rope_force / tonne * state.radius],
+      ...this.drives.map(({label, unit, factor, joint, colour}) =>
+        [label, unit, 1, (/** @type {State} */ state) => factor * state.v[joint], colour])]);
+    this.numbers = rows.map(([label, unit, digits, value, colour]) => {
+      const cell = element("td"), heading = element("th", {}, label);
+      if (colour) heading.prepend(element("i", {style: `background: ${colour}`}));
+      byId("numbers").append(element("tr", {}, heading, cell, element("td", {}, unit)));
+      return {cell, digits, value};
+    });
+    for (const {name, label, unit, least, most, value} of data.sliders) {
+      const range = element("input", {type: "range", min: least, max: most, step: "any", value});
+      const output = element("output");
+      const write = () => { output.textContent = `${Number(range.valueAsNumber.toPrecision(3))} ${unit}`; };
+      range.oninput = () => {
+        write();
+        this.worker.postMessage({type: "slider", name, value: range.valueAsNumber});
+      };
+      write();
+      byId("sliders").append(element("label", {}, label, output, range));
+    }
+    byId("tasks").hidden = !data.tasks.length;
+    byId("lesson").hidden = !data.crane.joints.some(joint => joint.role === "hoist");
+    if (innerWidth < 760) byId("charts").open = false;
+    const reach = Math.max(20, ...data.crane.joints.map(({role, upper}) => role === "trolley" ? 1.3 * upper : 0));
+    this.labels = [10, 20, 30, 40].filter(r => r <= reach).flatMap(r => [[0, -r], [r, 0], [-r, 0], [0, r]]
+      .map(([x, y]) => ({point: [x, y, data.crane.ground], span: element("span", {}, `${r} m`)})));
+    byId("labels").append(...this.labels.map(({span}) => span));
+    document.addEventListener("click", event => {
+      const button = /** @type {HTMLElement} */ (event.target).closest("button");
+      // What a pointer has set gives the keys back to the crane.
+      if (button && this.act(button.name) && event.detail) button.blur();
+    });
+    addEventListener("pointerup", () => /** @type {any} */ (document.activeElement)?.matches("[type=range]")
+      && /** @type {any} */ (document.activeElement).blur());
+    document.addEventListener("visibilitychange", () => this.pace());
+    byId("speed").oninput = () => this.pace();
+    byId("load").onchange = () => this._replay(byId("load"));
+    byId("period_form").onsubmit = (/** @type {Event} */ event) => {
+      event.preventDefault();
+      this.judgePeriod(Number(byId("period").value.replace(",", ".")));
+    };
+  }
+
+  /** Let the pointer turn and zoom the picture, and a click set the goal.
+   * @param {HTMLCanvasElement} canvas */
+  _watchPointer(canvas) {
+    const scene = /** @type {Scene} */ (this.scene);
+    let moved = 0;
+    canvas.onpointerdown = ({pointerId}) => {
+      moved = 0;
+      canvas.setPointerCapture(pointerId);
+    };
+    canvas.onpointermove = ({pointerId, movementX, movementY}) => {
+      if (!canvas.hasPointerCapture(pointerId)) return;
+      moved += Math.hypot(movementX, movementY);
+      if (moved < 6) return;
+      if (this.look.view !== "orbit") this.act("orbit");
+      scene.turn(movementX, movementY);
+    };
+    canvas.onpointerup = ({clientX, clientY}) => {
+      if (moved >= 6 || this.assist !== "predictive" || !this.state) return;
+      const point = scene.pick(clientX, clientY);
+      if (!point) return;
+      point[2] = scene.load[2];
+      this.worker.postMessage({type: "goal", position: scene.reachFor(this.state.q, point)});
+    };
+    canvas.addEventListener("wheel", event => {
+      event.preventDefault();
+      scene.zoom(Math.exp(0.001 * event.deltaY));
+    }, {passive: false});
+  }
+
+  /** Choose an assistance. @param {string} name */
+  choose(name) {
+    this.assist = name;
+    this.worker.postMessage({type: "assist", name});
+  }
+
+  /** Choose a view. @param {string} name */
+  view(name) {
+    if (this.task?.blind && name !== "cabin") this.tell("In this task the cabin is the only view.");
+    else this.look.view = name;
+  }
+
+  /** Press or release the emergency stop. */
+  stop() {
+    this.stopped = !this.stopped;
+    this.worker.postMessage({type: "stop", on: this.stopped});
+  }
+
+  /** Send the speed; a page that nobody sees stands still. */
+  pace() {
+    const factor = this.paused || document.hidden ? 0 : byId("speed").valueAsNumber;
+    this.worker.postMessage({type: "speed", factor});
+  }
+
+  /** Begin a task, or end it where it is the present one. @param {Exercise} task */
+  begin(task) {
+    this.task = this.task === task ? undefined : task;
+    this.look.goal = this.task?.goal ?? null;
+    this.look.radius = task.radius;
+    if (this.task?.blind) this.look.view = "cabin";
+    this.scene?.build(this.task?.solids ?? this.data.site?.solids ?? []);
+    this.worker.postMessage({type: "task", name: this.task?.name ?? null});
+  }
+
+  /** Drive recorded inputs again. @param {HTMLInputElement} chooser */
+  async _replay(chooser) {
+    try {
+      const {inputs} = JSON.parse(await /** @type {FileList} */ (chooser.files)[0].text());
+      this.worker.postMessage({type: "replay", inputs: [...inputs]});
+    } catch {
+      this.tell("This file holds no inputs of a drive; allowed is a .json file that “Save” wrote.");
+    }
+    chooser.value = "";
+  }
+
+  /** Compare a measured period with the closed form. @param {number} measured [s] */
+  judgePeriod(measured) {
+    const {crane} = this.data, hoist = crane.joints.findIndex(joint => joint.role === "hoist");
+    const l = (this.state?.q ?? crane.start)[hoist], closed = 2 * Math.PI * Math.sqrt(l / crane.gravity);
+    const error = 100 * (measured / closed - 1), verdict = Math.abs(error) < 2
+      ? ". What is left: the load's own inertia, the size of the swing, and reading." : ".";
+    byId("period_answer").replaceChildren(...measured > 0 ? [`2π√(l/g) at l = ${fixed(l, 2)} m: `,
+      element("strong", {}, `${fixed(closed, 3)} s`),
+      `. Yours is ${fixed(Math.abs(error), 2)} % ${error < 0 ? "shorter" : "longer"}${verdict}`,
+    ] : ["Enter a time in seconds."]);
+  }
+
+  /** Take a message of the worker. @param {any} message */
+  receive(message) {
+    if (message.type === "saved") {
+      download("drive.csv", message.csv);
+      download("drive.json", message.inputs);
+    } else if (message.type === "state") {
+      const state = /** @type {State} */ (message), before = this.state;
+      this.state = state;
+      if (state.event) this.tell(`${state.event.text} Reset to go on.`, Infinity);
+      else if (before?.event) this.tell("");
+      if (state.assist !== this.assist || state.stopped !== this.stopped) {
+        [this.assist, this.stopped] = [state.assist, state.stopped];
+        this.show();
+      }
+      this.look.aim = state.goal && this.scene ? this.scene.placeOf(state.goal) : null;
+      this.strips.push([state.t, ...this.data.crane.swings.slice(0, 2).map(i => state.q[i] * DEGREES),
+        ...this.drives.map(({joint, rate}) => 100 * state.v[joint] / rate),
+        ...this.drives.map(({effort}, i) => 100 * state.effort[i] / effort)]);
+    }
+  }
+
+  /** Show a sentence for some seconds. @param {string} text @param {number} seconds */
+  tell(text, seconds = NOTICE_SECONDS) {
+    byId("event").textContent = text;
+    this._until = performance.now() + 1000 * seconds;
+  }
+
+  /** Show what is chosen. */
+  show() {
+    const {look, data, task} = this, root = document.documentElement;
+    for (const [id, value] of [["assistances", this.assist], ["views", look.view], ["task_list", task?.name ?? ""]]) {
+      for (const button of byId(id).children) button.setAttribute("aria-pressed", button.value === value);
+    }
+    root.classList.toggle("night", look.night);
+    root.classList.toggle("stopped", this.stopped);
+    root.classList.toggle("aiming", this.assist === "predictive");
+    byId("stop").setAttribute("aria-pressed", this.stopped);
+    byId("stop").textContent = this.stopped ? "RELEASE" : "STOP";
+    byId("night").textContent = look.night ? "☀" : "☾";
+    byId("pause").textContent = this.paused ? "▶" : "❚❚";
+    byId("explanation").textContent = data.assistances.find(({name}) => name === this.assist)?.text;
+    byId("task_text").textContent = task?.text ?? "";
+    byId("score").hidden = !task?.best;
+  }
+
+  /** Write the numbers. @param {State} state */
+  _write(state) {
+    byId("swing").firstElementChild.textContent = `${fixed(state.swing * DEGREES, 1)}°`;
+    for (const {cell, digits, value} of this.numbers ?? []) cell.textContent = fixed(value(state), digits);
+    byId("clock").textContent = `${state.replaying ? "replay " : ""}${fixed(state.t, 1)} s`;
+    byId("ratio").textContent = `× ${this.paused ? 0 : byId("speed").value}`;
+    byId("ratio").title = `reached: × ${fixed(state.ratio, 1)}`;
+    const mine = state.task, best = this.task?.best;
+    if (!mine || mine.name !== this.task?.name) return;
+    if (!mine.done) this._energy = state.work / 1000;
+    const rows = [["", "you", "planner"], ["time [s]", fixed(mine.time, 1), fixed(best?.time, 1)],
+      ["largest swing [°]", fixed(mine.largest_swing * DEGREES, 1), fixed(best && best.swing * DEGREES, 1)],
+      ["energy [kJ]", fixed(this._energy, 0), fixed(best && best.energy / 1000, 0)]];
+    byId("score").replaceChildren(...rows.map(row =>
+      element("tr", {}, ...row.map((text, i) => element(i ? "td" : "th", {}, text)))));
+    if (mine.done) byId("task_text").textContent = `Done in ${fixed(mine.time, 1)} s.`;
+  }
+
+  /** Draw one picture, and now and then the rest. */
+  _frame() {
+    const {state, look, scene} = this;
+    this.worker.postMessage({type: "sticks", values: this.hands.sticks()});
+    look.t = state?.t ?? 0;
+    scene?.draw(state?.q ?? this.data.crane.start, look);
+    for (const {point, span} of this.labels ?? []) {
+      const place = scene?.project(point);
+      span.hidden = !place;
+      if (place) span.style.translate = `${place[0].toFixed(1)}px ${place[1].toFixed(1)}px`;
+    }
+    if (state && this._frames++ % 3 === 0) {
+      this._write(state);
+      this.strips.draw(byId("lesson").open);
+    }
+    if (performance.now() > (this._until ?? 0)) byId("event").textContent = "";
+    requestAnimationFrame(this._frame);
+  }
+}
+
+/** Offer a text as a file. @param {string} name @param {string} text */
+function download(name, text) {
+  const link = element("a", {href: URL.createObjectURL(new Blob([text])), download: name});
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}
+
+const page = new Page(JSON.parse(byId("data").textContent));

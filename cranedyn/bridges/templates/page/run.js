@@ -1,0 +1,297 @@
+"use strict";
+
+/**
+ * @typedef {[number, string, any]} Input Control instant, what changes, and its new value.
+ *
+ * @typedef {Object} Part A convex body of an obstacle.
+ * @property {string} name Of the obstacle.
+ * @property {number[][]} corners [m]
+ * @property {number[][]} faces Outward normal and offset: normal · p = offset on the face.
+ * @property {number[][]} edges Directions of its edges.
+ *
+ * @typedef {Object} TaskData
+ * @property {string} name
+ * @property {string} title
+ * @property {string} text
+ * @property {number[]} state Coordinates and rates at the start.
+ * @property {number[] | null} goal Where the load is to be [m]; null for anywhere.
+ * @property {number} radius Allowed distance from there [m].
+ * @property {number} swing Allowed swing [rad].
+ * @property {Part[]} parts Obstacles of the task.
+ *
+ * @typedef {Object} CraneData
+ * @property {JointData[]} joints
+ * @property {number[]} drives
+ * @property {{joint: number, point: number[]}[]} points Rope from the pivot to the load.
+ * @property {number[]} order Place of each of them among the points that forces act on.
+ * @property {number[]} rest Where the swing joints hang, by joint.
+ * @property {number[]} swings Joints of the swing.
+ * @property {number[]} damping By joint.
+ * @property {number[][]} load Corners of the load in the frame of its joint [m].
+ * @property {{hoist: number, damping: number} | null} rope Drive and damping of a rigid rope.
+ * @property {number} lead Time by which positions run ahead of rates [s].
+ * @property {Record<string, string[]>} columns
+ *
+ * @typedef {Object} PageData
+ * @property {CraneData} crane
+ * @property {AssistData} assist
+ * @property {KernelData} kernel
+ * @property {Part[]} parts Obstacles of the site.
+ * @property {TaskData[]} tasks
+ * @property {{name: string, value: number}[]} sliders
+ * @property {number} drag Half the density of air times drag coefficient and area of the load.
+ */
+
+/** Time for which a load must be still where it belongs, until a task is done [s]. */
+const STILL = 2;
+
+/** A drive of the crane: the same inputs at the same instants make the same motion to the bit. */
+class Run {
+  /** @param {PageData} data @param {Awaited<ReturnType<typeof compile>>} code */
+  constructor(data, code) {
+    this.data = data;
+    this.crane = data.crane;
+    this.kernel = new Kernel(data.kernel, code);
+    this.kinematics = new Kinematics(data.crane.joints);
+    this.assistant = new Assistant(data.assist, data.crane.joints, data.kernel.period);
+    this.k = 0;
+    /** @type {Input[]} */
+    this.inputs = [];
+    this.sticks = data.crane.drives.map(() => 0);
+    this.assist = "none";
+    this.stopped = false;
+    /** @type {Record<string, number>} */
+    this.sliders = Object.fromEntries(data.sliders.map(slider => [slider.name, slider.value]));
+    this.usual = {...this.sliders};
+    /** @type {string | null} Why the run has ended. */
+    this.event = null;
+    /** @type {(TaskData & {time: number, largest: number, still: number, done: boolean}) | null} */
+    this.task = null;
+    this.parts = data.parts;
+    this.work = data.crane.drives.map(() => 0);
+    this.dissipated = 0;
+    this.forceWork = 0;
+    this.valid = true;
+    this._before = {effort: [0], middle: [0], power: 0, force: [0, 0, 0], load: [0, 0, 0]};
+    this.assistant.begin(this.kernel.q, this.kernel.v);
+    this.goTo(this.driven());
+  }
+
+  /** Positions of the drives. */
+  driven() {
+    return this.crane.drives.map(joint => this.kernel.q[joint]);
+  }
+
+  /** Time [s]. */
+  get t() {
+    return this.k * this.data.kernel.period;
+  }
+
+  /** Change something from this control instant on. @param {string} kind @param {any} value */
+  input(kind, value) {
+    this.inputs.push([this.k, kind, value]);
+    if (kind === "sticks") this.sticks = value;
+    else if (kind === "stop") this.stopped = value;
+    else if (kind === "goal") this.goTo(value);
+    else if (kind === "slider") this.slide(value[0], value[1]);
+    else if (kind === "task") this.begin(value);
+    else if (kind === "assist") {
+      this.assist = value;
+      this.assistant.begin(this.kernel.q, this.kernel.v);
+      if (value === "predictive") {
+        this.goTo(this.driven());
+        this.kernel.beginPlanning(this.k);
+      }
+    }
+  }
+
+  /** @param {number[]} goal Positions of the drives. */
+  goTo(goal) {
+    const {joints, drives} = this.crane;
+    this.kernel.goal.set(goal.map((position, i) => {
+      const {lower, upper} = joints[drives[i]];
+      return Math.min(Math.max(position, lower), upper);
+    }));
+  }
+
+  /** @param {string} name @param {number} value */
+  slide(name, value) {
+    this.sliders[name] = value;
+    const {numbers, variations} = this.data.kernel;
+    this.kernel.numbers.set(numbers.map((number, i) => Object.entries(variations).reduce(
+      (sum, [slider, per]) => sum + (this.sliders[slider] - this.usual[slider]) * per[i], number)));
+  }
+
+  /** @param {string | null} name Of a task; null for none. */
+  begin(name) {
+    const task = this.data.tasks.find(candidate => candidate.name === name);
+    this.task = task ? {...task, time: 0, largest: 0, still: 0, done: false} : null;
+    this.parts = task ? task.parts : this.data.parts;
+    if (!task) return;
+    this.kernel.setState(task.state);
+    this.assistant.begin(this.kernel.q, this.kernel.v);
+    this.goTo(this.driven());
+  }
+
+  /** Points of the rope in the world, from the pivot to the load. */
+  rope() {
+    return this.crane.points.map(({joint, point}) => this.kinematics.point(joint, point));
+  }
+
+  /** Size of the swing from rest [rad]. */
+  get swing() {
+    const {swings, rest} = this.crane;
+    return Math.hypot(...swings.map(i => this.kernel.q[i] - rest[i]));
+  }
+
+  /** Log a control instant and advance by a period; ends where the model ceases to hold. */
+  advance() {
+    const {kernel, crane} = this, {q, v} = kernel;
+    const planned = this.assist === "predictive" && !this.stopped;
+    this.kinematics.move(q);
+    const rope = this.rope();
+    const sticks = this.stopped ? this.sticks.map(() => 0) : this.sticks;
+    const assist = this.stopped ? "none" : this.assist;
+    if (!planned) kernel.command.set(this.assistant.command(assist, sticks, q, v));
+    this.blow(rope);
+    const middle = crane.drives.map(i => q[i] - crane.lead * v[i]);
+    const power = crane.damping.reduce((sum, d, i) => sum + d * v[i] * v[i], 0);
+    this.state = {q: Array.from(q), v: Array.from(v), force: Array.from(kernel.force)};
+    this.valid = kernel.advance(planned);
+    this.account(middle, power, rope);
+    this.tension = crane.rope && crane.rope.damping * this.state.v[crane.drives[crane.rope.hoist]]
+      - kernel.row.effort[crane.rope.hoist];
+    this.points = rope;
+    this.event = this.ended(rope);
+    if (this.task) this.judge(rope[rope.length - 1]);
+    this.k += 1;
+  }
+
+  /** Let the wind act on the load. @param {number[][]} rope */
+  blow(rope) {
+    const {force} = this.kernel, speed = this.sliders.wind_speed ?? 0;
+    force.fill(0);
+    if (speed === 0) return;
+    const angle = (this.sliders.wind_direction ?? 0) * Math.PI / 180;
+    const last = this.crane.points.length - 1, {joint} = this.crane.points[last];
+    const moving = this.kinematics.velocity(joint, rope[last], this.kernel.v);
+    const air = [speed * Math.cos(angle), speed * Math.sin(angle), 0].map((x, i) => x - moving[i]);
+    const size = this.data.drag * Math.hypot(...air);
+    air.forEach((x, i) => { force[3 * this.crane.order[last] + i] = size * x; });
+  }
+
+  /** Add up work and dissipation since the last control instant.
+   * @param {number[]} middle @param {number} power @param {number[][]} rope */
+  account(middle, power, rope) {
+    const before = this._before, {row, force} = this.kernel, {period} = this.data.kernel;
+    const last = rope[rope.length - 1], first = 3 * this.crane.order[rope.length - 1];
+    if (this.k > 0) {
+      for (let i = 0; i < middle.length; i += 1) {
+        this.work[i] += (before.effort[i] + row.before[i]) / 2 * (middle[i] - before.middle[i]);
+      }
+      this.dissipated += (before.power + power) / 2 * period;
+      for (let i = 0; i < 3; i += 1) this.forceWork += before.force[i] * (last[i] - before.load[i]);
+    }
+    const pushed = [force[first], force[first + 1], force[first + 2]];
+    this._before = {effort: Array.from(row.effort), middle, power, force: pushed, load: last};
+  }
+
+  /** Why the run ends here, or null. @param {number[][]} rope */
+  ended(rope) {
+    const {crane} = this, {q} = /** @type {{q: number[]}} */ (this.state);
+    if (!q.every(Number.isFinite)) return "The motion diverged.";
+    for (const i of crane.drives) {
+      const {lower, upper, name} = crane.joints[i];
+      if (q[i] < lower || q[i] > upper) return `${name} left its range.`;
+    }
+    if (this.tension !== null && /** @type {number} */ (this.tension) <= 0) {
+      return "The rope went slack.";
+    }
+    if (this.swing >= Math.PI / 2) return "The load swung to 90°.";
+    if (rope[rope.length - 1][2] <= 0) return "The load touched the ground.";
+    if (!this.parts.length) return null;
+    const {joint} = crane.points[crane.points.length - 1];
+    const load = crane.load.map(corner => this.kinematics.point(joint, corner));
+    for (const part of this.parts) {
+      if (boxMeets(load, part)) return `The load touched ${part.name}.`;
+      for (let i = 1; i < rope.length; i += 1) {
+        if (segmentMeets(rope[i - 1], rope[i], part)) return `The rope touched ${part.name}.`;
+      }
+    }
+    return null;
+  }
+
+  /** @param {number[]} load Centre of the load [m]. */
+  judge(load) {
+    const task = this.task, {period} = this.data.kernel;
+    if (!task || task.done) return;
+    task.time += period;
+    task.largest = Math.max(task.largest, this.swing);
+    const {goal} = task, away = goal ? Math.hypot(...load.map((x, i) => x - goal[i])) : 0;
+    const {v} = /** @type {{v: number[]}} */ (this.state);
+    const rate = Math.hypot(...this.crane.swings.map(i => v[i]));
+    const quiet = this.swing <= task.swing && rate <= task.swing && away <= task.radius;
+    task.still = quiet ? task.still + period : 0;
+    task.done = task.still >= STILL;
+  }
+
+  /** Values of the columns of the last control instant. */
+  values() {
+    const {row} = this.kernel;
+    const {q, v, force} = /** @type {{q: number[], v: number[], force: number[]}} */ (this.state);
+    const setpoint = this.assist === "predictive" ? this.kernel.goal
+      : this.assist === "lqr" ? this.assistant.position : this.crane.drives.map(i => q[i]);
+    return [(this.k - 1) * this.data.kernel.period, ...q, ...v, ...setpoint, ...row.command,
+      ...row.effort, row.energy[0], ...this.work, this.dissipated, ...force, this.forceWork, 0,
+      this.valid ? 1 : 0];
+  }
+}
+
+/** Whether a segment meets a convex body. @param {number[]} a @param {number[]} b @param {Part} part */
+function segmentMeets(a, b, part) {
+  let from = 0, to = 1;
+  for (const [x, y, z, offset] of part.faces) {
+    const first = x * a[0] + y * a[1] + z * a[2] - offset;
+    const last = x * b[0] + y * b[1] + z * b[2] - offset;
+    if (first > 0 && last > 0) return false;
+    if (first > 0) from = Math.max(from, first / (first - last));
+    else if (last > 0) to = Math.min(to, first / (first - last));
+  }
+  return from <= to;
+}
+
+/** Whether a box meets a convex body: no axis separates them (Gottschalk, Lin & Manocha 1996).
+ * @param {number[][]} box Its eight corners, the first three neighbours of the fourth.
+ * @param {Part} part */
+function boxMeets(box, part) {
+  const sides = [0, 1, 2].map(i => box[i].map((x, k) => x - box[3][k]));
+  const axes = [...part.faces, ...sides, ...sides.flatMap(side => part.edges.map(edge => cross(side, edge)))];
+  return axes.every(([x, y, z]) => {
+    /** @param {number[][]} points @returns {[number, number]} */
+    const shadow = points => {
+      const places = points.map(p => x * p[0] + y * p[1] + z * p[2]);
+      return [Math.min(...places), Math.max(...places)];
+    };
+    const [a, b] = shadow(box), [c, d] = shadow(part.corners);
+    return a <= d && c <= b;
+  });
+}
+
+/**
+ * Drive the crane again with recorded inputs.
+ * @param {PageData} data @param {Awaited<ReturnType<typeof compile>>} code
+ * @param {Input[]} inputs @param {number} instants @param {(run: Run) => void} [each]
+ */
+function replay(data, code, inputs, instants, each) {
+  const run = new Run(data, code);
+  let next = 0;
+  while (run.k < instants && run.event === null) {
+    while (next < inputs.length && inputs[next][0] <= run.k) {
+      run.input(inputs[next][1], inputs[next][2]);
+      next += 1;
+    }
+    run.advance();
+    if (each) each(run);
+  }
+  return run;
+}

@@ -1,0 +1,536 @@
+"use strict";
+// The picture: a crane of a few hundred shapes in one vertex buffer. Each vertex carries the index of
+// its body, whose pose is a uniform: the whole crane is one draw call, and its shadow another.
+
+/**
+ * @typedef {{joint: number, kind: string, size: number[], rotation: number[], translation: number[],
+ *   colour: number[], payload: boolean, vertices?: number[], triangles?: number[]}} Shape
+ * @typedef {{name: string, zone: boolean, vertices: number[], triangles: number[]}} Solid
+ * @typedef {TaskData & {solids: Solid[], blind: boolean,
+ *   best: {time: number, swing: number, energy: number} | null}} Exercise
+ * @typedef {Omit<PageData, "tasks"> & {title: string, tasks: Exercise[],
+ *   crane: {shapes: Shape[], ground: number, gravity: number, start: number[], rates: number[],
+ *   efforts: number[]}, assistances: {name: string, label: string, text: string}[],
+ *   sliders: {name: string, label: string, unit: string, least: number, most: number}[],
+ *   site: {name: string, solids: Solid[]} | null, colours: Record<string, string>}} ViewData
+ * @typedef {{view: string, night: boolean, t: number, goal: number[] | null, radius: number,
+ *   aim: number[] | null}} Look  Place of a task's goal with its radius, and of a click [m].
+ */
+
+const VIEWS = ["cabin", "follow", "side", "top", "orbit"];
+const PATH_SECONDS = 12, PATH_POINTS = 150, MAX_LINE_POINTS = 640;
+const VERTEX_FLOATS = 11, LINE_FLOATS = 8;
+const TANGENT = Math.tan(0.42); // of half the field of view
+const ROPE_RADIUS = 0.05, MOVE_SECONDS = 0.6;
+
+/** Red, green and blue of a hex colour, 0 to 1. @param {string} hex */
+const channels = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16) / 255);
+
+/** Triangles of a profile turned about Z, six numbers a corner: position and normal. The profile is
+ * pairs of points (radius, height, normal outward, normal upward).
+ * @param {number[][][]} profile @param {number} sides */
+function revolve(profile, sides) {
+  return profile.flatMap(([a, b]) => Array.from({length: sides}, (_, side) => {
+    /** @param {number[]} p @param {number} k */
+    const corner = (p, k) => {
+      const c = Math.cos(2 * Math.PI * k / sides), s = Math.sin(2 * Math.PI * k / sides);
+      return [c * p[0], s * p[0], p[1], c * p[2], s * p[2], p[3]];
+    };
+    const [p, q, r, t] = [corner(a, side), corner(b, side), corner(b, side + 1), corner(a, side + 1)];
+    return [p, q, r, p, r, t].flat();
+  }).flat());
+}
+
+/** Triangles with flat normals. @param {number[]} vertices @param {number[]} triangles */
+function faceted(vertices, triangles) {
+  const out = [];
+  for (let i = 0; i < triangles.length; i += 3) {
+    const [a, b, c] = [0, 1, 2].map(k => vertices.slice(3 * triangles[i + k], 3 * triangles[i + k] + 3));
+    const normal = cross(b.map((x, k) => x - a[k]), c.map((x, k) => x - a[k]));
+    const length = Math.hypot(...normal) || 1, flat = normal.map(x => x / length);
+    out.push(...a, ...flat, ...b, ...flat, ...c, ...flat);
+  }
+  return out;
+}
+
+/** Triangles of a cylinder about Z. @param {number} r @param {number} length */
+function cylinder(r, length) {
+  const h = length / 2, [top, foot] = [[0, h, 0, 1], [0, -h, 0, -1]];
+  return revolve([[top, [r, h, 0, 1]], [[r, h, 1, 0], [r, -h, 1, 0]], [[r, -h, 0, -1], foot]], 20);
+}
+
+const CUBE = Array.from({length: 8}, (_, i) => [i & 1, i >> 1 & 1, i >> 2]).flat().map(x => x - 0.5);
+const CUBE_SIDES = [0, 2, 3, 0, 3, 1, 4, 5, 7, 4, 7, 6, 0, 1, 5, 0, 5, 4, 2, 6, 7, 2, 7, 3, 0, 4, 6,
+  0, 6, 2, 1, 3, 7, 1, 7, 5];
+
+/** Triangles of a shape in its own frame. @param {Shape} shape */
+function surface({kind, size, vertices = [], triangles = []}) {
+  if (kind === "box") return faceted(CUBE.map((x, i) => x * size[i % 3]), CUBE_SIDES);
+  if (kind === "cylinder") return cylinder(size[0], size[1]);
+  if (kind === "mesh") return faceted(vertices, triangles);
+  const arc = Array.from({length: 11}, (_, k) => [Math.sin(k * Math.PI / 10), Math.cos(k * Math.PI / 10)]);
+  const points = arc.map(([x, z]) => [size[0] * x, size[0] * z, x, z]);
+  return revolve(points.slice(1).map((point, k) => [points[k], point]), 16);
+}
+
+/** The crane, its site and the camera on a canvas. */
+class Scene {
+  /** @param {HTMLCanvasElement} canvas @param {ViewData} data */
+  constructor(canvas, data) {
+    const gl = canvas.getContext("webgl2", {stencil: true, alpha: false});
+    if (!gl) throw new Error("This browser has no WebGL 2: there are numbers, but no picture.");
+    const {crane} = data;
+    this.canvas = canvas;
+    this.gl = gl;
+    this.crane = crane;
+    this.kinematics = new Kinematics(crane.joints);
+    /** Points of the rope in the world [m], from pivot to load. */
+    this.rope = crane.points.map(() => [0, 0, 0]);
+    /** Three rows of each pose: of the world, the joints, the pieces of the rope. */
+    this.bodies = new Float32Array(12 * (crane.joints.length + crane.points.length));
+    this.body = this._program("body");
+    this.back = this._program("back");
+    this.line = this._program("line");
+    this._array = this._buffer(VERTEX_FLOATS, [3, 3, 4, 1], 0);
+    this._lines = new Float32Array(LINE_FLOATS * MAX_LINE_POINTS);
+    this._lineArray = this._buffer(LINE_FLOATS, [4, 4], 1);
+    this._path = new Float32Array(3 * PATH_POINTS);
+    this._pathLength = this._pathTime = this._lineCount = 0;
+    this.eye = [0, 0, 0];
+    this.target = [0, 0, 0];
+    this.forward = [0, 0, 0];
+    /** Sideways and upward to the edges of the picture, one unit ahead. */
+    this.right = [0, 0, 0];
+    this.up = [0, 0, 0];
+    this.camera = new Float32Array(16);
+    this._from = [0, 0, 0, 0, 0, 0];
+    this._orbit = {yaw: 0, pitch: 0, distance: 60};
+    this._view = "";
+    this._blend = this._zoom = 1;
+    /** Share of the screen's resolution that is drawn, less where the machine is slow. */
+    this.quality = 1;
+    this._last = this._slow = 0;
+    this._colours = [data.colours.x || "#D55E00", "#009E73", "#0072B2"].map(channels);
+    /** Joint along whose axis the operator looks: the trolley, or the last that moves level. */
+    this.boom = crane.drives.filter(i => crane.joints[i].kind === "prismatic"
+      && Math.abs(crane.joints[i].axis[2]) < 0.5).pop() ?? -1;
+    this.turning = crane.joints.some(joint => joint.role === "slew");
+    this._move(crane.start);
+    this.build([]);
+  }
+
+  /** Position of the load in the world [m]. */
+  get load() {
+    return this.rope[this.rope.length - 1];
+  }
+
+  /** Compile the program of a name and look up its uniforms. @param {string} name */
+  _program(name) {
+    const {gl} = this, program = gl.createProgram();
+    /** @param {string} id */
+    const text = id => document.getElementById(id)?.textContent ?? "";
+    const head = `#version 300 es\nprecision highp float;\n#define BODIES ${this.bodies.length / 12}\n`;
+    for (const [type, source] of [[gl.VERTEX_SHADER, text(`${name}_vertex`)],
+      [gl.FRAGMENT_SHADER, text("light") + text(`${name}_fragment`)]]) {
+      const shader = /** @type {WebGLShader} */ (gl.createShader(Number(type)));
+      gl.shaderSource(shader, head + source);
+      gl.compileShader(shader);
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
+      throw new Error(`The picture cannot be drawn: ${gl.getProgramInfoLog(program)}`);
+    }
+    /** @type {Record<string, WebGLUniformLocation | null>} */
+    const uniforms = {};
+    for (let i = 0; i < gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS); i++) {
+      const {name: uniform} = /** @type {WebGLActiveInfo} */ (gl.getActiveUniform(program, i));
+      uniforms[uniform.replace("[0]", "")] = gl.getUniformLocation(program, uniform);
+    }
+    return {program, uniforms};
+  }
+
+  /** Make a buffer of vertices with attributes of some sizes, each vertex an instance or not.
+   * @param {number} floats @param {number[]} sizes @param {number} divisor */
+  _buffer(floats, sizes, divisor) {
+    const {gl} = this, array = gl.createVertexArray(), buffer = gl.createBuffer();
+    return {array, buffer, bind: (/** @type {number} */ first = 0) => {
+      gl.bindVertexArray(array);
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      let at = first * floats;
+      // Instances carry two neighbouring points, so that a buffer of points is one of lines.
+      for (let i = 0; i < sizes.length * (1 + divisor); i++) {
+        gl.enableVertexAttribArray(i);
+        gl.vertexAttribDivisor(i, divisor);
+        gl.vertexAttribPointer(i, sizes[i % sizes.length], gl.FLOAT, false, 4 * floats, 4 * at);
+        at += sizes[i % sizes.length];
+      }
+    }};
+  }
+
+  /** Put all triangles into one buffer: structure, load with rope, solids, zones.
+   * @param {Solid[]} solids */
+  build(solids) {
+    const {gl, crane} = this, {shapes, joints, points} = crane, floats = /** @type {number[]} */ ([]);
+    const one = [1, 0, 0, 0, 1, 0, 0, 0, 1], zero = [0, 0, 0];
+    /** @param {number[]} p @param {number} body @param {number[]} colour @param {number[]} r
+     * @param {number[]} t */
+    const add = (p, body, colour, r = one, t = zero) => {
+      for (let i = 0; i < p.length; i += 6) {
+        for (const [k, move] of [[i, t], [i + 3, zero]].map(x => /** @type {[number, number[]]} */ (x))) {
+          for (let row = 0; row < 3; row++) {
+            floats.push(r[3 * row] * p[k] + r[3 * row + 1] * p[k + 1] + r[3 * row + 2] * p[k + 2] + move[row]);
+          }
+        }
+        floats.push(...colour, body);
+      }
+    };
+    const count = () => floats.length / VERTEX_FLOATS;
+    /** @param {boolean} payload */
+    const addShapes = payload => shapes.filter(shape => shape.payload === payload).forEach(shape =>
+      add(surface(shape), shape.joint + 1, shape.colour, shape.rotation, shape.translation));
+    /** @param {boolean} zone @param {number[]} colour */
+    const addSolids = (zone, colour) => solids.filter(solid => solid.zone === zone).forEach(solid =>
+      add(faceted(solid.vertices, solid.triangles), 0, colour));
+    addShapes(false);
+    const structure = count();
+    addShapes(true);
+    points.slice(1).forEach((_, k) => add(cylinder(1, 1), 1 + joints.length + k, [0.1, 0.1, 0.1, 1]));
+    const loaded = count();
+    addSolids(false, [0.73, 0.69, 0.62, 1]);
+    const opaque = count();
+    addSolids(true, [0.8, 0.2, 0.07, 0.25]);
+    this.counts = {structure, loaded, opaque, all: count()};
+    this._array.bind();
+    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(floats), gl.STATIC_DRAW);
+    this._lineArray.bind();
+    gl.bufferData(gl.ARRAY_BUFFER, this._lines, gl.DYNAMIC_DRAW);
+    this._measure(floats.slice(0, loaded * VERTEX_FLOATS));
+  }
+
+  /** Measure the crane as it stands, for the views of all of it. @param {number[]} floats */
+  _measure(floats) {
+    const {bodies, crane: {ground}} = this, low = [0, 0, ground], high = [0, 0, ground];
+    for (let i = 0; i < floats.length; i += VERTEX_FLOATS) {
+      for (let k = 0; k < 3; k++) {
+        const o = 12 * floats[i + 10] + 4 * k;
+        const x = bodies[o] * floats[i] + bodies[o + 1] * floats[i + 1] + bodies[o + 2] * floats[i + 2];
+        low[k] = Math.min(low[k], x + bodies[o + 3]);
+        high[k] = Math.max(high[k], x + bodies[o + 3]);
+      }
+    }
+    /** Height [m], greatest distance from the world's axis [m], and middle of the crane [m]. */
+    this.height = high[2] - ground;
+    this.reach = Math.max(high[0], high[1], -low[0], -low[1], 5);
+    this.middle = low.map((x, k) => this.turning && k < 2 ? 0 : (x + high[k]) / 2);
+  }
+
+  /** Move all bodies. @param {ArrayLike<number>} q Coordinates [rad or m]. */
+  _move(q) {
+    const {kinematics: {poses}, bodies, rope, crane: {joints, points}} = this;
+    this.kinematics.move(q);
+    bodies[0] = bodies[5] = bodies[10] = 1;
+    for (let i = 0; i < joints.length; i++) {
+      for (let k = 0; k < 3; k++) {
+        const o = 12 * (i + 1) + 4 * k;
+        for (let j = 0; j < 3; j++) bodies[o + j] = poses[i][3 * k + j];
+        bodies[o + 3] = poses[i][9 + k];
+      }
+    }
+    for (let i = 0; i < points.length; i++) rope[i] = this.kinematics.point(points[i].joint, points[i].point);
+    for (let i = 1; i < rope.length; i++) {
+      const [a, b] = [rope[i - 1], rope[i]], along = b.map((x, k) => x - a[k]);
+      const first = cross([0, 1, 0], along), second = cross(along, first);
+      const [r, s] = [first, second].map(p => ROPE_RADIUS / (Math.hypot(...p) || 1));
+      for (let k = 0; k < 3; k++) {
+        bodies.set([r * first[k], s * second[k], along[k], (a[k] + b[k]) / 2], 12 * (joints.length + i) + 4 * k);
+      }
+    }
+  }
+
+  /** Positions of the drives that bring the load to a point [m], from where they are: each drive
+   * in turn takes the step that brings it nearest.
+   * @param {ArrayLike<number>} start @param {number[]} point */
+  reachFor(start, point) {
+    const {crane: {drives, joints, swings, rest, points}, kinematics} = this, q = Array.from(start);
+    const {joint, point: centre} = points[points.length - 1];
+    const place = () => (kinematics.move(q), kinematics.point(joint, centre));
+    for (const i of swings) q[i] = rest[i];
+    for (let round = 0; round < 12; round++) {
+      for (const i of drives) {
+        const here = place();
+        q[i] += 1e-5;
+        const step = place().map((x, k) => (x - here[k]) / 1e-5);
+        const gain = step.reduce((sum, x, k) => sum + x * (point[k] - here[k]), 0);
+        q[i] += gain / Math.max(step.reduce((sum, x) => sum + x * x, 0), 1e-6) - 1e-5;
+        q[i] = Math.min(joints[i].upper, Math.max(joints[i].lower, q[i]));
+      }
+    }
+    return drives.map(i => q[i]);
+  }
+
+  /** Place of the load [m] with the drives at some positions and the load at rest.
+   * @param {number[]} positions */
+  placeOf(positions) {
+    const {crane: {drives, swings, rest, points, start}, kinematics} = this, q = Array.from(start);
+    drives.forEach((i, k) => { q[i] = positions[k]; });
+    for (const i of swings) q[i] = rest[i];
+    kinematics.move(q);
+    const {joint, point} = points[points.length - 1];
+    return kinematics.point(joint, point);
+  }
+
+  /** Draw one picture. @param {ArrayLike<number>} q Coordinates [rad or m]. @param {Look} look */
+  draw(q, look) {
+    const {gl, counts, bodies} = this, night = look.night ? 1 : 0;
+    const passed = this._resize();
+    this._move(q);
+    this._aim(q, look.view, passed);
+    const grounded = this._layLines(look);
+    gl.clear(gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
+    gl.disable(gl.DEPTH_TEST);
+    gl.disable(gl.BLEND);
+    this._use(this.back, night);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    const body = this._use(this.body, night);
+    if (!counts) return;
+    gl.uniformMatrix3x4fv(body.bodies, false, bodies);
+    this._array.bind();
+    // Each pixel is darkened once; the shadow of the load, the darker one, comes first.
+    gl.enable(gl.STENCIL_TEST);
+    gl.stencilFunc(gl.EQUAL, 0, 255);
+    gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
+    gl.uniform4f(body.shade, 0, 0, 0.02, look.night ? 0.85 : 0.62);
+    gl.drawArrays(gl.TRIANGLES, counts.structure, counts.loaded - counts.structure);
+    gl.uniform4f(body.shade, 0, 0, 0.02, look.night ? 0.35 : 0.2);
+    gl.drawArrays(gl.TRIANGLES, 0, counts.structure);
+    gl.disable(gl.STENCIL_TEST);
+    this._drawLines(0, grounded);
+
+    gl.enable(gl.DEPTH_TEST);
+    gl.disable(gl.BLEND);
+    this._use(this.body, night);
+    this._array.bind();
+    gl.uniform4f(body.shade, 0, 0, 0, 0);
+    gl.drawArrays(gl.TRIANGLES, 0, counts.opaque);
+    gl.enable(gl.BLEND);
+    gl.depthMask(false);
+    if (counts.all > counts.opaque) gl.drawArrays(gl.TRIANGLES, counts.opaque, counts.all - counts.opaque);
+    this._drawLines(grounded, this._lineCount);
+    gl.depthMask(true);
+  }
+
+  /** Use a program, with what all of them know. @param {{program: WebGLProgram,
+   * uniforms: Record<string, WebGLUniformLocation | null>}} program @param {number} night */
+  _use({program, uniforms}, night) {
+    const {gl, canvas} = this;
+    gl.useProgram(program);
+    gl.uniform1f(uniforms.night, night);
+    gl.uniform1f(uniforms.ground, this.crane.ground);
+    gl.uniform3fv(uniforms.lamp, this.rope[0]);
+    gl.uniform3fv(uniforms.eye, this.eye);
+    gl.uniform3fv(uniforms.forward, this.forward);
+    gl.uniform3fv(uniforms.right, this.right);
+    gl.uniform3fv(uniforms.up, this.up);
+    gl.uniformMatrix4fv(uniforms.camera, false, this.camera);
+    gl.uniform2f(uniforms.size, canvas.width, canvas.height);
+    return uniforms;
+  }
+
+  /** Fit the drawing to the window, with fewer pixels where 20 pictures took long; return the time
+   * since the last picture [s]. */
+  _resize() {
+    const {canvas} = this, now = performance.now(), passed = Math.min(now - this._last, 500);
+    this._last = now;
+    this._slow = Math.max(0, this._slow + (passed > 45 ? 1 : -1));
+    if (this._slow > 20 && this.quality > 0.55) {
+      this.quality *= 0.8;
+      this._slow = 0;
+    }
+    const ratio = this.quality * (window.devicePixelRatio || 1);
+    const width = Math.max(1, Math.round(canvas.clientWidth * ratio));
+    const height = Math.max(1, Math.round(canvas.clientHeight * ratio));
+    if (canvas.width !== width) canvas.width = width;
+    if (canvas.height !== height) canvas.height = height;
+    this.gl.viewport(0, 0, width, height);
+    return passed / 1000;
+  }
+
+  /** Set eye and target of a view, and move there from the view before.
+   * @param {ArrayLike<number>} q @param {string} view @param {number} passed [s] */
+  _aim(q, view, passed) {
+    const {eye, target, load, crane, middle = [0, 0, 0], height = 0, reach = 0, _orbit, _from} = this;
+    const aspect = this.canvas.width / this.canvas.height, [pivot] = this.rope;
+    if (view !== this._view) {
+      if (view === "orbit") {
+        const away = eye.map((x, k) => x - target[k]), distance = Math.hypot(...away) || 1;
+        this._orbit = {yaw: Math.atan2(away[1], away[0]), pitch: Math.asin(away[2] / distance), distance};
+      }
+      for (let k = 0; k < 3; k++) [_from[k], _from[3 + k]] = [eye[k], target[k]];
+      this._blend = this._view && view !== "orbit" ? 0 : 1;
+      this._zoom = 1;
+      this._view = view;
+    }
+    // Direction of the jib on the ground, (dx, dy); (dy, -dx) points to the right of it.
+    let dx = 0, dy = -1;
+    if (this.boom >= 0) {
+      const pose = this.kinematics.poses[this.boom], [x, y, z] = crane.joints[this.boom].axis;
+      [dx, dy] = [0, 3].map(k => pose[k] * x + pose[k + 1] * y + pose[k + 2] * z);
+    }
+    const zoom = this._zoom, far = zoom * 1.12 * Math.max(height / 2, 0.75 * reach / aspect) / TANGENT;
+    /** @param {number} x @param {number} y @param {number} z @param {number} along
+     * @param {number} right @param {number} up */
+    const stand = (x, y, z, along, right, up) => {
+      [eye[0], eye[1], eye[2]] = [x + along * dx + right * dy, y + along * dy - right * dx, z + up];
+    };
+    if (view === "cabin") {
+      const travel = this.boom < 0 ? 0 : q[this.boom] - crane.joints[this.boom].lower;
+      stand(pivot[0], pivot[1], pivot[2], -travel, -1.9, -0.7);
+      for (let k = 0; k < 3; k++) target[k] = load[k] + (k < 2 ? 0.5 : 0.15) * (pivot[k] - load[k]);
+    } else if (view === "follow") {
+      stand(load[0], load[1], load[2], 13 * zoom, -9 * zoom, 6.5 * zoom);
+      for (let k = 0; k < 3; k++) target[k] = load[k] + (k === 2 ? 1 : 0);
+    } else if (view === "top") {
+      for (let k = 0; k < 3; k++) target[k] = k === 2 ? crane.ground : middle[k];
+      const up = height + zoom * 1.05 * reach / TANGENT / Math.min(1, aspect);
+      // Not straight above, so that -Y, along the jib at the start, is up.
+      [eye[0], eye[1], eye[2]] = [target[0], target[1] + 0.1, target[2] + up];
+    } else if (view === "side") {
+      const along = this.turning ? 0.3 * reach : 0;
+      [target[0], target[1], target[2]] = [middle[0] + along * dx, middle[1] + along * dy, middle[2]];
+      stand(target[0], target[1], target[2], 0, far, 0.06 * far);
+    } else {
+      const flat = _orbit.distance * Math.cos(this._orbit.pitch), {yaw, pitch, distance} = this._orbit;
+      [eye[0], eye[1]] = [target[0] + flat * Math.cos(yaw), target[1] + flat * Math.sin(yaw)];
+      eye[2] = target[2] + distance * Math.sin(pitch);
+    }
+    eye[2] = Math.max(eye[2], crane.ground + 0.5);
+    if (this._blend < 1) {
+      this._blend = Math.min(1, this._blend + passed / MOVE_SECONDS);
+      const s = this._blend * this._blend * (3 - 2 * this._blend);
+      for (let k = 0; k < 3; k++) {
+        eye[k] = _from[k] + s * (eye[k] - _from[k]);
+        target[k] = _from[3 + k] + s * (target[k] - _from[3 + k]);
+      }
+    }
+    this._look(aspect);
+  }
+
+  /** Compute axes and matrix of the camera from eye and target. @param {number} aspect */
+  _look(aspect) {
+    const {eye, target, right, up, forward, camera} = this, near = 0.3, far = 900;
+    for (let k = 0; k < 3; k++) forward[k] = target[k] - eye[k];
+    const length = Math.hypot(...forward) || 1, flat = Math.hypot(forward[0], forward[1]) || 1;
+    for (let k = 0; k < 3; k++) forward[k] /= length;
+    [right[0], right[1]] = [length * forward[1] / flat, -length * forward[0] / flat];
+    [up[0], up[1], up[2]] = cross(right, forward);
+    const deep = (far + near) / (far - near);
+    for (let i = 0; i < 4; i++) {
+      /** @param {number[]} axis */
+      const along = axis => i < 3 ? axis[i] : -axis[0] * eye[0] - axis[1] * eye[1] - axis[2] * eye[2];
+      camera[4 * i] = along(right) / (TANGENT * aspect);
+      camera[4 * i + 1] = along(up) / TANGENT;
+      camera[4 * i + 2] = deep * along(forward) - (i < 3 ? 0 : 2 * far * near / (far - near));
+      camera[4 * i + 3] = along(forward);
+    }
+    for (let k = 0; k < 3; k++) {
+      right[k] *= TANGENT * aspect;
+      up[k] *= TANGENT;
+    }
+  }
+
+  /** Turn the orbit by a drag [pixels]. @param {number} x @param {number} y */
+  turn(x, y) {
+    this._orbit.yaw -= 0.006 * x;
+    this._orbit.pitch = Math.min(1.55, Math.max(-0.1, this._orbit.pitch + 0.006 * y));
+  }
+
+  /** Move the eye nearer (below 1) or farther. @param {number} factor */
+  zoom(factor) {
+    this._zoom = Math.min(4, Math.max(0.2, this._zoom * factor));
+    this._orbit.distance = Math.min(300, Math.max(3, this._orbit.distance * factor));
+  }
+
+  /** Point of the ground [m] under a point of the window [pixels], null above the horizon.
+   * @param {number} x @param {number} y */
+  pick(x, y) {
+    const {eye, forward, right, up, crane: {ground}, canvas: {clientWidth, clientHeight}} = this;
+    const u = 2 * x / clientWidth - 1, w = 1 - 2 * y / clientHeight;
+    const ray = forward.map((f, k) => f + u * right[k] + w * up[k]), way = (ground - eye[2]) / ray[2];
+    return way > 0 && way < 500 ? eye.map((e, k) => e + way * ray[k]) : null;
+  }
+
+  /** Place in the window [pixels] of a point [m], null behind the eye. @param {number[]} point */
+  project([x, y, z]) {
+    const {camera: m, canvas} = this;
+    const [u, v, w] = [0, 1, 3].map(k => m[k] * x + m[4 + k] * y + m[8 + k] * z + m[12 + k]);
+    return w > 1 ? [(1 + u / w) / 2 * canvas.clientWidth, (1 - v / w) / 2 * canvas.clientHeight] : null;
+  }
+
+  /** Lay out all lines; return how many of their points lie on the ground. @param {Look} look */
+  _layLines({goal, radius, aim, night, t}) {
+    const {load, crane: {ground}, _path: path, rope: [pivot], _colours: [orange, green, blue]} = this;
+    const ink = night ? [0.85, 0.85, 0.85] : [0.1, 0.1, 0.1];
+    if (t < this._pathTime) this._pathLength = this._pathTime = 0;
+    if (t - this._pathTime >= PATH_SECONDS / PATH_POINTS) {
+      this._pathTime = t;
+      this._pathLength = Math.min(PATH_POINTS, this._pathLength + 1);
+      path.copyWithin(3, 0, 3 * (PATH_POINTS - 1));
+      path.set(load);
+    }
+    this._lineCount = 0;
+    if (goal) this._ring(goal, ground, radius, green);
+    if (aim) this._ring(aim, ground, 0.5, blue);
+    this._ring(load, ground, 0.35, ink);
+    const grounded = this._lineCount;
+    // A plumb line below the trolley shows the swing, one below the load where it is.
+    for (let z = pivot[2]; z > ground; z -= 0.9) {
+      this._point(pivot[0], pivot[1], z, 1, ink, 0.4);
+      this._point(pivot[0], pivot[1], Math.max(z - 0.4, ground), 0, ink, 0.4);
+    }
+    for (const [place, colour] of [[load, orange], [goal, green], [aim, blue]]) {
+      if (!place || !colour) continue;
+      this._point(place[0], place[1], place[2], 1.2, colour, 0.9);
+      this._point(place[0], place[1], ground, 0, colour, 0.4);
+    }
+    if (goal) this._ring(goal, goal[2], radius, green);
+    if (aim) this._ring(aim, aim[2], 0.5, blue);
+    for (let i = 0; i < this._pathLength; i++) {
+      const width = i < this._pathLength - 1 ? 2.2 : 0, age = i / this._pathLength;
+      this._point(path[3 * i], path[3 * i + 1], path[3 * i + 2], width, orange, 0.75 * (1 - age));
+    }
+    return grounded;
+  }
+
+  /** Lay a point of a line; a width of 0 [pixels] ends the line. @param {number} x @param {number} y
+   * @param {number} z @param {number} width @param {number[]} colour @param {number} alpha */
+  _point(x, y, z, width, colour, alpha) {
+    const to = this._lines, i = LINE_FLOATS * this._lineCount;
+    if (this._lineCount >= MAX_LINE_POINTS) return;
+    [to[i], to[i + 1], to[i + 2]] = [x, y, z];
+    to[i + 3] = width * this.canvas.width / this.canvas.clientWidth;
+    [to[i + 4], to[i + 5], to[i + 6], to[i + 7]] = [colour[0], colour[1], colour[2], alpha];
+    this._lineCount++;
+  }
+
+  /** Lay a level circle. @param {number[]} centre @param {number} z @param {number} radius
+   * @param {number[]} colour */
+  _ring([x, y], z, radius, colour) {
+    for (let i = 0; i <= 40; i++) {
+      const c = Math.cos(i * Math.PI / 20), s = Math.sin(i * Math.PI / 20);
+      this._point(x + radius * c, y + radius * s, z, i < 40 ? 2.2 : 0, colour, 0.95);
+    }
+  }
+
+  /** Draw the lines between points. @param {number} first @param {number} last */
+  _drawLines(first, last) {
+    const {gl} = this;
+    this._use(this.line, 0);
+    this._lineArray.bind(first);
+    if (!first) gl.bufferSubData(gl.ARRAY_BUFFER, 0, this._lines);
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, last - first - 1);
+  }
+}

@@ -1,0 +1,113 @@
+"use strict";
+
+/** Time between two pictures [ms], and the share of it that the motion may take. */
+const TICK = 1000 / 60, SHARE = 0.8;
+
+/** Instants a longer pause of the page may make up for. */
+const LATE = 0.25;
+
+/** The crane in real time, or at a multiple of it. */
+class Session {
+  /** @param {PageData} data @param {Awaited<ReturnType<typeof compile>>} code */
+  constructor(data, code) {
+    this.data = data;
+    this.code = code;
+    this.factor = 1;
+    this.ratio = 0;
+    /** @type {Input[]} Inputs to replay, the earliest last. */
+    this.waiting = [];
+    this.reset();
+    this.last = performance.now();
+    setInterval(() => this.tick(), TICK);
+  }
+
+  reset() {
+    const sliders = this.run ? this.run.sliders : {}, assist = this.run ? this.run.assist : "none";
+    this.run = new Run(this.data, this.code);
+    for (const [name, value] of Object.entries(sliders)) {
+      if (value !== this.run.usual[name]) this.run.input("slider", [name, value]);
+    }
+    if (assist !== "none") this.run.input("assist", assist);
+    this.due = 0;
+    this.replaying = false;
+  }
+
+  tick() {
+    const now = performance.now(), {period} = this.data.kernel, {run} = this;
+    const passed = Math.min((now - this.last) / 1000, LATE);
+    this.last = now;
+    if (!run || run.event !== null) return;
+    this.due += passed * this.factor / period;
+    const first = run.k;
+    while (this.due >= 1 && run.event === null && performance.now() - now < SHARE * TICK) {
+      while (this.waiting.length && this.waiting[this.waiting.length - 1][0] <= run.k) {
+        const [, kind, value] = /** @type {Input} */ (this.waiting.pop());
+        run.input(kind, value);
+      }
+      run.advance();
+      this.due -= 1;
+    }
+    this.due = Math.min(this.due, 1);
+    if (passed > 0) this.ratio += 0.05 * ((run.k - first) * period / passed - this.ratio);
+    if (run.k > first || run.k === 0) this.show(run);
+  }
+
+  /** @param {Run} run */
+  show(run) {
+    const {kernel, task} = run, rope = run.points;
+    if (!run.state || !rope) return;
+    const load = rope[rope.length - 1], slew = rope[0];
+    postMessage({
+      type: "state", k: run.k, t: run.t, ...run.state, command: [...kernel.command],
+      effort: [...kernel.row.effort], swing: run.swing, height: load[2],
+      radius: Math.hypot(slew[0], slew[1]), rope_force: run.tension, energy: kernel.row.energy[0],
+      work: run.work.reduce((a, b) => a + b, 0), assist: run.assist, stopped: run.stopped,
+      goal: run.assist === "predictive" ? [...kernel.goal] : null, ratio: this.ratio,
+      event: run.event === null ? null : {text: run.event}, replaying: this.waiting.length > 0,
+      task: task && {name: task.name, time: task.time, largest_swing: task.largest,
+        done: task.done},
+    });
+  }
+
+  save() {
+    const {inputs, k} = this.run ?? {inputs: [], k: 0};
+    const lines = [Object.values(this.data.crane.columns).flat().join(",")];
+    replay(this.data, this.code, inputs, k, run => { lines.push(run.values().join(",")); });
+    const recorded = JSON.stringify({instants: k, inputs});
+    postMessage({type: "saved", csv: `${lines.join("\n")}\n`, inputs: recorded});
+  }
+
+  /** @param {any} message */
+  receive(message) {
+    const {type} = message, run = /** @type {Run} */ (this.run);
+    if (type === "speed") this.factor = message.factor;
+    else if (type === "save") this.save();
+    else if (type === "reset") this.reset();
+    else if (type === "replay") {
+      this.run = undefined;
+      this.reset();
+      this.waiting = [...message.inputs].reverse();
+    } else if (this.waiting.length) return; // nobody steers while a drive is shown again
+    else if (type === "sticks") {
+      if (message.values.some((/** @type {number} */ x, /** @type {number} */ i) => x !== run.sticks[i])) {
+        run.input("sticks", message.values);
+      }
+    } else if (type === "assist") run.input("assist", message.name);
+    else if (type === "goal") run.input("goal", message.position);
+    else if (type === "stop") run.input("stop", message.on);
+    else if (type === "slider") run.input("slider", [message.name, message.value]);
+    else if (type === "task") {
+      this.reset();
+      /** @type {Run} */ (this.run).input("task", message.name);
+    }
+  }
+}
+
+/** @type {Session | null} */
+let session = null;
+
+/** @param {MessageEvent} event */
+onmessage = async ({data: message}) => {
+  if (message.type === "start") session = new Session(message.data, await compile(message.data.kernel));
+  else if (session) session.receive(message);
+};

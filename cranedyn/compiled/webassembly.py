@@ -1,0 +1,110 @@
+"""WebAssembly: the code of a crane as a module for browsers and Node, without a linker.
+
+LLVM's object file for wasm32 is a WebAssembly module that exports nothing. Its indices are valid as
+they stand, since relocations matter only where several files are joined. So one object file becomes
+a module when its functions are exported and the sections for linkers are left out.
+
+Source: WebAssembly/tool-conventions, Linking.md, on relocation sections and the symbol table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from llvmlite import ir
+
+from cranedyn.compiled.machine import object_code
+
+TRIPLE = "wasm32-unknown-unknown"
+
+_CUSTOM, _EXPORTS = 0, 7
+_SYMBOL_TABLE, _FUNCTION, _DATA = 8, 0, 1
+_UNDEFINED, _EXPLICIT_NAME = 0x10, 0x40
+
+
+def webassembly(module: ir.Module) -> bytes:
+    """Translate a module to WebAssembly, with its functions exported by name.
+
+    It imports ``env.__linear_memory``, ``env.__stack_pointer``, and functions such as ``env.fmin``.
+    An address has 32 bits: of the eight bytes for one in the layout of a call the lower four count.
+    """
+    object_file = object_code(module, TRIPLE)
+    sections = list(_sections(object_file, 8))  # after magic number and version
+    exports = [
+        _name(name) + bytes([_FUNCTION]) + _leb(index)
+        for kind, body in sections
+        if kind == _CUSTOM
+        for name, index in _functions(body)
+    ]
+    kept = [(kind, body) for kind, body in sections if kind != _CUSTOM]
+    place = sum(kind < _EXPORTS for kind, _ in kept)
+    kept.insert(place, (_EXPORTS, _leb(len(exports)) + b"".join(exports)))
+    return object_file[:8] + b"".join(bytes([kind]) + _leb(len(body)) + body for kind, body in kept)
+
+
+def _sections(data: bytes, place: int) -> Iterator[tuple[int, bytes]]:
+    """Yield kind and content of each section from a place on."""
+    while place < len(data):
+        length, first = _read_leb(data, place + 1)
+        yield data[place], data[first : first + length]
+        place = first + length
+
+
+def _functions(body: bytes) -> Iterator[tuple[str, int]]:
+    """Yield name and index of each function in a custom section: those of the symbol table in the
+    section "linking".
+    """
+    title, place = _read_name(body, 0)
+    if title != "linking":
+        return
+    _, place = _read_leb(body, place)  # version
+    for kind, table in _sections(body, place):
+        if kind == _SYMBOL_TABLE:
+            yield from _defined_functions(table)
+
+
+def _defined_functions(table: bytes) -> Iterator[tuple[str, int]]:
+    count, place = _read_leb(table, 0)
+    for _ in range(count):
+        kind = table[place]
+        flags, place = _read_leb(table, place + 1)
+        defined = not flags & _UNDEFINED
+        if kind == _DATA:
+            _, place = _read_name(table, place)
+            for _ in range(3 * defined):  # segment, offset and size
+                _, place = _read_leb(table, place)
+            continue
+        index, place = _read_leb(table, place)
+        if defined or flags & _EXPLICIT_NAME:
+            name, place = _read_name(table, place)
+            if kind == _FUNCTION and defined:
+                yield name, index
+
+
+def _name(text: str) -> bytes:
+    return _leb(len(text)) + text.encode()
+
+
+def _read_name(data: bytes, place: int) -> tuple[str, int]:
+    length, first = _read_leb(data, place)
+    return data[first : first + length].decode(), first + length
+
+
+def _leb(number: int) -> bytes:
+    """Return an unsigned number in LEB128."""
+    out = bytearray()
+    while number > 127:
+        out.append(number & 127 | 128)
+        number >>= 7
+    return bytes([*out, number])
+
+
+def _read_leb(data: bytes, place: int) -> tuple[int, int]:
+    """Return an unsigned number in LEB128 and the place after it."""
+    number = shift = 0
+    while True:
+        byte = data[place]
+        number |= (byte & 127) << shift
+        place, shift = place + 1, shift + 7
+        if byte < 128:
+            return number, place

@@ -1,0 +1,13 @@
+// Drives cranes as the page does: for each request, inputs at control instants.
+// Returns where the crane is at the end, and rows for the columns if they are asked for.
+async function drive(data, requests) {
+  const code = await compile(data.kernel);
+  return requests.map(({inputs, instants, rows}) => {
+    const values = [];
+    const began = performance.now();
+    const run = replay(data, code, inputs, instants, rows ? each => values.push(each.values()) : undefined);
+    const {q, v} = run.kernel;
+    return {k: run.k, q: [...q], v: [...v], event: run.event, rows: values, task: run.task,
+      seconds: (performance.now() - began) / 1000};
+  });
+}

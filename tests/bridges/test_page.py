@@ -1,0 +1,347 @@
+"""The page in which one drives: its crane moves as `simulate` moves it, in Node and in Chromium."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import subprocess
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pytest
+from scipy.interpolate import RegularGridInterpolator
+
+import cranedyn as cd
+from cranedyn.bridges import page
+from cranedyn.compiled.horizon.receding import receding
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.data.trajectory import read as read_trajectory
+from cranedyn.disturbances.wind import steady, wind
+from cranedyn.dynamics.converters import HEADROOM, converters
+from cranedyn.errors import DataError
+from cranedyn.identification.record import load_record
+from cranedyn.interfaces import Controller, Setpoint, State
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.planning.solids import box, hull
+from cranedyn.references.limits import Limits
+from cranedyn.references.simple import hold
+
+NODE = shutil.which("node")
+PERIOD = page.PERIOD
+pytestmark = pytest.mark.skipif(NODE is None, reason="Node is not installed")
+
+ITINERARY = [
+    (100, [0.5, 0.0, 0.0]),
+    (700, [0.5, 0.6, 0.0]),
+    (2000, [0.0, 0.6, -0.3]),
+    (3000, [0.0, 0.0, -0.3]),
+    (4000, [-0.4, -0.3, 0.2]),
+    (6000, [0.0, 0.0, 0.0]),
+]
+"""Sticks from a control instant on: slew, trolley and hoist together and alone, then a rest."""
+
+INPUTS = [[k, "sticks", sticks] for k, sticks in ITINERARY]
+
+
+def script() -> str:
+    """The program of the page's worker, without the worker itself, and the test's own."""
+    parts = ("kinematics", "kernel", "assist", "run")
+    texts = [(page._TEMPLATES / f"{name}.js").read_text("utf-8") for name in parts]
+    return "\n".join([*texts, Path(__file__).with_name("drive_page.js").read_text("utf-8")])
+
+
+@cache
+def data_of(kind: str) -> dict[str, Any]:
+    """The page's data of a crane."""
+    return page.page_data(crane_of(kind))
+
+
+@cache
+def crane_of(kind: str) -> Crane:
+    return {
+        "tower": load_crane,
+        "hook": lambda: load_crane(hook_mass=150.0),
+        "elastic": lambda: load_crane(rope_stiffness=2e6, rope_damping=5e3),
+        "overhead": lambda: load_crane("urdf/overhead_crane.urdf.xacro"),
+    }[kind]()
+
+
+def in_node(data: dict[str, Any], *requests: dict[str, Any]) -> list[dict[str, Any]]:
+    """Drive in Node."""
+    program = (
+        f"{script()}\nconst [data, requests] = JSON.parse(require('fs').readFileSync(0));\n"
+        "drive(data, requests).then(done => console.log(JSON.stringify(done)));"
+    )
+    done = subprocess.run(
+        [NODE or "", "-e", program],
+        input=json.dumps([data, requests]),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+class Operator:
+    """The sticks of `ITINERARY` with an assistance, by the numbers that the page has."""
+
+    def __init__(self, crane: Crane, data: dict[str, Any], name: str) -> None:
+        self.crane, self.assist, self.name = crane, data["assist"], name
+        self.drives, self.past = crane.layout.drives, list[np.ndarray]()
+        self.rate, self.position = np.zeros(len(self.drives)), crane.start.q[self.drives]
+        self.accelerations = np.array(self.assist["accelerations"])
+        if table := self.assist.get("lqr"):
+            rows = len(table["radii"]), len(table["lengths"]), len(self.drives), -1
+            gains = np.array(table["gains"]).reshape(rows)
+            radii = table["radii"] if rows[0] > 1 else [0.0, 1.0]
+            gains = gains if rows[0] > 1 else np.repeat(gains, 2, axis=0)
+            self.gains = RegularGridInterpolator((radii, table["lengths"]), gains)
+
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        """Rates of the drives."""
+        k = round(t / PERIOD)
+        sticks = next((s for first, s in reversed(ITINERARY) if k >= first), [0.0] * 3)
+        asked = self.stoppable(np.array(sticks) * self.assist["rates"], state.q)
+        return getattr(self, self.name)(asked, state) if self.name != "none" else asked
+
+    def stoppable(self, rates: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Rates from which a drive comes to rest within its range, by v² / (2 a) + v τ."""
+        a, delay = self.accelerations, np.array(self.assist["reaction"])
+        low, high, at = self.crane.lower[self.drives], self.crane.upper[self.drives], q[self.drives]
+
+        def within(way: np.ndarray) -> np.ndarray:
+            way = np.clip(way, 0.0, None)
+            return a * (np.sqrt(delay**2 + 2.0 * way / a) - delay)
+
+        return np.clip(rates, -within(at - low), within(high - at))
+
+    def shaped(self, asked: np.ndarray, state: State) -> np.ndarray:
+        """Half at once and half after half a period."""
+        self.past.append(asked)
+        table, hoist = self.assist["swing"], self.assist["hoist"]
+        period = np.interp(state.q[self.drives[hoist]], table["lengths"], table["periods"])
+        late = len(self.past) - 1 - math.floor(0.5 * period / PERIOD + 0.5)
+        half = 0.5 * (asked + (self.past[late] if late >= 0 else 0.0))
+        half[hoist] = asked[hoist]
+        return half
+
+    def yielding(self, asked: np.ndarray, state: State) -> np.ndarray:
+        """Slew and trolley give way."""
+        _, x, phi, theta, length = state.q
+        gain = 2.0 * page.YIELDING * math.sqrt(self.crane.gravity * length)
+        return self.stoppable(asked - gain * np.array([theta / x, phi, 0.0]), state.q)
+
+    def lqr(self, asked: np.ndarray, state: State) -> np.ndarray:
+        """Feedback of the whole state."""
+        step = self.accelerations * PERIOD
+        self.rate = self.rate + np.clip(asked - self.rate, -step, step)
+        self.position = self.position + self.rate * PERIOD
+        goal = np.concatenate([self.assist["lqr"]["rest"], np.zeros(len(state.q))])
+        goal[self.drives], goal[len(state.q) + self.drives] = self.position, self.rate
+        table = self.assist["lqr"]
+        where = [0.0 if table[name] < 0 else state.q[table[name]] for name in ("x", "l")]
+        gain = self.gains(where)[0]
+        return self.stoppable(self.rate - gain @ (np.concatenate(state) - goal), state.q)
+
+
+def in_python(kind: str, name: str, periods: int, **options: Any) -> Trajectory:
+    """The same drive by `simulate`."""
+    crane, data = crane_of(kind), data_of(kind)
+    controller: Controller = Operator(crane, data, name)
+    reference = None
+    if name == "predictive":
+        drives = converters(crane)
+        limits = Limits((drives.rates / HEADROOM).tolist(), drives.accelerations.tolist())
+        controller = receding(crane, limits, drive="velocity", converters=drives)
+        reference = hold(crane, crane.state(**GOAL))
+    return cd.simulate(
+        crane,
+        controller,
+        reference,
+        start=crane.start,
+        duration=periods * PERIOD,
+        drive="velocity",
+        engine="compiled",
+        validity="mark",
+        **options,
+    )
+
+
+GOAL = {"gamma": 1.0, "x": 15.0, "l": 10.0}
+ASSISTANCES = ["none", "shaped", "yielding", "lqr", "predictive"]
+
+
+def request(name: str, instants: int, *, rows: bool = False) -> dict[str, Any]:
+    inputs = [[0, "assist", name], *INPUTS]
+    if name == "predictive":
+        inputs = [[0, "assist", name], [0, "goal", list(GOAL.values())]]
+    return {"inputs": inputs, "instants": instants, "rows": rows}
+
+
+def check_same(done: dict[str, Any], run: Trajectory, tolerance: float) -> None:
+    assert done["event"] is None
+    np.testing.assert_allclose(done["q"], run.q[-1], rtol=0, atol=tolerance)
+    np.testing.assert_allclose(done["v"], run.v[-1], rtol=0, atol=tolerance)
+
+
+def test_every_assistance_moves_the_crane_as_simulate_does() -> None:
+    # Both engines run the same trace; what differs is how sums are rounded, some 1e-15 a second.
+    data = data_of("tower")
+    short, long = 1000, 12000
+    requests = [request(name, n) for n in (short, long) for name in ASSISTANCES]
+    done = in_node(data, *requests)
+    for i, name in enumerate(ASSISTANCES):
+        assert [entry["name"] for entry in data["assistances"]][i] == name
+        check_same(done[i], in_python("tower", name, short), 1e-12)
+        run = in_python("tower", name, long)
+        assert np.abs(run.v).max() > 0.1  # it was driven
+        check_same(done[len(ASSISTANCES) + i], run, 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("kind", "names"),
+    [("elastic", ["none", "lqr"]), ("overhead", ["none", "shaped", "lqr"])],
+)
+def test_other_cranes_move_as_simulate_moves_them(kind: str, names: list[str]) -> None:
+    done = in_node(data_of(kind), *(request(name, 1000) for name in names))
+    for name, end in zip(names, done, strict=True):
+        check_same(end, in_python(kind, name, 1000), 1e-12)
+
+
+def test_sliders_change_the_crane_as_its_arguments_do() -> None:
+    data, crane = data_of("tower"), load_crane(payload_mass=2500.0, damp_swing=400.0)
+    inputs = [
+        [0, "slider", ["payload_mass", 2500.0]],
+        [0, "slider", ["damping", 400.0]],
+        [0, "slider", ["wind_speed", 15.0]],
+        [0, "slider", ["wind_direction", 30.0]],
+        *INPUTS,
+    ]
+    # The page scales the inertia of the load with its mass; the argument alone leaves it.
+    inertia = {"payload_inertia": 2.5 * float(crane_of("tower").payload_inertia[0, 0])}
+    crane = load_crane(payload_mass=2500.0, damp_swing=400.0, **inertia)
+    area = page.DRAG * page._frontal_area(crane)
+    done = in_node(data, {"inputs": inputs, "instants": 1000, "rows": True})[0]
+    run = cd.simulate(
+        crane,
+        Operator(crane, data, "none"),
+        duration=1000 * PERIOD,
+        drive="velocity",
+        engine="compiled",
+        validity="mark",
+        disturbance=wind(crane, steady(15.0), direction=math.radians(30.0), payload_area=area),
+    )
+    check_same(done, run, 1e-9)  # the numbers are those of the lighter crane plus a difference
+
+
+def test_what_was_driven_is_a_run_with_our_columns(tmp_path: Path) -> None:
+    data = data_of("tower")
+    done = in_node(data, request("none", 4000, rows=True))[0]
+    columns = [name for names in data["crane"]["columns"].values() for name in names]
+    run = in_python("tower", "none", 4000)
+    rows = np.array(done["rows"])
+    for column, values in zip(columns, rows.T, strict=True):
+        if "setpoint" in column:  # nobody gave the run in Python one
+            continue
+        scale = max(1.0, float(np.abs(run[column]).max()))
+        np.testing.assert_allclose(values, run[column][:4000], rtol=0, atol=1e-9 * scale)
+    file = tmp_path / "drive.csv"
+    lines = [",".join(columns), *(",".join(map(repr, row)) for row in done["rows"])]
+    file.write_text("\n".join(lines) + "\n")
+    read = read_trajectory(file)
+    np.testing.assert_array_equal(read.q, rows[:, 1:6])
+    record = load_record(file, crane_of("tower"))
+    assert len(record.t) > 100
+
+
+def test_a_drive_replays_to_the_same_bits() -> None:
+    data = data_of("tower")
+    first, second = in_node(data, request("lqr", 5000), request("lqr", 5000))
+    assert (first["q"], first["v"]) == (second["q"], second["v"])
+
+
+def test_a_drive_stops_before_the_end_of_its_range() -> None:
+    full = [[0, "sticks", [0.0, 1.0, 1.0]], [6000, "sticks", [0.0, -1.0, -1.0]]]
+    outward, inward = in_node(
+        data_of("tower"), *({"inputs": full, "instants": n} for n in (6000, 12000))
+    )
+    crane = crane_of("tower")
+    assert outward["event"] is inward["event"] is None
+    assert crane.upper[1] - 0.1 < outward["q"][1] < crane.upper[1]
+    assert crane.lower[1] < inward["q"][1] < crane.lower[1] + 0.1
+
+
+@pytest.mark.parametrize(
+    ("trolley", "event"), [(-1.0, "The load touched inner wall."), (0.0, None)]
+)
+def test_a_drive_ends_where_the_load_touches_something(trolley: float, event: str | None) -> None:
+    inputs = [[0, "task", "gap"], [0, "sticks", [0, trolley, 0]], [1000, "sticks", [1, 0, 0]]]
+    done = in_node(data_of("tower"), {"inputs": inputs, "instants": 4000})[0]
+    assert done["event"] == event
+
+
+def test_an_exercise_is_done_when_the_load_is_still() -> None:
+    inputs = [[0, "task", "stop"], [0, "assist", "predictive"]]
+    done, swinging = in_node(
+        data_of("tower"),
+        {"inputs": inputs, "instants": 8000},
+        {"inputs": inputs[:1], "instants": 8000},
+    )
+    assert done["task"]["done"] and done["task"]["time"] < 30.0
+    assert not swinging["task"]["done"]
+    planned = {task["name"]: task["best"] for task in data_of("tower")["tasks"]}
+    assert planned["ring"]["time"] < planned["blind"]["time"]
+
+
+def test_contact_is_that_of_coal() -> None:
+    rng, cases, expected = np.random.default_rng(1), [], []
+    for _ in range(300):
+        solid = box("box", rng.uniform(-2, 2, 2).tolist(), (2.0, 3.0, 2.5), -1.0, rng.uniform(0, 3))
+        part = next(page._parts(solid))
+        load = np.linalg.qr(rng.normal(size=(3, 3)))[0] * rng.uniform(0.5, 2.0, 3)
+        signs = np.vstack([np.eye(3), np.zeros(3), 1.0 - np.vstack([np.eye(3), np.zeros(3)])])
+        corners = signs @ load.T + rng.uniform(-3, 3, 3)
+        result = coal.DistanceResult()
+        bodies = hull(corners), hull(solid.parts[0])
+        place = coal.Transform3s.Identity()
+        distance = coal.distance(bodies[0], place, bodies[1], place, coal.DistanceRequest(), result)
+        if abs(distance) > 1e-6:
+            cases.append([corners.tolist(), part])
+            expected.append(distance < 0.0)
+    program = (
+        f"{script()}\nconst cases = JSON.parse(require('fs').readFileSync(0));\n"
+        "console.log(JSON.stringify(cases.map(([load, part]) => boxMeets(load, part))));"
+    )
+    done = subprocess.run(
+        [NODE or "", "-e", program],
+        input=json.dumps(cases).encode(),
+        capture_output=True,
+        check=True,
+    )
+    assert 50 < sum(expected) < 250
+    assert json.loads(done.stdout) == expected
+
+
+def test_the_file_is_small_and_loads_nothing(tmp_path: Path) -> None:
+    file = page.export(tmp_path / "crane.html", crane_of("tower"))
+    text = file.read_text("utf-8")
+    assert len(text) < 1_000_000
+    assert "default-src 'none'" in text
+    assert "http://" not in text.replace("http://www.w3.org", "")
+    assert "https://" not in text
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("crane.htm", "must be .html"), ("there.html", "there already")],
+)
+def test_a_bad_target_is_refused(tmp_path: Path, name: str, words: str) -> None:
+    (tmp_path / "there.html").touch()
+    with pytest.raises(DataError, match=words):
+        page.export(tmp_path / name, crane_of("tower"))
