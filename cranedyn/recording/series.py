@@ -28,7 +28,7 @@ _PERIOD, _READOUT_PERIOD, _JUMP = 0.02, 0.1, 0.01
 """Time between rows, and between tables of coordinates, that are recorded [s], and the share of its
 limit by which an effort changes between two rows that are recorded in any case."""
 
-_LEGEND, _TICKS = 0.4, 7
+_LEGEND, _TICKS = 0.4, 9
 """Width of a legend over that of the curves, and most ticks of an axis that Rerun numbers."""
 
 _RADIANS = re.compile(r"_rad(?=$|_s$)")  # the unit at the end only: a joint may be called radial
