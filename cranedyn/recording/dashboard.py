@@ -1,4 +1,6 @@
-"""The layout that travels in a recording: scene on the left, text below it, plots on the right."""
+"""The layout that travels in a recording: scene on the left, coordinates and text below it, plots
+on the right.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ from cranedyn.dynamics.pinocchio import payload_position, point_positions
 from cranedyn.plotting.style import rgb
 from cranedyn.recording.run import SCENE, TIMELINE, Run
 from cranedyn.recording.scene import BACKGROUND, payload_entity
-from cranedyn.recording.series import Table, plots, time_series_view
+from cranedyn.recording.series import READOUT, Table, plots, time_series_view
 from cranedyn.recording.shapes import visible_points
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -42,8 +44,12 @@ def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
         rrb.Horizontal(
             rrb.Vertical(
                 rrb.Tabs(scene_view(runs), payload_view(runs), active_tab=0),
-                rrb.TextDocumentView(origin="text", name="About"),
-                row_shares=[7, 2],
+                rrb.Horizontal(
+                    rrb.TextDocumentView(origin=READOUT, name="Now"),
+                    rrb.TextDocumentView(origin="text", name="About"),
+                    column_shares=[9, 11],
+                ),
+                row_shares=[7, 1.2 + 0.3 * max(3, len(runs))],
             ),
             rrb.Vertical(
                 rrb.Tabs(
@@ -51,7 +57,7 @@ def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
                 ),
                 rrb.Tabs(*passive) if len(passive) > 1 else (passive or energies)[0],
                 rrb.Tabs(energies[0], *drives_and_speeds, *energies[1:], active_tab=0),
-                row_shares=[3, 4, 4],
+                row_shares=[3, 5, 4],
             ),
             column_shares=[11, 9],
         ),

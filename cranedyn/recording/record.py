@@ -19,7 +19,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.recording.dashboard import dashboard
 from cranedyn.recording.run import Run, utf8
 from cranedyn.recording.scene import PATH_SECONDS, Scene, looks
-from cranedyn.recording.series import Table, log_series, series_table
+from cranedyn.recording.series import Table, log_readout, log_series, series_table, table_cell
 
 _FLUSH_SECONDS = 10.0
 
@@ -72,6 +72,7 @@ def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "")
         for run, scene, columns in zip(runs, scenes, tables, strict=True):
             scene.move(run.trajectory)
             log_series(recording, run, columns)
+        log_readout(recording, runs)
     finally:  # also after Ctrl-C, or Rerun prints that it drops data
         content = memory.drain_as_bytes()
     with atomic_write(path) as draft:
@@ -142,6 +143,7 @@ class Live:
             self._start_energy = float(piece.energy[0])
         self._scene.move(recent, t_start)
         log_series(self._recording, run, series_table(run, self._start_energy))
+        log_readout(self._recording, [run])
         self._past = recent.since(float(piece.t[-1]) - PATH_SECONDS)
         try:
             self._recording.flush(timeout_sec=_FLUSH_SECONDS)
@@ -177,12 +179,16 @@ def describe_runs(runs: Sequence[Run], title: str, text: str) -> str:
         if not run.trajectory.valid.all()
         for event in events(run.crane, run.trajectory)
     )
-    names = dict.fromkeys(name for run in runs for name in run.trajectory.parameters)
+    parameters = [run.trajectory.parameters for run in runs]
+    names = dict.fromkeys(name for table in parameters for name in table)
     rows = [
-        ["parameter", *(_cell(run.name) for run in runs)],
+        ["parameter", *(table_cell(run.name) for run in runs)],
         ["---"] * (len(runs) + 1),
         *(
-            [_cell(name), *(_cell(run.trajectory.parameters.get(name, "")) for run in runs)]
+            [
+                table_cell(name),
+                *(table_cell(run.trajectory.parameters.get(name, "")) for run in runs),
+            ]
             for name in names
         ),
     ]
@@ -219,10 +225,6 @@ def _log_static(
     recording.log("text", document, static=True)
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     return [Scene(recording, run, look) for run, look in zip(runs, looks(runs), strict=True)]
-
-
-def _cell(value: float | str) -> str:
-    return f"{value:g}" if isinstance(value, float) else printable(value).replace("|", "\\|")
 
 
 def _finite_table(run: Run) -> Table:

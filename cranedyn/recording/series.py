@@ -16,13 +16,20 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import VisualizerComponentMapping
 
+from cranedyn.errors import printable
 from cranedyn.model.layout import Joint, Layout
 from cranedyn.plotting.style import colour_of, mixed, rgb
 from cranedyn.recording.run import Run, clock, colours, rows_every
 
-_PERIOD, _JUMP = 0.02, 0.01
-"""Time between rows that are recorded [s], and the share of its limit by which an effort changes
-between two rows that are recorded in any case."""
+READOUT = "readout"
+"""Entity of the table of coordinates."""
+
+_PERIOD, _READOUT_PERIOD, _JUMP = 0.02, 0.1, 0.01
+"""Time between rows, and between tables of coordinates, that are recorded [s], and the share of its
+limit by which an effort changes between two rows that are recorded in any case."""
+
+_LEGEND, _TICKS = 0.4, 9
+"""Width of a legend over that of the curves, and most ticks of an axis that Rerun numbers."""
 
 _RADIANS = re.compile(r"_rad(?=$|_s$)")  # the unit at the end only: a joint may be called radial
 
@@ -147,13 +154,42 @@ def log_series(recording: rr.RecordingStream, run: Run, columns: Table) -> None:
     recording.send_columns(run.entity("numbers"), clock(t[kept]), component)
 
 
+def log_readout(recording: rr.RecordingStream, runs: Sequence[Run]) -> None:
+    """Log the coordinates of all runs as one table in Markdown, ten times a second."""
+    joints = {joint.symbol: joint for run in runs for joint in run.crane.layout.joints}
+    heads = ["", *(f"{_label(joint)} [{_unit(joint)[0]}]" for joint in joints.values())]
+    times = [run.trajectory.t for run in runs]
+    first, last = min(t[0] for t in times), max(t[-1] for t in times)
+    instants = np.append(np.arange(first, last, _READOUT_PERIOD), last)
+    texts = [f"{_row(heads)}\n{_row(['---', *['---:'] * len(joints)])}"] * len(instants)
+    for run in runs:
+        rows = np.clip(np.searchsorted(run.trajectory.t, instants + 1e-9) - 1, 0, None)
+        layout, q = run.crane.layout, run.trajectory.q[rows]
+        values = np.where([joint.kind == "revolute" for joint in layout.joints], np.degrees(q), q)
+        for i, row in enumerate(values):
+            shown = dict(zip(layout.symbols, (f"{value:.2f}" for value in row), strict=True))
+            cells = [table_cell(run.name), *(shown.get(symbol, "-") for symbol in joints)]
+            texts[i] += f"\n{_row(cells)}"
+    columns = rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts))
+    recording.send_columns(READOUT, clock(instants), columns)
+
+
+def table_cell(value: float | str) -> str:
+    """Return a cell of a table in Markdown."""
+    return f"{value:g}" if isinstance(value, float) else printable(value).replace("|", "\\|")
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
 def time_series_view(
     name: str, runs: Sequence[Run], tables: Sequence[Table], title: str = ""
 ) -> rrb.TimeSeriesView:
     """Return the view of one plot, with the curves of each run whose crane has it.
 
     The curves of a single run have a colour for each quantity, those of several a colour for each
-    run. Rerun has no dashes: of several runs, φ is a broad line and θ a fine one.
+    run, θ paler than φ. The legend stands in the time after the last row.
 
     Args:
         name: Name of the plot, see `plots`.
@@ -195,9 +231,9 @@ def _line(curve: Curve, run: str, run_colour: str) -> rrb.visualizers.Visualizer
     """
     colour, width = colour_of(curve.quantity).replace("#000000", "#9A9A9A"), 1.5
     if run:
-        grey = curve.quantity in ("limit", "setpoint")
-        colour = mixed(colour, run_colour, 0.3) if grey else run_colour
-        width = {"phi": 2.2, "theta": 1.0}.get(curve.quantity, 1.5)
+        shares = {"limit": 0.7, "setpoint": 0.7, "theta": 0.55}
+        other = "#FFFFFF" if curve.quantity == "theta" else colour
+        colour = mixed(run_colour, other, shares.get(curve.quantity, 0.0))
     has_peaks = curve.column.split("_")[0] in ("T", "F", "W", "energy")
     policy: Literal["MinMax", "Average"] = "MinMax" if has_peaks else "Average"
     source = VisualizerComponentMapping(
@@ -208,16 +244,19 @@ def _line(curve: Curve, run: str, run_colour: str) -> rrb.visualizers.Visualizer
     )
     return rr.SeriesLines(
         colors=[rgb(colour)],
-        names=[f"{curve.label} · {run}" if run else curve.label],
+        names=[f"{curve.label.split()[0]} · {run}" if run else curve.label],
         widths=[width],
         aggregation_policy=policy,
     ).visualizer(mappings=[source])
 
 
 def _time_range(runs: Sequence[Run]) -> rr.TimeRange:
-    """Return the time from the first to the last row; by default Rerun shows a minute."""
+    """Return the time from the first to the last row, and as much more as the legend hides; by
+    default Rerun shows a minute.
+    """
     first = min(run.trajectory.t[0] for run in runs)
     last = max(run.trajectory.t[-1] for run in runs)
+    last += _LEGEND * (last - first)
     boundary = rrb.TimeRangeBoundary.absolute
     return rr.TimeRange(start=boundary(seconds=float(first)), end=boundary(seconds=float(last)))
 
@@ -225,7 +264,8 @@ def _time_range(runs: Sequence[Run]) -> rr.TimeRange:
 def _axis_range(curves: Sequence[np.ndarray], least_span: float) -> tuple[float, float]:
     """Return the range of an axis: that of the curves, out to a round number nearby, and a margin.
 
-    Limits of drives do not count; one appears when an effort comes near it.
+    Limits of drives do not count; one appears when an effort comes near it. Rerun numbers powers of
+    ten that are some 20 pixels apart; the range reaches two of them.
     """
     low, high = float(min(v.min() for v in curves)), float(max(v.max() for v in curves))
     span = max(high - low, least_span)
@@ -233,5 +273,11 @@ def _axis_range(curves: Sequence[np.ndarray], least_span: float) -> tuple[float,
     below, above = step * np.floor(low / step), step * np.ceil(high / step)
     low = below if low - below < 0.2 * span else low
     high = above if above - high < 0.2 * span else high
+    tick = 10.0 ** np.ceil(np.log10(max(high - low, least_span) / _TICKS))
+    first, last = np.ceil(low / tick), np.floor(high / tick)
+    while last - first < 1:
+        upwards = tick * (last + 1) - high <= low - tick * (first - 1)
+        first, last = (first, last + 1) if upwards else (first - 1, last)
+        low, high = min(low, tick * first), max(high, tick * last)
     margin = max(0.05 * span, (least_span - (high - low)) / 2)
     return low - margin, high + margin

@@ -121,9 +121,9 @@ SAME = {"T [s]": "T [s]", "ζ": "ζ", "point [%]": "error [%]", "rigid [%]": "ri
 @pytest.mark.parametrize(
     ("name", "file", "title", "own", "same"),
     [
-        ("a1", "a1_l5.csv", "Free swing in files", "Free swing beside", SAME),
+        ("a1", "a1_l5.parquet", "Free swing in files", "Free swing beside", SAME),
         ("a2", "a2.parquet", "Hoisting while", "Hoisting while", None),
-        ("a3", "a3.csv", "Tangential swing", "Tangential swing", None),
+        ("a3", "a3.parquet", "Tangential swing", "Tangential swing", None),
     ],
 )
 def test_a_file_of_a_run_is_read_as_if_it_came_from_elsewhere(
@@ -345,7 +345,7 @@ def test_energy_starts_with_the_articles_joules_and_loses_none(standard: Standar
 
 def test_what_energy_leaves_open_halves_with_the_step_and_has_no_trend(standard: Standard) -> None:
     folder = standard("energy").folder
-    runs = [read(folder / f"energy_dt_{dt}us.csv") for dt in (1000, 500, 250)]
+    runs = [read(folder / f"energy_dt_{dt}us.parquet") for dt in (1000, 500, 250)]
     coarse, middle, fine = (np.abs(run.unexplained) for run in runs)
     assert all(run.t[-1] == 60.0 for run in runs)
     assert coarse.max() / middle.max() == pytest.approx(2.0, abs=0.05)  # order 1

@@ -236,7 +236,7 @@ def test_the_controlled_demo_has_no_swing_worth_the_name_and_is_recorded_over_th
     after, before = flat.result["tables"]
     assert max(row[2] for row in after["rows"]) < 0.1
     assert min(row[2] for row in before["rows"]) > 50.0
-    assert {"demo.csv", "demo_before.csv", "demo.rrd", "swing.png"} <= {*files(flat.folder)}
+    assert {"demo.parquet", "demo_before.parquet", "demo.rrd", "swing.png"} <= {*files(flat.folder)}
     recording = (flat.folder / "demo.rrd").read_bytes()
     assert b"with flat" in recording and b"without control" in recording
 
@@ -268,7 +268,7 @@ def test_a_long_demo_leaves_its_parts_and_its_last_minutes(
 
 def test_a_short_demo_has_no_parts(ran: Callable[..., Ran]) -> None:
     short = ran("demo", "--cycles", "0.01", "--engine", FAST)
-    names = "demo.csv demo.parquet demo.rrd result.json swing.png swing.svg"
+    names = "demo.parquet demo.rrd result.json swing.png swing.svg"
     assert files(short.folder) == names.split()
 
 

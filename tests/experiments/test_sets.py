@@ -33,7 +33,7 @@ from tests.helpers import FAST, crane, files, quickly
 
 pytestmark = pytest.mark.slow
 
-SET = ["a1.rrd", "figure.png", "figure.svg", "result.json", "run.csv", "run.parquet"]
+SET = ["a1.rrd", "figure.png", "figure.svg", "result.json", "run.parquet"]
 
 
 def said(run: Callable[[], int]) -> tuple[int, str]:
@@ -131,7 +131,7 @@ def test_files_of_two_runs_are_not_reported(folder: Path, monkeypatch: pytest.Mo
     assert conducted(folder, 900.0)[0] == 130
     monkeypatch.undo()
     assert files(folder) == SET
-    reason = "run.csv there is of another run than its result.json; run it --again."
+    reason = "run.parquet there is of another run than its result.json; run it --again."
     assert reported(folder) == (2, f"error: Cannot read {folder}: {reason}\n")
     assert not (folder.parent / "report.html").exists()
 
@@ -201,7 +201,7 @@ def test_names_that_are_no_text_are_names(tmp_path: Path) -> None:
     assert files(folder) == SET[1:]
     assert f"{NAME}.rrd" in files(tmp_path)
     assert json.loads((folder / "result.json").read_text())["command"].endswith(f"{NAME}.rrd")
-    assert len(read(folder / "run.csv")) == len(read(folder / "run.parquet")) > 1
+    assert len(read(folder / "run.parquet")) > 1
     folder.rename(tmp_path / "a1")
     assert reported(tmp_path / "a1") == (0, "")
     t, file = np.arange(0.0, 40.0, 0.01), tmp_path / f"{NAME}.csv"

@@ -47,9 +47,7 @@ def test_documents_show_its_tables(result: Ran) -> None:
 
 def test_its_files_are_those_it_lists_and_nothing_else(result: Ran) -> None:
     name, figures = result.result["experiment"], result.result["figures"]
-    expected = {
-        f"{run}{ending}" for run in result.result["runs"] for ending in (".csv", ".parquet")
-    }
+    expected = {f"{run}.parquet" for run in result.result["runs"]}
     expected |= {*figures, *(figure.replace(".png", ".svg") for figure in figures)}
     recording = () if name == "gazebo" else (f"{name}.rrd",)
     assert {*files(result.folder)} == expected | {"result.json", *recording}

@@ -48,7 +48,7 @@ def trial(*words):
     harness.add_setup(made)
     return harness.run_experiment(made, experiment, words)
 """
-WHOLE = ["figure.png", "figure.svg", "result.json", "run.csv", "run.parquet", "trial.rrd"]
+WHOLE = ["figure.png", "figure.svg", "result.json", "run.parquet", "trial.rrd"]
 
 
 def test_a_reader_that_stops_reading_costs_no_files(tmp_path: Path) -> None:
