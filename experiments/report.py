@@ -218,10 +218,10 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
         f"{package} {version}" for package, version in result["versions"].items() if version
     )
     holding = sum(c["holds"] is True for c in claims)
+    mark = mark_html(_verdict(c["holds"] for c in claims))
     return (
         f'<section id="{name}"><details><summary><h2>{escape(entry.title)}</h2>'
-        f"<span>{escape(entry.line)}</span><span>{mark_html(_verdict(c['holds'] for c in claims))}{holding} of "
-        f"{len(claims)}</span></summary>"
+        f"<span>{escape(entry.line)}</span><span>{mark}{holding} of {len(claims)}</span></summary>"
         f'<p class="lead">{escape(result["about"][:1].upper() + result["about"][1:])}</p>'
         f'<p id="{name}-command"><code>{command}</code></p><ul class="claims">{listed}</ul>'
         f"{figures}{''.join(map(_table, result['tables']))}"

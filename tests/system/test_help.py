@@ -25,9 +25,6 @@ COMMANDS: dict[str, Main] = {
         f"python -m experiments.{name}": importlib.import_module(f"experiments.{name}").main
         for name in [*plugins.names("experiment"), "harness.document"]
     },
-    "python -m cranedyn.model.description": importlib.import_module(
-        "cranedyn.model.description"
-    ).main,
 }
 """Function by how its command line begins."""
 
