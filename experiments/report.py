@@ -39,10 +39,10 @@ from experiments import harness
 from experiments.catalogue import EXPERIMENTS, Entry
 from experiments.harness.arguments import command_name
 
-PLAIN = ("a1", "a2", "a3", "energy", "gazebo", "mass_ratio", "validate")
+PLAIN = "a1 a2 a3 energy gazebo mass_ratio validate".split()
 """Experiments that test Pinocchio's algorithms, and therefore run by them."""
 
-LONGEST = ("compare", "observer", "margins", "identify", "lift_report", "lift", "sweep")
+LONGEST = "lift compare lift_benchmark sweep lift_report observer margins cranes".split()
 """Experiments that take longest, the longest first."""
 
 FOUND = (
