@@ -144,7 +144,6 @@ def _describe(parser: _Parser) -> None:
     """Describe a crane of ours or another: its joints, or with -o FILE its plain URDF.
 
     Example: cranedyn describe payload_mass:=2000 -o crane.urdf
-    cranedyn describe --machine inteco_3dcrane shows a real crane of the library.
     """
     from cranedyn.model.options import add_crane_options
 

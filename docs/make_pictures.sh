@@ -49,6 +49,8 @@ mv "$work/compare/robustness.png" docs/pictures/compare_robustness.png
 "$python" -m experiments.compare --drive velocity --engine compiled --out "$work/compare_velocity" --only \
   "operator" "operator + ZVD" "spline + PD" "full-model LQR" "flat + LQR" "MPC to the goal"
 mv "$work/compare_velocity/robustness.png" docs/pictures/compare_velocity_robustness.png
+"$python" -m experiments.margins --engine compiled --out "$work/margins"
+mv "$work/margins/margins_map.png" docs/pictures/
 "$python" -m experiments.factors --out "$work/factors"
 mv "$work/factors/needed.png" docs/pictures/factors_needed.png
 "$python" -m experiments.identify --out "$work/identify"

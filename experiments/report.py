@@ -9,7 +9,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from datetime import date
@@ -38,15 +38,15 @@ from cranedyn.plotting.html import IMAGE_TYPES, STYLE, image_address, mark_html,
 from experiments import harness
 from experiments.catalogue import EXPERIMENTS, Entry
 
-PLAIN = ("a1", "a2", "a3", "energy", "gazebo", "mass_ratio", "validate")
+PLAIN = "a1 a2 a3 energy gazebo mass_ratio validate".split()
 """Experiments that test Pinocchio's algorithms, and therefore run by them."""
 
-LONGEST = ("compare", "observer", "margins", "identify", "lift_report", "lift", "sweep")
+LONGEST = "lift compare lift_benchmark sweep lift_report observer margins cranes".split()
 """Experiments that take longest, the longest first."""
 
 FOUND = (
-    "the Bessel envelope's",
     "At the cranes' slew rates",
+    "Flat feed-forward with LQR leaves no swing",
     "the move of least time settles before any other",
     "Where the drives alone are seen",
     "the least delay for the full-model LQR",
@@ -110,28 +110,23 @@ def _naming(file: Path) -> Iterator[None]:
 
 def _first(results: Sequence[dict[str, Any]]) -> dict[str, object]:
     """Return the values of the first screen: what was judged, what holds, what is new, pictures."""
-    today = date.today()
-    claims = [(r["experiment"], c["sentence"], c["holds"]) for r in results for c in r["claims"]]
-    found = [claim for phrase in FOUND for claim in claims if phrase in claim[1]]
-    verdicts = [_verdict(c["holds"] for c in r["claims"]) for r in results]
+    today, claims = date.today(), [claim for r in results for claim in r["claims"]]
     figures = {
         f"{r['experiment']}-{Path(f).stem}": _entry(r).title for r in results for f in r["figures"]
     }
+
     return {
         "experiments": len(results),
         "machines": escape(", ".join(sorted({r["machine"] for r in results}))),
         "version": escape(__version__),
         "date": f"{today.day} {today:%B %Y}",
         "claims": len(claims),
-        "holding": sum(holds is True for *_, holds in claims),
-        "unknown": sum(holds is None for *_, holds in claims),
-        "mark": mark_html(_verdict(holds for *_, holds in claims)),
-        "links": "".join(
-            _link(r["experiment"], _entry(r).title, verdict)
-            for r, verdict in zip(results, verdicts, strict=True)
-        ),
-        "failing": "".join(f"<li>{_link(*claim)}</li>" for claim in claims if claim[2] is False),
-        "found": "".join(f"<li>{_link(*claim)}</li>" for claim in found),
+        "holding": sum(claim["holds"] is True for claim in claims),
+        "unknown": sum(claim["holds"] is None for claim in claims),
+        "mark": mark_html(_verdict(claims)),
+        "links": "".join(_link(r, _entry(r).title, r["claims"]) for r in results),
+        "failing": _listed(results, lambda claim: claim["holds"] is False),
+        "found": _listed(results, lambda claim: any(f in claim["sentence"] for f in FOUND)),
         "pictures": "".join(
             f'<a href="#{at}"><img alt="" data-of="{at}">{escape(figures[at])}</a>'
             for at in PICTURES
@@ -140,14 +135,24 @@ def _first(results: Sequence[dict[str, Any]]) -> dict[str, object]:
     }
 
 
-def _link(name: str, text: str, holds: bool | None) -> str:
-    """Return a link to an experiment, with the sign of what holds."""
-    return f'<a href="#{escape(name)}">{mark_html(holds)}{escape(text)}</a>'
+def _listed(results: Sequence[dict[str, Any]], chosen: Callable[[Mapping[str, Any]], bool]) -> str:
+    """Return the chosen claims as items of a list, each a link to its experiment."""
+    return "".join(
+        f"<li>{_link(r, f'{_entry(r).title}: ' + c['sentence'], [c])}</li>"
+        for r in results
+        for c in filter(chosen, r["claims"])
+    )
 
 
-def _verdict(verdicts: Iterable[bool | None]) -> bool | None:
+def _link(result: Mapping[str, Any], text: str, claims: Sequence[Mapping[str, Any]]) -> str:
+    """Return a link to an experiment, with the sign of whether claims hold."""
+    mark = mark_html(_verdict(claims))
+    return f'<a href="#{escape(result["experiment"])}">{mark}{escape(text)}</a>'
+
+
+def _verdict(claims: Sequence[Mapping[str, Any]]) -> bool | None:
     """Return whether all claims hold, None if none fails and some are not judged."""
-    kinds = set(verdicts)
+    kinds = {claim["holds"] for claim in claims}
     return False if False in kinds else None if None in kinds else True
 
 
@@ -217,11 +222,11 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
     versions = ", ".join(
         f"{package} {version}" for package, version in result["versions"].items() if version
     )
-    holding = sum(c["holds"] is True for c in claims)
-    mark = mark_html(_verdict(c["holds"] for c in claims))
+    holding, verdict = sum(c["holds"] is True for c in claims), _verdict(claims)
     return (
         f'<section id="{name}"><details><summary><h2>{escape(entry.title)}</h2>'
-        f"<span>{escape(entry.line)}</span><span>{mark}{holding} of {len(claims)}</span></summary>"
+        f"<span>{escape(entry.line)}</span><span>{mark_html(verdict)}{holding} of "
+        f"{len(claims)}</span></summary>"
         f'<p class="lead">{escape(result["about"][:1].upper() + result["about"][1:])}</p>'
         f'<p id="{name}-command"><code>{command}</code></p><ul class="claims">{listed}</ul>'
         f"{figures}{''.join(map(_table, result['tables']))}"

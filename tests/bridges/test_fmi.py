@@ -192,9 +192,10 @@ def test_a_unit_of_a_crane_of_other_topology_moves_as_simulate_does(
 
 
 def renamed(tmp_path: Path, name: str) -> Crane:
-    """The crane with its trolley joint of another name, by its URDF."""
+    """An overhead crane with its bridge joint of another name, by its URDF."""
     path = tmp_path / "renamed.urdf"
-    path.write_text(crane().urdf.replace("trolley_joint", escape(name, {'"': "&quot;"})))
+    urdf = load_crane("urdf/overhead_crane.urdf.xacro").urdf
+    path.write_text(urdf.replace("bridge_joint", escape(name, {'"': "&quot;"})))
     return load_crane(path, gravity=9.81)
 
 
@@ -203,7 +204,7 @@ def test_names_of_a_strangers_joints_are_texts_to_the_unit_and_never_code(tmp_pa
     name = 'x", 0.0, 0.0, 0.0}}; int evil(void) { return 1; } /* \\ ü ??/'
     c = renamed(tmp_path, name)
     unit = Unit(fmi.export(c, tmp_path / "crane.fmu"), tmp_path / "unit").begin()
-    assert unit.get(name) == [c.start.q[1]]
+    assert unit.get(name) == [c.start.q[0]]
     with pytest.raises(FMICallException):
         unit.set(**{f"F_{name}_command": np.nan})
     assert unit.told[-1] == f"F_{name}_command is nan; allowed is a number from -inf to inf."

@@ -121,7 +121,7 @@ def test_the_first_screen_says_when_what_and_how_many_claims_hold(
     titles = ["Energy", "Light links"]
     assert [heading.text for heading in _all(page, "section h2")] == titles
     assert len(_all(page, "nav a .mark.held")) == len(titles)
-    assert f"{date.today().year}" in _all(page, ".lead")[0].text
+    assert f"{date.today().year}" in _all(page, "header p")[1].text
     holding = [row.text.split("\n")[-1] for row in _all(page, "section > details > summary")]
     counts = [len(result["claims"]) for result in results.values()]
     assert all(
