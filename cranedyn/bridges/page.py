@@ -99,13 +99,13 @@ def export(file: str | Path, crane: Crane, *, site: Site | None = None) -> Path:
     if file.suffix != ".html":
         raise DataError(f"Cannot write {file}: the ending of a page must be .html.")
     check_free(file)
-    text = page(crane, site)
+    text = page_html(crane, site)
     with new_file(file) as draft:
         draft.write_text(text, "utf-8")
     return file
 
 
-def page(crane: Crane, site: Site | None = None) -> str:
+def page_html(crane: Crane, site: Site | None = None) -> str:
     """Return the page as HTML, see `export`."""
     data = json.dumps(page_data(crane, site), separators=(",", ":"), allow_nan=False)
     parts = {
