@@ -59,13 +59,9 @@ def _experiment(parser: _Parser) -> None:
 
     Example: cranedyn run a1 --gravity 9.8
     """
-    parser.add_argument("name", metavar="NAME", help="of the experiment")
-    parser.add_argument(
-        "arguments",
-        nargs=argparse.REMAINDER,
-        metavar="...",
-        help="its arguments; run NAME --help lists them",
-    )
+    add, text = parser.add_argument, "its arguments; run NAME --help lists them"
+    add("name", metavar="NAME", help="of the experiment")
+    add("arguments", nargs=argparse.REMAINDER, metavar="...", help=text)
     parser.set_defaults(
         run=lambda options: plugins.load("experiment", options.name).main(options.arguments)
     )
@@ -107,17 +103,11 @@ def _view(parser: _Parser) -> None:
 
     Example: cranedyn view out/a1/a1.rrd --serve
     """
-    parser.add_argument("file", metavar="FILE.rrd", type=Path, help="the recording")
-    parser.add_argument(
-        "--serve", action="store_true", help="in a browser on this machine, until Ctrl-C"
-    )
-    parser.add_argument(
-        "--port",
-        type=int,
-        default=None,
-        metavar="P",
-        help="of the page, default 9090; the data is at the next port",
-    )
+    add, text = parser.add_argument, "in a browser on this machine, until Ctrl-C"
+    add("file", metavar="FILE.rrd", type=Path, help="the recording")
+    add("--serve", action="store_true", help=text)
+    text = "of the page, default 9090; the data is at the next port"
+    add("--port", type=int, metavar="P", help=text)
 
     def run(options: argparse.Namespace) -> int:
         from cranedyn import recording
@@ -233,20 +223,11 @@ def _exporter(parser: _Parser, name: str) -> None:
 
     exporter = plugins.load("exporter", name)
     parser.example += f" {getattr(exporter, 'EXAMPLE', exporter.TARGET)}"
-    parser.add_argument(
-        "target",
-        type=Path,
-        metavar=exporter.TARGET,
-        help="where to write; it must not be there yet",
-    )
+    add, text = parser.add_argument, "where to write; it must not be there yet"
+    add("target", type=Path, metavar=exporter.TARGET, help=text)
     add_crane_options(parser)
-    parser.add_argument(
-        "--gravity",
-        type=float,
-        default=STANDARD_GRAVITY,
-        metavar="G",
-        help="gravity of the world [m/s²]",
-    )
+    text, default = "gravity of the world [m/s²]", STANDARD_GRAVITY
+    add("--gravity", type=float, default=default, metavar="G", help=text)
     add_values(parser, "numbers of the crane")
     exporter.add_arguments(parser)
 

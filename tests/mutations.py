@@ -400,6 +400,10 @@ cranedyn/model/joints.py
 ? layout::roles_are_named_once_and_known
 - if joint in roles:
 + if False:
+* a joint that nothing drives may play a drive
+? crane::a_tower_crane_is_one_by_what_its_joints_do_whatever_their_names
+- and joint.driven != role.endswith("_swing")
++
 cranedyn/planning/clearance.py
 * the own mast is no obstacle
 ? clearance::the_hook_keeps_from_the_own_mast_by_the_way_between_them
@@ -509,6 +513,21 @@ cranedyn/identification/estimate.py
 ? preflight::margins_foretold_are_those_that_come_out
 - np.mean(bent**2, axis=1) / 6.0
 + np.mean(bent**2, axis=1) / 1.0
+cranedyn/identification/model.py
+* a gyroscope does not drift
+? phone::cable_damping_and_gravity_of_a_gyroscope_lie_within_their_intervals
+- rate + bias + drift * self.t
++ rate + bias
+cranedyn/identification/phone.py
+* a phone lies along the swing
+? phone::apps_differ_in_their_columns_only
+- np.linalg.svd(rates - rates.mean(axis=0), full_matrices=False)[2][0]
++ np.array([1.0, 0.0, 0.0])
+cranedyn/model/machines.py
+* what a source states is lost beside what is assumed
+? machines::a_machine_swings_at_the_period_and_the_damping_of_its_numbers
+- {key: value for key, (value, _) in stated.items()} | assumed
++ assumed
 cranedyn/identification/preflight.py
 * how a record begins counts as known before it is made
 ? preflight::margins_foretold_are_those_that_come_out

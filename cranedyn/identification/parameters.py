@@ -167,10 +167,11 @@ def initial_parameters(record: Record, index: int, drives: Drives) -> list[Param
         ends = (-1.5, 1.5) if joint.kind == "revolute" else free
         parameters += _start(record, index, joint, ends, 0.02)
         if joint.columns[0] not in record.columns:  # a gyroscope
-            for kind, unit, scale in _RATE_ERRORS:
-                name = f"{joint.symbol} {kind}"
-                p = Parameter(name, kind, joint.symbol, unit, 0.0, *free, scale, index)
-                parameters.append(p)
+            of = joint.symbol
+            parameters += [
+                Parameter(f"{of} {kind}", kind, of, unit, 0.0, *free, scale, index)
+                for kind, unit, scale in _RATE_ERRORS
+            ]
     for joint in record.crane.layout.driven if drives != "motion" else ():
         column = joint.columns[0]
         if not record.moves(column):

@@ -170,10 +170,9 @@ class EstimationProblem:
     def _channels(self, record: Record) -> tuple[Channel, ...]:
         layout, names = self.prior.crane.layout, {p.name for p in self.parameters}
         channels = [
-            Channel(column, unit, "swing", layout.index(joint.symbol))
+            Channel(column, f"{joint.unit}{'/s' * column.endswith('_s')}", "swing", at)
             for joint in record.swings
-            for column in (record.swing_column(joint),)
-            for unit in (joint.unit if column == joint.columns[0] else f"{joint.unit}/s",)
+            for column, at in ((record.swing_column(joint), layout.index(joint.symbol)),)
         ]
         for drive, joint in enumerate(layout.driven):
             at, position, effort = int(layout.drives[drive]), joint.columns[0], joint.effort_column

@@ -282,15 +282,8 @@ def _package_name(folder: Path) -> str:
 
 def add_values(parser: argparse._ActionsContainer, text: str) -> None:
     """Add the option ``--set`` for `parse_values` to a parser."""
-    parser.add_argument(
-        "--set",
-        dest="values",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="name:=value",
-        help=text,
-    )
+    add, metavar = parser.add_argument, "name:=value"
+    add("--set", dest="values", nargs="+", action="extend", default=[], metavar=metavar, help=text)
 
 
 def parse_values(pairs: Sequence[str]) -> dict[str, str]:

@@ -75,7 +75,11 @@ def values_table(result: Identification, subject: str, truth: Mapping[str, float
     if estimate.at_bound:
         bounds = ", ".join(estimate.at_bound)
         note += f" At the end of what is allowed, where an interval says nothing: {bounds}."
-    note = " ".join([note, *(n for record in estimate.model.records for n in record.notes)])
+    remarks: dict[str, list[str]] = {}
+    for record in estimate.model.records:
+        for remark in record.notes:
+            remarks.setdefault(remark.removeprefix(f"{record.name}: "), []).append(record.name)
+    note = " ".join([note, *(f"{', '.join(names)}: {text}" for text, names in remarks.items())])
     title = _titled("What the records say", subject)
     return make_table(title, estimate.model.own, *columns, note=note.strip())
 
@@ -98,9 +102,8 @@ def _residual_table(result: Identification, subject: str) -> ResultTable:
         ("left, RMS", ".3g", lambda row: float(np.sqrt(np.mean(row[2] ** 2)))),
         ("left, most", ".3g", lambda row: float(np.abs(row[2]).max())),
         ("white", "", lambda row: "yes" if row[4] else "no"),
-        note="White: no memory in what is left, by Ljung and Box at 0.1 %. Where there is, the "
-        "model lacks something, and intervals are widened to those of errors with a memory; what "
-        "the model gets wrong always in the same way they do not know.",
+        note="White: by Ljung and Box at 0.1 %. Where a column is not, the model lacks something, "
+        "and intervals are widened to those of errors with a memory.",
     )
 
 

@@ -44,12 +44,9 @@ def phone(path: Path, length: float, header: str, duration: float) -> None:
 
 def record(folder: Path, length: float, header: str = PHYPHOX, duration: float = 60.0) -> Path:
     """Write the record of such a phone."""
-    file = folder / f"swing_{length}_{header[:4]}.csv"
-    phone(folder / "phone.csv", length, header, duration)
-    assert (
-        main(["record-template", str(file), "--gyroscope", str(folder / "phone.csv"), str(length)])
-        == 0
-    )
+    file, source = folder / f"swing_{length}_{len(header)}.csv", folder / "phone.csv"
+    phone(source, length, header, duration)
+    assert main(["record-template", str(file), "--gyroscope", str(source), str(length)]) == 0
     return file
 
 
@@ -81,13 +78,11 @@ def test_a_rate_counts_where_no_angle_is_and_degrees_are_noticed(tmp_path: Path)
     assert [rates.swing_column(joint) for joint in rates.swings] == ["phi_dot_rad_s"]
     table = np.loadtxt(file, delimiter=",", skiprows=1) * [1.0, 180.0 / np.pi, 1.0]
     np.savetxt(file, table, delimiter=",", header="t_s,phi_dot_rad_s,l_m", comments="")
-    with pytest.raises(DataError, match=r"that of a swing of \d.* phi_dot_rad_s\[deg/s\]"):
+    with pytest.raises(DataError, match=r"that of a swing of \d.*=phi_dot_rad_s\[deg/s\]"):
         load_record(file, crane)
-    sources = parse_sources(["phi_dot_rad_s=phi_dot_rad_s[deg/s]"])
-    again = load_record(file, crane, sources=sources)
+    again = load_record(file, crane, sources=parse_sources(["phi_dot_rad_s=phi_dot_rad_s[deg/s]"]))
     assert_allclose(again.columns["phi_dot_rad_s"], rates.columns["phi_dot_rad_s"])
-    both = table[:, [0, 1, 1, 2]] / 60.0
-    header = "t_s,phi_rad,phi_dot_rad_s,l_m"
+    both, header = table[:, [0, 1, 1, 2]] / [1.0, 60.0, 60.0, 1.0], "t_s,phi_rad,phi_dot_rad_s,l_m"
     np.savetxt(file, both, delimiter=",", header=header, comments="")
     assert "phi_dot_rad_s" not in load_record(file, crane).columns
 

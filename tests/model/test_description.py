@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from xml.dom import minidom
@@ -260,15 +258,3 @@ def test_bad_input_is_one_sentence_exit_code_2_and_no_file(
     assert out == ""
     assert re.fullmatch(r"error: .+\.\n", err)
     assert files(tmp_path) == []
-
-
-@pytest.mark.slow
-def test_the_module_runs_as_a_command() -> None:
-    run = subprocess.run(
-        [sys.executable, "-m", "cranedyn", "describe", "hoist_init:=-1"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (run.returncode, run.stdout) == (2, "")
-    assert run.stderr == "error: hoist_init is -1 m; allowed is > 0.\n"

@@ -30,8 +30,9 @@ MODULES = [
     f"cranedyn.{name}"
     for name in (
         "identification simulation.simulate simulation.stepper compiled.batch model.crane "
-        "model.description model.load controllers controllers.damping controllers.integral "
-        "compiled.horizon.receding controllers.velocity_command dynamics.converters estimation "
+        "model.description model.load model.machines controllers controllers.damping "
+        "controllers.integral controllers.velocity_command compiled.horizon.receding "
+        "dynamics.converters estimation "
         "references references.limits references.shaped planning.optimal planning.itinerary "
         "planning.joystick analysis.prediction analysis.swing dynamics.validity "
         "theory data.trajectory dynamics.linearisation disturbances.wind lifting.loads "
@@ -64,6 +65,7 @@ CALLS = {
         parse_values(['payload_mass:=900'])
         arguments('crane.urdf')
         describe(values={'payload_mass': 900.0})
+        load_crane(machine='tower_hkcrc', gravity=9.8, payload_mass=900.0)
         """,
     "controllers": """
         Hold(crane, three, three, three)

@@ -24,7 +24,9 @@ import pyarrow.csv
 import pyarrow.parquet
 
 import experiments
+from cranedyn import __main__ as cli
 from cranedyn import recording
+from cranedyn.command import command as command_line
 from cranedyn.controllers import hold_controller
 from cranedyn.data.files import parse_json
 from cranedyn.data.trajectory import read
@@ -64,7 +66,13 @@ def commands() -> dict[str, Callable[[list[str]], int]]:
     names = [f"experiments.{module.name}" for module in pkgutil.iter_modules(experiments.__path__)]
     modules = [importlib.import_module(name) for name in names]
     mains = {module.__name__: module.main for module in modules if hasattr(module, "main")}
-    return mains | {"experiments.trial": _trial}
+    return mains | {"experiments.trial": _trial, "cranedyn.describe": _describe}
+
+
+def _describe(argv: list[str]) -> int:
+    parser = cli._Parser(prog="describe")
+    cli._describe(parser)
+    return command_line(lambda: cli._run(parser.parse_args(argv)))
 
 
 def _trial(argv: list[str]) -> int:
