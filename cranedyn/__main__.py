@@ -155,9 +155,10 @@ def _write_description(options: argparse.Namespace) -> int:
     from cranedyn.model.machines import machine_names, read_machine
     from cranedyn.model.options import load_options
 
+    for flag in ("list", "machines"):
+        if getattr(options, flag) and (options.values or options.output):
+            raise DataError(f"--{flag} takes no values and no output; leave them out.")
     if options.list:
-        if options.values or options.output:
-            raise DataError("--list takes no values and no output; leave them out.")
         for name, a in arguments().items():
             print(f"{name:17} {a.default:>9} {a.unit:11} {a.allowed:5} {a.meaning}")
         return 0
@@ -180,7 +181,10 @@ def _write_description(options: argparse.Namespace) -> int:
 
 
 def _record_template(parser: _Parser) -> None:
-    """Say what to measure with a phone and a tape, or write a record of it."""
+    """Say what to measure with a phone and a tape, or write a record of it.
+
+    Example: cranedyn record-template swing_1.csv --gyroscope phone_1.csv 12.4
+    """
     add, text = parser.add_argument, "a template to fill in, or the record of a gyroscope"
     add("file", nargs="?", metavar="FILE.csv", help=text)
     text = "file of the app phyphox or Sensor Logger, and the cable length of its swing [m]"
