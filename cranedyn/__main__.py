@@ -141,10 +141,9 @@ def _view(parser: _Parser) -> None:
 
 
 def _describe(parser: _Parser) -> None:
-    """Describe a crane of ours or another: its joints, or with -o FILE its plain URDF.
+    """Describe a crane of ours, of the library, or another: its joints, or its plain URDF.
 
     Example: cranedyn describe payload_mass:=2000 -o crane.urdf
-    cranedyn describe --machine inteco_3dcrane shows a real crane of the library.
     """
     from cranedyn.model.options import add_crane_options
 
@@ -166,9 +165,9 @@ def _write_description(options: argparse.Namespace) -> int:
     from cranedyn.model.machines import machine_names, read_machine
     from cranedyn.model.options import load_options
 
+    if (options.list or options.machines) and (options.values or options.output):
+        raise DataError("--list and --machines take no values and no output; leave them out.")
     if options.list:
-        if options.values or options.output:
-            raise DataError("--list takes no values and no output; leave them out.")
         for name, a in arguments().items():
             print(f"{name:17} {a.default:>9} {a.unit:11} {a.allowed:5} {a.meaning}")
         return 0

@@ -220,7 +220,8 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
     holding = sum(c["holds"] is True for c in claims)
     return (
         f'<section id="{name}"><details><summary><h2>{escape(entry.title)}</h2>'
-        f"<span>{escape(entry.line)}</span><span>{mark_html(_verdict(c['holds'] for c in claims))}{holding} of "
+        f"<span>{escape(entry.line)}</span>"
+        f"<span>{mark_html(_verdict(c['holds'] for c in claims))}{holding} of "
         f"{len(claims)}</span></summary>"
         f'<p class="lead">{escape(result["about"][:1].upper() + result["about"][1:])}</p>'
         f'<p id="{name}-command"><code>{command}</code></p><ul class="claims">{listed}</ul>'
