@@ -131,7 +131,7 @@ def _view(parser: _Parser) -> None:
 
 
 def _describe(parser: _Parser) -> None:
-    """Describe a crane of ours or another: its joints, or with -o FILE its plain URDF.
+    """Describe a crane of ours, of the library, or another: its joints, or its plain URDF.
 
     Example: cranedyn describe payload_mass:=2000 -o crane.urdf
     """

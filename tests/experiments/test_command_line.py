@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cranedyn.__main__ import main as front_main
 from cranedyn.controllers.lqr import riccati, stationary
 from cranedyn.data.trajectory import read
 from cranedyn.errors import CraneError, OutOfRange
-from cranedyn.model.description import main as description_main
 from experiments import a1, demo, energy, harness
 from experiments.compare import runs as compare_runs
 from experiments.scenarios.moves import MOVES
@@ -95,7 +95,7 @@ def test_a_world_has_clocks_that_a_run_can_have() -> None:
 @pytest.mark.parametrize(
     ("main", "words", "says"),
     [
-        (description_main, ["-o"], "error: argument -o/--output: expected one argument"),
+        (front_main, ["describe", "-o"], "error: argument -o/--output: expected one argument"),
         (a1.main, ["a\nerror: forged"], r"error: unrecognized arguments: a\nerror: forged"),
     ],
 )

@@ -111,11 +111,13 @@ def test_what_is_not_known_is_answered_with_the_nearest_on_one_line(
     assert f"; the nearest is {nearest}" in error
 
 
-def test_describe_refuses_what_its_list_would_ignore(capsys: pytest.CaptureFixture[str]) -> None:
-    assert ended("cranedyn", ["describe", "--list", "foo"]) == 2
-    assert capsys.readouterr().err == (
-        "error: --list takes no values and no output; leave them out.\n"
-    )
+@pytest.mark.parametrize("line", ["--list foo", "--machines -o crane.urdf"])
+def test_describe_refuses_what_its_lists_would_ignore(
+    line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ended("cranedyn", ["describe", *line.split()]) == 2
+    error = "error: --list and --machines take no values and no output; leave them out.\n"
+    assert capsys.readouterr().err == error
 
 
 def test_common_options_are_shown_where_all_are_asked_for(
