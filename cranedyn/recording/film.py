@@ -97,15 +97,13 @@ class _Stage:
         for (run, _), colour in zip(self._runs, colours(runs), strict=True):
             for joint in run.crane.layout.joints:
                 if not joint.driven and joint.kind == "revolute":
-                    symbol = joint.symbol
+                    symbol, label = joint.symbol, joint_label(joint)
                     swing.plot(
                         run.trajectory.t,
                         np.degrees(run.trajectory.coordinates(symbol)),
                         color=colour if several else COLOURS.get(symbol, colour),
                         linestyle=LINE_STYLES.get(symbol, "-"),
-                        label=f"{joint_label(joint)} · {run.name}"
-                        if several
-                        else joint_label(joint),
+                        label=f"{label} · {run.name}" if several else label,
                     )
         swing.set(xlabel="t [s]", ylabel="swing [°]", xlim=(first, last if last > first else None))
         figure.legend(*swing.get_legend_handles_labels(), loc="outside lower right", ncols=2)

@@ -190,7 +190,7 @@ def test_the_text_has_title_description_parameters_and_the_scale_of_the_arrows(
 
 
 def poses(path: Path, time: int) -> dict[str, np.ndarray]:
-    """Return the pose of every frame in the scene at a time [ns], 4 x 4, from the transforms there."""
+    """Return the pose of every frame at a time [ns], 4 x 4, from the transforms in the file."""
     steps = {}
     for _, batch in chunks(path):
         if "Transform3D:child_frame" not in batch.schema.names:
