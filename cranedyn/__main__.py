@@ -99,19 +99,33 @@ def _delegate(parser: _Parser, name: str) -> None:
 
 
 def _view(parser: _Parser) -> None:
-    """View a recording, in a window or in a browser of this machine.
+    """View a recording, in a window or in a browser of this machine, or write a run as a film.
 
     Example: cranedyn view out/a1/a1.rrd --serve
     """
     add, text = parser.add_argument, "in a browser on this machine, until Ctrl-C"
-    add("file", metavar="FILE.rrd", type=Path, help="the recording")
+    add("file", metavar="FILE", type=Path, help="recording, or .parquet of a run")
+    add("--film", metavar="FILE.mp4", type=Path, help="film of the run in a .parquet")
     add("--serve", action="store_true", help=text)
     text = "of the page, default 9090; the data is at the next port"
     add("--port", type=int, metavar="P", help=text)
 
     def run(options: argparse.Namespace) -> int:
         from cranedyn import recording
+        from cranedyn.data.trajectory import read
+        from cranedyn.model.load import load_crane
 
+        if options.film:
+            if options.file.suffix != ".parquet":
+                parser.error(f"a film needs the .parquet of a run, as {options.file} is not")
+            if options.serve:
+                parser.error("--serve has no effect beside --film; leave it out")
+            recording.check_film(options.film)
+            run = read(options.file)
+            crane = load_crane(from_record=run.record)
+            recording.film(options.film, [recording.Run(options.file.stem, crane, run)])
+            print(f"Written to {options.film}.")
+            return 0
         if options.port is not None and not options.serve:
             parser.error("--port has no effect without --serve; leave it out")
         if not options.serve:

@@ -69,7 +69,7 @@ def plots(layout: Layout) -> dict[str, Plot]:
     for joint in layout.driven:
         unit, suffix, least_span = _unit(joint)
         setpoint = Curve("setpoint", "setpoint", f"{joint.symbol}_setpoint_{suffix}")
-        position = Curve(_label(joint), joint.symbol, f"{joint.symbol}_{suffix}")
+        position = Curve(joint_label(joint), joint.symbol, f"{joint.symbol}_{suffix}")
         title = f"{_TITLES.get(joint.symbol, joint.symbol)} [{unit}]"
         by_name[joint.symbol] = Plot(title, least_span, (setpoint, position))
     passive = [joint for joint in reversed(layout.joints) if not joint.driven]
@@ -86,7 +86,7 @@ def plots(layout: Layout) -> dict[str, Plot]:
         column, drive = joint.effort_column, _DRIVES.get(joint.symbol, joint.symbol)
         kind = "torque" if joint.kind == "revolute" else "force"
         limits = [Curve("limit", "limit", f"{column}_{end}") for end in ("lower", "upper")]
-        effort = Curve(f"{column[0]}_{_label(joint)}", joint.symbol, column)
+        effort = Curve(f"{column[0]}_{joint_label(joint)}", joint.symbol, column)
         title = f"{drive[:1].upper()}{drive[1:]} {kind} [{joint.effort_unit}]"
         by_name[joint.effort_name] = Plot(title, 20.0, (*limits, effort))
         work.append(Curve(f"work of {drive}", joint.symbol, f"W_{joint.symbol}_J"))
@@ -101,7 +101,8 @@ def _unit(joint: Joint) -> tuple[str, str, float]:
     return ("°", "deg", 0.2) if joint.kind == "revolute" else ("m", "m", 0.02)
 
 
-def _label(joint: Joint) -> str:
+def joint_label(joint: Joint) -> str:
+    """Return the letter of a coordinate, such as φ."""
     return _LABELS.get(joint.symbol, joint.symbol)
 
 
@@ -113,7 +114,9 @@ def _joint_plot(name: str, joints: Sequence[Joint]) -> Plot:
             Curve(_SWINGS.get(j.symbol, j.symbol), j.symbol, f"{j.symbol}_{suffix}") for j in joints
         ]
         return Plot(f"{name.capitalize()} [{unit}]", least_span, tuple(curves))
-    curves = [Curve(f"d{_label(j)}/dt", j.symbol, f"{j.symbol}_dot_{suffix}_s") for j in joints]
+    curves = [
+        Curve(f"d{joint_label(j)}/dt", j.symbol, f"{j.symbol}_dot_{suffix}_s") for j in joints
+    ]
     return Plot(f"Speed [{unit}/s]", least_span, tuple(curves))
 
 
@@ -157,7 +160,7 @@ def log_series(recording: rr.RecordingStream, run: Run, columns: Table) -> None:
 def log_readout(recording: rr.RecordingStream, runs: Sequence[Run]) -> None:
     """Log the coordinates of all runs as one table in Markdown, ten times a second."""
     joints = {joint.symbol: joint for run in runs for joint in run.crane.layout.joints}
-    heads = ["", *(f"{_label(joint)} [{_unit(joint)[0]}]" for joint in joints.values())]
+    heads = ["", *(f"{joint_label(joint)} [{_unit(joint)[0]}]" for joint in joints.values())]
     times = [run.trajectory.t for run in runs]
     first, last = min(t[0] for t in times), max(t[-1] for t in times)
     instants = np.append(np.arange(first, last, _READOUT_PERIOD), last)

@@ -1,10 +1,12 @@
-"""Side view of a crane as a figure, for pages and notebooks."""
+"""Side view of a crane as a figure, for pages, notebooks and films."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from matplotlib.collections import PolyCollection
 from scipy.spatial import ConvexHull, QhullError
 
@@ -12,10 +14,85 @@ from cranedyn.dynamics.pinocchio import point_positions
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import panels
-from cranedyn.recording.shapes import visible_points
+from cranedyn.recording.shapes import shapes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+class Outline(NamedTuple):
+    """Outline of a shape on the picture plane [m], shape (n, 2), its distance towards the eye [m]
+    and its colour.
+    """
+
+    corners: np.ndarray
+    depth: float
+    colour: tuple[float, ...]
+
+
+class Projection:
+    """Parallel projection of a crane on a picture plane.
+
+    The eye looks square to the jib of a tower crane at slew angle 0, which points to the right.
+    """
+
+    def __init__(
+        self,
+        crane: Crane,
+        *,
+        turn: float = 0.0,
+        rise: float = 0.0,
+        offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        meshes: Path | None = None,
+    ) -> None:
+        """Read the shapes of the crane.
+
+        Args:
+            crane: The crane.
+            turn: Angle by which the eye goes towards the tip of the jib [rad].
+            rise: Angle by which it is raised [rad].
+            offset: Position of the foot of the crane [m].
+            meshes: Folder of the mesh files; None draws no meshes.
+        """
+        level = np.array([-np.cos(turn), -np.sin(turn), 0.0])
+        eye = np.cos(rise) * level + [0.0, 0.0, np.sin(rise)]
+        right = np.cross([0.0, 0.0, 1.0], level)
+        self._axes, self._offset = np.array([right, np.cross(eye, right), eye]), np.array(offset)
+        self._crane, self._data = crane, crane.model.createData()
+        self._links = {
+            crane.model.getFrameId(link, pin.BODY): [(s.colour, s.hull_points()) for s in group]
+            for link, group in shapes(crane.urdf, meshes).items()
+        }
+        self._past: dict[int, tuple[np.ndarray, list[Outline]]] = {}
+
+    def rope(self, q: np.ndarray) -> np.ndarray:
+        """Return pivot, hook if there is one, and payload on the picture [m], shape (points, 2)."""
+        # The payload comes first, and hangs last.
+        return self._project(np.roll(point_positions(self._crane, q), -1, axis=0))[:, :2]
+
+    def outlines(self, q: np.ndarray) -> list[Outline]:
+        """Return the outlines of all shapes, the nearest last; those of links at rest are kept."""
+        pin.framesForwardKinematics(self._crane.model, self._data, q)
+        result: list[Outline] = []
+        for frame, group in self._links.items():
+            pose = self._data.oMf[frame]
+            if frame not in self._past or (self._past[frame][0] != pose.homogeneous).any():
+                world = [(colour, p @ pose.rotation.T + pose.translation) for colour, p in group]
+                drawn = [self._outline(colour, points) for colour, points in world]
+                self._past[frame] = pose.homogeneous.copy(), [line for line in drawn if line]
+            result += self._past[frame][1]
+        return sorted(result, key=lambda outline: outline.depth)
+
+    def _project(self, points: np.ndarray) -> np.ndarray:
+        return np.asarray((points + self._offset) @ self._axes.T)
+
+    def _outline(self, colour: tuple[float, ...], points: np.ndarray) -> Outline | None:
+        plane = self._project(points)
+        try:
+            hull = ConvexHull(plane[:, :2]).vertices
+        except QhullError:  # a plate seen edge-on
+            return None
+        return Outline(plane[hull, :2], float(plane[:, 2].max()), colour)
 
 
 def sketch(crane: Crane, state: State | None = None, *, width: float = 4.5) -> Figure:
@@ -27,24 +104,12 @@ def sketch(crane: Crane, state: State | None = None, *, width: float = 4.5) -> F
         width: Width of the figure [inch].
     """
     q = (crane.start if state is None else state).q
-    outlines = []
-    for shape, points in visible_points(crane, q):
-        plane = np.stack([-points[:, 1], points[:, 2]], axis=1)
-        try:
-            outline = plane[ConvexHull(plane).vertices]
-        except QhullError:  # a plate seen edge-on
-            continue
-        outlines.append((points[:, 0].max(), outline, shape.colour))
-    outlines.sort(key=lambda entry: entry[0])  # what is nearer is drawn later
+    projection = Projection(crane)
+    outlines = projection.outlines(q)
     figure, (ax,) = panels(width=width, height=width)
-    ax.add_collection(
-        PolyCollection(
-            [outline for _, outline, _ in outlines],
-            facecolors=[colour for *_, colour in outlines],
-        )
-    )
-    ends = np.roll(point_positions(crane, q), -1, axis=0)  # the payload comes first, and hangs last
-    ax.plot(-ends[:, 1], ends[:, 2], color="#404040", linewidth=1.2, zorder=0.9)
+    corners, colours = [line.corners for line in outlines], [line.colour for line in outlines]
+    ax.add_collection(PolyCollection(corners, facecolors=colours))
+    ax.plot(*projection.rope(q).T, color="#404040", linewidth=1.2, zorder=0.9)
     ax.autoscale_view()
     ax.set(aspect="equal", xlabel="[m]", ylabel="[m]")
     return figure

@@ -44,7 +44,7 @@ def parser(
         example=shlex.join([*command_name(name).split(), *example(name)]),
     )
     result.set_defaults(experiment=name, live=False, modes={}, conditions=[])
-    result.set_defaults(view=False, serve=False)
+    result.set_defaults(view=False, serve=False, film=None)
     add, no_default = result.common.add_argument, argparse.SUPPRESS
     text = f"folder for results, default out/{name}"
     add("--out", metavar="DIR", help=text, default=no_default)
@@ -57,6 +57,7 @@ def parser(
         add("--view", action="store_true", help="open the recording in the Rerun viewer")
         text = "serve the recording to a browser on this machine until Ctrl-C"
         add("--serve", action="store_true", help=text)
+        add("--film", metavar="FILE.mp4", help="write a film of the recording, too")
         text = "where --serve has its page; the data is at the next port"
         add("--port", type=int, default=9090, metavar="P", help=text)
         add_condition(result, "--serve", lambda options: options.serve, "port")
@@ -144,6 +145,8 @@ def _check_recording(options: argparse.Namespace) -> None:
         from cranedyn import recording
 
         recording.check_enabled()
+        if options.film:
+            recording.check_film(options.film)
         if options.view:
             recording.check_display()
         if options.serve:

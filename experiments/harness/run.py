@@ -140,12 +140,14 @@ def _json(result: dict[str, Any]) -> str:
 
 
 def _record(outcome: Outcome, options: argparse.Namespace) -> None:
-    from cranedyn.recording import record
+    from cranedyn.recording import film, record
 
     claims = [f"**{MARKS[claim.holds]}**: {claim.sentence}" for claim in outcome.claims]
     text = "\n\n".join([options.about, *claims, *(t.markdown() for t in outcome.tables)])
     title = f"Experiment {options.experiment}"
     record(options.recording, outcome.recording, title=title, text=text)
+    if options.film:
+        film(options.film, outcome.recording)
 
 
 def _pointers(outcome: Outcome, options: argparse.Namespace, left_out: str) -> str:

@@ -172,7 +172,8 @@ def test_a_live_recording_shows_the_energy_of_the_whole_run_not_of_its_pieces(
     with Live(WORLD.crane, "demo", title="Live", file=tmp_path / "live.rrd") as live:
         for piece in few:
             live.append(piece)
-    whole, shown = join(few), [row for _, row in sorted(rows(tmp_path / "live.rrd").items())]
+    whole, shown = join(few), sorted(rows(tmp_path / "live.rrd").items())
+    kept = np.searchsorted(whole.t, [1e-9 * t - 1e-9 for t, _ in shown])
     for name, expected, rounding in (
         ("W_x_J", whole["W_x_J"], 1e-9),
         (
@@ -182,10 +183,18 @@ def test_a_live_recording_shows_the_energy_of_the_whole_run_not_of_its_pieces(
         ),  # energies of 2e5 J are sums that round at 3e-11
         ("energy_J", whole.energy - whole.energy[0], 1e-9),
     ):
-        assert_allclose([row[name] for row in shown], expected, rtol=0, atol=rounding)
+        # Recorded in single precision.
+        assert_allclose([row[name] for _, row in shown], expected[kept], rtol=6e-8, atol=rounding)
 
 
 # --- the command ----------------------------------------------------------------------------------
+
+
+def assert_covered(shown: np.ndarray, t: np.ndarray) -> None:
+    """Check that recorded times are those of rows from the first to the last, without gaps."""
+    assert_allclose(t[np.searchsorted(t, shown - 2e-9)], shown, rtol=0, atol=2e-9)
+    assert_allclose(shown[[0, -1]], t[[0, -1]], rtol=0, atol=2e-9)
+    assert np.diff(shown).max() < 0.02 + 4e-9
 
 
 @pytest.fixture(scope="module")
@@ -202,7 +211,7 @@ def test_the_load_keeps_swinging_in_every_dwell_and_the_table_says_how_much(done
     run = read(done.folder / "demo.parquet")
     last = run.between(run.t[-1] - 6.0, run.t[-1])
     assert 1000 * residual(last) == pytest.approx(table[-1][2], rel=1e-6)
-    assert_allclose(times(done.folder / "demo.rrd"), run.t, rtol=0, atol=1e-9)
+    assert_covered(times(done.folder / "demo.rrd"), run.t)
 
 
 def test_what_the_first_leg_leaves_is_the_closed_forms_and_that_of_another_lag_is_not(
@@ -258,8 +267,8 @@ def test_a_long_demo_leaves_its_parts_and_its_last_minutes(
     note = f"What happened before t = {last.t[0]:.0f} s is in demo_from_0s.parquet"
     assert note in long.result["tables"][0]["note"]
     earlier = [times(path) for path in long.folder.glob("demo_from_*.rrd")]
-    assert_allclose(np.unique(np.concatenate(earlier)), t, rtol=0, atol=1e-9)
-    assert_allclose(times(long.folder / "demo.rrd"), last.t, rtol=0, atol=1e-9)
+    assert_covered(np.unique(np.concatenate(earlier)), t)
+    assert_covered(times(long.folder / "demo.rrd"), last.t)
     if control != "none":
         bare = read(long.folder / "demo_before.parquet")
         assert bare.t[0] == 0.0 and bare.t[-1] == pytest.approx(24.0)
@@ -312,7 +321,7 @@ def test_ctrl_c_ends_a_demo_with_its_comparison_soon_and_leaves_everything_compl
     run, bare = read(folder / "demo.parquet"), read(folder / "demo_before.parquet")
     assert run.t[-1] >= 0.5  # the first piece at least
     assert bare.t[-1] == pytest.approx(run.t[-1], abs=0.51)  # a piece at most
-    assert_allclose(times(folder / "demo.rrd"), run.t, rtol=0, atol=1e-9)
+    assert_covered(times(folder / "demo.rrd"), run.t)
 
 
 @pytest.mark.slow
@@ -325,8 +334,7 @@ def test_a_killed_demo_leaves_a_file_that_opens(tmp_path: Path) -> None:
     t = times(tmp_path / "demo" / "demo.rrd")
     assert t[0] == 0.0
     assert t[-1] >= 0.5  # the first piece at least
-    # no gap: rows every 5 ms, times to the nanosecond
-    assert_allclose(np.diff(t), 0.005, rtol=0, atol=2e-9)
+    assert_covered(t, np.arange(0.0, t[-1] + 0.0025, 0.005))
 
 
 @pytest.mark.parametrize(

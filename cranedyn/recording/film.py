@@ -1,0 +1,177 @@
+"""Films of runs: cranes and their swing over time as an MP4, drawn without a viewer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
+
+from cranedyn.data.files import atomic_write
+from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.plotting.figures import panels
+from cranedyn.plotting.style import COLOURS, LINE_STYLES
+from cranedyn.recording.run import Run, colours
+from cranedyn.recording.series import joint_label
+from cranedyn.recording.sketch import Projection
+
+WIDTH, HEIGHT, RATE = 1280, 720, 30
+"""Size of a film [pixels], and pictures per second."""
+
+_DOTS_PER_INCH = 100
+
+
+def check_film(path: str | Path) -> Path:
+    """Return the path of a film if one can be written there.
+
+    Raises:
+        DataError: If the ending is not .mp4.
+        CraneError: If the extra film is not installed.
+    """
+    path = Path(path)
+    if path.suffix != ".mp4":
+        raise DataError(f"Cannot write {path}: the ending of a film must be .mp4.")
+    try:
+        import av  # noqa: F401
+    except ImportError as error:
+        message = "Films need the extra film; install it with: pip install 'cranedyn[film]'"
+        raise CraneError(message) from error
+    return path
+
+
+def film(
+    path: str | Path, runs: Sequence[Run], *, progress: Callable[[int], object] | None = None
+) -> Path:
+    """Write runs as a film in real time: the cranes beside their swing, with numbers.
+
+    Args:
+        path: The ``.mp4`` file.
+        runs: One or several, on one clock.
+        progress: Called after each picture with the number of pictures so far.
+
+    Raises:
+        OutOfRange: If there is no run, or one has no rows.
+        DataError: If the file cannot be written.
+        CraneError: If the extra film is not installed.
+    """
+    path = check_film(path)
+    if not runs or not all(len(run.trajectory) for run in runs):
+        raise OutOfRange("rows of each run", [len(run.trajectory) for run in runs], ">= 1")
+    import av
+
+    first = min(float(run.trajectory.t[0]) for run in runs)
+    last = max(float(run.trajectory.t[-1]) for run in runs)
+    with atomic_write(path) as draft, av.open(str(draft), "w", format="mp4") as container:
+        stream: Any = container.add_stream("libx264", rate=Fraction(RATE))
+        stream.options = {"preset": "veryfast"}
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        stage = _Stage(runs, first, last)
+        for i in range(math.floor((last - first) * RATE + 1e-6) + 1):
+            picture = av.VideoFrame.from_ndarray(stage.picture(first + i / RATE), format="rgb24")
+            container.mux(stream.encode(picture))
+            if progress is not None:
+                progress(i + 1)
+        container.mux(stream.encode(None))
+    return path
+
+
+class _Stage:
+    """A figure whose moving parts alone are drawn anew for each picture."""
+
+    def __init__(self, runs: Sequence[Run], first: float, last: float) -> None:
+        several = len(runs) > 1
+        turn, rise = np.radians([50.0, 12.0] if several else [20.0, 8.0])
+        self._runs = [
+            (run, Projection(run.crane, turn=turn, rise=rise, offset=run.offset, meshes=run.meshes))
+            for run in runs
+        ]
+        figure, (scene, swing) = panels(
+            1, 2, width=WIDTH / _DOTS_PER_INCH, height=HEIGHT / _DOTS_PER_INCH, width_ratios=[5, 4]
+        )
+        figure.set_dpi(_DOTS_PER_INCH)
+        for (run, _), colour in zip(self._runs, colours(runs), strict=True):
+            for joint in run.crane.layout.joints:
+                if not joint.driven and joint.kind == "revolute":
+                    symbol, label = joint.symbol, joint_label(joint)
+                    swing.plot(
+                        run.trajectory.t,
+                        np.degrees(run.trajectory.coordinates(symbol)),
+                        color=colour if several else COLOURS.get(symbol, colour),
+                        linestyle=LINE_STYLES.get(symbol, "-"),
+                        label=f"{label} · {run.name}" if several else label,
+                    )
+        swing.set(xlabel="t [s]", ylabel="swing [°]", xlim=(first, last if last > first else None))
+        figure.legend(*swing.get_legend_handles_labels(), loc="outside lower right", ncols=2)
+        scene.set(aspect="equal", xlabel="[m]", ylabel="[m]")
+        self._cranes = scene.add_collection(PolyCollection([], animated=True))
+        self._ropes = [
+            scene.plot([], [], "o-", c="#404040", mfc=colour, markevery=[-1], animated=True)[0]
+            for colour in colours(runs)
+        ]
+        self._text = swing.text(
+            0.02,
+            0.98,
+            "",
+            transform=swing.transAxes,
+            va="top",
+            family="monospace",
+            size=9,
+            animated=True,
+        )
+        self._cursor = swing.axvline(first, color="#404040", lw=1.0, animated=True)
+        self._axes, self._canvas = (scene, swing), FigureCanvasAgg(figure)
+        low, high = swing.get_ylim()
+        swing.set_ylim(low, high + (0.15 + 0.05 * len(runs)) * (high - low))
+        corners = [
+            corner
+            for run, projection in self._runs
+            for q in run.trajectory.q[:: max(1, len(run.trajectory) // 30)]
+            for corner in self._corners(projection, q)
+        ]
+        low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+        scene.set(xlim=(low[0] - 2.0, high[0] + 2.0), ylim=(low[1] - 2.0, high[1] + 2.0))
+        self._canvas.draw()
+        self._background = self._canvas.copy_from_bbox(figure.bbox)
+
+    @staticmethod
+    def _corners(projection: Projection, q: np.ndarray) -> list[np.ndarray]:
+        points = np.concatenate([line.corners for line in projection.outlines(q)] or [[]])
+        points = np.concatenate([points.reshape(-1, 2), projection.rope(q)])
+        return [points.min(axis=0), points.max(axis=0)]
+
+    def picture(self, t: float) -> np.ndarray:
+        """Return the picture at a time [s], red, green, blue, shape (height, width, 3)."""
+        outlines, lines = [], [f"t = {t:.2f} s"]
+        for (run, projection), rope in zip(self._runs, self._ropes, strict=True):
+            row = max(0, int(np.searchsorted(run.trajectory.t, t + 1e-9)) - 1)
+            q = run.trajectory.q[row]
+            outlines += projection.outlines(q)
+            rope.set_data(*projection.rope(q).T)
+            lines.append(f"{run.name}:  " + "  ".join(_readings(run, q)))
+        outlines.sort(key=lambda outline: outline.depth)
+        self._cranes.set_verts([outline.corners for outline in outlines])
+        self._cranes.set_facecolors([outline.colour for outline in outlines])
+        self._cursor.set_xdata([t, t])
+        self._text.set_text("\n".join(lines))
+        self._canvas.restore_region(self._background)
+        scene, swing = self._axes
+        for artist in (self._cranes, *self._ropes):
+            scene.draw_artist(artist)
+        for artist in (self._cursor, self._text):
+            swing.draw_artist(artist)
+        return np.ascontiguousarray(np.asarray(self._canvas.buffer_rgba())[..., :3])
+
+
+def _readings(run: Run, q: np.ndarray) -> list[str]:
+    """Return the coordinates with their units."""
+    return [
+        f"{joint_label(joint)} {np.degrees(value):.1f}°"
+        if joint.kind == "revolute"
+        else f"{joint_label(joint)} {value:.2f} m"
+        for joint, value in zip(run.crane.layout.joints, q, strict=True)
+    ]

@@ -1,0 +1,79 @@
+"""Films of runs, read back picture by picture."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cranedyn.__main__ import main
+from cranedyn.controllers import hold_controller
+from cranedyn.errors import CraneError
+from cranedyn.model.load import load_crane
+from cranedyn.recording import Run, film
+from cranedyn.references import hold, pulse
+from cranedyn.simulation.simulate import simulate
+
+reason = "the extra film is not installed: pip install 'cranedyn[film]'"
+
+
+@pytest.mark.slow
+def test_a_film_has_its_size_its_rate_and_thirty_pictures_a_second_in_which_the_load_moves(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    av = pytest.importorskip("av", reason=reason)
+    crane = load_crane()
+    out = pulse(crane, hold(crane), "x", 8.0, at=0.0, width=9.0)
+    run = simulate(crane, hold_controller(crane), out, duration=1.5)
+    file, target = run.write(tmp_path / "out.parquet"), tmp_path / "out.mp4"
+    assert main(["view", str(file), "--film", str(target)]) == 0
+    assert capsys.readouterr().out == f"Written to {target}.\n"
+    with av.open(str(target)) as container:
+        (stream,) = container.streams.video
+        assert (stream.width, stream.height, stream.average_rate) == (1280, 720, 30)
+        pictures = [p.to_ndarray(format="rgb24").astype(int) for p in container.decode(stream)]
+    assert len(pictures) == 46  # of 1.5 s, the first and the last included
+    first, last = (
+        np.argwhere((p[..., 0] > 200) & (p[..., 1] < 80) & (p[..., 2] < 80))[:, 1].mean()
+        for p in (pictures[0], pictures[-1])
+    )
+    # A crane of 32 m is some 530 pixels wide; the load follows the trolley outwards, to the right.
+    assert 20 < last - first < 200
+
+
+def test_a_film_without_its_extra_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(CraneError, match=r"install it with: pip install 'cranedyn\[film\]'$"):
+        film(tmp_path / "a.mp4", [])
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("run.parquet --film a.gif", "the ending of a film must be .mp4"),
+        ("a.rrd --film a.mp4", "a film needs the .parquet of a run, as a.rrd is not"),
+        ("run.parquet --film a.mp4 --serve", "--serve has no effect beside --film"),
+    ],
+)
+def test_a_film_that_cannot_be_made_is_refused_in_a_line(
+    words: str, sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("av", reason=reason)
+    try:
+        code = main(["view", *words.split()])
+    except SystemExit as end:
+        code = int(str(end.code))
+    assert code == 2 and sentence in capsys.readouterr().err
+
+
+def test_a_film_of_no_run_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("av", reason=reason)
+    run = simulate(crane := load_crane(), hold_controller(crane), duration=0.1)
+    for runs in ([], [Run("none", crane, run.since(9.0))]):
+        with pytest.raises(CraneError, match="rows of each run"):
+            film(tmp_path / "a.mp4", runs)
+    assert not list(tmp_path.iterdir())
