@@ -110,7 +110,7 @@ _NIGHT = """
 @media screen and (prefers-color-scheme: dark) {
 text:not([style*="fill"]), [style*="fill: #000000"],
 use[style*="stroke: #000000"]:not([style*="fill"]) { fill: #e6eaf0 !important }
-[style*="stroke: #000000"] { stroke: #c4ccd6 !important }
+[style*="stroke: #000000"], [style*="stroke: #333333"] { stroke: #c4ccd6 !important }
 [style*="stroke: #dddddd"] { stroke: #333b47 !important }
 path[style*="fill: #ffffff"], use[style*="fill: #ffffff"] { fill: #1d232c !important } }"""
 """Style of an SVG by night: white paper, black ink and the grid change, all other colours stay."""
