@@ -611,6 +611,15 @@ cranedyn/command.py
 ? help::help_is_a_screen_that_begins_with_an_example_which_parses
 - action.help = argparse.SUPPRESS
 + action.help = action.help
+experiments/report.py
+* a claim that was not judged hides one that fails
+? report::an_experiment_is_marked_by_its_worst_claim_and_a_failing_one_is_on_the_first_screen
+- return False if False in kinds else None if None in kinds else True
++ return None if None in kinds else False if False in kinds else True
+* the report runs one experiment after the other
+? report::two_experiments_run_side_by_side_and_one_that_fails_stops_no_other
+- with ThreadPoolExecutor(options.jobs) as pool:
++ with ThreadPoolExecutor(1) as pool:
 cranedyn/plugins.py
 * an exporter of another package replaces one of ours
 ? plugins::an_exporter_of_another_package_writes_what_it_says_and_replaces_none_of_ours

@@ -97,7 +97,7 @@ def svg(figure: Figure) -> bytes:
     """
     with mpl.rc_context(RC):
         content = _picture(figure, "svg", metadata={"Date": None})
-    return content.replace(b"</style>", _NIGHT.encode() + b"</style>", 1)
+    return content.replace(b"</style>", _NIGHT + b"</style>", 1)
 
 
 def _picture(figure: Figure, ending: str, **arguments: Any) -> bytes:
@@ -106,14 +106,7 @@ def _picture(figure: Figure, ending: str, **arguments: Any) -> bytes:
     return file.getvalue()
 
 
-_NIGHT = """
-@media screen and (prefers-color-scheme: dark) {
-text:not([style*="fill"]), [style*="fill: #000000"],
-use[style*="stroke: #000000"]:not([style*="fill"]) { fill: #e6eaf0 !important }
-[style*="stroke: #000000"] { stroke: #c4ccd6 !important }
-[style*="stroke: #dddddd"] { stroke: #333b47 !important }
-path[style*="fill: #ffffff"], use[style*="fill: #ffffff"] { fill: #1d232c !important } }"""
-"""Style of an SVG by night: white paper, black ink and the grid change, all other colours stay."""
+_NIGHT = Path(__file__).with_name("night.css").read_bytes()
 
 
 _LEAST_SPAN = 1e-3

@@ -16,7 +16,7 @@ import pytest
 from experiments import report
 from experiments.catalogue import EXPERIMENTS
 from tests.experiments.conftest import Ran
-from tests.helpers import FAST
+from tests.helpers import FAST, RESULT
 
 selenium = pytest.importorskip(
     "selenium.webdriver", reason="extra browser (selenium) is not installed"
@@ -272,6 +272,24 @@ def test_claims_and_the_command_that_repeats_them_are_on_the_page(
             assert claim["sentence"].split("(")[0].strip()[:40] in text
         assert f"python -m experiments.{name}" in text
         assert result["parameters"]["engine"] == FAST
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "mark"),
+    [([True, True], "held"), ([True, False, None], "fails"), ([True, None], "open")],
+)
+def test_an_experiment_is_marked_by_its_worst_claim_and_a_failing_one_is_on_the_first_screen(
+    verdicts: list[bool | None], mark: str, tmp_path: Path
+) -> None:
+    claims = [{"sentence": f"a < {i}", "holds": holds} for i, holds in enumerate(verdicts)]
+    (tmp_path / "result.json").write_text(json.dumps(RESULT | {"claims": claims}))
+    first, _, section = report.page([tmp_path]).partition("<section")
+    link = first[first.index('<a href="#a1">') : first.index("</nav>")]
+    assert f'class="mark {mark}"' in link and "A1, free swing" in link
+    assert f"</span>{verdicts.count(True)} of {len(verdicts)}</span>" in section
+    assert re.findall(r"a &lt; \d", first) == [
+        f"a &lt; {i}" for i, holds in enumerate(verdicts) if holds is False
+    ]
 
 
 def test_results_that_are_there_are_collected_not_run_again(

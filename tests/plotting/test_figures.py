@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
-from cranedyn.plotting.figures import panels, save
+from cranedyn.plotting.figures import panels, save, svg
 
 
 def _drawn():
@@ -32,3 +34,12 @@ def test_panels_are_placed_once_for_all_files_and_anew_for_the_next(tmp_path, mo
     save(figure, tmp_path / "b.png")
     assert len(placed) == 2
     assert figure.get_layout_engine() is engine
+
+
+def test_a_drawing_keeps_its_words_and_inverts_paper_ink_and_grid_by_night():
+    drawing = svg(_drawn()).decode()
+    assert all(f">{words}</text>" in drawing for words in ("time [s]", "a name that takes room"))
+    night = drawing[drawing.index("prefers-color-scheme: dark") : drawing.index("</style>")]
+    assert {"#000000", "#ffffff", "#dddddd"} == {
+        ink for ink in re.findall(r": (#\w{6})", drawing.replace(night, "")) if ink in night
+    }
