@@ -27,12 +27,13 @@ function element(tag, properties = {}, ...children) {
 
 /** Number with some digits after the point. @param {number | null | undefined} value
  * @param {number} digits */
-const fixed = (value, digits) => value == null ? "–" : value.toFixed(digits).replace("-", "−");
+const fixed = (value, digits) => value == null ? "–"
+  : value.toFixed(digits).replace(/^-(?=[0.]*$)/, "").replace("-", "−");
 
 /** Next of 1, 2, 5, 10, 20, ... that is no smaller. @param {number} value */
 function roundUp(value) {
   const power = 10 ** Math.floor(Math.log10(value) + 1e-9);
-  return Number(((([1, 2, 5].find(x => x * power >= value * 0.999)) ?? 10) * power).toPrecision(1));
+  return Number(((([1, 2, 5].find(x => x * power >= value * 0.97)) ?? 10) * power).toPrecision(1));
 }
 
 /** Plots over the last 30 s of simulated time, one below the other. */
@@ -69,26 +70,26 @@ class Strips {
   /** Draw all plots. @param {boolean} marks Whether zeros of the first curve are marked. */
   draw(marks) {
     const {canvas, rows, columns, count} = this, ratio = window.devicePixelRatio || 1;
-    const width = canvas.clientWidth, height = canvas.clientHeight, pen = canvas.getContext("2d");
+    const {clientWidth: width, clientHeight: height} = canvas, pen = canvas.getContext("2d");
     if (!pen || !width) return;
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
+    [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
     const style = getComputedStyle(document.documentElement);
     const [ink, soft, line] = ["--ink", "--soft", "--line"].map(name => style.getPropertyValue(name));
     const now = count ? rows[(count - 1) * columns] : 0, begin = now - STRIP_SECONDS;
     const left = 36, right = width - 2, each = (height - 16) / this.plots.length;
+    const index = Array.from({length: count}, (_, i) => i * columns).filter(i => rows[i] >= begin);
     /** @param {number} t */
     const across = t => left + (t - begin) / STRIP_SECONDS * (right - left);
     /** @param {string} text @param {number} x @param {number} y @param {string} colour
      * @param {CanvasTextAlign} align */
     const write = (text, x, y, colour, align) => {
-      pen.fillStyle = colour;
-      pen.textAlign = align;
-      pen.fillText(text, x, y);
+      [pen.fillStyle, pen.textAlign] = [colour, align];
+      pen.fillText(text, align === "center" ? Math.min(x, right - 14) : x, y);
     };
-    /** @param {[number, number][]} points @param {string} colour */
-    const trace = (points, colour) => {
-      pen.strokeStyle = colour;
+    /** @param {number[][]} points @param {string} colour @param {number} width @param {number[]} dash */
+    const trace = (points, colour, width = 1, dash = []) => {
+      [pen.strokeStyle, pen.lineWidth] = [colour, width];
+      pen.setLineDash(dash);
       pen.beginPath();
       for (const [x, y] of points) pen.lineTo(x, y);
       pen.stroke();
@@ -98,20 +99,17 @@ class Strips {
     let column = 1;
     this.plots.forEach(({title, unit, least, curves}, k) => {
       const top = k * each + 18, bottom = (k + 1) * each - 4, middle = (top + bottom) / 2;
-      const index = Array.from({length: count}, (_, i) => i * columns).filter(i => rows[i] >= begin);
       const values = curves.map((_, c) => index.map(i => rows[i + column + c]));
       const most = roundUp(Math.max(least, ...values.flat().map(Math.abs)));
       /** @param {number} y */
       const down = y => middle - y / most * (bottom - top) / 2;
-      pen.lineWidth = 1;
-      pen.setLineDash([]);
       for (const y of [-most, 0, most]) {
-        trace([[left, Math.round(down(y)) + 0.5], [right, Math.round(down(y)) + 0.5]], line);
+        trace([left, right].map(x => [x, Math.round(down(y)) + 0.5]), line);
         write(`${y}`.replace("-", "−"), left - 5, down(y) + 4, soft, "right");
       }
       for (let t = Math.ceil(Math.max(begin, 0) / 10) * 10; t <= now; t += 10) {
-        trace([[across(t), top], [across(t), bottom]], line);
-        if (k === this.plots.length - 1) write(`${t} s`, Math.min(across(t), right - 12), height - 4, soft, "center");
+        trace([top, bottom].map(y => [across(t), y]), line);
+        if (k === this.plots.length - 1) write(`${t} s`, across(t), height - 4, soft, "center");
       }
       write(`${title} [${unit}]`, left, top - 7, ink, "left");
       let x = right;
@@ -119,16 +117,11 @@ class Strips {
         write(label, x, top - 7, colour, "right");
         x -= pen.measureText(label).width + 10;
       }
-      curves.forEach(({colour, dash}, c) => {
-        pen.lineWidth = 1.6;
-        pen.setLineDash(dash);
-        trace(index.map((i, n) => [across(rows[i]), down(values[c][n])]), colour);
-      });
-      if (marks && k === 0) {
-        for (const t of this.crossings(1).filter(t => t > begin)) {
-          write("▲", across(t), down(0) + 4, curves[0].colour, "center");
-          write(t.toFixed(2), Math.min(across(t), right - 14), bottom + 3, ink, "center");
-        }
+      curves.forEach(({colour, dash}, c) =>
+        trace(index.map((i, n) => [across(rows[i]), down(values[c][n])]), colour, 1.6, dash));
+      for (const t of marks && k === 0 ? this.crossings(1).filter(t => t > begin) : []) {
+        write("▲", across(t), down(0) + 4, curves[0].colour, "center");
+        write(t.toFixed(2), across(t), bottom + 3, ink, "center");
       }
       column += curves.length;
     });
@@ -162,15 +155,17 @@ class Page {
       return {label: role || name, colour: colours[symbol], dash: [], joint: i, rate: crane.rates[k],
         effort: crane.efforts[k], factor: turns ? DEGREES : 60, unit: turns ? "°/s" : "m/min"};
     });
-    const swings = crane.swings.slice(0, 2).map((i, k) => ({label: GREEK[crane.joints[i].symbol] ?? crane.joints[i].symbol,
-      colour: colours[crane.joints[i].symbol], dash: k ? [5, 3] : []}));
+    const swings = crane.swings.slice(0, 2).map((i, k) => {
+      const {symbol} = crane.joints[i];
+      return {label: GREEK[symbol] ?? symbol, colour: colours[symbol], dash: k ? [5, 3] : []};
+    });
     this.strips = new Strips(byId("strips"), [
       {title: "swing", unit: "°", least: 1, curves: swings},
       {title: "speeds", unit: "% of full", least: 100, curves: this.drives},
-      {title: "efforts", unit: "% of limit", least: 10, curves: this.drives}]);
+      {title: "efforts", unit: "% of limit", least: 20, curves: this.drives}]);
     /** What keys and buttons do besides driving, by code. @type {Record<string, () => void>} */
     this.actions = {
-      Space: () => this.stop(),
+      Space: () => this.worker.postMessage({type: "stop", on: (this.stopped = !this.stopped)}),
       KeyV: () => this.view(VIEWS[(VIEWS.indexOf(this.look.view) + 1) % VIEWS.length]),
       KeyN: () => { this.look.night = !this.look.night; },
       KeyP: () => { this.paused = !this.paused; this.pace(); },
@@ -180,13 +175,13 @@ class Page {
     };
     this._arrange();
     const joints = crane.drives.map(i => crane.joints[i]);
-    this.hands = new Hands(joints, [byId("stick_left"), byId("stick_right")], code => this.act(code));
-    for (const [side, axes] of /** @type {[string, number[]][]} */ ([["left", [0, 1]], ["right", [2]]])) {
-      byId(`name_${side}`).textContent = axes.map(axis => this.drives[this.hands.order[axis]]?.label).join(" · ");
-    }
+    this.hands = new Hands(joints, [byId("stick_0"), byId("stick_1")], code => this.act(code));
+    [[0, 1], [2]].forEach((axes, i) => {
+      const names = axes.map(axis => this.drives[this.hands.order[axis]]?.label ?? "–");
+      byId(`name_${i}`).textContent = names.join(" · ");
+    });
     try {
       this.scene = new Scene(byId("scene"), data);
-      this.scene.build(data.site?.solids ?? []);
       this._watchPointer(byId("scene"));
     } catch (error) {
       this.tell(/** @type {Error} */ (error).message, Infinity);
@@ -210,19 +205,21 @@ class Page {
     const {data, actions} = this;
     document.title = `${data.title} · cranedyn drive`;
     byId("title").textContent = data.title;
+    /** @param {string} id @param {string} code @param {string} text @param {string} value
+     * @param {string} title */
+    const choice = (id, code, text, value, title = "") =>
+      byId(id).append(element("button", {name: code, textContent: text, value, title}));
     data.assistances.forEach(({name, label, text}, i) => {
-      const code = `Digit${i + 1}`;
-      actions[code] = () => this.choose(name);
-      const title = `${text} (${i + 1})`;
-      byId("assistances").append(element("button", {textContent: label, title, value: name, name: code}));
+      actions[`Digit${i + 1}`] = () => this.worker.postMessage({type: "assist", name: (this.assist = name)});
+      choice("assistances", `Digit${i + 1}`, label, name, `${text} (${i + 1})`);
     });
     for (const name of VIEWS) {
       actions[name] = () => this.view(name);
-      byId("views").append(element("button", {textContent: name, value: name, name}));
+      choice("views", name, name, name);
     }
     for (const task of data.tasks) {
       actions[task.name] = () => this.begin(task);
-      byId("task_list").append(element("button", {textContent: task.title, value: task.name, name: task.name}));
+      choice("task_list", task.name, task.title, task.name);
     }
     const tonne = 1000 * data.crane.gravity;
     const rows = /** @type {[string, string, number, (state: State) => number | null, string?][]} */ ([
@@ -241,16 +238,15 @@ class Page {
     for (const {name, label, unit, least, most, value} of data.sliders) {
       const range = element("input", {type: "range", min: least, max: most, step: "any", value});
       const output = element("output");
-      const write = () => { output.textContent = `${Number(range.valueAsNumber.toPrecision(3))} ${unit}`; };
-      range.oninput = () => {
-        write();
-        this.worker.postMessage({type: "slider", name, value: range.valueAsNumber});
+      range.oninput = (/** @type {Event | undefined} */ event) => {
+        output.textContent = `${Number(range.valueAsNumber.toPrecision(3))} ${unit}`;
+        if (event) this.worker.postMessage({type: "slider", name, value: range.valueAsNumber});
       };
-      write();
+      range.oninput();
       byId("sliders").append(element("label", {}, label, output, range));
     }
     byId("tasks").hidden = !data.tasks.length;
-    byId("lesson").hidden = !data.crane.joints.some(joint => joint.role === "hoist");
+    byId("lesson").hidden = data.crane.joints.every(({role}) => role !== "hoist");
     if (innerWidth < 760) byId("charts").open = false;
     const reach = Math.max(20, ...data.crane.joints.map(({role, upper}) => role === "trolley" ? 1.3 * upper : 0));
     this.labels = [10, 20, 30, 40].filter(r => r <= reach).flatMap(r => [[0, -r], [r, 0], [-r, 0], [0, r]]
@@ -292,8 +288,9 @@ class Page {
       if (moved >= 6 || this.assist !== "predictive" || !this.state) return;
       const point = scene.pick(clientX, clientY);
       if (!point) return;
-      point[2] = scene.load[2];
-      this.worker.postMessage({type: "goal", position: scene.reachFor(this.state.q, point)});
+      const {position, place} = scene.reachFor(this.state.q, [point[0], point[1], scene.load[2]]);
+      this.look.aim = place;
+      this.worker.postMessage({type: "goal", position});
     };
     canvas.addEventListener("wheel", event => {
       event.preventDefault();
@@ -301,22 +298,10 @@ class Page {
     }, {passive: false});
   }
 
-  /** Choose an assistance. @param {string} name */
-  choose(name) {
-    this.assist = name;
-    this.worker.postMessage({type: "assist", name});
-  }
-
   /** Choose a view. @param {string} name */
   view(name) {
     if (this.task?.blind && name !== "cabin") this.tell("In this task the cabin is the only view.");
     else this.look.view = name;
-  }
-
-  /** Press or release the emergency stop. */
-  stop() {
-    this.stopped = !this.stopped;
-    this.worker.postMessage({type: "stop", on: this.stopped});
   }
 
   /** Send the speed; a page that nobody sees stands still. */
@@ -350,12 +335,10 @@ class Page {
   judgePeriod(measured) {
     const {crane} = this.data, hoist = crane.joints.findIndex(joint => joint.role === "hoist");
     const l = (this.state?.q ?? crane.start)[hoist], closed = 2 * Math.PI * Math.sqrt(l / crane.gravity);
-    const error = 100 * (measured / closed - 1), verdict = Math.abs(error) < 2
-      ? ". What is left: the load's own inertia, the size of the swing, and reading." : ".";
-    byId("period_answer").replaceChildren(...measured > 0 ? [`2π√(l/g) at l = ${fixed(l, 2)} m: `,
-      element("strong", {}, `${fixed(closed, 3)} s`),
-      `. Yours is ${fixed(Math.abs(error), 2)} % ${error < 0 ? "shorter" : "longer"}${verdict}`,
-    ] : ["Enter a time in seconds."]);
+    const error = 100 * (measured / closed - 1), side = error < 0 ? "shorter" : "longer";
+    byId("period_answer").textContent = measured > 0 ? `2π√(l/g) at l = ${fixed(l, 2)} m: ${fixed(closed, 3)} s.
+      Yours is ${fixed(Math.abs(error), 2)} % ${side}${Math.abs(error) < 2 ? `. What is left: the load's own
+      inertia, the size of the swing, and reading.` : "."}` : "Enter a time in seconds.";
   }
 
   /** Take a message of the worker. @param {any} message */
@@ -372,7 +355,7 @@ class Page {
         [this.assist, this.stopped] = [state.assist, state.stopped];
         this.show();
       }
-      this.look.aim = state.goal && this.scene ? this.scene.placeOf(state.goal) : null;
+      if (!state.goal || state.t < (before?.t ?? 0)) this.look.aim = null;
       this.strips.push([state.t, ...this.data.crane.swings.slice(0, 2).map(i => state.q[i] * DEGREES),
         ...this.drives.map(({joint, rate}) => 100 * state.v[joint] / rate),
         ...this.drives.map(({effort}, i) => 100 * state.effort[i] / effort)]);
@@ -388,7 +371,7 @@ class Page {
   /** Show what is chosen. */
   show() {
     const {look, data, task} = this, root = document.documentElement;
-    for (const [id, value] of [["assistances", this.assist], ["views", look.view], ["task_list", task?.name ?? ""]]) {
+    for (const [id, value] of Object.entries({assistances: this.assist, views: look.view, task_list: task?.name})) {
       for (const button of byId(id).children) button.setAttribute("aria-pressed", button.value === value);
     }
     root.classList.toggle("night", look.night);

@@ -14,7 +14,8 @@
  *   sliders: {name: string, label: string, unit: string, least: number, most: number}[],
  *   site: {name: string, solids: Solid[]} | null, colours: Record<string, string>}} ViewData
  * @typedef {{view: string, night: boolean, t: number, goal: number[] | null, radius: number,
- *   aim: number[] | null}} Look  Place of a task's goal with its radius, and of a click [m].
+ *   aim: number[] | null}} Look Place of a task's goal with its radius, and of a click [m].
+ * @typedef {{structure: number, loaded: number, opaque: number, all: number}} Counts
  */
 
 const VIEWS = ["cabin", "follow", "side", "top", "orbit"];
@@ -30,13 +31,13 @@ const channels = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16) / 2
  * pairs of points (radius, height, normal outward, normal upward).
  * @param {number[][][]} profile @param {number} sides */
 function revolve(profile, sides) {
-  return profile.flatMap(([a, b]) => Array.from({length: sides}, (_, side) => {
-    /** @param {number[]} p @param {number} k */
-    const corner = (p, k) => {
-      const c = Math.cos(2 * Math.PI * k / sides), s = Math.sin(2 * Math.PI * k / sides);
-      return [c * p[0], s * p[0], p[1], c * p[2], s * p[2], p[3]];
-    };
-    const [p, q, r, t] = [corner(a, side), corner(b, side), corner(b, side + 1), corner(a, side + 1)];
+  /** @param {number[]} p @param {number} k */
+  const corner = ([r, z, outward, upward], k) => {
+    const c = Math.cos(2 * Math.PI * k / sides), s = Math.sin(2 * Math.PI * k / sides);
+    return [c * r, s * r, z, c * outward, s * outward, upward];
+  };
+  return profile.flatMap(([a, b]) => Array.from({length: sides}, (_, k) => {
+    const [p, q, r, t] = [corner(a, k), corner(b, k), corner(b, k + 1), corner(a, k + 1)];
     return [p, q, r, p, r, t].flat();
   }).flat());
 }
@@ -55,8 +56,9 @@ function faceted(vertices, triangles) {
 
 /** Triangles of a cylinder about Z. @param {number} r @param {number} length */
 function cylinder(r, length) {
-  const h = length / 2, [top, foot] = [[0, h, 0, 1], [0, -h, 0, -1]];
-  return revolve([[top, [r, h, 0, 1]], [[r, h, 1, 0], [r, -h, 1, 0]], [[r, -h, 0, -1], foot]], 20);
+  const h = length / 2;
+  return revolve([[[0, h, 0, 1], [r, h, 0, 1]], [[r, h, 1, 0], [r, -h, 1, 0]],
+    [[r, -h, 0, -1], [0, -h, 0, -1]]], 20);
 }
 
 const CUBE = Array.from({length: 8}, (_, i) => [i & 1, i >> 1 & 1, i >> 2]).flat().map(x => x - 0.5);
@@ -68,8 +70,10 @@ function surface({kind, size, vertices = [], triangles = []}) {
   if (kind === "box") return faceted(CUBE.map((x, i) => x * size[i % 3]), CUBE_SIDES);
   if (kind === "cylinder") return cylinder(size[0], size[1]);
   if (kind === "mesh") return faceted(vertices, triangles);
-  const arc = Array.from({length: 11}, (_, k) => [Math.sin(k * Math.PI / 10), Math.cos(k * Math.PI / 10)]);
-  const points = arc.map(([x, z]) => [size[0] * x, size[0] * z, x, z]);
+  const points = Array.from({length: 11}, (_, k) => {
+    const x = Math.sin(k * Math.PI / 10), z = Math.cos(k * Math.PI / 10);
+    return [size[0] * x, size[0] * z, x, z];
+  });
   return revolve(points.slice(1).map((point, k) => [points[k], point]), 16);
 }
 
@@ -77,7 +81,10 @@ function surface({kind, size, vertices = [], triangles = []}) {
 class Scene {
   /** @param {HTMLCanvasElement} canvas @param {ViewData} data */
   constructor(canvas, data) {
-    const gl = canvas.getContext("webgl2", {stencil: true, alpha: false});
+    // Smooth edges where a graphics processor draws, and half the work where none does.
+    const options = {stencil: true, alpha: false}, gl = /** @type {WebGL2RenderingContext | null} */ (
+      canvas.getContext("webgl2", {...options, failIfMajorPerformanceCaveat: true})
+      ?? canvas.getContext("webgl2", {...options, antialias: false}));
     if (!gl) throw new Error("This browser has no WebGL 2: there are numbers, but no picture.");
     const {crane} = data;
     this.canvas = canvas;
@@ -116,7 +123,8 @@ class Scene {
       && Math.abs(crane.joints[i].axis[2]) < 0.5).pop() ?? -1;
     this.turning = crane.joints.some(joint => joint.role === "slew");
     this._move(crane.start);
-    this.build([]);
+    this._measure();
+    this.build(data.site?.solids ?? []);
   }
 
   /** Position of the load in the world [m]. */
@@ -171,18 +179,15 @@ class Scene {
   /** Put all triangles into one buffer: structure, load with rope, solids, zones.
    * @param {Solid[]} solids */
   build(solids) {
-    const {gl, crane} = this, {shapes, joints, points} = crane, floats = /** @type {number[]} */ ([]);
-    const one = [1, 0, 0, 0, 1, 0, 0, 0, 1], zero = [0, 0, 0];
-    /** @param {number[]} p @param {number} body @param {number[]} colour @param {number[]} r
+    const {gl, crane: {shapes, joints, points}} = this, floats = /** @type {number[]} */ ([]);
+    /** @param {number[]} r @param {number[]} p @param {number[]} t */
+    const placed = (r, [x, y, z], t) => t.map((s, k) => r[3 * k] * x + r[3 * k + 1] * y + r[3 * k + 2] * z + s);
+    /** @param {number[]} corners @param {number} body @param {number[]} colour @param {number[]} r
      * @param {number[]} t */
-    const add = (p, body, colour, r = one, t = zero) => {
-      for (let i = 0; i < p.length; i += 6) {
-        for (const [k, move] of [[i, t], [i + 3, zero]].map(x => /** @type {[number, number[]]} */ (x))) {
-          for (let row = 0; row < 3; row++) {
-            floats.push(r[3 * row] * p[k] + r[3 * row + 1] * p[k + 1] + r[3 * row + 2] * p[k + 2] + move[row]);
-          }
-        }
-        floats.push(...colour, body);
+    const add = (corners, body, colour, r = [1, 0, 0, 0, 1, 0, 0, 0, 1], t = [0, 0, 0]) => {
+      for (let i = 0; i < corners.length; i += 6) {
+        const normal = placed(r, corners.slice(i + 3, i + 6), [0, 0, 0]);
+        floats.push(...placed(r, corners.slice(i, i + 3), t), ...normal, ...colour, body);
       }
     };
     const count = () => floats.length / VERTEX_FLOATS;
@@ -205,24 +210,18 @@ class Scene {
     gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(floats), gl.STATIC_DRAW);
     this._lineArray.bind();
     gl.bufferData(gl.ARRAY_BUFFER, this._lines, gl.DYNAMIC_DRAW);
-    this._measure(floats.slice(0, loaded * VERTEX_FLOATS));
   }
 
-  /** Measure the crane as it stands, for the views of all of it. @param {number[]} floats */
-  _measure(floats) {
-    const {bodies, crane: {ground}} = this, low = [0, 0, ground], high = [0, 0, ground];
-    for (let i = 0; i < floats.length; i += VERTEX_FLOATS) {
-      for (let k = 0; k < 3; k++) {
-        const o = 12 * floats[i + 10] + 4 * k;
-        const x = bodies[o] * floats[i] + bodies[o + 1] * floats[i + 1] + bodies[o + 2] * floats[i + 2];
-        low[k] = Math.min(low[k], x + bodies[o + 3]);
-        high[k] = Math.max(high[k], x + bodies[o + 3]);
-      }
-    }
+  /** Measure the crane as it stands, for the views of all of it. */
+  _measure() {
+    const {kinematics, crane: {shapes, ground, joints}, boom, turning} = this;
+    const places = shapes.map(({joint, translation}) => kinematics.point(joint, translation));
+    const [low, high] = [Math.min, Math.max].map(end =>
+      [0, 1, 2].map(k => places.reduce((value, place) => end(value, place[k]), k < 2 ? 0 : ground)));
     /** Height [m], greatest distance from the world's axis [m], and middle of the crane [m]. */
     this.height = high[2] - ground;
-    this.reach = Math.max(high[0], high[1], -low[0], -low[1], 5);
-    this.middle = low.map((x, k) => this.turning && k < 2 ? 0 : (x + high[k]) / 2);
+    this.reach = Math.max(high[0], high[1], -low[0], -low[1], boom < 0 ? 5 : joints[boom].upper);
+    this.middle = low.map((x, k) => turning && k < 2 ? 0 : (x + high[k]) / 2);
   }
 
   /** Move all bodies. @param {ArrayLike<number>} q Coordinates [rad or m]. */
@@ -237,7 +236,7 @@ class Scene {
         bodies[o + 3] = poses[i][9 + k];
       }
     }
-    for (let i = 0; i < points.length; i++) rope[i] = this.kinematics.point(points[i].joint, points[i].point);
+    points.forEach(({joint, point}, i) => { rope[i] = this.kinematics.point(joint, point); });
     for (let i = 1; i < rope.length; i++) {
       const [a, b] = [rope[i - 1], rope[i]], along = b.map((x, k) => x - a[k]);
       const first = cross([0, 1, 0], along), second = cross(along, first);
@@ -248,41 +247,30 @@ class Scene {
     }
   }
 
-  /** Positions of the drives that bring the load to a point [m], from where they are: each drive
-   * in turn takes the step that brings it nearest.
-   * @param {ArrayLike<number>} start @param {number[]} point */
-  reachFor(start, point) {
+  /** Positions of the drives that bring the load as near to a point [m] as their ranges allow, and
+   * where it then hangs [m]: each drive in turn takes the step that brings it nearest.
+   * @param {ArrayLike<number>} start @param {number[]} goal */
+  reachFor(start, goal) {
     const {crane: {drives, joints, swings, rest, points}, kinematics} = this, q = Array.from(start);
-    const {joint, point: centre} = points[points.length - 1];
-    const place = () => (kinematics.move(q), kinematics.point(joint, centre));
+    const {joint, point} = points[points.length - 1];
+    const place = () => (kinematics.move(q), kinematics.point(joint, point));
     for (const i of swings) q[i] = rest[i];
     for (let round = 0; round < 12; round++) {
       for (const i of drives) {
         const here = place();
         q[i] += 1e-5;
         const step = place().map((x, k) => (x - here[k]) / 1e-5);
-        const gain = step.reduce((sum, x, k) => sum + x * (point[k] - here[k]), 0);
+        const gain = step.reduce((sum, x, k) => sum + x * (goal[k] - here[k]), 0);
         q[i] += gain / Math.max(step.reduce((sum, x) => sum + x * x, 0), 1e-6) - 1e-5;
         q[i] = Math.min(joints[i].upper, Math.max(joints[i].lower, q[i]));
       }
     }
-    return drives.map(i => q[i]);
-  }
-
-  /** Place of the load [m] with the drives at some positions and the load at rest.
-   * @param {number[]} positions */
-  placeOf(positions) {
-    const {crane: {drives, swings, rest, points, start}, kinematics} = this, q = Array.from(start);
-    drives.forEach((i, k) => { q[i] = positions[k]; });
-    for (const i of swings) q[i] = rest[i];
-    kinematics.move(q);
-    const {joint, point} = points[points.length - 1];
-    return kinematics.point(joint, point);
+    return {position: drives.map(i => q[i]), place: place()};
   }
 
   /** Draw one picture. @param {ArrayLike<number>} q Coordinates [rad or m]. @param {Look} look */
   draw(q, look) {
-    const {gl, counts, bodies} = this, night = look.night ? 1 : 0;
+    const {gl, bodies} = this, night = Number(look.night), counts = /** @type {Counts} */ (this.counts);
     const passed = this._resize();
     this._move(q);
     this._aim(q, look.view, passed);
@@ -296,7 +284,6 @@ class Scene {
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     const body = this._use(this.body, night);
-    if (!counts) return;
     gl.uniformMatrix3x4fv(body.bodies, false, bodies);
     this._array.bind();
     // Each pixel is darkened once; the shadow of the load, the darker one, comes first.
@@ -318,7 +305,7 @@ class Scene {
     gl.drawArrays(gl.TRIANGLES, 0, counts.opaque);
     gl.enable(gl.BLEND);
     gl.depthMask(false);
-    if (counts.all > counts.opaque) gl.drawArrays(gl.TRIANGLES, counts.opaque, counts.all - counts.opaque);
+    gl.drawArrays(gl.TRIANGLES, counts.opaque, counts.all - counts.opaque);
     this._drawLines(grounded, this._lineCount);
     gl.depthMask(true);
   }
@@ -346,13 +333,12 @@ class Scene {
     const {canvas} = this, now = performance.now(), passed = Math.min(now - this._last, 500);
     this._last = now;
     this._slow = Math.max(0, this._slow + (passed > 45 ? 1 : -1));
-    if (this._slow > 20 && this.quality > 0.55) {
+    if (this._slow > 20 && this.quality > 0.65) {
       this.quality *= 0.8;
       this._slow = 0;
     }
     const ratio = this.quality * (window.devicePixelRatio || 1);
-    const width = Math.max(1, Math.round(canvas.clientWidth * ratio));
-    const height = Math.max(1, Math.round(canvas.clientHeight * ratio));
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight].map(x => Math.max(1, Math.round(x * ratio)));
     if (canvas.width !== width) canvas.width = width;
     if (canvas.height !== height) canvas.height = height;
     this.gl.viewport(0, 0, width, height);
@@ -362,59 +348,57 @@ class Scene {
   /** Set eye and target of a view, and move there from the view before.
    * @param {ArrayLike<number>} q @param {string} view @param {number} passed [s] */
   _aim(q, view, passed) {
-    const {eye, target, load, crane, middle = [0, 0, 0], height = 0, reach = 0, _orbit, _from} = this;
+    const {eye, target, load, crane, middle = [0, 0, 0], height = 0, reach = 0} = this;
     const aspect = this.canvas.width / this.canvas.height, [pivot] = this.rope;
     if (view !== this._view) {
       if (view === "orbit") {
         const away = eye.map((x, k) => x - target[k]), distance = Math.hypot(...away) || 1;
         this._orbit = {yaw: Math.atan2(away[1], away[0]), pitch: Math.asin(away[2] / distance), distance};
       }
-      for (let k = 0; k < 3; k++) [_from[k], _from[3 + k]] = [eye[k], target[k]];
+      this._from = [...eye, ...target];
       this._blend = this._view && view !== "orbit" ? 0 : 1;
       this._zoom = 1;
       this._view = view;
     }
     // Direction of the jib on the ground, (dx, dy); (dy, -dx) points to the right of it.
-    let dx = 0, dy = -1;
+    let [dx, dy] = [0, -1];
     if (this.boom >= 0) {
       const pose = this.kinematics.poses[this.boom], [x, y, z] = crane.joints[this.boom].axis;
       [dx, dy] = [0, 3].map(k => pose[k] * x + pose[k + 1] * y + pose[k + 2] * z);
     }
-    const zoom = this._zoom, far = zoom * 1.12 * Math.max(height / 2, 0.75 * reach / aspect) / TANGENT;
-    /** @param {number} x @param {number} y @param {number} z @param {number} along
-     * @param {number} right @param {number} up */
-    const stand = (x, y, z, along, right, up) => {
-      [eye[0], eye[1], eye[2]] = [x + along * dx + right * dy, y + along * dy - right * dx, z + up];
-    };
+    const zoom = this._zoom, far = zoom * 1.5 * Math.max(height / 2, 0.75 * reach / aspect) / TANGENT;
+    let along = 0, right = 0, up = 0;
     if (view === "cabin") {
-      const travel = this.boom < 0 ? 0 : q[this.boom] - crane.joints[this.boom].lower;
-      stand(pivot[0], pivot[1], pivot[2], -travel, -1.9, -0.7);
+      along = this.boom < 0 ? 0 : crane.joints[this.boom].lower - q[this.boom];
+      [right, up] = [-1.9, -0.7];
       for (let k = 0; k < 3; k++) target[k] = load[k] + (k < 2 ? 0.5 : 0.15) * (pivot[k] - load[k]);
     } else if (view === "follow") {
-      stand(load[0], load[1], load[2], 13 * zoom, -9 * zoom, 6.5 * zoom);
-      for (let k = 0; k < 3; k++) target[k] = load[k] + (k === 2 ? 1 : 0);
+      [along, right, up] = [13 * zoom, -9 * zoom, 6.5 * zoom];
+      [target[0], target[1], target[2]] = [load[0], load[1], load[2] + 1];
     } else if (view === "top") {
-      for (let k = 0; k < 3; k++) target[k] = k === 2 ? crane.ground : middle[k];
-      const up = height + zoom * 1.05 * reach / TANGENT / Math.min(1, aspect);
       // Not straight above, so that -Y, along the jib at the start, is up.
-      [eye[0], eye[1], eye[2]] = [target[0], target[1] + 0.1, target[2] + up];
+      up = height + 1.05 * zoom * reach / TANGENT / Math.min(1, aspect);
+      [target[0], target[1], target[2]] = [middle[0], middle[1] - 0.1, crane.ground];
     } else if (view === "side") {
-      const along = this.turning ? 0.3 * reach : 0;
-      [target[0], target[1], target[2]] = [middle[0] + along * dx, middle[1] + along * dy, middle[2]];
-      stand(target[0], target[1], target[2], 0, far, 0.06 * far);
-    } else {
-      const flat = _orbit.distance * Math.cos(this._orbit.pitch), {yaw, pitch, distance} = this._orbit;
+      const ahead = this.turning ? 0.3 * reach : 0;
+      [target[0], target[1], target[2]] = [middle[0] + ahead * dx, middle[1] + ahead * dy, middle[2]];
+      [right, up] = [far, 0.06 * far];
+    }
+    const from = view === "cabin" ? pivot : view === "follow" ? load : view === "top" ? middle : target;
+    [eye[0], eye[1]] = [from[0] + along * dx + right * dy, from[1] + along * dy - right * dx];
+    eye[2] = (view === "top" ? crane.ground : from[2]) + up;
+    if (view === "orbit") {
+      const {yaw, pitch, distance} = this._orbit, flat = distance * Math.cos(pitch);
       [eye[0], eye[1]] = [target[0] + flat * Math.cos(yaw), target[1] + flat * Math.sin(yaw)];
       eye[2] = target[2] + distance * Math.sin(pitch);
     }
     eye[2] = Math.max(eye[2], crane.ground + 0.5);
     if (this._blend < 1) {
       this._blend = Math.min(1, this._blend + passed / MOVE_SECONDS);
-      const s = this._blend * this._blend * (3 - 2 * this._blend);
-      for (let k = 0; k < 3; k++) {
-        eye[k] = _from[k] + s * (eye[k] - _from[k]);
-        target[k] = _from[3 + k] + s * (target[k] - _from[3 + k]);
-      }
+      const {_from} = this, s = this._blend * this._blend * (3 - 2 * this._blend);
+      [eye, target].forEach((place, i) => place.forEach((x, k) => {
+        place[k] = _from[3 * i + k] + s * (x - _from[3 * i + k]);
+      }));
     }
     this._look(aspect);
   }
@@ -422,10 +406,10 @@ class Scene {
   /** Compute axes and matrix of the camera from eye and target. @param {number} aspect */
   _look(aspect) {
     const {eye, target, right, up, forward, camera} = this, near = 0.3, far = 900;
-    for (let k = 0; k < 3; k++) forward[k] = target[k] - eye[k];
-    const length = Math.hypot(...forward) || 1, flat = Math.hypot(forward[0], forward[1]) || 1;
-    for (let k = 0; k < 3; k++) forward[k] /= length;
-    [right[0], right[1]] = [length * forward[1] / flat, -length * forward[0] / flat];
+    const length = Math.hypot(...target.map((x, k) => x - eye[k])) || 1;
+    target.forEach((x, k) => { forward[k] = (x - eye[k]) / length; });
+    const flat = Math.hypot(forward[0], forward[1]) || 1;
+    [right[0], right[1]] = [forward[1] / flat, -forward[0] / flat];
     [up[0], up[1], up[2]] = cross(right, forward);
     const deep = (far + near) / (far - near);
     for (let i = 0; i < 4; i++) {
@@ -436,10 +420,8 @@ class Scene {
       camera[4 * i + 2] = deep * along(forward) - (i < 3 ? 0 : 2 * far * near / (far - near));
       camera[4 * i + 3] = along(forward);
     }
-    for (let k = 0; k < 3; k++) {
-      right[k] *= TANGENT * aspect;
-      up[k] *= TANGENT;
-    }
+    right.forEach((x, k) => { right[k] = TANGENT * aspect * x; });
+    up.forEach((x, k) => { up[k] = TANGENT * x; });
   }
 
   /** Turn the orbit by a drag [pixels]. @param {number} x @param {number} y */

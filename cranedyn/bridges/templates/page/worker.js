@@ -16,27 +16,28 @@ class Session {
     this.ratio = 0;
     /** @type {Input[]} Inputs to replay, the earliest last. */
     this.waiting = [];
-    this.reset();
+    this.run = new Run(data, code);
+    this.due = 0;
     this.last = performance.now();
     setInterval(() => this.tick(), TICK);
   }
 
   reset() {
-    const sliders = this.run ? this.run.sliders : {}, assist = this.run ? this.run.assist : "none";
+    const {sliders, assist} = this.run;
     this.run = new Run(this.data, this.code);
+    this.waiting = [];
+    this.due = 0;
     for (const [name, value] of Object.entries(sliders)) {
       if (value !== this.run.usual[name]) this.run.input("slider", [name, value]);
     }
     if (assist !== "none") this.run.input("assist", assist);
-    this.due = 0;
-    this.replaying = false;
   }
 
   tick() {
     const now = performance.now(), {period} = this.data.kernel, {run} = this;
     const passed = Math.min((now - this.last) / 1000, LATE);
     this.last = now;
-    if (!run || run.event !== null) return;
+    if (run.event !== null) return;
     this.due += passed * this.factor / period;
     const first = run.k;
     while (this.due >= 1 && run.event === null && performance.now() - now < SHARE * TICK) {
@@ -70,7 +71,7 @@ class Session {
   }
 
   save() {
-    const {inputs, k} = this.run ?? {inputs: [], k: 0};
+    const {inputs, k} = this.run;
     const lines = [Object.values(this.data.crane.columns).flat().join(",")];
     replay(this.data, this.code, inputs, k, run => { lines.push(run.values().join(",")); });
     const recorded = JSON.stringify({instants: k, inputs});
@@ -79,13 +80,13 @@ class Session {
 
   /** @param {any} message */
   receive(message) {
-    const {type} = message, run = /** @type {Run} */ (this.run);
+    const {type} = message, {run} = this;
     if (type === "speed") this.factor = message.factor;
     else if (type === "save") this.save();
     else if (type === "reset") this.reset();
     else if (type === "replay") {
-      this.run = undefined;
-      this.reset();
+      this.run = new Run(this.data, this.code);
+      this.due = 0;
       this.waiting = [...message.inputs].reverse();
     } else if (this.waiting.length) return; // nobody steers while a drive is shown again
     else if (type === "sticks") {
@@ -98,7 +99,7 @@ class Session {
     else if (type === "slider") run.input("slider", [message.name, message.value]);
     else if (type === "task") {
       this.reset();
-      /** @type {Run} */ (this.run).input("task", message.name);
+      this.run.input("task", message.name);
     }
   }
 }

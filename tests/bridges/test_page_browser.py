@@ -1,0 +1,215 @@
+"""The page in which one drives, in a real browser: hands, pictures, and nothing from anywhere."""
+
+from __future__ import annotations
+
+import base64
+import io
+import itertools
+import math
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from cranedyn.bridges import page
+from cranedyn.bridges.exercises import exercises
+from cranedyn.model.load import load_crane
+
+selenium = pytest.importorskip(
+    "selenium.webdriver", reason="extra browser (selenium) is not installed"
+)
+CHROMIUM, DRIVER, TSC = map(shutil.which, ("chromium", "chromedriver", "tsc"))
+browser = pytest.mark.skipif(
+    not (CHROMIUM and DRIVER), reason="Chromium and its driver are not installed"
+)
+SCRIPTS = sorted(page._TEMPLATES.glob("*.js"))
+
+OPTIONS = (
+    "--headless=new --no-sandbox --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync --use-gl=angle --use-angle=swiftshader "
+    "--enable-unsafe-swiftshader --window-size=900,700"
+)
+
+DRIVES = ("gamma", "x", "l")
+
+KEYS = {
+    "ArrowLeft": (1, 0, 0),
+    "KeyD": (-1, 0, 0),
+    "ArrowUp": (0, 1, 0),
+    "KeyS": (0, -1, 0),
+    "KeyR": (0, 0, -1),
+    "PageDown": (0, 0, 1),
+}
+"""Keys with the sense of slew, trolley and hoist: left is counter-clockwise, forward outward, and
+up a shorter cable."""
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of the tower crane with the exercise that needs no plan."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(page, "exercises", lambda *of: itertools.islice(exercises(*of), 1))
+        return page.export(tmp_path_factory.mktemp("page") / "crane.html", load_crane())
+
+
+@pytest.fixture(scope="module")
+def driver(file: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    options = selenium.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for word in (*OPTIONS.split(), f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
+        options.add_argument(word)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = selenium.Chrome(options=options, service=selenium.ChromeService(DRIVER))
+    driver.set_script_timeout(60)
+    try:
+        driver.get(file.as_uri())
+        wait(driver, "page.state && page.state.t > 0")
+        yield driver
+    finally:
+        driver.quit()
+
+
+def wait(driver: Any, condition: str) -> None:
+    """Wait until a condition holds in the page."""
+    driver.execute_async_script(
+        f"const done = arguments[0]; (function look() {{ ({condition}) ? done() : "
+        "setTimeout(look, 20); })()"
+    )
+
+
+def press(driver: Any, code: str, kind: str = "keydown") -> None:
+    driver.execute_script(
+        "document.body.dispatchEvent(new KeyboardEvent(arguments[1], "
+        "{code: arguments[0], bubbles: true, cancelable: true}))",
+        code,
+        kind,
+    )
+
+
+def hands(driver: Any) -> tuple[float, ...]:
+    """Slew, trolley and hoist as the next message to the worker has them."""
+    return tuple(driver.execute_script("return [...page.hands.sticks()]"))
+
+
+@browser
+def test_a_page_from_a_file_loads_nothing_and_may_not(driver: Any) -> None:
+    assert driver.current_url.startswith("file://")
+    script = "return performance.getEntriesByType('resource').map(entry => entry.name)"
+    loaded = driver.execute_script(script)
+    assert all(name.startswith(("blob:", "data:")) for name in loaded)
+    refused = driver.execute_async_script(
+        "const done = arguments[0]; addEventListener('securitypolicyviolation', event => "
+        "done(event.effectiveDirective)); fetch('http://127.0.0.1:9/').catch(() => 0)"
+    )
+    assert refused == "connect-src"
+    messages = [entry["message"] for entry in driver.get_log("browser")]
+    assert [message for message in messages if "127.0.0.1:9" not in message] == []
+
+
+@browser
+@pytest.mark.parametrize("key", KEYS)
+def test_a_key_moves_its_drive_in_its_sense(driver: Any, key: str) -> None:
+    press(driver, key)
+    assert hands(driver) == KEYS[key]
+    press(driver, "ShiftLeft")
+    assert hands(driver) == tuple(0.25 * value for value in KEYS[key])
+    press(driver, "ShiftLeft", "keyup")
+    (drive,) = np.flatnonzero(KEYS[key])
+    joint = load_crane().layout.index(DRIVES[drive])
+    wait(driver, f"{KEYS[key][drive]} * page.state.v[{joint}] > 0.02")
+    press(driver, key, "keyup")
+    assert hands(driver) == (0, 0, 0)
+
+
+@browser
+def test_a_gamepad_has_the_sticks_of_a_cabin_with_a_dead_zone(driver: Any) -> None:
+    def pad(*axes: float) -> tuple[float, ...]:
+        driver.execute_script(
+            "navigator.getGamepads = () => [null, {connected: true, axes: arguments[0]}]",
+            list(axes),
+        )
+        return hands(driver)
+
+    try:
+        assert pad(-1, 0, 0, 0) == (1, 0, 0)  # left stick to the left: counter-clockwise
+        assert pad(0, -1, 0, 0) == (0, 1, 0)  # forward: outward
+        assert pad(0, 0, 1, -1) == (0, 0, -1)  # right stick forward: up
+        assert pad(0.1, -0.1, 0.1, 0.1) == (0, 0, 0)
+        assert pad(0.56, 0, 0, 0) == pytest.approx((-0.5, 0, 0))
+    finally:
+        driver.execute_script("navigator.getGamepads = () => []")
+
+
+@browser
+def test_the_emergency_stop_halts_the_drives_until_it_is_released(driver: Any) -> None:
+    press(driver, "KeyW")
+    wait(driver, "page.state.v[1] > 0.1")
+    press(driver, "Space")
+    wait(driver, "page.state.stopped && Math.abs(page.state.v[1]) < 0.01")
+    assert driver.find_element("id", "stop").text == "RELEASE"
+    press(driver, "Space")
+    wait(driver, "page.state.v[1] > 0.1")
+    press(driver, "KeyW", "keyup")
+
+
+@browser
+def test_pictures_of_the_views_are_not_blank_and_differ(driver: Any) -> None:
+    def picture(code: str) -> np.ndarray:
+        address = driver.execute_script(
+            "const {scene, look, state: {q}} = page; page.act(arguments[0]); scene.draw(q, look);"
+            "scene._blend = 1; scene.draw(q, look); return scene.canvas.toDataURL()",
+            code,
+        )
+        image = Image.open(io.BytesIO(base64.b64decode(address.partition(",")[2])))
+        return np.asarray(image.convert("L").resize((160, 120)), dtype=float)
+
+    pictures = {code: picture(code) for code in ("cabin", "follow", "side", "top", "KeyN")}
+    driver.execute_script("page.act('KeyN')")
+    for code, pixels in pictures.items():
+        assert pixels.std() > 5, code
+    for (a, first), (b, second) in itertools.combinations(pictures.items(), 2):
+        assert np.abs(first - second).mean() > 5, (a, b)
+
+
+@browser
+def test_a_click_on_the_ground_sets_the_goal_of_the_predictive_control(driver: Any) -> None:
+    driver.execute_script("page.act('Backspace'); page.act('Digit5'); page.act('top')")
+    wait(driver, "page.state.assist === 'predictive' && page.scene._blend === 1")
+    goal, place, clicked = driver.execute_script(
+        "const {canvas} = page.scene, x = 0.6 * canvas.clientWidth, y = 0.4 * canvas.clientHeight;"
+        "const sent = []; const post = page.worker.postMessage.bind(page.worker);"
+        "page.worker.postMessage = message => { sent.push(message); post(message); };"
+        "canvas.onpointerdown({pointerId: 1}); canvas.onpointerup({clientX: x, clientY: y});"
+        "page.worker.postMessage = post;"
+        "return [sent.find(({type}) => type === 'goal').position, page.look.aim, "
+        "page.scene.pick(x, y)]"
+    )
+    assert place[:2] == pytest.approx(clicked[:2], abs=1e-3)
+    gamma, radius, _ = goal
+    assert place[:2] == pytest.approx(
+        (radius * math.sin(gamma), -radius * math.cos(gamma)), abs=1e-3
+    )
+
+
+@browser
+def test_the_lesson_compares_a_period_with_the_closed_form(driver: Any) -> None:
+    driver.execute_script("page.act('Backspace')")
+    wait(driver, "page.state.t < 1")
+    crane = load_crane()
+    length = crane.start.q[crane.layout.index("l")]
+    closed = 2.0 * math.pi * math.sqrt(length / crane.gravity)
+    driver.execute_script("page.judgePeriod(arguments[0])", 1.01 * closed)
+    text = driver.find_element("id", "period_answer").get_attribute("textContent")
+    assert f"{closed:.3f} s" in text and "1.00 % longer" in text
+
+
+@pytest.mark.skipif(TSC is None, reason="TypeScript (npm) is not installed")
+def test_the_types_of_the_scripts_hold() -> None:
+    words = "--noEmit --allowJs --checkJs --strict --target es2022 --lib dom,dom.iterable,es2022"
+    done = subprocess.run([TSC, *words.split(), *SCRIPTS], capture_output=True, text=True)  # type: ignore[list-item]
+    assert done.returncode == 0, done.stdout
