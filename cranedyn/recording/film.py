@@ -81,7 +81,7 @@ def film(
 
 
 class _Stage:
-    """A figure whose moving parts alone are drawn anew for each picture."""
+    """A figure whose moving parts alone are drawn again for each picture."""
 
     def __init__(self, runs: Sequence[Run], first: float, last: float) -> None:
         several = len(runs) > 1

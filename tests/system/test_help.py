@@ -116,7 +116,7 @@ def test_describe_refuses_what_its_lists_would_ignore(
     line: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert ended("cranedyn", ["describe", *line.split()]) == 2
-    error = "error: --list and --machines take no values and no output; leave them out.\n"
+    error = f"error: {line.split()[0]} takes no values and no output; leave them out.\n"
     assert capsys.readouterr().err == error
 
 
