@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import itertools
+import json
 import math
 import shutil
 import subprocess
@@ -19,6 +20,7 @@ from PIL import Image
 from cranedyn.bridges import page
 from cranedyn.bridges.exercises import exercises
 from cranedyn.model.load import load_crane
+from tests.bridges import test_page
 
 selenium = pytest.importorskip(
     "selenium.webdriver", reason="extra browser (selenium) is not installed"
@@ -213,3 +215,25 @@ def test_the_types_of_the_scripts_hold() -> None:
     words = "--noEmit --allowJs --checkJs --strict --target es2022 --lib dom,dom.iterable,es2022"
     done = subprocess.run([TSC, *words.split(), *SCRIPTS], capture_output=True, text=True)  # type: ignore[list-item]
     assert done.returncode == 0, done.stdout
+
+
+@browser
+@pytest.mark.slow
+def test_the_crane_of_a_browser_is_that_of_simulate(driver: Any, tmp_path: Path) -> None:
+    data = json.dumps(test_page.data_of("tower"))
+    html = tmp_path / "kernel.html"
+    html.write_text(f"<script>{test_page.script()}\nconst data = {data};</script>", "utf-8")
+    requests = [test_page.request(name, 1000) for name in test_page.ASSISTANCES]
+    driver.execute_script("window.open()")
+    first, second = driver.window_handles
+    driver.switch_to.window(second)
+    try:
+        driver.get(html.as_uri())
+        done = driver.execute_async_script(
+            "const [requests, done] = arguments; drive(data, requests).then(done);", requests
+        )
+    finally:
+        driver.close()
+        driver.switch_to.window(first)
+    for name, end in zip(test_page.ASSISTANCES, done, strict=True):
+        test_page.check_same(end, test_page.in_python("tower", name, 1000), 1e-12)
