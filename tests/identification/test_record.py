@@ -43,7 +43,7 @@ def _clock(row: int, by: float) -> np.ndarray:
         (changed(phi_rad=5.7 * np.sin(columns()["t_s"])), "90 degrees.*phi_rad=phi_rad.deg"),
         (
             changed(phi_rad=None),
-            "has no swing column; one of phi_rad, phi_dot_rad_s, theta_rad, theta",
+            "has no swing column; one of phi_rad, phi_dot_rad_s, the",
         ),
         (changed(phi_rad=np.zeros(800)), "phi_rad never moves; .* not connected"),
         (changed(t_s=None), "has no column t_s"),
