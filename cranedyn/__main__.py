@@ -169,8 +169,9 @@ def _write_description(options: argparse.Namespace) -> int:
     from cranedyn.model.machines import machine_names, read_machine
     from cranedyn.model.options import load_options
 
-    if (options.list or options.machines) and (options.values or options.output):
-        raise DataError("--list and --machines take no values and no output; leave them out.")
+    for flag in ("list", "machines"):
+        if getattr(options, flag) and (options.values or options.output):
+            raise DataError(f"--{flag} takes no values and no output; leave them out.")
     if options.list:
         for name, a in arguments().items():
             print(f"{name:17} {a.default:>9} {a.unit:11} {a.allowed:5} {a.meaning}")
