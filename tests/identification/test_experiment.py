@@ -67,7 +67,7 @@ def test_a_file_of_a_stranger_in_degrees_gives_a_twin(
 ) -> None:
     file, out = tmp_path / "site.csv", tmp_path / "out"
     _write_site(file, {"phi_rad": 1e-5, "theta_rad": 1e-5, "F_l_N": 1.0})
-    words = [str(file), "--columns", "phi_rad=Angle[deg]", "--out", str(out)]
+    words = [str(file), "--columns", "phi_rad=Angle[deg]", "--all", "--out", str(out)]
     assert identify.main(words) == 0
     twin = read_twin(out / "twin.json")
     assert twin.records == ("site.csv",)
