@@ -26,12 +26,15 @@ On ideal drives the control period leaves some 0.001 mrad."""
 
 
 def _reasons(results: Mapping[str, StrategyResult]) -> str:
-    """Return why some have no numbers, each reason once."""
+    """Return why some have no numbers, each reason once, with their names or, if many, number."""
     reasons: dict[str, list[str]] = {}
     for name, result in results.items():
         if result.why:
             reasons.setdefault(result.why, []).append(name)
-    return "".join(f" {', '.join(names)}: {why}" for why, names in reasons.items())
+    return "".join(
+        f" {'; '.join(names) if len(names) < 3 else f'{len(names)} others'}: {why}"
+        for why, names in reasons.items()
+    )
 
 
 def _hook(score: Score) -> float:
@@ -54,9 +57,9 @@ def move_table(move: RestToRest, results: Results, drive: str) -> ResultTable:
         ("20 s later [mrad]", f".3g{swing}", lambda row: row[1] and 1e3 * row[1].later),
         ("settled [s]", ".2f", lambda row: row[1] and finite_or_none(row[1].settled)),
         ("cycle [s]", ".2f", lambda row: row[1] and finite_or_none(row[1].cycle)),
-        note="Amplitudes of the swing; hook: the same at the hook on arrival; settled: time "
-        "after it from which the payload stays within 10 mm of its goal, a dash where it does "
-        f"not in 20 s; cycle: from the start until then.{_quantised(drive)}{_reasons(nominal)}",
+        note="Amplitudes of the swing. Settled: when the payload stays within 10 mm of its goal, "
+        "after the arrival and (cycle) after the start; a dash: not within 20 s."
+        f"{_quantised(drive)}{_reasons(nominal)}",
     )
 
 
