@@ -156,7 +156,7 @@ class _Stage:
             lines.append(f"{run.name}:  " + "  ".join(_readings(run, q)))
         outlines.sort(key=lambda outline: outline.depth)
         self._cranes.set_verts([outline.corners for outline in outlines])
-        self._cranes.set_facecolor(np.array([outline.colour for outline in outlines]))
+        self._cranes.set(facecolor=[outline.colour for outline in outlines])
         self._cursor.set_xdata([t, t])
         self._text.set_text("\n".join(lines))
         self._canvas.restore_region(self._background)
