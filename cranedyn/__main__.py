@@ -114,16 +114,17 @@ def _view(parser: _Parser) -> None:
         from cranedyn import recording
         from cranedyn.data.trajectory import read
         from cranedyn.model.load import load_crane
+        from cranedyn.recording.film import check_film, film
 
         if options.film:
             if options.file.suffix != ".parquet":
                 parser.error(f"a film needs the .parquet of a run, as {options.file} is not")
             if options.serve:
                 parser.error("--serve has no effect beside --film; leave it out")
-            recording.check_film(options.film)
+            check_film(options.film)
             run = read(options.file)
             crane = load_crane(from_record=run.record)
-            recording.film(options.film, [recording.Run(options.file.stem, crane, run)])
+            film(options.film, [recording.Run(options.file.stem, crane, run)])
             print(f"Written to {options.film}.")
             return 0
         if options.port is not None and not options.serve:

@@ -12,7 +12,7 @@ Nothing outside of this room imports Rerun. Begin with `record`:
 - `Live`: streams a run that is under way into a file, a viewer, or both.
 - `open_viewer`, `serve`: show a recording in a window, or in a browser on this machine alone.
 - `view`: records a run and opens it, in one step.
-- `film`: writes runs as an MP4.
+- `cranedyn.recording.film`: films of runs as MP4, without a viewer.
 - `cranedyn.recording.snapshot`: pictures and GIFs without a display.
 - `cranedyn.recording.sketch`: a crane from the side, as a matplotlib figure.
 
@@ -21,7 +21,6 @@ URDF), `series` (tables and plots), `dashboard` (layout and eyes), `viewer` and 
 pages and their processes).
 """
 
-from cranedyn.recording.film import check_film, film
 from cranedyn.recording.record import Live, check_enabled, record
 from cranedyn.recording.run import Obstacle, Run, Scenery
 from cranedyn.recording.viewer import (
@@ -41,9 +40,7 @@ __all__ = [
     "Server",
     "check_display",
     "check_enabled",
-    "check_film",
     "check_port",
-    "film",
     "open_viewer",
     "record",
     "serve",

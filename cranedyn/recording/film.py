@@ -108,7 +108,8 @@ class _Stage:
         swing.set(xlabel="t [s]", ylabel="swing [°]", xlim=(first, last if last > first else None))
         figure.legend(*swing.get_legend_handles_labels(), loc="outside lower right", ncols=2)
         scene.set(aspect="equal", xlabel="[m]", ylabel="[m]")
-        self._cranes = scene.add_collection(PolyCollection([], animated=True))
+        self._cranes = PolyCollection([], animated=True)
+        scene.add_collection(self._cranes)
         self._ropes = [
             scene.plot([], [], "o-", c="#404040", mfc=colour, markevery=[-1], animated=True)[0]
             for colour in colours(runs)
@@ -140,8 +141,8 @@ class _Stage:
 
     @staticmethod
     def _corners(projection: Projection, q: np.ndarray) -> list[np.ndarray]:
-        points = np.concatenate([line.corners for line in projection.outlines(q)] or [[]])
-        points = np.concatenate([points.reshape(-1, 2), projection.rope(q)])
+        corners = [line.corners for line in projection.outlines(q)]
+        points = np.concatenate([*corners, projection.rope(q)])
         return [points.min(axis=0), points.max(axis=0)]
 
     def picture(self, t: float) -> np.ndarray:
@@ -155,7 +156,7 @@ class _Stage:
             lines.append(f"{run.name}:  " + "  ".join(_readings(run, q)))
         outlines.sort(key=lambda outline: outline.depth)
         self._cranes.set_verts([outline.corners for outline in outlines])
-        self._cranes.set_facecolors([outline.colour for outline in outlines])
+        self._cranes.set(facecolor=[outline.colour for outline in outlines])
         self._cursor.set_xdata([t, t])
         self._text.set_text("\n".join(lines))
         self._canvas.restore_region(self._background)

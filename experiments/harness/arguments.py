@@ -143,10 +143,11 @@ def _check_effect(parser: argparse.ArgumentParser, options: argparse.Namespace) 
 def _check_recording(options: argparse.Namespace) -> None:
     if hasattr(options, "port") and not any(getattr(options, mode, None) for mode in options.modes):
         from cranedyn import recording
+        from cranedyn.recording.film import check_film
 
         recording.check_enabled()
         if options.film:
-            recording.check_film(options.film)
+            check_film(options.film)
         if options.view:
             recording.check_display()
         if options.serve:

@@ -140,7 +140,8 @@ def _json(result: dict[str, Any]) -> str:
 
 
 def _record(outcome: Outcome, options: argparse.Namespace) -> None:
-    from cranedyn.recording import film, record
+    from cranedyn.recording import record
+    from cranedyn.recording.film import film
 
     claims = [f"**{MARKS[claim.holds]}**: {claim.sentence}" for claim in outcome.claims]
     text = "\n\n".join([options.about, *claims, *(t.markdown() for t in outcome.tables)])

@@ -12,8 +12,9 @@ from cranedyn.__main__ import main
 from cranedyn.controllers import hold_controller
 from cranedyn.errors import CraneError
 from cranedyn.model.load import load_crane
-from cranedyn.recording import Run, film
-from cranedyn.references import hold, pulse
+from cranedyn.recording import Run
+from cranedyn.recording.film import film
+from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
 
 reason = "the extra film is not installed: pip install 'cranedyn[film]'"
@@ -25,8 +26,8 @@ def test_a_film_has_its_size_its_rate_and_thirty_pictures_a_second_in_which_the_
 ) -> None:
     av = pytest.importorskip("av", reason=reason)
     crane = load_crane()
-    out = pulse(crane, hold(crane), "x", 8.0, at=0.0, width=9.0)
-    run = simulate(crane, hold_controller(crane), out, duration=1.5)
+    up = ramp(crane, hold(crane), "l", -3.0, rate=2.0, at=0.0)
+    run = simulate(crane, hold_controller(crane), up, duration=1.5)
     file, target = run.write(tmp_path / "out.parquet"), tmp_path / "out.mp4"
     assert main(["view", str(file), "--film", str(target)]) == 0
     assert capsys.readouterr().out == f"Written to {target}.\n"
@@ -36,11 +37,11 @@ def test_a_film_has_its_size_its_rate_and_thirty_pictures_a_second_in_which_the_
         pictures = [p.to_ndarray(format="rgb24").astype(int) for p in container.decode(stream)]
     assert len(pictures) == 46  # of 1.5 s, the first and the last included
     first, last = (
-        np.argwhere((p[..., 0] > 200) & (p[..., 1] < 80) & (p[..., 2] < 80))[:, 1].mean()
+        np.argwhere((p[..., 0] > 200) & (p[..., 1] < 80) & (p[..., 2] < 80))[:, 0].mean()
         for p in (pictures[0], pictures[-1])
     )
-    # A crane of 32 m is some 530 pixels wide; the load follows the trolley outwards, to the right.
-    assert 20 < last - first < 200
+    # Some 17 pixels are a metre, and their rows count downwards.
+    assert 20 < first - last < 60
 
 
 def test_a_film_without_its_extra_is_one_sentence(
