@@ -332,17 +332,15 @@ def _figure(radii: np.ndarray, cables: np.ndarray, maps: Mapping[str, MarginMap]
     """Draw damping, and the delay that the worst drive bears, of each strategy over radius and
     cable.
     """
-    count = len(maps)
-    figure, axes = panels(2, count, height=2.8, width=12.5, sharex=True, sharey=True)
+    figure, panes = panels(len(maps), 2, height=1.8, sharex=True, sharey=True)
     shown = ("least damping [% of critical]", "damping", 100.0), ("delay borne [ms]", "late", 1e3)
-    for row, (title, name, scale) in enumerate(shown):
+    for column, (title, name, scale) in enumerate(shown):
         values = {strategy: scale * margins[name] for strategy, margins in maps.items()}
         norm = LogNorm(
             min(v[v > 0.0].min(initial=v.max()) for v in values.values()),
             max(v.max() for v in values.values()),
         )
-        strip = axes[row * count : (row + 1) * count]
-        for ax, (strategy, numbers) in zip(strip, values.items(), strict=True):
+        for ax, (strategy, numbers) in zip(panes[column::2], values.items(), strict=True):
             drawn = ax.pcolormesh(
                 radii, cables, numbers, norm=norm, cmap="viridis", rasterized=True
             )
@@ -351,12 +349,11 @@ def _figure(radii: np.ndarray, cables: np.ndarray, maps: Mapping[str, MarginMap]
                 text = f"{number:.0f}" if number > 9.5 else f"{number:.1g}"
                 style: dict[str, Any] = {"ha": "center", "va": "center"}
                 style["color"] = "white" if stable and norm(number) <= 0.6 else "#111111"
-                style["fontsize"] = min(8.0, 40.0 / len(radii))
+                style["fontsize"] = min(9.0, 45.0 / len(radii))
                 ax.text(float(radii[j]), float(cables[i]), text if stable else "×", **style)
             ax.grid(visible=False)
-            if not row:
-                ax.set_title(strategy, fontsize=9.5)
-        figure.colorbar(drawn, ax=strip, label=title)
+            ax.set_title(strategy, fontsize=10.0)
+        figure.colorbar(drawn, ax=panes[column::2], label=title, location="top", aspect=40)
     figure.supxlabel("trolley radius [m]; × unstable", fontsize=11.0)
     figure.supylabel("cable length [m]", fontsize=11.0)
     return figure

@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -140,18 +139,13 @@ def test_files_of_two_runs_are_not_reported(folder: Path, monkeypatch: pytest.Mo
 def test_a_report_makes_what_one_that_was_cut_off_has_not(
     lost: str, first: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[list[str]] = []
-
-    def main(words: list[str]) -> int:
-        asked.append(words)
-        shutil.copytree(first, folder, dirs_exist_ok=True)
-        return 0
-
-    monkeypatch.setattr(report.importlib, "import_module", lambda name: SimpleNamespace(main=main))
-    assert (reported(folder), asked) == ((0, ""), [])
-    (folder / lost).unlink()
+    monkeypatch.setattr(report, "COMMAND", ("/nothing is run",))
     assert reported(folder) == (0, "")
-    assert len(asked) == 1 and files(folder) == SET
+    (folder / lost).unlink()
+    script = f"import shutil; shutil.copytree({str(first)!r}, {str(folder)!r}, dirs_exist_ok=True)"
+    monkeypatch.setattr(report, "COMMAND", (sys.executable, "-c", script))
+    assert reported(folder) == (0, "")
+    assert files(folder) == SET
 
 
 def test_of_two_runs_in_one_folder_one_wins_whole_and_the_other_says_so(folder: Path) -> None:
