@@ -29,7 +29,7 @@ CHROMIUM, DRIVER, TSC = map(shutil.which, ("chromium", "chromedriver", "tsc"))
 browser = pytest.mark.skipif(
     not (CHROMIUM and DRIVER), reason="Chromium and its driver are not installed"
 )
-SCRIPTS = sorted(page._TEMPLATES.glob("*.js"))
+SCRIPTS = [*page._TEMPLATES.glob("*.js"), page._TEMPLATES / "types.d.ts"]
 
 OPTIONS = (
     "--headless=new --no-sandbox --no-first-run --disable-background-networking "

@@ -63,8 +63,7 @@ class Hands {
     stick.onlostpointercapture = () => { this._screen.fill(0, first, first + 2); };
   }
 
-  /** Deflection of each drive along its coordinate, -1 to 1, shape (m,); the same array at every
-   * call. */
+  /** Deflection of each drive along its coordinate, -1 to 1, shape (m,); the same array at every call. */
   sticks() {
     const {axes, _screen: screen, _keys: keys, _values: values} = this;
     [axes[0], axes[1], axes[2]] = [screen[0], screen[1], screen[3]];

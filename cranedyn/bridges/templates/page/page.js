@@ -1,15 +1,6 @@
 "use strict";
 // The page around the picture: what the operator reads and sets, and the messages of the worker.
 
-/**
- * @typedef {{t: number, q: number[], v: number[], effort: number[], swing: number, height: number,
- *   radius: number, rope_force: number | null, work: number, assist: string, stopped: boolean,
- *   goal: number[] | null, ratio: number, event: {text: string} | null, replaying: boolean,
- *   task: {name: string, time: number, largest_swing: number, done: boolean} | null}} State
- * @typedef {{title: string, unit: string, least: number,
- *   curves: {label: string, colour: string, dash: number[]}[]}} Plot
- */
-
 const STRIP_SECONDS = 30, STRIP_ROWS = 480, NOTICE_SECONDS = 6;
 const DEGREES = 180 / Math.PI;
 const GREEK = /** @type {Record<string, string>} */ ({gamma: "γ", phi: "φ", theta: "θ"});
@@ -132,13 +123,11 @@ class Strips {
 class Page {
   /** @param {ViewData} data */
   constructor(data) {
-    const {crane, colours} = data;
-    this.data = data;
+    const {crane, colours} = this.data = data;
     /** @type {Look} */
     this.look = {view: "follow", night: matchMedia("(prefers-color-scheme: dark)").matches, t: 0,
       goal: null, radius: 1, aim: null};
-    this.assist = "none";
-    this.stopped = this.paused = false;
+    this.assist = "none"; this.stopped = this.paused = false;
     /** @type {State | null} */
     this.state = null;
     /** @type {Exercise | undefined} */
@@ -152,8 +141,8 @@ class Page {
     /** Drives with what a user calls them and measures them by. */
     this.drives = crane.drives.map((i, k) => {
       const {role, name, symbol, kind} = crane.joints[i], turns = kind === "revolute";
-      return {label: role || name, colour: colours[symbol], dash: [], joint: i, rate: crane.rates[k],
-        effort: crane.efforts[k], factor: turns ? DEGREES : 60, unit: turns ? "°/s" : "m/min"};
+      return {label: role || name.replace(/_joint$/, ""), colour: colours[symbol], dash: [], joint: i,
+        rate: crane.rates[k], effort: crane.efforts[k], factor: turns ? DEGREES : 60, unit: turns ? "°/s" : "m/min"};
     });
     const swings = crane.swings.slice(0, 2).map((i, k) => {
       const {symbol} = crane.joints[i];
@@ -174,12 +163,9 @@ class Page {
       save: () => this.worker.postMessage({type: "save"}),
     };
     this._arrange();
-    const joints = crane.drives.map(i => crane.joints[i]);
-    this.hands = new Hands(joints, [byId("stick_0"), byId("stick_1")], code => this.act(code));
-    [[0, 1], [2]].forEach((axes, i) => {
-      const names = axes.map(axis => this.drives[this.hands.order[axis]]?.label ?? "–");
-      byId(`name_${i}`).textContent = names.join(" · ");
-    });
+    this.hands = new Hands(crane.drives.map(i => crane.joints[i]), [byId("stick_0"), byId("stick_1")], code => this.act(code));
+    const names = this.hands.order.map(drive => this.drives[drive]?.label ?? "–");
+    [byId("name_0").textContent, byId("name_1").textContent] = [`${names[0]} · ${names[1]}`, names[2]];
     try {
       this.scene = new Scene(byId("scene"), data);
       this._watchPointer(byId("scene"));
@@ -193,11 +179,9 @@ class Page {
 
   /** Do what a key stands for; return whether it stands for something. @param {string} code */
   act(code) {
-    const action = this.actions[code];
-    if (!action) return false;
-    action();
+    this.actions[code]?.();
     this.show();
-    return true;
+    return code in this.actions;
   }
 
   /** Fill the page with this crane's drives, assistances, sliders and tasks. */
@@ -221,12 +205,13 @@ class Page {
       actions[task.name] = () => this.begin(task);
       choice("task_list", task.name, task.title, task.name);
     }
-    const tonne = 1000 * data.crane.gravity;
+    const tonne = 1000 * data.crane.gravity, turning = data.crane.joints.some(({role}) => role === "slew");
     const rows = /** @type {[string, string, number, (state: State) => number | null, string?][]} */ ([
       ["height", "m", 2, state => state.height],
-      ["radius", "m", 2, state => state.radius],
       ["rope force", "t", 2, state => state.rope_force && state.rope_force / tonne],
-      ["load moment", "t m", 1, state => state.rope_force && state.rope_force / tonne * state.radius],
+      ...turning ? [["radius", "m", 2, (/** @type {State} */ state) => state.radius],
+        ["load moment", "t m", 1, (/** @type {State} */ state) =>
+          state.rope_force && state.rope_force / tonne * state.radius]] : [],
       ...this.drives.map(({label, unit, factor, joint, colour}) =>
         [label, unit, 1, (/** @type {State} */ state) => factor * state.v[joint], colour])]);
     this.numbers = rows.map(([label, unit, digits, value, colour]) => {
@@ -298,7 +283,7 @@ class Page {
     }, {passive: false});
   }
 
-  /** Choose a view. @param {string} name */
+  /** Choose a view, if the task allows it. @param {string} name */
   view(name) {
     if (this.task?.blind && name !== "cabin") this.tell("In this task the cabin is the only view.");
     else this.look.view = name;
@@ -383,7 +368,7 @@ class Page {
     byId("pause").textContent = this.paused ? "▶" : "❚❚";
     byId("explanation").textContent = data.assistances.find(({name}) => name === this.assist)?.text;
     byId("task_text").textContent = task?.text ?? "";
-    byId("score").hidden = !task?.best;
+    byId("score").hidden = !task;
   }
 
   /** Write the numbers. @param {State} state */

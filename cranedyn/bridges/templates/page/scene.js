@@ -2,27 +2,12 @@
 // The picture: a crane of a few hundred shapes in one vertex buffer. Each vertex carries the index of
 // its body, whose pose is a uniform: the whole crane is one draw call, and its shadow another.
 
-/**
- * @typedef {{joint: number, kind: string, size: number[], rotation: number[], translation: number[],
- *   colour: number[], payload: boolean, vertices?: number[], triangles?: number[]}} Shape
- * @typedef {{name: string, zone: boolean, vertices: number[], triangles: number[]}} Solid
- * @typedef {TaskData & {solids: Solid[], blind: boolean,
- *   best: {time: number, swing: number, energy: number} | null}} Exercise
- * @typedef {Omit<PageData, "tasks"> & {title: string, tasks: Exercise[],
- *   crane: {shapes: Shape[], ground: number, gravity: number, start: number[], rates: number[],
- *   efforts: number[]}, assistances: {name: string, label: string, text: string}[],
- *   sliders: {name: string, label: string, unit: string, least: number, most: number}[],
- *   site: {name: string, solids: Solid[]} | null, colours: Record<string, string>}} ViewData
- * @typedef {{view: string, night: boolean, t: number, goal: number[] | null, radius: number,
- *   aim: number[] | null}} Look Place of a task's goal with its radius, and of a click [m].
- * @typedef {{structure: number, loaded: number, opaque: number, all: number}} Counts
- */
-
 const VIEWS = ["cabin", "follow", "side", "top", "orbit"];
 const PATH_SECONDS = 12, PATH_POINTS = 150, MAX_LINE_POINTS = 640;
 const VERTEX_FLOATS = 11, LINE_FLOATS = 8;
 const TANGENT = Math.tan(0.42); // of half the field of view
 const ROPE_RADIUS = 0.05, MOVE_SECONDS = 0.6;
+const UNIFORMS = ["bodies", "camera", "eye", "forward", "ground", "lamp", "night", "right", "shade", "size", "up"];
 
 /** Red, green and blue of a hex colour, 0 to 1. @param {string} hex */
 const channels = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16) / 255);
@@ -87,9 +72,7 @@ class Scene {
       ?? canvas.getContext("webgl2", {...options, antialias: false}));
     if (!gl) throw new Error("This browser has no WebGL 2: there are numbers, but no picture.");
     const {crane} = data;
-    this.canvas = canvas;
-    this.gl = gl;
-    this.crane = crane;
+    this.canvas = canvas; this.gl = gl; this.crane = crane;
     this.kinematics = new Kinematics(crane.joints);
     /** Points of the rope in the world [m], from pivot to load. */
     this.rope = crane.points.map(() => [0, 0, 0]);
@@ -98,17 +81,18 @@ class Scene {
     this.body = this._program("body");
     this.back = this._program("back");
     this.line = this._program("line");
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    gl.stencilFunc(gl.EQUAL, 0, 255);
+    gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
     this._array = this._buffer(VERTEX_FLOATS, [3, 3, 4, 1], 0);
     this._lines = new Float32Array(LINE_FLOATS * MAX_LINE_POINTS);
     this._lineArray = this._buffer(LINE_FLOATS, [4, 4], 1);
     this._path = new Float32Array(3 * PATH_POINTS);
     this._pathLength = this._pathTime = this._lineCount = 0;
-    this.eye = [0, 0, 0];
-    this.target = [0, 0, 0];
-    this.forward = [0, 0, 0];
+    this.eye = [0, 0, 0]; this.target = [0, 0, 0]; this.forward = [0, 0, 0];
     /** Sideways and upward to the edges of the picture, one unit ahead. */
-    this.right = [0, 0, 0];
-    this.up = [0, 0, 0];
+    this.right = [0, 0, 0]; this.up = [0, 0, 0];
     this.camera = new Float32Array(16);
     this._from = [0, 0, 0, 0, 0, 0];
     this._orbit = {yaw: 0, pitch: 0, distance: 60};
@@ -122,15 +106,15 @@ class Scene {
     this.boom = crane.drives.filter(i => crane.joints[i].kind === "prismatic"
       && Math.abs(crane.joints[i].axis[2]) < 0.5).pop() ?? -1;
     this.turning = crane.joints.some(joint => joint.role === "slew");
+    this.height = this.reach = 0;
+    this.middle = [0, 0, 0];
     this._move(crane.start);
     this._measure();
     this.build(data.site?.solids ?? []);
   }
 
   /** Position of the load in the world [m]. */
-  get load() {
-    return this.rope[this.rope.length - 1];
-  }
+  get load() { return this.rope[this.rope.length - 1]; }
 
   /** Compile the program of a name and look up its uniforms. @param {string} name */
   _program(name) {
@@ -149,12 +133,7 @@ class Scene {
     if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
       throw new Error(`The picture cannot be drawn: ${gl.getProgramInfoLog(program)}`);
     }
-    /** @type {Record<string, WebGLUniformLocation | null>} */
-    const uniforms = {};
-    for (let i = 0; i < gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS); i++) {
-      const {name: uniform} = /** @type {WebGLActiveInfo} */ (gl.getActiveUniform(program, i));
-      uniforms[uniform.replace("[0]", "")] = gl.getUniformLocation(program, uniform);
-    }
+    const uniforms = Object.fromEntries(UNIFORMS.map(name => [name, gl.getUniformLocation(program, name)]));
     return {program, uniforms};
   }
 
@@ -190,22 +169,18 @@ class Scene {
         floats.push(...placed(r, corners.slice(i, i + 3), t), ...normal, ...colour, body);
       }
     };
-    const count = () => floats.length / VERTEX_FLOATS;
     /** @param {boolean} payload */
     const addShapes = payload => shapes.filter(shape => shape.payload === payload).forEach(shape =>
       add(surface(shape), shape.joint + 1, shape.colour, shape.rotation, shape.translation));
     /** @param {boolean} zone @param {number[]} colour */
     const addSolids = (zone, colour) => solids.filter(solid => solid.zone === zone).forEach(solid =>
       add(faceted(solid.vertices, solid.triangles), 0, colour));
-    addShapes(false);
-    const structure = count();
-    addShapes(true);
-    points.slice(1).forEach((_, k) => add(cylinder(1, 1), 1 + joints.length + k, [0.1, 0.1, 0.1, 1]));
-    const loaded = count();
-    addSolids(false, [0.73, 0.69, 0.62, 1]);
-    const opaque = count();
-    addSolids(true, [0.8, 0.2, 0.07, 0.25]);
-    this.counts = {structure, loaded, opaque, all: count()};
+    const addRope = () => points.slice(1).forEach((_, k) =>
+      add(cylinder(1, 1), 1 + joints.length + k, [0.1, 0.1, 0.1, 1]));
+    /** Vertices up to the end of structure, load and rope, solids, zones. */
+    this.counts = [() => addShapes(false), () => (addShapes(true), addRope()),
+      () => addSolids(false, [0.73, 0.69, 0.62, 1]), () => addSolids(true, [0.8, 0.2, 0.07, 0.25]),
+    ].map(part => (part(), floats.length / VERTEX_FLOATS));
     this._array.bind();
     gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(floats), gl.STATIC_DRAW);
     this._lineArray.bind();
@@ -216,12 +191,14 @@ class Scene {
   _measure() {
     const {kinematics, crane: {shapes, ground, joints}, boom, turning} = this;
     const places = shapes.map(({joint, translation}) => kinematics.point(joint, translation));
+    places.push([0, 0, ground], this.load);
     const [low, high] = [Math.min, Math.max].map(end =>
-      [0, 1, 2].map(k => places.reduce((value, place) => end(value, place[k]), k < 2 ? 0 : ground)));
-    /** Height [m], greatest distance from the world's axis [m], and middle of the crane [m]. */
+      [0, 1, 2].map(k => end(...places.map(place => place[k]))));
+    /** Height [m], distance from the middle to the farthest end [m], and middle of the crane [m]. */
     this.height = high[2] - ground;
-    this.reach = Math.max(high[0], high[1], -low[0], -low[1], boom < 0 ? 5 : joints[boom].upper);
     this.middle = low.map((x, k) => turning && k < 2 ? 0 : (x + high[k]) / 2);
+    this.reach = Math.max(5, turning && boom >= 0 ? joints[boom].upper : 0,
+      ...[low, high].flatMap(ends => [0, 1].map(k => Math.abs(ends[k] - this.middle[k]))));
   }
 
   /** Move all bodies. @param {ArrayLike<number>} q Coordinates [rad or m]. */
@@ -270,42 +247,35 @@ class Scene {
 
   /** Draw one picture. @param {ArrayLike<number>} q Coordinates [rad or m]. @param {Look} look */
   draw(q, look) {
-    const {gl, bodies} = this, night = Number(look.night), counts = /** @type {Counts} */ (this.counts);
+    const {gl, bodies} = this, night = Number(look.night), {counts = []} = this;
     const passed = this._resize();
     this._move(q);
     this._aim(q, look.view, passed);
     const grounded = this._layLines(look);
     gl.clear(gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
     gl.disable(gl.DEPTH_TEST);
-    gl.disable(gl.BLEND);
     this._use(this.back, night);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
 
-    gl.enable(gl.BLEND);
-    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     const body = this._use(this.body, night);
     gl.uniformMatrix3x4fv(body.bodies, false, bodies);
     this._array.bind();
     // Each pixel is darkened once; the shadow of the load, the darker one, comes first.
     gl.enable(gl.STENCIL_TEST);
-    gl.stencilFunc(gl.EQUAL, 0, 255);
-    gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
     gl.uniform4f(body.shade, 0, 0, 0.02, look.night ? 0.85 : 0.62);
-    gl.drawArrays(gl.TRIANGLES, counts.structure, counts.loaded - counts.structure);
+    gl.drawArrays(gl.TRIANGLES, counts[0], counts[1] - counts[0]);
     gl.uniform4f(body.shade, 0, 0, 0.02, look.night ? 0.35 : 0.2);
-    gl.drawArrays(gl.TRIANGLES, 0, counts.structure);
+    gl.drawArrays(gl.TRIANGLES, 0, counts[0]);
     gl.disable(gl.STENCIL_TEST);
     this._drawLines(0, grounded);
 
     gl.enable(gl.DEPTH_TEST);
-    gl.disable(gl.BLEND);
     this._use(this.body, night);
     this._array.bind();
     gl.uniform4f(body.shade, 0, 0, 0, 0);
-    gl.drawArrays(gl.TRIANGLES, 0, counts.opaque);
-    gl.enable(gl.BLEND);
+    gl.drawArrays(gl.TRIANGLES, 0, counts[2]);
     gl.depthMask(false);
-    gl.drawArrays(gl.TRIANGLES, counts.opaque, counts.all - counts.opaque);
+    gl.drawArrays(gl.TRIANGLES, counts[2], counts[3] - counts[2]);
     this._drawLines(grounded, this._lineCount);
     gl.depthMask(true);
   }
@@ -318,10 +288,7 @@ class Scene {
     gl.uniform1f(uniforms.night, night);
     gl.uniform1f(uniforms.ground, this.crane.ground);
     gl.uniform3fv(uniforms.lamp, this.rope[0]);
-    gl.uniform3fv(uniforms.eye, this.eye);
-    gl.uniform3fv(uniforms.forward, this.forward);
-    gl.uniform3fv(uniforms.right, this.right);
-    gl.uniform3fv(uniforms.up, this.up);
+    for (const name of /** @type {const} */ (["eye", "forward", "right", "up"])) gl.uniform3fv(uniforms[name], this[name]);
     gl.uniformMatrix4fv(uniforms.camera, false, this.camera);
     gl.uniform2f(uniforms.size, canvas.width, canvas.height);
     return uniforms;
@@ -348,7 +315,7 @@ class Scene {
   /** Set eye and target of a view, and move there from the view before.
    * @param {ArrayLike<number>} q @param {string} view @param {number} passed [s] */
   _aim(q, view, passed) {
-    const {eye, target, load, crane, middle = [0, 0, 0], height = 0, reach = 0} = this;
+    const {eye, target, load, crane, middle, height, reach} = this;
     const aspect = this.canvas.width / this.canvas.height, [pivot] = this.rope;
     if (view !== this._view) {
       if (view === "orbit") {
