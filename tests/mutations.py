@@ -597,6 +597,11 @@ cranedyn/bridges/fmi.c
 ? fmi::a_run_that_diverges_is_an_error_that_says_when
 - if (!(fastest < 1e6))
 + if (fastest > 1e60)
+cranedyn/bridges/templates/page/input.js
+* the stick of the hoist lowers when it is pushed forward
+? page_browser::a_key_moves_its_drive_in_its_sense
+- axis[2] < -0.5) ? -1 : 1
++ axis[2] < -2.5) ? -1 : 1
 cranedyn/bridges/margins.py
 * margins overlook half of the sampling rate
 ? margins::a_drive_is_unstable_just_beyond_what_its_margins_say

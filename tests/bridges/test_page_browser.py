@@ -182,20 +182,18 @@ def test_pictures_of_the_views_are_not_blank_and_differ(driver: Any) -> None:
 def test_a_click_on_the_ground_sets_the_goal_of_the_predictive_control(driver: Any) -> None:
     driver.execute_script("page.act('Backspace'); page.act('Digit5'); page.act('top')")
     wait(driver, "page.state.assist === 'predictive' && page.scene._blend === 1")
-    goal, place, clicked = driver.execute_script(
+    goal, place, drawn, clicked = driver.execute_script(
         "const {canvas} = page.scene, x = 0.6 * canvas.clientWidth, y = 0.4 * canvas.clientHeight;"
         "const sent = []; const post = page.worker.postMessage.bind(page.worker);"
         "page.worker.postMessage = message => { sent.push(message); post(message); };"
         "canvas.onpointerdown({pointerId: 1}); canvas.onpointerup({clientX: x, clientY: y});"
-        "page.worker.postMessage = post;"
-        "return [sent.find(({type}) => type === 'goal').position, page.look.aim, "
-        "page.scene.pick(x, y)]"
+        "page.worker.postMessage = post; const [a, b] = page.look.aim;"
+        "return [sent.find(({type}) => type === 'goal').position, [a, b],"
+        "page.scene.project([a, b, page.data.crane.ground]), [x, y]]"
     )
-    assert place[:2] == pytest.approx(clicked[:2], abs=1e-3)
+    assert drawn == pytest.approx(clicked, abs=0.1)  # pixels
     gamma, radius, _ = goal
-    assert place[:2] == pytest.approx(
-        (radius * math.sin(gamma), -radius * math.cos(gamma)), abs=1e-3
-    )
+    assert place == pytest.approx((radius * math.sin(gamma), -radius * math.cos(gamma)), abs=1e-3)
 
 
 @browser
