@@ -42,6 +42,10 @@ def _packed(colour: str) -> int:
     return red << 24 | green << 16 | blue << 8 | 255
 
 
+def _channels(packed: int) -> np.ndarray:
+    return np.array([packed >> 24 & 255, packed >> 16 & 255, packed >> 8 & 255])
+
+
 def test_a_run_has_one_colour_in_the_scene_and_in_every_plot(moving: Trajectory) -> None:
     runs = [Run(name, crane(), moving) for name in ("one", "two", "three")]
     expected = [run_colour(i) for i in range(3)]
@@ -51,8 +55,14 @@ def test_a_run_has_one_colour_in_the_scene_and_in_every_plot(moving: Trajectory)
             continue
         for inks, colour in zip(_inks(runs, name), colours(runs), strict=True):
             curves = zip(inks, shown.curves, strict=True)
-            own = [ink for ink, curve in curves if curve.quantity not in ("setpoint", "limit")]
-            assert set(own) == {_packed(colour)}
+            inks_of = {curve.quantity: ink for ink, curve in curves}
+            own = {
+                ink for name, ink in inks_of.items() if name not in ("setpoint", "limit", "theta")
+            }
+            assert own == {_packed(colour)}
+            pale = inks_of.get("theta", _packed(colour))  # θ is the paler of two swings
+            assert np.all(_channels(pale) >= _channels(_packed(colour)))
+            assert ("theta" in inks_of) == (pale != _packed(colour))
 
 
 def test_a_run_can_bring_its_colour(moving: Trajectory) -> None:
@@ -70,9 +80,7 @@ def test_every_curve_of_several_runs_is_named_with_its_run(moving: Trajectory) -
         for batch in one.overrides
         if "names" in str(batch.component_descriptor())
     ]
-    assert names == [
-        f"{label} · {run}" for run in ("one", "two") for label in ("θ tangential", "φ radial")
-    ]
+    assert names == [f"{label} · {run}" for run in ("one", "two") for label in "θφ"]
 
 
 def test_the_eye_is_level_so_that_plumb_looks_plumb(moving: Trajectory) -> None:
