@@ -13,11 +13,11 @@ from scipy.io import savemat
 
 from cranedyn.errors import DataError
 from experiments.measured import main
+from experiments.measured.pendulum import logged
 from experiments.measured.sources import read_mat, read_workbook
-from tests.identification.test_sampling import logged
 
 HEADINGS = ("timestamp", "trolley_position", "cable_length", "sway_angle")
-NAMES = ("t_s", "trolley_m", "winch_m", "pendulum_rad")
+NAMES = ("t_s", "x_m", "l_m", "phi_rad")
 
 
 def workbook(path: Path, sheets: list[list[list[object]]]) -> Path:
