@@ -1,4 +1,4 @@
-"""Pendulum under a moving trolley by equations of its own: synthetic records of a logger."""
+"""Pendulum under a moving trolley by equations of its own, and records as a logger writes them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from scipy.interpolate import CubicSpline
 GRAVITY, STEP = 9.80665, 0.01
 """Gravity [m/s²] and integration step [s]."""
 
-_KINK = 1e-3
-"""Swing [rad] within which a centring torque changes its sign."""
+_KINK, _SLOW = 1e-3, 2e-3
+"""Swing [rad] and rate [rad/s] within which centring and dry friction change their sign."""
 
 
 def swing(
@@ -20,6 +20,7 @@ def swing(
     start: np.ndarray,
     damping: np.ndarray,
     drag: np.ndarray,
+    friction: np.ndarray,
     centring: np.ndarray,
 ) -> np.ndarray:
     """Return the swing of pendulums by RK4 [rad], shape (steps + 1, lanes).
@@ -30,14 +31,16 @@ def swing(
         start: First swing [rad] and its rate [rad/s], shape (2, lanes).
         damping: Deceleration per rate [1/s], shape (lanes,).
         drag: Deceleration per squared rate [1/rad], shape (lanes,).
-        centring: Deceleration away from the rest position [rad/s²], shape (lanes,).
+        friction: Deceleration by dry friction [rad/s²], shape (lanes,).
+        centring: Acceleration towards the rest position, the same at each swing [rad/s²], shape
+            (lanes,).
     """
 
     def rate(y: np.ndarray, pull: np.ndarray) -> np.ndarray:
         phi, omega = y
         torque = (pull * np.cos(phi) - GRAVITY * np.sin(phi)) / length
-        losses = (damping + drag * np.abs(omega)) * omega + centring * np.tanh(phi / _KINK)
-        return np.stack([omega, torque - losses])
+        losses = (damping + drag * np.abs(omega)) * omega + friction * np.tanh(omega / _SLOW)
+        return np.stack([omega, torque - losses - centring * np.tanh(phi / _KINK)])
 
     steps = len(acceleration) // 2
     phi, y = np.empty((steps + 1, len(length))), np.array(start, dtype=float)
@@ -101,10 +104,8 @@ def logged(
     rng, one = np.random.default_rng(seed), np.ones(1)
     half = 0.5 * STEP * np.arange(4301)
     pull = (trolley(half + 1e-3) - 2.0 * trolley(half) + trolley(half - 1e-3)) / 1e-6
-    phi = swing(
-        travel / 1.2 * pull[:, None], length * one, np.zeros((2, 1)), damping * one, 0.0 * one,
-        0.0 * one,
-    ).ravel()  # fmt: skip
+    effects = [factor * one for factor in (damping, 0.0, 0.0, 0.0)]
+    phi = swing(travel / 1.2 * pull[:, None], length * one, np.zeros((2, 1)), *effects).ravel()
     t = np.cumsum(rng.choice([1e-4, 0.007, 0.0125], size=3200, p=[0.25, 0.45, 0.3]))
     t = t[t < 21.0]
     columns = {"t_s": t, "l_m": np.full(len(t), cable)}
