@@ -80,6 +80,7 @@ def logged(
     sign: int = 1,
     *,
     travel: float = 1.2,
+    lasts: float = 3.5,
     length: float = 0.343,
     cable: float = 0.381,
     damping: float = 0.0618,
@@ -93,7 +94,8 @@ def logged(
     Args:
         seed: Seed of the jitter of the clock.
         sign: Sign of the swing.
-        travel: Distance that the trolley moves in 3.5 s [m].
+        travel: Distance that the trolley moves [m].
+        lasts: Duration of this move [s].
         length: Length of the pendulum [m].
         cable: Length of the cable as recorded [m].
         damping: Deceleration of the swing per rate [1/s].
@@ -103,14 +105,14 @@ def logged(
     """
     rng, one = np.random.default_rng(seed), np.ones(1)
     half = 0.5 * STEP * np.arange(4301)
-    pull = (trolley(half + 1e-3) - 2.0 * trolley(half) + trolley(half - 1e-3)) / 1e-6
+    motion = CubicSpline(half, trolley(half, travel, lasts))
     effects = [factor * one for factor in (damping, 0.0, 0.0, 0.0)]
-    phi = swing(travel / 1.2 * pull[:, None], length * one, np.zeros((2, 1)), *effects).ravel()
+    phi = swing(motion(half, 2)[:, None], length * one, np.zeros((2, 1)), *effects).ravel()
     t = np.cumsum(rng.choice([1e-4, 0.007, 0.0125], size=3200, p=[0.25, 0.45, 0.3]))
     t = t[t < 21.0]
     columns = {"t_s": t, "l_m": np.full(len(t), cable)}
     sensors: dict[str, tuple[float, float, Callable[[np.ndarray], np.ndarray]]] = {
-        "x_m": (0.030, 5e-5, lambda s: travel / 1.2 * trolley(s)),
+        "x_m": (0.030, 5e-5, lambda s: trolley(s, travel, lasts)),
         "phi_rad": (0.033, 1e-3, lambda s: sign * (reported(s, phi, delay, window) + bias)),
     }
     for name, (interval, quantum, sensor) in sensors.items():
@@ -118,7 +120,7 @@ def logged(
     return columns
 
 
-def trolley(t: np.ndarray) -> np.ndarray:
-    """Return the position of a trolley that moves 1.2 m in 3.5 s [m]."""
-    s = np.clip((np.asarray(t) - 0.5) / 3.5, 0.0, 1.0)
-    return np.asarray(1.2 * s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
+def trolley(t: np.ndarray, travel: float = 1.2, lasts: float = 3.5) -> np.ndarray:
+    """Return the position of a trolley that moves by a distance [m] in a time [s], from 0.5 s."""
+    s = np.clip((np.asarray(t) - 0.5) / lasts, 0.0, 1.0)
+    return np.asarray(travel * s**3 * (10.0 - 15.0 * s + 6.0 * s**2))

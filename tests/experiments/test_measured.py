@@ -142,7 +142,7 @@ def test_without_data_it_says_how_to_get_them(capsys: pytest.CaptureFixture[str]
 def test_drag_and_centring_are_found_in_a_record_that_has_them() -> None:
     t, one = np.arange(0.0, 12.0, 0.03), np.ones(1)
     half = 0.5 * STEP * np.arange(2401)
-    move = CubicSpline(half, trolley(2.0 * half))
+    move = CubicSpline(half, trolley(half, 1.2, 1.75))
     effects = [value * one for value in (0.05, 0.06, 0.0, 0.02)]
     phi = swing(move(half, 2)[:, None], 0.35 * one, np.zeros((2, 1)), *effects).ravel()
     columns = {"t_s": t, "x_m": move(t), "x_dot_m_s": move(t, 1), "l_m": np.full(len(t), 0.38)}
