@@ -6,6 +6,7 @@ synthetic records of an independent pendulum.
 from __future__ import annotations
 
 import argparse
+import importlib
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -41,7 +42,7 @@ _XML = """<mujoco><option timestep="0.005" integrator="implicitfast" gravity="0 
 <sensor><jointpos name="swing" joint="phi"/></sensor></mujoco>"""
 """A heavy trolley that follows its recorded position, so that the load does not move it."""
 
-_FIRST, _LAST = 0.65, 0.35
+_FIRST, _LAST = 0.7, 0.35
 
 
 class Logged(NamedTuple):
@@ -83,7 +84,7 @@ def ours(prior: Prior, records: Sequence[Logged], sensor: str) -> Identified:
 
 def theirs(prior: Prior, records: Sequence[Logged], *, smooth: bool) -> Identified:
     """Return the prediction by the crane that MuJoCo's toolbox identifies from records."""
-    from mujoco import sysid
+    sysid = _toolbox()
 
     def place(spec: Any, parameter: Any) -> None:
         spec.body("load").pos = [0.0, 0.0, -float(parameter.value[0])]
@@ -121,11 +122,26 @@ def theirs(prior: Prior, records: Sequence[Logged], *, smooth: bool) -> Identifi
     return predict
 
 
+def _toolbox() -> Any:
+    """Return MuJoCo's toolbox for identification, which is an empty module without its extra.
+
+    Raises:
+        CraneError: If it is not installed.
+    """
+    try:
+        toolbox: Any = importlib.import_module("mujoco.sysid")
+    except ImportError:
+        toolbox = None
+    if not hasattr(toolbox, "optimize"):
+        raise CraneError("It needs mujoco.sysid: pip install 'mujoco[sysid]'.")
+    return toolbox
+
+
 def _sequences(prior: Prior, log: Logged, smooth: bool) -> Any:
     """Return a record in MuJoCo's form, at rest at first; drives as recorded or as smoothed."""
     import mujoco
-    from mujoco import sysid
 
+    sysid = _toolbox()
     columns = log.clean.columns
     crane = prior.crane
     text = _XML.format(
@@ -167,17 +183,14 @@ def records_of(folder: str | None, count: int) -> tuple[Prior, list[Logged]]:
 
 def sysid_table(prior: Prior, logs: Sequence[Logged]) -> ResultTable:
     """Return held-out errors and times of each way to identify, over two folds of the records."""
-    try:
-        from mujoco.sysid import optimize  # noqa: F401
-    except ImportError as error:
-        raise CraneError("It needs mujoco.sysid: pip install 'mujoco[sysid]'.") from error
+    _toolbox()
     ways: dict[str, Callable[[Sequence[Logged]], Identified]] = {
         MUJOCO: lambda fold: theirs(prior, fold, smooth=False),
         MUJOCO_SMOOTHED: lambda fold: theirs(prior, fold, smooth=True),
         OURS: lambda fold: ours(prior, fold, "delay"),
         OURS_WINDOW: lambda fold: ours(prior, fold, "window"),
     }
-    rows = []
+    rows: list[list[float | str | None]] = []
     for way, identifier in ways.items():
         errors, taken = [], 0.0
         for fold, others in ((logs[::2], logs[1::2]), (logs[1::2], logs[::2])):

@@ -32,7 +32,7 @@ STEPS = 60
 COVERED = 12 / 13
 """Least share of the records whose interval of the offset holds that of all records."""
 
-_FIGURES = 4
+_FIGURES, _QUANTILE = 4, 1.96
 
 
 class Single(NamedTuple):
@@ -102,13 +102,16 @@ def _steps(swing: np.ndarray) -> float:
 
 
 def mean_values(estimates: Sequence[Estimate]) -> Mapping[str, tuple[float, float]]:
-    """Return the mean of each parameter, weighted by its variances, and half its 95 % interval."""
+    """Return the mean of each parameter, weighted by its variances, and half its 95 % interval, as
+    much wider as the records differ by more than their intervals (Birge 1932).
+    """
     means = {}
     for p in estimates[0].model.own:
         values, margins = np.array([e.intervals[p.name] for e in estimates]).T
         weights = 1.0 / margins**2
         mean = float(np.average(values, weights=weights))
-        means[p.name] = mean, float(1.0 / np.sqrt(weights.sum()))
+        beyond = _QUANTILE**2 * np.sum(weights * (values - mean) ** 2) / max(len(values) - 1, 1)
+        means[p.name] = mean, float(np.sqrt(max(beyond, 1.0) / weights.sum()))
     return means
 
 
@@ -187,7 +190,7 @@ def _agreement(fits: Sequence[Fit]) -> Claim:
     averaged, effects = fits[1], " and ".join(best.names[1:]) or "nothing else"
     spread, former = (1e3 * f.offsets.std() for f in (best, averaged))
     return Claim(
-        f"Beside the sensor's window the records show {effects}; with it their offsets spread by "
+        f"Beside the sensor's window the records show {effects}; with these their offsets spread by "
         f"less than half as much ({spread:.1f} instead of {former:.1f} mm).",
         spread < 0.5 * former,
     )

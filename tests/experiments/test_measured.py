@@ -6,6 +6,7 @@ import io
 import subprocess
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from cranedyn.identification import Record
 from cranedyn.model.description import XACRO
 from cranedyn.model.load import load_crane
 from experiments import measured
-from experiments.measured import main
+from experiments.measured import main, mean_values
 from experiments.measured.effects import CANDIDATES, fit
 from experiments.measured.pendulum import STEP, logged, reported, swing, trolley
 from experiments.measured.sources import SOURCES, read_mat, read_workbook
@@ -117,14 +118,16 @@ def mat(**arrays: np.ndarray) -> bytes:
 
 
 def test_a_mat_file_has_times_and_angles() -> None:
-    t = np.arange(10.0)
+    t, newer = np.arange(10.0), b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(400)
     columns = read_mat(mat(t=t, y=0.1 * t), "a")
     np.testing.assert_array_equal(columns["phi_rad"], 0.1 * t)
     for content, message in (
         (mat(t=t), "cannot be read"),
-        (b"MATLAB 7.3 MAT-file", "cannot be read"),
-        (mat(t=t[::-1], y=t), "runs back"),
-        (mat(t=t, y=50.0 * t), "allowed is up to 3.142"),
+        (newer, "allowed are files of MATLAB 5 to 7.2"),
+        (b"no such file", "cannot be read"),
+        (mat(t=t[::-1], y=t), "a.mat, row 2: the time runs back"),
+        (mat(t=t, y=50.0 * t), "a.mat, row 2: phi_rad is 50; allowed is up to 3.142"),
+        (mat(t=t, y=np.where(t == 4.0, np.nan, 0.0)), "a.mat, row 5: phi_rad is nan"),
         (mat(t=t, y=t[:5]), "10 times and 5 angles"),
     ):
         with pytest.raises(DataError, match=message):
@@ -189,3 +192,17 @@ def test_records_of_the_same_form_are_identified_and_predicted(
     )
     error = recorded[1]["phi_deg"] - twin[1]["phi_deg"]
     assert np.std(error) < 0.2 * np.std(twin[1]["phi_deg"])
+
+
+def test_the_interval_of_a_mean_is_as_wide_as_the_records_differ() -> None:
+    def alone(value: float, margin: float) -> SimpleNamespace:
+        model = SimpleNamespace(own=[SimpleNamespace(name="l_offset")])
+        return SimpleNamespace(model=model, intervals={"l_offset": (value, margin)})
+
+    def mean(*values: float) -> tuple[float, float]:
+        return mean_values([alone(value, 0.196) for value in values])["l_offset"]  # type: ignore[misc]
+
+    assert mean(1.0, 1.0, 1.0, 1.0) == pytest.approx((1.0, 0.098))
+    # Standard deviation 2, so that the mean of four has one of 1.
+    deviation = 2.0 * np.sqrt(3.0 / 4.0)
+    assert mean(-deviation, deviation, -deviation, deviation) == pytest.approx((0.0, 1.96))
