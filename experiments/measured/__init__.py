@@ -190,8 +190,8 @@ def _agreement(fits: Sequence[Fit]) -> Claim:
     averaged, effects = fits[1], " and ".join(best.names[1:]) or "nothing else"
     spread, former = (1e3 * f.offsets.std() for f in (best, averaged))
     return Claim(
-        f"Beside the sensor's window the records show {effects}; with these their offsets spread by "
-        f"less than half as much ({spread:.1f} instead of {former:.1f} mm).",
+        f"Beside the sensor's window the records show {effects}, with which their offsets spread "
+        f"by less than half as much ({spread:.1f} instead of {former:.1f} mm).",
         spread < 0.5 * former,
     )
 
