@@ -204,10 +204,7 @@ def sysid_table(prior: Prior, logs: Sequence[Logged]) -> ResultTable:
         ("identified by", ""), ("records", "d"), ("held out, median [%]", ".1f"),
         ("largest [%]", ".1f"), ("time [s]", ".1f"),
     )  # fmt: skip
-    note = (
-        "Held out: RMS error of the swing of records that were not identified from, from rest, "
-        "over the standard deviation. Parameters: cable offset, damping, bias, delay of the sensor."
-    )
+    note = "RMS error from rest, over the standard deviation; identified on every other record."
     return ResultTable("Held-out records", columns, rows, note)
 
 

@@ -212,9 +212,8 @@ def _records_table(singles: Sequence[Single]) -> ResultTable:
         ("± [ms]", ".0f", lambda s: number(s, "window", 1e3)[1]),
         ("explained [%]", ".1f", lambda s: 100.0 * s.estimate.least_explained[0]),
         ("held out [%]", ".1f", lambda s: None if s.held_out is None else 100.0 * s.held_out),
-        note="Offset: pendulum less recorded cable. Window: time over which the swing sensor "
-        "averages. ±: half the 95 % interval. Held out: RMS error predicted with the means of the "
-        "other records and the record's own first swing, over the standard deviation.",
+        note="Offset: pendulum less recorded cable. ±: half the 95 % interval. Held out: RMS error "
+        "predicted with the means of the others, over the standard deviation.",
     )
 
 

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from cranedyn.identification import Record
 from experiments.harness import ResultTable, finite_or_none, make_table
-from experiments.measured.pendulum import STEP, reported, swing
+from experiments.measured.pendulum import STEP, reported, simulate_swing
 
 CANDIDATES = (
     ("delay",),
@@ -85,7 +85,7 @@ class _Pendulums:
         p |= dict(zip(self.names, rows.T, strict=True))
         effects = (p[name] for name in ("damping", "drag", "friction", "centring"))
         start = np.stack([p["start"], p["rate"]])
-        phi = swing(self.pull[:, of], self.cable[of] + p["offset"], start, *effects)
+        phi = simulate_swing(self.pull[:, of], self.cable[of] + p["offset"], start, *effects)
         return [
             gain * reported(self.t[i], lane, delay, window) + bias
             for i, lane, gain, delay, window, bias in zip(
@@ -156,6 +156,5 @@ def effects_table(fits: Sequence[Fit]) -> ResultTable:
         ("offsets from", ".1f", lambda f: 1e3 * f.offsets.min()),
         ("to [mm]", ".1f", lambda f: 1e3 * f.offsets.max()),
         ("standard deviation", ".1f", lambda f: 1e3 * f.offsets.std()),
-        note="Left: share of the variance of all records. Length, bias and first swing are fitted "
-        "to each record, effects and viscous damping to all.",
+        note="Left: share of the variance. Offset, bias and first swing are each record's own.",
     )

@@ -14,7 +14,7 @@ _KINK, _SLOW = 1e-3, 2e-3
 """Swing [rad] and rate [rad/s] within which centring and dry friction change their sign."""
 
 
-def swing(
+def simulate_swing(
     acceleration: np.ndarray,
     length: np.ndarray,
     start: np.ndarray,
@@ -107,7 +107,7 @@ def logged(
     half = 0.5 * STEP * np.arange(4301)
     motion = CubicSpline(half, trolley(half, travel, lasts))
     effects = [factor * one for factor in (damping, 0.0, 0.0, 0.0)]
-    phi = swing(motion(half, 2)[:, None], length * one, np.zeros((2, 1)), *effects).ravel()
+    phi = simulate_swing(motion(half, 2)[:, None], length * one, np.zeros((2, 1)), *effects).ravel()
     t = np.cumsum(rng.choice([1e-4, 0.007, 0.0125], size=3200, p=[0.25, 0.45, 0.3]))
     t = t[t < 21.0]
     columns = {"t_s": t, "l_m": np.full(len(t), cable)}

@@ -20,7 +20,7 @@ from cranedyn.model.load import load_crane
 from experiments import measured
 from experiments.measured import main, mean_values
 from experiments.measured.effects import CANDIDATES, fit
-from experiments.measured.pendulum import STEP, logged, reported, swing, trolley
+from experiments.measured.pendulum import STEP, logged, reported, simulate_swing, trolley
 from experiments.measured.sources import SOURCES, read_mat, read_workbook
 from tests import rrd
 
@@ -147,7 +147,7 @@ def test_drag_and_centring_are_found_in_a_record_that_has_them() -> None:
     half = 0.5 * STEP * np.arange(2401)
     move = CubicSpline(half, trolley(half, 1.2, 1.75))
     effects = [value * one for value in (0.05, 0.06, 0.0, 0.02)]
-    phi = swing(move(half, 2)[:, None], 0.35 * one, np.zeros((2, 1)), *effects).ravel()
+    phi = simulate_swing(move(half, 2)[:, None], 0.35 * one, np.zeros((2, 1)), *effects).ravel()
     columns = {"t_s": t, "x_m": move(t), "x_dot_m_s": move(t, 1), "l_m": np.full(len(t), 0.38)}
     columns["phi_rad"] = reported(t, phi, 0.0, 0.35)
     crane = load_crane(XACRO.with_name("overhead_crane.urdf.xacro"), values=SOURCES[0].values)
