@@ -518,6 +518,10 @@ cranedyn/identification/model.py
 ? phone::cable_damping_and_gravity_of_a_gyroscope_lie_within_their_intervals
 - rate + bias + drift * self.t
 + rate + bias
+* a swing averaged over a window is that in its middle
+? sampling::a_sensor_that_averages_is_told_from_one_that_is_late
+- swing, rate = (last - first) / window[:, None]
++ swing, rate = self._interpolate(q, v, delay + 0.5 * window)
 cranedyn/identification/phone.py
 * a phone lies along the swing
 ? phone::apps_differ_in_their_columns_only

@@ -92,7 +92,7 @@ class _Variants:
         for c, channel in enumerate(self.channels):
             joint = self.layout.joints[channel.at]
             if channel.kind == "swing":
-                position, rate = self._interpolate(batch, channel.at, self.value("delay"))
+                position, rate = self._reported(batch, channel.at)
                 if channel.column == joint.columns[0]:
                     outputs[:, c] = position + self.value(f"{joint.symbol}_bias")[:, None]
                 else:
@@ -102,7 +102,8 @@ class _Variants:
                     )
                     outputs[:, c] = rate + bias + drift * self.t
             elif channel.kind == "position":
-                outputs[:, c], _ = self._interpolate(batch, channel.at, np.zeros(variants))
+                q, v = batch.q[:, :, channel.at], batch.v[:, :, channel.at]
+                outputs[:, c], _ = self._interpolate(q, v, np.zeros(variants))
                 outputs[:, c] -= self.value(f"{joint.symbol}_offset")[:, None]
             else:
                 signal = (
@@ -221,17 +222,42 @@ class _Variants:
             aims[:, :, i] += self.value(f"{joint.symbol}_offset")[:, None]
         return aims
 
+    def _reported(self, batch: Batch, coordinate: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return a swing and its rate as their sensor reports them at the rows evaluated, late by
+        its delay [s] and averaged over its window [s]; shape (variants, rows) each.
+        """
+        q, v = batch.q[:, :, coordinate], batch.v[:, :, coordinate]
+        delay, window = self.value("delay"), self.value("window")
+        if "window" not in self.indices:
+            return self._interpolate(q, v, delay)
+        # The integral of the cubics between the control instants.
+        pieces = (q[:, :-1] + q[:, 1:]) / 2.0 + self.period * (v[:, :-1] - v[:, 1:]) / 12.0
+        integral = np.zeros_like(q)
+        np.cumsum(self.period * pieces, axis=1, out=integral[:, 1:])
+        last, first = (
+            np.stack(self._interpolate(integral, q, age)) for age in (delay, delay + window)
+        )
+        swing, rate = (last - first) / window[:, None]
+        return swing, rate
+
     def _interpolate(
-        self, batch: Batch, coordinate: int, delay: np.ndarray
+        self, values: np.ndarray, rates: np.ndarray, delay: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return a coordinate and its rate at the rows evaluated, less a delay [s] of each variant,
-        by cubic Hermite interpolation; shape (variants, rows) each.
+        """Return values and their rates at the rows evaluated, less a delay [s] of each variant, by
+        cubic Hermite interpolation between the control instants; shape (variants, rows) each.
+
+        Args:
+            values: Values at the control instants, shape (variants, instants).
+            rates: Their time derivatives [1/s], shape (variants, instants).
+            delay: Delay of each variant [s], shape (variants,).
         """
         position = np.clip((self.t - delay[:, None]) / self.period, 0.0, len(self.grid) - 1.001)
         k = position.astype(int)
         s = position - k
-        q, v = batch.q[:, :, coordinate], self.period * batch.v[:, :, coordinate]
-        q0, q1, v0, v1 = (np.take_along_axis(a, k + i, axis=1) for a in (q, v) for i in (0, 1))
+        slope = self.period * rates
+        q0, q1, v0, v1 = (
+            np.take_along_axis(a, k + i, axis=1) for a in (values, slope) for i in (0, 1)
+        )
         rise = q1 - q0
         square, cube = 3.0 * rise - 2.0 * v0 - v1, v0 + v1 - 2.0 * rise
         rate = (v0 + s * (2.0 * square + 3.0 * s * cube)) / self.period

@@ -21,14 +21,15 @@ Drives = Literal["motion", "effort", "hold"]
 or a hold controller holds them at their setpoints."""
 
 Kind = Literal[
-    "argument", "offset", "lag", "delay", "bias", "friction", "stiffness", "damping", "start",
-    "start rate", "setpoint", "rate bias", "rate drift",
+    "argument", "offset", "lag", "delay", "window", "bias", "friction", "stiffness", "damping",
+    "start", "start rate", "setpoint", "rate bias", "rate drift",
 ]  # fmt: skip
 
 MEANINGS = {
     "offset": "true coordinate less the recorded one",
     "lag": "time constant with which the drive follows its setpoint",
     "delay": "how late the swing is recorded, beside the drives",
+    "window": "time over which the swing sensor averages, up to the row",
     "bias": "what the swing sensor adds",
     "friction": "dry friction of the drive",
     "stiffness": "k_p of the hold controller of the drive",
@@ -79,9 +80,9 @@ def parameter(prior: Prior, name: str) -> Parameter:
 
     Args:
         prior: Prior knowledge of the crane.
-        name: ``delay``; ``l_offset``, ``x_lag``, ``x_friction``, ``x_stiffness`` or ``x_damping``
-            of any drive; ``phi_bias`` of any swing; or an argument of the description or
-            ``gravity``.
+        name: ``delay`` or ``window``; ``l_offset``, ``x_lag``, ``x_friction``, ``x_stiffness`` or
+            ``x_damping`` of any drive; ``phi_bias`` of any swing; or an argument of the description
+            or ``gravity``.
 
     Raises:
         UnknownName: If there is no parameter of this name.
@@ -100,7 +101,10 @@ def parameter(prior: Prior, name: str) -> Parameter:
 def _device_parameters(crane: Crane) -> dict[str, Parameter]:
     """Return the parameters of the drives and sensors of a crane by name."""
     layout, usual = crane.layout, hold_controller(crane)
-    devices = [Parameter("delay", "delay", "", "s", 0.0, EARLY, LATE, 0.1)]
+    devices = [
+        Parameter("delay", "delay", "", "s", 0.0, EARLY, LATE, 0.1),
+        Parameter("window", "window", "", "s", 0.2, 1e-3, 2.0 * LATE, 0.1),
+    ]
     for drive, (joint, i) in enumerate(zip(layout.driven, layout.drives.tolist(), strict=True)):
         of, unit, effort = joint.symbol, joint.unit, joint.effort_unit
         reach = 0.25 * float(crane.upper[i] - crane.lower[i])
@@ -152,10 +156,16 @@ def default_names(prior: Prior, records: Sequence[Record], drives: Drives) -> li
     return chosen
 
 
-def bound_delay(delay: Parameter, records: Sequence[Record]) -> Parameter:
-    """Return the delay of the swing sensor with bounds less than a quarter of a swing."""
+def bound_lateness(p: Parameter, records: Sequence[Record]) -> Parameter:
+    """Return a parameter with bounds by which the swing is late by less than a quarter of its
+    period; an average is late by half its window.
+    """
     quarter = 0.25 * min(record.swing_period for record in records)
-    return replace(delay, low=max(EARLY, -quarter), high=min(LATE, quarter))
+    if p.kind == "delay":
+        return replace(p, low=max(p.low, -quarter), high=min(p.high, quarter))
+    if p.kind == "window":
+        return replace(p, start=min(p.start, quarter), high=min(p.high, 2.0 * quarter))
+    return p
 
 
 def initial_parameters(record: Record, index: int, drives: Drives) -> list[Parameter]:

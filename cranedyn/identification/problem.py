@@ -15,7 +15,7 @@ from cranedyn.errors import DataError, OutOfRange
 from cranedyn.identification.parameters import (
     Drives,
     Parameter,
-    bound_delay,
+    bound_lateness,
     default_names,
     initial_parameters,
     parameter,
@@ -96,7 +96,7 @@ class EstimationProblem:
                 f"A record has no effort of some drive; efforts that act need {needed}."
             )
         parameters = [parameter(prior, name) for name in chosen]
-        parameters = [bound_delay(p, records) if p.kind == "delay" else p for p in parameters]
+        parameters = [bound_lateness(p, records) for p in parameters]
         for p in parameters:
             _check_determined(p, records, mode)
         for i, record in enumerate(records):
@@ -151,6 +151,12 @@ class EstimationProblem:
         bounds = [(p.low, p.high) for p in self.own if p.kind == "delay"]
         return bounds[0] if bounds else (0.0, 0.0)
 
+    @cached_property
+    def lateness_bounds(self) -> tuple[float, float]:
+        """Bounds of the age [s] of the swing that a row reports, its window included."""
+        early, late = self.delay_bounds
+        return early, late + max((p.high for p in self.own if p.kind == "window"), default=0.0)
+
     def of_record(self, index: int) -> list[int]:
         """Return the indices of the parameters on which a record depends."""
         return [i for i, p in enumerate(self.parameters) if p.record in (None, index)]
@@ -191,11 +197,11 @@ class EstimationProblem:
     def rows(self, index: int, until: float = np.inf) -> np.ndarray:
         """Return the indices of the rows of a record that are evaluated, up to a time [s].
 
-        Where a delay is estimated, rows near both ends are left out: a delay would shift them out
-        of the record.
+        Where a delay or a window is estimated, rows near both ends are left out: it would shift
+        them out of the record.
         """
         t = self.records[index].t
-        early, late = self.delay_bounds
+        early, late = self.lateness_bounds
         return np.flatnonzero((t >= late) & (t <= min(t[-1] + early, until)))
 
     def measured(self, index: int, until: float = np.inf) -> np.ndarray:

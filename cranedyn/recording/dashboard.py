@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 from cranedyn.dynamics.pinocchio import payload_position, point_positions
 from cranedyn.plotting.style import rgb
 from cranedyn.recording.run import SCENE, TIMELINE, Run
-from cranedyn.recording.scene import BACKGROUND, payload_entity
+from cranedyn.recording.scene import BACKGROUND, drawn_size, payload_entity
 from cranedyn.recording.series import READOUT, Table, plots, time_series_view
 from cranedyn.recording.shapes import visible_points
 
@@ -88,7 +88,7 @@ def payload_view(runs: Sequence[Run]) -> rrb.Spatial3DView:
     run = runs[0]
     payload = payload_position(run.crane, run.trajectory.q[0]) + run.offset
     eye = rrb.EyeControls3D(
-        position=payload + _PAYLOAD_DISTANCE * _across(_slew(run)[0]),
+        position=payload + _PAYLOAD_DISTANCE * drawn_size(run.crane) * _across(_slew(run)[0]),
         look_target=payload,
         eye_up=_UP,
         tracking_entity=payload_entity(run),

@@ -88,6 +88,11 @@ def payload_entity(run: Run) -> str:
     return run.entity("scene", link, body.kind, *number)
 
 
+def drawn_size(crane: Crane) -> float:
+    """Return the size of cables and arrows, as a share of that on a crane of 10 m and more."""
+    return min(1.0, float(point_positions(crane, crane.start.q)[:, 2].max()) / 10.0)
+
+
 class Scene:
     """The scene of one run: the constructor logs what is static, `move` logs what moves."""
 
@@ -97,6 +102,7 @@ class Scene:
         self._tree = _urdf_tree(run)
         self._ground = run.frame(self._tree.root_link().name)
         layout = run.crane.layout
+        self._size = drawn_size(run.crane)
         self._has_arrows = layout.has("trolley", "radial_swing", "tangential_swing")
         self._log_links()
         self._log_styles()
@@ -156,7 +162,7 @@ class Scene:
         self._log_shapes([outline], run.frame("setpoint"), "setpoint", fill_mode=_WIREFRAME)
         if look.label:
             label = rr.Points3D(
-                [[0.0, 0.0, -1.5 - 2.6 * look.overlaps]],
+                [[0.0, 0.0, -self._size * (1.5 + 2.6 * look.overlaps)]],
                 radii=0.0,
                 labels=[look.label],
                 colors=rgb(mixed(look.colour, "#FFFFFF", 0.5)),
@@ -195,19 +201,19 @@ class Scene:
 
     def _log_styles(self) -> None:
         """Log frames, colours and radii of the cables, the path and the swing arrows."""
-        age = np.linspace(0.0, 1.0, _PATH_POINTS, endpoint=False)
+        size, age = self._size, np.linspace(0.0, 1.0, _PATH_POINTS, endpoint=False)
         fading = [rgb(mixed(self._look.colour, BACKGROUND, share)) for share in age]
-        path = rr.Points3D.from_fields(colors=fading, radii=_PATH_RADIUS * (1.0 - age))
-        cable = rr.LineStrips3D.from_fields(colors=rgb(_CABLE), radii=_CABLE_RADIUS)
-        setpoint = rr.LineStrips3D.from_fields(colors=rgb(_GREY), radii=_CABLE_RADIUS / 2)
+        path = rr.Points3D.from_fields(colors=fading, radii=size * _PATH_RADIUS * (1.0 - age))
+        cable = rr.LineStrips3D.from_fields(colors=rgb(_CABLE), radii=size * _CABLE_RADIUS)
+        setpoint = rr.LineStrips3D.from_fields(colors=rgb(_GREY), radii=size * _CABLE_RADIUS / 2)
         self._log(self._ground, cable, "cable")
         self._log(self._ground, path, "path")
         self._log(self._ground, setpoint, "setpoint", "cable")
         if self._has_arrows:
             arrows = rr.Arrows3D.from_fields(
-                origins=[[0.0, 0.0, -_ARROWS_BELOW_TROLLEY]] * 2,
+                origins=[[0.0, 0.0, -size * _ARROWS_BELOW_TROLLEY]] * 2,
                 colors=[rgb(COLOURS["phi"]), rgb(COLOURS["theta"])],
-                radii=_ARROW_RADIUS,
+                radii=size * _ARROW_RADIUS,
             )
             trolley = _child_link(self._crane, self._crane.layout.role("trolley", "The arrows"))
             self._log(self._run.frame(trolley), arrows, "swing")
@@ -245,7 +251,7 @@ class Scene:
         """Log two arrows from the trolley to where the load hangs, along the jib and across it."""
         roles = ("radial_swing", "tangential_swing")
         swings = [self._crane.layout.role(role, "The arrows") for role in roles]
-        phi, theta = self._look.arrow * np.degrees(q[:, swings]).T
+        phi, theta = self._size * self._look.arrow * np.degrees(q[:, swings]).T
         vectors = np.zeros((len(t), 2, 3))
         vectors[:, 0, 1], vectors[:, 1, 0] = phi, -theta
         columns = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3))

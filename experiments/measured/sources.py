@@ -30,6 +30,7 @@ class PublicRecords:
         repository: Owner and name on GitHub.
         commit: Commit that was read.
         values: Numbers of the crane that its owner wrote, as arguments of the overhead crane.
+        names: Parameters to be estimated.
         read: Function that yields name and columns of each record of a clone.
     """
 
@@ -37,6 +38,7 @@ class PublicRecords:
     repository: str
     commit: str
     values: dict[str, float]
+    names: tuple[str, ...]
     read: Callable[[Path], Iterator[tuple[str, Columns]]]
 
     @property
@@ -71,13 +73,14 @@ _LIGHT = {
 
 
 def _gantry(clone: Path) -> Iterator[tuple[str, Columns]]:
-    """Yield the sheets of the trolley's workbooks."""
+    """Yield the sheets of the trolley's workbooks, positions counted from the crane's own zero."""
     paths = sorted((clone / "data").glob("trolley_step_response_*_with_random.xlsx"))
     if not paths:
         raise DataError(f"{clone} has no data/trolley_step_response_*.xlsx; is it that clone?")
     for path in paths:
         pwm = path.stem.split("_")[3]
         for i, columns in enumerate(read_workbook(path), start=1):
+            columns["x_m"] += _LIGHT["trolley_init"]
             yield f"trolley {pwm}, {i}", columns
 
 
@@ -192,6 +195,7 @@ SOURCES = (
         "Cristian-Napitupulu/gantry_crane_model_optimizer",
         "dc22e97",
         {**_LIGHT, "trolley_mass": 2.0, "payload_mass": 1.128, "hoist_init": 0.38},
+        ("l_offset", "damp_swing", "window", "phi_bias"),
         _gantry,
     ),
     *(
@@ -200,6 +204,7 @@ SOURCES = (
             "borlum/aaucrane",
             commit,
             {**_LIGHT, "trolley_mass": 0.3, "payload_mass": 3.786, "hoist_init": _AAU_LENGTH},
+            ("l_offset", "damp_swing", "phi_bias"),
             _free_swing(commit, path, since),
         )
         for commit, path, since in (

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from cranedyn.identification import Model, Prior, Record, identify
 from cranedyn.identification.record import load_record
 from cranedyn.identification.sampling import is_irregular, samples, smooth
 from experiments.identify import main
+from experiments.measured import pendulum
+from experiments.measured.pendulum import GRAVITY
 
 GANTRY = """<robot name="gantry">
   <link name="rail"/><link name="cart"><inertial><mass value="2"/>
@@ -28,41 +29,19 @@ GANTRY = """<robot name="gantry">
     <axis xyz="0 0 -1"/><limit lower="0.05" upper="1" effort="100" velocity="1"/></joint>
 </robot>"""
 
-OFFSET, DELAY, DAMPING, BIAS, CABLE = -0.038, 0.17, 0.008, 0.002, 0.381
-MASS, GRAVITY = 1.1, 9.80665
+OFFSET, DELAY, WINDOW, DAMPING, BIAS, CABLE = -0.038, 0.17, 0.35, 0.008, 0.002, 0.381
+MASS = 1.1
 
 
-def cart(t: np.ndarray) -> np.ndarray:
-    """Return the position of a cart that moves 1.2 m in 3.5 s."""
-    s = np.clip((t - 0.5) / 3.5, 0.0, 1.0)
-    return 1.2 * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-
-
-def logged(seed: int, sign: int = 1) -> dict[str, np.ndarray]:
-    """Return a record of a pendulum on that cart as a logger writes it that polls its sensors.
-
-    The load is a point, integrated by `scipy.integrate.solve_ivp` in the coordinates of the cart.
-    """
-    rng, length = np.random.default_rng(seed), CABLE + OFFSET
-
-    def rate(t: float, y: np.ndarray) -> list[float]:
-        h = 1e-3
-        pull = float(cart(t + h) - 2.0 * cart(t) + cart(t - h)) / h**2
-        torque = -GRAVITY * np.sin(y[0]) + pull * np.cos(y[0])
-        return [y[1], torque / length - DAMPING * y[1] / (MASS * length**2)]
-
-    solution = solve_ivp(rate, (0.0, 21.5), [0.0, 0.0], rtol=1e-9, atol=1e-10, dense_output=True)
-    t = np.cumsum(rng.choice([1e-4, 0.007, 0.0125], size=3200, p=[0.25, 0.45, 0.3]))
-    t = t[t < 21.0]
-    columns = {"t_s": t, "winch_m": np.full(len(t), CABLE)}
-    for name, late, interval, quantum, value in (
-        ("trolley_m", 0.0, 0.030, 5e-5, cart),
-        ("pendulum_rad", DELAY, 0.033, 1e-3, lambda s: sign * (solution.sol(s)[0] + BIAS)),
-    ):
-        reported = np.floor(t / interval) * interval
-        sampled = value(np.maximum(reported - late, 0.0))
-        columns[name] = np.round(sampled / quantum) * quantum
-    return columns
+def logged(seed: int, sign: int = 1, **sensor: float) -> dict[str, np.ndarray]:
+    """Return a record of the independent pendulum with the names of this gantry."""
+    length = CABLE + OFFSET
+    columns = pendulum.logged(
+        seed, sign, length=length, cable=CABLE, damping=DAMPING / (MASS * length**2), bias=BIAS,
+        **sensor,
+    )  # fmt: skip
+    names = {"x_m": "trolley_m", "l_m": "winch_m", "phi_rad": "pendulum_rad"}
+    return {names.get(name, name): values for name, values in columns.items()}
 
 
 @pytest.fixture(scope="module")
@@ -82,13 +61,13 @@ def test_a_held_column_brings_fresh_values_at_its_own_interval() -> None:
     spline, deviation = smooth(t, columns["trolley_m"], sampled)
     assert 1e-4 < deviation < 3e-3
     inside = np.linspace(0.5, 4.0, 200)
-    assert np.abs(spline(inside) - cart(inside)).max() < 0.02
+    assert np.abs(spline(inside) - pendulum.trolley(inside)).max() < 0.02
     assert np.abs(spline.derivative()(inside)).max() < 0.75  # 0.64 m/s in truth
 
 
 def test_a_column_that_is_sampled_in_each_row_stays_as_it_is(prior: Prior) -> None:
     t = np.arange(0.0, 12.0, 0.01)
-    columns = {"t_s": t, "trolley_m": cart(t), "pendulum_rad": 0.1 * np.sin(5.0 * t)}
+    columns = {"t_s": t, "trolley_m": pendulum.trolley(t), "pendulum_rad": 0.1 * np.sin(5.0 * t)}
     record = Record.of(prior.crane, columns)
     np.testing.assert_array_equal(record.columns["trolley_m"], columns["trolley_m"])
     assert record.columns.keys() == {"trolley_m", "pendulum_rad"}
@@ -114,6 +93,22 @@ def test_a_crane_is_identified_from_what_a_logger_wrote(prior: Prior, sign: int)
     for name, value in truth.items():
         slack = {"delay": 0.01, "winch_offset": 3e-4}.get(name, 0.0)
         assert abs(estimate.value(name) - value) < 1.5 * estimate.margin(name) + slack, name
+
+
+@pytest.mark.slow
+def test_a_sensor_that_averages_is_told_from_one_that_is_late(prior: Prior) -> None:
+    """An average over a window is late by half of it, and smaller; a delay explains neither the
+    size nor the period.
+    """
+    record = Record.of(prior.crane, logged(3, delay=0.0, window=WINDOW))
+    names = ["winch_offset", "damp_pendulum", "pendulum_bias"]
+    averaged, late = (
+        identify(Model.of(prior, [record], [*names, sensor])) for sensor in ("window", "delay")
+    )
+    for name, value in {"window": WINDOW, "winch_offset": OFFSET}.items():
+        assert abs(averaged.value(name) - value) < 1.5 * averaged.margin(name), name
+    assert abs(late.value("winch_offset") - OFFSET) > late.margin("winch_offset")
+    assert 1.0 - late.least_explained[0] > 3.0 * (1.0 - averaged.least_explained[0])
 
 
 def test_delay_stays_below_a_quarter_of_the_swing(prior: Prior) -> None:

@@ -1,0 +1,160 @@
+"""Which effects records show: each fitted to all of them by an independent pendulum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import least_squares
+
+from cranedyn.identification import Record
+from experiments.harness import ResultTable, finite_or_none, make_table
+from experiments.measured.pendulum import STEP, reported, simulate_swing
+
+CANDIDATES = (
+    ("delay",),
+    ("window",),
+    ("window", "gain"),
+    ("window", "friction"),
+    ("window", "drag"),
+    ("window", "centring"),
+    ("window", "drag", "centring"),
+)
+"""Effects beside viscous damping, each with one number for all records."""
+
+_SHARED = {
+    "damping": (0.05, 0.02), "delay": (0.17, 0.05), "window": (0.35, 0.05), "gain": (1.0, 0.1),
+    "drag": (0.0, 0.1), "friction": (0.0, 0.01), "centring": (0.0, 0.01),
+}  # fmt: skip
+_OWN = {"offset": (-0.04, 0.01), "bias": (0.0, 0.01), "start": (0.0, 0.02), "rate": (0.0, 0.1)}
+"""First value and scale of each parameter of all records, and of each record."""
+
+_ABSENT = {"delay": 0.0, "window": 0.0, "gain": 1.0, "drag": 0.0, "friction": 0.0, "centring": 0.0}
+_FIRST_ROW, _STEP = 0.6, 1e-4
+
+
+class Fit(NamedTuple):
+    """Fit of effects to records.
+
+    Attributes:
+        names: Names of the effects.
+        values: Value of each, and of the viscous damping [1/s], by name.
+        offsets: Pendulum less recorded cable of each record [m], shape (records,).
+        left: Share of the variance that is left.
+        criterion: Akaike's information criterion, with noise of its own for each record.
+    """
+
+    names: tuple[str, ...]
+    values: dict[str, float]
+    offsets: np.ndarray
+    left: float
+    criterion: float
+
+
+class _Pendulums:
+    """Records predicted by the independent pendulum."""
+
+    def __init__(self, records: Sequence[Record], names: Sequence[str]) -> None:
+        self.names, self.count = ("damping", *names, *_OWN), 1 + len(names)
+        self.size = len(records)
+        numbers = [{**_SHARED, **_OWN}[name] for name in self.names]
+        self.first, self.scale = np.array(numbers).T
+        steps = int(np.ceil(max(record.duration for record in records) / STEP)) + 1
+        half = 0.5 * STEP * np.arange(2 * steps + 1)
+        motions = [
+            CubicHermiteSpline(r.t, r.columns["x_m"], r.columns["x_dot_m_s"]) for r in records
+        ]
+        self.pull = np.stack(
+            [np.where(half <= motion.x[-1], motion(half, 2), 0.0) for motion in motions], axis=1
+        )
+        self.cable = np.array([np.mean(r.columns["l_m"]) for r in records])
+        self.t = [r.t[r.t >= _FIRST_ROW] for r in records]
+        self.measured = [r.columns["phi_rad"][r.t >= _FIRST_ROW] for r in records]
+        self.ends = np.cumsum([len(t) for t in self.t])
+
+    def full(self, z: np.ndarray) -> np.ndarray:
+        """Return the parameters of each record, shape (records, parameters of one)."""
+        own = z[self.count :].reshape(self.size, -1)
+        return np.hstack([np.tile(z[: self.count], (self.size, 1)), own])
+
+    def predicted(self, rows: np.ndarray, of: np.ndarray) -> list[np.ndarray]:
+        """Return the reported swing of each lane: parameters and index of a record."""
+        p = {name: np.full(len(of), value) for name, value in _ABSENT.items()}
+        p |= dict(zip(self.names, rows.T, strict=True))
+        effects = (p[name] for name in ("damping", "drag", "friction", "centring"))
+        start = np.stack([p["start"], p["rate"]])
+        phi = simulate_swing(self.pull[:, of], self.cable[of] + p["offset"], start, *effects)
+        return [
+            gain * reported(self.t[i], lane, delay, window) + bias
+            for i, lane, gain, delay, window, bias in zip(
+                of, phi.T, p["gain"], p["delay"], p["window"], p["bias"], strict=True
+            )
+        ]
+
+    def residual(self, z: np.ndarray) -> np.ndarray:
+        """Return predicted less recorded of all records, one after the other."""
+        predicted = self.predicted(self.full(z), np.arange(self.size))
+        return np.concatenate(predicted) - np.concatenate(self.measured)
+
+    def jacobian(self, z: np.ndarray) -> np.ndarray:
+        """Return the derivatives of the residual by finite differences of all lanes at once."""
+        width = len(self.names)
+        steps = np.vstack([np.zeros(width), np.diag(_STEP * self.scale)])
+        rows = (self.full(z)[:, None] + steps).reshape(-1, width)
+        lanes = self.predicted(rows, np.repeat(np.arange(self.size), width + 1))
+        slope = np.zeros((self.ends[-1], len(z)))
+        for i, end in enumerate(self.ends.tolist()):
+            base, *varied = lanes[i * (width + 1) : (i + 1) * (width + 1)]
+            place = self.count + i * len(_OWN)
+            columns = [*range(self.count), *range(place, place + len(_OWN))]
+            change = (np.array(varied) - base).T / (_STEP * self.scale)
+            slope[end - len(base) : end, columns] = change
+        return slope
+
+
+def fit(records: Sequence[Record], names: tuple[str, ...]) -> Fit:
+    """Fit effects, a number each for all records; length, bias and first swing are each record's.
+
+    Args:
+        records: Records with the motion of a trolley.
+        names: Names of the effects.
+    """
+    model = _Pendulums(records, names)
+    first, scale = (
+        np.concatenate([numbers[: model.count], np.tile(numbers[model.count :], model.size)])
+        for numbers in (model.first, model.scale)
+    )
+    solution = least_squares(
+        model.residual, first, jac=model.jacobian, x_scale=scale, xtol=1e-6, ftol=1e-7, max_nfev=30
+    )
+    errors = np.split(solution.fun, model.ends[:-1])
+    variance = sum(float(np.sum((y - y.mean()) ** 2)) for y in model.measured)
+    criterion = sum(len(e) * np.log(np.mean(e**2)) for e in errors) + 2.0 * len(first)
+    values = dict(zip(model.names[: model.count], solution.x.tolist(), strict=False))
+    offset = model.names.index("offset")
+    return Fit(
+        names, values, model.full(solution.x)[:, offset], 2.0 * solution.cost / variance, criterion
+    )
+
+
+def effects_table(fits: Sequence[Fit]) -> ResultTable:
+    """Return a row for each combination of effects."""
+    return make_table(
+        "What the records show",
+        fits,
+        ("effects", "", lambda f: " + ".join(f.names)),
+        ("left [%]", ".3f", lambda f: 100.0 * f.left),
+        ("AIC less that of a delay", ",.0f", lambda f: f.criterion - fits[0].criterion),
+        ("drag [1/rad]", ".3f", lambda f: f.values.get("drag")),
+        (
+            "centring [mrad/s²]",
+            ".1f",
+            lambda f: finite_or_none(1e3 * f.values.get("centring", np.nan)),
+        ),
+        ("offsets from", ".1f", lambda f: 1e3 * f.offsets.min()),
+        ("to [mm]", ".1f", lambda f: 1e3 * f.offsets.max()),
+        ("standard deviation", ".1f", lambda f: 1e3 * f.offsets.std()),
+        note="Left: share of the variance. Offset, bias and first swing are each record's own.",
+    )
