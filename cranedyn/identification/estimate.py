@@ -102,13 +102,15 @@ class Estimate:
 
     @cached_property
     def explained(self) -> tuple[np.ndarray, ...]:
-        """Share of the variance of each channel of each record that the model explains."""
-        return tuple(
-            1.0 - np.sum(residual**2, axis=1) / np.sum((recorded - mean) ** 2, axis=1)
-            for i, residual in enumerate(self.residuals)
-            for recorded in (self.model.measured(i),)
-            for mean in (recorded.mean(axis=1, keepdims=True),)
-        )
+        """Share of the variance of each channel of each record that the model explains; 1 of one
+        that does not vary.
+        """
+        shares = []
+        for i, residual in enumerate(self.residuals):
+            variation = self.model.measured(i).var(axis=1)
+            varied = np.where(variation > 0.0, variation, np.inf)
+            shares.append(1.0 - np.mean(residual**2, axis=1) / varied)
+        return tuple(shares)
 
     @property
     def least_explained(self) -> tuple[float, str]:

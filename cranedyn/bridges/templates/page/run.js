@@ -75,6 +75,9 @@ class Run {
     this._before = {effort: [0], middle: [0], power: 0, force: [0, 0, 0], load: [0, 0, 0]};
     this.assistant.begin(this.kernel.q, this.kernel.v);
     this.goTo(this.driven());
+    /** Where the commanded rates would have taken the drives. */
+    this.asked = this.driven();
+    this.setpoint = this.asked;
   }
 
   /** Positions of the drives. */
@@ -129,6 +132,7 @@ class Run {
     this.parts = task ? task.parts : this.data.parts;
     if (!task) return;
     this.kernel.setState(task.state);
+    this.asked = this.driven();
     this.assistant.begin(this.kernel.q, this.kernel.v);
     this.goTo(this.driven());
   }
@@ -157,7 +161,10 @@ class Run {
     const middle = crane.drives.map(i => q[i] - crane.lead * v[i]);
     const power = crane.damping.reduce((sum, d, i) => sum + d * v[i] * v[i], 0);
     this.state = {q: Array.from(q), v: Array.from(v), force: Array.from(kernel.force)};
+    const {goal, command} = kernel, {period} = this.data.kernel;
+    this.setpoint = planned ? Array.from(goal) : this.asked;
     this.valid = kernel.advance(planned);
+    this.asked = planned ? this.driven() : this.asked.map((x, i) => x + command[i] * period);
     this.account(middle, power, rope);
     this.tension = crane.rope && crane.rope.damping * this.state.v[crane.drives[crane.rope.hoist]]
       - kernel.row.effort[crane.rope.hoist];
@@ -239,9 +246,7 @@ class Run {
   values() {
     const {row} = this.kernel;
     const {q, v, force} = /** @type {{q: number[], v: number[], force: number[]}} */ (this.state);
-    const setpoint = this.assist === "predictive" ? this.kernel.goal
-      : this.assist === "lqr" ? this.assistant.position : this.crane.drives.map(i => q[i]);
-    return [(this.k - 1) * this.data.kernel.period, ...q, ...v, ...setpoint, ...row.command,
+    return [(this.k - 1) * this.data.kernel.period, ...q, ...v, ...this.setpoint, ...row.command,
       ...row.effort, row.energy[0], ...this.work, this.dissipated, ...force, this.forceWork, 0,
       this.valid ? 1 : 0];
   }
