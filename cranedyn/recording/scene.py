@@ -72,6 +72,7 @@ def looks(runs: Sequence[Run]) -> list[Look]:
     swings = [np.degrees(run.trajectory.q[:, run.crane.swings]) for run in runs]
     swing = max(np.abs(angles).max(initial=0.0) for angles in swings)
     arrow = next((scale for scale in (0.5, 0.2, 0.1) if scale * swing <= _MAX_ARROW), 0.05)
+    arrow *= min(drawn_size(run.crane) for run in runs)
     offsets = [tuple(run.offset) for run in runs]
     labels = [printable(run.name) if len(runs) > 1 else "" for run in runs]
     overlaps = [offsets[:i].count(offset) for i, offset in enumerate(offsets)]
@@ -251,7 +252,7 @@ class Scene:
         """Log two arrows from the trolley to where the load hangs, along the jib and across it."""
         roles = ("radial_swing", "tangential_swing")
         swings = [self._crane.layout.role(role, "The arrows") for role in roles]
-        phi, theta = self._size * self._look.arrow * np.degrees(q[:, swings]).T
+        phi, theta = self._look.arrow * np.degrees(q[:, swings]).T
         vectors = np.zeros((len(t), 2, 3))
         vectors[:, 0, 1], vectors[:, 1, 0] = phi, -theta
         columns = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3))

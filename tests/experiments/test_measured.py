@@ -17,6 +17,8 @@ from cranedyn.errors import DataError
 from cranedyn.identification import Record
 from cranedyn.model.description import XACRO
 from cranedyn.model.load import load_crane
+from cranedyn.recording.scene import drawn_size
+from cranedyn.recording.shapes import visible_points
 from experiments import measured
 from experiments.measured import main, mean_values
 from experiments.measured.effects import CANDIDATES, fit
@@ -206,3 +208,14 @@ def test_the_interval_of_a_mean_is_as_wide_as_the_records_differ() -> None:
     # Standard deviation 2, so that the mean of four has one of 1.
     deviation = 2.0 * np.sqrt(3.0 / 4.0)
     assert mean(-deviation, deviation, -deviation, deviation) == pytest.approx((0.0, 1.96))
+
+
+def test_a_crane_of_a_laboratory_is_drawn_in_its_size() -> None:
+    crane = load_crane(XACRO.with_name("overhead_crane.urdf.xacro"), values=SOURCES[0].values)
+    low, high = np.array([np.inf] * 3), np.array([-np.inf] * 3)
+    for _, points in visible_points(crane, crane.start.q, None):
+        low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+    # Of the span, the runway and the height; a girder and a trolley stand out on all sides.
+    assert (high - low < 1.2 * np.array([2.0, 3.0, 2.0])).all()
+    assert drawn_size(crane) == pytest.approx(0.2)
+    assert drawn_size(load_crane()) == 1.0
