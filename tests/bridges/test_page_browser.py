@@ -148,6 +148,16 @@ def test_a_gamepad_has_the_sticks_of_a_cabin_with_a_dead_zone(driver: Any) -> No
 
 
 @browser
+def test_a_stick_on_the_screen_follows_the_pointer_and_springs_back(driver: Any) -> None:
+    actions = selenium.ActionChains(driver, duration=50)
+    stick = driver.find_element("id", "stick_0")
+    actions.click_and_hold(stick).move_by_offset(0, -200).perform()
+    assert hands(driver) == pytest.approx((0, 1, 0))
+    actions.release().perform()
+    assert hands(driver) == (0, 0, 0)
+
+
+@browser
 def test_the_emergency_stop_halts_the_drives_until_it_is_released(driver: Any) -> None:
     press(driver, "KeyW")
     wait(driver, "page.state.v[1] > 0.1")
@@ -173,9 +183,9 @@ def test_pictures_of_the_views_are_not_blank_and_differ(driver: Any) -> None:
     pictures = {code: picture(code) for code in ("cabin", "follow", "side", "top", "KeyN")}
     driver.execute_script("page.act('KeyN')")
     for code, pixels in pictures.items():
-        assert pixels.std() > 5, code
+        assert np.ptp(pixels) > 60, code
     for (a, first), (b, second) in itertools.combinations(pictures.items(), 2):
-        assert np.abs(first - second).mean() > 5, (a, b)
+        assert np.abs(first - second).mean() > 3, (a, b)
 
 
 @browser

@@ -62,14 +62,18 @@ function surface({kind, size, vertices = [], triangles = []}) {
   return revolve(points.slice(1).map((point, k) => [points[k], point]), 16);
 }
 
+/** Whether no graphics processor draws here; smooth edges then cost half of the pictures. */
+function drawsInSoftware() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const names = gl?.getExtension("WEBGL_debug_renderer_info");
+  return names ? /swiftshader|llvmpipe|software/i.test(gl?.getParameter(names.UNMASKED_RENDERER_WEBGL)) : false;
+}
+
 /** The crane, its site and the camera on a canvas. */
 class Scene {
   /** @param {HTMLCanvasElement} canvas @param {ViewData} data */
   constructor(canvas, data) {
-    // Smooth edges where a graphics processor draws, and half the work where none does.
-    const options = {stencil: true, alpha: false}, gl = /** @type {WebGL2RenderingContext | null} */ (
-      canvas.getContext("webgl2", {...options, failIfMajorPerformanceCaveat: true})
-      ?? canvas.getContext("webgl2", {...options, antialias: false}));
+    const gl = canvas.getContext("webgl2", {stencil: true, alpha: false, antialias: !drawsInSoftware()});
     if (!gl) throw new Error("This browser has no WebGL 2: there are numbers, but no picture.");
     const {crane} = data;
     this.canvas = canvas; this.gl = gl; this.crane = crane;
