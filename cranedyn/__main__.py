@@ -10,6 +10,7 @@ import sys
 import tempfile
 import webbrowser
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -99,50 +100,71 @@ def _delegate(parser: _Parser, name: str) -> None:
 
 
 def _view(parser: _Parser) -> None:
-    """View a recording, in a window or in a browser of this machine, or write a run as a film.
+    """View a recording or a run, in a window or a browser of this machine, or as a film.
 
     Example: cranedyn view out/a1/a1.rrd --serve
     """
+    from cranedyn.model.description import add_values
+    from cranedyn.model.options import add_crane_options
+
     add, text = parser.add_argument, "in a browser on this machine, until Ctrl-C"
-    add("file", metavar="FILE", type=Path, help="recording, or .parquet of a run")
-    add("--film", metavar="FILE.mp4", type=Path, help="film of the run in a .parquet")
+    add("file", metavar="FILE", type=Path, help="recording (.rrd), or run (.parquet or .csv)")
+    add("--film", metavar="FILE.mp4", type=Path, help="write a film of the run")
     add("--serve", action="store_true", help=text)
     text = "of the page, default 9090; the data is at the next port"
     add("--port", type=int, metavar="P", help=text)
+    add_crane_options(parser.common)  # of a .csv, which does not say whose it is
+    add_values(parser.common, "numbers of the crane of a .csv")
+    parser.set_defaults(run=partial(_show, parser))
 
-    def run(options: argparse.Namespace) -> int:
-        from cranedyn import recording
-        from cranedyn.data.trajectory import read
-        from cranedyn.model.load import load_crane
-        from cranedyn.recording.film import check_film, film
 
-        if options.film:
-            if options.file.suffix != ".parquet":
-                parser.error(f"a film needs the .parquet of a run, as {options.file} is not")
-            if options.serve:
-                parser.error("--serve has no effect beside --film; leave it out")
-            check_film(options.film)
-            run = read(options.file)
-            crane = load_crane(from_record=run.record)
-            film(options.film, [recording.Run(options.file.stem, crane, run)])
-            print(f"Written to {options.film}.")
-            return 0
-        if options.port is not None and not options.serve:
-            parser.error("--port has no effect without --serve; leave it out")
-        if not options.serve:
-            recording.open_viewer(options.file)
-            return 0
+def _show(parser: _Parser, options: argparse.Namespace) -> int:
+    from cranedyn import recording
+
+    if options.port is not None and not options.serve:
+        parser.error("--port has no effect without --serve; leave it out")
+    if options.film and options.serve:
+        parser.error("--serve has no effect beside --film; leave it out")
+    if options.file.suffix in (".csv", ".parquet"):
+        options.file = _recorded(options)
+    elif options.film:
+        parser.error(f"a film needs a run, .parquet or .csv, which {options.file} is not")
+    if options.film:
+        print(f"Written to {options.film}.")
+    elif not options.serve:
+        recording.open_viewer(options.file)
+    else:
+        port = 9090 if options.port is None else options.port
         with (
-            recording.serve(
-                options.file, port=9090 if options.port is None else options.port
-            ) as served,
+            recording.serve(options.file, port=port) as served,
             contextlib.suppress(KeyboardInterrupt),
         ):
             print(served.message, flush=True)
             served.wait()
-        return 0
+    return 0
 
-    parser.set_defaults(run=run)
+
+def _recorded(options: argparse.Namespace) -> Path:
+    """Write the recording or the film of a run, and return its file."""
+    from cranedyn import recording
+    from cranedyn.data.trajectory import read
+    from cranedyn.model.load import load_crane
+    from cranedyn.model.options import load_options
+    from cranedyn.recording.film import check_film, film
+
+    trajectory = read(options.file)
+    if trajectory.record:
+        crane = load_crane(from_record=trajectory.record)
+    else:
+        crane = load_crane(**load_options(options))
+    runs = [recording.Run(options.file.stem, crane, trajectory)]
+    if options.film:
+        check_film(options.film)
+        film(options.film, runs)
+        return options.film
+    file = Path(tempfile.mkdtemp(prefix="cranedyn-")) / f"{options.file.stem}.rrd"
+    recording.record(file, runs, title=options.file.stem)
+    return file
 
 
 def _describe(parser: _Parser) -> None:
