@@ -380,10 +380,9 @@ class Page {
     byId("ratio").title = `reached: × ${fixed(state.ratio, 1)}`;
     const mine = state.task, best = this.task?.best;
     if (!mine || mine.name !== this.task?.name) return;
-    if (!mine.done) this._energy = state.work / 1000;
     const rows = [["", "you", "planner"], ["time [s]", fixed(mine.time, 1), fixed(best?.time, 1)],
       ["swing [°]", fixed(mine.largest_swing * DEGREES, 1), fixed(best && best.swing * DEGREES, 1)],
-      ["energy [kJ]", fixed(this._energy, 0), fixed(best && best.energy / 1000, 0)]];
+      ["energy [kJ]", fixed(mine.energy / 1000, 0), fixed(best && best.energy / 1000, 0)]];
     byId("score").replaceChildren(...rows.map(row =>
       element("tr", {}, ...row.map((text, i) => element(i ? "td" : "th", {}, text)))));
     if (mine.done) byId("task_text").textContent = `Done in ${fixed(mine.time, 1)} s.`;

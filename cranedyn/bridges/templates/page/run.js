@@ -65,7 +65,7 @@ class Run {
     this.usual = {...this.sliders};
     /** @type {string | null} Why the run has ended. */
     this.event = null;
-    /** @type {(TaskData & {time: number, largest: number, still: number, done: boolean}) | null} */
+    /** @type {(TaskData & {time: number, largest: number, still: number, energy: number, done: boolean}) | null} */
     this.task = null;
     this.parts = data.parts;
     this.work = data.crane.drives.map(() => 0);
@@ -78,6 +78,21 @@ class Run {
     /** Where the commanded rates would have taken the drives. */
     this.asked = this.driven();
     this.setpoint = this.asked;
+    /** @type {number | null} Tension of the rope [N]; null where it is not known. */
+    this.tension = null;
+    /** @type {number[][]} Rope in the world, from the pivot to the load [m]. */
+    this.points = [];
+    /** @type {{q: number[], v: number[], force: number[]}} */
+    this.state = {q: [], v: [], force: []};
+    this.look();
+  }
+
+  /** Note where the crane is. */
+  look() {
+    const {q, v, force} = this.kernel;
+    this.kinematics.move(q);
+    this.points = this.rope();
+    this.state = {q: Array.from(q), v: Array.from(v), force: Array.from(force)};
   }
 
   /** Positions of the drives. */
@@ -128,13 +143,14 @@ class Run {
   /** @param {string | null} name Of a task; null for none. */
   begin(name) {
     const task = this.data.tasks.find(candidate => candidate.name === name);
-    this.task = task ? {...task, time: 0, largest: 0, still: 0, done: false} : null;
+    this.task = task ? {...task, time: 0, largest: 0, still: 0, energy: 0, done: false} : null;
     this.parts = task ? task.parts : this.data.parts;
     if (!task) return;
     this.kernel.setState(task.state);
     this.asked = this.driven();
     this.assistant.begin(this.kernel.q, this.kernel.v);
     this.goTo(this.driven());
+    this.look();
   }
 
   /** Points of the rope in the world, from the pivot to the load. */
@@ -152,15 +168,14 @@ class Run {
   advance() {
     const {kernel, crane} = this, {q, v} = kernel;
     const planned = this.assist === "predictive" && !this.stopped;
-    this.kinematics.move(q);
-    const rope = this.rope();
     const sticks = this.stopped ? this.sticks.map(() => 0) : this.sticks;
     const assist = this.stopped ? "none" : this.assist;
     if (!planned) kernel.command.set(this.assistant.command(assist, sticks, q, v));
-    this.blow(rope);
+    this.look();
+    const rope = this.points;
+    this.state.force = this.blow(rope);
     const middle = crane.drives.map(i => q[i] - crane.lead * v[i]);
     const power = crane.damping.reduce((sum, d, i) => sum + d * v[i] * v[i], 0);
-    this.state = {q: Array.from(q), v: Array.from(v), force: Array.from(kernel.force)};
     const {goal, command} = kernel, {period} = this.data.kernel;
     this.setpoint = planned ? Array.from(goal) : this.asked;
     this.valid = kernel.advance(planned);
@@ -168,23 +183,24 @@ class Run {
     this.account(middle, power, rope);
     this.tension = crane.rope && crane.rope.damping * this.state.v[crane.drives[crane.rope.hoist]]
       - kernel.row.effort[crane.rope.hoist];
-    this.points = rope;
     this.event = this.ended(rope);
     if (this.task) this.judge(rope[rope.length - 1]);
     this.k += 1;
   }
 
-  /** Let the wind act on the load. @param {number[][]} rope */
+  /** Let the wind act on the load, and return the forces. @param {number[][]} rope */
   blow(rope) {
     const {force} = this.kernel, speed = this.sliders.wind_speed ?? 0;
     force.fill(0);
-    if (speed === 0) return;
-    const angle = (this.sliders.wind_direction ?? 0) * Math.PI / 180;
-    const last = this.crane.points.length - 1, {joint} = this.crane.points[last];
-    const moving = this.kinematics.velocity(joint, rope[last], this.kernel.v);
-    const air = [speed * Math.cos(angle), speed * Math.sin(angle), 0].map((x, i) => x - moving[i]);
-    const size = this.data.drag * Math.hypot(...air);
-    air.forEach((x, i) => { force[3 * this.crane.order[last] + i] = size * x; });
+    if (speed !== 0) {
+      const angle = (this.sliders.wind_direction ?? 0) * Math.PI / 180;
+      const last = this.crane.points.length - 1, {joint} = this.crane.points[last];
+      const moving = this.kinematics.velocity(joint, rope[last], this.kernel.v);
+      const air = [speed * Math.cos(angle), speed * Math.sin(angle), 0].map((x, i) => x - moving[i]);
+      const size = this.data.drag * Math.hypot(...air);
+      air.forEach((x, i) => { force[3 * this.crane.order[last] + i] = size * x; });
+    }
+    return Array.from(force);
   }
 
   /** Add up work and dissipation since the last control instant.
@@ -205,15 +221,13 @@ class Run {
 
   /** Why the run ends here, or null. @param {number[][]} rope */
   ended(rope) {
-    const {crane} = this, {q} = /** @type {{q: number[]}} */ (this.state);
+    const {crane} = this, {q} = this.state;
     if (!q.every(Number.isFinite)) return "The motion diverged.";
     for (const i of crane.drives) {
       const {lower, upper, name} = crane.joints[i];
       if (q[i] < lower || q[i] > upper) return `${name} left its range.`;
     }
-    if (this.tension !== null && /** @type {number} */ (this.tension) <= 0) {
-      return "The rope went slack.";
-    }
+    if (this.tension !== null && this.tension <= 0) return "The rope went slack.";
     if (this.swing >= Math.PI / 2) return "The load swung to 90°.";
     if (rope[rope.length - 1][2] <= 0) return "The load touched the ground.";
     if (!this.parts.length) return null;
@@ -234,8 +248,10 @@ class Run {
     if (!task || task.done) return;
     task.time += period;
     task.largest = Math.max(task.largest, this.swing);
+    const {effort} = this.kernel.row, rates = this.crane.drives.map(joint => this.kernel.v[joint]);
+    task.energy += Math.max(rates.reduce((sum, v, i) => sum + v * effort[i], 0), 0) * period;
     const {goal} = task, away = goal ? Math.hypot(...load.map((x, i) => x - goal[i])) : 0;
-    const {v} = /** @type {{v: number[]}} */ (this.state);
+    const {v} = this.state;
     const rate = Math.hypot(...this.crane.swings.map(i => v[i]));
     const quiet = this.swing <= task.swing && rate <= task.swing && away <= task.radius;
     task.still = quiet ? task.still + period : 0;
@@ -245,7 +261,7 @@ class Run {
   /** Values of the columns of the last control instant. */
   values() {
     const {row} = this.kernel;
-    const {q, v, force} = /** @type {{q: number[], v: number[], force: number[]}} */ (this.state);
+    const {q, v, force} = this.state;
     return [(this.k - 1) * this.data.kernel.period, ...q, ...v, ...this.setpoint, ...row.command,
       ...row.effort, row.energy[0], ...this.work, this.dissipated, ...force, this.forceWork, 0,
       this.valid ? 1 : 0];

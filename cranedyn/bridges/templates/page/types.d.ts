@@ -66,7 +66,7 @@ interface State {
   ratio: number;
   event: {text: string} | null;
   replaying: boolean;
-  task: {name: string; time: number; largest_swing: number; done: boolean} | null;
+  task: {name: string; time: number; largest_swing: number; energy: number; done: boolean} | null;
 }
 
 interface Curve {

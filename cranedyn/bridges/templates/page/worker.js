@@ -65,7 +65,7 @@ class Session {
       work: run.work.reduce((a, b) => a + b, 0), assist: run.assist, stopped: run.stopped,
       goal: run.assist === "predictive" ? [...kernel.goal] : null, ratio: this.ratio,
       event: run.event === null ? null : {text: run.event}, replaying: this.waiting.length > 0,
-      task: task && {name: task.name, time: task.time, largest_swing: task.largest,
+      task: task && {name: task.name, time: task.time, largest_swing: task.largest, energy: task.energy,
         done: task.done},
     });
   }
