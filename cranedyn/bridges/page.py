@@ -9,8 +9,9 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ from cranedyn.bridges.browser_crane import (
     usual_rates,
     variations,
 )
-from cranedyn.bridges.exercises import SWING, exercises, lift_exercise
+from cranedyn.bridges.exercises import SWING, Exercise, exercises, lift_exercise
 from cranedyn.bridges.target import check_free, new_file
 from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.dynamics.converters import Converters, converters
@@ -104,21 +105,24 @@ def _template(name: str) -> str:
 def page_data(crane: Crane, site: Site | None = None) -> dict[str, Any]:
     """Return all that the page needs of a crane and its site, for JSON."""
     layout, drives = crane.layout, converters(crane)
+    given = _exercises(crane, drives, site)
+    if site is not None and given:
+        crane = replace(crane, start=given[0].start)
     sliders, cranes, responses = variations(crane, drives)
     turn, foot = (np.eye(3), np.zeros(3)) if site is None else _frame(site)
     obstacles = [] if site is None else [solid.moved(turn, foot) for solid in site.solids]
-    area = DRAG * _frontal_area(crane)
+    load = None if site is None else site.load
     return {
         "title": _title(crane) if site is None else site.name,
-        "crane": _crane_data(crane, drives),
+        "crane": _crane_data(crane, drives, load),
         "assist": assist_data(crane, drives),
         "assistances": assistances(crane),
         "kernel": kernel_data(crane, drives, sliders, cranes, responses),
         "sliders": [asdict(slider) for slider in (*sliders, *_WIND)],
-        "drag": 0.5 * AIR_DENSITY * area,
+        "drag": 0.5 * AIR_DENSITY * DRAG * _frontal_area(crane, load),
         "site": None if site is None else {"name": site.name, "solids": _solids_data(obstacles)},
         "parts": [part for solid in obstacles for part in _parts(solid)],
-        "tasks": list(_tasks(crane, drives, site)),
+        "tasks": list(_tasks(given, turn, foot)),
         "colours": {name: COLOURS.get(name, "#8A8A8A") for name in (*layout.symbols, "setpoint")},
         "control_period": PERIOD,
     }
@@ -130,7 +134,7 @@ _WIND = (
 )
 
 
-def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
+def _crane_data(crane: Crane, drives: Converters, load: np.ndarray | None) -> dict[str, Any]:
     layout, model = crane.layout, crane.model
     joints = []
     for i, joint in enumerate(layout.joints):
@@ -165,7 +169,7 @@ def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
         "accelerations": drives.accelerations.tolist(),
         "efforts": [_finite(limit) for limit in crane.effort_limit],
         "start": crane.start.q.tolist(),
-        "shapes": list(_shape_data(crane)),
+        "shapes": list(_shape_data(crane, load)),
         "points": [
             {"joint": crane.points[i].body, "point": crane.points[i].lever.tolist()} for i in order
         ],
@@ -173,7 +177,7 @@ def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
         "swings": crane.swings.tolist(),
         "rest": rest.tolist(),
         "damping": crane.damping.tolist(),
-        "load": _load_box(crane).tolist(),
+        "load": _load_box(crane, load).tolist(),
         "rope": rope,
         "lead": semi_implicit_euler.lead * DT,
         "columns": {name: list(columns) for name, columns in layout.columns().items()},
@@ -196,60 +200,63 @@ def _finite(number: float) -> float:
     return float(np.clip(number, -1e9, 1e9))
 
 
-def _shape_data(crane: Crane) -> Iterator[dict[str, Any]]:
-    """Yield the visuals of all links in the frames of the joints that carry them."""
+def _placed_shapes(crane: Crane, load: np.ndarray | None) -> Iterator[tuple[int, Shape, pin.SE3]]:
+    """Yield the visuals of all links with their joints, -1 for the world, and their places in the
+    frames of these; the largest box of the load has the corners that are given, if any are.
+    """
     model = crane.model
+    placed = []
     for link, visuals in shapes(crane.urdf).items():
         frame = model.frames[model.getFrameId(link)]
-        joint = int(frame.parentJoint) - 1
         for shape in visuals:
             own = pin.SE3(Rotation.from_euler("xyz", shape.rpy).as_matrix(), np.array(shape.centre))
-            placed = frame.placement * own
-            yield {
-                "joint": joint,
-                "kind": shape.kind,
-                "size": [float(edge) for edge in shape.size],
-                "rotation": placed.rotation.ravel().tolist(),
-                "translation": placed.translation.tolist(),
-                "colour": [float(c) for c in shape.colour],
-                "payload": joint == crane.payload.body,
-            }
+            placed.append((int(frame.parentJoint) - 1, shape, frame.placement * own))
+    boxes = [s for i, s, _ in placed if i == crane.payload.body and s.kind == "box"]
+    largest = max(boxes, key=lambda shape: math.prod(shape.size), default=None)
+    for joint, shape, place in placed:
+        if load is not None and shape is largest:
+            centre = crane.payload.lever + (load.min(axis=0) + load.max(axis=0)) / 2.0
+            place = pin.SE3(np.eye(3), centre)
+            shape = replace(shape, size=tuple(np.ptp(load, axis=0).tolist()))
+        yield joint, shape, place
 
 
-def _load_shapes(crane: Crane) -> Iterator[tuple[Shape, pin.SE3]]:
-    model = crane.model
-    for link, visuals in shapes(crane.urdf).items():
-        frame = model.frames[model.getFrameId(link)]
-        if int(frame.parentJoint) - 1 == crane.payload.body:
-            for shape in visuals:
-                yield shape, frame.placement
+def _shape_data(crane: Crane, load: np.ndarray | None) -> Iterator[dict[str, Any]]:
+    for joint, shape, place in _placed_shapes(crane, load):
+        yield {
+            "joint": joint,
+            "kind": shape.kind,
+            "size": [float(edge) for edge in shape.size],
+            "rotation": place.rotation.ravel().tolist(),
+            "translation": place.translation.tolist(),
+            "colour": [float(c) for c in shape.colour],
+            "payload": joint == crane.payload.body,
+        }
 
 
-def _load_box(crane: Crane) -> np.ndarray:
+def _load_box(crane: Crane, load: np.ndarray | None) -> np.ndarray:
     """Return the corners of the box about the load in the frame of its joint [m], shape (8, 3):
-    three neighbours of the fourth first.
+    three neighbours of the fourth first. Corners of the load about its centre may be given.
     """
-    points = [placement.act(p) for s, placement in _load_shapes(crane) for p in s.hull_points()]
     low, high = crane.payload.lever - 0.5, crane.payload.lever + 0.5
-    if points:
-        low, high = np.min(points, axis=0), np.max(points, axis=0)
-    corners = [
-        [1, 0, 0],
-        [0, 1, 0],
-        [0, 0, 1],
-        [0, 0, 0],
-        [1, 1, 0],
-        [1, 0, 1],
-        [0, 1, 1],
-        [1, 1, 1],
-    ]
-    return low + np.array(corners) * (high - low)
+    if load is None:
+        points = [
+            place.act(point)
+            for joint, shape, place in _placed_shapes(crane, load)
+            if joint == crane.payload.body
+            for point in replace(shape, centre=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0)).hull_points()
+        ]
+        if points:
+            low, high = np.min(points, axis=0), np.max(points, axis=0)
+    else:
+        low, high = crane.payload.lever + load.min(axis=0), crane.payload.lever + load.max(axis=0)
+    neighbours = np.vstack([np.eye(3), np.zeros(3)])
+    return low + np.vstack([neighbours, 1.0 - neighbours]) * (high - low)
 
 
-def _frontal_area(crane: Crane) -> float:
+def _frontal_area(crane: Crane, load: np.ndarray | None) -> float:
     """Return the mean area of the vertical sides of the load [m²]."""
-    box = _load_box(crane)
-    wide, deep, tall = np.ptp(box, axis=0).tolist()
+    wide, deep, tall = np.ptp(_load_box(crane, load), axis=0).tolist()
     return 0.5 * (wide + deep) * tall
 
 
@@ -271,18 +278,21 @@ def _solids_data(solids: Sequence[Solid]) -> list[dict[str, Any]]:
     ]
 
 
-def _tasks(crane: Crane, drives: Converters, site: Site | None) -> Iterator[dict[str, Any]]:
-    """Yield the exercises: those for a tower crane, or on a site its lift."""
+def _exercises(crane: Crane, drives: Converters, site: Site | None) -> list[Exercise]:
+    """Return the exercises for a tower crane; on a site only its lift."""
     if not is_tower(crane):
-        return
+        return []
     limits = Limits(usual_rates(drives).tolist(), drives.accelerations.tolist())
     if site is None:
-        given = list(exercises(crane, limits))
-        turn, foot = np.eye(3), np.zeros(3)
-    else:
-        lift = lift_exercise(crane, limits, site)
-        given = [] if lift is None else [lift]
-        turn, foot = _frame(site)
+        return list(exercises(crane, limits))
+    lift = lift_exercise(crane, limits, site)
+    return [] if lift is None else [lift]
+
+
+def _tasks(
+    given: Sequence[Exercise], turn: np.ndarray, foot: np.ndarray
+) -> Iterator[dict[str, Any]]:
+    """Yield exercises in the frame of the crane."""
     for exercise in given:
         solids = [solid.moved(turn, foot) for solid in exercise.solids]
         goal = exercise.goal
@@ -339,6 +349,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
+    print("Compiling the crane and planning its exercises, half a minute ...", file=sys.stderr)
     site = None if options.site is None else read_site(options.site)
     if site is not None:
         options.values = [*(f"{k}:={v}" for k, v in site.crane.items()), *options.values]

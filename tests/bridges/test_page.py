@@ -16,7 +16,7 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 import cranedyn as cd
-from cranedyn.bridges import page
+from cranedyn.bridges import browser_crane, page
 from cranedyn.compiled.horizon.receding import receding
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.data.trajectory import read as read_trajectory
@@ -121,26 +121,31 @@ class Operator:
 
         return np.clip(rates, -within(at - low), within(high - at))
 
+    def ramp(self, asked: np.ndarray) -> None:
+        """Let the rates follow within the accelerations."""
+        step = self.accelerations * PERIOD
+        self.rate = self.rate + np.clip(asked - self.rate, -step, step)
+
     def shaped(self, asked: np.ndarray, state: State) -> np.ndarray:
         """Half at once and half after half a period."""
-        self.past.append(asked)
+        self.ramp(asked)
+        self.past.append(self.rate)
         table, hoist = self.assist["swing"], self.assist["hoist"]
         period = np.interp(state.q[self.drives[hoist]], table["lengths"], table["periods"])
         late = len(self.past) - 1 - math.floor(0.5 * period / PERIOD + 0.5)
-        half = 0.5 * (asked + (self.past[late] if late >= 0 else 0.0))
+        half = 0.5 * (self.rate + (self.past[late] if late >= 0 else 0.0))
         half[hoist] = asked[hoist]
         return half
 
     def yielding(self, asked: np.ndarray, state: State) -> np.ndarray:
         """Slew and trolley give way."""
         _, x, phi, theta, length = state.q
-        gain = 2.0 * page.YIELDING * math.sqrt(self.crane.gravity * length)
+        gain = 2.0 * browser_crane.YIELDING * math.sqrt(self.crane.gravity * length)
         return self.stoppable(asked - gain * np.array([theta / x, phi, 0.0]), state.q)
 
     def lqr(self, asked: np.ndarray, state: State) -> np.ndarray:
         """Feedback of the whole state."""
-        step = self.accelerations * PERIOD
-        self.rate = self.rate + np.clip(asked - self.rate, -step, step)
+        self.ramp(asked)
         self.position = self.position + self.rate * PERIOD
         goal = np.concatenate([self.assist["lqr"]["rest"], np.zeros(len(state.q))])
         goal[self.drives], goal[len(state.q) + self.drives] = self.position, self.rate
@@ -214,6 +219,20 @@ def test_other_cranes_move_as_simulate_moves_them(kind: str, names: list[str]) -
         check_same(end, in_python(kind, name, 1000), 1e-12)
 
 
+def test_a_shaped_push_leaves_little_swing() -> None:
+    # A push and its end three seconds later, while the second half of the push begins.
+    inputs = [[0, "sticks", [0.0, 1.0, 0.0]], [600, "sticks", [0.0, 0.0, 0.0]]]
+    shaped, plain = in_node(
+        data_of("tower"),
+        *(
+            {"inputs": [[0, "assist", name], *inputs], "instants": 4000, "rows": True}
+            for name in ("shaped", "none")
+        ),
+    )
+    swing = [np.abs(np.array(done["rows"])[3000:, 3]).max() for done in (shaped, plain)]
+    assert swing[0] < 0.03 * swing[1]  # what the jerk limit and the delay in whole periods leave
+
+
 def test_sliders_change_the_crane_as_its_arguments_do() -> None:
     data, crane = data_of("tower"), load_crane(payload_mass=2500.0, damp_swing=400.0)
     inputs = [
@@ -226,7 +245,7 @@ def test_sliders_change_the_crane_as_its_arguments_do() -> None:
     # The page scales the inertia of the load with its mass; the argument alone leaves it.
     inertia = {"payload_inertia": 2.5 * float(crane_of("tower").payload_inertia[0, 0])}
     crane = load_crane(payload_mass=2500.0, damp_swing=400.0, **inertia)
-    area = page.DRAG * page._frontal_area(crane)
+    area = page.DRAG * page._frontal_area(crane, None)
     done = in_node(data, {"inputs": inputs, "instants": 1000, "rows": True})[0]
     run = cd.simulate(
         crane,

@@ -81,18 +81,25 @@ class Assistant {
     return asked;
   }
 
-  /** Half at once and half after half a period of the swing (ZV); the hoist as asked.
+  /** Half at once and half after half a period of the swing (ZV), after the ramps of the drives,
+   * which would spoil the sum; the hoist as asked.
    * @param {number[]} asked @param {ArrayLike<number>} q */
   shaped(asked, q) {
-    this.past.unshift(asked);
+    this.ramp(asked);
+    this.past.unshift(this.rate);
     if (this.past.length > this.most) this.past.pop();
     const {lengths, periods} = this.data.swing, hoist = this.data.hoist;
     const length = hoist < 0 ? lengths[0] : q[this.data.joints[hoist]];
     const [i, share] = locate(lengths, length);
     const period = periods[i] + share * ((periods[i + 1] ?? periods[i]) - periods[i]);
-    const delay = Math.round(0.5 * period / this.period);
-    const before = this.past[delay] ?? asked.map(() => 0);
-    return asked.map((rate, j) => (j === hoist ? rate : 0.5 * (rate + before[j])));
+    const before = this.past[Math.round(0.5 * period / this.period)] ?? asked.map(() => 0);
+    return this.rate.map((rate, j) => (j === hoist ? asked[j] : 0.5 * (rate + before[j])));
+  }
+
+  /** Let the rates follow within the accelerations of the drives. @param {number[]} asked */
+  ramp(asked) {
+    const {accelerations} = this.data, {period} = this;
+    this.rate = this.rate.map((r, i) => r + clip(asked[i] - r, accelerations[i] * period));
   }
 
   /** Slew and trolley give way to the load, which damps its swing.
@@ -110,9 +117,9 @@ class Assistant {
   /** Feedback of the whole state about a motion that follows the sticks.
    * @param {number[]} asked @param {ArrayLike<number>} q @param {ArrayLike<number>} v */
   lqr(asked, q, v) {
-    const given = this.data.lqr, {joints, accelerations} = this.data, {period} = this;
+    const given = this.data.lqr, {joints} = this.data, {period} = this;
     if (!given) return asked;
-    this.rate = this.rate.map((r, i) => r + clip(asked[i] - r, accelerations[i] * period));
+    this.ramp(asked);
     const goal = [...given.rest, ...given.rest.map(() => 0)];
     joints.forEach((joint, i) => {
       this.position[i] += this.rate[i] * period;

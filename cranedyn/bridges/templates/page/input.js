@@ -35,7 +35,7 @@ class Hands {
     sticks.forEach((stick, i) => this._hold(stick, 2 * i));
     addEventListener("keydown", event => {
       const {code, repeat, ctrlKey, altKey, metaKey, target} = event;
-      const typing = /** @type {HTMLElement} */ (target).matches?.("input, summary, dialog *");
+      const typing = /** @type {HTMLElement} */ (target).matches?.("input, dialog *");
       if (ctrlKey || altKey || metaKey || typing && code !== "Space") return;
       if (code in DRIVE_KEYS || code.startsWith("Shift")) this._keys.add(code);
       else if (!repeat && !act(code)) return;

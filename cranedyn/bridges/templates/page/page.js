@@ -125,7 +125,7 @@ class Page {
   constructor(data) {
     const {crane, colours} = this.data = data;
     /** @type {Look} */
-    this.look = {view: "follow", night: matchMedia("(prefers-color-scheme: dark)").matches, t: 0,
+    this.look = {view: data.site ? "orbit" : "follow", night: matchMedia("(prefers-color-scheme: dark)").matches, t: 0,
       goal: null, radius: 1, aim: null};
     this.assist = "none"; this.stopped = this.paused = false;
     /** @type {State | null} */
@@ -160,7 +160,8 @@ class Page {
       KeyP: () => { this.paused = !this.paused; this.pace(); },
       KeyH: () => byId("keys").showModal(),
       Backspace: () => this.worker.postMessage({type: "reset"}),
-      save: () => this.worker.postMessage({type: "save"}),
+      save: () => this.worker.postMessage({type: "save", file: "drive.csv"}),
+      save_inputs: () => this.worker.postMessage({type: "save", file: "drive.json"}),
     };
     this._arrange();
     this.hands = new Hands(crane.drives.map(i => crane.joints[i]), [byId("stick_0"), byId("stick_1")], code => this.act(code));
@@ -238,9 +239,10 @@ class Page {
       .map(([x, y]) => ({point: [x, y, data.crane.ground], span: element("span", {}, `${r} m`)})));
     byId("labels").append(...this.labels.map(({span}) => span));
     document.addEventListener("click", event => {
-      const button = /** @type {HTMLElement} */ (event.target).closest("button");
+      const target = /** @type {HTMLElement} */ (event.target), button = target.closest("button");
+      if (button) this.act(button.name);
       // What a pointer has set gives the keys back to the crane.
-      if (button && this.act(button.name) && event.detail) button.blur();
+      if (event.detail) /** @type {any} */ (target.closest("button, summary"))?.blur();
     });
     addEventListener("pointerup", () => /** @type {any} */ (document.activeElement)?.matches("[type=range]")
       && /** @type {any} */ (document.activeElement).blur());
@@ -311,7 +313,7 @@ class Page {
       const {inputs} = JSON.parse(await /** @type {FileList} */ (chooser.files)[0].text());
       this.worker.postMessage({type: "replay", inputs: [...inputs]});
     } catch {
-      this.tell("This file holds no inputs of a drive; allowed is a .json file that “Save” wrote.");
+      this.tell("This file holds no inputs of a drive; allowed is a .json file that “Save inputs” wrote.");
     }
     chooser.value = "";
   }
@@ -328,10 +330,8 @@ class Page {
 
   /** Take a message of the worker. @param {any} message */
   receive(message) {
-    if (message.type === "saved") {
-      download("drive.csv", message.csv);
-      download("drive.json", message.inputs);
-    } else if (message.type === "state") {
+    if (message.type === "saved") download(message.file, message.text);
+    else if (message.type === "state") {
       const state = /** @type {State} */ (message), before = this.state;
       this.state = state;
       if (state.event) this.tell(`${state.event.text} Reset to go on.`, Infinity);

@@ -70,19 +70,21 @@ class Session {
     });
   }
 
-  save() {
+  /** Write a file of what was driven: columns as .csv, or inputs as .json. @param {string} file */
+  save(file) {
     const {inputs, k} = this.run;
     const lines = [Object.values(this.data.crane.columns).flat().join(",")];
-    replay(this.data, this.code, inputs, k, run => { lines.push(run.values().join(",")); });
-    const recorded = JSON.stringify({instants: k, inputs});
-    postMessage({type: "saved", csv: `${lines.join("\n")}\n`, inputs: recorded});
+    if (file.endsWith(".csv")) {
+      replay(this.data, this.code, inputs, k, run => { lines.push(run.values().join(",")); });
+    } else lines[0] = JSON.stringify({instants: k, inputs});
+    postMessage({type: "saved", file, text: `${lines.join("\n")}\n`});
   }
 
   /** @param {any} message */
   receive(message) {
     const {type} = message, {run} = this;
     if (type === "speed") this.factor = message.factor;
-    else if (type === "save") this.save();
+    else if (type === "save") this.save(message.file);
     else if (type === "reset") this.reset();
     else if (type === "replay") {
       this.run = new Run(this.data, this.code);
