@@ -208,8 +208,10 @@ class Page {
     }
     const tonne = 1000 * data.crane.gravity, turning = data.crane.joints.some(({role}) => role === "slew");
     const rows = /** @type {[string, string, number, (state: State) => number | null, string?][]} */ ([
-      ["height", "m", 2, state => state.height],
-      ["rope force", "t", 2, state => state.rope_force && state.rope_force / tonne],
+      ["height of load", "m", 2, state => state.height],
+      ...data.assist.hoist < 0 ? [] : [["cable l", "m", 2,
+        (/** @type {State} */ state) => state.q[data.crane.drives[data.assist.hoist]]]],
+      ["rope force", "kN", 2, state => state.rope_force && state.rope_force / 1000],
       ...turning ? [["radius", "m", 2, (/** @type {State} */ state) => state.radius],
         ["load moment", "t m", 1, (/** @type {State} */ state) =>
           state.rope_force && state.rope_force / tonne * state.radius]] : [],
@@ -324,8 +326,8 @@ class Page {
     const l = (this.state?.q ?? crane.start)[hoist], closed = 2 * Math.PI * Math.sqrt(l / crane.gravity);
     const error = 100 * (measured / closed - 1), side = error < 0 ? "shorter" : "longer";
     byId("period_answer").textContent = measured > 0 ? `2π√(l/g) at l = ${fixed(l, 2)} m: ${fixed(closed, 3)} s.
-      Yours is ${fixed(Math.abs(error), 2)} % ${side}${Math.abs(error) < 2 ? `. What is left: the load's own
-      inertia, the size of the swing, and reading.` : "."}` : "Enter a time in seconds.";
+      Yours is ${fixed(Math.abs(error), 2)} % ${side}.${error > 0 && error < 2 ? ` The load's own inertia, the size
+      of the swing and reading the marks make it longer.` : ""}` : "Enter a time in seconds.";
   }
 
   /** Take a message of the worker. @param {any} message */
@@ -401,7 +403,7 @@ class Page {
     }
     if (state && this._frames++ % 3 === 0) {
       this._write(state);
-      this.strips.draw(byId("lesson").open);
+      this.strips.draw(byId("lesson").open || this.assist === "none");
     }
     if (performance.now() > (this._until ?? 0)) byId("event").textContent = "";
     requestAnimationFrame(this._frame);
