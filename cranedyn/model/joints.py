@@ -15,7 +15,6 @@ from cranedyn.errors import ModelError, UnknownName, quoted
 from cranedyn.model.crane import NO_RATE_LIMIT, Point
 from cranedyn.model.layout import ALIGNED, ROLES, Joint
 
-
 _FIVE_TURNS, _EFFORT = 31.4159, 1e6
 """Range of a continuous joint to either side [rad], and effort of a drive without limit [N or N m],
 as those of the tower crane of this project."""

@@ -158,8 +158,7 @@ def find_hoist(model: pin.Model, joints: Sequence[Joint], path: Path) -> int:
         found = ", ".join(quoted(joints[i].name) for i in hoists) or "none"
         raise ModelError(
             f"{path} needs one hoist to hang a load from, a prismatic joint along the vertical "
-            f"that carries no other joint; it has {found}. A hook on a fixed joint needs a prismatic "
-            "one."
+            f"that carries no other joint; it has {found}."
         )
     return hoists[0]
 

@@ -364,3 +364,25 @@ def test_links_of_missing_meshes_are_drawn_as_sticks(tmp_path: Path) -> None:
     low, high = (end(np.concatenate(tips), axis=0) for end in (np.min, np.max))
     np.testing.assert_allclose(high[2] - low[2], 28.0, atol=0.7)
     np.testing.assert_allclose(max(high[:2] - low[:2]), 22.0, atol=0.7)
+
+
+@pytest.mark.parametrize(
+    ("folder", "name"), [("mine_ros", "mine_ros"), ("My-Crane", "crane_description")]
+)
+def test_a_package_has_the_name_of_its_folder(tmp_path: Path, folder: str, name: str) -> None:
+    from cranedyn.bridges import ros2
+
+    package = ros2.export(tmp_path / folder, cd.load_crane())
+    assert ET.parse(package / "package.xml").findtext("name") == name
+
+
+def test_a_clock_in_ms_taken_for_s_and_an_unknown_unit_are_refused() -> None:
+    from cranedyn.data.external import parse_sources
+    from cranedyn.identification import Record
+
+    t = np.arange(100.0)
+    columns = {"t_s": 50.0 * t, "phi_rad": 0.1 * np.sin(t)}
+    with pytest.raises(CraneError, match=r"increases by 50 s .* --columns t_s=NAME\[ms\]"):
+        Record.of(cd.load_crane(), columns)
+    with pytest.raises(UnknownName, match="unit of t_s 'ks'"):
+        parse_sources(["t_s=stamp[ks]"])
