@@ -28,7 +28,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 
 TARGET = "FILE"
-EXAMPLE = "run.mcap --trajectory out/a1/l5_pinned.csv"
+EXAMPLE = "run.mcap --trajectory out/a1/a1_l5.parquet"
 
 FRAME_PERIOD = 0.02
 """Least time between messages of frames [s]; joints have a message at every row."""

@@ -30,6 +30,8 @@ from cranedyn.model.options import crane_from_options
 TARGET = "DIR"
 EXAMPLE = "crane_description"
 
+_PACKAGE_NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
+
 RATE = 200
 """Rate of the controllers [Hz], as in the article."""
 
@@ -56,9 +58,7 @@ _SYSTEMS = {
 """Plugins of a world of gz sim: physics, insertion of models, display."""
 
 
-def export(
-    folder: str | Path, crane: Crane, *, name: str = "crane_description", dt: float = 5e-4
-) -> Path:
+def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: float = 5e-4) -> Path:
     """Write a description package.
 
     Only the drives have command interfaces; the passive joints have states, position and velocity,
@@ -69,7 +69,8 @@ def export(
     Args:
         folder: New folder.
         crane: The crane.
-        name: Name of the package.
+        name: Name of the package; None for the name of the folder, or crane_description where ROS
+            does not allow that.
         dt: Physics step of the worlds [s].
 
     Raises:
@@ -78,7 +79,10 @@ def export(
             mesh, or a rope that stretches.
         OutOfRange: If the step is not positive.
     """
-    if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name):
+    folder = Path(folder)
+    if name is None:
+        name = folder.name if _PACKAGE_NAME.fullmatch(folder.name) else "crane_description"
+    if not _PACKAGE_NAME.fullmatch(name):
         raise DataError(
             f"A package of ROS cannot be called {name!r}; allowed are small letters, digits and "
             "single underlines."
@@ -95,7 +99,6 @@ def export(
         add(robot, "gazebo"), "plugin", filename="gz_ros2_control-system", name=name_of_plugin
     )
     add(plugin, "parameters", "CONTROLLERS_YAML")  # the launch file knows where the package is
-    folder = Path(folder)
     with new_folder(folder) as draft:
         shutil.copytree(
             _TEMPLATES, draft, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__")
@@ -194,7 +197,7 @@ def _gz_world(crane: Crane, dt: float) -> ET.Element:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the folder and the crane."""
-    parser.add_argument("--name", default="crane_description", help="of the package")
+    parser.add_argument("--name", help="of the package; that of DIR if left out")
     parser.add_argument(
         "--dt", type=float, default=5e-4, metavar="DT", help="physics step of the worlds [s]"
     )

@@ -64,6 +64,7 @@ def parse_sources(arguments: Iterable[str]) -> dict[str, Source]:
         if column in sources:
             raise DataError(f"The column {column} is given twice; leave one out.")
         _factor(column, source)
+        _factor(column, source)
         sources[column] = source
     return sources
 

@@ -27,6 +27,9 @@ PERIODS, ROWS = 2.0, 40
 
 _UPRIGHT, _GAP, _STILL = math.pi / 2, 5.0, 1e-9
 
+_SLOWEST = 3.0
+"""Largest usual step of a clock [s], a few rows in a period of a long rope."""
+
 
 @dataclass(frozen=True, eq=False)
 class Record:
@@ -250,6 +253,11 @@ def _check_clock(name: str, t: np.ndarray) -> None:
             "allowed are times that increase."
         )
     usual, worst = float(np.median(steps)), int(np.argmax(steps))
+    if usual > _SLOWEST:
+        raise DataError(
+            f"{name}: t_s increases by {usual:.3g} s from row to row; allowed are {_SLOWEST:g} s. "
+            "Is it in ms? Then say so: --columns t_s=NAME[ms]."
+        )
     if steps[worst] > _GAP * usual:
         raise DataError(
             f"{name}: t_s goes from {t[worst]:g} to {t[worst + 1]:g} s at row {worst + 2}, a gap "

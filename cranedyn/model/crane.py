@@ -28,6 +28,10 @@ from cranedyn.model.springs import (
 STANDARD_GRAVITY = 9.80665
 """Standard gravity [m/s²], exact by definition (CGPM 1901)."""
 
+NO_RATE_LIMIT = 1e3
+"""Velocity limit in a URDF that stands for none [rad/s or m/s]: other programs hold a joint with 0.
+"""
+
 
 _LARGEST_SWING = float(np.nextafter(np.pi / 2, 0.0))
 
@@ -115,9 +119,11 @@ class Crane:
 
     @property
     def rate_limit(self) -> np.ndarray:
-        """Largest rates of the drives [rad/s or m/s], shape (m,); inf where the URDF gives none."""
+        """Largest rates of the drives [rad/s or m/s], shape (m,); inf where the URDF gives none, 0
+        or `NO_RATE_LIMIT`.
+        """
         limit = self.model.velocityLimit[self.layout.drives]
-        return np.where(limit > 0.0, limit, np.inf)
+        return np.where((limit > 0.0) & (limit < NO_RATE_LIMIT), limit, np.inf)
 
     @cached_property
     def winch(self) -> int | None:

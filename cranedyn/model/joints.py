@@ -12,8 +12,47 @@ import pinocchio as pin
 
 from cranedyn.checks import number
 from cranedyn.errors import ModelError, UnknownName, quoted
-from cranedyn.model.crane import Point
+from cranedyn.model.crane import NO_RATE_LIMIT, Point
 from cranedyn.model.layout import ALIGNED, ROLES, Joint
+
+_FIVE_TURNS, _EFFORT = 31.4159, 1e6
+"""Range of a continuous joint to either side [rad], and effort of a drive without limit [N or N m],
+as those of the tower crane of this project."""
+
+
+def complete_limits(robot: ET.Element, driven: Sequence[str] | None) -> list[str]:
+    """Give the joints of a checked URDF the limits that programs for CAD leave out, in place.
+
+    A continuous joint becomes a revolute one. A velocity limit of 0 becomes `NO_RATE_LIMIT`: other
+    programs hold a joint with 0. So does the effort limit of 0 of a drive, which becomes 1e6.
+
+    Args:
+        robot: The URDF.
+        driven: Names of the driven joints; None for those that the URDF says, all if it says none.
+
+    Returns:
+        A note on each limit that was set.
+    """
+    drives, notes = {*(driven or ())} or _declared_drives(robot)[0], []
+    for joint in robot.iterfind("joint"):
+        name, limit = joint.get("name", ""), joint.find("limit")
+        if joint.get("type") == "continuous":
+            joint.set("type", "revolute")
+            if limit is None:
+                limit = ET.SubElement(joint, "limit", effort="0", velocity="0")
+            limit.set("lower", str(-_FIVE_TURNS))
+            limit.set("upper", str(_FIVE_TURNS))
+            notes.append(f"{name} is continuous, read as revolute up to ±{_FIVE_TURNS} rad.")
+        if limit is None or joint.get("type") not in ("revolute", "prismatic"):
+            continue
+        if float(limit.get("velocity", "0")) == 0.0:
+            limit.set("velocity", str(NO_RATE_LIMIT))
+            notes.append(f"velocity limit 0 of {name} read as none.")
+        if float(limit.get("effort", "0")) == 0.0 and (name in drives or not drives):
+            limit.set("effort", str(_EFFORT))
+            unit = "N" if joint.get("type") == "prismatic" else "N m"
+            notes.append(f"effort limit 0 of {name} read as unknown: {_EFFORT:g} {unit}.")
+    return notes
 
 
 def joint_names(model: pin.Model) -> list[str]:
@@ -33,7 +72,7 @@ def check_joints(model: pin.Model, path: Path) -> None:
         if (model.joints[i].nq, model.joints[i].nv) != (1, 1):
             raise ModelError(
                 f"{path} has a {quoted(name)} without limits or with several axes; it must be "
-                "revolute or prismatic, with limits."
+                "revolute, continuous or prismatic."
             )
 
 
@@ -94,6 +133,17 @@ def _declared_drives(robot: ET.Element) -> tuple[set[str], str]:
     }, "<transmission>"
 
 
+def declare_drives(robot: ET.Element, driven: Sequence[str]) -> None:
+    """Give the driven joints of a URDF without ``<ros2_control>`` command interfaces, in place."""
+    control = ET.SubElement(robot, "ros2_control", name="crane", type="system")
+    hardware = ET.SubElement(control, "hardware")
+    ET.SubElement(hardware, "plugin").text = "mock_components/GenericSystem"
+    for name in driven:
+        joint = ET.SubElement(control, "joint", name=name)
+        ET.SubElement(joint, "command_interface", name="effort")
+        ET.SubElement(joint, "state_interface", name="position")
+
+
 def driven_joints(
     robot: ET.Element, names: Sequence[str], driven: Sequence[str] | None, path: Path
 ) -> set[str]:
@@ -126,7 +176,8 @@ def driven_joints(
     if not (declared or driven):
         raise ModelError(
             f"{path} gives no joint a command interface in <ros2_control>; say which joints drives "
-            "move by load_crane(driven=[...]), or --driven."
+            "move by load_crane(driven=[...]), or --driven. If the hook hangs on a rigid joint, "
+            "--swing puts a rope above it."
         )
     return declared or {*(driven or ())}
 

@@ -30,6 +30,8 @@ from cranedyn.model.description import XACRO, CraneValues, describe
 from cranedyn.model.joints import (
     check_joints,
     check_roles,
+    complete_limits,
+    declare_drives,
     driven_joints,
     force_points,
     has_drives,
@@ -166,10 +168,12 @@ def _foreign_crane(
 ) -> Crane:
     """Return the crane of a foreign URDF or MJCF, completed."""
     robot, notes = parse_urdf(text, path), list[str]()
-    if not (swing or robot.tag == "mujoco"):
-        return _crane(robot, path, partial(str, text), options)
     if robot.tag == "mujoco":
         robot, notes = read_mjcf(robot, path)
+    check_urdf(robot, path)
+    notes += complete_limits(robot, options.driven)
+    if not (swing or notes):
+        return _crane(robot, path, partial(str, text), options)
     if swing:
         roles: dict[str, str] = {}
         driven = options.driven
@@ -181,12 +185,16 @@ def _foreign_crane(
             if driven is None and not has_drives(robot):
                 driven = names
                 notes.append("All joints of the file are driven.")
-            joints = read_joints(model, driven_joints(robot, names, driven, path), {}, path)
+            drives = driven_joints(robot, names, driven, path)
+            joints = read_joints(model, drives, {}, path)
+            if robot.find("ros2_control/joint/command_interface") is None:
+                declare_drives(robot, [name for name in names if name in drives])
             further_roles, further_notes = complete(robot, model, joints, path=path)
             roles |= further_roles
             notes += further_notes
         options = options._replace(driven=driven, joints=options.joints or roles)
-    options = options._replace(assumptions=tuple(notes))
+    options = options._replace(assumptions=(*options.assumptions, *notes))
+    ET.indent(robot)
     return _crane(robot, path, partial(str, ET.tostring(robot, encoding="unicode")), options)
 
 

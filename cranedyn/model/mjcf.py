@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.errors import ModelError, OutOfRange, printable, quoted
+from cranedyn.model.crane import NO_RATE_LIMIT
 from cranedyn.model.urdf import are_numbers, inertial_element, numbers_text, set_placement
 
 _READ = ("compiler", "default", "worldbody", "body", "joint", "freejoint", "geom", "inertial")
@@ -178,7 +179,12 @@ def _add_limits(
     effort = float(model.effortLimit[v])
     if driven and not math.isfinite(effort):
         notes.append(f"{name} has no largest effort; {_EFFORT:g} are taken.")
-    limits = {"lower": low, "upper": high, "effort": min(effort, _EFFORT), "velocity": 0.0}
+    limits = {
+        "lower": low,
+        "upper": high,
+        "effort": min(effort, _EFFORT),
+        "velocity": NO_RATE_LIMIT,
+    }
     ET.SubElement(element, "limit", {key: repr(value) for key, value in limits.items()})
     dynamics = {"damping": model.damping[v], "armature": model.armature[v]}
     ET.SubElement(element, "dynamics", {key: repr(float(value)) for key, value in dynamics.items()})

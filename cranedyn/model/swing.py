@@ -196,10 +196,11 @@ def hang_load(
     upward = math.copysign(1.0, joints[index].axis[2])
     length = float(carrier.translation[2] - hook.translation[2])
     notes = []
-    if swing.length is not None:
-        length = swing.length
-    else:
-        notes.append(f"The pivot is at the height of {parent.get('link')}.")
+    rise = 0.0 if swing.length is None else swing.length - length
+    length += rise
+    height = f"{abs(rise):.3g} m {'above' if rise > 0.0 else 'below'}"
+    height = height if abs(rise) > _SMALL else "at the height of"
+    notes.append(f"The pivot is {height} {parent.get('link')}.")
     ends = [length - upward * float(limit[index]) for limit in _limits(model)]
     longest = max(ends)
     if longest <= 0.0:
@@ -281,9 +282,11 @@ def _turn(robot: ET.Element, name: str, sign: float, zero: float, least: float =
     if initial is not None:
         initial.text = repr(sign * (float(initial.text or 0.0) - zero))
     elif ends[0] + margin <= -sign * zero <= ends[1] - margin:
-        control = ET.SubElement(robot, "ros2_control", name=f"start of {name}", type="system")
-        state = ET.SubElement(ET.SubElement(control, "joint", name=name), "state_interface")
-        state.set("name", "position")
+        control = robot.find(f"ros2_control/joint[@name='{name}']")
+        assert control is not None  # see declare_drives
+        state = control.find("state_interface[@name='position']")
+        if state is None:
+            state = ET.SubElement(control, "state_interface", name="position")
         ET.SubElement(state, "param", name="initial_value").text = repr(-sign * zero)
 
 
@@ -299,7 +302,9 @@ def _insert_swing(
         ET.SubElement(joint, "child", link=child)
         ET.SubElement(joint, "axis", xyz=axis)
         reach = repr(math.pi / 2)
-        ET.SubElement(joint, "limit", lower="-" + reach, upper=reach, effort="0", velocity="0")
+        # as in the tower crane of this project: other programs hold a joint with a velocity of 0
+        limits = {"lower": "-" + reach, "upper": reach, "effort": "1e7", "velocity": "10"}
+        ET.SubElement(joint, "limit", limits)
         ET.SubElement(joint, "dynamics", damping=repr(damping))
         set_placement(joint, placement)
         ET.SubElement(robot, "link", name=child).append(body)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,9 @@ _SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius
 _MESH_KINDS = ("stl", "obj", "ply", "dae", "glb")
 _MAX_MESH_BYTES = 20_000_000
 _CIRCLE_POINTS = 12
+
+_STICK = 0.01
+"""Radius of sticks as a share of the longest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +76,8 @@ class Shape:
 
 
 def shapes(urdf: str, folder: str | Path | None = None) -> dict[str, list[Shape]]:
-    """Return the visuals of each link of a plain URDF, by name of the link.
+    """Return the visuals of each link of a plain URDF, by name of the link; sticks for a link of
+    which only meshes are known that are left out, see `_sticks`.
 
     Args:
         urdf: The URDF, its numbers and names checked.
@@ -90,7 +94,7 @@ def shapes(urdf: str, folder: str | Path | None = None) -> dict[str, list[Shape]
         for material in robot.iter("material")
         if (color := material.find("color")) is not None
     }
-    return {
+    visuals = {
         link.get("name", ""): [
             shape
             for visual in link.iterfind("visual")
@@ -98,6 +102,48 @@ def shapes(urdf: str, folder: str | Path | None = None) -> dict[str, list[Shape]
         ]
         for link in robot.iterfind("link")
     }
+    hidden = {
+        link.get("name", "")
+        for link in robot.iterfind("link")
+        if not visuals[link.get("name", "")] and link.find("visual/geometry/mesh") is not None
+    }
+    return visuals | (_sticks(robot, hidden) if hidden else {})
+
+
+def _sticks(robot: ET.Element, links: Collection[str]) -> dict[str, list[Shape]]:
+    """Return cylinders from the origin of each link to its child joints, or as far as their links
+    slide; a ball for a joint at the origin.
+    """
+    ends: dict[str, list[np.ndarray]] = {link: [] for link in links}
+    for joint in robot.iterfind("joint"):
+        parent, origin, axis = joint.find("parent"), joint.find("origin"), joint.find("axis")
+        if parent is None or parent.get("link", "") not in links:
+            continue
+        pose = {} if origin is None else origin.attrib
+        end = np.array(_floats(pose.get("xyz", "0 0 0")))
+        limit = joint.find("limit")
+        if joint.get("type") == "prismatic" and limit is not None:
+            along = np.array(_floats("1 0 0" if axis is None else axis.get("xyz", "1 0 0")))
+            along = Rotation.from_euler("xyz", _floats(pose.get("rpy", "0 0 0"))).apply(along)
+            end = end + along / np.linalg.norm(along) * float(limit.get("upper", "0"))
+        ends[parent.get("link", "")].append(end)
+    lengths = [np.linalg.norm(end) for group in ends.values() for end in group]
+    radius = _STICK * float(max(lengths, default=0.0)) or _STICK
+    return {
+        link: [
+            Shape("cylinder", (radius, float(np.linalg.norm(end))), (*(end / 2.0),), _upright(end))
+            if np.linalg.norm(end) > radius
+            else Shape("sphere", (2.0 * radius,))
+            for end in group
+        ]
+        for link, group in ends.items()
+    }
+
+
+def _upright(axis: np.ndarray) -> tuple[float, ...]:
+    """Return roll, pitch and yaw that turn Z along an axis [rad]."""
+    level = float(np.hypot(*axis[:2]))
+    return 0.0, float(np.arctan2(level, axis[2])), float(np.arctan2(axis[1], axis[0]))
 
 
 def visible_points(

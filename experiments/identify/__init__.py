@@ -80,11 +80,12 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 def files(options: argparse.Namespace, setup: Setup, prior: Prior) -> Outcome:
     """Identify a crane from files."""
+    sources = parse_sources(options.columns)
     records = [
         load_record(
             file,
             prior.crane,
-            sources=parse_sources(options.columns),
+            sources=sources,
             joints=parse_joints(options.joints),
             since=options.since,
             until=options.until,

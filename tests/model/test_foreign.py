@@ -97,6 +97,7 @@ def test_a_rigid_crane_in_other_directions_swings_as_that_of_this_project(tmp_pa
     np.testing.assert_allclose(runs[1].q, runs[0].q, atol=1e-12)
     np.testing.assert_allclose(runs[1].v, runs[0].v, atol=1e-12)
     assert theirs.assumptions == (
+        "velocity limit 0 of azimuth read as none.",
         "All joints of the file are driven.",
         "gamma = 1.5708 rad - azimuth, the heading of the jib, 0 along -Y.",
         "x = 22 m - cart, the radius from the slew axis.",
@@ -289,3 +290,99 @@ def test_a_crane_that_was_given_a_swing_is_exported(tmp_path: Path, exporter: st
         target = target.with_suffix(".xml")
     assert main(["export", exporter, str(target), "--urdf", str(path), "--swing"]) == 0
     assert target.exists()
+
+
+CAD = (
+    RIGID.replace('effort="1e6"', 'effort="0"')
+    .replace('effort="1e5" velocity="5"', 'effort="0" velocity="0"')
+    .replace('type="revolute"', 'type="continuous"')
+)
+"""The same crane as programs for CAD write it: no limits of drives, and a slew without ends."""
+
+
+def test_limits_that_cad_leaves_out_are_read_as_none(tmp_path: Path) -> None:
+    crane = cd.load_crane(saved(tmp_path, CAD), swing=True)
+    assert crane.effort_limit.tolist() == [1e6] * 3
+    assert crane.rate_limit.tolist() == [math.inf, 10.0, math.inf]
+    assert crane.upper[0] - crane.lower[0] == pytest.approx(20 * math.pi, rel=1e-5)
+    assert {
+        "azimuth is continuous, read as revolute up to ±31.4159 rad.",
+        "velocity limit 0 of lift read as none.",
+        "effort limit 0 of lift read as unknown: 1e+06 N.",
+        "effort limit 0 of azimuth read as unknown: 1e+06 N m.",
+    } <= {*crane.assumptions}
+    limits = {
+        joint.get("name"): {key: float(number) for key, number in limit.items()}
+        for joint in ET.fromstring(crane.urdf).iterfind("joint")
+        for limit in joint.iterfind("limit")
+    }
+    assert all(limit["velocity"] > 0.0 and limit["effort"] > 0.0 for limit in limits.values())
+    swing = limits["swing_radial_joint"]
+    assert (swing["effort"], swing["velocity"]) == (1e7, 10.0)
+
+
+def test_what_describe_writes_of_a_swing_is_read_back(tmp_path: Path) -> None:
+    crane = cd.load_crane(saved(tmp_path, CAD), swing=True)
+    again = cd.load_crane(saved(tmp_path, crane.urdf, "swinging.urdf"))
+    assert again.layout == crane.layout and again.assumptions == ()
+    np.testing.assert_array_equal(again.start.q, crane.start.q)
+    np.testing.assert_array_equal(again.rate_limit, crane.rate_limit)
+    control = ET.fromstring(crane.urdf).findall("ros2_control")
+    assert len(control) == 1 and control[0].find("hardware/plugin") is not None
+    assert max(map(len, crane.urdf.splitlines())) < 120
+
+
+@pytest.mark.parametrize(
+    ("length", "note"),
+    [
+        (30.0, "The pivot is 3.6 m above carriage."),
+        (20.0, "The pivot is 6.4 m below carriage."),
+        (26.4, "The pivot is at the height of carriage."),
+    ],
+)
+def test_the_place_of_the_pivot_is_said(tmp_path: Path, length: float, note: str) -> None:
+    assert note in cd.load_crane(saved(tmp_path, RIGID), swing={"length": length}).assumptions
+
+
+def test_a_rigid_hook_leads_to_swing(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="hangs on a rigid joint, --swing puts a rope above it"):
+        cd.load_crane(saved(tmp_path, RIGID))
+
+
+def test_links_of_missing_meshes_are_drawn_as_sticks(tmp_path: Path) -> None:
+    from cranedyn.recording.shapes import shapes, visible_points
+
+    mesh = "<visual><geometry><mesh filename='a.stl'/></geometry></visual>"
+    text = RIGID.replace('<link name="ground"/>', f'<link name="ground">{mesh}</link>')
+    text = text.replace('<link name="upper">', f'<link name="upper">{mesh}')
+    crane = cd.load_crane(saved(tmp_path, text), swing=True)
+    drawn = shapes(crane.urdf)
+    assert [shape.kind for shape in drawn["ground"]] == ["cylinder"]
+    assert [shape.kind for shape in drawn["carriage"]] == ["sphere"]
+    assert drawn["hook"] == []
+    tips = [points for _, points in visible_points(crane, crane.start.q)]
+    low, high = (end(np.concatenate(tips), axis=0) for end in (np.min, np.max))
+    np.testing.assert_allclose(high[2] - low[2], 28.0, atol=0.7)
+    np.testing.assert_allclose(max(high[:2] - low[:2]), 22.0, atol=0.7)
+
+
+@pytest.mark.parametrize(
+    ("folder", "name"), [("mine_ros", "mine_ros"), ("My-Crane", "crane_description")]
+)
+def test_a_package_has_the_name_of_its_folder(tmp_path: Path, folder: str, name: str) -> None:
+    from cranedyn.bridges import ros2
+
+    package = ros2.export(tmp_path / folder, cd.load_crane())
+    assert ET.parse(package / "package.xml").findtext("name") == name
+
+
+def test_a_clock_in_ms_taken_for_s_and_an_unknown_unit_are_refused() -> None:
+    from cranedyn.data.external import parse_sources
+    from cranedyn.identification import Record
+
+    t = np.arange(100.0)
+    columns = {"t_s": 50.0 * t, "phi_rad": 0.1 * np.sin(t)}
+    with pytest.raises(CraneError, match=r"increases by 50 s .* --columns t_s=NAME\[ms\]"):
+        Record.of(cd.load_crane(), columns)
+    with pytest.raises(UnknownName, match="unit of t_s 'ks'"):
+        parse_sources(["t_s=stamp[ks]"])
