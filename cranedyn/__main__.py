@@ -148,18 +148,22 @@ def _recorded(options: argparse.Namespace) -> Path:
     """Write the recording or the film of a run, and return its file."""
     from cranedyn import recording
     from cranedyn.data.trajectory import read
+    from cranedyn.errors import DataError
     from cranedyn.model.load import load_crane
     from cranedyn.model.options import load_options
     from cranedyn.recording.film import check_film, film
 
+    if options.film:
+        check_film(options.film)
     trajectory = read(options.file)
     if trajectory.record:
         crane = load_crane(from_record=trajectory.record)
     else:
         crane = load_crane(**load_options(options))
+    if trajectory.columns["q"] != crane.layout.columns()["q"]:
+        raise DataError(f"{options.file} is no run of this crane; its coordinates are other ones.")
     runs = [recording.Run(options.file.stem, crane, trajectory)]
     if options.film:
-        check_film(options.film)
         film(options.film, runs)
         return options.film
     file = Path(tempfile.mkdtemp(prefix="cranedyn-")) / f"{options.file.stem}.rrd"

@@ -42,12 +42,12 @@ PROTOCOL = frozenset(
 """Public names that every module of a kind defines."""
 
 LIMITS = {
-    "lines of the core": (13_100, 10_000),
-    "lines of cranedyn": (36_700, 27_000),
-    "lines of experiments": (14_650, 11_000),
-    "lines of benchmarks": (3_450, 2_800),
-    "lines of tests": (34_000, 27_000),
-    "modules in cranedyn": (195, 150),
+    "lines of the core": (13_500, 10_000),
+    "lines of cranedyn": (38_300, 27_000),
+    "lines of experiments": (15_150, 11_000),
+    "lines of benchmarks": (3_650, 2_800),
+    "lines of tests": (35_300, 27_000),
+    "modules in cranedyn": (200, 150),
     "modules imported by simulate": (37, 25),
     "parameters of simulate": (9, 10),
     "body lines of simulate": (37, 40),
