@@ -155,7 +155,7 @@ EXPERIMENTS = {
         "A lift, planned",
         "From a site to a motion that provably touches nothing.",
         (),
-        ("--site", "cranedyn/planning/sites/open_yard.toml", "--lifts", "20"),
+        ("--site", "open_yard", "--lifts", "20"),
         {
             "site_*": "Plan and elevation of the site with the way of the load.",
             "time_*": "Clearance, swing and drives over time.",

@@ -22,12 +22,9 @@ from cranedyn.planning.certificate import Certificate, certify
 from cranedyn.planning.lift import Lift, crane_of, plan_lift
 from cranedyn.planning.perturbed import CONFIDENCE, Perturbed, perturb
 from cranedyn.planning.site import Site
-from cranedyn.planning.site_file import SITES, read_site
+from cranedyn.planning.site_file import EXAMPLES, read_site
 from experiments import harness
 from experiments.scenarios.moves import LIMITS
-
-EXAMPLES = ("open_yard", "city_block", "tower", "neighbour")
-"""Sites that come with the project."""
 
 LIFTS = 10_000
 """Number of perturbed lifts."""
@@ -129,7 +126,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
 
 
 def _sites(options: argparse.Namespace) -> list[tuple[str, Site]]:
-    files = options.site or [SITES / f"{name}.toml" for name in EXAMPLES]
+    files = options.site or EXAMPLES
     names = [Path(file).stem for file in files]
     if len(set(names)) < len(names):
         raise DataError(f"Two sites have one name: {', '.join(names)}.")
@@ -275,7 +272,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.example = f"{parser.prog} --lifts 20"
     harness.add_setup(parser, "payload_mass")
     add = parser.add_argument
-    text = "sites as TOML, see docs/howto/plan_lift.md; all examples if not given"
+    text = "sites as TOML, see docs/howto/plan_lift.md, or names of examples (default all of them)"
     add("--site", nargs="+", metavar="FILE", default=None, help=text)
     point: dict[str, Any] = {"nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
     text = "centre of the load at the start, in the site's frame [m]"

@@ -29,7 +29,7 @@ def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
     from cranedyn.lifting.analysis import Requirements
     from cranedyn.lifting.judgement import judge
     from cranedyn.planning.lift import crane_of
-    from cranedyn.planning.site_file import SITES, read_site
+    from cranedyn.planning.site_file import read_site
 
     requirements = Requirements(
         wind=options.wind,
@@ -39,7 +39,7 @@ def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
         gusts=options.gusts,
     )
     chart = read_chart(options.chart or CHARTS / "laboratory.toml")
-    site = read_site(options.site or SITES / "open_yard.toml")
+    site = read_site(options.site or "open_yard")
     values: dict[str, Any] = {}
     if options.load is not None:  # instead of the mass in the site's file
         values["payload_mass"] = number("load", options.load, "kg", "> 0")
@@ -134,7 +134,8 @@ def _parser() -> Parser:
     parser = harness.parser("lift_report", __doc__, engines=("compiled", "pinocchio"))
     harness.add_setup(parser, "payload_mass")
     add = parser.add_argument
-    add("--site", metavar="FILE", help="site as TOML, see docs/howto/plan_lift.md; open_yard")
+    text = "site as TOML, see docs/howto/plan_lift.md, or name of an example; open_yard"
+    add("--site", metavar="FILE", help=text)
     add("--crane", metavar="FILE", help="crane as xacro or URDF instead of ours")
     add("--load", type=float, metavar="KG", help="mass that hangs, hook counted [kg]")
     add("--chart", metavar="FILE", help="chart as TOML, see docs/howto/judge_lift.md")

@@ -23,7 +23,10 @@ from cranedyn.planning.solids import Solid, body, box, prism, read_mesh, rotatio
 from cranedyn.references.limits import Limits
 
 SITES = Path(__file__).parent / "sites"
-"""Example sites: open_yard, city_block, tower, neighbour."""
+"""Folder of the example sites."""
+
+EXAMPLES = ("open_yard", "city_block", "tower", "neighbour")
+"""Names of the example sites."""
 
 _HEADER = re.compile(r"\s*\[\[?\s*([\w.]+)\s*\]\]?")
 _KEY = re.compile(r"\s*([\w]+)\s*=")
@@ -91,14 +94,14 @@ class _Table:
 
 
 def read_site(path: str | Path) -> Site:
-    """Read a site from a TOML file.
+    """Read a site from a TOML file, or the example site of that name.
 
     Raises:
         DataError: If it cannot be read, is no TOML, or a field is missing, unknown or out of its
             range, with its line. Also if a mesh or an IFC file that it names cannot be read, or two
             obstacles have one name.
     """
-    path = Path(path)
+    path = SITES / f"{path}.toml" if str(path) in EXAMPLES else Path(path)
     text = read_text(path)
     try:
         content = tomllib.loads(text)

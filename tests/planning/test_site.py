@@ -22,7 +22,7 @@ from cranedyn.planning.bodies import shape_corners
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.lift import crane_of
 from cranedyn.planning.site import Arm, Base
-from cranedyn.planning.site_file import SITES, read_site
+from cranedyn.planning.site_file import EXAMPLES, read_site
 from tests.planning.sites import corners, crane, site
 
 
@@ -128,9 +128,9 @@ def test_a_number_that_the_site_gives_cannot_be_given_besides(tmp_path: Path) ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["open_yard", "city_block", "tower", "neighbour"])
-def test_the_examples_can_be_read_and_their_lifts_begin_and_end_free(name: str) -> None:
-    here = read_site(SITES / f"{name}.toml")
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_examples_are_read_by_name_and_their_lifts_begin_and_end_free(name: str) -> None:
+    here = read_site(name)
     assert here.start is not None and here.goal is not None
     asked = Clearance(crane_of(here), here)
     assert min(asked.swing_margin(asked.place(point)) for point in (here.start, here.goal)) > 0.05

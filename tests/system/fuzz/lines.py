@@ -51,6 +51,7 @@ STARTERS = (
     "cranedyn.sweep.run.LocalPool",
     "experiments.compare.runs.ProcessPoolExecutor",
     "cranedyn.recording.snapshot._pictures",
+    "experiments.report._run",
     "cranedyn.recording.serve",
     "cranedyn.recording.open_viewer",
 )
@@ -122,7 +123,7 @@ def draw(command: str, rng: Random) -> tuple[bool, float, list[str]]:
     most of them with values of the kind that they take.
     """
     actions, odd = grammar(command), rng.choice([0.1, 0.5])
-    chosen = rng.choices(actions, k=rng.choice([0, 1, 1, 1, 2, 2, 3, 4]))
+    chosen = rng.choices(actions, k=rng.choice([0, 1, 1, 1, 2, 2, 3, 4])) if actions else []
     if rng.random() < 0.9:
         chosen += [one for one in actions if one.required or not (one.option_strings or one.nargs)]
     words: list[str] = []
