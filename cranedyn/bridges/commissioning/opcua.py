@@ -64,7 +64,8 @@ async def serve_opcua(
     server = Server(user_manager=None if security is None else _OneUser(security))
     await server.init()
     server.set_endpoint(f"opc.tcp://{host}:{port}/")
-    policy, token = ua.SecurityPolicyType.NoSecurity, ua.AnonymousIdentityToken
+    token: Any = ua.AnonymousIdentityToken
+    policy = ua.SecurityPolicyType.NoSecurity
     if security is not None:
         policy = ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt
         token = ua.UserNameIdentityToken
@@ -76,7 +77,7 @@ async def serve_opcua(
     server.set_security_policy([policy])
     server.set_identity_tokens([token])
     space = await server.register_namespace("urn:cranedyn:crane")
-    crane = await server.nodes.objects.add_object(ua.NodeId("Crane", space), f"{space}:Crane")
+    crane = await server.nodes.objects.add_object(_node_id(space, "Crane"), f"{space}:Crane")
     for word in image.words:
         await _add_word(server, crane, space, image, word)
     try:
@@ -91,7 +92,7 @@ async def _add_word(
 ) -> None:
     """Add a node that reads and writes the image."""
     kind, name = _KINDS[word.kind], ua.QualifiedName(word.name, space)
-    node = await crane.add_variable(ua.NodeId(word.name, space), name, 0, kind)
+    node = await crane.add_variable(_node_id(space, word.name), name, 0, kind)
     text = ua.LocalizedText(f"{word.meaning} [{word.scale:g} {word.unit}]".replace(" [1 ]", ""))
     await node.write_attribute(ua.AttributeIds.Description, ua.DataValue(ua.Variant(text)))
 
@@ -111,6 +112,10 @@ async def _add_word(
         await node.set_writable()
 
 
+def _node_id(space: int, name: str) -> ua.NodeId:
+    return ua.NodeId.from_string(f"ns={space};s={name}")
+
+
 def _numbers(image: ProcessImage, word: Word) -> dict[str, int]:
     return image.commands if word.command else image.readings
 
@@ -124,6 +129,6 @@ async def publish(server: Server, image: ProcessImage) -> None:
         readings = image.readings
         for name, value in readings.items() - last.items():
             data = ua.DataValue(ua.Variant(value, kinds[name]))
-            await server.write_attribute_value(ua.NodeId(name, space), data)
+            await server.write_attribute_value(_node_id(space, name), data)
         last = readings
         await asyncio.sleep(PUBLISHING)

@@ -211,7 +211,7 @@ class Plant:
             rope["load"] = tension / crane.gravity
         at_speed = self._running & (np.abs(speed - self._command) < STOPPED * rates)
         bits = [not self.fault, self._running, self.fault > 0, at_speed, self._closed, *self._ends]
-        status = sum(np.where(bit, 1 << i, np.zeros(layout.m, int)) for i, bit in enumerate(bits))
+        status = np.sum([np.broadcast_to(bit, layout.m) << i for i, bit in enumerate(bits)], axis=0)
         readings = {"cycle": self.cycles & 0xFFFF, "fault": self.fault}
         readings["wind_speed"] = commands["wind"]
         readings |= {name: w.INVALID if lost else round(value) for name, value in rope.items()}

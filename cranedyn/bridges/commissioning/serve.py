@@ -51,7 +51,7 @@ def check_exposure(options: argparse.Namespace) -> Any:
     Raises:
         CraneError: If other machines would reach a server without what protects it.
     """
-    login = options.certificate, options.key, options.user, os.environ.get(PASSWORD)
+    login: Any = options.certificate, options.key, options.user, os.environ.get(PASSWORD)
     if options.opcua and not all(login) and (any(login[:3]) or not _is_local(options.opcua)):
         raise CraneError(
             f"OPC UA at {options.opcua[0]} needs --certificate, --key, --user, and a password in "
