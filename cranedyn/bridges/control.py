@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cranedyn.bridges.joints import state_names
-from cranedyn.bridges.linear_system import linear_system
+from cranedyn.bridges.matlab import linear_system
 from cranedyn.checks import check_choice, finite, short_repr
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.lqr import linearised
@@ -68,27 +68,12 @@ def to_control(
         OutOfRange: If a time or an effort is out of range, or `drive` is none of these.
         UnknownName: If an output is no state.
     """
-    system = linear_system(
-        crane,
-        state,
-        effort=effort,
-        drive=drive,
-        control_period=control_period,
-        dt=dt,
-        outputs=outputs,
-        converters=converters,
-    )
-    return ct.ss(
-        system.a,
-        system.b,
-        system.c,
-        np.zeros((len(system.c), crane.layout.m)),
-        dt=system.period,
-        states=system.states,
-        inputs=system.inputs,
-        outputs=system.outputs,
-        name="crane",
-    )
+    options: dict[str, Any] = {"drive": drive, "control_period": control_period, "dt": dt}
+    options |= {"effort": effort, "outputs": outputs, "converters": converters}
+    system = linear_system(crane, state, **options)
+    names = {kind: getattr(system, kind) for kind in ("states", "inputs", "outputs")}
+    matrices = system.a, system.b, system.c, np.zeros((len(system.c), crane.layout.m))
+    return ct.ss(*matrices, dt=system.period, name="crane", **names)
 
 
 @dataclass(eq=False)

@@ -20,30 +20,13 @@ except ModuleNotFoundError as error:
         "'cranedyn[learning]'."
     ) from error
 
+Change = Callable[[np.ndarray], np.ndarray]
 
-class CraneVecEnv(VecEnv):
-    """Cranes of `TowerCraneVectorEnv`, made with ``autoreset_mode="SameStep"``, for PPO and its
-    like.
 
-    Attributes:
-        env: The cranes.
-        finished: Unshaped returns of the episodes that have ended; whoever reads may clear it.
-    """
+class _CraneVecEnv(VecEnv):
+    """See `vec_env`."""
 
-    def __init__(
-        self,
-        env: TowerCraneVectorEnv,
-        *,
-        features: Callable[[np.ndarray], np.ndarray] = np.asarray,
-        shaping: Callable[[np.ndarray], np.ndarray] = np.asarray,
-    ) -> None:
-        """Wrap cranes.
-
-        Args:
-            env: The cranes.
-            features: From observations, shape (n, 12), to inputs of the network, shape (n, k).
-            shaping: From rewards to those that are learned from, shape (n,) each.
-        """
+    def __init__(self, env: TowerCraneVectorEnv, features: Change, shaping: Change) -> None:
         self.env, self._features, self._shaping = env, features, shaping
         self.returns, self.finished = np.zeros(env.num_envs), list[float]()
         width = features(np.zeros((1, len(OBSERVED)))).shape[1]
@@ -54,15 +37,12 @@ class CraneVecEnv(VecEnv):
         return self._features(observation).astype(np.float32)
 
     def reset(self) -> np.ndarray:
-        """Begin episodes and return inputs of the network, shape (n, k)."""
         return self._inputs(self.env.reset(seed=self._seeds[0])[0])
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Take actions, shape (n, 3), for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Return inputs, rewards, whether episodes have ended, and details."""
         observation, reward, terminated, truncated, info = self.env.step(self._actions)
         infos: list[dict[str, Any]] = [{} for _ in reward]
         self.returns += reward
@@ -75,21 +55,29 @@ class CraneVecEnv(VecEnv):
         return self._inputs(observation), shaped, terminated | truncated, infos
 
     def close(self) -> None:
-        """Close the cranes."""
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of the cranes, once for each."""
         return [getattr(self.env, attr_name)] * self.num_envs
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set an attribute of all cranes."""
         setattr(self.env, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **named: Any) -> Any:
-        """Return the answer of a method of the cranes, once for each."""
         return [getattr(self.env, method_name)(*args, **named)] * self.num_envs
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """Return that no crane is wrapped."""
         return [False] * self.num_envs
+
+
+def vec_env(
+    env: TowerCraneVectorEnv, *, features: Change = np.asarray, shaping: Change = np.asarray
+) -> Any:
+    """Return cranes as PPO and its like take them; `finished` lists the returns of their episodes.
+
+    Args:
+        env: The cranes, made with ``autoreset_mode="SameStep"``.
+        features: From observations, shape (n, 12), to inputs of the network, shape (n, k).
+        shaping: From rewards to those that are learned from, shape (n,) each.
+    """
+    return _CraneVecEnv(env, features, shaping)

@@ -19,9 +19,10 @@ import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecEnv
 
 from cranedyn.bridges.gymnasium import TowerCraneVectorEnv
-from cranedyn.bridges.sb3 import CraneVecEnv
+from cranedyn.bridges.sb3 import vec_env
 from cranedyn.bridges.task import Rules, SwingTask
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references import hold
@@ -67,7 +68,7 @@ class LearningCurve(BaseCallback):
     since.
     """
 
-    def __init__(self, envs: CraneVecEnv) -> None:
+    def __init__(self, envs: VecEnv) -> None:
         super().__init__()
         self.many, self.rows, self.began = (
             envs,
@@ -141,7 +142,7 @@ def main(arguments: Sequence[str] | None = None) -> Learned:
     torch.set_num_threads(1)  # networks this small gain nothing from more
 
     cranes = TowerCraneVectorEnv(options.cranes, autoreset_mode="SameStep", max_episode_steps=300)
-    env = CraneVecEnv(cranes, features=network_inputs, shaping=shaped)
+    env = vec_env(cranes, features=network_inputs, shaping=shaped)
     env.seed(options.seed)
     model = PPO(
         "MlpPolicy",

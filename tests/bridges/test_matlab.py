@@ -9,8 +9,7 @@ import pytest
 from scipy.io import loadmat
 
 from cranedyn.__main__ import main
-from cranedyn.bridges.linear_system import linear_system
-from cranedyn.bridges.matlab import to_matlab
+from cranedyn.bridges.matlab import linear_system, to_matlab
 from cranedyn.errors import DataError
 from tests.helpers import crane
 

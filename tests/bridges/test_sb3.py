@@ -15,7 +15,7 @@ sb3 = pytest.importorskip(
     "stable_baselines3", reason="extra learning (stable-baselines3) is not installed"
 )
 from cranedyn.bridges.gymnasium import TowerCraneVectorEnv  # noqa: E402
-from cranedyn.bridges.sb3 import CraneVecEnv  # noqa: E402
+from cranedyn.bridges.sb3 import vec_env  # noqa: E402
 from cranedyn.bridges.task import affine_controller  # noqa: E402
 
 pytestmark = pytest.mark.slow
@@ -29,7 +29,7 @@ def cranes(**rules: str) -> TowerCraneVectorEnv:
 
 def test_episodes_are_those_of_the_cranes_with_features_and_shaped_rewards() -> None:
     env, same = (
-        CraneVecEnv(cranes(), features=lambda o: 2.0 * o, shaping=lambda r: r + 1.0),
+        vec_env(cranes(), features=lambda o: 2.0 * o, shaping=lambda r: r + 1.0),
         cranes(),
     )
     env.seed(3)
@@ -51,7 +51,7 @@ def test_episodes_are_those_of_the_cranes_with_features_and_shaped_rewards() -> 
 
 
 def test_a_policy_without_hidden_layers_comes_back_as_the_controller_that_it_is() -> None:
-    env = CraneVecEnv(cranes(action="acceleration"))
+    env = vec_env(cranes(action="acceleration"))
     model = sb3.PPO("MlpPolicy", env, n_steps=8, policy_kwargs={"net_arch": []}, device="cpu")
     model.learn(32)
     layer, goal = model.policy.action_net, [0.0, 12.0, 12.0]

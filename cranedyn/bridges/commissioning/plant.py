@@ -13,7 +13,7 @@ from cranedyn.bridges.commissioning import words as w
 from cranedyn.clocks import clocks
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import drag_force
-from cranedyn.dynamics.converters import ROUNDING, STEPS, Converters, converters
+from cranedyn.dynamics.converters import ROUNDING, STEPS, converters
 from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.dynamics.joint_forces import tension_from_hoist_force
 from cranedyn.dynamics.pinocchio import holding_effort, point_positions, point_velocities
@@ -28,15 +28,12 @@ from cranedyn.simulation.stepper import check_bounded, initial_state
 DT, PERIOD = 5e-4, 5e-3
 """Physics step and cycle of the plant [s]."""
 
-CHECKING = 20
-"""Cycles between checks that the model holds: few enough rows for a fraction of a cycle."""
-
-AREA = 4.0
-"""Drag coefficient times area of the load [m²]."""
+CHECKING, AREA = 20, 4.0
+"""Cycles between checks that the model holds; drag coefficient times area of the load [m²]."""
 
 MARGIN, GROUND = 0.05, 0.5
-"""Distance that stays to the ends of the ranges [rad or m], and height of the load at which
-lowering ends [m], since the model has no contact with the ground."""
+"""Distance that stays to the ends of the ranges [rad or m]; height of the load at which lowering
+ends [m], since the model has no contact with the ground."""
 
 JUMP, TOLERANCE = 1000, 100
 """Jump of an encoder, and deviation from the speed of its drive in a cycle that is a fault
@@ -65,12 +62,7 @@ class Plant:
     """
 
     def __init__(
-        self,
-        crane: Crane,
-        *,
-        start: State | None = None,
-        duration: float = 3600.0,
-        drive: Converters | None = None,
+        self, crane: Crane, *, start: State | None = None, duration: float = 3600.0
     ) -> None:
         """Stand at a state, brakes closed.
 
@@ -78,13 +70,12 @@ class Plant:
             crane: The crane.
             start: Where it stands; None hangs at rest where the URDF says.
             duration: Longest run [s], a multiple of 5 ms; memory is reserved for it.
-            drive: Frequency converters; None for typical ones.
 
         Raises:
             OutOfRange: If the duration is out of range, or the start moves or is no state of this
                 crane.
         """
-        self._drive = converters(crane) if drive is None else drive
+        self._drive = converters(crane)
         clock, rule = clocks(duration, DT, PERIOD), semi_implicit_euler
         setting = Setting.of(crane, clock, self._drive, forces=True, buffers=False, integrator=rule)
         self.crane, self.state = crane, initial_state(crane, start)

@@ -6,7 +6,6 @@ import argparse
 import asyncio
 import contextlib
 import gc
-import ipaddress
 import os
 import sys
 import threading
@@ -28,7 +27,8 @@ from cranedyn.model.options import crane_from_options
 from cranedyn.recording import Run, record
 
 PASSWORD = "CRANEDYN_PASSWORD"
-"""Environment variable of the password for OPC UA."""
+LOCAL = ("127.0.0.1", "localhost", "::1")
+"""Environment variable of the password for OPC UA, and hosts that this machine alone reaches."""
 
 Address = tuple[str, int]
 
@@ -42,39 +42,27 @@ def address(text: str) -> Address:
     host, _, port = text.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise DataError(f"{text!r} is not of the form HOST:PORT, with a port from 1 to 65535.")
-    return host, int(port)
+    return host.strip("[]"), int(port)
 
 
 def check_exposure(options: argparse.Namespace) -> Any:
-    """Return the security of OPC UA, None for none.
+    """Return certificate, key, user and password of OPC UA, None for no security.
 
     Raises:
         CraneError: If other machines would reach a server without what protects it.
     """
-    login: Any = options.certificate, options.key, options.user, os.environ.get(PASSWORD)
-    if options.opcua and not all(login) and (any(login[:3]) or not _is_local(options.opcua)):
+    login = options.certificate, options.key, options.user, os.environ.get(PASSWORD)
+    if options.opcua and not all(login) and (any(login[:3]) or options.opcua[0] not in LOCAL):
         raise CraneError(
             f"OPC UA at {options.opcua[0]} needs --certificate, --key, --user, and a password in "
             f"the environment variable {PASSWORD}; only a server for this machine goes without."
         )
-    if options.modbus and not options.insecure_modbus and not _is_local(options.modbus):
+    if options.modbus and options.modbus[0] not in LOCAL and not options.insecure_modbus:
         raise CraneError(
             f"Modbus has no security, so whoever reaches {options.modbus[0]} drives the crane; "
             "--insecure-modbus serves it there all the same."
         )
-    if not options.opcua or not all(login):
-        return None
-    from cranedyn.bridges.commissioning.opcua import Security
-
-    return Security(*login)
-
-
-def _is_local(place: Address) -> bool:
-    """Return whether only this machine reaches an address."""
-    try:
-        return place[0] == "localhost" or ipaddress.ip_address(place[0].strip("[]")).is_loopback
-    except ValueError:
-        return False
+    return login if all(login) else None
 
 
 @contextlib.contextmanager
@@ -154,41 +142,12 @@ def keep_time(plant: Plant, cycles: int, speed: float = 1.0) -> str:
     finally:
         sys.setswitchinterval(interval)
         gc.unfreeze()
-    held = 100.0 * np.mean(np.array(done) <= period) if done else 100.0
-    typical, worst = np.percentile(1e3 * np.array(late), [99.9, 100.0]) if late else (0.0, 0.0)
+    held = 100.0 * np.mean(np.array(done or [0.0]) <= period)
+    typical, worst = np.percentile(1e3 * np.array(late or [0.0]), [99.9, 100.0])
     return (
         f"{len(done)} cycles of {1e3 * period:g} ms, {held:.2f} % of them finished in time; jitter "
         f"{worst:.2f} ms at most, {typical:.2f} ms in 99.9 %."
     )
-
-
-def ask_for_real_time() -> None:
-    """Ask the system to run this thread, and those that it starts, before all ordinary ones.
-
-    Raises:
-        CraneError: If it does not let this user, or knows no such thing.
-    """
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
-    except (AttributeError, OSError) as error:
-        raise CraneError(
-            f"This system grants no real-time priority ({error}); leave out --realtime."
-        ) from error
-
-
-def save(folder: Path, plant: Plant) -> None:
-    """Write the run of a plant into a new folder, as Parquet and as a recording.
-
-    Raises:
-        DataError: If the folder is there already or cannot be written.
-    """
-    trajectory = plant.trajectory()
-    text = "\n".join(f"* t = {t:.3f} s: {event}" for t, event in plant.events)
-    with new_folder(folder) as draft:
-        trajectory.write(draft / "serve.parquet")
-        runs = [Run("served", plant.crane, trajectory)]
-        record(draft / "serve.rrd", runs, title="Virtual commissioning", text=text)
-    print(f"Written to {folder}.")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -224,12 +183,27 @@ def run(options: argparse.Namespace) -> int:
     folder.absolute().parent.mkdir(parents=True, exist_ok=True)
     check_free(folder)
     if options.realtime:
-        ask_for_real_time()
+        try:  # for this thread and those that it starts
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+        except (AttributeError, OSError) as error:
+            text = f"This system grants no real-time priority ({error}); leave out --realtime."
+            raise CraneError(text) from error
     try:
         with servers(plant, options.opcua, options.modbus, security):
             print("Ctrl-C ends the run and records it.", flush=True)
             print(keep_time(plant, round(options.duration / PERIOD), options.speed))
     finally:
         if plant.cycles:
-            save(folder, plant)
+            _save(folder, plant)
     return 0
+
+
+def _save(folder: Path, plant: Plant) -> None:
+    """Write the run of a plant into a new folder, as Parquet and as a recording."""
+    trajectory = plant.trajectory()
+    runs = [Run("served", plant.crane, trajectory)]
+    text = "\n".join(f"* t = {t:.3f} s: {event}" for t, event in plant.events)
+    with new_folder(folder) as draft:
+        trajectory.write(draft / "serve.parquet")
+        record(draft / "serve.rrd", runs, title="Virtual commissioning", text=text)
+    print(f"Written to {folder}.")

@@ -5,7 +5,8 @@ and the companion CSV follow.
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,17 +14,11 @@ from cranedyn.bridges.target import new_file
 from cranedyn.dynamics.converters import STEPS, Converters
 from cranedyn.model.crane import Crane
 
-COUNT = {"rad": 1e-5, "m": 1e-4}
-"""Resolution of encoders by the unit of the joint: 10 µrad or 0.1 mm a count."""
+COUNT, ANGLE, WIND = {"rad": 1e-5, "m": 1e-4}, 1e-4, 1e-2
+"""Resolution of encoders [rad or m], of rope angles [rad] and of wind speeds [m/s]."""
 
-ANGLE, WIND = 1e-4, 1e-2
-"""Resolution of rope angles [rad] and of wind speeds [m/s]."""
-
-TIMEOUT = 0.5
-"""Time without a new heartbeat after which an enabled crane stops [s]."""
-
-INVALID = -32768
-"""Reading of a sensor that is lost."""
+TIMEOUT, INVALID = 0.5, -32768
+"""Time without a new heartbeat after which an enabled crane stops [s]; reading of a lost sensor."""
 
 ENABLE, RESET = 1, 2
 ROPE_SENSOR_LOST, MESSAGES_LOST = 1, 2
@@ -31,17 +26,34 @@ ENCODER_JUMP, BRAKE_SLIP = 1, 2
 """Bits of a control word, of the inject word of the crane, and of that of a drive."""
 
 STATUS = ("ready", "running", "fault", "at speed", "brake closed", "lower end", "upper end")
-"""Bits of a status word."""
-
 FAULTS = (
     "no fault",
-    "watchdog: no new heartbeat for 0.5 s",
+    f"watchdog: no new heartbeat for {TIMEOUT:g} s",
     "encoder: its counts do not fit the speed of the drive",
     "rope sensor: its reading is not valid",
     "brake: the drive moves with its brake closed",
 )
 WATCHDOG, ENCODER, ROPE_SENSOR, BRAKE = range(1, len(FAULTS))
-"""Faults by code."""
+"""Bits of a status word, and faults by code."""
+
+TABLE = f"""
+crane heartbeat    command UINT16 1      -    changes every {TIMEOUT:g} s if a drive is enabled
+crane wind         command UINT16 {WIND} m/s  wind to blow along +X of the world
+crane inject       command UINT16 1      -    bit 0 rope sensor lost, bit 1 messages lost
+drive control      command UINT16 1      -    bit 0 enable, bit 1 reset of faults
+drive speed        command INT16  rate   rate speed command
+drive ramp         command UINT16 0.001  s    time to full speed; 0 for the converter's own
+drive inject       command UINT16 1      -    bit 0 encoder jump, bit 1 brake slip
+crane cycle        reading UINT16 1      -    cycles of the plant, modulo 65536
+crane fault        reading UINT16 1      -    {"; ".join(f"{i} {f}" for i, f in enumerate(FAULTS))}
+crane wind_speed   reading UINT16 {WIND} m/s  anemometer
+hoist load         reading INT32  1      kg   load cell in the rope; {INVALID} if lost
+swing angle        reading INT16  {ANGLE} rad angle of the rope; {INVALID} if lost
+drive status       reading UINT16 1      -    bits from 0: {", ".join(STATUS)}
+drive actual_speed reading INT16  rate   rate speed
+drive encoder      reading INT32  count  unit position
+"""
+"""Owner, name, direction, type, scale, unit and meaning; `word_map` reads it for a crane."""
 
 
 class Word(NamedTuple):
@@ -50,11 +62,10 @@ class Word(NamedTuple):
     Attributes:
         name: Name, also of the OPC UA node.
         command: Whether clients write it; otherwise it is a reading.
-        kind: "UINT16", "INT16" or "INT32".
-        address: Modbus address from 0, of a holding register for a command, else of an input
-            register. An INT32 takes two registers, the high one first.
-        scale: Value of a count.
-        unit: Its unit; empty for bits, codes and counters.
+        kind: "UINT16", "INT16" or "INT32", which takes two registers, the high one first.
+        address: Modbus address from 0, of a holding register for a command, else of an input one.
+        scale: Value of a count, in the unit.
+        unit: Unit; empty for bits, codes and counters.
         meaning: Meaning.
     """
 
@@ -73,45 +84,25 @@ class Word(NamedTuple):
 
 
 def word_map(crane: Crane, converters: Converters) -> tuple[Word, ...]:
-    """Return the words of a crane, commands first; 16384 counts are the largest rate of a drive."""
-    words, addresses = list[Word](), {True: 0, False: 0}
-    for command, name, kind, scale, unit, meaning in _entries(crane, converters):
-        words.append(Word(name, command, kind, addresses[command], scale, unit, meaning))
-        addresses[command] += words[-1].size
+    """Return the words of a crane; 16384 counts are the largest rate of a drive."""
+    layout, words, free = crane.layout, list[Word](), {True: 0, False: 0}
+    rates = dict(zip(layout.drives.tolist(), (converters.rates / STEPS).tolist(), strict=True))
+    owners = {"crane": [-1], "drive": [*rates], "swing": crane.swings.tolist()}
+    owners["hoist"] = [-1] if layout.drive_of("hoist") is not None else []
+    rows = [row.split(None, 6) for row in TABLE.strip().splitlines()]
+    for owner, group in groupby(rows, key=lambda row: row[0]):
+        entries = list(group)
+        for joint in owners[owner]:
+            symbol = "" if joint < 0 else f"{layout.symbols[joint]}."
+            unit_of = layout.units[joint]
+            scales = {"rate": rates.get(joint), "count": COUNT[unit_of]}
+            units = {"rate": f"{unit_of}/s", "unit": unit_of, "-": ""}
+            for _, name, direction, kind, scale, unit, meaning in entries:
+                command, value = direction == "command", float(scales.get(scale) or scale)
+                about = value, units.get(unit, unit), meaning
+                words.append(Word(symbol + name, command, kind, free[command], *about))
+                free[command] += words[-1].size
     return tuple(words)
-
-
-def _entries(
-    crane: Crane, converters: Converters
-) -> Iterator[tuple[bool, str, str, float, str, str]]:
-    """Yield all of a word but its address."""
-    text = f"must change every {TIMEOUT:g} s while a drive is enabled"
-    yield True, "heartbeat", "UINT16", 1.0, "", text
-    yield True, "wind", "UINT16", WIND, "m/s", "wind to blow along +X of the world"
-    text = "faults: bit 0 rope sensor lost, bit 1 messages lost"
-    yield True, "inject", "UINT16", 1.0, "", text
-    drives = list(zip(crane.layout.driven, (converters.rates / STEPS).tolist(), strict=True))
-    for joint, scale in drives:
-        symbol, text = joint.symbol, "time to full speed; 0 for the converter's own"
-        yield True, f"{symbol}.control", "UINT16", 1.0, "", "bit 0 enable, bit 1 reset of faults"
-        yield True, f"{symbol}.speed", "INT16", scale, f"{joint.unit}/s", "speed command"
-        yield True, f"{symbol}.ramp", "UINT16", 1e-3, "s", text
-        text = "faults: bit 0 encoder jump, bit 1 brake slip"
-        yield True, f"{symbol}.inject", "UINT16", 1.0, "", text
-    yield False, "cycle", "UINT16", 1.0, "", "cycles of the plant, modulo 65536"
-    text = "; ".join(f"{code} {fault}" for code, fault in enumerate(FAULTS))
-    yield False, "fault", "UINT16", 1.0, "", text
-    yield False, "wind_speed", "UINT16", WIND, "m/s", "anemometer"
-    if crane.layout.drive_of("hoist") is not None:
-        yield False, "load", "INT32", 1.0, "kg", f"load cell in the rope; {INVALID} if lost"
-    for i in crane.swings.tolist():
-        symbol, text = crane.layout.symbols[i], f"angle of the rope; {INVALID} if lost"
-        yield False, f"{symbol}.angle", "INT16", ANGLE, "rad", text
-    for joint, scale in drives:
-        symbol, text = joint.symbol, f"bits from 0: {', '.join(STATUS)}"
-        yield False, f"{symbol}.status", "UINT16", 1.0, "", text
-        yield False, f"{symbol}.actual_speed", "INT16", scale, f"{joint.unit}/s", "speed"
-        yield False, f"{symbol}.encoder", "INT32", COUNT[joint.unit], joint.unit, "position"
 
 
 def write_map(file: Path, words: Sequence[Word]) -> Path:

@@ -233,8 +233,6 @@ def test_with_a_certificate_only_the_user_with_the_password_gets_in(tmp_path: Pa
     from asyncua.crypto.cert_gen import setup_self_signed_certificate
     from cryptography.x509.oid import ExtendedKeyUsageOID
 
-    from cranedyn.bridges.commissioning.opcua import Security
-
     key, certificate = tmp_path / "key.pem", tmp_path / "certificate.der"
     uses, names = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH], {}
     uri = "urn:freeopcua:python:server"
@@ -252,7 +250,7 @@ def test_with_a_certificate_only_the_user_with_the_password_gets_in(tmp_path: Pa
         async with client:
             return await node(client, "fault").read_value()
 
-    with serve.servers(plant, place, None, Security(certificate, key, "anna", "hoist")):
+    with serve.servers(plant, place, None, (certificate, key, "anna", "hoist")):
         assert asyncio.run(enter("anna", "hoist")) == 0
         for login in (("anna", "hois"), ("ann", "hoist"), ("admin", ""), (None, "")):
             with pytest.raises(Exception, match=r"(?i)denied|reject|token|identity|policy"):
@@ -261,7 +259,7 @@ def test_with_a_certificate_only_the_user_with_the_password_gets_in(tmp_path: Pa
             asyncio.run(enter("anna", "hoist", encrypted=False))
     with (
         pytest.raises(CraneError, match="cannot be read"),
-        serve.servers(plant, place, None, Security(key, certificate, "anna", "hoist")),
+        serve.servers(plant, place, None, (key, certificate, "anna", "hoist")),
     ):
         pass
 
