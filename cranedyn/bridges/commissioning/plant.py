@@ -44,7 +44,7 @@ SLIP, MOVING, STOPPED = 0.05, 0.02, 0.01
 closes, as shares of the largest rate."""
 
 
-class Plant:
+class ServedCrane:
     """Crane with frequency converters, brakes and sensors.
 
     A drive runs while it is enabled and there is no fault. Its speed command goes through the ramp

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.bridges.commissioning.plant import PERIOD, Plant
+from cranedyn.bridges.commissioning.plant import PERIOD, ServedCrane
 from cranedyn.bridges.commissioning.words import write_map
 from cranedyn.bridges.target import check_free, new_folder
 from cranedyn.checks import number
@@ -67,7 +67,10 @@ def check_exposure(options: argparse.Namespace) -> Any:
 
 @contextlib.contextmanager
 def servers(
-    plant: Plant, opcua: Address | None = None, modbus: Address | None = None, security: Any = None
+    plant: ServedCrane,
+    opcua: Address | None = None,
+    modbus: Address | None = None,
+    security: Any = None,
 ) -> Iterator[None]:
     """Serve a plant in a thread of its own while the context lasts, and print its events.
 
@@ -101,7 +104,7 @@ def servers(
         yield
 
 
-async def _print_events(plant: Plant) -> None:
+async def _print_events(plant: ServedCrane) -> None:
     printed = 0
     while True:
         for t, text in plant.events[printed:]:
@@ -110,7 +113,7 @@ async def _print_events(plant: Plant) -> None:
         await asyncio.sleep(0.1)
 
 
-def keep_time(plant: Plant, cycles: int, speed: float = 1.0) -> str:
+def keep_time(plant: ServedCrane, cycles: int, speed: float = 1.0) -> str:
     """Run a plant by the clock of this machine, until so many cycles or Ctrl-C, and return how the
     clock was kept.
 
@@ -174,7 +177,7 @@ def run(options: argparse.Namespace) -> int:
         raise DataError("There is nothing to serve; give --opcua, --modbus or --map.")
     number("speed", options.speed, "", "> 0")
     security = check_exposure(options)
-    plant = Plant(crane_from_options(options), duration=options.duration)
+    plant = ServedCrane(crane_from_options(options), duration=options.duration)
     if options.map:
         print(f"Written to {write_map(options.map, plant.image.words)}.")
     if not (options.opcua or options.modbus):
@@ -198,7 +201,7 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _save(folder: Path, plant: Plant) -> None:
+def _save(folder: Path, plant: ServedCrane) -> None:
     """Write the run of a plant into a new folder, as Parquet and as a recording."""
     trajectory = plant.trajectory()
     runs = [Run("served", plant.crane, trajectory)]

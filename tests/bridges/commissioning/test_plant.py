@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.bridges.commissioning import words as w
-from cranedyn.bridges.commissioning.plant import AREA, GROUND, PERIOD, Plant
+from cranedyn.bridges.commissioning.plant import AREA, GROUND, PERIOD, ServedCrane
 from cranedyn.disturbances.wind import AIR_DENSITY, steady, wind
 from cranedyn.dynamics.converters import STEPS, converters
 from cranedyn.dynamics.pinocchio import payload_position
@@ -24,7 +24,7 @@ DRIVES = CRANE.layout.drives
 STATUS = {name: 1 << i for i, name in enumerate(w.STATUS)}
 
 
-def go(plant: Plant, seconds: float, *, beating: bool = True, **commands: int) -> None:
+def go(plant: ServedCrane, seconds: float, *, beating: bool = True, **commands: int) -> None:
     """Write commands, with __ for the dot, and run cycles with a heartbeat."""
     plant.image.commands.update({k.replace("__", "."): v for k, v in commands.items()})
     for _ in range(round(seconds / PERIOD)):
@@ -32,20 +32,20 @@ def go(plant: Plant, seconds: float, *, beating: bool = True, **commands: int) -
         plant.cycle()
 
 
-def has(plant: Plant, drive: str, *names: str) -> list[bool]:
+def has(plant: ServedCrane, drive: str, *names: str) -> list[bool]:
     return [bool(plant.image.readings[f"{drive}.status"] & STATUS[name]) for name in names]
 
 
-def driving(**start: float) -> Plant:
+def driving(**start: float) -> ServedCrane:
     """Return a crane whose trolley and hoist have run at half speed for 2 s."""
-    plant = Plant(CRANE, start=CRANE.state(**start), duration=60.0)
+    plant = ServedCrane(CRANE, start=CRANE.state(**start), duration=60.0)
     go(plant, 2.0, x__control=1, x__speed=STEPS // 2, l__control=1, l__speed=-STEPS // 2)
     assert_allclose(plant.state.v[DRIVES], [0.0, RATES[1] / 2, -RATES[2] / 2], rtol=1e-3, atol=1e-9)
     return plant
 
 
 def test_a_disabled_drive_stands_with_its_brake_closed_whatever_its_speed_command() -> None:
-    plant = Plant(CRANE, duration=10.0)
+    plant = ServedCrane(CRANE, duration=10.0)
     go(plant, 1.0, x__speed=STEPS)
     assert plant.state.v[DRIVES[1]] == 0.0
     assert has(plant, "x", "ready", "brake closed", "running") == [True, True, False]
@@ -57,7 +57,7 @@ def test_a_disabled_drive_stands_with_its_brake_closed_whatever_its_speed_comman
 
 
 def test_the_ramp_word_is_the_time_to_full_speed() -> None:
-    plant = Plant(CRANE, start=CRANE.state(x=5.0), duration=10.0)
+    plant = ServedCrane(CRANE, start=CRANE.state(x=5.0), duration=10.0)
     go(plant, 4.0, x__control=1, x__speed=STEPS, x__ramp=8000)
     # behind the ramp by the delay, the rounding's share and the lag, 0.13 s of 8 s at least
     share = plant.state.v[DRIVES[1]] / RATES[1]
@@ -79,7 +79,7 @@ def test_encoders_count_the_way_and_sensors_read_what_the_crane_does() -> None:
 @pytest.mark.parametrize("way", [-1, 1])
 def test_at_full_speed_every_drive_stops_before_the_end_of_its_range(way: int) -> None:
     start = CRANE.state(x=13.0, l=17.0) if way > 0 else CRANE.state(x=9.0, l=9.0)
-    plant = Plant(CRANE, start=start, duration=60.0)
+    plant = ServedCrane(CRANE, start=start, duration=60.0)
     words = (("control", 1), ("speed", way * STEPS))
     commands = {f"{drive}__{word}": value for drive in "xl" for word, value in words}
     fastest = np.zeros(5)
@@ -98,7 +98,7 @@ def test_at_full_speed_every_drive_stops_before_the_end_of_its_range(way: int) -
 
 def test_lowering_ends_above_the_ground() -> None:
     crane = load_crane(hoist_max=60.0, pivot_height=30.0)
-    plant = Plant(crane, start=crane.state(l=25.0), duration=20.0)
+    plant = ServedCrane(crane, start=crane.state(l=25.0), duration=20.0)
     go(plant, 12.0, l__control=1, l__speed=STEPS)
     assert GROUND < float(payload_position(crane, plant.state.q)[2]) < GROUND + 0.2
     assert has(plant, "l", "upper end") == [True]
@@ -111,7 +111,7 @@ def test_without_a_heartbeat_an_enabled_crane_stops_after_half_a_second_and_says
     assert plant.events == [(pytest.approx(2.5 + PERIOD, abs=1e-9), w.FAULTS[w.WATCHDOG])]
     assert np.abs(plant.state.v[DRIVES]).max() < 1e-3
     assert has(plant, "x", "fault", "brake closed", "ready") == [True, True, False]
-    standing = Plant(CRANE, duration=5.0)
+    standing = ServedCrane(CRANE, duration=5.0)
     go(standing, 2.0, beating=False)
     assert not standing.fault
 
@@ -143,7 +143,7 @@ def test_under_an_injected_fault_the_crane_stops_and_says_why(
 
 
 def test_a_slipping_brake_lets_the_load_down_until_the_converter_holds_it() -> None:
-    plant = Plant(CRANE, duration=20.0)
+    plant = ServedCrane(CRANE, duration=20.0)
     go(plant, 3.0, l__inject=w.BRAKE_SLIP, x__inject=w.BRAKE_SLIP)
     ((t, text),) = plant.events
     assert text == "l brake: the drive moves with its brake closed"
@@ -168,7 +168,7 @@ def test_a_fault_stays_until_a_reset_rises_while_no_drive_is_enabled() -> None:
 
 def test_a_wind_turned_on_swings_the_load_to_twice_its_rest_angle() -> None:
     crane = load_crane(damp_swing=0.0)
-    plant = Plant(crane, start=crane.state(x=12.0, l=10.0), duration=20.0)
+    plant = ServedCrane(crane, start=crane.state(x=12.0, l=10.0), duration=20.0)
     largest = 0
     for _ in range(8):
         go(plant, 1.0, wind=800)
@@ -199,15 +199,15 @@ def test_a_run_is_that_of_simulate_under_the_same_rates_and_carries_its_events()
 
 def test_other_cranes_have_words_too_and_a_moving_start_is_refused() -> None:
     bridge = load_crane("urdf/overhead_crane.urdf.xacro")
-    plant = Plant(bridge, duration=5.0)
+    plant = ServedCrane(bridge, duration=5.0)
     go(plant, 1.0, bridge__control=1, bridge__speed=STEPS)
     assert plant.image.readings["bridge.actual_speed"] > 0
     with pytest.raises(OutOfRange, match="rates of the start"):
-        Plant(CRANE, start=CRANE.state(x_dot=0.1))
+        ServedCrane(CRANE, start=CRANE.state(x_dot=0.1))
 
 
 def test_where_the_model_ceases_to_hold_the_run_ends_with_what_it_recorded() -> None:
-    plant = Plant(CRANE, duration=20.0)
+    plant = ServedCrane(CRANE, duration=20.0)
     with pytest.raises(RunError, match="swing_tangential_joint is at"):
         go(plant, 10.0, wind=10000)
     assert 1 < len(plant.trajectory()) < 10.0 / PERIOD

@@ -20,7 +20,7 @@ import pytest
 from cranedyn.__main__ import main
 from cranedyn.bridges.commissioning import serve
 from cranedyn.bridges.commissioning import words as w
-from cranedyn.bridges.commissioning.plant import Plant
+from cranedyn.bridges.commissioning.plant import ServedCrane
 from cranedyn.data.trajectory import read
 from cranedyn.errors import CraneError, DataError
 from cranedyn.model.load import load_crane
@@ -39,7 +39,7 @@ class Served:
     """A plant that is served, and stepped by the test."""
 
     def __init__(self) -> None:
-        self.plant = Plant(load_crane(), duration=300.0)
+        self.plant = ServedCrane(load_crane(), duration=300.0)
         self.opcua, self.modbus = (HOST, free_port()), (HOST, free_port())
 
     def client(self) -> Any:
@@ -237,7 +237,7 @@ def test_with_a_certificate_only_the_user_with_the_password_gets_in(tmp_path: Pa
     uses, names = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH], {}
     uri = "urn:freeopcua:python:server"
     asyncio.run(setup_self_signed_certificate(key, certificate, uri, HOST, uses, names))
-    plant, place = Plant(load_crane(), duration=1.0), (HOST, free_port())
+    plant, place = ServedCrane(load_crane(), duration=1.0), (HOST, free_port())
 
     async def enter(user: str | None, password: str, encrypted: bool = True) -> int:
         client = asyncua.Client(f"opc.tcp://{HOST}:{place[1]}/")
@@ -303,7 +303,11 @@ def _drive_at(port: int) -> None:
 def test_a_hundred_clients_are_served_while_the_clock_runs(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    plant, place, stop = Plant(load_crane(), duration=60.0), (HOST, free_port()), threading.Event()
+    plant, place, stop = (
+        ServedCrane(load_crane(), duration=60.0),
+        (HOST, free_port()),
+        threading.Event(),
+    )
     reads: list[int] = []
 
     async def read_on(number: int) -> None:
