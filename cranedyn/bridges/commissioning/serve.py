@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.bridges.commissioning.plant import PERIOD, ServedCrane
+from cranedyn.bridges.commissioning.served_crane import PERIOD, ServedCrane
 from cranedyn.bridges.commissioning.words import write_map
 from cranedyn.bridges.target import check_free, new_folder
 from cranedyn.checks import number

@@ -20,7 +20,7 @@ import pytest
 from cranedyn.__main__ import main
 from cranedyn.bridges.commissioning import serve
 from cranedyn.bridges.commissioning import words as w
-from cranedyn.bridges.commissioning.plant import ServedCrane
+from cranedyn.bridges.commissioning.served_crane import ServedCrane
 from cranedyn.data.trajectory import read
 from cranedyn.errors import CraneError, DataError
 from cranedyn.model.load import load_crane

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.bridges.commissioning import words as w
-from cranedyn.bridges.commissioning.plant import AREA, GROUND, PERIOD, ServedCrane
+from cranedyn.bridges.commissioning.served_crane import AREA, GROUND, PERIOD, ServedCrane
 from cranedyn.disturbances.wind import AIR_DENSITY, steady, wind
 from cranedyn.dynamics.converters import STEPS, converters
 from cranedyn.dynamics.pinocchio import payload_position
