@@ -310,7 +310,7 @@ def _drive(parser: _Parser) -> None:
 def _serve(parser: _Parser) -> None:
     """Serve a crane with drive words by OPC UA and Modbus, for virtual commissioning.
 
-    Example: cranedyn serve --opcua 127.0.0.1:4840 --modbus 127.0.0.1:5020 --map words.csv
+    Example: cranedyn serve --opcua 127.0.0.1:4840 --map words.csv
     """
     from cranedyn.bridges.commissioning import serve
     from cranedyn.model.description import add_values

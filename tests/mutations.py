@@ -639,15 +639,9 @@ cranedyn/bridges/commissioning/serve.py
 + if False:
 cranedyn/bridges/matlab.py
 * the delay of converters is not in the sampled system
-? control::the_sampled_system_of_rates_has_the_delay_and_answers_as_converters_do
+? matlab::the_file_has_the_matrices_with_names_and_units
 - delay = converters.delay_steps(dt, control_period) if converters else 0
 + delay = 0
-cranedyn/bridges/control.py
-* a controller begins a run with the memory of the last one
-? control::a_controller_with_an_observer_moves_the_crane_as_the_closed_linear_loop
-- raise OutOfRange("control period of the run", control_period, allowed, "s")
--         self._x = np.zeros(len(self.a))
-+ raise OutOfRange("control period of the run", control_period, allowed, "s")
 cranedyn/bridges/margins.py
 * margins overlook half of the sampling rate
 ? margins::a_drive_is_unstable_just_beyond_what_its_margins_say

@@ -184,7 +184,7 @@ def _matrices(
         except (TypeError, ValueError):
             allowed = "a gain or a system of python-control"
             raise OutOfRange("feedback", short_repr(feedback), allowed) from None
-        return np.zeros((0, 0)), np.zeros((0, nz)), np.zeros((len(gain), 0)), gain
+        return *(np.zeros((0, 0)),) * 3, gain
     if not isinstance(feedback, ct.StateSpace):
         raise CraneError(f"The feedback is a {type(feedback).__name__}; allowed is a StateSpace.")
     k, labels = feedback.nstates, list(feedback.input_labels)

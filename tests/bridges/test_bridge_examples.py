@@ -57,8 +57,8 @@ def learn_to_stop_the_swing(out: Path) -> None:
 
 def soft_plc(out: Path) -> None:
     pytest.importorskip("asyncua", reason="extra serve (asyncua) is not installed")
-    from cranedyn.bridges.commissioning.served_crane import ServedCrane
     from cranedyn.bridges.commissioning.serve import keep_time, servers
+    from cranedyn.bridges.commissioning.served_crane import ServedCrane
 
     crane, port = ServedCrane(load_crane(), duration=60.0), free_port()
     with servers(crane, opcua=("127.0.0.1", port)):

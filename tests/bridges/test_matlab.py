@@ -23,6 +23,7 @@ def test_the_file_has_the_matrices_with_names_and_units(drive: str, tmp_path: Pa
     settings = {"drive": drive, "control_period": 1e-2, "outputs": ["phi", "x"]}
     content = loadmat(to_matlab(tmp_path / "crane.mat", c, state, **settings))  # type: ignore[arg-type]
     system = linear_system(c, state, **settings)  # type: ignore[arg-type]
+    assert len(system.a) == (16 if drive == "velocity" else 10)  # two commands on their way
     for name, matrix in (("A", system.a), ("B", system.b), ("C", system.c)):
         assert (content[name] == matrix).all()
     assert content["D"].shape == (2, 3) and content["Ts"].item() == 1e-2
