@@ -46,7 +46,7 @@ EXPERIMENTS = {
         "A1, free swing",
         "Free swing at four cable lengths: period, error budget.",
         _ARTICLE,
-        ("--length", "5"),
+        ("--length", "5", *_ARTICLE),
         {
             "waveform": "Swing over time, and the same at the period of a point pendulum.",
             "period": "Period over cable length, and its error beside the published one.",
