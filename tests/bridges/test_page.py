@@ -135,7 +135,7 @@ class Operator:
         late = len(self.past) - 1 - math.floor(0.5 * period / PERIOD + 0.5)
         half = 0.5 * (self.rate + (self.past[late] if late >= 0 else 0.0))
         half[hoist] = asked[hoist]
-        return half
+        return self.stoppable(half, state.q)
 
     def yielding(self, asked: np.ndarray, state: State) -> np.ndarray:
         """Slew and trolley give way."""
