@@ -50,7 +50,7 @@
 const STILL = 2;
 
 /** Share of its range by which predictive control keeps a drive from each end, beyond which it swings. */
-const REACH = 0.01;
+const REACH = 0.02;
 
 /** A drive of the crane: the same inputs at the same instants make the same motion to the bit. */
 class Run {
@@ -67,6 +67,8 @@ class Run {
     this.sticks = data.crane.drives.map(() => 0);
     this.assist = "none";
     this.stopped = false;
+    /** Whether predictive control, which knows no ends of ranges, was left near one. */
+    this.tripped = false;
     /** @type {Record<string, number>} */
     this.sliders = Object.fromEntries(data.sliders.map(slider => [slider.name, slider.value]));
     this.usual = {...this.sliders};
@@ -126,6 +128,7 @@ class Run {
     else if (kind === "task") this.begin(value);
     else if (kind === "assist") {
       this.assist = value;
+      this.tripped = false;
       this.assistant.begin(this.kernel.q, this.kernel.v);
       this.vary();
       if (value === "predictive") {
@@ -195,6 +198,11 @@ class Run {
   /** Log a control instant and advance by a period; ends where the model ceases to hold. */
   advance() {
     const {kernel, crane} = this, {q, v} = kernel;
+    const rates = crane.drives.map(joint => v[joint]);
+    if (this.assist === "predictive" && !this.assistant.canStop(rates, q)) {
+      this.assist = "none"; // as where a limit switch of the automatic mode trips
+      this.tripped = true;
+    }
     const planned = this.assist === "predictive" && !this.stopped;
     const sticks = this.stopped ? this.sticks.map(() => 0) : this.sticks;
     const assist = this.stopped ? "none" : this.assist;
