@@ -107,9 +107,7 @@ def _template(name: str) -> str:
     return (_TEMPLATES / name).read_text("utf-8")
 
 
-def page_data(
-    crane: Crane, site: Site | None = None, chart: Falls | None = None
-) -> dict[str, Any]:
+def page_data(crane: Crane, site: Site | None = None, chart: Falls | None = None) -> dict[str, Any]:
     """Return all that the page needs of a crane and its site, for JSON."""
     layout, drives = crane.layout, converters(crane)
     if chart is not None:
@@ -128,7 +126,8 @@ def page_data(
         "assistances": assistances(crane),
         "kernel": kernel_data(crane, drives, sliders, cranes, responses),
         "sliders": [asdict(slider) for slider in (*sliders, *_cable(crane), *_WIND)],
-        "chart": chart and {
+        "chart": chart
+        and {
             "least": chart.least,
             "radii": chart.radii.tolist(),
             "rated": chart.rated.tolist(),
