@@ -54,7 +54,7 @@ async def serve_opcua(image: ProcessImage, host: str, port: int, security: Any =
     """
     server = Server(user_manager=_OneUser(*security[2:]) if security else None)
     await server.init()
-    server.set_endpoint(f"opc.tcp://{host}:{port}/")
+    server.set_endpoint(f"opc.tcp://{f'[{host}]' if ':' in host else host}:{port}/")
     policy, token = "NoSecurity", "AnonymousIdentityToken"
     if security:
         policy, token = "Basic256Sha256_SignAndEncrypt", "UserNameIdentityToken"

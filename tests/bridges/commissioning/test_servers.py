@@ -268,7 +268,17 @@ def test_the_command_keeps_the_clock_records_the_run_and_replaces_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, port = tmp_path / "run", free_port()
-    command = ["serve", "--modbus", f"{HOST}:{port}", "--duration", "1.5", "--out", str(out)]
+    command = [
+        "serve",
+        "--modbus",
+        f"{HOST}:{port}",
+        "--duration",
+        "6",
+        "--speed",
+        "4",
+        "--out",
+        str(out),
+    ]
     began = time.perf_counter()
     thread = threading.Thread(target=_drive_at, args=(port,))
     thread.start()
@@ -276,9 +286,9 @@ def test_the_command_keeps_the_clock_records_the_run_and_replaces_nothing(
     thread.join()
     assert time.perf_counter() - began > 1.49
     printed = capsys.readouterr().out
-    assert "300 cycles of 5 ms" in printed and w.FAULTS[w.WATCHDOG] in printed
+    assert "1200 cycles of 1.25 ms" in printed and w.FAULTS[w.WATCHDOG] in printed
     run = read(out / "serve.parquet")
-    assert len(run) == 300 and (out / "serve.rrd").stat().st_size > 10_000
+    assert len(run) == 1200 and (out / "serve.rrd").stat().st_size > 10_000
     assert run.record["notes"]["events"][0][1] == w.FAULTS[w.WATCHDOG]
     assert np.ptp(run["x_m"]) > 0.001
     assert main(command) == 2
