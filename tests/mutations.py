@@ -630,8 +630,8 @@ cranedyn/bridges/commissioning/served_crane.py
 cranedyn/bridges/commissioning/modbus.py
 * a negative number over Modbus is a large one
 ? servers::the_map_in_csv_leads_to_every_word_in_both_protocols
-- return register - 0x10000 if signed and register > 0x7FFF else register
-+ return register
+- {name: (v + h) % 0x10000 - h for (name, h), v in pairs}
++ {name: v for (name, h), v in pairs}
 cranedyn/bridges/commissioning/serve.py
 * Modbus is open to other machines without being told
 ? servers::beyond_this_machine_opc_ua_needs_a_certificate_and_a_user_and_modbus_a_word

@@ -5,7 +5,7 @@ controller.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -92,11 +92,7 @@ class StateSpaceController:
     c: np.ndarray
     tracking: Tracking
     period: float
-    _x: np.ndarray = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        """Start at x = 0."""
-        self._x = np.zeros(len(self.a))
+    _x: np.ndarray | float = 0.0
 
     def begin_run(self, t: float, control_period: float) -> None:
         """Return to x = 0.
@@ -107,7 +103,7 @@ class StateSpaceController:
         if abs(control_period - self.period) > SAME_PERIOD * self.period:
             allowed = f"that of the controller, {self.period:g}"
             raise OutOfRange("control period of the run", control_period, allowed, "s")
-        self._x = np.zeros(len(self.a))
+        self._x = 0.0
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return the command of a control instant, shape (m,), and go on to the next one."""
@@ -115,9 +111,9 @@ class StateSpaceController:
         deviation = np.concatenate(state) - interpolate(
             table, *locate(t, self.tracking.period, len(table))
         )
-        command = self.tracking(t, state, setpoint) + self.c @ self._x
-        self._x = self.a @ self._x + self.b @ deviation
-        return command
+        x = self._x + np.zeros(len(self.a))
+        self._x = self.a @ x + self.b @ deviation
+        return self.tracking(t, state, setpoint) + self.c @ x
 
 
 def from_control(

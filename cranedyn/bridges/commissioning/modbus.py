@@ -29,8 +29,9 @@ async def serve_modbus(image: ProcessImage, host: str, port: int) -> ModbusTcpSe
         """Take what is written; fill the registers before they are read."""
         if isinstance(values, list):
             words = tables[0][address : address + count]
-            pairs = zip(words, values, strict=True)
-            image.commands.update({w.name: _signed(v, w.kind == "INT16") for w, v in pairs})
+            half = {word.name: 0x8000 * (word.kind == "INT16") for word in words}
+            pairs = zip(half.items(), values, strict=True)
+            image.commands.update({name: (v + h) % 0x10000 - h for (name, h), v in pairs})
             return
         numbers = image.readings if code == 4 else image.commands.copy()
         registers[:] = [
@@ -51,7 +52,3 @@ async def serve_modbus(image: ProcessImage, host: str, port: int) -> ModbusTcpSe
     except (RuntimeError, OSError) as error:
         raise CraneError(f"Modbus cannot listen at {host}:{port}; is the port taken?") from error
     return server
-
-
-def _signed(register: int, signed: bool) -> int:
-    return register - 0x10000 if signed and register > 0x7FFF else register

@@ -42,12 +42,8 @@ class _OneUser(UserManager):
 async def serve_opcua(image: ProcessImage, host: str, port: int, security: Any = None) -> Server:
     """Return a server of the words as variables of the object Crane, which runs until its `stop`.
 
-    Args:
-        image: Commands and readings.
-        host: Address.
-        port: Port.
-        security: Files of certificate and private key, user and password of clients, which then
-            must encrypt; None lets in everybody.
+    Security is files of certificate and private key, user and password of clients, which then
+    encrypt; None lets in all.
 
     Raises:
         CraneError: If it cannot listen at this address, or a file of the security cannot be read.

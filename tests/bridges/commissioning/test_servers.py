@@ -112,6 +112,7 @@ def test_the_map_in_csv_leads_to_every_word_in_both_protocols(
 
     assert served.ask(look) == [expected[row["name"]] for row in rows]
     served.plant.image.commands.update(dict.fromkeys(served.plant.image.commands, 0))
+    served.run(0.01)
     with pytest.raises(DataError, match="it is there already"):
         w.write_map(file, words)
 
