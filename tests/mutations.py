@@ -484,6 +484,10 @@ cranedyn/lifting/wrench.py
 - efforts = rigid_body.tree_inverse_dynamics(tree, frames, rows(v), rows(a), beyond)
 + efforts = rigid_body.tree_inverse_dynamics(tree, frames, rows(v), rows(0.0 * a), beyond)
 cranedyn/lifting/checks.py
+* a lift may go with drives that nobody entered
+? judgement::what_nobody_entered_is_not_judged_and_no_go
+- missing; assumed: {rates}.", None)
++ missing; assumed: {rates}.", True)
 * a rope may be slack where the hoist is strong
 ? judgement::a_lift_that_holds_goes_and_each_thing_that_does_not_stops_it
 - slack > 0.0 and snag > 0.0
@@ -620,6 +624,16 @@ cranedyn/command.py
 ? help::help_is_a_screen_that_begins_with_an_example_which_parses
 - action.help = argparse.SUPPRESS
 + action.help = action.help
+experiments/harness/outcome.py
+* what holds stands before what is not judged
+? terminal::a_screen_has_24_lines_the_failed_claim_whole_and_says_what_is_left_out
+- others = [claim for claim in outcome.claims if claim.holds is None]
++ others = [claim for claim in outcome.claims if claim.holds is not False]
+experiments/harness/document.py
+* links and files of tables have units in their names
+? document::a_block_of_csv_has_links_only_and_the_tables_lie_beside_the_page
+- re.sub(r"(: \(| \[).*", "", title)
++ title
 experiments/report.py
 * a claim that was not judged hides one that fails
 ? report::an_experiment_is_marked_by_its_worst_claim_and_a_failing_one_is_on_the_first_screen
