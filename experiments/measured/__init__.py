@@ -139,11 +139,18 @@ def _held_out(estimate: Estimate, others: Sequence[Estimate]) -> float | None:
 
 
 def _outcome(singles: Sequence[Single], drives: Sequence[Mapping[str, np.ndarray]]) -> Outcome:
-    cranes = {
-        single.source: [s for s in singles if s.source == single.source] for single in singles
+    shares = {
+        name: min(s.estimate.least_explained for s in singles if s.source == name)
+        for name in dict.fromkeys(single.source for single in singles)
     }
-    means = {name: mean_values([s.estimate for s in group]) for name, group in cranes.items()}
-    claims = [_explained(name, group) for name, group in cranes.items()]
+    claims = [
+        Claim(
+            f"{name}: each record alone explains {100 * ENOUGH:g} % of its swing at least "
+            f"({100 * share:.1f} % of {column}).",
+            share >= ENOUGH,
+        )
+        for name, (share, column) in shares.items()
+    ]
     moved = [s.record for s in singles if "x_dot_m_s" in s.record.columns]
     fits = [fit(moved, names) for names in CANDIDATES] if len(moved) > 1 else []
     best = min(fits, key=lambda f: f.criterion) if fits else None
@@ -152,10 +159,9 @@ def _outcome(singles: Sequence[Single], drives: Sequence[Mapping[str, np.ndarray
     chosen = [singles[i] for i in np.unique(np.linspace(0, len(singles) - 1, _FIGURES, dtype=int))]
     return Outcome(
         tables=[
-            _records_table(singles, means),
+            _records_table(singles),
             *([] if best is None else [effects_table(fits), offsets_table(best, moved)]),
             *([drive_table(drives)] if drives else []),
-            *(_means_table(name, means[name]) for name in cranes if len(cranes[name]) > 1),
         ],
         claims=claims,
         parameters={
@@ -216,19 +222,15 @@ def _shared(best: Fit, averaged: Fit) -> list[Claim]:
     ]
 
 
-def _records_table(
-    singles: Sequence[Single], means: Mapping[str, Mapping[str, tuple[float, float]]]
-) -> ResultTable:
+def _records_table(singles: Sequence[Single]) -> ResultTable:
     def number(single: Single, name: str, factor: float) -> tuple[float | None, float | None]:
         value, margin = single.estimate.intervals.get(name, (np.nan, np.nan))
         return finite_or_none(factor * value), finite_or_none(factor * margin)
 
-    within = [
-        abs(value - means[s.source]["l_offset"][0]) <= margin
-        for s in singles
-        for value, margin in [s.estimate.intervals["l_offset"]]
-        if s.held_out is not None
-    ]
+    others = [s for s in singles if s.held_out is not None]
+    offsets = [s.estimate.intervals["l_offset"] for s in others]
+    mean = mean_values([s.estimate for s in others])["l_offset"][0] if others else np.nan
+    within = sum(abs(value - mean) <= margin for value, margin in offsets)
     return make_table(
         "Each record alone",
         singles,
@@ -242,27 +244,7 @@ def _records_table(
         ("held out [%]", ".1f", lambda s: None if s.held_out is None else 100.0 * s.held_out),
         note="Offset: pendulum less recorded cable. ±: half the 95 % interval. Held out: RMS error "
         "predicted with the means of the others, over the standard deviation. "
-        f"{sum(within)} of {len(within)} intervals hold the mean of their crane.",
-    )
-
-
-def _means_table(name: str, means: Mapping[str, tuple[float, float]]) -> ResultTable:
-    return make_table(
-        f"All records of the {name}",
-        means.items(),
-        ("parameter", "", lambda item: item[0]),
-        ("mean", ".5g", lambda item: item[1][0]),
-        ("±", ".2g", lambda item: item[1][1]),
-        note="Means weighted by the variances of the records.",
-    )
-
-
-def _explained(name: str, group: Sequence[Single]) -> Claim:
-    share, column = min(single.estimate.least_explained for single in group)
-    return Claim(
-        f"{name}: each record alone explains {100 * ENOUGH:g} % of its swing at least "
-        f"({100 * share:.1f} % of {column}).",
-        share >= ENOUGH,
+        f"{within} of {len(others)} intervals hold the mean.",
     )
 
 

@@ -22,8 +22,8 @@ def simulate_trolley(command: np.ndarray, values: np.ndarray) -> np.ndarray:
 
     Args:
         command: Share of the full voltage in each step, shape (steps, lanes).
-        values: Acceleration at full command [m/s²], deceleration per rate by losses and back-EMF
-            [1/s], dry friction and its surplus at rest, both over full command; shape (4,).
+        values: Acceleration at full command [m/s²], losses and back-EMF [1/s], dry friction and
+            its surplus at rest, both over full command; shape (4,).
     """
     gain, loss, dry, surplus = values
     x, v = np.zeros_like(command), np.zeros(command.shape[1])
@@ -41,7 +41,7 @@ def drive_errors(logs: Sequence[Log], values: np.ndarray) -> np.ndarray:
     """
     ends = np.array([log["t_s"][np.flatnonzero(log["x_command"])[-1]] for log in logs])
     t = np.arange(0.0, max(ends), STEP)
-    rows = [np.clip(np.searchsorted(log["t_s"], t) - 1, 0, None) for log in logs]
+    rows = [np.clip(np.searchsorted(log["t_s"], t, side="right") - 1, 0, None) for log in logs]
     command = np.column_stack([log["x_command"][i] for log, i in zip(logs, rows, strict=True)])
     way = np.column_stack([np.interp(t, log["t_s"], log["x_m"] - log["x_m"][0]) for log in logs])
     return np.where(t[:, None] <= ends, simulate_trolley(command, values) - way, 0.0)
@@ -58,25 +58,18 @@ def fit_drive(logs: Sequence[Log], count: int) -> np.ndarray:
 
 def drive_table(logs: Sequence[Log]) -> ResultTable:
     """Return a row for dry friction, and one with Stribeck's surplus at rest, too."""
-    still = np.array([0.0, 0.0, 1.0, 0.0])
-    total = np.sum(drive_errors(logs, still) ** 2)
+    total = np.sum(drive_errors(logs, np.array([0.0, 0.0, 1.0, 0.0])) ** 2)  # it stands
     rows = []
     for count in (3, 4):
-        values = fit_drive(logs, count)
-        halves = [logs[::2], logs[1::2]] if len(logs) > 1 else [logs, logs]
-        held_out = [
-            np.sum(drive_errors(other, fit_drive(half, count)) ** 2)
-            for half, other in (halves, halves[::-1])
-        ]
-        rows.append((count, values, np.sum(drive_errors(logs, values) ** 2), sum(held_out)))
+        values = [fit_drive(half, count) for half in (logs, logs[1::2], logs[::2])]
+        errors = map(drive_errors, (logs, logs[::2], logs[1::2]), values)
+        rows.append((values[0], *(100.0 * np.sum(error**2) / total for error in errors)))
     return make_table(
         "What the trolley's drive shows",
         rows,
-        ("friction", "", lambda row: ("dry", "dry + Stribeck")[row[0] - 3]),
-        ("dry [%]", ".1f", lambda row: 100.0 * row[1][2]),
-        ("surplus at rest [%]", ".1f", lambda row: 100.0 * row[1][3] if row[0] == 4 else None),
-        ("left [%]", ".1f", lambda row: 100.0 * row[2] / total),
-        ("left, held out [%]", ".1f", lambda row: 100.0 * row[3] / total),
-        note="Friction over the full command. Left: mean square error of the way, predicted from "
-        "the command, over the mean square of the way. Held out: fitted to every other record.",
+        ("dry friction [%]", ".1f", lambda row: 100.0 * row[0][2]),
+        ("Stribeck's surplus at rest [%]", ".1f", lambda row: 100.0 * row[0][3]),
+        ("left [%]", ".1f", lambda row: row[1]),
+        ("held out [%]", ".1f", lambda row: row[2] + row[3]),
+        note="Friction over full command. Left: mean square error of the way over its mean square.",
     )

@@ -176,21 +176,13 @@ def fit(records: Sequence[Record], names: tuple[str, ...]) -> Fit:
     steps = np.array([record.resolution.get("l_m", 0.0) for record in records])
     offsets = solution.x[place]
     lengths = (model.cable + offsets).tolist()
-    return Fit(
-        names,
-        values,
-        model.cable,
-        offsets,
-        covariance[np.ix_(place, place)] + np.diag(steps**2 / 12.0),
-        np.array([_residue(*row) for row in zip(records, model.t, errors, lengths, strict=True)]),
-        2.0 * solution.cost / variance,
-        criterion,
-    )
+    covariance = covariance[np.ix_(place, place)] + np.diag(steps**2 / 12.0)
+    residues = [residue(*row) for row in zip(records, model.t, errors, lengths, strict=True)]
+    left = 2.0 * solution.cost / variance
+    return Fit(names, values, model.cable, offsets, covariance, np.array(residues), left, criterion)
 
 
-def _residue(
-    record: Record, t: np.ndarray, error: np.ndarray, length: float
-) -> tuple[float, float]:
+def residue(record: Record, t: np.ndarray, error: np.ndarray, length: float) -> tuple[float, float]:
     """Return frequency, over that of the swing, and amplitude of the largest oscillation left."""
     x = record.columns["x_m"]
     arrived = record.t[np.abs(x - x[-1]) > _ARRIVED][-1]
@@ -227,12 +219,12 @@ def effects_table(fits: Sequence[Fit]) -> ResultTable:
 def offsets_table(best: Fit, records: Sequence[Record]) -> ResultTable:
     """Return a row for each record, fitted with the effects that all records show."""
     return make_table(
-        f"All records together: {' + '.join(best.names)}",
+        "All records together",
         zip(records, best.offsets, np.sqrt(np.diag(best.covariance)), best.residues, strict=True),
         ("record", "", lambda row: row[0].name),
         ("offset [mm]", ".1f", lambda row: 1e3 * row[1]),
         ("±", ".1f", lambda row: 1e3 * _QUANTILE * row[2]),
         ("residue [mrad]", ".1f", lambda row: finite_or_none(1e3 * row[3][1])),
         ("at [swing frequencies]", ".2f", lambda row: finite_or_none(row[3][0])),
-        note="Residue: largest oscillation left while the trolley stands for 5 s or more.",
+        note="With all effects of the best row. Residue: largest oscillation left at rest.",
     )
