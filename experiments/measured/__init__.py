@@ -21,7 +21,7 @@ from cranedyn.theory import point_period
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, finite_or_none, make_table
 from experiments.identify.figures import beside
-from experiments.measured.drive import drive_table
+from experiments.measured.drive import Log, drive_table
 from experiments.measured.effects import CANDIDATES, Fit, effects_table, fit, offsets_table
 from experiments.measured.sources import SOURCES, PublicRecords
 
@@ -34,7 +34,7 @@ STEPS = 60
 COVERED = 12 / 13
 """Least share of the records whose offset agrees with the mean of all."""
 
-_FIGURES, _QUANTILE = 4, 1.96
+_FIGURES = 4
 
 
 class Single(NamedTuple):
@@ -67,11 +67,11 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             f"DIR: {commands} then add --data DIR."
         )
     singles: list[Single] = []
-    drives: list[Mapping[str, np.ndarray]] = []
+    drives: list[Log] = []
     for source in SOURCES:
         folder = Path(options.data) / source.folder
         if folder.is_dir():
-            logs = list(source.read(folder))
+            logs: list[tuple[str, Log]] = list(source.read(folder))
             drives += [columns for _, columns in logs if "x_command" in columns]
             singles += _identified(source, logs, setup)
     if not singles:
@@ -80,9 +80,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     return _outcome(singles, drives)
 
 
-def _identified(
-    source: PublicRecords, logs: Sequence[tuple[str, Mapping[str, np.ndarray]]], setup: Setup
-) -> list[Single]:
+def _identified(source: PublicRecords, logs: list[tuple[str, Log]], setup: Setup) -> list[Single]:
     """Identify the records of a crane whose swing is more than its sensor's steps."""
     path = XACRO.with_name("overhead_crane.urdf.xacro")
     prior = Prior(path, source.values)
@@ -108,17 +106,12 @@ def _steps(swing: np.ndarray) -> float:
     return float(np.ptp(values) / np.diff(values).min()) if len(values) > 1 else 0.0
 
 
-def mean_values(estimates: Sequence[Estimate]) -> Mapping[str, tuple[float, float]]:
-    """Return the mean of each parameter, weighted by its variances, and half its 95 % interval, as
-    much wider as the records differ by more than their intervals (Birge 1932).
-    """
+def _means(estimates: Sequence[Estimate]) -> Mapping[str, float]:
+    """Return the mean of each parameter, weighted by its variances."""
     means = {}
     for p in estimates[0].model.own:
         values, margins = np.array([e.intervals[p.name] for e in estimates]).T
-        weights = 1.0 / margins**2
-        mean = float(np.average(values, weights=weights))
-        beyond = _QUANTILE**2 * np.sum(weights * (values - mean) ** 2) / max(len(values) - 1, 1)
-        means[p.name] = mean, float(np.sqrt(max(beyond, 1.0) / weights.sum()))
+        means[p.name] = float(np.average(values, weights=1.0 / margins**2))
     return means
 
 
@@ -126,10 +119,10 @@ def _held_out(estimate: Estimate, others: Sequence[Estimate]) -> float | None:
     """Return the relative error of a record predicted with what others say of the crane."""
     if not others:
         return None
-    model, means = estimate.model, mean_values(others)
+    model, means = estimate.model, _means(others)
     values = np.array(
         [
-            means[p.name][0] if p.record is None else value
+            means[p.name] if p.record is None else value
             for p, value in zip(model.parameters, estimate.values.tolist(), strict=True)
         ]
     )
@@ -138,7 +131,7 @@ def _held_out(estimate: Estimate, others: Sequence[Estimate]) -> float | None:
     return float(np.sqrt(np.mean(error**2)) / np.std(measured))
 
 
-def _outcome(singles: Sequence[Single], drives: Sequence[Mapping[str, np.ndarray]]) -> Outcome:
+def _outcome(singles: Sequence[Single], drives: Sequence[Log]) -> Outcome:
     shares = {
         name: min(s.estimate.least_explained for s in singles if s.source == name)
         for name in dict.fromkeys(single.source for single in singles)
@@ -229,7 +222,7 @@ def _records_table(singles: Sequence[Single]) -> ResultTable:
 
     others = [s for s in singles if s.held_out is not None]
     offsets = [s.estimate.intervals["l_offset"] for s in others]
-    mean = mean_values([s.estimate for s in others])["l_offset"][0] if others else np.nan
+    mean = _means([s.estimate for s in others])["l_offset"] if others else np.nan
     within = sum(abs(value - mean) <= margin for value, margin in offsets)
     return make_table(
         "Each record alone",

@@ -185,7 +185,7 @@ def fit(records: Sequence[Record], names: tuple[str, ...]) -> Fit:
 def residue(record: Record, t: np.ndarray, error: np.ndarray, length: float) -> tuple[float, float]:
     """Return frequency, over that of the swing, and amplitude of the largest oscillation left."""
     x = record.columns["x_m"]
-    arrived = record.t[np.abs(x - x[-1]) > _ARRIVED][-1]
+    arrived = float(np.max(record.t[np.abs(x - x[-1]) > _ARRIVED], initial=0.0))
     if t[-1] - arrived < _FREE:
         return np.nan, np.nan
     free = t > arrived

@@ -6,7 +6,6 @@ import io
 import subprocess
 import zipfile
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ from cranedyn.model.load import load_crane
 from cranedyn.recording.scene import drawn_size
 from cranedyn.recording.shapes import visible_points
 from experiments import measured
-from experiments.measured import main, mean_values
+from experiments.measured import main
 from experiments.measured.drive import STEP as DRIVE_STEP
 from experiments.measured.drive import drive_table, fit_drive, simulate_trolley
 from experiments.measured.effects import CANDIDATES, Fit, fit, residue
@@ -273,20 +272,6 @@ def test_stribecks_friction_is_told_from_dry_friction() -> None:
         np.testing.assert_allclose(fit_drive(logs, 4), values, atol=0.01)
         *_, (dry, both) = zip(*drive_table(logs).rows, strict=True)
         assert (both < 0.1 * dry) == (surplus > 0.0)
-
-
-def test_the_interval_of_a_mean_is_as_wide_as_the_records_differ() -> None:
-    def alone(value: float, margin: float) -> SimpleNamespace:
-        model = SimpleNamespace(own=[SimpleNamespace(name="l_offset")])
-        return SimpleNamespace(model=model, intervals={"l_offset": (value, margin)})
-
-    def mean(*values: float) -> tuple[float, float]:
-        return mean_values([alone(value, 0.196) for value in values])["l_offset"]  # type: ignore[misc]
-
-    assert mean(1.0, 1.0, 1.0, 1.0) == pytest.approx((1.0, 0.098))
-    # Standard deviation 2, so that the mean of four has one of 1.
-    deviation = 2.0 * np.sqrt(3.0 / 4.0)
-    assert mean(-deviation, deviation, -deviation, deviation) == pytest.approx((0.0, 1.96))
 
 
 def test_a_crane_of_a_laboratory_is_drawn_in_its_size() -> None:
