@@ -537,6 +537,20 @@ cranedyn/model/swing.py
 ? foreign::a_hoist_that_its_file_starts_at_an_end_of_its_range_holds_a_swinging_load
 - repr(min(max(start, ends[0] + margin), ends[1] - margin))
 + repr(start)
+experiments/measured/effects.py
+* a record agrees as far as it is uncertain itself, whatever it shares with the mean
+? measured::records_agree_with_their_mean_within_the_interval_of_the_difference
+- np.diag(away @ self.covariance @ away.T)
++ np.diag(self.covariance)
+* gravity is as sure as its records are, though they differ by more
+? measured::gravity_of_all_records_is_that_of_one_offset
+- np.sqrt(beyond * variance[0, 0])
++ np.sqrt(variance[0, 0])
+experiments/measured/drive.py
+* friction at rest is that in motion
+? measured::stribecks_friction_is_told_from_dry_friction
+- (dry + surplus * np.exp(-np.abs(v) / STRIBECK_RATE))
++ (dry + surplus)
 cranedyn/model/machines.py
 * what a source states is lost beside what is assumed
 ? machines::a_machine_swings_at_the_period_and_the_damping_of_its_numbers
