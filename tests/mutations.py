@@ -517,6 +517,11 @@ cranedyn/identification/estimate.py
 ? preflight::margins_foretold_are_those_that_come_out
 - np.mean(bent**2, axis=1) / 6.0
 + np.mean(bent**2, axis=1) / 1.0
+cranedyn/identification/record.py
+* a gap of a tenth of a period is a fault of a fast clock
+? record::missing_rows_are_allowed_within_a_tenth_of_a_period
+- max(_GAP * np.median(steps), _GAP_SHARE * period)
++ _GAP * np.median(steps)
 cranedyn/identification/model.py
 * a gyroscope does not drift
 ? phone::cable_damping_and_gravity_of_a_gyroscope_lie_within_their_intervals
@@ -531,6 +536,25 @@ cranedyn/identification/phone.py
 ? phone::apps_differ_in_their_columns_only
 - np.linalg.svd(rates - rates.mean(axis=0), full_matrices=False)[2][0]
 + np.array([1.0, 0.0, 0.0])
+cranedyn/model/swing.py
+* a hoist starts at the end of its range where its file has it
+? foreign::a_hoist_that_its_file_starts_at_an_end_of_its_range_holds_a_swinging_load
+- repr(min(max(start, ends[0] + margin), ends[1] - margin))
++ repr(start)
+experiments/measured/effects.py
+* a record agrees as far as it is uncertain itself, whatever it shares with the mean
+? measured::records_agree_with_their_mean_within_the_interval_of_the_difference
+- np.diag(away @ self.covariance @ away.T)
++ np.diag(self.covariance)
+* gravity is as sure as its records are, though they differ by more
+? measured::gravity_of_all_records_is_that_of_one_offset
+- np.sqrt(beyond * variance[0, 0])
++ np.sqrt(variance[0, 0])
+experiments/measured/drive.py
+* friction at rest is that in motion
+? measured::stribecks_friction_is_told_from_dry_friction
+- (dry + surplus * np.exp(-np.abs(v) / STRIBECK_RATE))
++ (dry + surplus)
 cranedyn/model/machines.py
 * what a source states is lost beside what is assumed
 ? machines::a_machine_swings_at_the_period_and_the_damping_of_its_numbers
