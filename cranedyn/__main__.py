@@ -307,6 +307,22 @@ def _drive(parser: _Parser) -> None:
     parser.set_defaults(run=run)
 
 
+def _serve(parser: _Parser) -> None:
+    """Serve a crane with drive words by OPC UA and Modbus, for virtual commissioning.
+
+    Example: cranedyn serve --opcua 127.0.0.1:4840 --map words.csv
+    """
+    from cranedyn.bridges.commissioning import serve
+    from cranedyn.model.description import add_values
+    from cranedyn.model.options import add_crane_options
+
+    serve.add_arguments(parser)
+    add_crane_options(parser.common)
+    parser.common.add_argument("--gravity", type=float, metavar="G", help="of the world [m/s²]")
+    add_values(parser.common, "numbers of the crane")
+    parser.set_defaults(run=serve.run)
+
+
 COMMANDS: dict[str, Callable[[_Parser], None]] = {
     "run": _experiment,
     "list": _list,
@@ -317,6 +333,7 @@ COMMANDS: dict[str, Callable[[_Parser], None]] = {
     "record-template": _record_template,
     "export": _export,
     "drive": _drive,
+    "serve": _serve,
 }
 """Function by the name of its command; it adds the arguments and sets what runs it, and its
 docstring is help and example."""
