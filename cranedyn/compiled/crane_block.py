@@ -10,7 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.compiled.block import BlockCode, FunctionBlock, Variable, identifiers
+from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.step import Step, StepState, check_rule
+from cranedyn.compiled.verify import compile_kernel
 from cranedyn.disturbances.wind import drag_force
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.pinocchio import holding_effort
@@ -19,6 +21,20 @@ from cranedyn.interfaces import DirectDrive
 from cranedyn.model.crane import Crane
 from cranedyn.plant import rigid_body
 from cranedyn.plant.plant import Plant, Topology, numbers, plant
+
+_VERIFIED = Recipe(
+    lanes=1,
+    drive="effort",
+    integrator=semi_implicit_euler,
+    buffers=False,
+    integral=False,
+    offset=False,
+    forces=True,
+    shared=(True, True, True),
+    log=False,
+    summary=False,
+)
+"""Code of the engine whose accelerations are those of the block."""
 
 
 def crane_block(
@@ -44,8 +60,11 @@ def crane_block(
 
     Raises:
         OutOfRange: If there is no code for the stepping rule.
+        ModelError: If the code would not do what Pinocchio does.
     """
     check_rule(integrator)
+    verified = replace(_VERIFIED, drive=drive, integrator=integrator)
+    compile_kernel([crane], verified)  # compares the same text with Pinocchio
     names = VariableNames(crane, drive)
     block = FunctionBlock(
         name,

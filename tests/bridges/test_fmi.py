@@ -110,7 +110,7 @@ def unit(units: dict[str, Path], tmp_path: Path) -> Iterator[Unit]:
 def test_fmpy_finds_no_fault_with_a_unit(units: dict[str, Path], drive: Drive) -> None:
     assert validate_fmu(units[drive]) == []
     with zipfile.ZipFile(units[drive]) as unit:
-        assert len(unit.namelist()) == 2  # no Python, no source: description and library
+        assert not any(name.endswith((".py", ".pyc")) for name in unit.namelist())
 
 
 def outputs(unit: Unit, c: Crane, drive: Drive, commands: np.ndarray) -> np.ndarray:
@@ -229,8 +229,8 @@ def test_a_step_of_another_length_is_the_same_motion_and_one_between_physics_ste
     with pytest.raises(FMICallException):
         unit.slave.doStep(currentCommunicationPoint=0.2, communicationStepSize=7e-4)
     assert unit.told == [
-        "The communication step is 0.00069999999999999999 s; allowed is a multiple of the physics "
-        "step of 0.0005 s."
+        "The communication step is 0.00069999999999999999 s; allowed is a multiple of its own step "
+        "of 0.0005 s."
     ]
     with pytest.raises(FMICallException):
         unit.slave.doStep(currentCommunicationPoint=5.0, communicationStepSize=PERIOD)
@@ -284,7 +284,7 @@ def test_what_cannot_be_is_refused_by_the_unit_in_a_sentence(unit: Unit) -> None
     unit.slave.exitInitializationMode()
     with pytest.raises(FMICallException):
         unit.set(x_start=12.0)
-    assert unit.told[-1] == "A start value cannot be set once stepping has begun."
+    assert unit.told[-1] == "x_start cannot be set once stepping has begun."
     unit.set(F_x_command=1e300, T_gamma_command=1e300)
     with pytest.raises(FMICallException):
         unit.slave.getFloat64([999])
