@@ -23,6 +23,9 @@ from cranedyn.dynamics.scalars import array
 Kind = Literal["input", "parameter", "output", "state"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
+LARGEST = 1e12
+"""Inputs beyond it are faults, as what is not a number is."""
+
 _RESERVED = frozenset(
     "auto break case char const continue default do double else enum extern float for goto if "
     "inline int long register restrict return short signed sizeof static struct switch "
@@ -223,8 +226,8 @@ def identifiers(names: Sequence[str]) -> dict[str, str]:
     taken: set[str] = set()
     for name in names:
         plain = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9]", "_", name)).strip("_")[:40] or "joint"
-        if plain[0].isdigit() or plain.lower() in _RESERVED or re.fullmatch(r"v\d+", plain):
-            plain = f"the_{plain}"
+        if plain[0].isdigit() or plain.lower() in _RESERVED or re.fullmatch(r"v\d+|.*_now", plain):
+            plain = f"the_{plain.removesuffix('_now')}"
         candidate, number = plain, 2
         while candidate.lower() in taken:
             candidate, number = f"{plain}_{number}", number + 1

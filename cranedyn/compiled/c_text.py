@@ -9,14 +9,11 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from cranedyn.compiled.angles import COSINE, HALF_PI, LARGEST_ANGLE, SINE
-from cranedyn.compiled.block import KINDS, FunctionBlock, Variable
+from cranedyn.compiled.block import KINDS, LARGEST, FunctionBlock, Variable
 from cranedyn.compiled.printing import ATOM, CHOICE, Expression, Language, Walk
 
 Precision = Literal["double", "single"]
 """Type of all numbers: double or float."""
-
-_LARGEST = 1e12
-"""Inputs beyond it are faults, as what is not a number is."""
 
 _TYPES = {"real": "real", "integer": "int32_t", "truth": "bool"}
 
@@ -140,7 +137,7 @@ def _helpers(called: set[str], language: _C) -> list[str]:
         "sound": f"""
 /* Whether an input is a number of a size that inputs have. */
 static bool {name}_sound(real x) {{
-  return x >= {number(-_LARGEST)} && x <= {number(_LARGEST)};
+  return x >= {number(-LARGEST)} && x <= {number(LARGEST)};
 }}""",
         "fabs": f"static real {name}_fabs(real x) {{ return x < 0 ? -x : x; }}",
         "rint": f"""

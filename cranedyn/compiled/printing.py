@@ -130,7 +130,8 @@ class Walk:
             kind = {"double": "real", "i64": "integer", "i1": "truth"}[str(instruction.type)]
             name = f"v{sum(bool(assignment.kind) for assignment in self.assignments) + 1}"
             if loaded and self._place(instruction.operands[0])[0] == "self":
-                name = self._block.variables[instruction.operands[0].operands[1].constant].name
+                place = instruction.operands[0].operands[1].constant
+                name = f"{self._block.variables[place].name}_now"
             self.assignments.append(Assignment(name, expression.text, kind))
             expression = Expression(name)
         self._text[instruction] = expression
