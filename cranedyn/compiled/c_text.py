@@ -151,7 +151,7 @@ static real {name}_rint(real x) {{
 /* The square root: Newton's iteration, which falls from above until rounding ends it. */
 static real {name}_sqrt(real x) {{
   const real none = x - x;
-  if (!(x > 0)) return x < 0 ? none / none : x;
+  if (!(x > 0)) return x < 0 ? none / (none * 2) : x;
   real root = x > 1 ? x : 1, next = (root + x / root) / 2;
   while (next < root) {{
     root = next;
@@ -168,7 +168,7 @@ static real {name}_turned(real angle, int32_t more) {{
   const real square = r * r;
   const real largest = {number(LARGEST_ANGLE)};
   const real none = angle - angle;
-  if (!(angle > -largest && angle < largest)) return none / none;
+  if (!(angle > -largest && angle < largest)) return none / (none * 2);
   const int32_t quarter = (((int32_t)quarters + more) % 4 + 4) % 4;
   const real value = quarter % 2 == 0 ? r + r * square * ({_horner(SINE, number)})
     : {number(1.0)} + square * ({_horner(COSINE, number)});

@@ -12,15 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cranedyn.__main__ import main
 from cranedyn.bridges import st
 from cranedyn.bridges.controller_block import controller_block, vectors
 from cranedyn.bridges.usual_controllers import CONTROLLERS
 from cranedyn.compiled.block import FunctionBlock, identifiers
-from cranedyn.compiled.structured_text import plcopen_xml, structured_text
+from cranedyn.compiled.structured_text import structured_text
 from cranedyn.errors import DataError, OutOfRange
-from cranedyn.interfaces import State
-from cranedyn.references import hold
+from cranedyn.interfaces import Setpoint, State
 from cranedyn.simulation.simulate import simulate
 from tests.bridges.c_tools import output, tool
 from tests.helpers import crane
@@ -89,8 +87,7 @@ def test_a_controller_in_structured_text_commands_what_it_commands_in_python(
     name: str, tmp_path: Path
 ) -> None:
     drive, make = CONTROLLERS[name]
-    duration = 2.0 if name == "observer" else 30.0
-    block = controller_block(CRANE, make(CRANE, 5e-3), drive=drive, duration=duration)
+    block = controller_block(CRANE, make(CRANE, 5e-3), drive=drive)
     plc = SoftPlc(block, tmp_path)
     inputs, expected = vectors(CRANE, make(CRANE, 5e-3), block, rows=2000)
     found = np.array([plc(row)[0] for row in inputs])
@@ -99,3 +96,89 @@ def test_a_controller_in_structured_text_commands_what_it_commands_in_python(
     # Round-off of sums in another order, of the largest command.
     assert (off <= 1e-12 * np.maximum(np.abs(expected).max(axis=0), 1.0)).all()
     assert np.ptp(expected) > 0.0
+
+
+@pytest.mark.slow
+def test_a_plc_with_the_block_moves_the_crane_as_python_does(tmp_path: Path) -> None:
+    drive, make = CONTROLLERS["integral"]
+    block = controller_block(CRANE, make(CRANE, 5e-3), drive=drive)
+    plc = SoftPlc(block, tmp_path)
+    runs = []
+    variables = [variable.name for variable in block.variables if variable.kind == "input"]
+    used = [variables.index(variable.name) for variable in block.of_kind("input")]
+
+    def by_plc(t: float, state: State, setpoint: Any) -> np.ndarray:
+        values = np.concatenate([*state, setpoint.position, setpoint.velocity])
+        return plc(values[used])[0]
+
+    goal = CRANE.state(gamma=0.05, x=10.5, l=14.8)
+    reference = bang_ramp(CRANE, goal)
+    for controller in (make(CRANE, 5e-3), by_plc):
+        runs.append(simulate(CRANE, controller, reference, duration=6.0, validity="mark"))
+    plc.end()
+    assert np.abs(runs[0].q - runs[1].q).max() < 1e-9
+    assert abs(runs[0].q[-1, 1] - 10.5) < 0.1  # and it moved
+
+
+def bang_ramp(c: Any, goal: State) -> Callable[[float], Setpoint]:
+    """The drives on straight lines to a goal within 3 s."""
+    begin, end = c.start.q[c.layout.drives], goal.q[c.layout.drives]
+
+    def reference(t: float) -> Setpoint:
+        share = min(t / 3.0, 1.0)
+        rate = (end - begin) / 3.0 * (t < 3.0)
+        return Setpoint(begin + share * (end - begin), rate, 0.0 * rate)
+
+    return reference
+
+
+@pytest.mark.slow
+def test_an_input_that_is_no_number_is_a_fault_until_the_reset(tmp_path: Path) -> None:
+    block = controller_block(CRANE, CONTROLLERS["integral"][1](CRANE, 5e-3))
+    plc = SoftPlc(block, tmp_path)
+    inputs = np.array([variable.start for variable in block.of_kind("input")])
+    first = plc(inputs + 0.01)
+    bad = inputs.copy()
+    bad[1] = np.nan
+    held = np.array([variable.start for variable in block.of_kind("output")])
+    for row in (bad, inputs):
+        outputs, fault = plc(row)
+        assert fault and (outputs == held).all()
+    outputs, fault = plc(inputs + 0.01, reset=True)
+    assert not fault and (outputs == first[0]).all()
+    plc.end()
+
+
+def test_the_xml_has_the_variables_and_the_body_of_the_text(tmp_path: Path) -> None:
+    path = st.export(CRANE, tmp_path / "hold.st", CONTROLLERS["hold"][1](CRANE, 5e-3))
+    root, text = ET.parse(tmp_path / "hold.xml").getroot(), path.read_text()
+    space = {"p": "http://www.plcopen.org/xml/tc6_0201", "h": "http://www.w3.org/1999/xhtml"}
+    names = [entry.get("name") for entry in root.findall(".//p:variable", space)]
+    assert {"reset", "x_set", "fault", "F_x_command"} <= set(names)
+    assert all(f"  {name} : " in text for name in names)
+    body = root.findtext(".//h:p", "", space)
+    assert body and body in text
+
+
+def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_no_file(
+    tmp_path: Path,
+) -> None:
+    def strange(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        return np.zeros(3)
+
+    with pytest.raises(DataError, match="The controller function is neither affine in the state"):
+        st.export(CRANE, tmp_path / "a.st", strange)
+    with pytest.raises(OutOfRange, match=r"one that ends in \.st"):
+        st.export(CRANE, tmp_path / "a.txt", CONTROLLERS["hold"][1](CRANE, 5e-3))
+    (tmp_path / "b.xml").write_text("mine")
+    with pytest.raises(DataError, match="it is there already"):
+        st.export(CRANE, tmp_path / "b.st", CONTROLLERS["hold"][1](CRANE, 5e-3))
+    assert [path.name for path in tmp_path.iterdir()] == ["b.xml"]
+
+
+def test_names_that_are_no_identifiers_are_mapped_one_to_one() -> None:
+    names = ["x", "X", "base yaw", "base_yaw", "IF", "v3", "ü", "x_now"]
+    chosen = identifiers(names)
+    assert chosen["x"] == "x" and len({new.lower() for new in chosen.values()}) == len(names)
+    assert all(new.isidentifier() and "__" not in new for new in chosen.values())
+    assert chosen["IF"] == "the_IF" and chosen["v3"] == "the_v3"
