@@ -19,7 +19,7 @@ from cranedyn.bridges.joints import input_names, state_names
 from cranedyn.checks import number
 from cranedyn.clocks import SAME_PERIOD, Clocked, intervals
 from cranedyn.compiled.block import BlockCode, FunctionBlock, Tables, Variable, identifiers
-from cranedyn.controllers.affine import Affine, AffineController, affine_form, integrate
+from cranedyn.controllers.affine import Affine, AffineController, affine_form, integrated_command
 from cranedyn.controllers.damping import DampingController
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.pinocchio import holding_effort
@@ -39,7 +39,7 @@ _STEADY = 1e-13
 """Relative distance of a Kalman gain from its last row that counts as none."""
 
 
-class Setting:
+class ControlSetting:
     """Crane, clock and identifiers of a block.
 
     Attributes:
@@ -98,7 +98,7 @@ class Part(ABC):
 class _AffinePart(Part):
     """A controller that is affine in the state, on tables; its setpoint stays an input."""
 
-    def __init__(self, setting: Setting, controller: Any) -> None:
+    def __init__(self, setting: ControlSetting, controller: Any) -> None:
         self._setting, layout, times = setting, setting.crane.layout, setting.times
         if isinstance(controller, Clocked):
             controller = copy.copy(controller)
@@ -147,7 +147,7 @@ class _AffinePart(Part):
             if gain_of_integral := float(self._form.integral_gain[i]):
                 error, limit = target[i] - z[drive], float(self._form.limit[i])
                 integral = code.get(f"integral_{name}")
-                command[i], memory[f"integral_{name}"] = integrate(
+                command[i], memory[f"integral_{name}"] = integrated_command(
                     command[i], error, integral, gain_of_integral, limit, setting.period
                 )
         return command, memory
@@ -194,7 +194,7 @@ class _YieldingPart(Part):
 
     about = "Drives that yield to the load, which damps its swing."
 
-    def __init__(self, setting: Setting, controller: Any) -> None:
+    def __init__(self, setting: ControlSetting, controller: Any) -> None:
         _check_period(setting, controller.control_period)
         self._controller, self._setting = controller, setting
 
@@ -203,7 +203,7 @@ class _YieldingPart(Part):
         return self._controller.command(wanted, positions, *np.split(z, 2)), {}
 
 
-def _check_period(setting: Setting, period: float) -> None:
+def _check_period(setting: ControlSetting, period: float) -> None:
     if abs(period - setting.period) > SAME_PERIOD * period:
         raise OutOfRange("control period", setting.period, f"{period:g}: the controller's", "s")
 
@@ -211,7 +211,7 @@ def _check_period(setting: Setting, period: float) -> None:
 class _ObserverPart(Part):
     """A controller behind a Kalman filter, whose gains do not depend on the measurements."""
 
-    def __init__(self, setting: Setting, controller: Any) -> None:
+    def __init__(self, setting: ControlSetting, controller: Any) -> None:
         if controller.delay or controller.estimate is not None:
             raise DataError(
                 "An observer is exported new and with measurements without delay; this one "
@@ -219,7 +219,7 @@ class _ObserverPart(Part):
             )
         model, layout = controller.model, setting.crane.layout
         _check_period(setting, model.period)
-        self._inner = part_of(setting, controller.controller)
+        self._inner = controller_code(setting, controller.controller)
         if self._inner.repeats:
             raise DataError("A shaper does not act on an estimate; export it as a block by itself.")
         self._model, self._setting, self._measured = model, setting, controller.measured
@@ -299,7 +299,7 @@ class _ShaperPart(Part):
 
     about = "Input shaping: setpoints in parts, so that the swings they cause cancel."
 
-    def __init__(self, setting: Setting, shaped: Any) -> None:
+    def __init__(self, setting: ControlSetting, shaped: Any) -> None:
         delays = shaped.delays / setting.period
         self._setting, self._amplitudes = setting, shaped.amplitudes.tolist()
         self._m = setting.crane.layout.m
@@ -349,7 +349,7 @@ PARTS = (
 """Controllers that can be exported, and what emits them; the first that fits is taken."""
 
 
-def part_of(setting: Setting, controller: Any) -> Part:
+def controller_code(setting: ControlSetting, controller: Any) -> Part:
     """Return a controller in code.
 
     Raises:
@@ -406,8 +406,8 @@ def controller_block(
         assert drives is not None
         limits, units = drives.rates, [f"{joint.unit}/s" for joint in driven]
         signals = [f"{joint.symbol}_dot_command" for joint in driven]
-    setting = Setting(crane, signals, control_period, duration)
-    part = part_of(setting, controller)
+    setting = ControlSetting(crane, signals, control_period, duration)
+    part = controller_code(setting, controller)
     if 1 < len(setting.times) <= part.rows:
         raise OutOfRange("duration", duration, "longer: the tables still change at its end", "s")
     state_units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]

@@ -1,5 +1,5 @@
-"""The crane, or a controller, as a unit of FMI 3.0 or 2.0 (an FMU) for co-simulation and model
-exchange, with its sources in C and libraries that need no Python.
+"""The crane, or a controller, as a unit of FMI 3.0 or 2.0 (an FMU), with its sources in C and
+libraries that need no Python.
 
 ``python -m cranedyn export fmu FILE.fmu`` writes one.
 """

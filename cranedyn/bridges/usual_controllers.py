@@ -27,7 +27,7 @@ from cranedyn.references.shaped import shaped, zv
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Regulator(Tracking):
+class SetpointRegulator(Tracking):
     """A tracking controller of one row whose drives are held at the setpoint of the loop.
 
     Attributes:
@@ -58,8 +58,8 @@ def standing(crane: Crane, period: float) -> Motion:
     return Motion(period, crane.resting(crane.start.q)[None], still, still, crane.layout.drives)
 
 
-def _lqr(crane: Crane, period: float) -> Regulator:
-    return Regulator(**vars(lqr(crane, standing(crane, period))), crane=crane)
+def _lqr(crane: Crane, period: float) -> SetpointRegulator:
+    return SetpointRegulator(**vars(lqr(crane, standing(crane, period))), crane=crane)
 
 
 def _integral(crane: Crane, period: float) -> HoistIntegral:

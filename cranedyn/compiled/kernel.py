@@ -16,7 +16,7 @@ from cranedyn.compiled.layout import CALL, SLOTS, TURNS, BufferLayout, Sections,
 from cranedyn.compiled.machine import Machine, translate
 from cranedyn.compiled.step import Step, StepState
 from cranedyn.compiled.threads import THREAD, emit_lane_loop
-from cranedyn.controllers.affine import integrate
+from cranedyn.controllers.affine import integrated_command
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.dynamics.scalars import array
 from cranedyn.plant.plant import SI, Plant, Topology, Units, plant
@@ -412,7 +412,7 @@ class _Loop:
         integrals = self._get("integral")
         for i, drive in enumerate(self.plant.topology.layout.drives):
             error, gain = setpoints["position"][i] - z[drive], gains["integral_gain"][i]
-            command[i], integrals[i] = integrate(
+            command[i], integrals[i] = integrated_command(
                 command[i], error, integrals[i], gain, gains["limit"][i], self.period
             )
         self._set("integral", integrals)

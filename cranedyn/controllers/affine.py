@@ -140,7 +140,7 @@ def affine_form(
     return None if form is None else form.fitting(owner, len(times), positions.shape[1], width)
 
 
-def integrate(
+def integrated_command(
     command: Any, error: Any, integral: Any, gain: Any, limit: Any, period: Any
 ) -> tuple[Any, Any]:
     """Return the command of a drive with its integral, and the integral after a control period, in
