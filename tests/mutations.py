@@ -616,19 +616,44 @@ cranedyn/bridges/mcap.py
 ? mcap::a_command_that_a_drive_cuts_is_told_as_it_was_given
 - "effort": run.command[k].tolist()
 + "effort": run.effort[k].tolist()
-cranedyn/bridges/fmi.c
+cranedyn/bridges/fmi_unit.h
 * a unit forgets that its model ceased to hold
 ? fmi::a_unit_says_once_the_model_no_longer_holds
-- data->invalid |= !isinf
-+ data->invalid = !isinf
+- data->invalid |= !data->valid;
++ data->invalid = 0;
 * a unit begins at 0 whatever it is told
 ? fmi::time_goes_on_from_the_start_that_the_importer_names
-- unit->data.value[0] = start;
-+ unit->data.value[0] = 0.0 * start;
+- unit->data.time = start;
++ unit->data.time = 0.0 * start;
 * a unit that diverges goes on
 ? fmi::a_run_that_diverges_is_an_error_that_says_when
 - if (!(fastest < 1e6))
 + if (fastest > 1e60)
+cranedyn/compiled/printing.py
+* a difference of a difference loses its parentheses
+? c_code::a_crane_of_another_topology_and_rule_in_c_passes_its_own_test
+- right.within(binding, sign, right=True)
++ right.within(binding, sign)
+cranedyn/compiled/c_text.py
+* a block in C takes what is no number
+? c_code::an_input_that_is_no_number_is_a_fault_until_the_reset
+- if (!{check}) self->fault = true;
++ if (!{check}) self->fault = false;
+cranedyn/compiled/structured_text.py
+* the choices of Structured Text are turned round
+? st::a_controller_in_structured_text_commands_what_it_commands_in_python
+- {no.text}, {yes.text})
++ {yes.text}, {no.text})
+cranedyn/compiled/crane_block.py
+* a crane in C hoists by the cable without its offset
+? c_code::parameters_of_a_crane_in_c_are_those_of_another_crane
+- z[: layout.n] + self.offset
++ z[: layout.n] + 0.0 * self.offset
+cranedyn/bridges/controller_block.py
+* the block of an observer corrects with the rates of a call before
+? c_code::a_controller_in_c_commands_what_it_commands_in_python
+- code.plus(code.count, -1)
++ code.plus(code.count, -2)
 cranedyn/bridges/templates/page/input.js
 * the stick of the hoist lowers when it is pushed forward
 ? page_browser::a_key_moves_its_drive_in_its_sense
