@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import accumulate
 
 from cranedyn.compiled.code import DOUBLE, INTEGER, POINTER
+from cranedyn.dynamics.contact import Contacts
 from cranedyn.model.layout import Layout
 
 Sections = dict[str, int]
@@ -22,17 +23,22 @@ class BufferLayout:
         points: Number of points that external forces act on.
         delay_steps: Control periods by which frequency converters delay commands; None for drives
             without converters.
+        contacts: Points of the load that touch the ground; 0 for no ground.
     """
 
     n: int
     m: int
     points: int
     delay_steps: int | None = None
+    contacts: int = 0
 
     @classmethod
-    def of(cls, layout: Layout, delay_steps: int | None = None) -> BufferLayout:
+    def of(
+        cls, layout: Layout, delay_steps: int | None = None, contacts: Contacts | None = None
+    ) -> BufferLayout:
         """Return the layout of the buffers of a crane."""
-        return cls(layout.n, layout.m, len(layout.points), delay_steps)
+        touching = 0 if contacts is None else len(contacts.points)
+        return cls(layout.n, layout.m, len(layout.points), delay_steps, touching)
 
     @property
     def converters(self) -> Sections:
@@ -51,10 +57,12 @@ class BufferLayout:
     @property
     def state(self) -> Sections:
         """State of a crane at a control instant: coordinates, rates, integrals of the controller,
-        the last command, work of the buffers, and memory of the frequency converters.
+        the last command, work of the buffers and of the ground, anchors of the points that touch
+        it, and memory of the frequency converters.
         """
         n, m = self.n, self.m
         sections = {"q": n, "v": n, "integral": m, "last_command": m, "buffers": 1}
+        sections |= {"anchors": 3 * self.contacts} if self.contacts else {}
         return sections | self.converters
 
     @property

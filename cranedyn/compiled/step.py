@@ -51,16 +51,24 @@ def check_rule(integrator: Integrator) -> None:
 
 
 class StepState(NamedTuple):
-    """Coordinates, rates, and work of the buffers so far [J]."""
+    """Coordinates, rates, work of the buffers and of the ground so far [J], and anchors of the
+    points that touch it [m], shape (3 points,).
+    """
 
     q: np.ndarray
     v: np.ndarray
     work: Any
+    anchors: np.ndarray = np.empty(0, dtype=object)
+
+    @property
+    def numbers(self) -> list[Any]:
+        """All numbers."""
+        return [*self.q, *self.v, self.work, *self.anchors]
 
     def of(self, variables: list[StackVariable]) -> StepState:
         """Return the values of variables in the order of the numbers of a state."""
         n, values = len(self.q), array([variable.get() for variable in variables])
-        return StepState(values[:n], values[n : 2 * n], values[2 * n])
+        return StepState(values[:n], values[n : 2 * n], values[2 * n], values[2 * n + 1 :])
 
 
 @dataclass(frozen=True)
@@ -74,8 +82,8 @@ class Step:
         forces: External forces.
         dt: The step; 1 where time is counted in steps.
         unit: The plant's unit of work [J].
-        substeps: Number of semi-implicit substeps that replace the step where buffers act and the
-            rule needs a smooth motion.
+        substeps: Number of semi-implicit substeps that replace the step where the load touches the
+            ground, or buffers act and the rule needs a smooth motion.
     """
 
     integrator: Integrator
@@ -88,16 +96,19 @@ class Step:
 
     def after(self, state: StepState) -> StepState:
         """Return the state after the step."""
-        if not (self.plant.buffers and self.integrator.smooth):
+        plant, smooth = self.plant, self.integrator.smooth
+        if plant.contacts is None and not (plant.buffers and smooth):
             return self._by_rule(state)
-        free = replace(self, plant=replace(self.plant, buffers=False))
-        return self._where_buffers_act(state, free._by_rule(state))
+        buffers = plant.buffers and not smooth
+        free = replace(self, plant=replace(plant, buffers=buffers, contacts=None))
+        return self._where_contacts_act(state, free._by_rule(state))
 
     def _by_rule(self, state: StepState) -> StepState:
         plant, dt = self.plant, self.dt
+        reactions, anchors = plant.ground_reactions(state.q, state.v, state.anchors)
 
         def acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-            return plant.answer(q, v, self.command, self.forces)[0]
+            return plant.answer(q, v, self.command, self.forces, reactions)[0]
 
         def speed_up(v: np.ndarray, a: np.ndarray) -> np.ndarray:
             return v + a * dt
@@ -105,28 +116,33 @@ class Step:
         def move(q: np.ndarray, v: np.ndarray) -> np.ndarray:
             return array([x.code.advanced(x, by) for x, by in zip(q, v * dt, strict=True)])
 
-        q, v, work = state
+        q, v, work, _ = state
         q_after, faster = self.integrator.rule(acceleration, speed_up, move, q, v, 1)
         if plant.buffers:
             done = plant.stops.effort(q, v) @ (v + faster)[plant.stops.drives]
             work = work + 0.5 * dt * self.unit * done
-        return StepState(q_after, faster, work)
+        if reactions:
+            work = work + 0.5 * dt * self.unit * plant.power(q, v + faster, reactions)
+        return StepState(q_after, faster, work, anchors)
 
-    def _where_buffers_act(self, before: StepState, smooth: StepState) -> StepState:
+    def _where_contacts_act(self, before: StepState, smooth: StepState) -> StepState:
         """Return the state after a smooth step, replaced by that of small semi-implicit substeps
-        where a drive is beyond its range before or after it.
+        where the load touches the ground, or a drive is beyond its range, before or after it.
         """
         code: Code = before.q[0].code
-        beyond = self.plant.stops.beyond
-        outcome = code.variables([*smooth.q, *smooth.v, smooth.work])
-        rough = code.either(*beyond(before.q), *beyond(smooth.q))
+        plant, smooth_rule = self.plant, self.integrator.smooth
+        outcome = code.variables(smooth.numbers)
+        beyond = plant.stops.beyond if plant.buffers and smooth_rule else lambda q: []
+        rough = code.either(
+            *(flag for q in (before.q, smooth.q) for flag in (*beyond(q), *plant.touching(q)))
+        )
         with code.when(code.anywhere(rough)):
             fine = self.dt / code.from_integer(self.substeps)
             substep = replace(self, integrator=semi_implicit_euler, dt=fine)
-            state = code.variables([*before.q, *before.v, before.work])
+            state = code.variables(before.numbers)
             with code.loop(0, self.substeps):
-                q, v, work = substep._by_rule(before.of(state))
-                for variable, value in zip(state, [*q, *v, work], strict=True):
+                after = substep._by_rule(before.of(state))
+                for variable, value in zip(state, after.numbers, strict=True):
                     variable.set(value)
             for variable, value in zip(outcome, state, strict=True):
                 variable.set(code.chosen(rough, value.get(), variable.get()))

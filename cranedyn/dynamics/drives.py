@@ -10,9 +10,16 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.converters import Converters, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops
-from cranedyn.dynamics.pinocchio import follow_drives, inverse_dynamics, outside_effort
+from cranedyn.dynamics.pinocchio import (
+    body_points,
+    follow_drives,
+    inverse_dynamics,
+    outside_effort,
+    wrench_effort,
+)
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -42,19 +49,60 @@ def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
 _WORLD = pin.Convention.WORLD
 
 
+class GroundForces:
+    """Forces of the ground on the load.
+
+    Attributes:
+        contacts: Its contacts.
+        anchors: Places where its points came to rest, in the world [m], shape (3, points).
+        moved: The same after the state at which the effort was last computed.
+    """
+
+    def __init__(self, crane: Crane, contacts: Contacts, start: State) -> None:
+        self.contacts, self._body = contacts, contacts.body
+        self._levers = np.array(contacts.points)
+        self._model, self._data = crane.model, crane.model.createData()
+        self.anchors = self.moved = self._positions(*start)[0]
+        contacts.check_start(self.anchors, crane.payload_mass * crane.gravity)
+
+    def touches(self, q: np.ndarray) -> bool:
+        """Return whether a point is in a support."""
+        return bool((self.contacts.depth(self._positions(q, np.zeros(len(q)))[0])[0] > 0.0).any())
+
+    def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return generalized forces [N m or N], shape (n,)."""
+        position, velocity = self._positions(q, v)
+        force, moved = (
+            np.array(x) for x in self.contacts.reaction(position, velocity, self.anchors)
+        )
+        self.moved = moved
+        if not force.any():
+            return np.zeros(len(v))
+        arms = position - self._data.oMi[self._body + 1].translation[:, None]
+        wrench = np.concatenate([force.sum(axis=1), np.cross(arms.T, force.T).sum(axis=0)])
+        return wrench_effort(self._model, self._data, self._body, wrench, q)
+
+    def _positions(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return body_points(self._model, self._data, self._body, self._levers, q, v)
+
+
 class ExternalForces:
-    """Forces on the points of the crane, and buffers at the ends of the ranges of the drives.
+    """Forces on the points of the crane, buffers at the ends of the ranges of the drives, and the
+    ground under the load.
 
     Attributes:
         force: Forces on the points in the world [N], shape (points, 3).
         stops: The buffers; None for none.
         stop_effort: Efforts of the buffers when they were last computed [N m or N], shape (m,).
+        ground: Forces of the ground; None for none.
+        ground_effort: Its generalized forces when they were last computed [N m or N], shape (n,).
     """
 
-    def __init__(self, crane: Crane, *, buffers: bool) -> None:
+    def __init__(self, crane: Crane, *, buffers: bool, ground: GroundForces | None = None) -> None:
         self.force = np.zeros((len(crane.points), 3))
         self.stops = Stops.of(crane) if buffers else None
         self.stop_effort = np.zeros(crane.layout.m)
+        self.ground, self.ground_effort = ground, np.zeros(crane.layout.n)
         self._points, self._drives = crane.points, crane.layout.drives
         self._model, self._data = crane.model, crane.model.createData()
 
@@ -68,6 +116,9 @@ class ExternalForces:
         if self.stops is not None:
             self.stop_effort = self.stops.effort(q, v)
             effort[self._drives] += self.stop_effort
+        if self.ground is not None:
+            self.ground_effort = self.ground.effort(q, v)
+            effort += self.ground_effort
         return effort
 
 

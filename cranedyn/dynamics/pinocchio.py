@@ -175,6 +175,38 @@ def _jacobians(
     return jacobians
 
 
+def body_points(
+    model: pin.Model, data: pin.Data, body: int, points: np.ndarray, q: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions [m] and velocities [m/s] in the world of points of a body, shape (3, points)
+    each.
+
+    Args:
+        model: A crane's model.
+        data: Its scratch memory.
+        body: Index of the joint that carries the points.
+        points: In its frame [m], shape (points, 3).
+        q: Coordinates, shape (n,).
+        v: Their rates, shape (n,).
+    """
+    pin.forwardKinematics(model, data, q, v)
+    placement, motion = data.oMi[body + 1], data.v[body + 1]
+    velocity = motion.linear[:, None] + np.cross(motion.angular, points).T
+    position = placement.rotation @ points.T + placement.translation[:, None]
+    return position, placement.rotation @ velocity
+
+
+def wrench_effort(
+    model: pin.Model, data: pin.Data, body: int, wrench: np.ndarray, q: np.ndarray
+) -> np.ndarray:
+    """Return the generalized forces of a force [N] and a torque [N m] in the world on a body at the
+    origin of its joint, shape (6,), as shape (n,); other arguments as `body_points`.
+    """
+    pin.computeJointJacobians(model, data, q)
+    jacobian = pin.getJointJacobian(model, data, body + 1, pin.LOCAL_WORLD_ALIGNED)
+    return wrench @ jacobian.reshape(6, model.nv)
+
+
 def energy(crane: Crane, state: State) -> float:
     """Return the mechanical energy, that of springs included [J], zero of height at the ground."""
     rigid = float(pin.computeMechanicalEnergy(crane.model, crane.data, *state))

@@ -50,6 +50,7 @@ class CraneValues(TypedDict, total=False):
     hook_mass: float  # kg
     sling_length: float  # m
     damp_sling: float  # N m s/rad
+    lug_height: float  # m
 
     rope_stiffness: float  # N
     rope_damping: float  # N s/m

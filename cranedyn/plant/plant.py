@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.dynamics.bodies import Bodies, blank, bodies, height
+from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.converters import Response, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops, tension_from_hoist_force
 from cranedyn.dynamics.scalars import array, clipped, solve_linear
@@ -113,6 +114,7 @@ class Plant:
             "velocity".
         buffers: Whether there are buffers.
         response: Of the drives' frequency converters; None if there are none.
+        contacts: Of the load with the ground; None for none.
     """
 
     topology: Topology
@@ -129,6 +131,7 @@ class Plant:
     drive: str
     buffers: bool
     response: Response | None = None
+    contacts: Contacts | None = None
 
     def in_steps(self, dt: Any) -> tuple[Plant, Units]:
         """Return the same with time in units of `dt` [s] and mass in units of the load, unless that
@@ -140,7 +143,7 @@ class Plant:
         """
         load = self.tree.mass[self.topology.bodies[0]]
         mass = 1.0 if isinstance(load, float) and load == 0.0 else load
-        force, response = dt * dt / mass, self.response
+        force, response, contacts = dt * dt / mass, self.response, self.contacts
         scaled = replace(
             self,
             tree=self.tree.in_steps(dt, mass),
@@ -148,12 +151,18 @@ class Plant:
             stops=self.stops.in_steps(dt, mass),
             effort_limit=self.effort_limit * force,
             response=None if response is None else response._replace(lags=response.lags / dt),
+            contacts=None if contacts is None else contacts.in_steps(dt, mass),
         )
         commands = {"effort": force, "motion": dt * dt, "velocity": dt}
         return scaled, Units(dt, commands[self.drive], force, 1.0 / force)
 
     def answer(
-        self, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: np.ndarray | None
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        command: np.ndarray,
+        forces: np.ndarray | None,
+        reactions: Sequence[ExternalForce] = (),
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return accelerations and efforts under a command at a state.
 
@@ -163,14 +172,20 @@ class Plant:
             command: Efforts within the limits, accelerations, or reference rates of the drives,
                 shape (m,).
             forces: From outside on the points in the world [N], shape (3 points,); None for none.
+            reactions: Those of the ground, see `ground_reactions`.
 
         Returns:
             Accelerations, shape (n,), and efforts of the drives, shape (m,).
         """
-        return self.driven(q, v, command, forces)[:2]
+        return self.driven(q, v, command, forces, reactions)[:2]
 
     def driven(
-        self, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: np.ndarray | None
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        command: np.ndarray,
+        forces: np.ndarray | None,
+        reactions: Sequence[ExternalForce] = (),
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return what `answer` returns, and the efforts that the drives would need to follow the
         command, shape (m,).
@@ -184,6 +199,7 @@ class Plant:
             strict=forces is not None,
         )
         external = [ExternalForce(body, lever, force) for body, lever, force in acting]
+        external += reactions
         effort = self.joint.effort(q, v)
         if self.buffers:
             effort[drives] = effort[drives] + self.stops.effort(q, v)
@@ -203,6 +219,44 @@ class Plant:
         a[passive] = solve_linear(mass[np.ix_(passive, passive)], -(resisting + mass @ a)[passive])
         effort = (mass @ a + resisting)[drives]
         return a, effort, effort
+
+    def ground_reactions(
+        self, q: np.ndarray, v: np.ndarray, anchors: np.ndarray
+    ) -> tuple[list[ExternalForce], np.ndarray]:
+        """Return forces of the ground on the load, and the anchors after that, shape (3 points,).
+
+        Args:
+            q: Coordinates, shape (n,).
+            v: Their rates, shape (n,).
+            anchors: Where the points of the load came to rest [m], shape (3 points,).
+        """
+        contacts, reactions, moved = self.contacts, list[ExternalForce](), list[Any]()
+        if contacts is None:
+            return reactions, anchors
+        rows = zip(contacts.points, self._ground_motions(q, v), anchors.reshape(-1, 3), strict=True)
+        for point, motion, anchor in rows:
+            force, place = contacts.reaction(*motion, anchor)
+            reactions.append(ExternalForce(contacts.body, array(point), array(force)))
+            moved += place
+        return reactions, array(moved)
+
+    def power(self, q: np.ndarray, v: np.ndarray, reactions: Sequence[ExternalForce]) -> Any:
+        """Return the power of the forces of `ground_reactions` at coordinates and rates [W]."""
+        pairs = zip(self._ground_motions(q, v), reactions, strict=True)
+        return sum((velocity @ push.force for (_, velocity), push in pairs), 0.0)
+
+    def touching(self, q: np.ndarray) -> list[Any]:
+        """Return whether each point of the load is in a support; empty without ground."""
+        contacts, still = self.contacts, array([0.0] * len(q))
+        if contacts is None:
+            return []
+        return [contacts.depth(place)[0] > 0.0 for place, _ in self._ground_motions(q, still)]
+
+    def _ground_motions(self, q: np.ndarray, v: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return position and velocity of each point of the load that may touch the ground."""
+        assert self.contacts is not None
+        points, frames = [array(p) for p in self.contacts.points], rigid_body.frames(self.tree, q)
+        return rigid_body.body_points(self.tree, frames, v, self.contacts.body, points)
 
     def stop_force(self, q: np.ndarray, v: np.ndarray) -> Any:
         """Return the force of the buffers at the ends of the cable [N], see

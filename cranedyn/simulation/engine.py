@@ -16,11 +16,13 @@ import pinocchio as pin
 from cranedyn import plugins
 from cranedyn.checks import check_choice
 from cranedyn.clocks import Clocks
+from cranedyn.dynamics.contact import Contacts, Ground
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.drives import (
     Drives,
     EffortDrives,
     ExternalForces,
+    GroundForces,
     MotionDrives,
     VelocityDrives,
 )
@@ -47,6 +49,7 @@ class Setting:
         buffers: Whether buffers end the ranges of the drives.
         integrator: The integrator.
         converters: Frequency converters of drives that take velocities; None for other drives.
+        contacts: Contacts of the load with the ground; None for none.
     """
 
     crane: Crane
@@ -56,6 +59,7 @@ class Setting:
     buffers: bool
     integrator: Integrator
     converters: Converters | None = None
+    contacts: Contacts | None = None
 
     @classmethod
     def of(
@@ -67,6 +71,7 @@ class Setting:
         forces: bool,
         buffers: bool,
         integrator: Integrator,
+        ground: Ground | None = None,
     ) -> Setting:
         """Return settings that fit together, with typical converters for drives that take rates and
         where none are given.
@@ -81,7 +86,8 @@ class Setting:
         if buffers and kind != "effort":
             raise OutOfRange("buffers", "True", "False where the drives take no efforts")
         converters = fitting(crane, kind, converters)
-        return cls(crane, clock, kind, forces, buffers, integrator, converters)
+        contacts = None if ground is None else ground.contacts(crane)
+        return cls(crane, clock, kind, forces, buffers, integrator, converters, contacts)
 
     @property
     def lead(self) -> float:
@@ -94,11 +100,14 @@ class Setting:
         converters, clocks = self.converters, self.clocks
         return None if converters is None else converters.delay_steps(clocks.dt, clocks.period)
 
-    def external(self) -> ExternalForces | None:
-        """Return the external forces; None if there can be none."""
-        if not (self.forces or self.buffers):
+    def external(self, start: State) -> ExternalForces | None:
+        """Return the external forces from a state on; None if there can be none."""
+        contacts, ground = self.contacts, None
+        if contacts is not None:
+            ground = GroundForces(self.crane, contacts, start)
+        elif not (self.forces or self.buffers):
             return None
-        return ExternalForces(self.crane, buffers=self.buffers)
+        return ExternalForces(self.crane, buffers=self.buffers, ground=ground)
 
     def drives(self, external: ExternalForces | None) -> Drives:
         """Return the drives."""
@@ -117,8 +126,8 @@ class Actuation(NamedTuple):
         effort: Efforts exerted from this instant on, shape (m,).
         effort_before: Efforts exerted until this instant, shape (m,).
         force: External forces on the points in the world [N], shape (3 points,).
-        buffers: Work of all buffers so far [J] and the force of the buffers at the ends of the
-            cable [N], shape (2,).
+        buffers: Work of all buffers and of the ground so far [J], and the force of the buffers at
+            the ends of the cable [N], shape (2,).
         saturated: 1 if the command was beyond the largest rate of a converter, else 0, shape (1,).
     """
 
@@ -156,10 +165,10 @@ class Engine:
     def reset(self, start: State) -> None:
         """Restart at a state, without command, force or work."""
         self.state = start
-        self._external = self._setting.external()
+        self._external = self._setting.external(start)
         self._drives = self._setting.drives(self._external)
         self._no_force = np.zeros(3 * len(self._setting.crane.points))
-        self._buffer_work = 0.0
+        self._contact_work = 0.0
         if isinstance(self._drives, VelocityDrives):
             self._drives.reset(start)
 
@@ -184,7 +193,7 @@ class Engine:
         """
         drives, state = self._drives, self.state
         effort_before = drives.effort(state)
-        buffers = self._buffers() if self._setting.buffers else _NO_BUFFERS
+        buffers = self._buffers() if self._touches_anything else _NO_BUFFERS
         if force is None:
             flat_force = self._no_force
         else:
@@ -195,18 +204,26 @@ class Engine:
         return Actuation(needed, effort, effort_before, flat_force, buffers, saturated)
 
     def _buffers(self) -> np.ndarray:
-        """Return the work of all buffers and the force of those at the ends of the cable."""
-        assert self._external is not None and self._external.stops is not None
-        hoist = self._setting.crane.layout.drive_of("hoist")
-        push = 0.0 if hoist is None else float(self._external.stops.effort(*self.state)[hoist])
-        return np.array([self._buffer_work, push])
+        """Return the work of all buffers and of the ground, and the force of the buffers at the
+        ends of the cable.
+        """
+        assert self._external is not None
+        hoist, stops = self._setting.crane.layout.drive_of("hoist"), self._external.stops
+        free = hoist is None or stops is None
+        push = 0.0 if free else float(stops.effort(*self.state)[hoist])  # type: ignore[union-attr]
+        return np.array([self._contact_work, push])
+
+    @property
+    def _touches_anything(self) -> bool:
+        return self._setting.buffers or self._setting.contacts is not None
 
     def advance(self) -> State:
         """Step to the next control instant; return the state there."""
         q, v = self.state
-        if self._setting.buffers:
+        if self._touches_anything:
             for _ in range(self._setting.clocks.steps):
-                q, v = self._step_with_buffers(q, v)
+                self._drives.begin_step(v)
+                q, v = self._step_with_contacts(q, v)
         elif isinstance(self._drives, VelocityDrives):
             for _ in range(self._setting.clocks.steps):
                 self._drives.begin_step(v)
@@ -223,25 +240,43 @@ class Engine:
             self._drives.acceleration, self._drives.model, q, v, self._dt, steps
         )
 
-    def _step_with_buffers(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Step once. An integrator that needs a smooth motion steps without buffers; where a drive
-        is beyond its range before or after that, small semi-implicit steps replace it.
+    def _step_with_contacts(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Step once without the ground, and without buffers where the integrator needs a smooth
+        motion. Where the load touches the ground, or such a drive is beyond its range, before or
+        after that, small semi-implicit steps replace it.
         """
-        assert self._external is not None
-        stops, substeps, integrator = self._external.stops, 1, self._setting.integrator
-        if integrator.smooth:
-            self._external.stops = None
-            smooth = self._steps(q, v, 1)
-            self._external.stops = stops
-            if not (self._beyond(q) or self._beyond(smooth[0])):
-                return smooth
-            substeps, integrator = self._setting.clocks.substeps, semi_implicit_euler
-        dt, drives = self._setting.clocks.dt / substeps, self._setting.crane.layout.drives
+        external, setting, work = self._external, self._setting, self._contact_work
+        assert external is not None
+        integrator, dt, substeps = setting.integrator, setting.clocks.dt, setting.clocks.substeps
+        stops, ground = external.stops, external.ground
+        if ground is not None or integrator.smooth:
+            external.ground, external.stops = None, None if integrator.smooth else stops
+            free = self._step_and_count(q, v, integrator, dt)
+            external.stops, external.ground = stops, ground
+            states = q, free[0]
+            rough = integrator.smooth and stops is not None and any(map(self._beyond, states))
+            if not (rough or (ground is not None and any(map(ground.touches, states)))):
+                return free
+            self._contact_work, integrator, dt = work, semi_implicit_euler, dt / substeps
+        else:
+            substeps = 1
         for _ in range(substeps):
-            before = v
-            q, v = integrator.advance(self._drives.acceleration, self._drives.model, q, v, dt, 1)
-            moved = 0.5 * dt * (before + v)[drives]
-            self._buffer_work += float(self._external.stop_effort @ moved)
+            q, v = self._step_and_count(q, v, integrator, dt)
+        return q, v
+
+    def _step_and_count(
+        self, q: np.ndarray, v: np.ndarray, integrator: Integrator, dt: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Step once, count the work of the contacts, and move the anchors of the ground."""
+        external, before, drives = self._external, v, self._setting.crane.layout.drives
+        assert external is not None
+        q, v = integrator.advance(self._drives.acceleration, self._drives.model, q, v, dt, 1)
+        moved = 0.5 * dt * (before + v)
+        if external.stops is not None:
+            self._contact_work += float(external.stop_effort @ moved[drives])
+        if external.ground is not None:
+            self._contact_work += float(external.ground_effort @ moved)
+            external.ground.anchors = external.ground.moved
         return q, v
 
     def _beyond(self, q: np.ndarray) -> bool:
