@@ -21,7 +21,7 @@ from cranedyn.model.description import parse_values
 from cranedyn.plotting.figures import COLOURS, panels
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
-from experiments.oracles import conserved, moves, swings
+from experiments.oracles import conserved, ground, moves, swings
 from experiments.oracles.bench import (
     STEP,
     Bench,
@@ -39,6 +39,7 @@ PARTS = {
     "Turning jib": moves.turning_jib,
     "Moves of the trolley": moves.trolley_moves,
     "What is conserved": conserved.oracles,
+    "Load on the ground": ground.oracles,
 }
 """Titles of the tables and what makes their rows."""
 

@@ -245,24 +245,33 @@ class Engine:
         motion. Where the load touches the ground, or such a drive is beyond its range, before or
         after that, small semi-implicit steps replace it.
         """
-        external, setting, work = self._external, self._setting, self._contact_work
+        external, clocks, integrator = (
+            self._external,
+            self._setting.clocks,
+            self._setting.integrator,
+        )
         assert external is not None
-        integrator, dt, substeps = setting.integrator, setting.clocks.dt, setting.clocks.substeps
-        stops, ground = external.stops, external.ground
-        if ground is not None or integrator.smooth:
+        stops, ground, work = external.stops, external.ground, self._contact_work
+        if ground is None and not integrator.smooth:
+            return self._step_and_count(q, v, integrator, clocks.dt)
+        if not self._rough(q):
             external.ground, external.stops = None, None if integrator.smooth else stops
-            free = self._step_and_count(q, v, integrator, dt)
-            external.stops, external.ground = stops, ground
-            states = q, free[0]
-            rough = integrator.smooth and stops is not None and any(map(self._beyond, states))
-            if not (rough or (ground is not None and any(map(ground.touches, states)))):
+            free = self._step_and_count(q, v, integrator, clocks.dt)
+            external.ground, external.stops = ground, stops
+            if not self._rough(free[0]):
                 return free
-            self._contact_work, integrator, dt = work, semi_implicit_euler, dt / substeps
-        else:
-            substeps = 1
-        for _ in range(substeps):
-            q, v = self._step_and_count(q, v, integrator, dt)
+            self._contact_work = work
+        for _ in range(clocks.substeps):
+            q, v = self._step_and_count(q, v, semi_implicit_euler, clocks.dt / clocks.substeps)
         return q, v
+
+    def _rough(self, q: np.ndarray) -> bool:
+        """Return whether a contact acts at which a step is no smooth motion."""
+        assert self._external is not None
+        stops, ground = self._external.stops, self._external.ground
+        if ground is not None and ground.touches(q):
+            return True
+        return self._setting.integrator.smooth and stops is not None and self._beyond(q)
 
     def _step_and_count(
         self, q: np.ndarray, v: np.ndarray, integrator: Integrator, dt: float
