@@ -105,7 +105,7 @@ cranedyn/dynamics/pinocchio.py
 + pairs = zip(force[::-1],
 * springs are forgotten where a crane is linearised
 ? cranes::the_linear_crane_has_its_springs
-- by_q = by_q - inverse_mass @ crane.springs.tangent(state.q)
+- by_q = by_q - inverse_mass @ stiffness
 + by_q = by_q
 * the energy of springs is not in the ledger
 ? cranes::a_crane_hangs_where_nothing_accelerates_and_its_energy_has_the_springs
@@ -122,16 +122,20 @@ cranedyn/dynamics/joint_forces.py
 + return pushing
 * springs are not felt
 ? cranes::a_crane_hangs_where_nothing_accelerates_and_its_energy_has_the_springs
-- return resisting if self.springs is None else resisting + self.springs.effort(q)
-+ return resisting
+- effort = resisting + self.springs.effort(q)
++ effort = resisting
 * the tension of a rope that stretches is the force of its drum
 ? cranes::a_rope_stretches_by_its_load_over_its_stiffness_at_its_length
-- if springs is not None and springs.rope is not None:
-- stretch, length, stiffness = springs.rope
-- return
+- if joint.rope is not None:
 + if False:
-+         stretch, length, stiffness = springs.rope
-+         return
+* a damper of the rope pushes
+? cranes::a_load_thrown_up_is_free_until_its_rope_is_taut_again[pinocchio-3000.0]
+- spring + chosen(damper < 0.0, damper, 0.0)
++ spring
+* a slack rope keeps its strain energy
+? cranes::a_load_thrown_up_is_free_until_its_rope_is_taut_again[pinocchio-3000.0]
+- damper = self.tension(q, v) - stiffness * self.rope.strain(q)
++ damper = self.damping[stretch] * v[stretch]
 * springs are counted in seconds where time is counted in steps
 ? cranes::forces_in_steps_are_the_same_forces
 - Springs(stiffness * force, rest, scaled)

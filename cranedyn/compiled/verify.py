@@ -128,10 +128,13 @@ def verify_crane(
     """
     rng, recipe, layout = np.random.default_rng(0), code.source.recipe, crane.layout
     model, data, joint = crane.model, crane.model.createData(), JointForces.of(crane)
+    rope = crane.springs.rope
     lane_numbers = np.repeat(varied[:, None], recipe.lanes, axis=1)
     for _ in range(8):
         q = rng.uniform(crane.lower, crane.upper)
         q[crane.swings] = rng.uniform(-1.4, 1.4, len(crane.swings))
+        if rope is not None:
+            q[rope.stretch] = rng.uniform(-0.5, 0.1) * q[rope.length]
         v = rng.normal(size=layout.n)
         force = rng.normal(size=3 * len(crane.points)) * crane.payload_mass
         command, mass = rng.uniform(-1.0, 1.0, layout.m), pin.crba(model, data, q)

@@ -152,7 +152,7 @@ class EffortDrives(_Drives):
         self._least, self._largest = -crane.effort_limit, crane.effort_limit
         self._effort = np.zeros(crane.layout.m)
         self._tau = np.zeros(crane.layout.n)
-        self._damping, self._springs = self._joint.damping, self._joint.springs
+        self._damping, self._rigid = self._joint.damping, self._joint.springs is None
 
     def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Hold a command until the next one.
@@ -174,9 +174,7 @@ class EffortDrives(_Drives):
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return accelerations of all joints, shape (n,)."""
-        tau = self._tau - self._damping * v
-        if self._springs is not None:
-            tau += self._springs.effort(q)
+        tau = self._tau - self._damping * v if self._rigid else self._tau + self._joint.effort(q, v)
         if self.external is not None:
             tau += self.external.effort(q, v)
         return pin.aba(self.model, self._data, q, v, tau, _WORLD)

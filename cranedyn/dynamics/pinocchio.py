@@ -252,9 +252,7 @@ def rope_tension(crane: Crane, state: State, effort: np.ndarray) -> float:
         MissingRole: If no joint is a hoist.
     """
     hoist = full(crane, effort)[crane.layout.role("hoist", "The tension of the rope")]
-    return float(
-        tension_from_hoist_force(crane.layout, crane.damping, crane.springs, *state, hoist)
-    )
+    return float(tension_from_hoist_force(crane.layout, JointForces.of(crane), *state, hoist))
 
 
 def holding_effort(crane: Crane, q: np.ndarray) -> np.ndarray:
@@ -282,9 +280,11 @@ def by_state_and_force(
 
     The accelerations are in `crane.data.ddq` afterwards.
     """
-    tau = full(crane, effort) + JointForces.of(crane).effort(*state)
+    joint = JointForces.of(crane)
+    tau = full(crane, effort) + joint.effort(*state)
     by_q, by_v, inverse_mass = pin.computeABADerivatives(crane.model, crane.data, *state, tau)
+    stiffness, damping = joint.tangent(*state)
     if crane.springs.any:
-        by_q = by_q - inverse_mass @ crane.springs.tangent(state.q)
-    by_state = np.concatenate([by_q, by_v - inverse_mass * crane.damping], axis=1)
+        by_q = by_q - inverse_mass @ stiffness
+    by_state = np.concatenate([by_q, by_v - inverse_mass * damping], axis=1)
     return by_state, inverse_mass.copy()

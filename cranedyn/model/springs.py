@@ -22,8 +22,8 @@ _TAGS = ("springStiffness", "springReference", "ropeStiffness")
 
 
 class Rope(NamedTuple):
-    """An elastic rope: its stiffness is EA/l over the present cable length l, so that its strain
-    energy is EA s²/(2 l).
+    """An elastic rope that pulls and does not push: its stiffness is EA/l over the present cable
+    length l, so that its strain energy is EA s²/(2 l) where it is stretched, s > 0.
 
     Attributes:
         stretch: Index of the passive coordinate that is its stretch s.
@@ -34,6 +34,11 @@ class Rope(NamedTuple):
     stretch: int
     length: int
     stiffness: Any
+
+    def strain(self, q: np.ndarray) -> Any:
+        """Return the strain of the rope, 0 where it is not stretched."""
+        strain = q[self.stretch] / q[self.length]
+        return 0.5 * (strain + abs(strain))
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +67,7 @@ class Springs:
         effort = -(self.stiffness * (q - self.rest))
         if self.rope is not None:
             stretch, length, stiffness = self.rope
-            strain = q[stretch] / q[length]
+            strain = self.rope.strain(q)
             effort[stretch] = effort[stretch] - stiffness * strain
             effort[length] = effort[length] + 0.5 * stiffness * strain * strain
         return effort
@@ -74,14 +79,14 @@ class Springs:
         offset = q - (self.rest if np.ndim(q) == 1 else self.rest[:, None])
         energy = 0.5 * (self.stiffness @ (offset * offset))
         if self.rope is not None:
-            stretch, length, stiffness = self.rope
-            energy = energy + 0.5 * stiffness * q[stretch] * q[stretch] / q[length]
+            strain = self.rope.strain(q)
+            energy = energy + 0.5 * self.rope.stiffness * strain * strain * q[self.rope.length]
         return energy
 
     def tangent(self, q: np.ndarray) -> np.ndarray:
         """Return the second derivatives of the energy at q [N m/rad, N/m, ...], shape (n, n)."""
         tangent = np.diag(np.asarray(self.stiffness, dtype=float))
-        if self.rope is not None:
+        if self.rope is not None and q[self.rope.stretch] >= 0.0:
             s, length, stiffness = self.rope
             strain, per_length = q[s] / q[length], stiffness / q[length]
             tangent[s, s] += per_length
@@ -168,6 +173,8 @@ def solve_rest(
     NaN if it does not converge.
     """
     q = q.copy()
+    if springs.rope is not None:  # a slack rope has no stiffness
+        q[springs.rope.stretch] = max(q[springs.rope.stretch], 0.0)
     # Round-off of the torques of a load that hangs plumb.
     gravity = float(-model.gravity.linear[2])
     rounding = 1e-15 * gravity * sum(inertia.mass for inertia in model.inertias)

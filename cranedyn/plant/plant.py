@@ -276,9 +276,7 @@ class Plant:
         rate.
         """
         layout = self.topology.layout
-        tension = tension_from_hoist_force(
-            layout, self.joint.damping, self.joint.springs, q, v, hoist_force
-        )
+        tension = tension_from_hoist_force(layout, self.joint, q, v, hoist_force)
         above = height(self.tree, q, self.topology.bodies[0], self.levers[0])
         state_bounds = [
             *bounds(
@@ -290,6 +288,7 @@ class Plant:
                 tension,
                 above,
                 buffers=self.buffers,
+                rope=self.topology.rope,
             ),
             *drive_bounds(
                 layout,

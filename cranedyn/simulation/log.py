@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import point_positions
 from cranedyn.dynamics.validity import Bound, conditions, first_event, hoisting, valid
 from cranedyn.errors import OutOfRange, RunError
@@ -183,7 +184,7 @@ class Log:
         middle = q - self._setting.lead * v
         mean_effort = (effort[:-1] + column["effort_before"][1:]) / 2
         work = _cumulated(mean_effort * np.diff(middle[:, crane.layout.drives], axis=0), rows)
-        power = v**2 @ crane.damping
+        power = JointForces.of(crane).dissipation(q.T, v.T)
         valid = self._valid[:rows]
         if (valid != 1.0).any():
             record = {**record, "not_valid": self._reason()}
