@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 from cranedyn.controllers import Hold
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.contact import Ground, box_corners, damping_ratio
-from cranedyn.interfaces import EngineName, State
+from cranedyn.interfaces import EngineName
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
