@@ -77,7 +77,7 @@ def push(
     ground = Ground(box_corners(WIDTH, WIDTH, HEIGHT), (), FRICTION, restitution, SINK)
     return simulate(
         crane,
-        Hold(crane, *np.zeros((2, 1)), np.array([force])),
+        Hold(crane, np.zeros(1), np.zeros(1), np.array([force])),
         start=crane.state(**{"z": HEIGHT / 2.0 - SINK} | start),
         duration=duration,
         dt=dt,
