@@ -15,6 +15,7 @@ Matter 9 (2007), 465-469 (restitution).
 
 from __future__ import annotations
 
+import cmath
 import itertools
 import math
 from collections.abc import Sequence
@@ -25,13 +26,19 @@ import numpy as np
 from scipy.optimize import brentq
 
 from cranedyn.checks import number, within
+from cranedyn.dynamics.pinocchio import body_points
 from cranedyn.dynamics.scalars import chosen, flag, square_root
-from cranedyn.errors import OutOfRange
+from cranedyn.errors import ModelError, OutOfRange
+from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 
 _LEAST_RESTITUTION, _SINKS = 0.05, (5e-4, 0.1)
 """Least coefficient of restitution, and range of static sinks [m]: beyond them a substep of 0.5 ms
 is not stable."""
+
+_ITERATIONS = 20
+"""Steps in which a load on a rope that leans is put on the ground; each leaves 1 - cos of the lean
+of the error."""
 
 _START_DEPTH = 5.0
 """Static sinks that a load may be in the ground at the start; on one corner it is at four."""
@@ -91,15 +98,12 @@ class Platform:
         """Return whether the plans of two platforms overlap, by their separating axes."""
         return all(
             abs(np.dot(normal[:2], np.subtract(other.centre, self.centre)))
-            < self._reach(normal) + other._reach(normal)
+            < sum(
+                abs(np.dot(normal, side.normal)) * size / 2.0
+                for platform in (self, other)
+                for side, size in zip(platform.faces[1::2], platform.size, strict=True)
+            )
             for normal, _ in (*self.faces[1:], *other.faces[1:])
-        )
-
-    def _reach(self, normal: tuple[float, float, float]) -> float:
-        """Return half the width of the plan along a horizontal unit vector [m]."""
-        return sum(
-            abs(np.dot(normal, face.normal)) * size / 2.0
-            for face, size in zip(self.faces[1::2], self.size, strict=True)
         )
 
 
@@ -186,25 +190,36 @@ def box_load(mass: float, width: float, length: float, height: float) -> dict[st
 
 def damping_ratio(restitution: float) -> float:
     """Return the damping ratio of a spring and damper that pushes but does not pull, by which an
-    impact without gravity has a coefficient of restitution.
+    impact without gravity has a coefficient of restitution. The contact ends where the force is
+    zero, which is before the depth is.
     """
-    if restitution == 1.0:
-        return 0.0
-    return float(brentq(lambda ratio: restitution_of(ratio) - restitution, 0.0, 3.0, xtol=1e-15))
+
+    def excess(ratio: float) -> float:
+        angle = abs(cmath.acos(ratio))  # of the hyperbolic cosine above critical damping
+        return math.exp(-2.0 * ratio * angle / math.sqrt(abs(1.0 - ratio**2))) - restitution
+
+    return float(brentq(excess, 0.0, 3.0, xtol=1e-15))
 
 
-def restitution_of(ratio: float) -> float:
-    """Return the coefficient of restitution of a damping ratio, see `damping_ratio`.
+def standing(crane: Crane, ground: Ground, state: State) -> State:
+    """Return a state with the load moved along its rope until it stands on the ground; the rope is
+    slack where it is longer than that.
 
-    The contact ends where the force, not the depth, is zero.
+    Args:
+        crane: The crane, whose rope stretches.
+        ground: The ground.
+        state: State with the load anywhere above or below its support.
     """
-    if ratio < 1.0:
-        root = math.sqrt(1.0 - ratio**2)
-        return math.exp(-ratio / root * math.atan2(2.0 * ratio * root, 2.0 * ratio**2 - 1.0))
-    if ratio == 1.0:
-        return math.exp(-2.0)
-    root = math.sqrt(ratio**2 - 1.0)
-    return math.exp(-ratio / root * math.log((ratio + root) / (ratio - root)))
+    contacts, q = ground.contacts(crane), state.q.copy()
+    rope = crane.springs.rope
+    if rope is None:
+        raise ModelError("A load stands on the ground below a rope that stretches only.")
+    for _ in range(_ITERATIONS):
+        position, _ = body_points(
+            crane.model, crane.data, contacts.body, np.array(contacts.points), q, 0.0 * q
+        )
+        q[rope.stretch] -= np.max(contacts.depth(position)[0]) - ground.sink
+    return State(q, state.v)
 
 
 class Contacts(NamedTuple):
