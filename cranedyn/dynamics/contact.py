@@ -299,7 +299,8 @@ class Contacts(NamedTuple):
         ]
         square, limit = _dot(pull, pull), self.friction * load
         slides = square > limit * limit
-        share = chosen(slides, limit / square_root(chosen(slides, square, 1.0)), 1.0)
+        root = square_root(chosen(slides, square, 1.0))
+        share = 1.0 - flag(slides, square) * (1.0 - limit / root)
         friction = [share * component for component in pull]
         held = [
             -(f + self.slip_damping * r) / self.stiffness
@@ -324,9 +325,10 @@ def _across(normal: Vector, vector: Vector) -> list[Any]:
 
 def _choose(condition: Any, yes: tuple[Any, Vector], no: tuple[Any, Vector]) -> tuple[Any, Vector]:
     """Return one depth and normal or the other."""
-    one = flag(condition, yes[0])
+    depth = chosen(condition, yes[0], no[0])
+    one = flag(condition, depth)
     normal = [
         b if isinstance(a, float) and isinstance(b, float) and a == b else b + one * (a - b)
         for a, b in zip(yes[1], no[1], strict=True)
     ]
-    return chosen(condition, yes[0], no[0]), normal
+    return depth, normal
