@@ -18,11 +18,10 @@ from cranedyn.dynamics.pinocchio import (
     follow_drives,
     inverse_dynamics,
     outside_effort,
-    wrench_effort,
 )
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
-from cranedyn.model.crane import Crane
+from cranedyn.model.crane import Crane, Point
 
 
 def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -61,28 +60,24 @@ class GroundForces:
     def __init__(self, crane: Crane, contacts: Contacts, start: State) -> None:
         self.contacts, self._body = contacts, contacts.body
         self._levers = np.array(contacts.points)
+        self._points = [Point("", self._body, lever) for lever in self._levers]
         self._model, self._data = crane.model, crane.model.createData()
-        self.anchors = self.moved = self._positions(*start)[0]
+        self.anchors = self.moved = self._motion(*start)[0]
         contacts.check_start(self.anchors, crane.payload_mass * crane.gravity)
 
     def touches(self, q: np.ndarray) -> bool:
         """Return whether a point is in a support."""
-        return bool((self.contacts.depth(self._positions(q, np.zeros(len(q)))[0])[0] > 0.0).any())
+        return bool((self.contacts.depth(self._motion(q, 0.0 * q)[0])[0] > 0.0).any())
 
     def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return generalized forces [N m or N], shape (n,)."""
-        position, velocity = self._positions(q, v)
-        force, moved = (
-            np.array(x) for x in self.contacts.reaction(position, velocity, self.anchors)
-        )
-        self.moved = moved
-        if not force.any():
+        force, moved = self.contacts.reaction(*self._motion(q, v), self.anchors)
+        self.moved, forces = np.array(moved), np.array(force).T
+        if not forces.any():
             return np.zeros(len(v))
-        arms = position - self._data.oMi[self._body + 1].translation[:, None]
-        wrench = np.concatenate([force.sum(axis=1), np.cross(arms.T, force.T).sum(axis=0)])
-        return wrench_effort(self._model, self._data, self._body, wrench, q)
+        return outside_effort(self._points, self._model, self._data, q, forces)
 
-    def _positions(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _motion(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return body_points(self._model, self._data, self._body, self._levers, q, v)
 
 

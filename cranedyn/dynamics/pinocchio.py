@@ -196,17 +196,6 @@ def body_points(
     return position, placement.rotation @ velocity
 
 
-def wrench_effort(
-    model: pin.Model, data: pin.Data, body: int, wrench: np.ndarray, q: np.ndarray
-) -> np.ndarray:
-    """Return the generalized forces of a force [N] and a torque [N m] in the world on a body at the
-    origin of its joint, shape (6,), as shape (n,); other arguments as `body_points`.
-    """
-    pin.computeJointJacobians(model, data, q)
-    jacobian = pin.getJointJacobian(model, data, body + 1, pin.LOCAL_WORLD_ALIGNED)
-    return wrench @ jacobian.reshape(6, model.nv)
-
-
 def energy(crane: Crane, state: State) -> float:
     """Return the mechanical energy, that of springs included [J], zero of height at the ground."""
     rigid = float(pin.computeMechanicalEnergy(crane.model, crane.data, *state))
