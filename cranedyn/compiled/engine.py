@@ -179,7 +179,7 @@ class CompiledEngine(Engine):
 
     def apply_command(self, command: np.ndarray, force: np.ndarray | None = None) -> Actuation:
         """As `Engine.apply_command`."""
-        if self._setting.converters is not None or self._setting.buffers:
+        if self._setting.converters is not None or self._setting.buffers or self._drives.rope:
             self._recall()
         actuation = super().apply_command(command, force)
         self._last_command[...] = actuation.effort if self._setting.drive == "effort" else command
@@ -188,8 +188,8 @@ class CompiledEngine(Engine):
         return actuation
 
     def _recall(self) -> None:
-        """Copy the memory of converters and buffers from compiled code to Pinocchio's drives."""
-        self._buffer_work = float(self._memory[self._at["buffers"]][0])
+        """Copy the memory of converters and contacts from compiled code to Pinocchio's drives."""
+        self._buffer_work, self._impact_work = self._memory[self._at["contacts"]].tolist()
         if isinstance(self._drives, VelocityDrives):
             names = "reference", "rising", "unheard"
             reference, rising, unheard = (self._memory[self._at[name]] for name in names)
@@ -258,7 +258,7 @@ class CompiledEngine(Engine):
                 **{name: rows[name] for name in ("q", "v", "effort")},
                 "needed": rows["command"],
                 "effort_before": rows["before"],
-                "buffers": np.hstack([rows["buffers"], rows["stop_force"]]),
+                "contacts": np.hstack([rows["contacts"], rows["stop_force"]]),
                 "saturated": rows.get("cut", np.zeros((len(times), 1))),
             }
             extend(columns, rows["energy"][:, 0], valid=valid)

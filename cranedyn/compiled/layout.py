@@ -51,10 +51,11 @@ class BufferLayout:
     @property
     def state(self) -> Sections:
         """State of a crane at a control instant: coordinates, rates, integrals of the controller,
-        the last command, work of the buffers, and memory of the frequency converters.
+        the last command, work of buffers and of impacts of the rope, and memory of the frequency
+        converters.
         """
         n, m = self.n, self.m
-        sections = {"q": n, "v": n, "integral": m, "last_command": m, "buffers": 1}
+        sections = {"q": n, "v": n, "integral": m, "last_command": m, "contacts": 2}
         return sections | self.converters
 
     @property
@@ -85,7 +86,7 @@ class BufferLayout:
         """Row of the log; cut is 1 where the command exceeds the largest rate of a converter."""
         n, m = self.n, self.m
         sections = {"q": n, "v": n, "command": m, "effort": m, "before": m}
-        sections |= {"energy": 1, "buffers": 1, "stop_force": 1}
+        sections |= {"energy": 1, "contacts": 2, "stop_force": 1}
         return sections if self.delay_steps is None else sections | {"cut": 1}
 
     @property
