@@ -183,7 +183,8 @@ class CompiledEngine(Engine):
 
     def apply_command(self, command: np.ndarray, force: np.ndarray | None = None) -> Actuation:
         """As `Engine.apply_command`."""
-        if self._setting.converters is not None or self._touches_anything:
+        setting = self._setting
+        if setting.converters or setting.buffers or setting.contacts or self._drives.rope:
             self._recall()
         actuation = super().apply_command(command, force)
         self._last_command[...] = actuation.effort if self._setting.drive == "effort" else command
@@ -192,10 +193,10 @@ class CompiledEngine(Engine):
         return actuation
 
     def _recall(self) -> None:
-        """Copy the memory of converters, buffers and ground from compiled code to Pinocchio's
+        """Copy the memory of converters, contacts and ground from compiled code to Pinocchio's
         drives.
         """
-        self._contact_work = float(self._memory[self._at["buffers"]][0])
+        self._buffer_work, self._impact_work = self._memory[self._at["contacts"]].tolist()
         if self._external is not None and self._external.ground is not None:
             anchors = self._memory[self._at["anchors"]]
             self._external.ground.anchors = anchors.reshape(-1, 3).T.copy()
@@ -267,7 +268,7 @@ class CompiledEngine(Engine):
                 **{name: rows[name] for name in ("q", "v", "effort")},
                 "needed": rows["command"],
                 "effort_before": rows["before"],
-                "buffers": np.hstack([rows["buffers"], rows["stop_force"]]),
+                "contacts": np.hstack([rows["contacts"], rows["stop_force"]]),
                 "saturated": rows.get("cut", np.zeros((len(times), 1))),
             }
             extend(columns, rows["energy"][:, 0], valid=valid)

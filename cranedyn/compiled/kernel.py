@@ -249,7 +249,7 @@ class _Loop:
 
     def _anchors(self) -> np.ndarray:
         """Return the anchors of the ground, shape (3 points,); empty without ground."""
-        return self._get("anchors") if self.sizes.contacts else array([])
+        return self._get("anchors") if self.sizes.touching else array([])
 
     def _coordinates(self) -> np.ndarray:
         """Return coordinates, with their sines and cosines cached."""
@@ -308,7 +308,7 @@ class _Loop:
         """Emit steps from the first to the one before the last."""
         code, units = self.code, self.units
         with code.fast_loop(first, last) as end:
-            q_before, work = self._coordinates(), self.state["buffers"][0].get()
+            q_before, works = self._coordinates(), self._get("contacts")
             v, last_command = self._get("v"), self._get("last_command")
             if self.recipe.delay_steps is not None:
                 reference, rising = self._next_reference(last_command, v * (1.0 / units.time))
@@ -324,11 +324,11 @@ class _Loop:
                 units.work,
                 self.call_values["substeps"],
             )
-            q, v, work, anchors = step.after(StepState(q_before, v, work, self._anchors()))
+            q, v, works, anchors = step.after(StepState(q_before, v, works, self._anchors()))
             self._set("q", q)
             self._set("v", v)
-            self._set("buffers", [work])
-            if self.sizes.contacts:
+            self._set("contacts", works)
+            if self.sizes.touching:
                 self._set("anchors", anchors)
             used = [i for i in self.turns if code.uses_angle(q_before[i])]
             turns = {i: turn for i in used if (turn := code.turn(q[i])) is not None}
@@ -362,16 +362,15 @@ class _Loop:
                 acted = self._forces(code.builder.sub(instant, code.integer(1)))
                 before = self.plant.answer(q, v, self._get("reference"), acted, reactions)[1]
             next_reference = array(self._next_reference(effort, v)[0])
-            _, effort, command = self.plant.driven(q, v, next_reference, forces, reactions)
+            _, effort, command, _ = self.plant.driven(q, v, next_reference, forces, reactions)
         if recipe.drive == "motion" and reported:
             acted = self._forces(code.builder.sub(instant, code.integer(1)))
             before = self.plant.answer(q, v, before, acted, reactions)[1]
             command = effort = self.plant.answer(q, v, command, forces, reactions)[1]
         buffer = self.plant.stop_force(q, v)
         if recipe.log:
-            energy, work = self.plant.energy(q, v), self.state["buffers"][0].get()
-            row = [*q, *v, *command, *effort, *before, energy, work, buffer]
-            self._log(instant, [*row, *self._cut(requested)])
+            row = [*q, *v, *command, *effort, *before, self.plant.energy(q, v)]
+            self._log(instant, [*row, *self._get("contacts"), buffer, *self._cut(requested)])
         if recipe.summary:
             self._summarise(instant, q, v, effort, buffer, command, self._cut(requested))
 

@@ -23,14 +23,14 @@ class BufferLayout:
         points: Number of points that external forces act on.
         delay_steps: Control periods by which frequency converters delay commands; None for drives
             without converters.
-        contacts: Points of the load that touch the ground; 0 for no ground.
+        touching: Points of the load that may touch the ground; 0 without ground.
     """
 
     n: int
     m: int
     points: int
     delay_steps: int | None = None
-    contacts: int = 0
+    touching: int = 0
 
     @classmethod
     def of(
@@ -57,12 +57,12 @@ class BufferLayout:
     @property
     def state(self) -> Sections:
         """State of a crane at a control instant: coordinates, rates, integrals of the controller,
-        the last command, work of the buffers and of the ground, anchors of the points that touch
-        it, and memory of the frequency converters.
+        the last command, work of buffers and ground and of impacts of the rope, anchors of the
+        points that touch the ground, and memory of the frequency converters.
         """
         n, m = self.n, self.m
-        sections = {"q": n, "v": n, "integral": m, "last_command": m, "buffers": 1}
-        sections |= {"anchors": 3 * self.contacts} if self.contacts else {}
+        sections = {"q": n, "v": n, "integral": m, "last_command": m, "contacts": 2}
+        sections |= {"anchors": 3 * self.touching} if self.touching else {}
         return sections | self.converters
 
     @property
@@ -93,7 +93,7 @@ class BufferLayout:
         """Row of the log; cut is 1 where the command exceeds the largest rate of a converter."""
         n, m = self.n, self.m
         sections = {"q": n, "v": n, "command": m, "effort": m, "before": m}
-        sections |= {"energy": 1, "buffers": 1, "stop_force": 1}
+        sections |= {"energy": 1, "contacts": 2, "stop_force": 1}
         return sections if self.delay_steps is None else sections | {"cut": 1}
 
     @property

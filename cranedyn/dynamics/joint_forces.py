@@ -20,6 +20,9 @@ from cranedyn.model.springs import Rope, Springs
 
 _STOP_FREQUENCY, _STOP_DAMPING = 20.0, 0.5
 
+TAUT, SLACK = 0.0, 1.0
+"""Phases of a rope."""
+
 
 @dataclass(frozen=True, eq=False)
 class JointForces:
@@ -28,8 +31,8 @@ class JointForces:
     Attributes:
         damping: Viscous damping [N m s/rad or N s/m], shape (n,).
         springs: The springs; None if there are none.
-        taut: Whether an elastic rope pulls, for a step within which that does not change; None
-            where the state decides.
+        taut: Whether the rope pulls, for a step within which that does not change; None where the
+            state decides.
     """
 
     damping: np.ndarray
@@ -50,7 +53,7 @@ class JointForces:
         if self.springs is None:
             return JointForces(damping, None, self.taut)
         stiffness, rest, rope = self.springs.stiffness, self.springs.rest, self.springs.rope
-        scaled = None if rope is None else Rope(rope.stretch, rope.length, rope.stiffness * force)
+        scaled = None if rope is None else rope._replace(stiffness=rope.stiffness * force)
         return JointForces(damping, Springs(stiffness * force, rest, scaled), self.taut)
 
     def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -59,7 +62,7 @@ class JointForces:
         if self.springs is None:
             return resisting
         effort = resisting + self.springs.effort(q)
-        if self.rope is not None:
+        if self.rope is not None and not self.rope.inextensible:
             effort[self.rope.stretch] = -self.tension(q, v)
         return effort
 
@@ -67,7 +70,7 @@ class JointForces:
         """Return the stiffness, shape (n, n), and the damping, shape (n,), at a state in floats."""
         stiffness = np.zeros(2 * q.shape) if self.springs is None else self.springs.tangent(q)
         damping = self.damping.copy()
-        if self.rope is not None and not self.pull(q, v) > 0.0:
+        if self.rope is not None and not self.phase(q, v) == TAUT:
             stiffness[self.rope.stretch], damping[self.rope.stretch] = 0.0, 0.0
         return stiffness, damping
 
@@ -76,9 +79,9 @@ class JointForces:
         (n, rows). A slack rope dissipates the strain energy that it has left.
         """
         power = self.damping @ (v * v)
-        if self.rope is None:
+        if self.rope is None or self.rope.inextensible:
             return power
-        stretch, _, stiffness = self.rope
+        stretch, _, stiffness, _ = self.rope
         damper = self.tension(q, v) - stiffness * self.rope.strain(q)
         return power + (damper - self.damping[stretch] * v[stretch]) * v[stretch]
 
@@ -100,9 +103,18 @@ class JointForces:
         spring, damper = self._rope_forces(q, v)
         return spring + chosen(damper < 0.0, damper, 0.0)
 
+    def phase(self, q: np.ndarray, v: np.ndarray) -> Any:
+        """Return `TAUT` or `SLACK` for a rope that may go slack, of states in floats."""
+        assert self.rope is not None
+        if self.rope.inextensible:
+            taut = (q[self.rope.stretch] >= 0.0) & (v[self.rope.stretch] >= 0.0)
+        else:
+            taut = self.pull(q, v) > 0.0
+        return chosen(taut, TAUT, SLACK)
+
     def _rope_forces(self, q: np.ndarray, v: np.ndarray) -> tuple[Any, Any]:
         assert self.rope is not None
-        stretch, length, stiffness = self.rope
+        stretch, length, stiffness, _ = self.rope
         return stiffness * (q[stretch] / q[length]), self.damping[stretch] * v[stretch]
 
 

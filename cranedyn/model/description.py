@@ -102,7 +102,9 @@ _LOCK = threading.Lock()  # xacro keeps the current file in a variable of its mo
 _LEVELS = 4
 """Count of folders above a file that are searched: packages of one workspace stand side by side."""
 
-_DOCUMENTED = re.compile(r"\[(?P<unit>[^\]]*)\] (?P<allowed>any|> 0|>= 0): (?P<meaning>.+)")
+_DOCUMENTED = re.compile(
+    r"\[(?P<unit>[^\]]*)\] (?P<allowed>any|> 0|>= 0 or inf|>= 0): (?P<meaning>.+)"
+)
 
 
 @dataclass(frozen=True)

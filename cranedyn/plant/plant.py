@@ -15,7 +15,7 @@ from cranedyn.dynamics.bodies import Bodies, blank, bodies, height
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.converters import Response, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops, tension_from_hoist_force
-from cranedyn.dynamics.scalars import array, clipped, solve_linear
+from cranedyn.dynamics.scalars import array, chosen, clipped, flag, solve_linear
 from cranedyn.dynamics.validity import bounds, drive_bounds
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
@@ -37,7 +37,8 @@ class Topology:
         bodies: The joints that carry the points that forces act on.
         swings: The joints that are swings, and whether the hoist hangs on each.
         springs: Whether anything is elastic.
-        rope: Stretch and length of a rope that stretches; None if it does not.
+        rope: Stretch and length of a rope that may go slack, and whether it is inextensible; None
+            if there is none.
     """
 
     parents: tuple[int, ...]
@@ -45,7 +46,7 @@ class Topology:
     bodies: tuple[int, ...]
     swings: tuple[tuple[int, bool], ...]
     springs: bool
-    rope: tuple[int, int] | None
+    rope: tuple[int, int, bool] | None
 
     @classmethod
     def of(cls, crane: Crane) -> Topology:
@@ -63,7 +64,7 @@ class Topology:
             bodies,
             swings,
             crane.springs.any,
-            None if rope is None else (rope.stretch, rope.length),
+            None if rope is None else (rope.stretch, rope.length, rope.inextensible),
         )
 
 
@@ -93,6 +94,22 @@ class Units(NamedTuple):
 
 SI = Units(1.0, 1.0, 1.0, 1.0)
 """Seconds and kilograms."""
+
+
+class Answer(NamedTuple):
+    """Answer of a crane to a command.
+
+    Attributes:
+        acceleration: Accelerations of the joints, shape (n,).
+        effort: Efforts of the drives, shape (m,).
+        needed: Efforts that the drives would need to follow the command, shape (m,).
+        pull: Force that is positive where a rope that may go slack pulls; None for any other.
+    """
+
+    acceleration: np.ndarray
+    effort: np.ndarray
+    needed: np.ndarray
+    pull: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,11 +203,11 @@ class Plant:
         command: np.ndarray,
         forces: np.ndarray | None,
         reactions: Sequence[ExternalForce] = (),
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return what `answer` returns, and the efforts that the drives would need to follow the
-        command, shape (m,).
+    ) -> Answer:
+        """Return what `answer` returns, the efforts that the drives would need to follow the
+        command, and the pull of the rope.
         """
-        drives, passive = self.topology.layout.drives, self.topology.layout.passive
+        drives, rope = self.topology.layout.drives, self.joint.rope
         frames = rigid_body.frames(self.tree, q)
         acting = zip(
             self.topology.bodies,
@@ -203,22 +220,89 @@ class Plant:
         effort = self.joint.effort(q, v)
         if self.buffers:
             effort[drives] = effort[drives] + self.stops.effort(q, v)
-        if self.drive == "effort":
+        pull = None if rope is None or rope.inextensible else self.joint.pull(q, v)
+        if self.drive == "effort" and (rope is None or not rope.inextensible):
             effort[drives] = effort[drives] + command
             a = rigid_body.tree_forward_dynamics(self.tree, frames, v, effort, external)
-            return a, command, command
+            return Answer(a, command, command, pull)
         resisting = rigid_body.tree_inverse_dynamics(self.tree, frames, v, external_forces=external)
         resisting, mass = resisting - effort, rigid_body.mass_matrix(self.tree, frames)
+        if rope is None or not rope.inextensible:
+            return Answer(*self._solved(mass, resisting, v, command), pull)
+        return self._on_inextensible_rope(rope.stretch, mass, resisting, q, v, command)
+
+    def _on_inextensible_rope(
+        self,
+        stretch: int,
+        mass: np.ndarray,
+        resisting: np.ndarray,
+        q: np.ndarray,
+        v: np.ndarray,
+        command: np.ndarray,
+    ) -> Answer:
+        """Return `driven` for a rope that holds its stretch where it is taut."""
+        taut, pull = self.joint.taut, None
+        if taut is None or isinstance(taut, bool):
+            still = self._solved(mass, resisting, v, command, stretch)
+            pull = -(mass[stretch] @ still[0] + resisting[stretch])
+            if taut:
+                return Answer(*still, pull)
+            # a rope that is slack already, or goes slack at this instant, does not pull
+            pull = chosen(q[stretch] < 0.0, -1.0, chosen(v[stretch] < 0.0, -1.0, pull))
+            taut = pull > 0.0
+        held, pushed, loose = mass.copy(), resisting.copy(), 1.0 - flag(taut, resisting[stretch])
+        held[stretch], held[:, stretch] = mass[stretch] * loose, mass[:, stretch] * loose
+        held[stretch, stretch], pushed[stretch] = mass[stretch, stretch], resisting[stretch] * loose
+        a, effort, needed = self._solved(held, pushed, v, command)
+        tension = -(mass[stretch] @ a + resisting[stretch])
+        return Answer(a, effort, needed, tension if pull is None else pull)
+
+    def _solved(
+        self,
+        mass: np.ndarray,
+        resisting: np.ndarray,
+        v: np.ndarray,
+        command: np.ndarray,
+        still: int | None = None,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return accelerations, efforts and the efforts needed, of all joints or of all but one
+        that stands still.
+        """
+        drives, free = self.topology.layout.drives, self._answering(still)
         if self.response is not None:
             target = array(self.response.accelerations_at(command, v[drives]))
-            return saturate_acceleration(
-                mass, resisting, target, self.effort_limit, self.topology.layout
-            )
-        a = array([0.0] * len(q))
-        a[drives] = command
-        a[passive] = solve_linear(mass[np.ix_(passive, passive)], -(resisting + mass @ a)[passive])
-        effort = (mass @ a + resisting)[drives]
+            return saturate_acceleration(mass, resisting, target, self.effort_limit, drives, free)
+        a = array([0.0] * len(v))
+        if self.drive == "effort":
+            resisting = resisting.copy()
+            resisting[drives] = resisting[drives] - command
+        else:
+            a[drives] = command
+        a[free] = solve_linear(mass[np.ix_(free, free)], -(resisting + mass @ a)[free])
+        effort = command if self.drive == "effort" else (mass @ a + resisting)[drives]
         return a, effort, effort
+
+    def _answering(self, still: int | None = None) -> np.ndarray:
+        """Return the joints whose motion is not prescribed, by their indices, but for one that
+        stands still.
+        """
+        layout = self.topology.layout
+        joints = np.arange(layout.n) if self.drive == "effort" else layout.passive
+        return joints if still is None else joints[joints != still]
+
+    def impact(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, Any]:
+        """Return rates and the kinetic energy gained as `cranedyn.dynamics.drives` does where an
+        inextensible rope becomes taut.
+        """
+        assert self.joint.rope is not None
+        stretch = self.joint.rope.stretch
+        mass = rigid_body.mass_matrix(self.tree, rigid_body.frames(self.tree, q))
+        free, change = self._answering(stretch), array([0.0] * len(v))
+        change[stretch] = -v[stretch]
+        change[free] = solve_linear(mass[np.ix_(free, free)], -(mass @ change)[free])
+        after = v + change
+        after[stretch] = 0.0
+        return after, change @ (mass @ (v + 0.5 * change))
 
     def ground_reactions(
         self, q: np.ndarray, v: np.ndarray, anchors: np.ndarray
@@ -427,7 +511,10 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
         stop_stiffness,
         stop_damping,
     ) = groups
-    rope = None if topology.rope is None else Rope(*topology.rope, ea[0])
+    rope = None
+    if topology.rope is not None:
+        stretch, length, inextensible = topology.rope
+        rope = Rope(stretch, length, ea[0], inextensible)
     springs = Springs(stiffness, rest, rope) if topology.springs else None
     stops = Stops(
         layout.drives, lower[layout.drives], upper[layout.drives], stop_stiffness, stop_damping

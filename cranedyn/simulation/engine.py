@@ -33,6 +33,12 @@ from cranedyn.model.crane import Crane
 
 _FLAGS = np.zeros(1), np.ones(1)
 
+PHASE_CHANGES = 2
+"""Changes between a taut and a slack rope that are looked for within a step."""
+
+_ROUND_OFF = 1e-15
+"""Share of a step to which the instant of a change is found."""
+
 Extend = Callable[..., None]
 """Adds rows to the log of a run, see `cranedyn.simulation.log.Log.extend`."""
 
@@ -126,8 +132,8 @@ class Actuation(NamedTuple):
         effort: Efforts exerted from this instant on, shape (m,).
         effort_before: Efforts exerted until this instant, shape (m,).
         force: External forces on the points in the world [N], shape (3 points,).
-        buffers: Work of all buffers and of the ground so far [J], and the force of the buffers at
-            the ends of the cable [N], shape (2,).
+        contacts: Work so far of all buffers and of the ground, and of impacts of the rope [J], and
+            the force of the buffers at the ends of the cable [N], shape (3,).
         saturated: 1 if the command was beyond the largest rate of a converter, else 0, shape (1,).
     """
 
@@ -135,7 +141,7 @@ class Actuation(NamedTuple):
     effort: np.ndarray
     effort_before: np.ndarray
     force: np.ndarray
-    buffers: np.ndarray
+    contacts: np.ndarray
     saturated: np.ndarray
 
 
@@ -168,7 +174,7 @@ class Engine:
         self._external = self._setting.external(start)
         self._drives = self._setting.drives(self._external)
         self._no_force = np.zeros(3 * len(self._setting.crane.points))
-        self._contact_work = 0.0
+        self._buffer_work = self._impact_work = 0.0
         if isinstance(self._drives, VelocityDrives):
             self._drives.reset(start)
 
@@ -193,7 +199,11 @@ class Engine:
         """
         drives, state = self._drives, self.state
         effort_before = drives.effort(state)
-        buffers = self._buffers() if self._touches_anything else _NO_BUFFERS
+        rope, ground = drives.rope is not None, None
+        if self._external is not None and (ground := self._external.ground) is not None:
+            self._external.ground_effort = ground.effort(*state)
+        acts = self._setting.buffers or rope or ground is not None
+        contacts = self._contacts() if acts else _NO_CONTACTS
         if force is None:
             flat_force = self._no_force
         else:
@@ -201,26 +211,22 @@ class Engine:
             self._external.force, flat_force = force, force.ravel()
         needed, effort = drives.take_command(command, state)
         saturated = _FLAGS[drives.saturated]
-        return Actuation(needed, effort, effort_before, flat_force, buffers, saturated)
+        return Actuation(needed, effort, effort_before, flat_force, contacts, saturated)
 
-    def _buffers(self) -> np.ndarray:
-        """Return the work of all buffers and of the ground, and the force of the buffers at the
-        ends of the cable.
+    def _contacts(self) -> np.ndarray:
+        """Return the work of buffers and ground, that of impacts, and the force of the buffers of
+        the cable.
         """
-        assert self._external is not None
-        hoist, stops = self._setting.crane.layout.drive_of("hoist"), self._external.stops
-        free = hoist is None or stops is None
-        push = 0.0 if free else float(stops.effort(*self.state)[hoist])  # type: ignore[union-attr]
-        return np.array([self._contact_work, push])
-
-    @property
-    def _touches_anything(self) -> bool:
-        return self._setting.buffers or self._setting.contacts is not None
+        hoist, push = self._setting.crane.layout.drive_of("hoist"), 0.0
+        if self._setting.buffers and hoist is not None:
+            assert self._external is not None and self._external.stops is not None
+            push = float(self._external.stops.effort(*self.state)[hoist])
+        return np.array([self._buffer_work, self._impact_work, push])
 
     def advance(self) -> State:
         """Step to the next control instant; return the state there."""
         q, v = self.state
-        if self._touches_anything:
+        if self._setting.buffers or self._setting.contacts is not None:
             for _ in range(self._setting.clocks.steps):
                 self._drives.begin_step(v)
                 q, v = self._step_with_contacts(q, v)
@@ -236,9 +242,51 @@ class Engine:
         return self.state
 
     def _steps(self, q: np.ndarray, v: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        return self._setting.integrator.advance(
-            self._drives.acceleration, self._drives.model, q, v, self._dt, steps
-        )
+        integrator, drives = self._setting.integrator, self._drives
+        if drives.rope is None:
+            return integrator.advance(drives.acceleration, drives.model, q, v, self._dt, steps)
+        for _ in range(steps):
+            q, v = self._step_once(q, v, self._setting.clocks.dt, integrator)
+        return q, v
+
+    def _step_once(
+        self, q: np.ndarray, v: np.ndarray, dt: float, integrator: Integrator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Step once, divided where a rope becomes taut or slack: where it is inextensible, or the
+        integrator needs a smooth motion.
+        """
+        drives, rope, rest = self._drives, self._drives.rope, dt
+
+        def advanced(q: np.ndarray, v: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+            return integrator.advance(drives.acceleration, drives.model, q, v, dt, 1)
+
+        if rope is None or not (rope.inextensible or integrator.smooth):
+            return advanced(q, v, dt)
+        taut = drives.pull(q, v) > 0.0
+        for _ in range(PHASE_CHANGES):
+            drives.take_rope(taut=taut)
+            after = advanced(q, v, rest)
+            if taut and rope.inextensible and drives.tension > 0.0:  # at all stages of the rule
+                return after
+            if drives.margin(*after, taut=taut) >= 0.0:
+                return after
+            time = 0.0
+            if drives.margin(q, v, taut=taut) > 0.0:
+                from scipy.optimize import brentq  # takes long to import, and few runs need it
+
+                time = brentq(
+                    lambda time, q, v, taut: drives.margin(*advanced(q, v, time), taut=taut),
+                    *(0.0, rest, (q, v, taut)),
+                    xtol=_ROUND_OFF * dt,
+                )
+            q, v = advanced(q, v, time)
+            taut, rest = not taut, rest - time
+            if taut and rope.inextensible:
+                q[rope.stretch] = 0.0
+                v, gained = drives.impact(q, v)
+                self._impact_work += gained
+        drives.take_rope(taut=taut)
+        return advanced(q, v, rest)
 
     def _step_with_contacts(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Step once without the ground, and without buffers where the integrator needs a smooth
@@ -251,7 +299,8 @@ class Engine:
             self._setting.integrator,
         )
         assert external is not None
-        stops, ground, work = external.stops, external.ground, self._contact_work
+        stops, ground = external.stops, external.ground
+        works = self._buffer_work, self._impact_work
         if ground is None and not integrator.smooth:
             return self._step_and_count(q, v, integrator, clocks.dt)
         if not self._rough(q):
@@ -260,7 +309,8 @@ class Engine:
             external.ground, external.stops = ground, stops
             if not self._rough(free[0]):
                 return free
-            self._contact_work = work
+            self._buffer_work, self._impact_work = works
+        self._drives.take_rope(taut=None)
         for _ in range(clocks.substeps):
             q, v = self._step_and_count(q, v, semi_implicit_euler, clocks.dt / clocks.substeps)
         return q, v
@@ -276,15 +326,19 @@ class Engine:
     def _step_and_count(
         self, q: np.ndarray, v: np.ndarray, integrator: Integrator, dt: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Step once, count the work of the contacts, and move the anchors of the ground."""
+        """Step once under a constant force of the ground, count the work of ground and buffers, and
+        move the anchors of the ground.
+        """
         external, before, drives = self._external, v, self._setting.crane.layout.drives
         assert external is not None
-        q, v = integrator.advance(self._drives.acceleration, self._drives.model, q, v, dt, 1)
+        if external.ground is not None:
+            external.ground_effort = external.ground.effort(q, v)
+        q, v = self._step_once(q, v, dt, integrator)
         moved = 0.5 * dt * (before + v)
         if external.stops is not None:
-            self._contact_work += float(external.stop_effort @ moved[drives])
+            self._buffer_work += float(external.stop_effort @ moved[drives])
         if external.ground is not None:
-            self._contact_work += float(external.ground_effort @ moved)
+            self._buffer_work += float(external.ground_effort @ moved)
             external.ground.anchors = external.ground.moved
         return q, v
 
@@ -308,4 +362,4 @@ class Engine:
         return energies + crane.springs.energy(q.T) if crane.springs.any else energies
 
 
-_NO_BUFFERS = np.zeros(2)
+_NO_CONTACTS = np.zeros(3)

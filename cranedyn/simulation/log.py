@@ -47,7 +47,8 @@ class Log:
             OutOfRange: If the rows would take more than 4 GB.
         """
         crane, period = setting.crane, setting.clocks.period
-        row_size = 2 * 8 * sum(map(len, crane.layout.columns().values()))
+        self._names = crane.layout.columns(rope=crane.springs.rope is not None)
+        row_size = 2 * 8 * sum(map(len, self._names.values()))
         if rows * row_size > _MEMORY:
             most = f"{(_MEMORY / row_size - 1) * period:.3g} s at most"
             size = (
@@ -58,7 +59,7 @@ class Log:
         self._validity = validity
         n, m, points = crane.layout.n, crane.layout.m, len(crane.points)
         widths = {"q": n, "v": n, "setpoint": m, "needed": m, "effort": m, "effort_before": m}
-        widths |= {"force": 3 * points, "buffers": 2, "saturated": 1}
+        widths |= {"force": 3 * points, "contacts": 3, "saturated": 1}
         self._columns = {name: np.empty((rows, width)) for name, width in widths.items()}
         self._energy, self._valid = np.full(rows, np.nan), np.full(rows, np.nan)
         self._written, self._checked, self._pending = 0, 0, list[bytes]()
@@ -154,7 +155,7 @@ class Log:
             self._crane,
             column["q"],
             column["v"],
-            hoisting(self._crane, column["effort"]) + column["buffers"][:, 1],
+            hoisting(self._crane, column["effort"]) + column["contacts"][:, 2],
             buffers=self._setting.buffers,
             needed=column["needed"] if needed else None,
             rates=rates,
@@ -184,7 +185,8 @@ class Log:
         middle = q - self._setting.lead * v
         mean_effort = (effort[:-1] + column["effort_before"][1:]) / 2
         work = _cumulated(mean_effort * np.diff(middle[:, crane.layout.drives], axis=0), rows)
-        power = JointForces.of(crane).dissipation(q.T, v.T)
+        joint, rope = JointForces.of(crane), crane.springs.rope is not None
+        power = joint.dissipation(q.T, v.T)
         valid = self._valid[:rows]
         if (valid != 1.0).any():
             record = {**record, "not_valid": self._reason()}
@@ -199,11 +201,12 @@ class Log:
             work=work,
             dissipated=_cumulated((power[:-1] + power[1:]) / 2 * self._setting.clocks.period, rows),
             force=force,
-            outside=np.stack(
-                [self._work_of_forces(middle, force), column["buffers"][:, 0]], axis=1
+            outside=np.column_stack(
+                [self._work_of_forces(middle, force), column["contacts"][:, : 2 if rope else 1]]
             ),
             valid=valid,
-            columns=crane.layout.columns(),
+            phase=joint.phase(q.T, v.T) if rope else None,
+            columns=self._names,
             parameters=parameters,
             record=record,
         )
