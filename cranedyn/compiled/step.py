@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -13,6 +14,7 @@ from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.scalars import array, is_zero
 from cranedyn.errors import OutOfRange
 from cranedyn.plant.plant import Plant
+from cranedyn.plant.rigid_body import ExternalForce
 from cranedyn.simulation.engine import PHASE_CHANGES
 
 _TRIES = 10
@@ -89,6 +91,7 @@ class Step:
         unit: The plant's unit of work [J].
         substeps: Number of semi-implicit substeps that replace the step where the load touches the
             ground, or buffers act and the rule needs a smooth motion.
+        reactions: Forces of the ground, which are constant during a substep.
     """
 
     integrator: Integrator
@@ -98,6 +101,7 @@ class Step:
     dt: Any
     unit: Any
     substeps: Any
+    reactions: Sequence[ExternalForce] = ()
 
     def after(self, state: StepState) -> StepState:
         """Return the state after the step."""
@@ -120,10 +124,10 @@ class Step:
         taut fixes the phase of the rope.
         """
         plant, dt = self._with_rope(taut), self.dt
-        pulls, (reactions, anchors) = [], plant.ground_reactions(state.q, state.v, state.anchors)
+        pulls = []
 
         def acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-            answer = plant.driven(q, v, self.command, self.forces, reactions)
+            answer = plant.driven(q, v, self.command, self.forces, self.reactions)
             pulls.append(answer.pull)
             return answer.acceleration
 
@@ -134,14 +138,11 @@ class Step:
             sums = zip(q, v * dt, strict=True)
             return array([x + by if is_zero(x) else x.code.advanced(x, by) for x, by in sums])
 
-        q, v, works, _ = state
+        q, v, works, anchors = state
         q_after, faster = self.integrator.rule(acceleration, speed_up, move, q, v, 1)
-        half = 0.5 * dt * self.unit
         if plant.buffers:
             done = plant.stops.effort(q, v) @ (v + faster)[plant.stops.drives]
-            works = works + array([half * done, 0.0])
-        if reactions:
-            works = works + array([half * plant.power(q, v + faster, reactions), 0.0])
+            works = works + array([0.5 * dt * self.unit * done, 0.0])
         return StepState(q_after, faster, works, anchors), pulls
 
     def _with_rope(self, taut: Any) -> Plant:
@@ -163,11 +164,21 @@ class Step:
             substep = replace(self, integrator=semi_implicit_euler, dt=fine)
             state = code.variables(before.numbers)
             with code.loop(0, self.substeps):
-                after = substep._in_phases(before.of(state))
+                after = substep._on_ground(before.of(state))
                 for variable, value in zip(state, after.numbers, strict=True):
                     variable.set(value)
             self._replace(outcome, rough, before.of(state).numbers)
         return before.of(outcome)
+
+    def _on_ground(self, state: StepState) -> StepState:
+        """Return the state after a step under the reactions of the ground at its start."""
+        plant, (q, v, _, anchors) = self.plant, state
+        reactions, anchors = plant.ground_reactions(q, v, anchors)
+        after = replace(self, reactions=reactions)._in_phases(state)
+        if not reactions:
+            return after
+        work = 0.5 * self.dt * self.unit * plant.power(q, v + after.v, reactions)
+        return after._replace(works=after.works + array([work, 0.0]), anchors=anchors)
 
     def _where_rope_changes(self, before: StepState) -> StepState:
         """Return the state after a step that is divided where the rope becomes taut or slack.
@@ -277,8 +288,7 @@ class Step:
             pull = joint.pull(trial.q, trial.v)
             return trial, code.chosen(taut, pull, -pull), code.both(False)
         plant = self._with_rope(taut)
-        reactions, _ = plant.ground_reactions(start.q, start.v, start.anchors)
-        end = plant.driven(trial.q, trial.v, self.command, self.forces, reactions)
+        end = plant.driven(trial.q, trial.v, self.command, self.forces, self.reactions)
         margin = code.chosen(taut, end.pull, -trial.q[rope.stretch])
         return trial, margin, code.both(taut, *(pull > 0.0 for pull in pulls))
 

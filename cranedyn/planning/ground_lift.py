@@ -19,7 +19,7 @@ from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.contact import Ground, Platform, box_corners, box_load, standing
 from cranedyn.dynamics.joint_forces import JointForces
-from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.dynamics.pinocchio import payload_position, point_velocities
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Controller, EngineName, Setpoint, State
 from cranedyn.model.crane import Crane
@@ -34,9 +34,9 @@ from cranedyn.simulation.simulate import simulate
 SLACK, PAUSE = 0.05, 2.0
 """Slack of the rope of a load that stands [m], and pause between phases [s]."""
 
-HANGS, PULL, OFF = 0.9, 1.1, 0.01
+HANGS, PULL, OFF, STILL = 0.9, 1.1, 0.01, 1e-3
 """Tension over the weight from which on a load hangs, the largest at lift-off, and the largest
-distance from the goal at the end [m]."""
+distance from the goal [m] and speed of the load at the end [m/s]."""
 
 _SLOWLY = 0.02
 """Acceleration of the hoist at lift-off and set-down [m/s²]."""
@@ -98,8 +98,8 @@ def from_ground(
     lift: Lift,
     *,
     rope_stiffness: float = 2e7,
-    creep: float = 0.15,
-    sink_rate: float = 0.15,
+    creep: float = 0.1,
+    sink_rate: float = 0.1,
     platforms: tuple[Platform, ...] = (),
 ) -> GroundLift:
     """Return a lift that begins on the support below its start and ends on that below its goal.
@@ -210,6 +210,7 @@ def certify_ground_lift(
     site, touch = clearance.site, down + int(np.flatnonzero(pull[down:] < HANGS)[0])
     goal, end = clearance.point(lift.lift.ends[1]), payload_position(crane, run.q[-1])
     apart = float(np.linalg.norm((end - goal)[:2]))
+    still = float(np.linalg.norm(point_velocities(crane, State(run.q[-1], run.v[-1]))[0]))
     checks = (
         Check(
             f"Lift-off: the rope pulls {pull[off:motion].max():.3f} of the weight at most, "
@@ -231,7 +232,7 @@ def certify_ground_lift(
             f"Set-down: the load touches at {run.v[touch, crane.layout.index('l')]:.3f} m/s, ends "
             f"{1e3 * apart:.1f} mm from its goal, {1e3 * OFF:g} allowed, below a rope that is "
             f"{-run.q[-1, crane.layout.index('rope_stretch')]:.3f} m slack.",
-            bool(apart <= OFF and pull[-1] == 0.0 and np.abs(run.v[-1]).max() < 1e-3),
+            bool(apart <= OFF and pull[-1] == 0.0 and still < STILL),
         ),
     )
     return GroundCertificate(lift, run, pull, checks)
