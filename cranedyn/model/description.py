@@ -53,6 +53,7 @@ class CraneValues(TypedDict, total=False):
     lug_height: float  # m
 
     rope_stiffness: float  # N
+    falls: float
     rope_damping: float  # N s/m
     drum_inertia: float  # kg
     tower_twist_stiffness: float  # N m/rad
@@ -103,7 +104,8 @@ _LEVELS = 4
 """Count of folders above a file that are searched: packages of one workspace stand side by side."""
 
 _DOCUMENTED = re.compile(
-    r"\[(?P<unit>[^\]]*)\] (?P<allowed>any|> 0|>= 0 or inf|>= 0): (?P<meaning>.+)"
+    r"\[(?P<unit>[^\]]*)\] (?P<allowed>any|> 0|>= 0|>= 0 or inf|a whole number >= 1): "
+    r"(?P<meaning>.+)"
 )
 
 

@@ -251,8 +251,9 @@ class Plant:
             pull = chosen(q[stretch] < 0.0, -1.0, chosen(v[stretch] < 0.0, -1.0, pull))
             taut = pull > 0.0
         held, pushed, loose = mass.copy(), resisting.copy(), 1.0 - flag(taut, resisting[stretch])
-        held[stretch], held[:, stretch] = mass[stretch] * loose, mass[:, stretch] * loose
-        held[stretch, stretch], pushed[stretch] = mass[stretch, stretch], resisting[stretch] * loose
+        for i in np.delete(np.arange(len(q)), stretch):
+            held[stretch, i] = held[i, stretch] = mass[stretch, i] * loose
+        pushed[stretch] = resisting[stretch] * loose
         a, effort, needed = self._solved(held, pushed, v, command)
         tension = -(mass[stretch] @ a + resisting[stretch])
         return Answer(a, effort, needed, tension if pull is None else pull)
