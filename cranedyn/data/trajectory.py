@@ -45,8 +45,8 @@ class Trajectory(TimeSeries):
             negative where kinetic energy is lost [J], shape (rows, 2 or 3).
         valid: 1 where the model is valid, 0 elsewhere, see `cranedyn.dynamics.validity`; shape
             (rows,).
-        phase: 0 where the rope is taut and 1 where it is slack, shape (rows,); None if it cannot go
-            slack.
+        phase: 0 where the rope is taut, 1 where it is slack, 2 where the load stands on the ground,
+            3 where it is lifted off-lead, shape (rows,); None if the rope cannot go slack.
         columns: Names of the columns of each of these quantities.
         parameters: Numbers and words that describe the run, by name.
         record: All that is needed to repeat the run: crane, controller, reference and disturbance

@@ -26,6 +26,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from cranedyn.checks import number, within
+from cranedyn.dynamics.joint_forces import TAUT
 from cranedyn.dynamics.pinocchio import body_points
 from cranedyn.dynamics.scalars import chosen, flag, square_root
 from cranedyn.errors import ModelError, OutOfRange
@@ -35,6 +36,13 @@ from cranedyn.model.crane import Crane
 _LEAST_RESTITUTION, _SINKS = 0.05, (5e-4, 0.1)
 """Least coefficient of restitution, and range of static sinks [m]: beyond them a substep of 0.5 ms
 is not stable."""
+
+ON_GROUND, OFF_LEAD = 2.0, 3.0
+"""Phases of a load that stands, and of one that is lifted off-lead, see `joint_forces.TAUT`."""
+
+LEANS, SLIDES = math.radians(1.0), 0.01
+"""Lean of a taut rope [rad] and speed of a point on the ground [m/s] beyond which a load is lifted
+off-lead."""
 
 _ITERATIONS = 20
 """Steps in which a load on a rope that leans is put on the ground; each leaves 1 - cos of the lean
@@ -220,6 +228,25 @@ def standing(crane: Crane, ground: Ground, state: State) -> State:
         )
         q[rope.stretch] -= np.max(contacts.depth(position)[0]) - ground.sink
     return State(q, state.v)
+
+
+def ground_phases(
+    crane: Crane, contacts: Contacts, q: np.ndarray, v: np.ndarray, phase: np.ndarray
+) -> np.ndarray:
+    """Return phases of a rope, shape (rows,), with `ON_GROUND` where the load touches, and
+    `OFF_LEAD` where it slides or leans on a taut rope, from coordinates and rates, shape (rows, n).
+    """
+    points, roles = np.array(contacts.points), ("radial_swing", "tangential_swing")
+    lean = np.hypot.reduce([q[:, crane.layout.role(role, "Off-lead")] for role in roles])
+    phases = phase.copy()
+    for row, state in enumerate(zip(q, v, strict=True)):
+        position, velocity = body_points(crane.model, crane.data, contacts.body, points, *state)
+        touching = contacts.depth(position)[0] > 0.0
+        if touching.any():
+            slides = np.hypot(*velocity[:2, touching]).max() > SLIDES
+            pulled = phase[row] == TAUT and (slides or lean[row] > LEANS)
+            phases[row] = OFF_LEAD if pulled else ON_GROUND
+    return phases
 
 
 class Contacts(NamedTuple):

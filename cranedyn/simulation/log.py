@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.contact import ground_phases
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import point_positions
 from cranedyn.dynamics.validity import Bound, conditions, first_event, hoisting, valid
@@ -186,6 +187,9 @@ class Log:
         mean_effort = (effort[:-1] + column["effort_before"][1:]) / 2
         work = _cumulated(mean_effort * np.diff(middle[:, crane.layout.drives], axis=0), rows)
         joint, rope = JointForces.of(crane), crane.springs.rope is not None
+        phase, contacts = joint.phase(q.T, v.T) if rope else None, self._setting.contacts
+        if phase is not None and contacts is not None:
+            phase = ground_phases(crane, contacts, q, v, phase)
         power = joint.dissipation(q.T, v.T)
         valid = self._valid[:rows]
         if (valid != 1.0).any():
@@ -205,7 +209,7 @@ class Log:
                 [self._work_of_forces(middle, force), column["contacts"][:, : 2 if rope else 1]]
             ),
             valid=valid,
-            phase=joint.phase(q.T, v.T) if rope else None,
+            phase=phase,
             columns=self._names,
             parameters=parameters,
             record=record,
