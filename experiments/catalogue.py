@@ -191,9 +191,6 @@ EXPERIMENTS = {
     "liftoff": Entry(
         "Lift-off and set-down",
         "Lift-off from the ground and set-down: rope, swing, ground.",
-        figures={
-            "liftoff": "Pull of the rope over hoisting speed; swing over the rope's lean before.",
-        },
     ),
     "identify": Entry(
         "A crane, identified",

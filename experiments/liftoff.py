@@ -15,7 +15,6 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.contact import Ground, box_corners, box_load, standing
@@ -26,7 +25,6 @@ from cranedyn.lifting import factors
 from cranedyn.lifting.factors import HOISTING, DriveClass, HoistingClass
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from cranedyn.plotting.figures import COLOURS, panels
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.oracles.bench import locked
@@ -68,14 +66,8 @@ of the speed over l ω."""
 
 
 class PickUp(NamedTuple):
-    """A lift-off by the hoist of a class.
-
-    Attributes:
-        hoisting: Its hoisting class.
-        drive: Its drive class.
-        speed: Hoisting speed [m/s].
-        simulated: Largest tension over the weight.
-        allowed: Largest difference from 1 + β2 v.
+    """Lift-off by a hoist of a class at a speed [m/s]: largest tension over the weight, and how far
+    it may be from 1 + β2 v.
     """
 
     hoisting: HoistingClass
@@ -83,11 +75,6 @@ class PickUp(NamedTuple):
     speed: float
     simulated: float
     allowed: float
-
-    @property
-    def slope(self) -> float:
-        """β2 as simulated [s/m]."""
-        return (self.simulated - 1.0) / self.speed
 
     @property
     def closed(self) -> float:
@@ -101,16 +88,8 @@ class PickUp(NamedTuple):
 
 
 class OffLead(NamedTuple):
-    """A lift-off with a rope that leans.
-
-    Attributes:
-        friction: Coefficient of friction.
-        offset: Trolley from above the box [m].
-        speed: Hoisting speed [m/s].
-        lead: Angle of the rope from plumb as it gets taut [rad].
-        slid: Way that the box slides [m].
-        swing: Largest swing after lift-off, as on a rope of the length at lift-off [rad].
-        run: The run.
+    """Lift-off with the trolley beside the box [m]: angle of the rope as it gets taut [rad], way
+    that the box slides [m], largest swing as on a rope of the length at lift-off [rad].
     """
 
     friction: float
@@ -123,14 +102,8 @@ class OffLead(NamedTuple):
 
 
 class SetDown(NamedTuple):
-    """A box that is set down.
-
-    Attributes:
-        speed: Of the hoist [m/s].
-        pull: Largest tension over the weight.
-        push: Largest force of the ground over the weight.
-        slack_after: Time from touching to a slack rope [s].
-        rebounds: Time in the air after the first touch [s].
+    """Set-down at a speed [m/s]: largest tension and force of the ground over the weight, times
+    from touching to a slack rope and in the air again [s].
     """
 
     speed: float
@@ -150,7 +123,6 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         tables=[_pick_up_table(picked), _off_lead_table(leaning), _set_down_table(down)],
         claims=[*_pick_up_claims(picked), *_other_claims(worst, down)],
         trajectories={"off_lead": worst.run},
-        figures={"liftoff": _figure(picked, leaning)},
         recording=harness.side_by_side({"off-lead": (_roped(setup), worst.run)}, apart=0.0),
     )
 
@@ -333,22 +305,6 @@ def _other_claims(worst: OffLead, down: Sequence[SetDown]) -> list[Claim]:
             and all(math.isfinite(d.slack_after) and d.rebounds == 0.0 for d in down),
         ),
     ]
-
-
-def _figure(picked: Sequence[PickUp], leaning: Sequence[OffLead]) -> Figure:
-    """Draw T/W over the hoisting speed, and the swing over the off-lead angle."""
-    figure, (pull, swing) = panels(1, 2, height=3.4, width=10.0)
-    for hoisting in CLASSES:
-        rows = sorted((p for p in picked if p.hoisting == hoisting), key=lambda p: p.speed)
-        speeds = [p.speed for p in rows]
-        pull.plot(speeds, [p.closed for p in rows], color=COLOURS["setpoint"])
-        pull.plot(speeds, [p.simulated for p in rows], "o", color=COLOURS["phi"])
-    angles = np.degrees([[o.lead, o.swing] for o in leaning])
-    swing.plot(*angles.T, "o", color=COLOURS["phi"])
-    swing.plot([0.0, angles[:, 0].max()], [0.0, angles[:, 0].max()], color=COLOURS["setpoint"])
-    pull.set(xlabel="hoisting speed [m/s]", ylabel="T/W")
-    swing.set(xlabel="off-lead [°]", ylabel="swing after lift-off [°]")
-    return figure
 
 
 def main(argv: Sequence[str] | None = None) -> int:
