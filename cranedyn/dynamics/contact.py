@@ -166,34 +166,31 @@ class Ground:
         )
 
 
-def box_corners(
-    width: float, length: float, height: float, below: float | None = None
-) -> tuple[tuple[float, float, float], ...]:
-    """Return the eight corners of a box about its centre of mass [m], the lower four first.
+def box_corners(width: float, length: float, height: float) -> tuple[tuple[float, ...], ...]:
+    """Return the eight corners of a box about its centre [m].
 
     Args:
         width: Side along X of its joint, for a tower crane across the jib [m].
         length: Side along Y [m].
         height: Height [m].
-        below: Height of the centre of mass above the underside [m]; None for half the height.
+
+    Raises:
+        OutOfRange: If a side is not positive.
     """
-    low = height / 2.0 if below is None else below
-    sides = itertools.product((-low, height - low), (-width / 2.0, width / 2.0), (-length, length))
-    return tuple((x, y / 2.0, z) for z, x, y in sides)
+    sides = (number("side of a box", side, "m", "> 0") for side in (width, length, height))
+    return tuple(itertools.product(*((-side / 2.0, side / 2.0) for side in sides)))
 
 
 def box_load(mass: float, width: float, length: float, height: float) -> dict[str, float]:
-    """Return the values of `load_crane` for a uniform box that hangs on a lug amid its top.
-
-    Args:
-        mass: Mass [kg].
-        width: Side along X of its joint [m].
-        length: Side along Y [m].
-        height: Height [m].
+    """Return the values of `load_crane` for a uniform box of a mass [kg] that hangs on a lug amid
+    its top; its sides are as for `box_corners`.
     """
-    across, along, up = (mass * side**2 / 12.0 for side in (width, length, height))
-    inertia = {"payload_ixx": along + up, "payload_iyy": across + up, "payload_izz": across + along}
-    return {"payload_mass": mass, "lug_height": height / 2.0, **inertia}
+    across, along, up = (2.0 * x for x in box_corners(width, length, height)[-1])
+    xx, yy, zz = along**2 + up**2, across**2 + up**2, across**2 + along**2
+    inertia = {
+        f"payload_i{axis}": mass * x / 12.0 for axis, x in (("xx", xx), ("yy", yy), ("zz", zz))
+    }
+    return {"payload_mass": mass, "lug_height": up / 2.0, **inertia}
 
 
 def damping_ratio(restitution: float) -> float:

@@ -32,7 +32,7 @@ MODULES = [
         "identification simulation.simulate simulation.stepper compiled.batch model.crane "
         "model.description model.load model.machines controllers controllers.damping "
         "controllers.integral controllers.velocity_command compiled.horizon.receding "
-        "dynamics.converters estimation "
+        "dynamics.contact dynamics.converters estimation "
         "references references.limits references.shaped planning.optimal planning.itinerary "
         "planning.joystick analysis.prediction analysis.swing dynamics.validity "
         "theory data.trajectory dynamics.linearisation disturbances.wind lifting.loads "
@@ -50,6 +50,9 @@ CALLS = {
         simulate(crane, law, start=start, duration=0.05, validity='mark', t_start=1.0)
         Stepper(crane, start=start, dt=5e-4, control_period=5e-3, drive='effort').step(three)
         Stepper(crane, forces=True, engine='compiled').step(three, points)
+        Ground(box_corners(2.0, 3.0, 1.0), friction=0.4, restitution=0.2, sink=0.002)
+        Platform((10.0, 5.0), (2.0, 2.0), 1.0, 0.1)
+        load_crane(**box_load(900.0, 2.0, 3.0, 1.0))
         simulate_batch(crane, law, still, start=start, duration=0.05, threads=1)
         simulate_batch(crane, law, duration=0.05, dt=5e-4, control_period=5e-3, record=2)
         Fleet(crane, 2, dt=1e-3, control_period=0.1, drive='motion', threads=1).step(commands)
