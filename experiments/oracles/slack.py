@@ -108,13 +108,13 @@ def _elastic(bench: Bench) -> Iterator[SlackCheck]:
         return _peaks(_run(bench, crane, start, duration))[0][1] / static
 
     yield SlackCheck(
-        f"T/W of a load taken up at {SPEED:g} m/s",
+        f"T/W, taken up at {SPEED:g} m/s",
         "",
         theory.pickup_factor(SPEED, omega, G),
         peak(_from(crane, static, SPEED), 0.5 * period),
     )
     yield SlackCheck(
-        f"T/W of a load that falls by {HEIGHT:g} m onto its rope",
+        f"T/W after a fall by {HEIGHT:g} m",
         "",
         theory.fall_factor(HEIGHT, stiffness, weight),
         peak(_from(crane, -HEIGHT), period),
@@ -122,10 +122,10 @@ def _elastic(bench: Bench) -> Iterator[SlackCheck]:
     start = _from(crane, 0.0, SPEED)
     run = _run(bench, crane, start, 3.0 * (period + 2.0 * SPEED / G))
     left, back = _slack_times(run, crane.gravity)
-    yield SlackCheck(f"slack after a rebound at {SPEED:g} m/s", "s", 2.0 * SPEED / G, back - left)
+    yield SlackCheck(f"slack after leaving at {SPEED:g} m/s", "s", 2.0 * SPEED / G, back - left)
     (first, _), (second, _), *_ = _peaks(run)
     bounce = theory.bounce_period(SPEED, omega, G)
-    yield SlackCheck(f"period of a load that bounces at {SPEED:g} m/s", "s", bounce, second - first)
+    yield SlackCheck(f"bounce period at {SPEED:g} m/s", "s", bounce, second - first)
     for ratio in (0.02, 0.1):
         damped = _crane(bench, rope_damping=2.0 * ratio * omega * MASS)
         run = _run(bench, damped, start, period)
@@ -143,7 +143,7 @@ def _elastic(bench: Bench) -> Iterator[SlackCheck]:
         run = _run(bench, reeved, start, period)
         (first, _), (second, _), *_ = _peaks(run)
         closed = 2.0 * math.pi / theory.rope_bounce(falls * EA, LENGTH, MASS)
-        yield SlackCheck(f"period of a load on {falls} falls", "s", closed, second - first)
+        yield SlackCheck(f"period on {falls} falls", "s", closed, second - first)
 
 
 def _inextensible(bench: Bench) -> Iterator[SlackCheck]:
@@ -152,14 +152,14 @@ def _inextensible(bench: Bench) -> Iterator[SlackCheck]:
     run = _run(bench, crane, start, 2.0 * time, drive="effort")
     speed, reduced = G * time, MASS * DRUM / (MASS + DRUM)
     after = MASS * speed / (MASS + DRUM) + MASS * G / (MASS + DRUM) * (run.t[-1] - time)
-    yield SlackCheck("load and drum caught by an impact", "m/s", after, run["l_dot_m_s"][-1])
+    yield SlackCheck("load and drum after an impact", "m/s", after, run["l_dot_m_s"][-1])
     lost = -reduced * speed**2 / 2.0
     yield SlackCheck("work of that impact", "J", lost, run["W_impacts_J"][-1])
     aside = math.radians(40.0)
     run = _run(bench, crane, crane.state(phi=aside, rope_stretch=-2.0), 4.0)
     caught = np.flatnonzero(run["phase"] == 0.0)[0]
     yield SlackCheck(
-        "work of the impact of a load that falls beside its pivot",
+        "work, load caught beside its pivot",
         "J",
         theory.caught_load(LENGTH - 2.0, aside, LENGTH, MASS, G),
         run["W_impacts_J"][caught],
