@@ -229,7 +229,7 @@ class Step:
             trying, left = time.get(), rest.get()
             taut, bracketed = phase.get() > 0.5, high.get() > 0.0
             piece = replace(self, dt=trying)
-            trial, margin, lasts = piece._trial(before.of(state), taut)
+            trial, start_margin, margin, lasts = piece._trial(before.of(state), taut)
             new = code.builder.not_(bracketed)
             active = code.both(left > 0.0, code.either(bracketed, changes.get() < PHASE_CHANGES))
             fails = code.both(
@@ -247,7 +247,7 @@ class Step:
             a = code.chosen(above, trying, low.get())
             b = code.chosen(fails, trying, high.get())
             at_a = halved(low_margin, code.both(below, side.get() < 0.0))
-            at_a = code.chosen(above, margin, code.chosen(new, -margin, at_a))
+            at_a = code.chosen(above, margin, code.chosen(new, start_margin, at_a))
             at_b = halved(high_margin, code.both(above, side.get() > 0.0))
             at_b = code.chosen(fails, margin, at_b)
             over = code.chosen(ends, 0.0, code.chosen(found, left - trying, left))
@@ -277,20 +277,24 @@ class Step:
                     self._replace(state, hits, StepState(q, v, works, anchors).numbers)
         return before.of(state)
 
-    def _trial(self, start: StepState, taut: Any) -> tuple[StepState, Any, Any]:
-        """Return the state after a piece, a number that is below zero if the rope is in another
-        phase there, and whether it is known that its phase lasts.
+    def _trial(self, start: StepState, taut: Any) -> tuple[StepState, Any, Any, Any]:
+        """Return the state after a piece, a number for its start and one for its end that is below
+        zero where the rope is in another phase, and whether it is known that its phase lasts.
         """
         trial, pulls = self._by_rule(start, taut=taut)
         code, rope, joint = start.q[0].code, self.plant.joint.rope, self.plant.joint
         assert rope is not None
-        if not rope.inextensible:
-            pull = joint.pull(trial.q, trial.v)
-            return trial, code.chosen(taut, pull, -pull), code.both(False)
-        plant = self._with_rope(taut)
-        end = plant.driven(trial.q, trial.v, self.command, self.forces, self.reactions)
-        margin = code.chosen(taut, end.pull, -trial.q[rope.stretch])
-        return trial, margin, code.both(taut, *(pull > 0.0 for pull in pulls))
+
+        def margin(pull: Any, at: StepState) -> Value:
+            return code.chosen(taut, pull, -at.q[rope.stretch] if rope.inextensible else -pull)
+
+        end, lasts = joint.pull(trial.q, trial.v), code.both(False)
+        if rope.inextensible:
+            plant = self._with_rope(taut)
+            end = plant.driven(trial.q, trial.v, self.command, self.forces, self.reactions).pull
+            lasts = code.both(taut, *(pull > 0.0 for pull in pulls))
+        at_start = code.call("llvm.maxnum", margin(pulls[0], start), 0.0)
+        return trial, at_start, margin(end, trial), lasts
 
     @staticmethod
     def _replace(variables: list[StackVariable], where: ir.Value, values: list[Any]) -> None:

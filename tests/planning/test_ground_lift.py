@@ -41,7 +41,7 @@ def test_a_load_is_lifted_off_moved_and_set_down(lift: GroundLift) -> None:
 
 
 def test_checks_notice_a_load_that_loses_its_way(lift: GroundLift) -> None:
-    beside = replace(lift.lift, ends=lift.lift.ends + [0.0, 0.02, 0.0])
+    beside = replace(lift.lift, ends=lift.lift.ends + np.array([0.0, 0.02, 0.0]))
     _, checks = certify_ground_lift(replace(lift, lift=beside))
     assert [check.holds for check in checks] == [True, True, True, False]
 
