@@ -65,7 +65,7 @@ ADIABATIC = 0.02
 of the speed over l ω."""
 
 
-class PickUp(NamedTuple):
+class LiftOff(NamedTuple):
     """Lift-off by a hoist of a class at a speed [m/s]: largest tension over the weight, and how far
     it may be from 1 + β2 v.
     """
@@ -184,7 +184,7 @@ def _push(crane: Crane, ground: Ground, run: Trajectory) -> np.ndarray:
     return np.array(forces) / (crane.payload_mass * crane.gravity)
 
 
-def _pick_up(setup: Setup, hoisting: HoistingClass, drive: DriveClass) -> PickUp:
+def _pick_up(setup: Setup, hoisting: HoistingClass, drive: DriveClass) -> LiftOff:
     speed, omega = (
         factors.pick_up_speed(drive, LARGEST, CREEP),
         HOISTING[hoisting].slope * setup.gravity,
@@ -199,7 +199,7 @@ def _pick_up(setup: Setup, hoisting: HoistingClass, drive: DriveClass) -> PickUp
     # the ground is soft; a rope that strains and shortens gets stiffer; the peak is between rows
     strain = (stretch + 2.0 * speed / omega) / HOIST_LENGTH
     allowed = jump * (HARD / stretch + 2.0 * strain + (omega * setup.control_period) ** 2)
-    return PickUp(hoisting, drive, speed, float(_pull(crane, run).max()), allowed)
+    return LiftOff(hoisting, drive, speed, float(_pull(crane, run).max()), allowed)
 
 
 def _off_lead(setup: Setup, friction: float, offset: float, speed: float) -> OffLead:
@@ -227,7 +227,7 @@ def _set_down(setup: Setup, speed: float) -> SetDown:
     return SetDown(speed, float(pull.max()), float(push.max()), waited, rebounds)
 
 
-def _pick_up_table(picked: Sequence[PickUp]) -> ResultTable:
+def _pick_up_table(picked: Sequence[LiftOff]) -> ResultTable:
     return make_table(
         "Lift-off by hoisting and drive class",
         picked,
@@ -272,7 +272,7 @@ def _set_down_table(down: Sequence[SetDown]) -> ResultTable:
     )
 
 
-def _pick_up_claims(picked: Sequence[PickUp]) -> list[Claim]:
+def _pick_up_claims(picked: Sequence[LiftOff]) -> list[Claim]:
     off = max(picked, key=lambda p: abs(p.simulated - p.closed) / p.allowed)
     near = min(picked, key=lambda p: p.standard - p.simulated)
     return [

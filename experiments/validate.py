@@ -39,7 +39,7 @@ PARTS = {
     "Turning jib": moves.turning_jib,
     "Moves of the trolley": moves.trolley_moves,
     "What is conserved": conserved.oracles,
-    "Load on the ground": ground.oracles,
+    "Load on the ground": ground.box_on_ground,
 }
 """Titles of the tables and what makes their rows."""
 

@@ -341,7 +341,7 @@ class Plant:
         """Return position and velocity of each point of the load that may touch the ground."""
         assert self.contacts is not None
         points, frames = [array(p) for p in self.contacts.points], rigid_body.frames(self.tree, q)
-        return rigid_body.body_points(self.tree, frames, v, self.contacts.body, points)
+        return rigid_body.point_motions(self.tree, frames, v, self.contacts.body, points)
 
     def stop_force(self, q: np.ndarray, v: np.ndarray) -> Any:
         """Return the force of the buffers at the ends of the cable [N], see

@@ -108,7 +108,7 @@ def frames(tree: Bodies, q: np.ndarray) -> list[Frame]:
     return joint_frames
 
 
-def body_points(
+def point_motions(
     tree: Bodies, poses: Sequence[Frame], v: np.ndarray, body: int, points: Sequence[np.ndarray]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return positions [m] and velocities [m/s] in the world of points of a body, shape (3,) each.

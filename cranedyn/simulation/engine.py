@@ -73,10 +73,10 @@ class Setting:
         crane: Crane,
         clock: Clocks,
         drive: Drive | Converters,
+        integrator: Integrator,
         *,
         forces: bool,
         buffers: bool,
-        integrator: Integrator,
         ground: Ground | None = None,
     ) -> Setting:
         """Return settings that fit together, with typical converters for drives that take rates and

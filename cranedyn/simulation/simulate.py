@@ -122,12 +122,9 @@ def simulate(
     settings = _checked(options, drive)
     t = t_start = settings["t_start"]
     validity, disturbance = settings["validity"], settings["disturbance"]
-    clock = clocks(duration, dt, control_period)
-    forces, buffers, rule = disturbance is not None, validity == "buffers", settings["integrator"]
-    ground = settings["ground"]
-    setting = Setting.of(
-        crane, clock, drive, forces=forces, buffers=buffers, integrator=rule, ground=ground
-    )
+    clock, ground = clocks(duration, dt, control_period), settings["ground"]
+    acting = {"forces": disturbance is not None, "buffers": validity == "buffers"}
+    setting = Setting.of(crane, clock, drive, settings["integrator"], **acting, ground=ground)
     moving = load_engine(engine)(setting, initial_state(crane, start))
     layout, monitors = crane.layout, settings["monitors"]
     reference = hold(crane, moving.state) if reference is None else reference

@@ -88,7 +88,7 @@ def push(
     )
 
 
-def oracles(bench: Bench) -> list[Oracle]:
+def box_on_ground(bench: Bench) -> list[Oracle]:
     """Return the oracles of a box on the ground."""
     crane, cone = free_box(), FRICTION * MASS * G
 
