@@ -36,7 +36,7 @@ MODULES = [
         "references references.limits references.shaped planning.optimal planning.itinerary "
         "planning.joystick analysis.prediction analysis.swing dynamics.validity "
         "theory data.trajectory dynamics.linearisation disturbances.wind lifting.loads "
-        "lifting.chart lifting.factors lifting.wind lifting.wind_limit sweep recording "
+        "lifting.chart lifting.reeving lifting.factors lifting.wind lifting.wind_limit sweep recording "
         "recording.snapshot planning.site_file planning.lift planning.least_time "
         "planning.certificate planning.perturbed compiled.fleet interfaces bridges.gymnasium"
     ).split()
@@ -153,6 +153,12 @@ CALLS = {
         quintic_residual(1.0, 6.0, 10.0, 9.81)
         double_pendulum(10.0, 2.0, 200.0, 1000.0, 9.81)
         rope_bounce(1e6, 10.0, 1000.0)
+        reeving_efficiency(4, 0.98)
+        capstan(1000.0, 0.1, 3.0)
+        fall_factor(0.5, 1e5, 1e4)
+        bounce_period(2.0, 10.0, 9.81)
+        rope_rebound(2.0, 10.0, 0.1, 9.81)
+        caught_load(8.0, 0.7, 10.0, 1000.0, 9.81)
         twisting_tower(1e6, 1e7, 20.0, 10.0, 1000.0, 9.81)
         bending_tower(1e6, 1e9, 1e6, 30.0, 10.0, 1000.0, 9.81)
         convolved_zv(0.7, (0.1, 0.1, 0.1))
@@ -180,6 +186,9 @@ CALLS = {
         jib_moment(crane, trajectory, np.array([0.0, 5.0]))
         Falls(1, np.array([10.0, 20.0]), np.array([2000.0, 1000.0])).at(12.0)
         utilisation(carried, chart)
+        Reeving(4, 0.98, 0.2).columns(crane, trajectory)
+        Reeving(4).line_pull(np.full(5, 1e4), np.linspace(-1.0, 1.0, 5))
+        Reeving(4).capacity(1e4, 9.81)
         cut_outs(t, np.cos(t))
         assess_run(crane, trajectory, chart)
         read_chart(CHARTS / 'laboratory.toml')
