@@ -16,9 +16,9 @@ from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import CraneError
 from cranedyn.simulation.simulate import simulate
-from experiments.oracles.bench import MASS, locked
+from experiments.oracles.bench import MASS, Bench, check_oracle, locked, point_crane
 from experiments.oracles.bench import G as GRAVITY
-from experiments.oracles.ground import HEIGHT, SINK, WIDTH, free_box
+from experiments.oracles.ground import HEIGHT, SINK, WIDTH, box_on_ground, free_box
 from tests.helpers import FAST, constant, crane
 
 CORNERS = box_corners(WIDTH, WIDTH, HEIGHT)
@@ -59,6 +59,11 @@ def test_both_engines_let_a_box_fall_tip_and_slide_alike(rule: Any) -> None:
         assert np.allclose(run.q, plain.q, rtol=0.0, atol=1e-9)
         assert np.allclose(run.outside, plain.outside, rtol=0.0, atol=1e-4)
     assert plain.outside[-1, 1] < -1000.0
+
+
+def test_a_box_on_the_ground_meets_its_closed_forms() -> None:
+    checks = [check_oracle(oracle, 3) for oracle in box_on_ground(Bench(point_crane, FAST))]
+    assert [check.oracle.name for check in checks if not check.holds] == []
 
 
 def test_the_ledger_of_a_falling_box_closes_with_the_step_and_no_energy_comes_from_nowhere() -> (
