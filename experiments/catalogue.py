@@ -188,6 +188,10 @@ EXPERIMENTS = {
             "needed": "What each strategy needs of the ψ_h that a standard allows for.",
         },
     ),
+    "liftoff": Entry(
+        "Lift-off and set-down",
+        "Lift-off from the ground and set-down: rope, swing, ground.",
+    ),
     "identify": Entry(
         "A crane, identified",
         "A crane's numbers, with intervals, from its records.",
@@ -211,10 +215,10 @@ EXPERIMENTS = {
 
 SUBJECTS = {
     "The article": "a1 10 s, a2 20 s, a3 10 s, energy 10 s, gazebo 15 s, demo endless",
-    "Mechanics": "validate 20 s, mass_ratio 20 s, linear_vs_full 25 s, cranes 1 min",
+    "Mechanics": "validate 40 s, mass_ratio 20 s, linear_vs_full 25 s, cranes 1 min",
     "Control": "b1 25 s, compare 10 min, observer 3 min, margins 2 min, sweep 3 min",
-    "Lifts": "lift 4 min, lift_report 3 min, lift_benchmark 5 min, factors 1 min",
-    "Identification": "identify 1 min, measured 10 s",
+    "Lifts": "lift 4 min, lift_report 3 min, lift_benchmark 5 min, factors 1 min, liftoff 20 s",
+    "Identification": "identify 1 min, measured 1 min",
 }
 """Experiments by subject, each with about the time that it takes on two processors."""
 

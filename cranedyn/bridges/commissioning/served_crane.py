@@ -15,7 +15,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import drag_force
 from cranedyn.dynamics.converters import ROUNDING, STEPS, converters
 from cranedyn.dynamics.integrators import semi_implicit_euler
-from cranedyn.dynamics.joint_forces import tension_from_hoist_force
+from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force
 from cranedyn.dynamics.pinocchio import holding_effort, point_positions, point_velocities
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Setpoint, State
@@ -198,7 +198,7 @@ class ServedCrane:
         rope = {f"{layout.symbols[i]}.angle": angle for i, angle in angles}
         if self._hoist is not None:
             force = float(effort[self._hoist])
-            tension = tension_from_hoist_force(layout, crane.damping, crane.springs, q, v, force)
+            tension = tension_from_hoist_force(layout, JointForces.of(crane), q, v, force)
             rope["load"] = tension / crane.gravity
         at_speed = self._running & (np.abs(speed - self._command) < STOPPED * rates)
         bits = [not self.fault, self._running, self.fault > 0, at_speed, self._closed, *self._ends]
