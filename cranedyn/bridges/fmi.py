@@ -468,8 +468,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
     add_option("--fmi", type=int, choices=(2, 3), default=3, help="version of FMI")
     add_option("--controller", choices=CONTROLLERS, help="a controller instead of the crane")
-    text = "platforms beside others, or all; needs the extra cross for other kinds than this"
-    add_option("--platform", nargs="+", default=[], choices=[*PLATFORMS, "all"], help=text)
+    text = f"all, or some of {', '.join(PLATFORMS)} (extra cross); this machine's by default"
+    add_option("--platform", nargs="+", default=[], metavar="NAME", help=text)
 
 
 def run(options: argparse.Namespace) -> Path:
