@@ -73,8 +73,7 @@ def engine_tables(
 
 def _note(rounds: int) -> str:
     return (
-        f"Median of {rounds} shuffled rounds on {os.cpu_count()} processors, with whatever else "
-        "they did. Real time: simulated time of "
+        f"Median of {rounds} shuffled rounds on {os.cpu_count()} processors. Real time: time of "
         "all cranes over wall time. Ratio: to the plain loop of the same round. Apart: largest "
         "difference from the plain loop over "
         f"{STRETCH:g} s, of a coordinate or rate [rad, m, per second] or of an effort as a share "

@@ -24,7 +24,8 @@ def number(name: str, value: object, unit: str = "", allowed: str = "any") -> fl
         name: Name of the number for the error message.
         value: Anything that ``float`` takes.
         unit: Unit for the error message.
-        allowed: ``"any"``, ``"> 0"``, ``">= 0"`` or ``"LOW to HIGH"``.
+        allowed: ``"any"``, ``"> 0"``, ``">= 0"``, ``">= 0 or inf"``, ``"LOW to HIGH"`` or
+            ``"a whole number >= 1"``.
 
     Raises:
         OutOfRange: If it is no number, not finite, or not in the range.
@@ -43,6 +44,10 @@ def number(name: str, value: object, unit: str = "", allowed: str = "any") -> fl
         map(float, allowed.split(" to ")) if " to " in allowed
         else (-math.inf if allowed == "any" else 0.0, math.inf)
     )  # fmt: skip
+    if x == math.inf and allowed.endswith(" or inf"):
+        return x
+    if "whole" in allowed and not (x >= 1.0 and x.is_integer()):
+        raise OutOfRange(name, value, allowed, unit)
     if not math.isfinite(x) or not low <= x <= high or (allowed == "> 0" and x == 0.0):
         raise OutOfRange(name, value, "a finite number" if allowed == "any" else allowed, unit)
     return x

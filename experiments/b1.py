@@ -114,10 +114,10 @@ def _table(move: RestToRest, scores: Mapping[str, Score]) -> ResultTable:
         ("T_γ [N m]", ".0f", lambda s: float(s[1].effort[0])),
         ("F_x [N]", ".0f", lambda s: float(s[1].effort[1])),
         ("F_l [N]", ".0f", lambda s: float(s[1].effort[2])),
-        note="Swing amplitudes in mrad; settled: the payload stays within 10 mm of its goal, a "
-        "dash where it does not in 20 s. Off: the drives' largest distance from their reference. "
-        "Efforts: the largest beyond holding the load. Spline, planes (7)-(10), LQR and PID are "
-        "the paper's; weights, gains and durations are ours, since the paper's are not public.",
+        note="Swing amplitudes in mrad. Settled: the payload stays within 10 mm of its goal; dash: "
+        "not within 20 s. Off: largest distance of a drive from its reference. Efforts: largest "
+        "beyond holding the load. Spline, planes (7)-(10), LQR and PID are the paper's; weights, "
+        "gains and durations are chosen here, because the paper's are not public.",
     )
 
 

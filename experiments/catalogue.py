@@ -46,7 +46,7 @@ EXPERIMENTS = {
         "A1, free swing",
         "Free swing at four cable lengths: period, error budget.",
         _ARTICLE,
-        ("--length", "5"),
+        ("--length", "5", *_ARTICLE),
         {
             "waveform": "Swing over time, and the same at the period of a point pendulum.",
             "period": "Period over cable length, and its error beside the published one.",
@@ -93,7 +93,7 @@ EXPERIMENTS = {
     ),
     "validate": Entry(
         "Validation",
-        "The plant against closed forms of mechanics.",
+        "The simulated crane beside closed forms of mechanics.",
         quick=("--halvings", "3"),
         figures={
             "convergence": "Error over time step, relative to the coarsest: slopes 1 and 2.",
@@ -103,7 +103,7 @@ EXPERIMENTS = {
     ),
     "linear_vs_full": Entry(
         "Linear models",
-        "The paper's linear equations beside the multibody.",
+        "The paper's linear equations beside the full model.",
         figures={
             "swing_*": "Swing of the multibody, of the paper's equations, and with all rates kept.",
             "slews": "Error of the linear equations over slew rate and slew angle, for each crane.",
@@ -118,10 +118,10 @@ EXPERIMENTS = {
             "swing_*": "Radial (solid) and tangential (dashed) swing under each strategy.",
         },
     ),
-    "cranes": Entry("Other cranes", "Other topologies: closed forms, engines, control."),
+    "cranes": Entry("Other cranes", "Cranes with other joints: closed forms, engines, control."),
     "compare": Entry(
         "Comparison",
-        "Fifteen strategies, also on cranes that differ.",
+        "17 strategies, also on cranes that differ from the plan.",
         quick=("--only", "spline alone", "flat + LQR"),
         figures={
             "swing": "Swing over time under each strategy, on one scale.",
@@ -188,6 +188,10 @@ EXPERIMENTS = {
             "needed": "What each strategy needs of the ψ_h that a standard allows for.",
         },
     ),
+    "liftoff": Entry(
+        "Lift-off and set-down",
+        "Lift-off from the ground and set-down: rope, swing, ground.",
+    ),
     "identify": Entry(
         "A crane, identified",
         "A crane's numbers, with intervals, from its records.",
@@ -211,10 +215,10 @@ EXPERIMENTS = {
 
 SUBJECTS = {
     "The article": "a1 10 s, a2 20 s, a3 10 s, energy 10 s, gazebo 15 s, demo endless",
-    "Mechanics": "validate 20 s, mass_ratio 20 s, linear_vs_full 25 s, cranes 1 min",
+    "Mechanics": "validate 40 s, mass_ratio 20 s, linear_vs_full 25 s, cranes 1 min",
     "Control": "b1 25 s, compare 10 min, observer 3 min, margins 2 min, sweep 3 min",
-    "Lifts": "lift 4 min, lift_report 3 min, lift_benchmark 5 min, factors 1 min",
-    "Identification": "identify 1 min, measured 10 s",
+    "Lifts": "lift 4 min, lift_report 3 min, lift_benchmark 5 min, factors 1 min, liftoff 20 s",
+    "Identification": "identify 1 min, measured 1 min",
 }
 """Experiments by subject, each with about the time that it takes on two processors."""
 

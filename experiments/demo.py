@@ -184,7 +184,7 @@ def _table(
         ("at the hook [mm]", ".4g"),
     ]
     strategy = "without swing control" if control == "none" else f"control {control}"
-    note = "Half the way across, radial and tangential together."
+    note = "Amplitudes of radial and tangential swing together."
     if len(rows) > MAX_ROWS:
         note += f" The last {MAX_ROWS} of {len(rows)} dwells."
     if earlier_files:

@@ -54,10 +54,9 @@ def _derived(factors: Sequence[Compared]) -> ResultTable:
         ("formula", ".6f", lambda d: d.formula),
         ("found", ".6f", lambda d: d.other),
         ("relative", "+.1e", lambda d: d.difference),
-        note="Pick-up: by an elastic hoist at 0.5 m/s; release: of a part of the load, slowly over "
-        "0.6034 of its periods; braking: of a carriage by a constant force, the worst of all "
-        "durations, and of a slew; pushes: by a drive that keeps its acceleration; gust: comes at "
-        "once and stays.",
+        note="Pick-up: by an elastic hoist at 0.5 m/s. Release: of a part of the load, slowly in "
+        "0.6034 periods. Braking: of a trolley by a constant force, of the worst duration, and of "
+        "a slew. Pushes: at constant acceleration. Gust: sudden and lasting.",
     )
 
 
@@ -71,9 +70,9 @@ def _moves(needs: Sequence[Need]) -> ResultTable:
         ("ψ_h allowed", ".2f", lambda n: n.allowed),
         ("needed", ".3f", lambda n: n.needed),
         ("unused [%]", ".0f", lambda n: 100.0 * n.unused),
-        note="Largest pull of the rope along the way of the drive, over the mass that hangs times "
-        "the drive's limit of acceleration. Allowed: 2, of one acceleration from rest for longer "
-        "than half a swing. A joystick that brakes while the load swings adds a second one to it.",
+        note="Largest pull of the rope along the drive, over mass times limit of acceleration. "
+        "Allowed: 2, one acceleration from rest. An operator who brakes a swinging load adds a "
+        "second.",
     )
 
 
@@ -85,8 +84,8 @@ def _hoists(needs: Sequence[Need]) -> ResultTable:
         ("φ2 at 1 m/s", ".3f", lambda n: n.allowed),
         ("needed", ".3f", lambda n: n.needed),
         ("unused [%]", ".0f", lambda n: 100.0 * n.unused),
-        note="On the rope that stretches of experiment cranes. At full speed: 1 + v ω/g, the φ2 of "
-        "a class with the slope ω/g of this rope, without the part φ2,min - 1 that needs no speed.",
+        note="On the elastic rope of experiment cranes. φ2 at full speed: 1 + v ω/g, without the "
+        "part φ2,min - 1 that does not depend on the speed.",
     )
 
 

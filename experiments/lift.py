@@ -193,11 +193,9 @@ def _certified(results: Sequence[SiteResult]) -> harness.ResultTable:
         ("clearance [m]", ".2f", lambda r: r.certificate.nearest.distance),
         ("of", "", lambda r: f"{r.certificate.nearest.body}, {r.certificate.nearest.obstacle}"),
         ("swing [mrad]", ".1f", lambda r: r.swing(r.certificate)),
-        note="Way: the path at full speed of the drives; grid: the best on cells of 0.5 s with no "
-        "more clearance than required, whichever way round. Bound: what the drives need at least, "
-        "by that grid and from start to goal. Drives: what they need along the path without a "
-        "thought of the load; motion: with the load at rest at the end. Clearance: the least in "
-        "the simulation.",
+        note="Way: the path at full speed. Grid: the best on cells of 0.5 s, either way round. "
+        "Bound: the least time of the drives from start to goal. Drives: their least time along "
+        "the path. Motion: with the load at rest at the end. Clearance: the least in simulation.",
     )
 
 
@@ -216,9 +214,9 @@ def _perturbed(results: Sequence[SiteResult]) -> harness.ResultTable:
         ("to %", ".3f", lambda r: percent(r[1], 1)),
         ("least [m]", ".2f", lambda r: float(np.nanmin(r[1].least))),
         ("swing after [mrad]", ".1f", lambda r: 1e3 * float(r[1].swing.max())),
-        note=f"The probability lies from … to with {100 * CONFIDENCE:g} % confidence (Clopper and "
-        "Pearson). Load ±30 %, cable ±0.5 m off its measure, wind up to 4 m/s with a gust of up to "
-        "6 m/s more, sensors up to 20 ms late. Least: negative where something is run into.",
+        note=f"From, to: {100 * CONFIDENCE:g} % interval of the probability (Clopper and Pearson). "
+        "Load ±30 %, cable ±0.5 m, wind up to 4 m/s with a gust of up to 6 m/s more, sensors up to "
+        "20 ms late. Least: negative for a collision.",
     )
 
 
@@ -235,8 +233,7 @@ def _least_time(results: Sequence[SiteResult]) -> harness.ResultTable:
         ("swing [mrad]", ".1f", lambda r: r.swing(r.least)),
         ("at arrival [mrad]", ".4f", lambda r: 1e3 * r.least.residual_swing),
         ("found in [s]", ".1f", lambda r: r.least_seconds),
-        note="The same lifts with motions of least time near the planned ones, as proven and as "
-        "certified. Bound: what drives need at least, whichever way round.",
+        note="The same lifts with motions of least time. Bound: the least time of the drives.",
     )
 
 

@@ -122,7 +122,7 @@ def write_pages(judgement: Judgement, folder: Path, command_line: str) -> int:
     from cranedyn.lifting.page import NoBrowser, print_pdf
 
     page = judgement.report(folder / "lift.html", command_line)
-    print(f"The page: {page}.")
+    print(f"{'Go' if judgement.go else 'No go'}: {page}.")
     try:
         print(f"On paper: {print_pdf(page, folder / 'lift.pdf')}.")
     except NoBrowser as error:

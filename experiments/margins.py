@@ -255,9 +255,8 @@ def _table(maps: Mapping[str, MarginMap], points: int, note: str) -> ResultTable
         maps,
         ("strategy", "", str),
         *columns,
-        note="Damping: of the least damped mode, of critical. Stronger, weaker: factor on the "
-        "effort of one drive at which the loop is unstable; late: delay of its commands. Each "
-        f"with its place, the worst drive of it.{note}",
+        note="Damping: of the least damped mode. Stronger, weaker: factor on the effort of one "
+        f"drive at which the loop becomes unstable; late: delay of its commands.{note}",
     )
 
 

@@ -117,8 +117,8 @@ def _table(swings: Cases) -> ResultTable:
         dict.fromkeys((sensors, kind) for sensors, kind, *_ in swings),
         ("sensors, cable off by", "", ", ".join),
         *columns,
-        note="Columns: load over that planned for, and how much longer the cable is. A dash: the "
-        "run breaks off, or the cable is as read and stands one row above.",
+        note="Columns: load over the planned one, error of the cable. A dash: the run diverged, "
+        "or the cable is as recorded and stands one row above.",
     )
 
 

@@ -71,10 +71,9 @@ def grid_table(columns: Columns, drive: str) -> ResultTable:
         ("worst [mrad]", ".3g", lambda s: quantile(s[1], 1.0)),
         ("worst on the way [mrad]", ".3g", lambda s: 1e3 * np.nanmax(s[1]["peak_swing_rad"])),
         ("worst off goal [mm]", ".3g", lambda s: 1e3 * np.nanmax(s[1]["off_goal_m"])),
-        note=f"Swing that is left {AFTER:g} s after the arrival of the {COMBINED.name} move. Loads "
-        f"are {LOADS[0]:g} to {LOADS[1]:g} times that planned for, cables up to {CABLES[1]:g} m "
-        f"longer or shorter than measured, times for the move {DURATIONS[0]:g} to {DURATIONS[1]:g} "
-        "s. " + drives,
+        note=f"Swing {AFTER:g} s after the arrival of the {COMBINED.name} move of {DURATIONS[0]:g} "
+        f"to {DURATIONS[1]:g} s. Loads are {LOADS[0]:g} to {LOADS[1]:g} times the planned one, "
+        f"cables up to {CABLES[1]:g} m off. {drives}",
     )
 
 
@@ -155,16 +154,15 @@ def _swings(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
         ("left, median [mrad]", ".3g", lambda s: quantile(s[1], "residual", 0.5)),
         ("left, 95 % below [mrad]", ".3g", lambda s: quantile(s[1], "residual", 0.95)),
         ("left, worst [mrad]", ".3g", lambda s: quantile(s[1], "residual", 1.0)),
-        note=f"Amplitude of the swing at the arrival of the {COMBINED.name} move and {AFTER:g} s "
-        f"later. Drawn at random, evenly: load {low:g} to {high:g} times that planned for; cable "
-        f"up to {RANGES['cable_error_m'][1]:g} m longer or shorter than measured; a gust of up to "
-        f"{RANGES['gust_m_s'][1]:g} m/s from any side on {DRAG:g} m² of load, of "
-        f"{RANGES['gust_lasts_s'][0]:g} to {RANGES['gust_lasts_s'][1]:g} s, begun in the first "
-        f"{RANGES['gust_at_s'][1]:g} s; noise of the sensors up to {RANGES['noise'][1]:g} times "
-        f"the usual; sensors up to {RANGES['delay'][1] - 1:g} control periods late; converters, "
-        f"where there are, of {RANGES['lag'][0]:g} to {RANGES['lag'][1]:g} times the usual lag. "
-        "Drives that follow exactly need no sensors. A dash: the crane diverged. Not in a batch: "
-        + "; ".join(f"{name}, as {why}" for name, why in UNBATCHED.items())
+        note=f"Amplitude at the arrival of the {COMBINED.name} move and {AFTER:g} s later; a dash: "
+        f"diverged. Uniform random: load {low:g} to {high:g} times the planned one; cable up to "
+        f"{RANGES['cable_error_m'][1]:g} m off; gust of up to {RANGES['gust_m_s'][1]:g} m/s from "
+        f"any side on {DRAG:g} m² for {RANGES['gust_lasts_s'][0]:g} to "
+        f"{RANGES['gust_lasts_s'][1]:g} s, in the first {RANGES['gust_at_s'][1]:g} s; sensor noise "
+        f"up to {RANGES['noise'][1]:g} times the usual; sensors up to {RANGES['delay'][1] - 1:g} "
+        f"control periods late; lag of converters {RANGES['lag'][0]:g} to {RANGES['lag'][1]:g} "
+        "times the usual. Not in a batch: "
+        + "; ".join(f"{name}, because {why}" for name, why in UNBATCHED.items())
         + ".",
     )
 
@@ -188,11 +186,10 @@ def _failures(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
         f"How often moves fail that are drawn, {drives}",
         [("strategy", ""), *((f"{heading} [%]", ".2f") for heading in headings)],
         rows,
-        "Broken: at one of 20 instants a second a joint is out of its range, the rope slack or the "
-        f"load on the ground. Too much left: more than {1e3 * MOST_LEFT:g} mrad. Fails: one or "
-        f"both; at least, at most: its probability, with {100 * CONFIDENCE:g} % confidence "
-        "(Clopper and Pearson 1934). Beyond: broken, or a drive that follows a motion or a rate is "
-        "asked at an instant for more than it has.",
+        "Broken: a joint leaves its range, the rope goes slack or the load touches the ground, at "
+        f"20 instants a second. Too much left: more than {1e3 * MOST_LEFT:g} mrad. At least, at "
+        f"most: {100 * CONFIDENCE:g} % interval of the probability (Clopper and Pearson). Beyond: "
+        "broken, or a drive is asked for more than its limits.",
     )
 
 

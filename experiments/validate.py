@@ -21,7 +21,7 @@ from cranedyn.model.description import parse_values
 from cranedyn.plotting.figures import COLOURS, panels
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
-from experiments.oracles import conserved, moves, swings
+from experiments.oracles import conserved, ground, moves, slack, swings
 from experiments.oracles.bench import (
     STEP,
     Bench,
@@ -39,6 +39,7 @@ PARTS = {
     "Turning jib": moves.turning_jib,
     "Moves of the trolley": moves.trolley_moves,
     "What is conserved": conserved.oracles,
+    "Load on the ground": ground.box_on_ground,
 }
 """Titles of the tables and what makes their rows."""
 
@@ -83,11 +84,12 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     results = checks(bench, halvings)
     all_checks = list(itertools.chain(*results.values()))
     tables = [oracle_table(title, rows) for title, rows in results.items()]
+    slack_table, slack_claims, slack_forms = slack.study(bench)
     return Outcome(
-        tables=tables,
-        claims=[*map(_claim, all_checks), _order(all_checks)],
+        tables=[*tables, slack_table],
+        claims=[*map(_claim, all_checks), _order(all_checks), *slack_claims],
         parameters={
-            "closed_forms": len(all_checks),
+            "closed_forms": len(all_checks) + slack_forms,
             "gravity_m_s2": G,
             "coarsest_dt_s": STEP,
             "halvings": halvings,

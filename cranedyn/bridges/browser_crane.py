@@ -106,7 +106,10 @@ _ASSISTANCES = {
     "shaped": ("Shaped", "Half of each command comes half a swing period later (ZV shaper)."),
     "yielding": ("Yielding", "Slew and trolley give way to the load, which damps its swing."),
     "lqr": ("LQR", "Feedback of the whole state holds the load on the motion of the sticks."),
-    "predictive": ("Predictive", "An optimisation drives the load to the goal that is clicked."),
+    "predictive": (
+        "Predictive",
+        "An optimisation drives the load to the goal that is clicked, by the usual ramps.",
+    ),
 }
 
 

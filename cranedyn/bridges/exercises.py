@@ -46,7 +46,7 @@ class Exercise:
         start: State at the start.
         goal: Where the centre of the load is to be [m], shape (3,); None for anywhere.
         radius: Distance from there that is allowed [m].
-        solids: Obstacles.
+        solids: Obstacles; none for those of the site.
         blind: Whether it is seen from the cabin only.
         best: What the planner needs; None if there is no plan.
     """
@@ -110,7 +110,7 @@ def lift_exercise(crane: Crane, limits: Limits, site: Site) -> Exercise | None:
     if site.start is None or site.goal is None:
         return None
     text = f"Lift the load from start to goal of the site {site.name}."
-    exercise = Exercise("lift", "The lift", text, crane.start, site.goal, solids=site.solids)
+    exercise = Exercise("lift", "The lift", text, crane.start, site.goal)
     return _planned(crane, limits, exercise, site)
 
 

@@ -38,6 +38,7 @@ from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.errors import DataError
+from cranedyn.lifting.chart import Falls, read_chart
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 from cranedyn.planning.site import Site
@@ -56,32 +57,36 @@ DRAG = 1.2
 _TEMPLATES = Path(__file__).with_name("templates") / "page"
 
 
-def export(file: str | Path, crane: Crane, *, site: Site | None = None) -> Path:
+def export(
+    file: str | Path, crane: Crane, *, site: Site | None = None, chart: Falls | None = None
+) -> Path:
     """Write a page in which one drives a crane by keyboard, gamepad or mouse.
 
     Args:
         file: New file, ending in .html.
         crane: The crane, loaded with the values of the site where there is one.
         site: Obstacles about the crane; None for none.
+        chart: Rated loads of a tower crane; None for none.
 
     Raises:
         DataError: If the ending is not .html, or the file exists or cannot be written.
         OutOfRange: If a drive has no velocity limit above 0.
+        MissingRole: If there is a chart, and the crane does not slew.
         ModelError: If the code would not do what Pinocchio does.
     """
     file = Path(file)
     if file.suffix != ".html":
         raise DataError(f"Cannot write {file}: the ending of a page must be .html.")
     check_free(file)
-    text = page_html(crane, site)
+    text = page_html(crane, site, chart)
     with new_file(file) as draft:
         draft.write_text(text, "utf-8")
     return file
 
 
-def page_html(crane: Crane, site: Site | None = None) -> str:
+def page_html(crane: Crane, site: Site | None = None, chart: Falls | None = None) -> str:
     """Return the page as HTML, see `export`."""
-    data = json.dumps(page_data(crane, site), separators=(",", ":"), allow_nan=False)
+    data = json.dumps(page_data(crane, site, chart), separators=(",", ":"), allow_nan=False)
     parts = {
         "style": _template("style.css"),
         "data": data.replace("<", "\\u003c"),
@@ -102,9 +107,11 @@ def _template(name: str) -> str:
     return (_TEMPLATES / name).read_text("utf-8")
 
 
-def page_data(crane: Crane, site: Site | None = None) -> dict[str, Any]:
+def page_data(crane: Crane, site: Site | None = None, chart: Falls | None = None) -> dict[str, Any]:
     """Return all that the page needs of a crane and its site, for JSON."""
     layout, drives = crane.layout, converters(crane)
+    if chart is not None:
+        layout.role("slew", "A load chart")
     given = _exercises(crane, drives, site)
     if site is not None and given:
         crane = replace(crane, start=given[0].start)
@@ -118,7 +125,13 @@ def page_data(crane: Crane, site: Site | None = None) -> dict[str, Any]:
         "assist": assist_data(crane, drives),
         "assistances": assistances(crane),
         "kernel": kernel_data(crane, drives, sliders, cranes, responses),
-        "sliders": [asdict(slider) for slider in (*sliders, *_WIND)],
+        "sliders": [asdict(slider) for slider in (*sliders, *_cable(crane), *_WIND)],
+        "chart": chart
+        and {
+            "least": chart.least,
+            "radii": chart.radii.tolist(),
+            "rated": chart.rated.tolist(),
+        },
         "drag": 0.5 * AIR_DENSITY * DRAG * _frontal_area(crane, load),
         "site": None if site is None else {"name": site.name, "solids": _solids_data(obstacles)},
         "parts": [part for solid in obstacles for part in _parts(solid)],
@@ -132,6 +145,14 @@ _WIND = (
     Slider("wind_speed", "wind", "m/s", 0.0, 25.0, 0.0),
     Slider("wind_direction", "blows towards", "°", -180.0, 180.0, 0.0),
 )
+
+
+def _cable(crane: Crane) -> Iterator[Slider]:
+    """Yield a slider for the length of the cable, if there is a hoist."""
+    if crane.layout.has("hoist"):
+        i = crane.layout.role("hoist", "")
+        ends = float(crane.lower[i]), float(crane.upper[i])
+        yield Slider("cable", "cable", "m", *ends, float(crane.start.q[i]))
 
 
 def _crane_data(crane: Crane, drives: Converters, load: np.ndarray | None) -> dict[str, Any]:
@@ -181,6 +202,7 @@ def _crane_data(crane: Crane, drives: Converters, load: np.ndarray | None) -> di
         "rope": rope,
         "lead": semi_implicit_euler.lead * DT,
         "columns": {name: list(columns) for name, columns in layout.columns().items()},
+        "record": crane.record,
         "gravity": crane.gravity,
         "period": swing_period(crane, crane.start.q),
         "ground": 0.0,
@@ -305,8 +327,8 @@ def _tasks(
             "radius": exercise.radius,
             "swing": SWING,
             "blind": exercise.blind,
-            "parts": [part for solid in solids for part in _parts(solid)],
-            "solids": _solids_data(solids),
+            "parts": [part for solid in solids for part in _parts(solid)] or None,
+            "solids": _solids_data(solids) or None,
             "best": None if exercise.best is None else asdict(exercise.best),
         }
 
@@ -345,6 +367,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--site", metavar="FILE", default=None, help="obstacles about the crane, a .toml file"
     )
+    parser.add_argument("--chart", metavar="FILE", help="its load chart, a .toml file")
 
 
 def run(options: argparse.Namespace) -> Path:
@@ -353,4 +376,5 @@ def run(options: argparse.Namespace) -> Path:
     site = None if options.site is None else read_site(options.site)
     if site is not None:
         options.values = [*(f"{k}:={v}" for k, v in site.crane.items()), *options.values]
-    return export(options.target, crane_from_options(options), site=site)
+    chart = None if options.chart is None else read_chart(options.chart).on()
+    return export(options.target, crane_from_options(options), site=site, chart=chart)

@@ -52,14 +52,14 @@ class SetpointRegulator(Tracking):
         )[0]
 
 
-def standing(crane: Crane, period: float) -> Motion:
+def _at_rest(crane: Crane, period: float) -> Motion:
     """Return the motion of a crane that stands at its start, of one row."""
     still = np.zeros((1, crane.layout.n))
     return Motion(period, crane.resting(crane.start.q)[None], still, still, crane.layout.drives)
 
 
 def _lqr(crane: Crane, period: float) -> SetpointRegulator:
-    return SetpointRegulator(**vars(lqr(crane, standing(crane, period))), crane=crane)
+    return SetpointRegulator(**vars(lqr(crane, _at_rest(crane, period))), crane=crane)
 
 
 def _integral(crane: Crane, period: float) -> HoistIntegral:
@@ -68,7 +68,7 @@ def _integral(crane: Crane, period: float) -> HoistIntegral:
 
 
 def _observer(crane: Crane, period: float) -> Any:
-    return with_observer(_lqr(crane, period), crane, standing(crane, period))
+    return with_observer(_lqr(crane, period), crane, _at_rest(crane, period))
 
 
 def _yielding(crane: Crane, period: float) -> Any:

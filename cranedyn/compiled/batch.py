@@ -216,7 +216,7 @@ def simulate_batch(
     code, varied = compile_kernel(distinct, recipe, response)
     needed = used + 2 * cranes * code.source.varied
     inputs.check_fits_memory("number of cranes", str(cranes), needed)
-    nothing = np.broadcast_to(0.0, (cranes, sizes.m + 1))
+    nothing = np.broadcast_to(0.0, (cranes, sizes.m + 2))  # last command, work of contacts
     converter_memory = inputs.converter_memory(sizes, state.v[:, layout.drives])
     first_state = [state.q, state.v, control.integrals, nothing, *converter_memory]
     first_summary = np.array([0.0, 0.0, math.inf, *[0.0] * sizes.m])

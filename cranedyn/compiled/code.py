@@ -75,6 +75,11 @@ class Code(Instructions):
             self._turns[after.register] = before, by
         return after
 
+    def increment(self, after: Any, before: Value) -> Any:
+        """Return after - before, exactly what was added where `advanced` returned after."""
+        start, by = self._turns.get(getattr(after, "register", None), (None, None))
+        return by if start is before else after - before
+
     def variables(self, values: Sequence[Any]) -> list[StackVariable]:
         """Return variables for values that change from one pass of a loop to the next."""
         return [StackVariable(self, value) for value in values]
@@ -136,10 +141,10 @@ class Code(Instructions):
     @contextmanager
     def when(self, condition: ir.Value) -> Iterator[None]:
         """Emit statements that run where a condition, common to all lanes, holds."""
+        known = dict(self._angles)
         with self.builder.if_then(condition):
-            self._clear_angles()
             yield
-        self._clear_angles()
+        self._angles = known
 
     def _clear_angles(self) -> None:
         """Forget sines and cosines that were computed on another path of the code."""

@@ -17,6 +17,7 @@ from cranedyn.disturbances.wind import drag_force
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.dynamics.scalars import array
+from cranedyn.errors import ModelError
 from cranedyn.interfaces import DirectDrive
 from cranedyn.model.crane import Crane
 from cranedyn.plant import rigid_body
@@ -60,9 +61,15 @@ def crane_block(
 
     Raises:
         OutOfRange: If there is no code for the stepping rule.
-        ModelError: If the code would not do what Pinocchio does.
+        ModelError: If the rope goes slack and taut within a step, or the code would not do what
+            Pinocchio does.
     """
     check_rule(integrator)
+    if crane.springs.rope is not None and crane.springs.rope.inextensible:
+        raise ModelError(
+            "The rope does not stretch and may go slack, which a block cannot follow within a "
+            "step; give a finite rope_stiffness, or 0 for a rope that is always taut."
+        )
     verified = replace(_VERIFIED, drive=drive, integrator=integrator)
     compile_kernel([crane], verified)  # compares the same text with Pinocchio
     names = VariableNames(crane, drive)
@@ -77,7 +84,7 @@ def crane_block(
     def outputs(code: BlockCode) -> Mapping[str, Any]:
         text = _Text(code, crane, drive, names)
         command = text.plant.within(text.command)
-        a, effort, needed = text.plant.driven(text.q, text.v, command, text.forces)
+        a, effort, needed, _ = text.plant.driven(text.q, text.v, command, text.forces)
         hoist = crane.layout.drive_of("hoist")
         hoist_force = 0.0 if hoist is None else effort[hoist]
         conditions = text.plant.conditions(text.q, text.v, hoist_force, needed)
@@ -92,7 +99,7 @@ def crane_block(
         text = _Text(code, crane, drive, names)
         command = text.plant.within(text.command)
         rule = Step(integrator, text.plant, command, text.forces, dt, 1.0, 1)
-        q, v, _ = rule.after(StepState(text.q, text.v, 0.0))
+        q, v, *_ = rule.after(StepState(text.q, text.v, array([0.0, 0.0])))
         q = array([reading - offset for reading, offset in zip(q, text.offset, strict=True)])
         return dict(zip(names.state, [*q, *v], strict=True))
 

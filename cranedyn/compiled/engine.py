@@ -81,7 +81,8 @@ class CompiledEngine(Engine):
         """
         check_rule(setting.integrator)
         self._setting = setting
-        self._sizes = sizes = BufferLayout.of(setting.crane.layout, setting.delay_steps)
+        sizes = BufferLayout.of(setting.crane.layout, setting.delay_steps, setting.contacts)
+        self._sizes = sizes
         self._at, self._force = slices(sizes.state), np.zeros((1, size(sizes.force)))
         self._memory = np.zeros(size(sizes.state))
         self._gain_table, self._setpoint_table = command_tables(sizes)
@@ -113,6 +114,8 @@ class CompiledEngine(Engine):
         super().reset(start)
         self._memory[:] = self._force[:] = self._last_command[:] = 0.0
         self._here[:] = np.concatenate(start)
+        if self._external is not None and self._external.ground is not None:
+            self._memory[self._at["anchors"]] = self._external.ground.anchors.T.ravel()
         if self._setting.converters is not None:
             self._memory[self._at["reference"]] = start.v[self._setting.crane.layout.drives]
             unheard = self._memory[self._at["unheard"]].reshape(-1, self._sizes.m)
@@ -140,6 +143,7 @@ class CompiledEngine(Engine):
             summary=log,
             delay_steps=setting.delay_steps,
             programme=programme,
+            contacts=setting.contacts,
         )
         converters = setting.converters
         numbers = None if converters is None else np.concatenate(converters.response)
@@ -179,7 +183,8 @@ class CompiledEngine(Engine):
 
     def apply_command(self, command: np.ndarray, force: np.ndarray | None = None) -> Actuation:
         """As `Engine.apply_command`."""
-        if self._setting.converters is not None or self._setting.buffers:
+        setting = self._setting
+        if setting.converters or setting.buffers or setting.contacts or self._drives.rope:
             self._recall()
         actuation = super().apply_command(command, force)
         self._last_command[...] = actuation.effort if self._setting.drive == "effort" else command
@@ -188,8 +193,13 @@ class CompiledEngine(Engine):
         return actuation
 
     def _recall(self) -> None:
-        """Copy the memory of converters and buffers from compiled code to Pinocchio's drives."""
-        self._buffer_work = float(self._memory[self._at["buffers"]][0])
+        """Copy the memory of converters, contacts and ground from compiled code to Pinocchio's
+        drives.
+        """
+        self._buffer_work, self._impact_work = self._memory[self._at["contacts"]].tolist()
+        if self._external is not None and self._external.ground is not None:
+            anchors = self._memory[self._at["anchors"]]
+            self._external.ground.anchors = anchors.reshape(-1, 3).T.copy()
         if isinstance(self._drives, VelocityDrives):
             names = "reference", "rising", "unheard"
             reference, rising, unheard = (self._memory[self._at[name]] for name in names)
@@ -258,7 +268,7 @@ class CompiledEngine(Engine):
                 **{name: rows[name] for name in ("q", "v", "effort")},
                 "needed": rows["command"],
                 "effort_before": rows["before"],
-                "buffers": np.hstack([rows["buffers"], rows["stop_force"]]),
+                "contacts": np.hstack([rows["contacts"], rows["stop_force"]]),
                 "saturated": rows.get("cut", np.zeros((len(times), 1))),
             }
             extend(columns, rows["energy"][:, 0], valid=valid)

@@ -63,6 +63,9 @@ class Value:
     def __neg__(self) -> Value:
         return self.code.result("fneg", self)
 
+    def __abs__(self) -> Value:
+        return self.code.call("llvm.fabs", self)
+
     def sin(self) -> Value:
         """Return the sine of an angle [rad]."""
         return self.code.sine_and_cosine(self)[0]

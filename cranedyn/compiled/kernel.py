@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, count
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,6 +17,7 @@ from cranedyn.compiled.machine import Machine, translate
 from cranedyn.compiled.step import Step, StepState
 from cranedyn.compiled.threads import THREAD, emit_lane_loop
 from cranedyn.controllers.affine import integrated_command
+from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.dynamics.scalars import array
 from cranedyn.plant.plant import SI, Plant, Topology, Units, plant
@@ -48,6 +49,7 @@ class Recipe:
         delayed: Whether the sensors have delays.
         threads: Whether each lane is a thread with plain doubles, as on a GPU, instead of a part of
             a vector.
+        contacts: Contacts of the load with the ground; None for none.
     """
 
     lanes: int
@@ -65,6 +67,7 @@ class Recipe:
     programme: Programme | None = None
     delayed: bool = False
     threads: bool = False
+    contacts: Contacts | None = None
 
 
 class KernelSource(NamedTuple):
@@ -83,7 +86,8 @@ class KernelSource(NamedTuple):
     @property
     def sizes(self) -> BufferLayout:
         """Layout of the buffers."""
-        return BufferLayout.of(self.topology.layout, self.recipe.delay_steps)
+        recipe = self.recipe
+        return BufferLayout.of(self.topology.layout, recipe.delay_steps, recipe.contacts)
 
     @property
     def varied(self) -> int:
@@ -97,7 +101,9 @@ class KernelSource(NamedTuple):
             code.load(numbers, next(varied) * code.stride) if constant is None else constant
             for constant in self.constants
         ]
-        return plant(self.topology, values, self.recipe.drive, self.recipe.buffers)
+        recipe = self.recipe
+        numbered = plant(self.topology, values, recipe.drive, recipe.buffers)
+        return replace(numbered, contacts=recipe.contacts)
 
     def in_steps(self, crane: Plant, dt: Any) -> tuple[Plant, Units]:
         """Return the crane and the units in which it steps. A thread has too few registers for
@@ -242,6 +248,10 @@ class _Loop:
     def _get(self, section: str) -> np.ndarray:
         return array([variable.get() for variable in self.state[section]])
 
+    def _anchors(self) -> np.ndarray:
+        """Return the anchors of the ground, shape (3 points,); empty without ground."""
+        return self._get("anchors") if self.sizes.touching else array([])
+
     def _coordinates(self) -> np.ndarray:
         """Return coordinates, with their sines and cosines cached."""
         q = self._get("q")
@@ -299,7 +309,7 @@ class _Loop:
         """Emit steps from the first to the one before the last."""
         code, units = self.code, self.units
         with code.fast_loop(first, last) as end:
-            q_before, work = self._coordinates(), self.state["buffers"][0].get()
+            q_before, works = self._coordinates(), self._get("contacts")
             v, last_command = self._get("v"), self._get("last_command")
             if self.recipe.delay_steps is not None:
                 reference, rising = self._next_reference(last_command, v * (1.0 / units.time))
@@ -315,10 +325,12 @@ class _Loop:
                 units.work,
                 self.call_values["substeps"],
             )
-            q, v, work = step.after(StepState(q_before, v, work))
+            q, v, works, anchors = step.after(StepState(q_before, v, works, self._anchors()))
             self._set("q", q)
             self._set("v", v)
-            self._set("buffers", [work])
+            self._set("contacts", works)
+            if self.sizes.touching:
+                self._set("anchors", anchors)
             used = [i for i in self.turns if code.uses_angle(q_before[i])]
             turns = {i: turn for i in used if (turn := code.turn(q[i])) is not None}
             pairs = {i: turn.rotate(SHORTER) for i, turn in turns.items()}
@@ -345,21 +357,21 @@ class _Loop:
             effort = self._delay_command(command)
         self._set("last_command", effort)
         reported = recipe.log or recipe.summary
+        reactions = self.plant.ground_reactions(q, v, self._anchors())[0] if reported else []
         if recipe.delay_steps is not None and reported:
             if recipe.log:
                 acted = self._forces(code.builder.sub(instant, code.integer(1)))
-                before = self.plant.answer(q, v, self._get("reference"), acted)[1]
+                before = self.plant.answer(q, v, self._get("reference"), acted, reactions)[1]
             next_reference = array(self._next_reference(effort, v)[0])
-            _, effort, command = self.plant.driven(q, v, next_reference, forces)
+            _, effort, command, _ = self.plant.driven(q, v, next_reference, forces, reactions)
         if recipe.drive == "motion" and reported:
             acted = self._forces(code.builder.sub(instant, code.integer(1)))
-            before = self.plant.answer(q, v, before, acted)[1]
-            command = effort = self.plant.answer(q, v, command, forces)[1]
+            before = self.plant.answer(q, v, before, acted, reactions)[1]
+            command = effort = self.plant.answer(q, v, command, forces, reactions)[1]
         buffer = self.plant.stop_force(q, v)
         if recipe.log:
-            energy, work = self.plant.energy(q, v), self.state["buffers"][0].get()
-            row = [*q, *v, *command, *effort, *before, energy, work, buffer]
-            self._log(instant, [*row, *self._cut(requested)])
+            row = [*q, *v, *command, *effort, *before, self.plant.energy(q, v)]
+            self._log(instant, [*row, *self._get("contacts"), buffer, *self._cut(requested)])
         if recipe.summary:
             self._summarise(instant, q, v, effort, buffer, command, self._cut(requested))
 

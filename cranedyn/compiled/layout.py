@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import accumulate
 
 from cranedyn.compiled.code import DOUBLE, INTEGER, POINTER
+from cranedyn.dynamics.contact import Contacts
 from cranedyn.model.layout import Layout
 
 Sections = dict[str, int]
@@ -22,17 +23,22 @@ class BufferLayout:
         points: Number of points that external forces act on.
         delay_steps: Control periods by which frequency converters delay commands; None for drives
             without converters.
+        touching: Points of the load that may touch the ground; 0 without ground.
     """
 
     n: int
     m: int
     points: int
     delay_steps: int | None = None
+    touching: int = 0
 
     @classmethod
-    def of(cls, layout: Layout, delay_steps: int | None = None) -> BufferLayout:
+    def of(
+        cls, layout: Layout, delay_steps: int | None = None, contacts: Contacts | None = None
+    ) -> BufferLayout:
         """Return the layout of the buffers of a crane."""
-        return cls(layout.n, layout.m, len(layout.points), delay_steps)
+        touching = 0 if contacts is None else len(contacts.points)
+        return cls(layout.n, layout.m, len(layout.points), delay_steps, touching)
 
     @property
     def converters(self) -> Sections:
@@ -51,10 +57,12 @@ class BufferLayout:
     @property
     def state(self) -> Sections:
         """State of a crane at a control instant: coordinates, rates, integrals of the controller,
-        the last command, work of the buffers, and memory of the frequency converters.
+        the last command, work of buffers and ground and of impacts of the rope, anchors of the
+        points that touch the ground, and memory of the frequency converters.
         """
         n, m = self.n, self.m
-        sections = {"q": n, "v": n, "integral": m, "last_command": m, "buffers": 1}
+        sections = {"q": n, "v": n, "integral": m, "last_command": m, "contacts": 2}
+        sections |= {"anchors": 3 * self.touching} if self.touching else {}
         return sections | self.converters
 
     @property
@@ -85,7 +93,7 @@ class BufferLayout:
         """Row of the log; cut is 1 where the command exceeds the largest rate of a converter."""
         n, m = self.n, self.m
         sections = {"q": n, "v": n, "command": m, "effort": m, "before": m}
-        sections |= {"energy": 1, "buffers": 1, "stop_force": 1}
+        sections |= {"energy": 1, "contacts": 2, "stop_force": 1}
         return sections if self.delay_steps is None else sections | {"cut": 1}
 
     @property

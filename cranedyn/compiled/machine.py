@@ -47,13 +47,13 @@ class Machine:
 
 def translate(module: ir.Module) -> Machine:
     """Optimise a module for this processor and translate it; its memory is freed with the
-    functions.
+    functions. Higher levels take a third longer and make straight-line code no faster.
     """
     # The global context would keep every constant for ever.
     context, target = binding.create_context(), _target()
     context._owned = True
     code = binding.parse_assembly(str(module), context)
-    _optimise(code, target)
+    _optimise(code, target, speed_level=1)
     engine = binding.create_mcjit_compiler(code, target)
     engine.finalize_object()
     return Machine(engine, context)
@@ -93,10 +93,9 @@ def _cross(module: ir.Module, triple: str, processor: str = "") -> tuple[Any, An
     return target, binding.parse_assembly(str(module), binding.create_context())
 
 
-def _optimise(code: Any, target: Any) -> None:
-    passes = binding.create_pass_builder(
-        target, binding.create_pipeline_tuning_options(speed_level=2)
-    )
+def _optimise(code: Any, target: Any, speed_level: int = 2) -> None:
+    options = binding.create_pipeline_tuning_options(speed_level=speed_level)
+    passes = binding.create_pass_builder(target, options)
     manager = passes.getModulePassManager()
     try:
         manager.run(code, passes)
@@ -119,6 +118,6 @@ def _target() -> Any:
     return _initialised().create_target_machine(
         cpu=binding.get_host_cpu_name(),
         features=binding.get_host_cpu_features().flatten(),
-        opt=3,
+        opt=1,
         jit=True,
     )

@@ -22,7 +22,7 @@ QUANTITIES = (
     "outside",
     "valid",
 )
-"""Arrays of a trajectory, in the order of their columns."""
+"""Arrays of every trajectory, in the order of their columns."""
 
 _PATTERNS = {
     "v": re.compile(r"(?P<symbol>.+)_dot_(?P<unit>rad|m)_s"),
@@ -37,7 +37,7 @@ _PATTERNS = {
 
 
 def trajectory_columns(
-    units: Mapping[str, str], drives: Iterable[str], points: Iterable[str]
+    units: Mapping[str, str], drives: Iterable[str], points: Iterable[str], *, rope: bool = False
 ) -> dict[str, tuple[str, ...]]:
     """Return the names of the columns of a trajectory by quantity.
 
@@ -45,6 +45,7 @@ def trajectory_columns(
         units: Unit of each coordinate, "rad" or "m", by its symbol.
         drives: Symbols of the driven coordinates.
         points: Names of the points on which forces act.
+        rope: Whether the rope may go slack, see `Trajectory.phase`.
     """
     drives = list(drives)
     effort = {symbol: ("T", "Nm") if units[symbol] == "rad" else ("F", "N") for symbol in drives}
@@ -59,13 +60,14 @@ def trajectory_columns(
         "work": tuple(f"W_{symbol}_J" for symbol in drives),
         "dissipated": ("dissipated_J",),
         "force": tuple(f"{point}_force_{axis}_N" for point in points for axis in "xyz"),
-        "outside": ("W_force_J", "W_buffers_J"),
+        "outside": ("W_force_J", "W_buffers_J", *["W_impacts_J"] * rope),
         "valid": ("valid",),
+        **({"phase": ("phase",)} if rope else {}),
     }
 
 
-_GENERAL = {name for names in trajectory_columns({}, (), ()).values() for name in names}
-"""Columns that every trajectory has, whatever its crane."""
+_GENERAL = {name for names in trajectory_columns({}, (), (), rope=True).values() for name in names}
+"""Columns without the symbol of a joint, drive or point."""
 
 
 def columns_by_quantity(names: Sequence[str], path: str | Path) -> dict[str, tuple[str, ...]]:
@@ -92,7 +94,7 @@ def columns_by_quantity(names: Sequence[str], path: str | Path) -> dict[str, tup
     )
     joints = units["q"] | units["v"]
     joints |= {symbol: "m" for symbol in drives if symbol not in joints}
-    columns = trajectory_columns(joints, drives, units["force"])
+    columns = trajectory_columns(joints, drives, units["force"], rope="phase" in names)
     if missing := [name for group in columns.values() for name in group if name not in names]:
         raise DataError(
             f"{path} has no column {', '.join(missing)}; a complete record of these joints has it."

@@ -17,7 +17,7 @@ from cranedyn.data.time_series import TimeSeries
 from cranedyn.errors import DataError, OutOfRange, UnknownColumn, UnknownName
 from cranedyn.interfaces import State
 
-_SCALARS = ("t", "energy", "dissipated", "valid")
+_SCALARS = ("t", "energy", "dissipated", "valid", "phase")
 """Quantities of one number a row."""
 
 
@@ -40,10 +40,13 @@ class Trajectory(TimeSeries):
         dissipated: Energy dissipated by joint damping since the start [J], shape (rows,).
         force: External forces in the world frame from this instant to the next, on the points of
             the crane [N], shape (rows, 3 points).
-        outside: Work done on the crane since the start by these forces, and by buffers at the ends
-            of the ranges [J], shape (rows, 2).
+        outside: Work done on the crane since the start by these forces, by buffers at the ends of
+            the ranges, and, if the rope may go slack, by impacts where it becomes taut, which is
+            negative where kinetic energy is lost [J], shape (rows, 2 or 3).
         valid: 1 where the model is valid, 0 elsewhere, see `cranedyn.dynamics.validity`; shape
             (rows,).
+        phase: 0 where the rope is taut, 1 where it is slack, 2 where the load stands on the ground,
+            3 where it is lifted off-lead, shape (rows,); None if the rope cannot go slack.
         columns: Names of the columns of each of these quantities.
         parameters: Numbers and words that describe the run, by name.
         record: All that is needed to repeat the run: crane, controller, reference and disturbance
@@ -65,6 +68,7 @@ class Trajectory(TimeSeries):
     columns: Mapping[str, tuple[str, ...]]
     parameters: Mapping[str, float | str] = field(default_factory=dict)
     record: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    phase: np.ndarray | None = None
 
     def keys(self) -> list[str]:
         """Return the names of the columns."""
@@ -141,7 +145,11 @@ class Trajectory(TimeSeries):
         return self._rows((self.t >= first - 1e-9) & (self.t <= last + 1e-9))
 
     def _rows(self, mask: np.ndarray) -> Trajectory:
-        return replace(self, **{name: getattr(self, name)[mask] for name in QUANTITIES})
+        return replace(self, **{name: getattr(self, name)[mask] for name in self._quantities})
+
+    @property
+    def _quantities(self) -> tuple[str, ...]:
+        return QUANTITIES if self.phase is None else (*QUANTITIES, "phase")
 
     @property
     def ledger(self) -> np.ndarray:
@@ -250,7 +258,8 @@ def join(pieces: Sequence[Trajectory]) -> Trajectory:
                 f"A piece that begins at t = {piece.t[0]:g} s does not go on from one that ends at "
                 f"t = {previous.t[-1]:g} s."
             )
-    arrays = {name: [getattr(piece, name) for piece in pieces] for name in QUANTITIES}
+    names = pieces[0]._quantities
+    arrays = {name: [getattr(piece, name) for piece in pieces] for name in names}
     for name in ("work", "dissipated", "outside"):
         totals = np.cumsum([values[-1] for values in arrays[name][:-1]], axis=0)
         arrays[name][1:] = [

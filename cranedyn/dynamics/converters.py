@@ -31,7 +31,6 @@ from cranedyn.dynamics.scalars import (
 )
 from cranedyn.errors import OutOfRange, UnknownName
 from cranedyn.model.crane import Crane
-from cranedyn.model.layout import Layout
 
 RATES = {"slew": 0.0838, "trolley": 1.583, "hoist": 1.0}
 """Largest rates by role: 0.8 rpm of slewing, 95 m/min of the trolley and 60 m/min of hoisting, of a
@@ -183,7 +182,12 @@ def _like(template: np.ndarray, values: list[Any]) -> np.ndarray:
 
 
 def saturate_acceleration(
-    mass: np.ndarray, resisting: np.ndarray, target: np.ndarray, limits: np.ndarray, layout: Layout
+    mass: np.ndarray,
+    resisting: np.ndarray,
+    target: np.ndarray,
+    limits: np.ndarray,
+    drives: np.ndarray,
+    passive: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return accelerations of all joints for drives of limited effort, in any kind of number.
 
@@ -194,13 +198,13 @@ def saturate_acceleration(
         resisting: Generalized forces without acceleration, shape (n,).
         target: Wanted accelerations of the drives, shape (m,).
         limits: Their largest efforts, shape (m,).
-        layout: The joints.
+        drives: Indices of the drives.
+        passive: Indices of the passive joints; the others stand still.
 
     Returns:
         Accelerations of all joints, shape (n,), efforts of the drives and the efforts that they
         would need, shape (m,) each.
     """
-    drives, passive = layout.drives, layout.passive
     inertia, resisting_drives = mass[np.ix_(drives, drives)], resisting[drives]
     a = np.zeros_like(resisting) if resisting.dtype != object else array([0.0] * len(resisting))
     if not len(passive):

@@ -7,15 +7,24 @@ a state under the last command, and `begin_step` before each physics step.
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.converters import Converters, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops
-from cranedyn.dynamics.pinocchio import follow_drives, inverse_dynamics, outside_effort
+from cranedyn.dynamics.pinocchio import (
+    body_points,
+    follow_drives,
+    inverse_dynamics,
+    outside_effort,
+)
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
-from cranedyn.model.crane import Crane
+from cranedyn.model.crane import Crane, Point
 
 
 def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -42,19 +51,56 @@ def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
 _WORLD = pin.Convention.WORLD
 
 
+class GroundForces:
+    """Forces of the ground on the load.
+
+    Attributes:
+        contacts: Its contacts.
+        anchors: Places where its points came to rest, in the world [m], shape (3, points).
+        moved: The same after the state at which the effort was last computed.
+    """
+
+    def __init__(self, crane: Crane, contacts: Contacts, start: State) -> None:
+        self.contacts, self._body = contacts, contacts.body
+        self._levers = np.array(contacts.points)
+        self._points = [Point("", self._body, lever) for lever in self._levers]
+        self._model, self._data = crane.model, crane.model.createData()
+        self.anchors = self.moved = self._motion(*start)[0]
+        contacts.check_start(self.anchors, crane.payload_mass * crane.gravity)
+
+    def touches(self, q: np.ndarray) -> bool:
+        """Return whether a point is in a support."""
+        return bool((self.contacts.depth(self._motion(q, 0.0 * q)[0])[0] > 0.0).any())
+
+    def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return generalized forces [N m or N], shape (n,)."""
+        force, moved = self.contacts.reaction(*self._motion(q, v), self.anchors)
+        self.moved, forces = np.array(moved), np.array(force).T
+        if not forces.any():
+            return np.zeros(len(v))
+        return outside_effort(self._points, self._model, self._data, q, forces)
+
+    def _motion(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return body_points(self._model, self._data, self._body, self._levers, q, v)
+
+
 class ExternalForces:
-    """Forces on the points of the crane, and buffers at the ends of the ranges of the drives.
+    """Forces on the points of the crane, buffers at the ends of the ranges of the drives, and the
+    ground under the load.
 
     Attributes:
         force: Forces on the points in the world [N], shape (points, 3).
         stops: The buffers; None for none.
         stop_effort: Efforts of the buffers when they were last computed [N m or N], shape (m,).
+        ground: Forces of the ground; None for none.
+        ground_effort: Its generalized forces, held for a step [N m or N], shape (n,).
     """
 
-    def __init__(self, crane: Crane, *, buffers: bool) -> None:
+    def __init__(self, crane: Crane, *, buffers: bool, ground: GroundForces | None = None) -> None:
         self.force = np.zeros((len(crane.points), 3))
         self.stops = Stops.of(crane) if buffers else None
         self.stop_effort = np.zeros(crane.layout.m)
+        self.ground, self.ground_effort = ground, np.zeros(crane.layout.n)
         self._points, self._drives = crane.points, crane.layout.drives
         self._model, self._data = crane.model, crane.model.createData()
 
@@ -68,6 +114,8 @@ class ExternalForces:
         if self.stops is not None:
             self.stop_effort = self.stops.effort(q, v)
             effort[self._drives] += self.stop_effort
+        if self.ground is not None:
+            effort += self.ground_effort
         return effort
 
 
@@ -76,16 +124,79 @@ class _Drives:
 
     Attributes:
         saturated: Whether the last command was beyond the largest rate of a frequency converter.
+        rope: Rope that may go slack; None if there is none.
+        tension: Least tension of a taut inextensible rope since the rope was last taken as taut or
+            slack [N].
     """
 
     saturated = False
 
-    def __init__(self, crane: Crane, external: ExternalForces | None) -> None:
+    def __init__(
+        self, crane: Crane, external: ExternalForces | None, answering: np.ndarray | None = None
+    ) -> None:
         self.model, self._data = crane.model, crane.model.createData()
         self._layout, self._joint, self.external = crane.layout, JointForces.of(crane), external
+        self.rope, self.tension = crane.springs.rope, math.inf
+        # joints whose motion is not prescribed, and those of them that a taut rope lets move
+        self._answering = crane.layout.passive if answering is None else answering
+        self._free_when_taut, self._free = crane.springs.free(self._answering), self._answering
 
     def begin_step(self, v: np.ndarray) -> None:
         """Prepare for a physics step from rates v, shape (n,)."""
+
+    def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return accelerations of all joints, shape (n,)."""
+        raise NotImplementedError
+
+    def pull(self, q: np.ndarray, v: np.ndarray) -> float:
+        """Return a force that is positive where the rope pulls [N]."""
+        assert self.rope is not None
+        if not self.rope.inextensible:
+            return float(self._joint.pull(q, v))
+        if q[self.rope.stretch] < 0.0 or v[self.rope.stretch] < 0.0:
+            return -1.0
+        self.take_rope(taut=True)
+        self.acceleration(q, v)
+        return self.tension
+
+    def margin(self, q: np.ndarray, v: np.ndarray, *, taut: bool) -> float:
+        """Return a number that falls below zero where the rope ceases to be taut, or slack."""
+        assert self.rope is not None
+        if taut or not self.rope.inextensible:
+            return self.pull(q, v) if taut else -self.pull(q, v)
+        return -float(q[self.rope.stretch])
+
+    def take_rope(self, *, taut: bool | None) -> None:
+        """Take the rope as taut or as slack from now on; None where the state decides."""
+        self._joint, self.tension = replace(self._joint, taut=taut), math.inf
+        self._free = self._free_when_taut if taut else self._answering
+
+    def impact(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return the rates after an inextensible rope has become taut at rates v, shape (n,), and
+        the kinetic energy gained [J], negative for a loss.
+
+        The impact is plastic: the rate of the stretch becomes zero. Joints keep their momentum, but
+        for those whose motion is prescribed, which keep their rates.
+        """
+        assert self.rope is not None
+        model, data, still = self.model, self._data, np.zeros(len(v))
+        weight, change = pin.rnea(model, data, q, still, still).copy(), still.copy()
+        change[self.rope.stretch] = -v[self.rope.stretch]
+        change = follow_drives(model, data, q, still, change, weight, self._free_when_taut)
+        gained = change @ (pin.rnea(model, data, q, still, v + 0.5 * change) - weight)
+        after = v + change
+        after[self.rope.stretch] = 0.0
+        return after, float(gained)
+
+    def _settle_rope(self, state: State) -> None:
+        """Take an inextensible rope as taut or as slack as a state says."""
+        if self.rope is not None and self.rope.inextensible:
+            self.take_rope(taut=self.pull(*state) > 0.0)
+
+    def _note_tension(self, needed: np.ndarray) -> None:
+        """Note the tension of a taut rope from the forces that the joints need, shape (n,)."""
+        if self.rope is not None:
+            self.tension = min(self.tension, -float(needed[self.rope.stretch]))
 
     def _passive_forces(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Return generalized forces of damping and springs, and external ones, shape (n,) each."""
@@ -97,11 +208,11 @@ class EffortDrives(_Drives):
     """Drives that exert the effort commanded, within their limits."""
 
     def __init__(self, crane: Crane, external: ExternalForces | None) -> None:
-        super().__init__(crane, external)
+        super().__init__(crane, external, np.arange(crane.layout.n))
         self._least, self._largest = -crane.effort_limit, crane.effort_limit
         self._effort = np.zeros(crane.layout.m)
         self._tau = np.zeros(crane.layout.n)
-        self._damping, self._springs = self._joint.damping, self._joint.springs
+        self._damping, self._rigid = self._joint.damping, self._joint.springs is None
 
     def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Hold a command until the next one.
@@ -123,12 +234,14 @@ class EffortDrives(_Drives):
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return accelerations of all joints, shape (n,)."""
-        tau = self._tau - self._damping * v
-        if self._springs is not None:
-            tau += self._springs.effort(q)
+        tau = self._tau - self._damping * v if self._rigid else self._tau + self._joint.effort(q, v)
         if self.external is not None:
             tau += self.external.effort(q, v)
-        return pin.aba(self.model, self._data, q, v, tau, _WORLD)
+        if self._free is self._answering:
+            return pin.aba(self.model, self._data, q, v, tau, _WORLD)
+        a = follow_drives(self.model, self._data, q, v, np.zeros(len(v)), tau, self._free)
+        self._note_tension(inverse_dynamics(self.model, self._data, q, v, a, tau))
+        return a
 
 
 class MotionDrives(_Drives):
@@ -163,9 +276,10 @@ class MotionDrives(_Drives):
 
     def effort(self, state: State) -> np.ndarray:
         """Return the effort exerted at a state [N m or N], shape (m,)."""
+        self._settle_rope(state)
         joint, external = self._passive_forces(*state)
         a = follow_drives(
-            self.model, self._data, *state, self._command, joint, self._layout.passive, external
+            self.model, self._data, *state, self._command, joint, self._free, external
         )
         effort = inverse_dynamics(self.model, self._data, *state, a, joint, external)
         return effort[self._layout.drives]
@@ -173,9 +287,11 @@ class MotionDrives(_Drives):
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return accelerations of all joints, shape (n,)."""
         joint, external = self._passive_forces(q, v)
-        return follow_drives(
-            self.model, self._data, q, v, self._command, joint, self._layout.passive, external
-        )
+        model, data = self.model, self._data
+        a = follow_drives(model, data, q, v, self._command, joint, self._free, external)
+        if self._free is not self._answering:
+            self._note_tension(inverse_dynamics(model, data, q, v, a, joint, external))
+        return a
 
 
 class VelocityDrives(_Drives):
@@ -223,7 +339,12 @@ class VelocityDrives(_Drives):
         self.saturated = any(self._response.cuts(command.tolist()))
         queue = [*self._queue, np.array(self._response.heard(command.tolist()))]
         self._heard, self._queue = queue[0], queue[1:]
-        _, effort, needed = self._driven(*state, self._ramp(state.v)[0])
+        reference = self._ramp(state.v)[0]
+        if self.rope is not None and self.rope.inextensible:
+            self._reference, before = reference, self._reference
+            self._settle_rope(state)
+            self._reference = before
+        _, effort, needed = self._driven(*state, reference)
         return needed, effort
 
     def begin_step(self, v: np.ndarray) -> None:
@@ -232,6 +353,7 @@ class VelocityDrives(_Drives):
 
     def effort(self, state: State) -> np.ndarray:
         """Return the effort exerted at a state [N m or N], shape (m,)."""
+        self._settle_rope(state)
         return self._driven(*state, self._reference)[1]
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -259,14 +381,19 @@ class VelocityDrives(_Drives):
         target = np.zeros(len(v))
         target[drives] = self._response.accelerations_at(reference, v[drives].tolist())
         joint, external = self._passive_forces(q, v)
-        a = follow_drives(model, data, q, v, target, joint, self._layout.passive, external)
-        needed = inverse_dynamics(model, data, q, v, a, joint, external)[drives]
-        if (np.abs(needed) <= self._limit).all():
-            return a, needed, needed
-        mass = pin.crba(model, data, q)
-        mass = np.triu(mass) + np.triu(mass, 1).T
-        bias = inverse_dynamics(model, data, q, v, np.zeros(len(v)), joint, external)
-        return saturate_acceleration(mass, bias, target[drives], self._limit, self._layout)
+        a = follow_drives(model, data, q, v, target, joint, self._free, external)
+        forces = inverse_dynamics(model, data, q, v, a, joint, external)
+        effort = needed = forces[drives]
+        if not (np.abs(needed) <= self._limit).all():
+            mass = pin.crba(model, data, q)
+            mass = np.triu(mass) + np.triu(mass, 1).T
+            bias = inverse_dynamics(model, data, q, v, np.zeros(len(v)), joint, external)
+            a, effort, needed = saturate_acceleration(
+                mass, bias, target[drives], self._limit, drives, self._free
+            )
+            forces = mass @ a + bias
+        self._note_tension(forces)
+        return a, effort, needed
 
 
 Drives = EffortDrives | MotionDrives | VelocityDrives

@@ -20,6 +20,9 @@ from cranedyn.model.springs import Rope, Springs
 
 _STOP_FREQUENCY, _STOP_DAMPING = 20.0, 0.5
 
+TAUT, SLACK = 0.0, 1.0
+"""Phases of a rope."""
+
 
 @dataclass(frozen=True, eq=False)
 class JointForces:
@@ -28,10 +31,13 @@ class JointForces:
     Attributes:
         damping: Viscous damping [N m s/rad or N s/m], shape (n,).
         springs: The springs; None if there are none.
+        taut: Whether the rope pulls, for a step within which that does not change; None where the
+            state decides.
     """
 
     damping: np.ndarray
     springs: Springs | None
+    taut: Any = None
 
     @classmethod
     def of(cls, crane: Crane) -> JointForces:
@@ -45,24 +51,75 @@ class JointForces:
         """
         damping, force = self.damping * (dt / mass), dt * dt / mass
         if self.springs is None:
-            return JointForces(damping, None)
+            return JointForces(damping, None, self.taut)
         stiffness, rest, rope = self.springs.stiffness, self.springs.rest, self.springs.rope
-        scaled = None if rope is None else Rope(rope.stretch, rope.length, rope.stiffness * force)
-        return JointForces(damping, Springs(stiffness * force, rest, scaled))
+        scaled = None if rope is None else rope._replace(stiffness=rope.stiffness * force)
+        return JointForces(damping, Springs(stiffness * force, rest, scaled), self.taut)
 
     def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return generalized forces at coordinates q and rates v, shape (n,)."""
         resisting = -(self.damping * v)
-        return resisting if self.springs is None else resisting + self.springs.effort(q)
+        if self.springs is None:
+            return resisting
+        effort = resisting + self.springs.effort(q)
+        if self.rope is not None and not self.rope.inextensible:
+            effort[self.rope.stretch] = -self.tension(q, v)
+        return effort
+
+    def tangent(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the stiffness, shape (n, n), and the damping, shape (n,), at a state in floats."""
+        stiffness = np.zeros(2 * q.shape) if self.springs is None else self.springs.tangent(q)
+        damping = self.damping.copy()
+        if self.rope is not None and not self.phase(q, v) == TAUT:
+            stiffness[self.rope.stretch], damping[self.rope.stretch] = 0.0, 0.0
+        return stiffness, damping
+
+    def dissipation(self, q: np.ndarray, v: np.ndarray) -> Any:
+        """Return the power that damping dissipates [W], for coordinates and rates of shape (n,) or
+        (n, rows). A slack rope dissipates the strain energy that it has left.
+        """
+        power = self.damping @ (v * v)
+        if self.rope is None or self.rope.inextensible:
+            return power
+        stretch, _, stiffness, _ = self.rope
+        damper = self.tension(q, v) - stiffness * self.rope.strain(q)
+        return power + (damper - self.damping[stretch] * v[stretch]) * v[stretch]
+
+    @property
+    def rope(self) -> Rope | None:
+        """Elastic rope; None if there is none."""
+        return None if self.springs is None else self.springs.rope
+
+    def tension(self, q: np.ndarray, v: np.ndarray) -> Any:
+        """Return the tension of an elastic rope, of spring and damper [N]; 0 where it is slack."""
+        spring, damper = self._rope_forces(q, v)
+        taut = self.pull(q, v) > 0.0 if self.taut is None else self.taut
+        return chosen(taut, spring + damper, 0.0)
+
+    def pull(self, q: np.ndarray, v: np.ndarray) -> Any:
+        """Return a force that is positive where an elastic rope pulls [N]: that of its spring and,
+        while the rope shortens, of its damper.
+        """
+        spring, damper = self._rope_forces(q, v)
+        return spring + chosen(damper < 0.0, damper, 0.0)
+
+    def phase(self, q: np.ndarray, v: np.ndarray) -> Any:
+        """Return `TAUT` or `SLACK` for a rope that may go slack, of states in floats."""
+        assert self.rope is not None
+        if self.rope.inextensible:
+            taut = (q[self.rope.stretch] >= 0.0) & (v[self.rope.stretch] >= 0.0)
+        else:
+            taut = self.pull(q, v) > 0.0
+        return chosen(taut, TAUT, SLACK)
+
+    def _rope_forces(self, q: np.ndarray, v: np.ndarray) -> tuple[Any, Any]:
+        assert self.rope is not None
+        stretch, length, stiffness, _ = self.rope
+        return stiffness * (q[stretch] / q[length]), self.damping[stretch] * v[stretch]
 
 
 def tension_from_hoist_force(
-    layout: Layout,
-    damping: np.ndarray,
-    springs: Springs | None,
-    q: np.ndarray,
-    v: np.ndarray,
-    hoist: Any,
+    layout: Layout, joint: JointForces, q: np.ndarray, v: np.ndarray, hoist: Any
 ) -> Any:
     """Return the tension of the rope [N]; None without a hoist.
 
@@ -71,19 +128,17 @@ def tension_from_hoist_force(
 
     Args:
         layout: Joints of the crane.
-        damping: Damping of the joints [N m s/rad or N s/m], shape (n,).
-        springs: Springs of the joints; None for none.
+        joint: Damping and springs of the joints.
         q: Coordinates, n numbers or rows of them.
         v: Their rates, likewise.
         hoist: Force of the hoist and of the buffers at the ends of the cable [N].
     """
-    if springs is not None and springs.rope is not None:
-        stretch, length, stiffness = springs.rope
-        return stiffness * q[stretch] / q[length] + damping[stretch] * v[stretch]
+    if joint.rope is not None:
+        return joint.tension(q, v)
     if not layout.has("hoist"):
         return None
-    joint = layout.role("hoist", "The rope")
-    return damping[joint] * v[joint] - hoist
+    i = layout.role("hoist", "The rope")
+    return joint.damping[i] * v[i] - hoist
 
 
 @dataclass(frozen=True, eq=False)

@@ -207,7 +207,7 @@ def free_modes(crane: Crane, state: State) -> FreeModes:
         OutOfRange: If a coordinate is so large that masses or stiffnesses are not finite.
     """
     q = crane.layout.as_state("state", state).q
-    free, data = crane.layout.passive, crane.data
+    free, data = crane.springs.free(crane.layout.passive), crane.data
     block = np.ix_(free, free)
     stiffness = rest_stiffness(crane.model, data, crane.springs, q)[block]
     mass = np.triu(pin.crba(crane.model, data, q))

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force
+from cranedyn.dynamics.joint_forces import SLACK, TAUT, JointForces, tension_from_hoist_force
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane, Point
@@ -175,6 +175,27 @@ def _jacobians(
     return jacobians
 
 
+def body_points(
+    model: pin.Model, data: pin.Data, body: int, points: np.ndarray, q: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions [m] and velocities [m/s] in the world of points of a body, shape (3, points)
+    each.
+
+    Args:
+        model: A crane's model.
+        data: Its scratch memory.
+        body: Index of the joint that carries the points.
+        points: In its frame [m], shape (points, 3).
+        q: Coordinates, shape (n,).
+        v: Their rates, shape (n,).
+    """
+    pin.forwardKinematics(model, data, q, v)
+    placement, motion = data.oMi[body + 1], data.v[body + 1]
+    velocity = motion.linear[:, None] + np.cross(motion.angular, points).T
+    position = placement.rotation @ points.T + placement.translation[:, None]
+    return position, placement.rotation @ velocity
+
+
 def energy(crane: Crane, state: State) -> float:
     """Return the mechanical energy, that of springs included [J], zero of height at the ground."""
     rigid = float(pin.computeMechanicalEnergy(crane.model, crane.data, *state))
@@ -214,15 +235,28 @@ def payload_orientation(crane: Crane, q: np.ndarray) -> np.ndarray:
 
 
 def rope_tension(crane: Crane, state: State, effort: np.ndarray) -> float:
-    """Return the tension of the rope [N]; at zero or below a real rope would be slack.
+    """Return the tension of the rope [N]. One that may go slack is slack at zero; any other would
+    be at zero or below.
 
     Raises:
         MissingRole: If no joint is a hoist.
     """
+    rope, joint = crane.springs.rope, JointForces.of(crane)
+    if rope is not None and rope.inextensible:
+        if joint.phase(*state) == SLACK:
+            return 0.0
+        a, tau = _held(crane, state, effort)
+        needed = inverse_dynamics(crane.model, crane.data, *state, a, tau)
+        return max(0.0, -float(needed[rope.stretch]))
     hoist = full(crane, effort)[crane.layout.role("hoist", "The tension of the rope")]
-    return float(
-        tension_from_hoist_force(crane.layout, crane.damping, crane.springs, *state, hoist)
-    )
+    return float(tension_from_hoist_force(crane.layout, joint, *state, hoist))
+
+
+def _held(crane: Crane, state: State, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return accelerations and generalized forces on a taut inextensible rope, shape (n,) each."""
+    tau = full(crane, effort) + JointForces.of(crane).effort(*state)
+    free, still = crane.springs.free(np.arange(crane.layout.n)), np.zeros(crane.layout.n)
+    return follow_drives(crane.model, crane.data, *state, still, tau, free), tau
 
 
 def holding_effort(crane: Crane, q: np.ndarray) -> np.ndarray:
@@ -248,11 +282,35 @@ def by_state_and_force(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return A as `linearise`, and the inverse of the mass matrix, shape (n, n), in place of B.
 
-    The accelerations are in `crane.data.ddq` afterwards.
+    The accelerations are in `crane.data.ddq` afterwards, unless an inextensible rope is taut: its
+    stretch stands still, with zeros in both.
     """
-    tau = full(crane, effort) + JointForces.of(crane).effort(*state)
+    joint, rope = JointForces.of(crane), crane.springs.rope
+    if rope is not None and rope.inextensible and joint.phase(*state) == TAUT:
+        return _by_state_and_force_when_taut(crane, state, effort, rope.stretch)
+    tau = full(crane, effort) + joint.effort(*state)
     by_q, by_v, inverse_mass = pin.computeABADerivatives(crane.model, crane.data, *state, tau)
+    stiffness, damping = joint.tangent(*state)
     if crane.springs.any:
-        by_q = by_q - inverse_mass @ crane.springs.tangent(state.q)
-    by_state = np.concatenate([by_q, by_v - inverse_mass * crane.damping], axis=1)
+        by_q = by_q - inverse_mass @ stiffness
+    by_state = np.concatenate([by_q, by_v - inverse_mass * damping], axis=1)
     return by_state, inverse_mass.copy()
+
+
+def _by_state_and_force_when_taut(
+    crane: Crane, state: State, effort: np.ndarray, stretch: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return `by_state_and_force` of the joints that a taut inextensible rope lets move, from the
+    derivatives of the inverse dynamics.
+    """
+    n, data = crane.layout.n, crane.data
+    a, _ = _held(crane, state, effort)
+    pin.computeRNEADerivatives(crane.model, data, *state, a)
+    stiffness, damping = JointForces.of(crane).tangent(*state)
+    resisting = np.hstack([data.dtau_dq + stiffness, data.dtau_dv + np.diag(damping)])
+    free, inverse_mass = crane.springs.free(np.arange(n)), np.zeros((n, n))
+    mass = np.triu(data.M) + np.triu(data.M, 1).T
+    inverse_mass[np.ix_(free, free)] = np.linalg.inv(mass[np.ix_(free, free)])
+    by_state = -inverse_mass @ resisting
+    by_state[:, [stretch, n + stretch]] = 0.0
+    return by_state, inverse_mass

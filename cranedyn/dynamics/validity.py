@@ -22,7 +22,7 @@ from cranedyn.checks import as_array
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.bodies import Bodies, bodies, heights
 from cranedyn.dynamics.drives import cable_buffers
-from cranedyn.dynamics.joint_forces import tension_from_hoist_force
+from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 
@@ -71,6 +71,7 @@ def bounds(
     height: Any,
     *,
     buffers: bool,
+    rope: Sequence[int] | None = None,
 ) -> Iterator[Bound]:
     """Yield the conditions that a state must meet, in any kind of number.
 
@@ -84,6 +85,8 @@ def bounds(
         height: Height of the payload above the ground [m].
         buffers: Whether buffers end the ranges of the drives, so that leaving them a little is
             allowed.
+        rope: Indices of the stretch and of the length of a rope that may go slack; None for one
+            that may not.
     """
     for i, joint in enumerate(layout.joints):
         message = (
@@ -94,8 +97,14 @@ def bounds(
             yield Bound(i, swings.get(i, q[i]), -math.pi / 2, math.pi / 2, False, message)
         if not (joint.driven and buffers):
             yield Bound(i, q[i], lower[i], upper[i], False, message)
-    if tension is not None:
-        slack = "the rope would have to push, its tension is {value:.6g} N; a rope goes slack"
+    if rope is not None:
+        distance = q[rope[0]] + q[rope[1]]
+        yield Bound(rope[0], distance, 0.0, None, True, "the load is {value:.6g} m below its pivot")
+    elif tension is not None:
+        slack = (
+            "the rope would have to push, its tension is {value:.6g} N; a rope goes slack, as with "
+            "rope_stiffness = inf"
+        )
         yield Bound(layout.role("hoist", "The rope"), tension, 0.0, None, True, slack)
     yield Bound(
         layout.n - 1,
@@ -195,14 +204,22 @@ def conditions(
     q = as_array("q", q, ("rows", crane.layout.n))
     v, hoist = as_array("v", v, q.shape), as_array("hoist", hoist, q.shape[:1])
     height = heights(_tree(crane), q, crane.payload.body, crane.payload.lever)
-    tension = tension_from_hoist_force(crane.layout, crane.damping, crane.springs, q.T, v.T, hoist)
+    tension = tension_from_hoist_force(crane.layout, JointForces.of(crane), q.T, v.T, hoist)
     swings = dict(zip(crane.swings.tolist(), crane.swing_angles(q).T, strict=True))
     if needed is not None:
         needed = as_array("needed", needed, (len(q), crane.layout.m)).T
     limits = crane.rate_limit if rates else None
     return [
         *bounds(
-            crane.layout, crane.lower, crane.upper, q.T, swings, tension, height, buffers=buffers
+            crane.layout,
+            crane.lower,
+            crane.upper,
+            q.T,
+            swings,
+            tension,
+            height,
+            buffers=buffers,
+            rope=crane.springs.rope and crane.springs.rope[:2],
         ),
         *drive_bounds(crane.layout, needed, crane.effort_limit, v.T, limits),
     ]

@@ -34,7 +34,7 @@ def drives_entered(analysis: LiftAnalysis) -> Check:
     )
     if analysis.site.limits is not None:
         return Check(f"The drives are as entered: {rates}.", True)
-    return Check(f"Nobody entered what the drives can do ([drives]); assumed: {rates}.", None)
+    return Check(f"[drives] of the site is missing; assumed: {rates}.", None)
 
 
 def counter_jib_entered(analysis: LiftAnalysis) -> Check:
@@ -42,9 +42,7 @@ def counter_jib_entered(analysis: LiftAnalysis) -> Check:
     if length := analysis.site.crane.get("counter_jib"):
         return Check(f"The counter-jib is as long as entered, {length:g} m.", True)
     return Check(
-        "Nobody entered how long the counter-jib is ([counter_jib] length); it turns freely "
-        "as long as it is drawn.",
-        None,
+        "[counter_jib] length of the site is missing; it turns freely with the length drawn.", None
     )
 
 
@@ -67,7 +65,7 @@ def heavier_load(analysis: LiftAnalysis) -> Check:
     """Check that the chart bears a load heavier by the spread of the perturbed lifts."""
     spread = Spread().load
     if analysis.utilisation is None:
-        return Check("What a heavier load would use of the chart is not known.", None)
+        return Check("The utilisation by a heavier load is not known.", None)
     utilisation = (1.0 + spread) * float(analysis.utilisation.max())
     return Check(
         f"A load {100.0 * spread:.0f} % heavier than entered uses {100.0 * utilisation:.1f} % of "
@@ -93,8 +91,7 @@ def corners_pressed(analysis: LiftAnalysis) -> Check:
         arms = ["[jib]", "[counter_jib]"] * (len(site.arms) < 2)
         missing = ["[base]"] * (site.base is None) + arms
         return Check(
-            "Whether all corners of the base press on the ground is not known: nobody entered "
-            f"masses and centres of {', '.join(missing)}.",
+            f"{', '.join(missing)} of the site missing: corner forces of the base are not known.",
             None,
         )
     forces = np.stack([analysis.loads[f"corner_{i}_N"] for i in range(1, 5)])
@@ -111,12 +108,12 @@ def wind_borne(analysis: LiftAnalysis) -> Check:
     """Check that the lift bears the required gust."""
     required = analysis.requirements
     if analysis.wind is None:
-        return Check("The wind limit was not looked for.", required.gusts == 0)
+        return Check("The wind limit was not computed.", required.gusts == 0)
     limit, broken = analysis.wind.interval()
-    beyond = f"not in one of {broken:g} m/s" if broken < math.inf else "none stronger was tried"
+    beyond = f"not {broken:g} m/s" if broken < math.inf else "none stronger was tried"
     return Check(
-        f"Gusts up to {limit:g} m/s are borne, {beyond}; {required.wind:g} asked for; "
-        f"{analysis.wind.binding} is met first.",
+        f"The lift bears gusts up to {limit:g} m/s, {beyond}; {required.wind:g} m/s required. The "
+        f"first limit is {analysis.wind.binding}.",
         limit >= required.wind,
     )
 

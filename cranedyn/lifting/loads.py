@@ -19,7 +19,7 @@ from cranedyn.checks import finite
 from cranedyn.data.time_series import TimeSeries
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.drives import cable_buffers
-from cranedyn.dynamics.joint_forces import tension_from_hoist_force
+from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force
 from cranedyn.dynamics.validity import hoisting
 from cranedyn.errors import OutOfRange, UnknownColumn
 from cranedyn.lifting.wrench import Moving, Wrench
@@ -243,12 +243,14 @@ def _of_rope(
     pull = moving.through(joint).force
     hoist = hoisting(crane, effort)
     hoist = hoist + (cable_buffers(crane, moving.q, moving.v) if buffers else 0.0)
-    tension = np.broadcast_to(
-        tension_from_hoist_force(
-            layout, crane.damping, crane.springs, moving.q.T, moving.v.T, hoist
-        ),
-        len(hoist),
-    )
+    slack = crane.springs.rope
+    if slack is not None and slack.inextensible:
+        tension = _along(moving.through(slack.stretch).force, moving.axis(slack.stretch))
+    else:
+        tension = np.broadcast_to(
+            tension_from_hoist_force(layout, JointForces.of(crane), moving.q.T, moving.v.T, hoist),
+            len(hoist),
+        )
     columns = {"rope_N": tension, "pull_N": -pull[:, 2], "slack_margin": tension / weight}
     if (drive := layout.drive_of("hoist")) is not None:
         columns["snag_margin"] = 1.0 - tension / crane.effort_limit[drive]

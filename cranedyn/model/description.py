@@ -50,8 +50,10 @@ class CraneValues(TypedDict, total=False):
     hook_mass: float  # kg
     sling_length: float  # m
     damp_sling: float  # N m s/rad
+    lug_height: float  # m
 
     rope_stiffness: float  # N
+    falls: float
     rope_damping: float  # N s/m
     drum_inertia: float  # kg
     tower_twist_stiffness: float  # N m/rad
@@ -101,7 +103,10 @@ _LOCK = threading.Lock()  # xacro keeps the current file in a variable of its mo
 _LEVELS = 4
 """Count of folders above a file that are searched: packages of one workspace stand side by side."""
 
-_DOCUMENTED = re.compile(r"\[(?P<unit>[^\]]*)\] (?P<allowed>any|> 0|>= 0): (?P<meaning>.+)")
+_DOCUMENTED = re.compile(
+    r"\[(?P<unit>[^\]]*)\] (?P<allowed>any|> 0|>= 0|>= 0 or inf|a whole number >= 1): "
+    r"(?P<meaning>.+)"
+)
 
 
 @dataclass(frozen=True)

@@ -293,10 +293,13 @@ class Layout:
             )
         return indices
 
-    def columns(self) -> dict[str, tuple[str, ...]]:
-        """Return the names of the columns of a trajectory by quantity, with units."""
+    def columns(self, *, rope: bool = False) -> dict[str, tuple[str, ...]]:
+        """Return the names of the columns of a trajectory by quantity, with units; rope tells
+        whether the rope may go slack.
+        """
         units = dict(zip(self.symbols, self.units, strict=True))
-        return trajectory_columns(units, [joint.symbol for joint in self.driven], self.points)
+        drives = [joint.symbol for joint in self.driven]
+        return trajectory_columns(units, drives, self.points, rope=rope)
 
     def _where(self, condition: Callable[[Joint], bool]) -> np.ndarray:
         indices = [i for i, joint in enumerate(self.joints) if condition(joint)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -156,7 +157,9 @@ def load_crane(
         return _foreign_crane(text, path, options, swing)
     record: dict[str, Any] = {}
     with contextlib.suppress(TypeError, ValueError):  # a value that is text is not recorded
-        record["arguments"] = {name: float(value) for name, value in values.items()}  # type: ignore[arg-type]
+        floats = {name: float(value) for name, value in values.items()}  # type: ignore[arg-type]
+        # JSON has no infinity
+        record["arguments"] = {n: x if math.isfinite(x) else str(x) for n, x in floats.items()}
     return _crane(parse_urdf(text, path), path, partial(_own_urdf, values), options, record)
 
 
@@ -259,7 +262,7 @@ def _from_record(record: Mapping[str, Any], path: Path) -> Crane:
         not isinstance(content, dict)
         or not all(isinstance(content.get(name), kind) for name, kind in _RECORD_TYPES.items())
         or not isinstance(arguments, dict)
-        or not all(isinstance(value, float | int) for value in arguments.values())
+        or not all(isinstance(x, float | int) or x == "inf" for x in arguments.values())
     ):
         raise DataError(
             f"{path} does not name its crane; a Parquet file that `Trajectory.write` wrote does."

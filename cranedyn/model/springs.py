@@ -22,18 +22,25 @@ _TAGS = ("springStiffness", "springReference", "ropeStiffness")
 
 
 class Rope(NamedTuple):
-    """An elastic rope: its stiffness is EA/l over the present cable length l, so that its strain
-    energy is EA s²/(2 l).
+    """An elastic rope that pulls and does not push: its stiffness is EA/l over the present cable
+    length l, so that its strain energy is EA s²/(2 l) where it is stretched, s > 0.
 
     Attributes:
         stretch: Index of the passive coordinate that is its stretch s.
         length: Index of the coordinate that is the cable length l.
-        stiffness: EA, Young's modulus times the cross-section [N].
+        stiffness: EA, Young's modulus times the cross-section [N]; 0 for an inextensible rope.
+        inextensible: Whether the rope does not stretch: then s <= 0, and s = 0 where it is taut.
     """
 
     stretch: int
     length: int
     stiffness: Any
+    inextensible: bool = False
+
+    def strain(self, q: np.ndarray) -> Any:
+        """Return the strain of the rope, 0 where it is not stretched."""
+        strain = q[self.stretch] / q[self.length]
+        return 0.5 * (strain + abs(strain))
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,14 +62,19 @@ class Springs:
         """Whether there is any spring."""
         return self.rope is not None or bool(np.any(self.stiffness != 0.0))
 
+    def free(self, joints: np.ndarray) -> np.ndarray:
+        """Return the joints, by their indices, that move while the rope is taut."""
+        rope = self.rope
+        return joints[joints != rope.stretch] if rope and rope.inextensible else joints
+
     def effort(self, q: np.ndarray) -> np.ndarray:
         """Return the efforts on the joints at coordinates q [N m or N], shape (n,): the negative
         gradient of the energy.
         """
         effort = -(self.stiffness * (q - self.rest))
         if self.rope is not None:
-            stretch, length, stiffness = self.rope
-            strain = q[stretch] / q[length]
+            stretch, length, stiffness, _ = self.rope
+            strain = self.rope.strain(q)
             effort[stretch] = effort[stretch] - stiffness * strain
             effort[length] = effort[length] + 0.5 * stiffness * strain * strain
         return effort
@@ -74,15 +86,15 @@ class Springs:
         offset = q - (self.rest if np.ndim(q) == 1 else self.rest[:, None])
         energy = 0.5 * (self.stiffness @ (offset * offset))
         if self.rope is not None:
-            stretch, length, stiffness = self.rope
-            energy = energy + 0.5 * stiffness * q[stretch] * q[stretch] / q[length]
+            strain = self.rope.strain(q)
+            energy = energy + 0.5 * self.rope.stiffness * strain * strain * q[self.rope.length]
         return energy
 
     def tangent(self, q: np.ndarray) -> np.ndarray:
         """Return the second derivatives of the energy at q [N m/rad, N/m, ...], shape (n, n)."""
         tangent = np.diag(np.asarray(self.stiffness, dtype=float))
-        if self.rope is not None:
-            s, length, stiffness = self.rope
+        if self.rope is not None and q[self.rope.stretch] >= 0.0:
+            s, length, stiffness, _ = self.rope
             strain, per_length = q[s] / q[length], stiffness / q[length]
             tangent[s, s] += per_length
             tangent[length, length] += per_length * strain * strain
@@ -95,8 +107,8 @@ def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
     """Read springs from a URDF.
 
     Springs stand in the tags of Gazebo, ``<springStiffness>`` and ``<springReference>``. The rope
-    is in a tag of this project, ``<ropeStiffness>``: EA [N], at the joint that is the stretch of
-    the rope, whose length is the joint in the role hoist.
+    is in a tag of this project, ``<ropeStiffness>``: EA [N], inf for an inextensible rope, at the
+    joint that is the stretch of the rope, whose length is the joint in the role hoist.
 
     Raises:
         UnknownName: If a spring is at no moving joint.
@@ -131,7 +143,9 @@ def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
             )
         else:
             length = layout.role("hoist", "A rope that stretches")
-            rope = Rope(i, length, number(f"EA of the rope at {name}", text, "N", "> 0"))
+            rigid = text == "inf"
+            ea = 0.0 if rigid else number(f"EA of the rope at {name}", text, "N", "> 0")
+            rope = Rope(i, length, ea, rigid)
     return Springs(stiffness, rest_angles, rope)
 
 
@@ -168,6 +182,9 @@ def solve_rest(
     NaN if it does not converge.
     """
     q = q.copy()
+    if (rope := springs.rope) is not None:  # from a taut rope, since a slack one has no stiffness
+        q[rope.stretch] = 0.0 if rope.inextensible else max(q[rope.stretch], 0.0)
+        passive = springs.free(passive)
     # Round-off of the torques of a load that hangs plumb.
     gravity = float(-model.gravity.linear[2])
     rounding = 1e-15 * gravity * sum(inertia.mass for inertia in model.inertias)

@@ -12,9 +12,10 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.dynamics.bodies import Bodies, blank, bodies, height
+from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.converters import Response, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops, tension_from_hoist_force
-from cranedyn.dynamics.scalars import array, clipped, solve_linear
+from cranedyn.dynamics.scalars import array, chosen, clipped, flag, solve_linear
 from cranedyn.dynamics.validity import bounds, drive_bounds
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
@@ -36,7 +37,8 @@ class Topology:
         bodies: The joints that carry the points that forces act on.
         swings: The joints that are swings, and whether the hoist hangs on each.
         springs: Whether anything is elastic.
-        rope: Stretch and length of a rope that stretches; None if it does not.
+        rope: Stretch and length of a rope that may go slack, and whether it is inextensible; None
+            if there is none.
     """
 
     parents: tuple[int, ...]
@@ -44,7 +46,7 @@ class Topology:
     bodies: tuple[int, ...]
     swings: tuple[tuple[int, bool], ...]
     springs: bool
-    rope: tuple[int, int] | None
+    rope: tuple[int, int, bool] | None
 
     @classmethod
     def of(cls, crane: Crane) -> Topology:
@@ -62,7 +64,7 @@ class Topology:
             bodies,
             swings,
             crane.springs.any,
-            None if rope is None else (rope.stretch, rope.length),
+            None if rope is None else (rope.stretch, rope.length, rope.inextensible),
         )
 
 
@@ -94,6 +96,22 @@ SI = Units(1.0, 1.0, 1.0, 1.0)
 """Seconds and kilograms."""
 
 
+class Answer(NamedTuple):
+    """Answer of a crane to a command.
+
+    Attributes:
+        acceleration: Accelerations of the joints, shape (n,).
+        effort: Efforts of the drives, shape (m,).
+        needed: Efforts that the drives would need to follow the command, shape (m,).
+        pull: Force that is positive where a rope that may go slack pulls; None for any other.
+    """
+
+    acceleration: np.ndarray
+    effort: np.ndarray
+    needed: np.ndarray
+    pull: Any
+
+
 @dataclass(frozen=True, eq=False)
 class Plant:
     """A crane with n joints and m drives whose numbers are known, or stand for what is not known
@@ -113,6 +131,7 @@ class Plant:
             "velocity".
         buffers: Whether there are buffers.
         response: Of the drives' frequency converters; None if there are none.
+        contacts: Of the load with the ground; None for none.
     """
 
     topology: Topology
@@ -129,6 +148,7 @@ class Plant:
     drive: str
     buffers: bool
     response: Response | None = None
+    contacts: Contacts | None = None
 
     def in_steps(self, dt: Any) -> tuple[Plant, Units]:
         """Return the same with time in units of `dt` [s] and mass in units of the load, unless that
@@ -140,7 +160,7 @@ class Plant:
         """
         load = self.tree.mass[self.topology.bodies[0]]
         mass = 1.0 if isinstance(load, float) and load == 0.0 else load
-        force, response = dt * dt / mass, self.response
+        force, response, contacts = dt * dt / mass, self.response, self.contacts
         scaled = replace(
             self,
             tree=self.tree.in_steps(dt, mass),
@@ -148,12 +168,18 @@ class Plant:
             stops=self.stops.in_steps(dt, mass),
             effort_limit=self.effort_limit * force,
             response=None if response is None else response._replace(lags=response.lags / dt),
+            contacts=None if contacts is None else contacts.in_steps(dt, mass),
         )
         commands = {"effort": force, "motion": dt * dt, "velocity": dt}
         return scaled, Units(dt, commands[self.drive], force, 1.0 / force)
 
     def answer(
-        self, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: np.ndarray | None
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        command: np.ndarray,
+        forces: np.ndarray | None,
+        reactions: Sequence[ExternalForce] = (),
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return accelerations and efforts under a command at a state.
 
@@ -163,19 +189,25 @@ class Plant:
             command: Efforts within the limits, accelerations, or reference rates of the drives,
                 shape (m,).
             forces: From outside on the points in the world [N], shape (3 points,); None for none.
+            reactions: Those of the ground, see `ground_reactions`.
 
         Returns:
             Accelerations, shape (n,), and efforts of the drives, shape (m,).
         """
-        return self.driven(q, v, command, forces)[:2]
+        return self.driven(q, v, command, forces, reactions)[:2]
 
     def driven(
-        self, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return what `answer` returns, and the efforts that the drives would need to follow the
-        command, shape (m,).
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        command: np.ndarray,
+        forces: np.ndarray | None,
+        reactions: Sequence[ExternalForce] = (),
+    ) -> Answer:
+        """Return what `answer` returns, the efforts that the drives would need to follow the
+        command, and the pull of the rope.
         """
-        drives, passive = self.topology.layout.drives, self.topology.layout.passive
+        drives, rope = self.topology.layout.drives, self.joint.rope
         frames = rigid_body.frames(self.tree, q)
         acting = zip(
             self.topology.bodies,
@@ -184,25 +216,132 @@ class Plant:
             strict=forces is not None,
         )
         external = [ExternalForce(body, lever, force) for body, lever, force in acting]
+        external += reactions
         effort = self.joint.effort(q, v)
         if self.buffers:
             effort[drives] = effort[drives] + self.stops.effort(q, v)
-        if self.drive == "effort":
+        pull = None if rope is None or rope.inextensible else self.joint.pull(q, v)
+        if self.drive == "effort" and (rope is None or not rope.inextensible):
             effort[drives] = effort[drives] + command
             a = rigid_body.tree_forward_dynamics(self.tree, frames, v, effort, external)
-            return a, command, command
+            return Answer(a, command, command, pull)
         resisting = rigid_body.tree_inverse_dynamics(self.tree, frames, v, external_forces=external)
         resisting, mass = resisting - effort, rigid_body.mass_matrix(self.tree, frames)
+        if rope is None or not rope.inextensible:
+            return Answer(*self._solved(mass, resisting, v, command), pull)
+        return self._on_inextensible_rope(rope.stretch, mass, resisting, q, v, command)
+
+    def _on_inextensible_rope(
+        self,
+        stretch: int,
+        mass: np.ndarray,
+        resisting: np.ndarray,
+        q: np.ndarray,
+        v: np.ndarray,
+        command: np.ndarray,
+    ) -> Answer:
+        """Return `driven` for a rope that holds its stretch where it is taut."""
+        taut, pull = self.joint.taut, None
+        if taut is None or isinstance(taut, bool):
+            still = self._solved(mass, resisting, v, command, stretch)
+            pull = -(mass[stretch] @ still[0] + resisting[stretch])
+            if taut:
+                return Answer(*still, pull)
+            # a rope that is slack already, or goes slack at this instant, does not pull
+            pull = chosen(q[stretch] < 0.0, -1.0, chosen(v[stretch] < 0.0, -1.0, pull))
+            taut = pull > 0.0
+        held, pushed, loose = mass.copy(), resisting.copy(), 1.0 - flag(taut, resisting[stretch])
+        for i in np.delete(np.arange(len(q)), stretch):
+            held[stretch, i] = held[i, stretch] = mass[stretch, i] * loose
+        pushed[stretch] = resisting[stretch] * loose
+        a, effort, needed = self._solved(held, pushed, v, command)
+        tension = -(mass[stretch] @ a + resisting[stretch])
+        return Answer(a, effort, needed, tension if pull is None else pull)
+
+    def _solved(
+        self,
+        mass: np.ndarray,
+        resisting: np.ndarray,
+        v: np.ndarray,
+        command: np.ndarray,
+        still: int | None = None,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return accelerations, efforts and the efforts needed, of all joints or of all but one
+        that stands still.
+        """
+        drives, free = self.topology.layout.drives, self._answering(still)
         if self.response is not None:
             target = array(self.response.accelerations_at(command, v[drives]))
-            return saturate_acceleration(
-                mass, resisting, target, self.effort_limit, self.topology.layout
-            )
-        a = array([0.0] * len(q))
-        a[drives] = command
-        a[passive] = solve_linear(mass[np.ix_(passive, passive)], -(resisting + mass @ a)[passive])
-        effort = (mass @ a + resisting)[drives]
+            return saturate_acceleration(mass, resisting, target, self.effort_limit, drives, free)
+        a = array([0.0] * len(v))
+        if self.drive == "effort":
+            resisting = resisting.copy()
+            resisting[drives] = resisting[drives] - command
+        else:
+            a[drives] = command
+        a[free] = solve_linear(mass[np.ix_(free, free)], -(resisting + mass @ a)[free])
+        effort = command if self.drive == "effort" else (mass @ a + resisting)[drives]
         return a, effort, effort
+
+    def _answering(self, still: int | None = None) -> np.ndarray:
+        """Return the joints whose motion is not prescribed, by their indices, but for one that
+        stands still.
+        """
+        layout = self.topology.layout
+        joints = np.arange(layout.n) if self.drive == "effort" else layout.passive
+        return joints if still is None else joints[joints != still]
+
+    def impact(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, Any]:
+        """Return rates and the kinetic energy gained as `cranedyn.dynamics.drives` does where an
+        inextensible rope becomes taut.
+        """
+        assert self.joint.rope is not None
+        stretch = self.joint.rope.stretch
+        mass = rigid_body.mass_matrix(self.tree, rigid_body.frames(self.tree, q))
+        free, change = self._answering(stretch), array([0.0] * len(v))
+        change[stretch] = -v[stretch]
+        change[free] = solve_linear(mass[np.ix_(free, free)], -(mass @ change)[free])
+        after = v + change
+        after[stretch] = 0.0
+        return after, change @ (mass @ (v + 0.5 * change))
+
+    def ground_reactions(
+        self, q: np.ndarray, v: np.ndarray, anchors: np.ndarray
+    ) -> tuple[list[ExternalForce], np.ndarray]:
+        """Return forces of the ground on the load, and the anchors after that, shape (3 points,).
+
+        Args:
+            q: Coordinates, shape (n,).
+            v: Their rates, shape (n,).
+            anchors: Where the points of the load came to rest [m], shape (3 points,).
+        """
+        contacts, reactions, moved = self.contacts, list[ExternalForce](), list[Any]()
+        if contacts is None:
+            return reactions, anchors
+        rows = zip(contacts.points, self._ground_motions(q, v), anchors.reshape(-1, 3), strict=True)
+        for point, motion, anchor in rows:
+            force, place = contacts.reaction(*motion, anchor)
+            reactions.append(ExternalForce(contacts.body, array(point), array(force)))
+            moved += place
+        return reactions, array(moved)
+
+    def power(self, q: np.ndarray, v: np.ndarray, reactions: Sequence[ExternalForce]) -> Any:
+        """Return the power of the forces of `ground_reactions` at coordinates and rates [W]."""
+        pairs = zip(self._ground_motions(q, v), reactions, strict=True)
+        return sum((velocity @ push.force for (_, velocity), push in pairs), 0.0)
+
+    def touching(self, q: np.ndarray) -> list[Any]:
+        """Return whether each point of the load is in a support; empty without ground."""
+        contacts, still = self.contacts, array([0.0] * len(q))
+        if contacts is None:
+            return []
+        return [contacts.depth(place)[0] > 0.0 for place, _ in self._ground_motions(q, still)]
+
+    def _ground_motions(self, q: np.ndarray, v: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return position and velocity of each point of the load that may touch the ground."""
+        assert self.contacts is not None
+        points, frames = [array(p) for p in self.contacts.points], rigid_body.frames(self.tree, q)
+        return rigid_body.point_motions(self.tree, frames, v, self.contacts.body, points)
 
     def stop_force(self, q: np.ndarray, v: np.ndarray) -> Any:
         """Return the force of the buffers at the ends of the cable [N], see
@@ -222,9 +361,7 @@ class Plant:
         rate.
         """
         layout = self.topology.layout
-        tension = tension_from_hoist_force(
-            layout, self.joint.damping, self.joint.springs, q, v, hoist_force
-        )
+        tension = tension_from_hoist_force(layout, self.joint, q, v, hoist_force)
         above = height(self.tree, q, self.topology.bodies[0], self.levers[0])
         state_bounds = [
             *bounds(
@@ -236,6 +373,7 @@ class Plant:
                 tension,
                 above,
                 buffers=self.buffers,
+                rope=self.topology.rope,
             ),
             *drive_bounds(
                 layout,
@@ -374,7 +512,10 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
         stop_stiffness,
         stop_damping,
     ) = groups
-    rope = None if topology.rope is None else Rope(*topology.rope, ea[0])
+    rope = None
+    if topology.rope is not None:
+        stretch, length, inextensible = topology.rope
+        rope = Rope(stretch, length, ea[0], inextensible)
     springs = Springs(stiffness, rest, rope) if topology.springs else None
     stops = Stops(
         layout.drives, lower[layout.drives], upper[layout.drives], stop_stiffness, stop_damping

@@ -108,6 +108,33 @@ def frames(tree: Bodies, q: np.ndarray) -> list[Frame]:
     return joint_frames
 
 
+def point_motions(
+    tree: Bodies, poses: Sequence[Frame], v: np.ndarray, body: int, points: Sequence[np.ndarray]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return positions [m] and velocities [m/s] in the world of points of a body, shape (3,) each.
+
+    Args:
+        tree: The bodies.
+        poses: Their frames.
+        v: Rates of the coordinates, shape (n,).
+        body: The row of the body.
+        points: In the joint's frame [m], shape (3,) each.
+    """
+    chain = [body]
+    while (parent := tree.parents[chain[-1]]) >= 0:
+        chain.append(parent)
+    zero = array([0.0] * 3)
+    turn, place, speed, spin = array(np.eye(3).ravel().tolist()).reshape(3, 3), zero, zero, zero
+    for i in reversed(chain):
+        (along, about), rate, (rotation, origin) = tree.axis[i], v[i : i + 1], poses[i]
+        arm = turn @ origin
+        speed = speed + cross_product(spin, arm) + turn @ (tree.rotation[i] @ (along * rate))
+        turn, place = turn @ rotation, place + arm
+        spin = spin + turn @ (about * rate)
+    arms = [turn @ point for point in points]
+    return [(place + arm, speed + cross_product(spin, arm)) for arm in arms]
+
+
 def tree_inverse_dynamics(
     tree: Bodies,
     poses: Sequence[Frame],

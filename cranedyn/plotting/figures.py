@@ -81,7 +81,7 @@ def _lay_out(figure: Figure, engine: LayoutEngine) -> None:
     figure.set_dpi(_DPI)
     engine.execute(figure)
     figure.set_dpi(dpi)
-    figure.set_layout_engine("none")
+    figure.set_layout_engine(None)  # none to draw once more for
 
 
 def _save(figure: Figure, path: Path) -> None:

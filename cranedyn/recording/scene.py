@@ -39,6 +39,7 @@ _FRAME_PERIOD, _PATH_PERIOD = 0.04, 0.1
 _PATH_POINTS = round(PATH_SECONDS / _PATH_PERIOD)
 _CABLE, _GREY = "#202020", "#8C8C8C"
 _CABLE_RADIUS, _PATH_RADIUS, _ARROW_RADIUS = 0.05, 0.16, 0.12
+_SAG_POINTS = 9
 _ARROWS_BELOW_TROLLEY = 1.5
 _MAX_ARROW = 5.0
 _SOLID, _ZONE, _NEAR, _SWEPT = "#B9AE9B", "#CC3311", "#F22B05", "#0072B2"
@@ -313,6 +314,17 @@ def _largest(link_shapes: Sequence[Shape]) -> Shape:
 
 
 def _cable(crane: Crane, q: np.ndarray) -> np.ndarray:
-    """Return pivot, hook if there is one, and payload in the world [m], shape (rows, points, 3)."""
+    """Return pivot, hook if there is one, and payload in the world [m], shape (rows, points, 3); of
+    a rope that may go slack also points between that sag.
+    """
     order = [*range(1, len(crane.points)), 0]
-    return np.array([point_positions(crane, row)[order] for row in q]).reshape(-1, len(order), 3)
+    points = np.array([point_positions(crane, row)[order] for row in q]).reshape(-1, len(order), 3)
+    if (rope := crane.springs.rope) is None:
+        return points
+    top, end = points[:, :1], points[:, 1:2]
+    slack = np.maximum(-np.asarray(q)[:, rope.stretch], 0.0)
+    # A parabola of depth f over a chord d is longer than that by 8 f²/(3 d).
+    depth = np.sqrt(0.375 * slack * np.linalg.norm(end - top, axis=2)[:, 0])
+    u = np.linspace(0.0, 1.0, _SAG_POINTS)[:, None]
+    aside = (4.0 * u * (1.0 - u) * depth)[..., None].transpose(1, 0, 2) * [1.0, 0.0, 0.0]
+    return np.concatenate([top + u * (end - top) + aside, points[:, 2:]], axis=1)

@@ -16,11 +16,13 @@ import pinocchio as pin
 from cranedyn import plugins
 from cranedyn.checks import check_choice
 from cranedyn.clocks import Clocks
+from cranedyn.dynamics.contact import Contacts, Ground
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.drives import (
     Drives,
     EffortDrives,
     ExternalForces,
+    GroundForces,
     MotionDrives,
     VelocityDrives,
 )
@@ -30,6 +32,12 @@ from cranedyn.interfaces import Drive, EngineName, Reference, State
 from cranedyn.model.crane import Crane
 
 _FLAGS = np.zeros(1), np.ones(1)
+
+PHASE_CHANGES = 2
+"""Changes between a taut and a slack rope that are looked for within a step."""
+
+_ROUND_OFF = 1e-15
+"""Share of a step to which the instant of a change is found."""
 
 Extend = Callable[..., None]
 """Adds rows to the log of a run, see `cranedyn.simulation.log.Log.extend`."""
@@ -47,6 +55,7 @@ class Setting:
         buffers: Whether buffers end the ranges of the drives.
         integrator: The integrator.
         converters: Frequency converters of drives that take velocities; None for other drives.
+        contacts: Contacts of the load with the ground; None for none.
     """
 
     crane: Crane
@@ -56,6 +65,7 @@ class Setting:
     buffers: bool
     integrator: Integrator
     converters: Converters | None = None
+    contacts: Contacts | None = None
 
     @classmethod
     def of(
@@ -63,10 +73,11 @@ class Setting:
         crane: Crane,
         clock: Clocks,
         drive: Drive | Converters,
+        integrator: Integrator,
         *,
         forces: bool,
         buffers: bool,
-        integrator: Integrator,
+        ground: Ground | None = None,
     ) -> Setting:
         """Return settings that fit together, with typical converters for drives that take rates and
         where none are given.
@@ -81,7 +92,8 @@ class Setting:
         if buffers and kind != "effort":
             raise OutOfRange("buffers", "True", "False where the drives take no efforts")
         converters = fitting(crane, kind, converters)
-        return cls(crane, clock, kind, forces, buffers, integrator, converters)
+        contacts = None if ground is None else ground.contacts(crane)
+        return cls(crane, clock, kind, forces, buffers, integrator, converters, contacts)
 
     @property
     def lead(self) -> float:
@@ -94,11 +106,14 @@ class Setting:
         converters, clocks = self.converters, self.clocks
         return None if converters is None else converters.delay_steps(clocks.dt, clocks.period)
 
-    def external(self) -> ExternalForces | None:
-        """Return the external forces; None if there can be none."""
-        if not (self.forces or self.buffers):
+    def external(self, start: State) -> ExternalForces | None:
+        """Return the external forces from a state on; None if there can be none."""
+        contacts, ground = self.contacts, None
+        if contacts is not None:
+            ground = GroundForces(self.crane, contacts, start)
+        elif not (self.forces or self.buffers):
             return None
-        return ExternalForces(self.crane, buffers=self.buffers)
+        return ExternalForces(self.crane, buffers=self.buffers, ground=ground)
 
     def drives(self, external: ExternalForces | None) -> Drives:
         """Return the drives."""
@@ -117,8 +132,8 @@ class Actuation(NamedTuple):
         effort: Efforts exerted from this instant on, shape (m,).
         effort_before: Efforts exerted until this instant, shape (m,).
         force: External forces on the points in the world [N], shape (3 points,).
-        buffers: Work of all buffers so far [J] and the force of the buffers at the ends of the
-            cable [N], shape (2,).
+        contacts: Work so far of all buffers and of the ground, and of impacts of the rope [J], and
+            the force of the buffers at the ends of the cable [N], shape (3,).
         saturated: 1 if the command was beyond the largest rate of a converter, else 0, shape (1,).
     """
 
@@ -126,7 +141,7 @@ class Actuation(NamedTuple):
     effort: np.ndarray
     effort_before: np.ndarray
     force: np.ndarray
-    buffers: np.ndarray
+    contacts: np.ndarray
     saturated: np.ndarray
 
 
@@ -156,10 +171,10 @@ class Engine:
     def reset(self, start: State) -> None:
         """Restart at a state, without command, force or work."""
         self.state = start
-        self._external = self._setting.external()
+        self._external = self._setting.external(start)
         self._drives = self._setting.drives(self._external)
         self._no_force = np.zeros(3 * len(self._setting.crane.points))
-        self._buffer_work = 0.0
+        self._buffer_work = self._impact_work = 0.0
         if isinstance(self._drives, VelocityDrives):
             self._drives.reset(start)
 
@@ -184,7 +199,11 @@ class Engine:
         """
         drives, state = self._drives, self.state
         effort_before = drives.effort(state)
-        buffers = self._buffers() if self._setting.buffers else _NO_BUFFERS
+        rope, ground = drives.rope is not None, None
+        if self._external is not None and (ground := self._external.ground) is not None:
+            self._external.ground_effort = ground.effort(*state)
+        acts = self._setting.buffers or rope or ground is not None
+        contacts = self._contacts() if acts else _NO_CONTACTS
         if force is None:
             flat_force = self._no_force
         else:
@@ -192,21 +211,25 @@ class Engine:
             self._external.force, flat_force = force, force.ravel()
         needed, effort = drives.take_command(command, state)
         saturated = _FLAGS[drives.saturated]
-        return Actuation(needed, effort, effort_before, flat_force, buffers, saturated)
+        return Actuation(needed, effort, effort_before, flat_force, contacts, saturated)
 
-    def _buffers(self) -> np.ndarray:
-        """Return the work of all buffers and the force of those at the ends of the cable."""
-        assert self._external is not None and self._external.stops is not None
-        hoist = self._setting.crane.layout.drive_of("hoist")
-        push = 0.0 if hoist is None else float(self._external.stops.effort(*self.state)[hoist])
-        return np.array([self._buffer_work, push])
+    def _contacts(self) -> np.ndarray:
+        """Return the work of buffers and ground, that of impacts, and the force of the buffers of
+        the cable.
+        """
+        hoist, push = self._setting.crane.layout.drive_of("hoist"), 0.0
+        if self._setting.buffers and hoist is not None:
+            assert self._external is not None and self._external.stops is not None
+            push = float(self._external.stops.effort(*self.state)[hoist])
+        return np.array([self._buffer_work, self._impact_work, push])
 
     def advance(self) -> State:
         """Step to the next control instant; return the state there."""
         q, v = self.state
-        if self._setting.buffers:
+        if self._setting.buffers or self._setting.contacts is not None:
             for _ in range(self._setting.clocks.steps):
-                q, v = self._step_with_buffers(q, v)
+                self._drives.begin_step(v)
+                q, v = self._step_with_contacts(q, v)
         elif isinstance(self._drives, VelocityDrives):
             for _ in range(self._setting.clocks.steps):
                 self._drives.begin_step(v)
@@ -219,29 +242,104 @@ class Engine:
         return self.state
 
     def _steps(self, q: np.ndarray, v: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        return self._setting.integrator.advance(
-            self._drives.acceleration, self._drives.model, q, v, self._dt, steps
-        )
+        integrator, drives = self._setting.integrator, self._drives
+        if drives.rope is None:
+            return integrator.advance(drives.acceleration, drives.model, q, v, self._dt, steps)
+        for _ in range(steps):
+            q, v = self._step_once(q, v, self._setting.clocks.dt, integrator)
+        return q, v
 
-    def _step_with_buffers(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Step once. An integrator that needs a smooth motion steps without buffers; where a drive
-        is beyond its range before or after that, small semi-implicit steps replace it.
+    def _step_once(
+        self, q: np.ndarray, v: np.ndarray, dt: float, integrator: Integrator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Step once, divided where a rope becomes taut or slack: where it is inextensible, or the
+        integrator needs a smooth motion.
         """
+        drives, rope, rest = self._drives, self._drives.rope, dt
+
+        def advanced(q: np.ndarray, v: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+            return integrator.advance(drives.acceleration, drives.model, q, v, dt, 1)
+
+        if rope is None or not (rope.inextensible or integrator.smooth):
+            return advanced(q, v, dt)
+        taut = drives.pull(q, v) > 0.0
+        for _ in range(PHASE_CHANGES):
+            drives.take_rope(taut=taut)
+            after = advanced(q, v, rest)
+            if taut and rope.inextensible and drives.tension > 0.0:  # at all stages of the rule
+                return after
+            if drives.margin(*after, taut=taut) >= 0.0:
+                return after
+            time = 0.0
+            if drives.margin(q, v, taut=taut) > 0.0:
+                from scipy.optimize import brentq  # takes long to import, and few runs need it
+
+                time = brentq(
+                    lambda time, q, v, taut: drives.margin(*advanced(q, v, time), taut=taut),
+                    *(0.0, rest, (q, v, taut)),
+                    xtol=_ROUND_OFF * dt,
+                )
+            q, v = advanced(q, v, time)
+            taut, rest = not taut, rest - time
+            if taut and rope.inextensible:
+                q[rope.stretch] = 0.0
+                v, gained = drives.impact(q, v)
+                self._impact_work += gained
+        drives.take_rope(taut=taut)
+        return advanced(q, v, rest)
+
+    def _step_with_contacts(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Step once without the ground, and without buffers where the integrator needs a smooth
+        motion. Where the load touches the ground, or such a drive is beyond its range, before or
+        after that, small semi-implicit steps replace it.
+        """
+        external, clocks, integrator = (
+            self._external,
+            self._setting.clocks,
+            self._setting.integrator,
+        )
+        assert external is not None
+        stops, ground = external.stops, external.ground
+        works = self._buffer_work, self._impact_work
+        if ground is None and not integrator.smooth:
+            return self._step_and_count(q, v, integrator, clocks.dt)
+        if not self._rough(q):
+            external.ground, external.stops = None, None if integrator.smooth else stops
+            free = self._step_and_count(q, v, integrator, clocks.dt)
+            external.ground, external.stops = ground, stops
+            if not self._rough(free[0]):
+                return free
+            self._buffer_work, self._impact_work = works
+        self._drives.take_rope(taut=None)
+        for _ in range(clocks.substeps):
+            q, v = self._step_and_count(q, v, semi_implicit_euler, clocks.dt / clocks.substeps)
+        return q, v
+
+    def _rough(self, q: np.ndarray) -> bool:
+        """Return whether a contact acts at which a step is no smooth motion."""
         assert self._external is not None
-        stops, substeps, integrator = self._external.stops, 1, self._setting.integrator
-        if integrator.smooth:
-            self._external.stops = None
-            smooth = self._steps(q, v, 1)
-            self._external.stops = stops
-            if not (self._beyond(q) or self._beyond(smooth[0])):
-                return smooth
-            substeps, integrator = self._setting.clocks.substeps, semi_implicit_euler
-        dt, drives = self._setting.clocks.dt / substeps, self._setting.crane.layout.drives
-        for _ in range(substeps):
-            before = v
-            q, v = integrator.advance(self._drives.acceleration, self._drives.model, q, v, dt, 1)
-            moved = 0.5 * dt * (before + v)[drives]
-            self._buffer_work += float(self._external.stop_effort @ moved)
+        stops, ground = self._external.stops, self._external.ground
+        if ground is not None and ground.touches(q):
+            return True
+        return self._setting.integrator.smooth and stops is not None and self._beyond(q)
+
+    def _step_and_count(
+        self, q: np.ndarray, v: np.ndarray, integrator: Integrator, dt: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Step once under a constant force of the ground, count the work of ground and buffers, and
+        move the anchors of the ground.
+        """
+        external, before, drives = self._external, v, self._setting.crane.layout.drives
+        assert external is not None
+        if external.ground is not None:
+            external.ground_effort = external.ground.effort(q, v)
+        q, v = self._step_once(q, v, dt, integrator)
+        moved = 0.5 * dt * (before + v)
+        if external.stops is not None:
+            self._buffer_work += float(external.stop_effort @ moved[drives])
+        if external.ground is not None:
+            self._buffer_work += float(external.ground_effort @ moved)
+            external.ground.anchors = external.ground.moved
         return q, v
 
     def _beyond(self, q: np.ndarray) -> bool:
@@ -264,4 +362,4 @@ class Engine:
         return energies + crane.springs.energy(q.T) if crane.springs.any else energies
 
 
-_NO_BUFFERS = np.zeros(2)
+_NO_CONTACTS = np.zeros(3)

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.contact import ground_phases
+from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import point_positions
 from cranedyn.dynamics.validity import Bound, conditions, first_event, hoisting, valid
 from cranedyn.errors import OutOfRange, RunError
@@ -46,7 +48,8 @@ class Log:
             OutOfRange: If the rows would take more than 4 GB.
         """
         crane, period = setting.crane, setting.clocks.period
-        row_size = 2 * 8 * sum(map(len, crane.layout.columns().values()))
+        self._names = crane.layout.columns(rope=crane.springs.rope is not None)
+        row_size = 2 * 8 * sum(map(len, self._names.values()))
         if rows * row_size > _MEMORY:
             most = f"{(_MEMORY / row_size - 1) * period:.3g} s at most"
             size = (
@@ -57,7 +60,7 @@ class Log:
         self._validity = validity
         n, m, points = crane.layout.n, crane.layout.m, len(crane.points)
         widths = {"q": n, "v": n, "setpoint": m, "needed": m, "effort": m, "effort_before": m}
-        widths |= {"force": 3 * points, "buffers": 2, "saturated": 1}
+        widths |= {"force": 3 * points, "contacts": 3, "saturated": 1}
         self._columns = {name: np.empty((rows, width)) for name, width in widths.items()}
         self._energy, self._valid = np.full(rows, np.nan), np.full(rows, np.nan)
         self._written, self._checked, self._pending = 0, 0, list[bytes]()
@@ -153,7 +156,7 @@ class Log:
             self._crane,
             column["q"],
             column["v"],
-            hoisting(self._crane, column["effort"]) + column["buffers"][:, 1],
+            hoisting(self._crane, column["effort"]) + column["contacts"][:, 2],
             buffers=self._setting.buffers,
             needed=column["needed"] if needed else None,
             rates=rates,
@@ -183,7 +186,11 @@ class Log:
         middle = q - self._setting.lead * v
         mean_effort = (effort[:-1] + column["effort_before"][1:]) / 2
         work = _cumulated(mean_effort * np.diff(middle[:, crane.layout.drives], axis=0), rows)
-        power = v**2 @ crane.damping
+        joint, rope = JointForces.of(crane), crane.springs.rope is not None
+        phase, contacts = joint.phase(q.T, v.T) if rope else None, self._setting.contacts
+        if phase is not None and contacts is not None:
+            phase = ground_phases(crane, contacts, q, v, phase)
+        power = joint.dissipation(q.T, v.T)
         valid = self._valid[:rows]
         if (valid != 1.0).any():
             record = {**record, "not_valid": self._reason()}
@@ -198,11 +205,12 @@ class Log:
             work=work,
             dissipated=_cumulated((power[:-1] + power[1:]) / 2 * self._setting.clocks.period, rows),
             force=force,
-            outside=np.stack(
-                [self._work_of_forces(middle, force), column["buffers"][:, 0]], axis=1
+            outside=np.column_stack(
+                [self._work_of_forces(middle, force), column["contacts"][:, : 2 if rope else 1]]
             ),
             valid=valid,
-            columns=crane.layout.columns(),
+            phase=phase,
+            columns=self._names,
             parameters=parameters,
             record=record,
         )

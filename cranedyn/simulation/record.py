@@ -58,6 +58,7 @@ class RunRecord:
         controller: object,
         reference: object,
         disturbance: object,
+        ground: object = None,
     ) -> None:
         self._controller = controller
         self._parameters: dict[str, float | str] = {
@@ -74,6 +75,7 @@ class RunRecord:
             controller=controller,
             reference=reference,
             disturbance=disturbance,
+            ground=ground,
             converters=setting.converters,
         )
 

@@ -10,6 +10,7 @@ import numpy as np
 from cranedyn.checks import number
 from cranedyn.clocks import Clocked, clocks
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.contact import Ground
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import CraneError, OutOfRange, RunError, format_error
@@ -37,6 +38,8 @@ class Options(TypedDict, total=False):
     Attributes:
         disturbance: External forces on the points of the crane, such as wind, see
             `cranedyn.disturbances.wind`; held for a control period, as commands are. None for none.
+        ground: Ground and platforms that the load may touch, see `cranedyn.dynamics.contact`; None,
+            the default, for none.
         validity: What to do where a joint leaves its range, the rope would have to push, the load
             swings to 90° or touches the ground, or a motion that is followed exactly needs more
             effort or rate than a drive has. "stop", the default, ends the run with an error that
@@ -48,6 +51,7 @@ class Options(TypedDict, total=False):
     """
 
     disturbance: Disturbance | None
+    ground: Ground | None
     validity: Validity
     integrator: Integrator
     t_start: float
@@ -56,6 +60,7 @@ class Options(TypedDict, total=False):
 
 _DEFAULTS: Options = {
     "disturbance": None,
+    "ground": None,
     "validity": "stop",
     "integrator": semi_implicit_euler,
     "t_start": 0.0,
@@ -117,15 +122,15 @@ def simulate(
     settings = _checked(options, drive)
     t = t_start = settings["t_start"]
     validity, disturbance = settings["validity"], settings["disturbance"]
-    clock = clocks(duration, dt, control_period)
-    forces, buffers, rule = disturbance is not None, validity == "buffers", settings["integrator"]
-    setting = Setting.of(crane, clock, drive, forces=forces, buffers=buffers, integrator=rule)
+    clock, ground = clocks(duration, dt, control_period), settings["ground"]
+    acting = {"forces": disturbance is not None, "buffers": validity == "buffers"}
+    setting = Setting.of(crane, clock, drive, settings["integrator"], **acting, ground=ground)
     moving = load_engine(engine)(setting, initial_state(crane, start))
     layout, monitors = crane.layout, settings["monitors"]
     reference = hold(crane, moving.state) if reference is None else reference
     setpoint_at = checked(reference, layout)
     log = Log(setting, validity, t_start, clock.periods + 1)
-    record = RunRecord(setting, engine, validity, controller, reference, disturbance)
+    record = RunRecord(setting, engine, validity, controller, reference, disturbance, ground)
     if isinstance(controller, Clocked):
         controller.begin_run(t_start, control_period)
     try:

@@ -106,13 +106,12 @@ def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Iterat
     for column, values in differences.items():
         yield _published_claim(setup, column, values)
     yield Claim(
-        "What the budget leaves unexplained of a period is of second order in its parts (at "
-        f"most {budget}).",
+        f"The budget explains every period to the second order of its parts (at most {budget}).",
         setup.judged(explained),
     )
     yield Claim(
-        "Predicted and simulated period differ by less than a finite swing A changes the "
-        f"pivot's give, A² of it (at most {finite}).",
+        "Predicted and simulated period agree, but for the effect of a finite swing A on the "
+        f"compliance of the trolley, A² of it (at most {finite}).",
         agree if small else None,
     )
 
@@ -120,12 +119,12 @@ def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Iterat
 def _published_claim(setup: Setup, column: str, differences: Sequence[float]) -> Claim:
     allowed = ROUNDING[column] + GAIN_RESIDUAL[column]
     unit = {"error": "percentage points", "amplitude": "rad"}.get(column, "")
-    sentence = f"Every published {column} is met within {allowed:.2g} {unit}".rstrip()
+    sentence = f"Every published {column} agrees within {allowed:.2g} {unit}".rstrip()
     if not differences:
         return Claim(f"{sentence} (none was run).", None)
     worst = max(map(abs, differences))
     return Claim(
-        f"{sentence}, half its last digit and what the identified gains leave (worst {worst:.2g}).",
+        f"{sentence} (worst {worst:.2g}): half its last digit and the residual of the gains.",
         setup.judged(worst < allowed),
     )
 

@@ -57,8 +57,8 @@ def move_table(move: RestToRest, results: Results, drive: str) -> ResultTable:
         ("20 s later [mrad]", f".3g{swing}", lambda row: row[1] and 1e3 * row[1].later),
         ("settled [s]", ".2f", lambda row: row[1] and finite_or_none(row[1].settled)),
         ("cycle [s]", ".2f", lambda row: row[1] and finite_or_none(row[1].cycle)),
-        note="Amplitudes of the swing. Settled: when the payload stays within 10 mm of its goal, "
-        "after the arrival and (cycle) after the start; a dash: not within 20 s."
+        note="Swings are amplitudes. Settled: the payload stays within 10 mm of its goal, after "
+        "the arrival and (cycle) after the start; a dash: not within 20 s."
         f"{_quantised(drive)}{_reasons(nominal)}",
     )
 
@@ -89,11 +89,10 @@ def drives_table(move: RestToRest, results: Results, *, beyond: bool = False) ->
         ("rate", ".2f", lambda row: row[1].rate),
         ("acc.", ".2f", lambda row: row[1].acceleration),
         *late[:beyond],
-        note="Efforts beyond holding the load at rest; work: what the drives put in, not counting "
-        "what they took back; rate, acc.: largest rate and acceleration as a share of the limits "
-        "that the plans keep. Feedback is limited by effort only."
-        + " Beyond: time in which drives that follow a motion or a rate were asked for more effort "
-        "or rate than they have." * beyond,
+        note="Efforts beyond holding the load. Work: put in by the drives, without what they take "
+        "back. Rate, acc.: largest, as a share of the limits of the plans."
+        + " Beyond: time in which drives were asked for more than their limits."
+        * beyond,
     )
 
 
@@ -110,7 +109,7 @@ def tour_table(tours: Mapping[str, TourResult | str]) -> ResultTable:
         ("mean of dwells [mrad]", f".4g{swing}", lambda row: row[1] and row[1].mean),
         ("worst at the hook [mm]", f".4g{hook}", lambda row: row[1] and row[1].hook),
         ("peak on the way [mrad]", ".1f", lambda row: row[1] and row[1].peak),
-        note=f"Half the way across, radial and tangential together.{reasons}",
+        note=f"Amplitudes of radial and tangential swing together.{reasons}",
     )
 
 
@@ -122,7 +121,7 @@ def case_tables(results: Results, drive: str) -> list[ResultTable]:
         for case, result in cases.items()
         if result.why != UNSEEING
     }
-    dash = "A dash: it does not look at the swing, or does not settle in 20 s, or breaks off."
+    dash = "A dash: no feedback of the swing, not settled in 20 s, or diverged."
     later = f".3g{RESOLUTION[drive][0]}", lambda s: 1e3 * s.later
     settled = ".3g", lambda s: finite_or_none(s.settled)
     return [
@@ -146,8 +145,8 @@ def observer_table(results: Results) -> ResultTable:
         "Swing at the arrival where the drives alone are seen [mrad], combined move",
         [s for s in results if any(score_of(results, s, name) for name in names)],
         *_case_columns(results, UNTOLD, ".3g", lambda s: 1e3 * s.arrival),
-        note="State alone: an observer that believes load and cable as planned. Load too: one that "
-        "estimates both beside the state. A dash: it breaks off.",
+        note="State alone: the observer trusts planned load and cable. Load too: it estimates "
+        "both. A dash: diverged.",
     )
 
 
@@ -168,4 +167,4 @@ def _quantised(drive: str) -> str:
     """Return why small swings are not told apart, nothing where drives are ideal."""
     if drive == IDEAL:
         return ""
-    return " Less than 0.1 mrad is decided by the rounding of the rates that converters take."
+    return " Below 0.1 mrad the rounding of the commanded rates decides."

@@ -39,7 +39,7 @@ class Document:
     A block begins with a line ``<!-- NAME: title -->`` and ends with ``<!-- end -->``; it holds the
     tables of the experiment NAME whose titles begin with that title, all of them if it is empty.
     ``<!-- NAME csv: title -->`` puts each of these tables into a CSV file beside the document and
-    links to it; a remark that stands above already is not repeated.
+    links to it; the document itself explains the columns.
 
     Attributes:
         path: Its file.
@@ -75,10 +75,8 @@ class Document:
                 return block[0]
             wanted = self._tables(block, tables)
             if block["csv"]:
-                links = [f"* [{one.title}]({self._csv_file(one).name})\n" for one in wanted]
-                above = self.text[: block.start()]
-                notes = dict.fromkeys(one.note for one in wanted if one.note not in above)
-                content = ["".join(links), *(f"{note}\n" for note in notes)]
+                files = ((_subject(one.title), self._csv_file(one).name) for one in wanted)
+                content = ["".join(f"* [{subject}]({file})\n" for subject, file in files)]
             else:
                 content = [f"{table.markdown()}\n" for table in wanted]
             return "\n".join([block["begin"], *content, block["end"]])
@@ -120,7 +118,7 @@ class Document:
 
     def _csv_file(self, table: ResultTable) -> Path:
         """Return the file beside the document, named by the words of the title."""
-        words = re.findall(r"[a-z]+", re.sub(r"(: \(| \[).*", "", table.title.lower()))
+        words = re.findall(r"[a-z]+", _subject(table.title).lower())
         return self.path.parent / f"{'_'.join([self.experiment, *words])[:80]}.csv"
 
     def _tables(self, block: re.Match[str], tables: Sequence[ResultTable]) -> list[ResultTable]:
@@ -158,6 +156,11 @@ def read_document(path: str | Path, experiment: str) -> Document:
         )
     check_writable(path)
     return Document(Path(path), experiment, text)
+
+
+def _subject(title: str) -> str:
+    """Return a title without units and coordinates."""
+    return re.sub(r"(: \(| \[).*", "", title)
 
 
 def _csv(table: ResultTable) -> str:

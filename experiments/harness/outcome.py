@@ -89,7 +89,8 @@ def show(outcome: Outcome, *, whole: bool = True) -> str:
                 console.print(block)
             console.print()
     failed = [claim for claim in outcome.claims if claim.holds is not None and not claim.holds]
-    others = [claim for claim in outcome.claims if claim.holds is None or claim.holds]
+    others = [claim for claim in outcome.claims if claim.holds is None]
+    others += [claim for claim in outcome.claims if claim.holds]
     claims = outcome.claims if whole else [*failed, *others[:_MOST_CLAIMS]]
     folded = {"table": 0, "column": 0, "row": 0, "claim": len(outcome.claims) - len(claims)}
     if not whole and outcome.tables:

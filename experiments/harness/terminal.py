@@ -71,7 +71,7 @@ def excerpt(table: ResultTable, width: int, lines: int) -> tuple[RichTable, int,
     ):
         count -= 1
     console = Console(width=width)
-    for rows in range(min(len(table.rows), lines), -1, -1):
+    for rows in range(min(len(table.rows), max(lines, 1)), -1, -1):
         first = [c._replace(cells=c.cells[:rows]) for c in columns[:count]]
         for note in dict.fromkeys((table.note, "")):
             block = _block(first, width, table.title, note)

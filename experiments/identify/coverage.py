@@ -226,10 +226,10 @@ def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
     ]
     columns = [("what", ""), ("held", "d"), ("%", ".1f"), ("±, mean", ".3g"), ("off, std", ".3g")]
     note = (
-        f"Between {low} and {high} lie {100 * (1 - 2 * _TAIL):g} % of all counts of a sure 95 %. "
+        f"Exact intervals hold in {low} to {high} with {100 * (1 - 2 * _TAIL):g} % certainty. "
         f"Records are made by {'MuJoCo' if plant == 'mujoco' else '`simulate`'}, with efforts as "
         f"logged; swings begin at up to {math.degrees(SWING):.0f}° in each joint. Each crane has "
-        "numbers, moves and noise of its own, and is looked for from the same wrong start."
+        "numbers, moves and noise of its own; all fits start from the same wrong crane."
     )
     return Outcome(
         tables=[ResultTable(f"Intervals of {count:,} synthetic cranes", columns, rows, note)],

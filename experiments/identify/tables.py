@@ -102,8 +102,8 @@ def _residual_table(result: Identification, subject: str) -> ResultTable:
         ("left, RMS", ".3g", lambda row: float(np.sqrt(np.mean(row[2] ** 2)))),
         ("left, most", ".3g", lambda row: float(np.abs(row[2]).max())),
         ("white", "", lambda row: "yes" if row[4] else "no"),
-        note="White: by Ljung and Box at 0.1 %. Where a column is not, the model lacks something, "
-        "and intervals are widened to those of errors with a memory.",
+        note="White: by Ljung and Box at 0.1 %. If a column is not, the model lacks something, and "
+        "intervals are widened to those of correlated errors.",
     )
 
 
@@ -160,7 +160,6 @@ def of_trials(trials: Sequence[Trial]) -> list[ResultTable]:
         ("median [mrad]", ".3g", lambda trial: 1e3 * np.quantile(trial.swing, 0.5)),
         ("worst [mrad]", ".3g", lambda trial: 1e3 * np.quantile(trial.swing, 1.0)),
         note=f"Swing left by the combined move of experiment compare on {len(trials[0].swing)} "
-        "cranes that the estimate allows, with their cables and sensors as wrong as they were "
-        "found; lag and delay are not among it.",
+        "cranes that the estimate allows, with errors of cable and sensors, without lag and delay.",
     )
     return [table]

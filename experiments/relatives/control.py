@@ -248,11 +248,10 @@ def _table(results: Sequence[ControlResult]) -> ResultTable:
         ("limits [%]", ".1f", lambda c: 100.0 * c.limits),
         ("wind [m]", ".2f", lambda c: c.blown),
         ("batch", ".0e>1e-12", lambda c: c.lanes),
-        note=f"From {1e3 * SWING:g} mrad in each swing joint: how far the trolley gives way under "
-        "the hold controller, and the swing left after 10 s by each controller. Then the trolley's "
-        f"move of {WAY:g} m in least time: how long, swing left, largest share of a limit. Wind of "
-        f"{GUST:g} m/s on {AREA:g} m² for 4 s: where the load goes. Batch: eight cranes at once "
-        "beside runs one by one [rad, m, per second].",
+        note=f"From {1e3 * SWING:g} mrad in each swing joint: yield of the trolley under the hold "
+        "controller, and swing after 10 s under each controller. Least time: a move of the trolley "
+        f"by {WAY:g} m. Wind: way of the load in {GUST:g} m/s on {AREA:g} m² for 4 s. Batch: "
+        "largest difference of eight cranes at once from single runs [rad, m, per second].",
     )
 
 

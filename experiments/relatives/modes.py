@@ -233,10 +233,10 @@ def _table(results: Sequence[Frequency]) -> ResultTable:
         ("small swing", ".8f", lambda f: f.simulated),
         ("of the step", "+.0e", lambda f: f.stepped - f.linear),
         ("rest", "+.0e>1e-11", lambda f: f.simulated - f.stepped),
-        note="Drives locked but where they roll. The tower that twists is that of a hand-derived 2 "
-        "× 2 model without the trolley, 0.79786094 and 4.53213150 rad/s: the multibody agrees when "
-        "the trolley's m x² is counted within the 1e6 kg m², and is slower by what the trolley "
-        "adds when it is not. A structure that leans at rest is held to the square of that angle.",
+        note="Drives are locked unless they roll. The twisting tower is held to a 2 × 2 model "
+        "without the trolley, 0.79786094 and 4.53213150 rad/s: the full model agrees if the "
+        "trolley's m x² is part of the 1e6 kg m², and is slower otherwise. A structure that leans "
+        "at rest may differ by the square of that angle.",
     )
 
 

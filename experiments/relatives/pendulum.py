@@ -258,15 +258,11 @@ def _unaware_note(growth: tuple[float, float]) -> str:
     loops [1/s].
     """
     return (
-        f"At the arrival, and {LASTS + 1:g} s later. The five-joint designs take hook and "
-        "load for one load of 2300 kg at the hoist's end, and see slew, trolley, cable and its two "
-        f"swings. At rest every motion under the LQR of the whole model goes with {growth[0]:+.4f} "
-        f"1/s or faster; under that of five joints one has {growth[1]:+.4f} 1/s"
-        + (
-            ": through the slew it stirs up the fast mode across the jib, which it does not see."
-            if growth[1] > 0.0
-            else "."
-        )
+        f"At the arrival, and {LASTS + 1:g} s later. Designs of five joints treat hook and load as "
+        f"one load of 2300 kg. The slowest mode at rest decays with {growth[0]:+.4f} 1/s under the "
+        f"LQR of the whole model, and has {growth[1]:+.4f} 1/s under that of five joints"
+        + ", which excites the fast mode across the jib through the slew."
+        * (growth[1] > 0.0)
     )
 
 

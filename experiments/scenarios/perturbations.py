@@ -125,7 +125,7 @@ class Misread:
             self.controller.resume(t, integral / scale)
 
 
-UNOBSERVED = "The observer goes by efforts, not by the rates of converters."
+UNOBSERVED = "The observer uses efforts, not rates of converters."
 """Why there is no such case on frequency converters."""
 
 NOMINAL = Perturbation("as planned")
@@ -184,9 +184,7 @@ def make(
     controller = plan.controller()
     if perturbation.observer:
         if plan.motion is None:
-            raise CraneError(
-                "Without a planned motion there is nothing to linearise an observer about."
-            )
+            raise CraneError("An observer is linearised about a planned motion, and there is none.")
         if plan.drive == "velocity":
             raise CraneError(UNOBSERVED)
         controller = (

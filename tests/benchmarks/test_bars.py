@@ -79,7 +79,7 @@ def test_the_bars_of_this_project_are_measured_and_ci_asks_for_them() -> None:
     assert judge_bars(found[:2], 0.0, share=1e6) == 1
 
 
-def test_the_page_shows_the_bars_as_they_are() -> None:
+def test_the_page_tells_how_many_bars_there_are_and_what_they_allow() -> None:
     page = (ROOT / "docs/results/speed.md").read_text(encoding="utf-8")
-    for bar in bars.all_bars():
-        assert f"| {bar.name} | {bar.usual:.3g} | {SHARE * bar.usual:.3g} |" in page
+    assert len(bars.all_bars()) == 7
+    assert f"if one of seven workloads has lost more than {100 * (1 - SHARE):.0f} % " in page

@@ -7,7 +7,8 @@ async function drive(data, requests) {
     const began = performance.now();
     const run = replay(data, code, inputs, instants, rows ? each => values.push(each.values()) : undefined);
     const {q, v} = run.kernel;
-    return {k: run.k, q: [...q], v: [...v], event: run.event, rows: values, task: run.task,
+    return {k: run.k, q: [...q], v: [...v], event: run.event, rows: values, task: run.task, assist: run.assist,
+      utilisation: run.utilisation,
       seconds: (performance.now() - began) / 1000};
   });
 }

@@ -16,17 +16,19 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 import cranedyn as cd
-from cranedyn.bridges import browser_crane, page
+from cranedyn.bridges import browser_crane, exercises, page
 from cranedyn.compiled.horizon.receding import receding
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.data.trajectory import read as read_trajectory
 from cranedyn.disturbances.wind import steady, wind
 from cranedyn.dynamics.converters import HEADROOM, converters
-from cranedyn.errors import DataError
+from cranedyn.errors import CraneError, DataError, MissingRole
 from cranedyn.identification.record import load_record
 from cranedyn.interfaces import Controller, Setpoint, State
+from cranedyn.lifting.chart import CHARTS, read_chart
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from cranedyn.planning.site_file import read_site
 from cranedyn.planning.solids import box, hull
 from cranedyn.references.limits import Limits
 from cranedyn.references.simple import hold
@@ -135,7 +137,7 @@ class Operator:
         late = len(self.past) - 1 - math.floor(0.5 * period / PERIOD + 0.5)
         half = 0.5 * (self.rate + (self.past[late] if late >= 0 else 0.0))
         half[hoist] = asked[hoist]
-        return half
+        return self.stoppable(half, state.q)
 
     def yielding(self, asked: np.ndarray, state: State) -> np.ndarray:
         """Slew and trolley give way."""
@@ -211,7 +213,11 @@ def test_every_assistance_moves_the_crane_as_simulate_does() -> None:
 
 @pytest.mark.parametrize(
     ("kind", "names"),
-    [("elastic", ["none", "lqr"]), ("overhead", ["none", "shaped", "lqr"])],
+    [
+        ("elastic", ["none", "lqr"]),
+        ("overhead", ["none", "shaped", "lqr"]),
+        pytest.param("hook", ["none", "shaped", "lqr", "predictive"], marks=pytest.mark.long),
+    ],
 )
 def test_other_cranes_move_as_simulate_moves_them(kind: str, names: list[str]) -> None:
     done = in_node(data_of(kind), *(request(name, 1000) for name in names))
@@ -275,7 +281,9 @@ def test_what_was_driven_is_a_run_with_our_columns(tmp_path: Path) -> None:
     file.write_text("\n".join(lines) + "\n")
     read = read_trajectory(file)
     np.testing.assert_array_equal(read.q, rows[:, 1:6])
-    record = load_record(file, crane_of("tower"))
+    again = load_crane(from_record={"crane": data["crane"]["record"]})
+    assert again.payload_mass == crane_of("tower").payload_mass
+    record = load_record(file, again)
     assert len(record.t) > 100
 
 
@@ -285,15 +293,74 @@ def test_a_drive_replays_to_the_same_bits() -> None:
     assert (first["q"], first["v"]) == (second["q"], second["v"])
 
 
-def test_a_drive_stops_before_the_end_of_its_range() -> None:
-    full = [[0, "sticks", [0.0, 1.0, 1.0]], [6000, "sticks", [0.0, -1.0, -1.0]]]
-    outward, inward = in_node(
-        data_of("tower"), *({"inputs": full, "instants": n} for n in (6000, 12000))
-    )
+@pytest.mark.parametrize("name", ["none", "shaped", "yielding", "lqr"])
+def test_a_drive_stops_before_the_end_of_its_range_by_any_ramp(name: str) -> None:
+    full = [[0, "assist", name], [0, "sticks", [0, 1, 1]], [6000, "sticks", [0, -1, -1]]]
+    ramps = [[0, "slider", ["ramp", percent]] for percent in (25.0, 100.0, 200.0)]
     crane = crane_of("tower")
-    assert outward["event"] is inward["event"] is None
-    assert crane.upper[1] - 0.1 < outward["q"][1] < crane.upper[1]
-    assert crane.lower[1] < inward["q"][1] < crane.lower[1] + 0.1
+    requests = [{"inputs": [ramp, *full], "instants": n} for ramp in ramps for n in (6000, 12000)]
+    for done, at_end in zip(in_node(data_of("tower"), *requests), [True, False] * 3, strict=True):
+        assert done["event"] is None
+        way = crane.upper[1] - done["q"][1] if at_end else done["q"][1] - crane.lower[1]
+        assert 0.0 < way < 0.2
+
+
+def test_predictive_control_gives_up_before_a_drive_leaves_its_range() -> None:
+    goals = [[1.2, 2.0, 3.4], [1.2, 22.0, 26.4]]
+    ends = in_node(
+        data_of("tower"),
+        *(
+            {"inputs": [[0, "assist", "predictive"], [0, "goal", goal]], "instants": 8000}
+            for goal in goals
+        ),
+    )
+    assert [done["event"] for done in ends] == [None, None]
+    assert [done["assist"] for done in ends] == ["none", "predictive"]  # much swing, and little
+
+
+@pytest.mark.parametrize("name", ASSISTANCES)
+def test_the_hoist_goes_to_a_length_until_its_stick_moves(name: str) -> None:
+    inputs = [[0, "assist", name], [0, "slider", ["cable", 8.0]]]
+    taken = [*inputs, [400, "sticks", [0, 0, 0.1]], [500, "sticks", [0, 0, 0]]]
+    there, before = in_node(
+        data_of("tower"), *({"inputs": these, "instants": 5000} for these in (inputs, taken))
+    )
+    assert there["q"][4] == pytest.approx(8.0, abs=0.01)  # LQR comes there slowly
+    assert (before["q"][4] > 12.0) == (name != "predictive")  # which drives by its goal alone
+
+
+def test_the_share_of_the_chart_is_that_of_a_report() -> None:
+    falls = read_chart(CHARTS / "laboratory.toml").on()
+    chart = {"least": falls.least, "radii": falls.radii.tolist(), "rated": falls.rated.tolist()}
+    requests = [{"inputs": INPUTS, "instants": n, "rows": True} for n in range(200, 4000, 600)]
+    crane = crane_of("tower")
+    for done in in_node(data_of("tower") | {"chart": chart}, *requests):
+        _, x, *_ = row = done["rows"][-1][1:]
+        pull = crane.damping[4] * row[9] - row[18]
+        used = pull / crane.gravity / float(falls.at(x))
+        assert done["utilisation"] == pytest.approx(used, rel=1e-9)
+
+
+def test_a_crane_that_does_not_slew_has_no_load_chart() -> None:
+    with pytest.raises(MissingRole, match="A load chart"):
+        page.page_data(crane_of("overhead"), chart=read_chart(CHARTS / "laboratory.toml").on())
+
+
+def test_obstacles_of_a_site_are_written_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exercises, "plan_lift", raises(CraneError("no plan")))
+    site = read_site("tower")
+    lift = exercises.lift_exercise(crane_of("tower"), Limits([1.0] * 3, [1.0] * 3), site)
+    (task,) = page._tasks([lift], np.eye(3), np.zeros(3)) if lift else []
+    assert (task["parts"], task["solids"]) == (None, None)
+
+
+def raises(error: CraneError) -> Any:
+    """Return a function that raises an error."""
+
+    def function(*_: Any, **__: Any) -> None:
+        raise error
+
+    return function
 
 
 @pytest.mark.parametrize(

@@ -191,7 +191,11 @@ def test_pictures_of_the_views_are_not_blank_and_differ(driver: Any) -> None:
 @browser
 def test_a_click_on_the_ground_sets_the_goal_of_the_predictive_control(driver: Any) -> None:
     driver.execute_script("page.act('Backspace'); page.act('Digit5'); page.act('top')")
-    wait(driver, "page.state.assist === 'predictive' && page.scene._blend === 1")
+    wait(
+        driver,
+        "page.state.assist === 'predictive' && page.scene._blend === 1 && "
+        "page.scene._view === 'top'",
+    )
     goal, place, drawn, clicked = driver.execute_script(
         "const {canvas} = page.scene, x = 0.6 * canvas.clientWidth, y = 0.4 * canvas.clientHeight;"
         "const sent = []; const post = page.worker.postMessage.bind(page.worker);"
@@ -216,6 +220,80 @@ def test_the_lesson_compares_a_period_with_the_closed_form(driver: Any) -> None:
     driver.execute_script("page.judgePeriod(arguments[0])", 1.01 * closed)
     text = driver.find_element("id", "period_answer").get_attribute("textContent")
     assert f"{closed:.3f} s" in text and "1.00 % longer" in text
+
+
+@browser
+def test_what_was_driven_is_saved_with_its_crane_and_replays(driver: Any) -> None:
+    driver.execute_script("page.act('Digit1'); page.act('Backspace')")
+    press(driver, "KeyW")
+    wait(driver, "page.state.v[1] > 0.1 && page.state.t < 30")
+    press(driver, "KeyW", "keyup")
+    inputs, table = driver.execute_async_script(
+        "const done = arguments[0], texts = {}, own = download;"
+        "download = async (name, blob) => { texts[name] = await blob.text();"
+        "  if (Object.keys(texts).length === 2) {"
+        "    download = own; done([texts['drive.json'], texts['drive.csv']]); } };"
+        "page.act('save'); page.act('save_inputs')"
+    )
+    record = json.loads(inputs)
+    assert load_crane(from_record=record).payload_mass == load_crane().payload_mass
+    assert 0 <= record["instants"] - (table.count("\n") - 1) < 600  # it goes on between the two
+    assert table.startswith("t_s,gamma_rad")
+    script = "page._replay({files: [{text: async () => arguments[0]}], value: ''})"
+    driver.execute_script(script, json.dumps(record | {"crane": {}}))
+    wait(driver, "document.getElementById('event').textContent.includes('another crane')")
+    driver.execute_script(script, inputs)
+    wait(driver, "page.state.replaying")
+    driver.execute_script("page.act('Backspace')")
+
+
+@browser
+def test_a_reset_begins_the_task_again(driver: Any) -> None:
+    driver.execute_script("page.act('stop')")
+    wait(driver, "page.state.task && page.state.t > 0.5")
+    driver.execute_script("page.act('Backspace')")
+    wait(driver, "page.state.task && page.state.task.time < 0.4 && page.state.swing > 0.05")
+    driver.execute_script("page.act('stop')")
+    wait(driver, "!page.state.task")
+
+
+@browser
+def test_a_wall_does_not_hide_the_load_that_is_followed(driver: Any) -> None:
+    free, cut, hidden = driver.execute_script(
+        "const {scene, state: {q}} = page, {gl, canvas} = scene, seen = [];"
+        "for (const [view, wall] of [['follow', false], ['follow', true], ['orbit', true]]) {"
+        "  const look = {...page.look, night: false, view}; scene.build([]);"
+        "  scene.draw(q, look); scene._blend = 1; scene.draw(q, look);"
+        "  const at = scene.eye.map((x, k) => (x + scene.load[k]) / 2);"
+        "  const corners = [[-9, -9], [9, -9], [9, 9], [-9, 9]].flatMap(([across, up]) =>"
+        "    at.map((x, k) => x + across * scene.right[k] + (k > 1 ? up : 0)));"
+        "  const solid = {zone: false, vertices: corners, triangles: [0, 1, 2, 0, 2, 3]};"
+        "  if (wall) scene.build([solid]);"
+        "  scene.draw(q, look);"
+        "  const pixel = new Uint8Array(4), scale = canvas.width / canvas.clientWidth;"
+        "  const [x, y] = scene.project(scene.load).map(place => place * scale);"
+        "  gl.readPixels(x, canvas.height - y, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);"
+        "  seen.push([...pixel]); }"
+        "page._build(); return seen"
+    )
+    assert free == cut != hidden
+
+
+@browser
+def test_a_picture_that_is_lost_comes_back(driver: Any) -> None:
+    driver.execute_script("window.lost = page.scene")
+    driver.execute_script(
+        "window.extension = lost.gl.getExtension('WEBGL_lose_context'); extension.loseContext()"
+    )
+    wait(driver, "lost.gl.isContextLost()")
+    driver.execute_script("setTimeout(() => extension.restoreContext(), 50)")
+    wait(driver, "page.scene !== lost && !page.scene.gl.isContextLost()")
+    pixel = driver.execute_script(
+        "const {scene, look, state: {q}} = page, {gl} = scene, pixel = new Uint8Array(4);"
+        "scene.draw(q, look); gl.readPixels(9, 9, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);"
+        "return [...pixel]"
+    )
+    assert max(pixel[:3]) > 60
 
 
 @pytest.mark.skipif(TSC is None, reason="TypeScript (npm) is not installed")

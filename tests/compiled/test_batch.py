@@ -510,7 +510,7 @@ def _refused_at_once(sentence: str) -> Iterator[None]:
 def test_what_would_not_fit_into_memory_is_refused_before_any_is_taken() -> None:
     starts = State(np.broadcast_to(crane().start.q, (100000, 5)), np.zeros((100000, 5)))
     brake, long = hold_controller(crane()), {"duration": 1e6, "dt": 1e-4, "control_period": 1e-4}
-    with _refused_at_once("record is 100001 rows of 100000 cranes; .* would take 3.52e.03 GB"):
+    with _refused_at_once("record is 100001 rows of 100000 cranes; .* would take 3.68e.03 GB"):
         simulate_batch(crane(), brake, start=starts, record=1, **{**CLOCK, "duration": 1000.0})
     with _refused_at_once("duration is 10000000000 control periods; allowed is what takes 4 GB"):
         simulate_batch(crane(), brake, start=starts, **long)

@@ -7,7 +7,6 @@ from __future__ import annotations
 import os
 import signal
 import threading
-import time
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -43,9 +42,10 @@ def scattered(rng: np.random.Generator, count: int) -> State:
 def test_threads_share_the_parts_of_many_cranes() -> None:
     fleet = Fleet(crane(), 8 * 512 * 6, threads=2)
     did: dict[int, list[int]] = {}
+    both = threading.Barrier(2)  # no thread begins a part before the other has one
 
     def work(part: int) -> None:
-        time.sleep(0.02)
+        both.wait(60.0)
         did.setdefault(threading.get_ident(), []).append(part)
 
     fleet.spread(work)

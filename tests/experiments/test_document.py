@@ -14,7 +14,7 @@ from tests import told
 
 TABLES = [
     ResultTable("Move one: far", [("strategy", ""), ("s", ".1f")], [("a", 1.25)]),
-    ResultTable("Move two", [("strategy", "")], [("b",)], "A note."),
+    ResultTable("Move two [m]", [("strategy", "")], [("b",)], "A note."),
 ]
 TEXT = (
     "Before.\n\n<!-- trial: Move two -->\nold\n<!-- end -->\n\nBetween.\n\n<!-- other: -->\nkept\n"
@@ -38,13 +38,13 @@ def test_each_block_gets_the_tables_it_asks_for_and_all_else_stays(tmp_path: Pat
     assert path.read_text(encoding="utf-8") == once
 
 
-def test_a_block_of_csv_has_links_and_the_tables_lie_beside_the_page(tmp_path: Path) -> None:
+def test_a_block_of_csv_has_links_only_and_the_tables_lie_beside_the_page(tmp_path: Path) -> None:
     path = tmp_path / "page.md"
     path.write_text("<!-- trial csv: -->\n<!-- end -->\n", encoding="utf-8")
     read_document(path, "trial").write(TABLES)
     assert path.read_text(encoding="utf-8") == (
         "<!-- trial csv: -->\n\n* [Move one: far](trial_move_one_far.csv)\n"
-        "* [Move two](trial_move_two.csv)\n\nA note.\n\n<!-- end -->\n"
+        "* [Move two](trial_move_two.csv)\n\n<!-- end -->\n"
     )
     file = tmp_path / "trial_move_one_far.csv"
     assert file.read_text(encoding="utf-8") == "strategy,s\na,1.2\n"

@@ -121,6 +121,7 @@ def test_a_screen_has_24_lines_the_failed_claim_whole_and_says_what_is_left_out(
     assert len(lines) <= 21 and max(map(cell_len, lines)) <= width  # and three of pointers
     assert int(counts["row"]) == 30 - len(names) and counts["table"] == "1"
     assert int(counts["claim"]) == 30 - sum("Claim" in line for line in lines) == 25
+    assert all(line.startswith("not judged") for line in lines if "Claim" in line)
     assert lines[-1] == "15 of 30 claims hold, 15 not judged."
     show(Outcome([table], [Claim("It does not. " * 20, False)]), whole=False)
     assert capsys.readouterr().out.count("It does not.") == 20

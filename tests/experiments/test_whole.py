@@ -14,9 +14,9 @@ from experiments.report import page
 from tests.experiments.conftest import Ran
 from tests.helpers import FAST, ROOT, files
 
-WHOLE = ("b1", "cranes", "factors", "gazebo", "linear_vs_full", "validate")
+WHOLE = ("b1", "cranes", "factors", "gazebo", "liftoff", "linear_vs_full", "validate")
 
-NEEDED = {"cranes": ("llvmlite", "mujoco"), "factors": ("llvmlite",)}
+NEEDED = {"cranes": ("llvmlite", "mujoco"), "factors": ("llvmlite",), "liftoff": ("llvmlite",)}
 """Modules of extras without which an experiment is skipped."""
 
 pytestmark = pytest.mark.slow

@@ -426,3 +426,15 @@ except KeyboardInterrupt:
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "interrupted\n", "")
     assert files(tmp_path) == []
+
+
+def test_a_slack_rope_sags_between_the_same_ends_as_long_as_it_is() -> None:
+    from cranedyn.recording.scene import _cable
+
+    slack = load_crane(rope_stiffness=np.inf)
+    q = np.array([slack.state(phi=0.3, rope_stretch=by).q for by in (0.0, -0.2, -1.0)])
+    cable = _cable(slack, q)
+    straight = _cable(load_crane(), q[:, :5])
+    np.testing.assert_allclose(cable[0, [0, -1]], straight[0], atol=1e-12)
+    lengths = np.linalg.norm(np.diff(cable, axis=1), axis=2).sum(axis=1)
+    np.testing.assert_allclose(lengths, 15.0, rtol=5e-3)  # of the parabola's series, and 8 chords

@@ -32,12 +32,12 @@ MODULES = [
         "identification simulation.simulate simulation.stepper compiled.batch model.crane "
         "model.description model.load model.machines controllers controllers.damping "
         "controllers.integral controllers.velocity_command compiled.horizon.receding "
-        "dynamics.converters estimation "
+        "dynamics.contact dynamics.converters estimation "
         "references references.limits references.shaped planning.optimal planning.itinerary "
         "planning.joystick analysis.prediction analysis.swing dynamics.validity "
         "theory data.trajectory dynamics.linearisation disturbances.wind lifting.loads "
-        "lifting.chart lifting.factors lifting.wind lifting.wind_limit sweep recording "
-        "recording.snapshot planning.site_file planning.lift planning.least_time "
+        "lifting.chart lifting.reeving lifting.factors lifting.wind lifting.wind_limit "
+        "sweep recording recording.snapshot planning.site_file planning.lift planning.least_time "
         "planning.certificate planning.perturbed compiled.fleet interfaces bridges.gymnasium"
     ).split()
 ]
@@ -50,6 +50,9 @@ CALLS = {
         simulate(crane, law, start=start, duration=0.05, validity='mark', t_start=1.0)
         Stepper(crane, start=start, dt=5e-4, control_period=5e-3, drive='effort').step(three)
         Stepper(crane, forces=True, engine='compiled').step(three, points)
+        Ground(box_corners(2.0, 3.0, 1.0), friction=0.4, restitution=0.2, sink=0.002)
+        Platform((10.0, 5.0), (2.0, 2.0), 1.0, 0.1)
+        load_crane(**box_load(900.0, 2.0, 3.0, 1.0))
         simulate_batch(crane, law, still, start=start, duration=0.05, threads=1)
         simulate_batch(crane, law, duration=0.05, dt=5e-4, control_period=5e-3, record=2)
         Fleet(crane, 2, dt=1e-3, control_period=0.1, drive='motion', threads=1).step(commands)
@@ -150,6 +153,12 @@ CALLS = {
         quintic_residual(1.0, 6.0, 10.0, 9.81)
         double_pendulum(10.0, 2.0, 200.0, 1000.0, 9.81)
         rope_bounce(1e6, 10.0, 1000.0)
+        reeving_efficiency(4, 0.98)
+        capstan(1000.0, 0.1, 3.0)
+        fall_factor(0.5, 1e5, 1e4)
+        bounce_period(2.0, 10.0, 9.81)
+        rope_rebound(2.0, 10.0, 0.1, 9.81)
+        caught_load(8.0, 0.7, 10.0, 1000.0, 9.81)
         twisting_tower(1e6, 1e7, 20.0, 10.0, 1000.0, 9.81)
         bending_tower(1e6, 1e9, 1e6, 30.0, 10.0, 1000.0, 9.81)
         convolved_zv(0.7, (0.1, 0.1, 0.1))
@@ -177,6 +186,9 @@ CALLS = {
         jib_moment(crane, trajectory, np.array([0.0, 5.0]))
         Falls(1, np.array([10.0, 20.0]), np.array([2000.0, 1000.0])).at(12.0)
         utilisation(carried, chart)
+        Reeving(4, 0.98, 0.2).columns(crane, trajectory)
+        Reeving(4).line_pull(np.full(5, 1e4), np.linspace(-1.0, 1.0, 5))
+        Reeving(4).capacity(1e4, 9.81)
         cut_outs(t, np.cos(t))
         assess_run(crane, trajectory, chart)
         read_chart(CHARTS / 'laboratory.toml')

@@ -41,6 +41,8 @@ class Assistant {
     this.rate = [];
     /** @type {number[]} */
     this.position = [];
+    /** Acceleration of the drives over its usual value. */
+    this.ramps = 1;
     this.most = Math.ceil(0.5 * Math.max(...data.swing.periods) / period) + 1;
   }
 
@@ -57,13 +59,25 @@ class Assistant {
    */
   limited(rates, q) {
     return rates.map((rate, i) => {
-      const {lower, upper} = this.joints[this.data.joints[i]];
-      const a = this.data.accelerations[i], delay = this.data.reaction[i];
-      const at = q[this.data.joints[i]];
-      /** @param {number} way */
-      const stoppable = way => a * (Math.sqrt(delay * delay + 2 * Math.max(way, 0) / a) - delay);
-      return Math.min(Math.max(rate, -stoppable(at - lower)), stoppable(upper - at));
+      const {lower, upper} = this.joints[this.data.joints[i]], at = q[this.data.joints[i]];
+      return Math.min(Math.max(rate, -this.stoppable(i, at - lower)), this.stoppable(i, upper - at));
     });
+  }
+
+  /** Whether all drives can just stop before the ends of their ranges.
+   * @param {number[]} rates @param {ArrayLike<number>} q */
+  canStop(rates, q) {
+    return rates.every((rate, i) => {
+      const joint = this.data.joints[i], {lower, upper} = this.joints[joint];
+      return Math.abs(rate) <= this.stoppable(i, rate > 0 ? upper - q[joint] : q[joint] - lower, 1.5);
+    });
+  }
+
+  /** Rate from which a drive stops within a way. @param {number} i @param {number} way
+   * @param {number} caution Over the usual one. */
+  stoppable(i, way, caution = 1) {
+    const a = this.ramps * this.data.accelerations[i], delay = caution * this.data.reaction[i];
+    return a * (Math.sqrt(delay * delay + 2 * Math.max(way, 0) / a) - delay);
   }
 
   /**
@@ -71,11 +85,17 @@ class Assistant {
    * @param {string} name Of the assistance.
    * @param {number[]} sticks -1 to 1.
    * @param {ArrayLike<number>} q @param {ArrayLike<number>} v
+   * @param {number | null} cable Length to which the hoist goes [m]; null for where its stick says.
    * @returns {number[]}
    */
-  command(name, sticks, q, v) {
-    const asked = this.limited(sticks.map((stick, i) => stick * this.data.rates[i]), q);
-    if (name === "shaped") return this.shaped(asked, q);
+  command(name, sticks, q, v, cable) {
+    const {rates, hoist, joints} = this.data, wanted = sticks.map((stick, i) => stick * rates[i]);
+    if (cable !== null) {
+      const way = cable - q[joints[hoist]];
+      wanted[hoist] = Math.sign(way) * Math.min(rates[hoist], this.stoppable(hoist, Math.abs(way)));
+    }
+    const asked = this.limited(wanted, q);
+    if (name === "shaped") return this.limited(this.shaped(asked, q), q);
     if (name === "yielding") return this.limited(this.yielding(asked, q), q);
     if (name === "lqr") return this.limited(this.lqr(asked, q, v), q);
     return asked;
@@ -98,8 +118,8 @@ class Assistant {
 
   /** Let the rates follow within the accelerations of the drives. @param {number[]} asked */
   ramp(asked) {
-    const {accelerations} = this.data, {period} = this;
-    this.rate = this.rate.map((r, i) => r + clip(asked[i] - r, accelerations[i] * period));
+    const {accelerations} = this.data, {period, ramps} = this;
+    this.rate = this.rate.map((r, i) => r + clip(asked[i] - r, ramps * accelerations[i] * period));
   }
 
   /** Slew and trolley give way to the load, which damps its swing.

@@ -10,8 +10,8 @@ const DRIVE_KEYS = {
 };
 const DEAD_ZONE = 0.12, PRECISE = 0.25;
 
-/** Deflection without its dead zone. @param {number} value */
-const beyond = value => Math.sign(value) * Math.max(0, Math.abs(value) - DEAD_ZONE) / (1 - DEAD_ZONE);
+/** Deflection without its dead zone, in hundredths, so that noise makes no inputs. @param {number} value */
+const beyond = value => Math.sign(value) * Math.round(100 * Math.max(0, Math.abs(value) - DEAD_ZONE) / (1 - DEAD_ZONE)) / 100;
 
 /** The operator's hands. */
 class Hands {
@@ -41,7 +41,11 @@ class Hands {
       else if (!repeat && !act(code)) return;
       event.preventDefault();
     });
-    addEventListener("keyup", ({code}) => this._keys.delete(code));
+    addEventListener("keyup", event => {
+      this._keys.delete(event.code);
+      if (event.code.startsWith("Meta")) this._keys.clear(); // macOS drops releases before this one
+      if (event.code === "Space") event.preventDefault(); // Firefox would press a button
+    });
     addEventListener("blur", () => this._keys.clear());
   }
 
@@ -68,7 +72,7 @@ class Hands {
     const {axes, _screen: screen, _keys: keys, _values: values} = this;
     [axes[0], axes[1], axes[2]] = [screen[0], screen[1], screen[3]];
     for (const code of keys) if (code in DRIVE_KEYS) axes[DRIVE_KEYS[code][0]] += DRIVE_KEYS[code][1];
-    for (const pad of navigator.getGamepads()) {
+    for (const pad of navigator.getGamepads?.() ?? []) {
       if (!pad?.connected) continue;
       axes[0] += beyond(pad.axes[0] ?? 0);
       axes[1] -= beyond(pad.axes[1] ?? 0);

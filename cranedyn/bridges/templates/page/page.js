@@ -167,15 +167,30 @@ class Page {
     this.hands = new Hands(crane.drives.map(i => crane.joints[i]), [byId("stick_0"), byId("stick_1")], code => this.act(code));
     const names = this.hands.order.map(drive => this.drives[drive]?.label ?? "–");
     [byId("name_0").textContent, byId("name_1").textContent] = [`${names[0]} · ${names[1]}`, names[2]];
+    const canvas = byId("scene");
+    canvas.addEventListener("webglcontextlost", (/** @type {Event} */ event) => event.preventDefault());
+    canvas.addEventListener("webglcontextrestored", () => this._open(canvas));
+    this._watchPointer(canvas);
+    this._open(canvas);
+    this.show();
+    this.pace();
+    this._frame = this._frame.bind(this);
+    requestAnimationFrame(this._frame);
+  }
+
+  /** Open the picture. @param {HTMLCanvasElement} canvas */
+  _open(canvas) {
     try {
-      this.scene = new Scene(byId("scene"), data);
-      this._watchPointer(byId("scene"));
+      this.scene = new Scene(canvas, this.data);
+      this._build();
     } catch (error) {
       this.tell(/** @type {Error} */ (error).message, Infinity);
     }
-    this.show();
-    this._frame = this._frame.bind(this);
-    requestAnimationFrame(this._frame);
+  }
+
+  /** Show the obstacles of the task, or else of the site. */
+  _build() {
+    this.scene?.build(this.task?.solids ?? this.data.site?.solids ?? []);
   }
 
   /** Do what a key stands for; return whether it stands for something. @param {string} code */
@@ -215,6 +230,8 @@ class Page {
       ...turning ? [["radius", "m", 2, (/** @type {State} */ state) => state.radius],
         ["load moment", "t m", 1, (/** @type {State} */ state) =>
           state.rope_force && state.rope_force / tonne * state.radius]] : [],
+      ...data.chart ? [["of the chart", "%", 0,
+        (/** @type {State} */ state) => state.utilisation && 100 * state.utilisation]] : [],
       ...this.drives.map(({label, unit, factor, joint, colour}) =>
         [label, unit, 1, (/** @type {State} */ state) => factor * state.v[joint], colour])]);
     this.numbers = rows.map(([label, unit, digits, value, colour]) => {
@@ -224,7 +241,7 @@ class Page {
       return {cell, digits, value};
     });
     for (const {name, label, unit, least, most, value} of data.sliders) {
-      const range = element("input", {type: "range", min: least, max: most, step: "any", value});
+      const range = element("input", {id: name, type: "range", min: least, max: most, step: "any", value});
       const output = element("output");
       range.oninput = (/** @type {Event | undefined} */ event) => {
         output.textContent = `${Number(range.valueAsNumber.toPrecision(3))} ${unit}`;
@@ -260,7 +277,6 @@ class Page {
   /** Let the pointer turn and zoom the picture, and a click set the goal.
    * @param {HTMLCanvasElement} canvas */
   _watchPointer(canvas) {
-    const scene = /** @type {Scene} */ (this.scene);
     let moved = 0;
     canvas.onpointerdown = ({pointerId}) => {
       moved = 0;
@@ -271,10 +287,11 @@ class Page {
       moved += Math.hypot(movementX, movementY);
       if (moved < 6) return;
       if (this.look.view !== "orbit") this.act("orbit");
-      scene.turn(movementX, movementY);
+      this.scene?.turn(movementX, movementY);
     };
     canvas.onpointerup = ({clientX, clientY}) => {
-      if (moved >= 6 || this.assist !== "predictive" || !this.state) return;
+      const {scene} = this;
+      if (moved >= 6 || this.assist !== "predictive" || !this.state || !scene) return;
       const point = scene.pick(clientX, clientY);
       if (!point) return;
       const {position, place} = scene.reachFor(this.state.q, [point[0], point[1], scene.load[2]]);
@@ -283,7 +300,7 @@ class Page {
     };
     canvas.addEventListener("wheel", event => {
       event.preventDefault();
-      scene.zoom(Math.exp(0.001 * event.deltaY));
+      this.scene?.zoom(Math.exp(0.001 * event.deltaY));
     }, {passive: false});
   }
 
@@ -305,15 +322,17 @@ class Page {
     this.look.goal = this.task?.goal ?? null;
     this.look.radius = task.radius;
     if (this.task?.blind) this.look.view = "cabin";
-    this.scene?.build(this.task?.solids ?? this.data.site?.solids ?? []);
+    this._build();
     this.worker.postMessage({type: "task", name: this.task?.name ?? null});
   }
 
   /** Drive recorded inputs again. @param {HTMLInputElement} chooser */
   async _replay(chooser) {
     try {
-      const {inputs} = JSON.parse(await /** @type {FileList} */ (chooser.files)[0].text());
-      this.worker.postMessage({type: "replay", inputs: [...inputs]});
+      const {crane, inputs} = JSON.parse(await /** @type {FileList} */ (chooser.files)[0].text());
+      if (JSON.stringify(crane) !== JSON.stringify(this.data.crane.record)) {
+        this.tell("This file holds a drive of another crane; allowed is one of this page's.");
+      } else this.worker.postMessage({type: "replay", inputs: [...inputs]});
     } catch {
       this.tell("This file holds no inputs of a drive; allowed is a .json file that “Save inputs” wrote.");
     }
@@ -332,7 +351,7 @@ class Page {
 
   /** Take a message of the worker. @param {any} message */
   receive(message) {
-    if (message.type === "saved") download(message.file, message.text);
+    if (message.type === "saved") download(message.file, message.blob);
     else if (message.type === "state") {
       const state = /** @type {State} */ (message), before = this.state;
       this.state = state;
@@ -342,6 +361,7 @@ class Page {
         [this.assist, this.stopped] = [state.assist, state.stopped];
         this.show();
       }
+      if (state.tripped && !before?.tripped) this.tell("Predictive control is off: a drive came near the end of its range.");
       if (!state.goal || state.t < (before?.t ?? 0)) this.look.aim = null;
       this.strips.push([state.t, ...this.data.crane.swings.slice(0, 2).map(i => state.q[i] * DEGREES),
         ...this.drives.map(({joint, rate}) => 100 * state.v[joint] / rate),
@@ -377,6 +397,11 @@ class Page {
   _write(state) {
     byId("swing").firstElementChild.textContent = `${fixed(state.swing * DEGREES, 1)}°`;
     for (const {cell, digits, value} of this.numbers ?? []) cell.textContent = fixed(value(state), digits);
+    const cable = byId("cable");
+    if (cable && !cable.matches(":active")) {
+      cable.value = state.cable ?? state.q[this.data.crane.drives[this.data.assist.hoist]];
+      cable.oninput();
+    }
     byId("clock").textContent = `${state.replaying ? "replay " : ""}${fixed(state.t, 1)} s`;
     byId("ratio").textContent = `× ${this.paused ? 0 : byId("speed").value}`;
     byId("ratio").title = `reached: × ${fixed(state.ratio, 1)}`;
@@ -410,9 +435,9 @@ class Page {
   }
 }
 
-/** Offer a text as a file. @param {string} name @param {string} text */
-function download(name, text) {
-  const link = element("a", {href: URL.createObjectURL(new Blob([text])), download: name});
+/** Offer a file. @param {string} name @param {Blob} blob */
+function download(name, blob) {
+  const link = element("a", {href: URL.createObjectURL(blob), download: name});
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
 }

@@ -17,7 +17,7 @@
  * @property {number[] | null} goal Where the load is to be [m]; null for anywhere.
  * @property {number} radius Allowed distance from there [m].
  * @property {number} swing Allowed swing [rad].
- * @property {Part[]} parts Obstacles of the task.
+ * @property {Part[] | null} parts Obstacles of the task; null for those of the site.
  *
  * @typedef {Object} CraneData
  * @property {JointData[]} joints
@@ -31,6 +31,8 @@
  * @property {{hoist: number, damping: number} | null} rope Drive and damping of a rigid rope.
  * @property {number} lead Time by which positions run ahead of rates [s].
  * @property {Record<string, string[]>} columns
+ * @property {object} record What `load_crane` loads the crane from.
+ * @property {number} gravity
  *
  * @typedef {Object} PageData
  * @property {CraneData} crane
@@ -39,11 +41,16 @@
  * @property {Part[]} parts Obstacles of the site.
  * @property {TaskData[]} tasks
  * @property {{name: string, value: number}[]} sliders
+ * @property {{least: number, radii: number[], rated: number[]} | null} chart Rated load [kg] over
+ *   radius [m] from the least radius on.
  * @property {number} drag Half the density of air times drag coefficient and area of the load.
  */
 
 /** Time for which a load must be still where it belongs, until a task is done [s]. */
 const STILL = 2;
+
+/** Share of its range by which predictive control keeps a drive from each end, beyond which it swings. */
+const REACH = 0.02;
 
 /** A drive of the crane: the same inputs at the same instants make the same motion to the bit. */
 class Run {
@@ -60,9 +67,13 @@ class Run {
     this.sticks = data.crane.drives.map(() => 0);
     this.assist = "none";
     this.stopped = false;
+    /** Whether predictive control, which knows no ends of ranges, was left near one. */
+    this.tripped = false;
     /** @type {Record<string, number>} */
     this.sliders = Object.fromEntries(data.sliders.map(slider => [slider.name, slider.value]));
     this.usual = {...this.sliders};
+    /** @type {number | null} Length to which the hoist goes [m]; null for where its stick says. */
+    this.cable = null;
     /** @type {string | null} Why the run has ended. */
     this.event = null;
     /** @type {(TaskData & {time: number, largest: number, still: number, energy: number, done: boolean}) | null} */
@@ -108,14 +119,18 @@ class Run {
   /** Change something from this control instant on. @param {string} kind @param {any} value */
   input(kind, value) {
     this.inputs.push([this.k, kind, value]);
-    if (kind === "sticks") this.sticks = value;
-    else if (kind === "stop") this.stopped = value;
+    if (kind === "sticks") {
+      this.sticks = value;
+      if (value[this.data.assist.hoist]) this.cable = null;
+    } else if (kind === "stop") [this.stopped, this.cable] = [value, null];
     else if (kind === "goal") this.goTo(value);
     else if (kind === "slider") this.slide(value[0], value[1]);
     else if (kind === "task") this.begin(value);
     else if (kind === "assist") {
       this.assist = value;
+      this.tripped = false;
       this.assistant.begin(this.kernel.q, this.kernel.v);
+      this.vary();
       if (value === "predictive") {
         this.goTo(this.driven());
         this.kernel.beginPlanning(this.k);
@@ -128,24 +143,40 @@ class Run {
     const {joints, drives} = this.crane;
     this.kernel.goal.set(goal.map((position, i) => {
       const {lower, upper} = joints[drives[i]];
-      return Math.min(Math.max(position, lower), upper);
+      const margin = REACH * (upper - lower);
+      return Math.min(Math.max(position, lower + margin), upper - margin);
     }));
   }
 
   /** @param {string} name @param {number} value */
   slide(name, value) {
     this.sliders[name] = value;
-    const {numbers, variations} = this.data.kernel;
+    if (name === "cable") {
+      this.cable = this.stopped ? null : value;
+      const goal = Array.from(this.kernel.goal);
+      goal[this.data.assist.hoist] = value;
+      this.goTo(goal);
+      return;
+    }
+    this.vary();
+  }
+
+  /** Give the crane the numbers of the sliders; predictive control plans with the usual ramps. */
+  vary() {
+    const {numbers, variations} = this.data.kernel, sliders = {...this.sliders};
+    if (this.assist === "predictive") sliders.ramp = this.usual.ramp;
+    this.assistant.ramps = sliders.ramp / this.usual.ramp;
     this.kernel.numbers.set(numbers.map((number, i) => Object.entries(variations).reduce(
-      (sum, [slider, per]) => sum + (this.sliders[slider] - this.usual[slider]) * per[i], number)));
+      (sum, [slider, per]) => sum + (sliders[slider] - this.usual[slider]) * per[i], number)));
   }
 
   /** @param {string | null} name Of a task; null for none. */
   begin(name) {
     const task = this.data.tasks.find(candidate => candidate.name === name);
     this.task = task ? {...task, time: 0, largest: 0, still: 0, energy: 0, done: false} : null;
-    this.parts = task ? task.parts : this.data.parts;
+    this.parts = task?.parts ?? this.data.parts;
     if (!task) return;
+    this.cable = null;
     this.kernel.setState(task.state);
     this.asked = this.driven();
     this.assistant.begin(this.kernel.q, this.kernel.v);
@@ -167,10 +198,15 @@ class Run {
   /** Log a control instant and advance by a period; ends where the model ceases to hold. */
   advance() {
     const {kernel, crane} = this, {q, v} = kernel;
+    const rates = crane.drives.map(joint => v[joint]);
+    if (this.assist === "predictive" && !this.assistant.canStop(rates, q)) {
+      this.assist = "none"; // as where a limit switch of the automatic mode trips
+      this.tripped = true;
+    }
     const planned = this.assist === "predictive" && !this.stopped;
     const sticks = this.stopped ? this.sticks.map(() => 0) : this.sticks;
     const assist = this.stopped ? "none" : this.assist;
-    if (!planned) kernel.command.set(this.assistant.command(assist, sticks, q, v));
+    if (!planned) kernel.command.set(this.assistant.command(assist, sticks, q, v, this.cable));
     this.look();
     const rope = this.points;
     this.state.force = this.blow(rope);
@@ -186,6 +222,18 @@ class Run {
     this.event = this.ended(rope);
     if (this.task) this.judge(rope[rope.length - 1]);
     this.k += 1;
+  }
+
+  /** Share of the rated load that pulls at the rope; null where a chart or the tension is not known. */
+  get utilisation() {
+    const {data: {chart}, tension} = this, radius = Math.hypot(this.points[0][0], this.points[0][1]);
+    if (!chart || tension === null) return null;
+    const {least, radii, rated} = chart, [i, share] = locate(radii, radius);
+    if (radius < least || radius > radii[radii.length - 1]) return null;
+    /** Moment of a row. @param {number} k */
+    const moment = k => radii[k] * rated[k];
+    const between = moment(i) + (share && share * (moment(i + 1) - moment(i)));
+    return tension / this.crane.gravity / Math.min(rated[i], between / radius);
   }
 
   /** Let the wind act on the load, and return the forces. @param {number[][]} rope */

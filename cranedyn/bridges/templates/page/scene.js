@@ -7,7 +7,7 @@ const PATH_SECONDS = 12, PATH_POINTS = 150, MAX_LINE_POINTS = 640;
 const VERTEX_FLOATS = 11, LINE_FLOATS = 8;
 const TANGENT = Math.tan(0.42); // of half the field of view
 const ROPE_RADIUS = 0.05, MOVE_SECONDS = 0.6;
-const UNIFORMS = ["bodies", "camera", "eye", "forward", "ground", "lamp", "night", "right", "shade", "size", "up"];
+const UNIFORMS = ["bodies", "camera", "cut", "eye", "forward", "ground", "lamp", "night", "right", "shade", "size", "up"];
 
 /** Red, green and blue of a hex colour, 0 to 1. @param {string} hex */
 const channels = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16) / 255);
@@ -110,6 +110,8 @@ class Scene {
     this.boom = crane.drives.filter(i => crane.joints[i].kind === "prismatic"
       && Math.abs(crane.joints[i].axis[2]) < 0.5).pop() ?? -1;
     this.turning = crane.joints.some(joint => joint.role === "slew");
+    /** Radius about the load that nothing hides in the view that follows it [m]. */
+    this.clearing = 0.5 + Math.hypot(...crane.load[7].map((x, k) => x - crane.load[3][k])) / 2;
     this.height = this.reach = 0;
     this.middle = [0, 0, 0];
     this._move(crane.start);
@@ -277,7 +279,12 @@ class Scene {
     this._use(this.body, night);
     this._array.bind();
     gl.uniform4f(body.shade, 0, 0, 0, 0);
-    gl.drawArrays(gl.TRIANGLES, 0, counts[2]);
+    gl.uniform4f(body.cut, 0, 0, 0, 0);
+    const [x, y, z] = this.load, clearing = look.view === "follow" ? this.clearing : 0;
+    gl.drawArrays(gl.TRIANGLES, counts[0], counts[1] - counts[0]);
+    gl.uniform4f(body.cut, x, y, z, clearing);
+    gl.drawArrays(gl.TRIANGLES, 0, counts[0]);
+    gl.drawArrays(gl.TRIANGLES, counts[1], counts[2] - counts[1]);
     gl.depthMask(false);
     gl.drawArrays(gl.TRIANGLES, counts[2], counts[3] - counts[2]);
     this._drawLines(grounded, this._lineCount);

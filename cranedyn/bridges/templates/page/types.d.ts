@@ -22,7 +22,8 @@ interface Solid {
 }
 
 interface Exercise extends TaskData {
-  solids: Solid[];
+  /** Obstacles; null for those of the site. */
+  solids: Solid[] | null;
   blind: boolean;
   best: {time: number; swing: number; energy: number} | null;
 }
@@ -30,7 +31,7 @@ interface Exercise extends TaskData {
 interface ViewData extends Omit<PageData, "tasks" | "crane" | "sliders"> {
   title: string;
   tasks: Exercise[];
-  crane: CraneData & {shapes: Shape[]; ground: number; gravity: number; start: number[];
+  crane: CraneData & {shapes: Shape[]; ground: number; start: number[];
     rates: number[]; efforts: number[]};
   assistances: {name: string; label: string; text: string}[];
   sliders: {name: string; label: string; unit: string; least: number; most: number; value: number}[];
@@ -64,6 +65,10 @@ interface State {
   stopped: boolean;
   goal: number[] | null;
   ratio: number;
+  /** Length to which the hoist goes [m]. */
+  cable: number | null;
+  tripped: boolean;
+  utilisation: number | null;
   event: {text: string} | null;
   replaying: boolean;
   task: {name: string; time: number; largest_swing: number; energy: number; done: boolean} | null;

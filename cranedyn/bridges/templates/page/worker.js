@@ -23,14 +23,15 @@ class Session {
   }
 
   reset() {
-    const {sliders, assist} = this.run;
+    const {sliders, assist, task} = this.run;
     this.run = new Run(this.data, this.code);
     this.waiting = [];
     this.due = 0;
     for (const [name, value] of Object.entries(sliders)) {
-      if (value !== this.run.usual[name]) this.run.input("slider", [name, value]);
+      if (name !== "cable" && value !== this.run.usual[name]) this.run.input("slider", [name, value]);
     }
     if (assist !== "none") this.run.input("assist", assist);
+    if (task) this.run.input("task", task.name);
   }
 
   tick() {
@@ -64,20 +65,31 @@ class Session {
       radius: Math.hypot(slew[0], slew[1]), rope_force: run.tension, energy: kernel.row.energy[0],
       work: run.work.reduce((a, b) => a + b, 0), assist: run.assist, stopped: run.stopped,
       goal: run.assist === "predictive" ? [...kernel.goal] : null, ratio: this.ratio,
+      cable: run.cable, tripped: run.tripped, utilisation: run.utilisation,
       event: run.event === null ? null : {text: run.event}, replaying: this.waiting.length > 0,
       task: task && {name: task.name, time: task.time, largest_swing: task.largest, energy: task.energy,
         done: task.done},
     });
   }
 
-  /** Write a file of what was driven: columns as .csv, or inputs as .json. @param {string} file */
+  /** Write a file of what was driven: columns as .csv, or crane and inputs as .json.
+   * @param {string} file */
   save(file) {
-    const {inputs, k} = this.run;
-    const lines = [Object.values(this.data.crane.columns).flat().join(",")];
-    if (file.endsWith(".csv")) {
-      replay(this.data, this.code, inputs, k, run => { lines.push(run.values().join(",")); });
-    } else lines[0] = JSON.stringify({instants: k, inputs});
-    postMessage({type: "saved", file, text: `${lines.join("\n")}\n`});
+    const {data: {crane}, run: {inputs, k}} = this;
+    if (file.endsWith(".json")) {
+      const blob = new Blob([JSON.stringify({crane: crane.record, instants: k, inputs})]);
+      postMessage({type: "saved", file, blob});
+      return;
+    }
+    let text = `${Object.values(crane.columns).flat().join(",")}\n`;
+    const pieces = /** @type {Blob[]} */ ([]); // an hour is too long for one text
+    replay(this.data, this.code, inputs, k, run => {
+      text += `${run.values().join(",")}\n`;
+      if (run.k % 5000 && run.k < k) return;
+      pieces.push(new Blob([text]));
+      text = "";
+    });
+    postMessage({type: "saved", file, blob: new Blob([...pieces, text])});
   }
 
   /** @param {any} message */
@@ -100,17 +112,22 @@ class Session {
     else if (type === "stop") run.input("stop", message.on);
     else if (type === "slider") run.input("slider", [message.name, message.value]);
     else if (type === "task") {
+      run.task = null;
       this.reset();
-      this.run.input("task", message.name);
+      if (message.name) this.run.input("task", message.name);
     }
   }
 }
 
-/** @type {Session | null} */
-let session = null;
+/** @type {Promise<Session>} */
+let session;
 
 /** @param {MessageEvent} event */
 onmessage = async ({data: message}) => {
-  if (message.type === "start") session = new Session(message.data, await compile(message.data.kernel));
-  else if (session) session.receive(message);
+  const {type, data} = message;
+  if (type === "start") session = compile(data.kernel).then(code => new Session(data, code));
+  else (await session).receive(message);
 };
+
+// The page hears of errors only, not of promises that failed.
+onunhandledrejection = ({reason}) => { throw reason; };

@@ -1,0 +1,358 @@
+"""Contact of the load with the ground and with platforms.
+
+Points of the load push against faces: a spring with a damper that pushes but does not pull, and dry
+friction. Friction is a spring with a damper from an anchor, the place where the point came to rest.
+Its force is cut to the friction cone; the anchor follows a point that slides. So a point that
+sticks does not creep. Faces of the load and edges of a platform do not touch: a load that is larger
+than its support needs points between its corners.
+
+Written once for any kind of number: arrays of floats in the plain loop, values of a program in
+compiled code.
+
+Source: Cundall and Strack, Géotechnique 29 (1979), 47-65 (friction); Schwager and Pöschel, Granular
+Matter 9 (2007), 465-469 (restitution).
+"""
+
+from __future__ import annotations
+
+import cmath
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from cranedyn.checks import number, within
+from cranedyn.dynamics.joint_forces import TAUT
+from cranedyn.dynamics.pinocchio import body_points
+from cranedyn.dynamics.scalars import chosen, flag, square_root
+from cranedyn.errors import ModelError, OutOfRange
+from cranedyn.interfaces import State
+from cranedyn.model.crane import Crane
+
+_LEAST_RESTITUTION, _SINKS = 0.05, (5e-4, 0.1)
+"""Least coefficient of restitution, and range of static sinks [m]: beyond them a substep of 0.5 ms
+is not stable."""
+
+ON_GROUND, OFF_LEAD = 2.0, 3.0
+"""Phases of a load that stands, and of one that is lifted off-lead, see `joint_forces.TAUT`."""
+
+LEANS, SLIDES = math.radians(1.0), 0.01
+"""Lean of a taut rope [rad] and speed of a point on the ground [m/s] beyond which a load is lifted
+off-lead."""
+
+_ITERATIONS = 20
+"""Steps in which a load on a rope that leans is put on the ground; each leaves 1 - cos of the lean
+of the error."""
+
+_START_DEPTH = 5.0
+"""Static sinks that a load may be in the ground at the start; on one corner it is at four."""
+
+Vector = Sequence[Any] | np.ndarray
+"""Three numbers, or three arrays of them."""
+
+
+class Face(NamedTuple):
+    """Points with normal · p <= offset [m], in the world."""
+
+    normal: tuple[float, float, float]
+    offset: float
+
+
+@dataclass(frozen=True)
+class Platform:
+    """A box that stands on the ground.
+
+    Attributes:
+        centre: Of its plan in the world [m], shape (2,).
+        size: Its sides [m], shape (2,), the first along X where yaw is zero.
+        height: Height of its top [m].
+        yaw: Its turn from X towards Y [rad].
+
+    Raises:
+        OutOfRange: If a number is not finite, or a size or the height not positive.
+    """
+
+    centre: tuple[float, float]
+    size: tuple[float, float]
+    height: float
+    yaw: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name in ("centre", "size"):
+            least = "> 0" if name == "size" else "any"
+            values = [number(f"{name} of a platform", x, "m", least) for x in getattr(self, name)]
+            object.__setattr__(self, name, tuple(values))
+        number("height of a platform", self.height, "m", "> 0")
+        number("yaw of a platform", self.yaw, "rad")
+
+    @property
+    def faces(self) -> tuple[Face, ...]:
+        """Its top and its four sides."""
+        x, y = self.centre
+        cosine, sine = math.cos(self.yaw), math.sin(self.yaw)
+        sides = [
+            Face((u, w, 0.0), u * x + w * y + size / 2.0)
+            for (a, b), size in zip(((cosine, sine), (-sine, cosine)), self.size, strict=True)
+            for u, w in ((a, b), (-a, -b))
+        ]
+        return (Face((0.0, 0.0, 1.0), self.height), *sides)
+
+    def overlaps(self, other: Platform) -> bool:
+        """Return whether the plans of two platforms overlap, by their separating axes."""
+        return all(
+            abs(np.dot(normal[:2], np.subtract(other.centre, self.centre)))
+            < sum(
+                abs(np.dot(normal, side.normal)) * size / 2.0
+                for platform in (self, other)
+                for side, size in zip(platform.faces[1::2], platform.size, strict=True)
+            )
+            for normal, _ in (*self.faces[1:], *other.faces[1:])
+        )
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The ground at height zero, platforms on it, and the points of the load that touch them.
+
+    Attributes:
+        points: Points of the load from its centre of mass, in the frame of its joint [m], shape
+            (n, 3), such as `box_corners`.
+        platforms: Platforms.
+        friction: Coefficient of dry friction.
+        restitution: Speed after over speed before an impact of all points at once, 0.05 to 1.
+        sink: Depth to which the load at rest sinks with four points below it [m], 0.5 mm to 0.1 m.
+
+    Raises:
+        OutOfRange: If a number is out of its range, or platforms overlap.
+    """
+
+    points: Sequence[Sequence[float]]
+    platforms: tuple[Platform, ...] = ()
+    friction: float = 0.5
+    restitution: float = 0.1
+    sink: float = 0.002
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        points = tuple(tuple(number("point of a load", x, "m") for x in p) for p in self.points)
+        if not points or any(len(point) != 3 for point in points):
+            raise OutOfRange("points of a load", points, "one or more of three numbers each", "m")
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "platforms", tuple(self.platforms))
+        number("coefficient of friction", self.friction, "", ">= 0")
+        within("coefficient of restitution", self.restitution, _LEAST_RESTITUTION, 1.0, "")
+        within("static sink of the load", self.sink, *_SINKS, "m")
+        for first, second in itertools.combinations(self.platforms, 2):
+            if first.overlaps(second):
+                centres = f"at {first.centre} and {second.centre}"
+                raise OutOfRange("platforms", centres, "platforms that do not overlap", "m")
+
+    def contacts(self, crane: Crane) -> Contacts:
+        """Return the contacts of the load of a crane: masses and gravity give the stiffness."""
+        omega, mass = math.sqrt(crane.gravity / self.sink), crane.payload_mass / 4.0
+        return Contacts(
+            crane.payload.body,
+            tuple(tuple((crane.payload.lever + point).tolist()) for point in self.points),
+            ((Face((0.0, 0.0, 1.0), 0.0),), *(platform.faces for platform in self.platforms)),
+            mass * omega**2,
+            2.0 * damping_ratio(self.restitution) * mass * omega,
+            2.0 * mass * omega,
+            float(self.friction),
+        )
+
+
+def box_corners(width: float, length: float, height: float) -> tuple[tuple[float, ...], ...]:
+    """Return the eight corners of a box about its centre [m].
+
+    Args:
+        width: Side along X of its joint, for a tower crane across the jib [m].
+        length: Side along Y [m].
+        height: Height [m].
+
+    Raises:
+        OutOfRange: If a side is not positive.
+    """
+    sides = (number("side of a box", side, "m", "> 0") for side in (width, length, height))
+    return tuple(itertools.product(*((-side / 2.0, side / 2.0) for side in sides)))
+
+
+def box_load(mass: float, width: float, length: float, height: float) -> dict[str, float]:
+    """Return the values of `load_crane` for a uniform box of a mass [kg] that hangs on a lug amid
+    its top; its sides are as for `box_corners`.
+    """
+    across, along, up = (2.0 * x for x in box_corners(width, length, height)[-1])
+    xx, yy, zz = along**2 + up**2, across**2 + up**2, across**2 + along**2
+    inertia = {
+        f"payload_i{axis}": mass * x / 12.0 for axis, x in (("xx", xx), ("yy", yy), ("zz", zz))
+    }
+    return {"payload_mass": mass, "lug_height": up / 2.0, **inertia}
+
+
+def damping_ratio(restitution: float) -> float:
+    """Return the damping ratio of a spring and damper that pushes but does not pull, by which an
+    impact without gravity has a coefficient of restitution. The contact ends where the force is
+    zero, which is before the depth is.
+    """
+
+    def excess(ratio: float) -> float:
+        angle = abs(cmath.acos(ratio))  # of the hyperbolic cosine above critical damping
+        return math.exp(-2.0 * ratio * angle / math.sqrt(abs(1.0 - ratio**2))) - restitution
+
+    return float(brentq(excess, 0.0, 3.0, xtol=1e-15))
+
+
+def standing(crane: Crane, ground: Ground, state: State) -> State:
+    """Return a state with the load moved along its rope until it stands on the ground; the rope is
+    slack where it is longer than that.
+
+    Args:
+        crane: The crane, whose rope stretches.
+        ground: The ground.
+        state: State with the load anywhere above or below its support.
+    """
+    contacts, q = ground.contacts(crane), state.q.copy()
+    rope = crane.springs.rope
+    if rope is None:
+        raise ModelError("A load stands on the ground below a rope that stretches only.")
+    for _ in range(_ITERATIONS):
+        position, _ = body_points(
+            crane.model, crane.data, contacts.body, np.array(contacts.points), q, 0.0 * q
+        )
+        q[rope.stretch] -= np.max(contacts.depth(position)[0]) - ground.sink
+    return State(q, state.v)
+
+
+def ground_phases(
+    crane: Crane, contacts: Contacts, q: np.ndarray, v: np.ndarray, phase: np.ndarray
+) -> np.ndarray:
+    """Return phases of a rope, shape (rows,), with `ON_GROUND` where the load touches, and
+    `OFF_LEAD` where it slides or leans on a taut rope, from coordinates and rates, shape (rows, n).
+    """
+    points, roles = np.array(contacts.points), ("radial_swing", "tangential_swing")
+    lean = np.hypot.reduce([q[:, crane.layout.role(role, "Off-lead")] for role in roles])
+    phases = phase.copy()
+    for row, state in enumerate(zip(q, v, strict=True)):
+        position, velocity = body_points(crane.model, crane.data, contacts.body, points, *state)
+        touching = contacts.depth(position)[0] > 0.0
+        if touching.any():
+            slides = np.hypot(*velocity[:2, touching]).max() > SLIDES
+            pulled = phase[row] == TAUT and (slides or lean[row] > LEANS)
+            phases[row] = OFF_LEAD if pulled else ON_GROUND
+    return phases
+
+
+class Contacts(NamedTuple):
+    """Contacts of points of a body with convex supports, in any units.
+
+    Attributes:
+        body: Index of the joint that carries the points.
+        points: Points in its frame [m].
+        supports: Faces of each support.
+        stiffness: Of a point, along and across a face [N/m].
+        damping: Of a point along the normal [N s/m].
+        slip_damping: Of a point that sticks [N s/m].
+        friction: Coefficient of dry friction.
+    """
+
+    body: int
+    points: tuple[tuple[float, ...], ...]
+    supports: tuple[tuple[Face, ...], ...]
+    stiffness: Any
+    damping: Any
+    slip_damping: Any
+    friction: float
+
+    def in_steps(self, dt: Any, mass: Any) -> Contacts:
+        """Return the same in other units, see `JointForces.in_steps`."""
+        return self._replace(
+            stiffness=self.stiffness * (dt * dt / mass),
+            damping=self.damping * (dt / mass),
+            slip_damping=self.slip_damping * (dt / mass),
+        )
+
+    def depth(self, position: Vector) -> tuple[Any, Vector]:
+        """Return the depth of a point in the support in which it is deepest [m], negative outside
+        of all, and the normal of the nearest face there.
+        """
+        deepest: tuple[Any, Vector] | None = None
+        for faces in self.supports:
+            nearest: tuple[Any, Vector] | None = None
+            for normal, offset in faces:
+                face = (offset - _dot(normal, position), normal)
+                nearest = face if nearest is None else _choose(face[0] < nearest[0], face, nearest)
+            assert nearest is not None
+            if deepest is not None:
+                nearest = _choose(nearest[0] > deepest[0], nearest, deepest)
+            deepest = nearest
+        assert deepest is not None
+        return deepest
+
+    def check_start(self, position: Vector, weight: float) -> None:
+        """Check that points at a position [m] of a load of a weight [N] are not in the ground.
+
+        Raises:
+            OutOfRange: If one is deeper than five static sinks.
+        """
+        depth, most = float(np.max(self.depth(position)[0])), _START_DEPTH * weight / 4.0
+        if depth > most / self.stiffness:
+            allowed = f"{most / self.stiffness:g} at most, above it the load stands"
+            raise OutOfRange("depth of the load in the ground at the start", depth, allowed, "m")
+
+    def reaction(
+        self, position: Vector, velocity: Vector, anchor: Vector
+    ) -> tuple[list[Any], list[Any]]:
+        """Return the force on a point [N] and its anchor after that [m], in the world.
+
+        Args:
+            position: Of the point in the world [m].
+            velocity: Of the point [m/s].
+            anchor: Where it came to rest [m].
+        """
+        depth, normal = self.depth(position)
+        push = self.stiffness * depth - self.damping * _dot(normal, velocity)
+        load = chosen(depth > 0.0, chosen(push > 0.0, push, 0.0), 0.0)
+        offset = [p - a for p, a in zip(position, anchor, strict=True)]
+        slip, rate = _across(normal, offset), _across(normal, velocity)
+        pull = [
+            -(self.stiffness * s + self.slip_damping * r) for s, r in zip(slip, rate, strict=True)
+        ]
+        square, limit = _dot(pull, pull), self.friction * load
+        slides = square > limit * limit
+        root = square_root(chosen(slides, square, 1.0))
+        share = 1.0 - flag(slides, square) * (1.0 - limit / root)
+        friction = [share * component for component in pull]
+        held = [
+            -(f + self.slip_damping * r) / self.stiffness
+            for f, r in zip(friction, rate, strict=True)
+        ]
+        moved = [
+            chosen(load > 0.0, chosen(slides, p - h, a), p)
+            for p, h, a in zip(position, held, anchor, strict=True)
+        ]
+        return [load * n + f for n, f in zip(normal, friction, strict=True)], moved
+
+
+def _dot(a: Vector, b: Vector) -> Any:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _across(normal: Vector, vector: Vector) -> list[Any]:
+    """Return the part of a vector across a unit vector."""
+    along = _dot(normal, vector)
+    return [x - along * n for x, n in zip(vector, normal, strict=True)]
+
+
+def _choose(condition: Any, yes: tuple[Any, Vector], no: tuple[Any, Vector]) -> tuple[Any, Vector]:
+    """Return one depth and normal or the other."""
+    depth = chosen(condition, yes[0], no[0])
+    one = flag(condition, depth)
+    normal = [
+        b if isinstance(a, float) and isinstance(b, float) and a == b else b + one * (a - b)
+        for a, b in zip(yes[1], no[1], strict=True)
+    ]
+    return depth, normal

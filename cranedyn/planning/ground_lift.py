@@ -1,0 +1,231 @@
+"""Lift from the ground to the ground: lift-off before a planned lift, and set-down after it.
+
+The controller is made for the crane of the plan, whose load hangs on a rigid rope. It is given the
+coordinates of that crane: direction and distance of the load from its pivot. While the rope does
+not carry the load, it is given no swing, and the hoist exerts only the tension that there is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn import theory
+from cranedyn.checks import number
+from cranedyn.controllers.lqr import lqr
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.contact import Ground, Platform, box_corners, box_load, standing
+from cranedyn.dynamics.joint_forces import JointForces
+from cranedyn.dynamics.pinocchio import payload_position, point_velocities
+from cranedyn.errors import OutOfRange
+from cranedyn.interfaces import Controller, EngineName, Setpoint, State
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.planning.certificate import Check
+from cranedyn.planning.clearance import GROUND
+from cranedyn.planning.lift import Lift
+from cranedyn.references.flat import cruise
+from cranedyn.references.motion import Motion
+from cranedyn.simulation.simulate import simulate
+
+SLACK, PAUSE, HOIST_ACCELERATION = 0.05, 2.0, 0.02
+"""Slack of the rope of a load that stands [m], pause between phases [s], and mean acceleration of
+the hoist at lift-off and set-down [m/s²]."""
+
+HANGS, OFF, STILL = 0.9, 0.01, 1e-3
+"""Tension over the weight from which on a load hangs; largest distance from the goal [m] and speed
+of the load [m/s] at the end."""
+
+_MEASURED = 20
+"""Rows between measurements of distances."""
+
+
+@dataclass(frozen=True, eq=False)
+class GroundLift:
+    """A lift from the ground to the ground.
+
+    Attributes:
+        lift: The planned lift, whose start and goal hang above their supports.
+        crane: Its crane with a rope that stretches and the load on its lug.
+        ground: Ground and platforms.
+        motion: Motion of the crane of the plan.
+        controller: Controller of the crane of the plan.
+        phases: Time at which each phase begins [s], by name.
+    """
+
+    lift: Lift
+    crane: Crane
+    ground: Ground
+    motion: Motion
+    controller: Controller
+    phases: Mapping[str, float]
+
+    def setpoint(self, t: float) -> Setpoint:
+        """Return the setpoint of the drives at a time [s]."""
+        position, velocity, acceleration = self.motion(t)
+        return Setpoint(position - [0.0, 0.0, _lug(self.crane)], velocity, acceleration)
+
+    def command(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        """Return the efforts of the drives [N m or N], shape (3,)."""
+        weight = self.crane.payload_mass * self.crane.gravity
+        tension = float(JointForces.of(self.crane).tension(*state))
+        hangs = tension > HANGS * weight
+        effort = np.array(self.controller(t, self.seen(state, hangs=hangs), self.motion(t)))
+        effort[2] += 0.0 if hangs else weight - tension
+        return effort
+
+    def seen(self, state: State, *, hangs: bool = True) -> State:
+        """Return the state of the crane of the plan, without swing for a load that does not hang.
+
+        The angles of the load from its pivot are those of rope and sling by their lengths.
+        """
+        at, lug = self.crane.layout.at, _lug(self.crane)
+        drives, swing = at("gamma", "x", "l"), at("phi", "theta")
+        share = lug / (state.q[drives[2]] + lug)
+        sling = at("sling_radial", "sling_tangential")
+        q, v = (np.insert(z[drives], 2, hangs * (z[swing] + share * z[sling])) for z in state)
+        q[4] += lug
+        return State(q, v)
+
+
+def from_ground(
+    lift: Lift,
+    *,
+    rope_stiffness: float = 2e7,
+    creep: float = 0.1,
+    sink_rate: float = 0.1,
+    platforms: tuple[Platform, ...] = (),
+) -> GroundLift:
+    """Return a lift that begins on the support below its start and ends on that below its goal.
+
+    Args:
+        lift: The planned lift; its load is a box.
+        rope_stiffness: EA of the rope [N].
+        creep: Largest hoisting speed of the lift-off [m/s].
+        sink_rate: Largest speed of the set-down [m/s].
+        platforms: Platforms in the frame of the crane.
+
+    Raises:
+        OutOfRange: If a number is not positive, or the ground is not as high as the crane's foot.
+    """
+    site, planned = lift.clearance.site, lift.timed.motion
+    if site.ground != site.foot[2]:
+        raise OutOfRange("height of the ground", site.ground, "that of the foot of the crane", "m")
+    sides = np.ptp(lift.clearance.bodies.load, axis=0).tolist()
+    values = {**site.crane, **box_load(lift.crane.payload_mass, *sides), "damp_sling": 300.0}
+    values |= {"rope_stiffness": rope_stiffness, "rope_damping": 2e4}
+    crane = load_crane(
+        gravity=lift.crane.gravity, values={**values, "hoist_max": lift.clearance.height}
+    )
+    ground = Ground(box_corners(*sides), platforms)
+
+    def lowered(place: int, name: str, speed: float) -> np.ndarray:
+        """Return q, v and a of a set-down and a pause after it, shape (3, rows, 5)."""
+        ramp = max(1.0, number(name, speed, "m/s", "> 0") / HOIST_ACCELERATION)
+        stands = _standing(crane, ground, planned(planned.arrival * -place).position)
+        way = SLACK + float(stands.q[crane.layout.index("rope_stretch")])
+        duration = planned.period * math.ceil((way / speed + ramp) / planned.period)
+        t = np.arange(0.0, duration + PAUSE, planned.period)
+        rows = np.zeros((3, len(t), planned.q.shape[1]))
+        rows[0] = planned.q[place]
+        for order in range(3):
+            rows[order, :, planned.drives[2]] += way * cruise(t, duration, ramp, order)
+        return rows
+
+    raised = lowered(0, "creep speed", creep)[:, ::-1] * np.array([1.0, -1.0, 1.0])[:, None, None]
+    pieces = {
+        "lift-off": raised,
+        "pause": np.repeat(raised[:, -1:], round(PAUSE / planned.period), axis=1),
+        "motion": np.stack([planned.q, planned.v, planned.a]),
+        "set-down": lowered(-1, "sink rate", sink_rate),
+    }
+    begins = planned.period * np.cumsum([0, *(rows.shape[1] for rows in pieces.values())])
+    q, v, a = np.concatenate([*pieces.values()], axis=1)
+    motion = Motion(planned.period, q, v, a, planned.drives)
+    phases = dict(zip(pieces, begins.tolist(), strict=False))
+    return GroundLift(lift, crane, ground, motion, lqr(lift.crane, motion), phases)
+
+
+def certify_ground_lift(
+    lift: GroundLift, *, engine: EngineName = "compiled"
+) -> tuple[Trajectory, list[Check]]:
+    """Simulate a lift from the ground to the ground, and check each phase.
+
+    Raises:
+        RunError: If the simulation breaks off.
+    """
+    crane, clearance, motion = lift.crane, lift.lift.clearance, lift.motion
+    run = simulate(
+        crane,
+        lift.command,
+        lift.setpoint,
+        start=_standing(crane, lift.ground, motion(0.0).position),
+        duration=motion.arrival,
+        control_period=motion.period,
+        engine=engine,
+        ground=lift.ground,
+    )
+    pull = JointForces.of(crane).tension(run.q.T, run.v.T) / (crane.payload_mass * crane.gravity)
+    seen = np.array([lift.seen(State(*row)).q for row in zip(run.q, run.v, strict=True)])
+    off, _, moving, down = (round(t / motion.period) for t in lift.phases.values())
+    swing, allowed = 1e3 * clearance.tilt(seen), 1e3 * clearance.site.swing
+    distance, obstacle = min(
+        (pair.distance, obstacle)
+        for row in np.r_[off:moving:_MEASURED, down : len(run) : _MEASURED]
+        for obstacle, pair in clearance.distances(seen[row], jib=False).items()
+        if obstacle != GROUND
+    )
+    touched = down + int(np.flatnonzero(pull[down:] < HANGS)[0])
+    speed = float(run.v[touched, crane.layout.index("l")])
+    end = payload_position(crane, run.q[-1]) - clearance.point(lift.lift.ends[1])
+    apart = float(np.linalg.norm(end[:2]))
+    still = np.linalg.norm(point_velocities(crane, State(run.q[-1], run.v[-1]))[0]) < STILL
+    creep, sink_rate = np.abs(motion.v[:moving, 4]).max(), motion.v[down:, 4].max()
+    most = _largest_pull(crane, float(motion.q[0, 4]), float(creep))
+    return run, [
+        Check(
+            f"Lift-off: the rope pulls {pull[off:moving].max():.3f} of the weight at most, "
+            f"{most:.3f} at the full creep speed; hanging, the load swings {swing[moving]:.2f} "
+            f"mrad, {allowed:.1f} allowed.",
+            bool(pull[off:moving].max() <= most and swing[moving] <= allowed),
+        ),
+        Check(
+            f"Motion: the load swings {swing[moving:down].max():.1f} mrad at most, {allowed:.1f} "
+            f"allowed; the rope pulls {pull[moving:down].min():.3f} of the weight at least.",
+            bool(swing[moving:down].max() <= allowed and pull[moving:down].min() > 0.0),
+        ),
+        Check(
+            f"Above its supports nothing that hangs comes nearer to an obstacle than "
+            f"{distance:.2f} m ({obstacle}), {clearance.site.distance:g} m required.",
+            distance >= clearance.site.distance,
+        ),
+        Check(
+            f"Set-down: the load touches at {speed:.3f} m/s, {sink_rate:.3f} allowed; it stands "
+            f"{1e3 * apart:.1f} mm from its goal, {1e3 * OFF:g} allowed, below a slack rope.",
+            bool(speed <= sink_rate and apart <= OFF and still and pull[-1] == 0.0),
+        ),
+    ]
+
+
+def _largest_pull(crane: Crane, length: float, speed: float) -> float:
+    """Return the tension over the weight of a load picked up at a speed [m/s] on a rope of a length
+    [m].
+    """
+    assert crane.springs.rope is not None
+    omega = theory.rope_bounce(float(crane.springs.rope.stiffness), length, crane.payload_mass)
+    return theory.pickup_factor(speed, omega, crane.gravity)
+
+
+def _lug(crane: Crane) -> float:
+    """Return the height of the lug above the centre of the load [m]."""
+    return -float(crane.payload.lever[2])
+
+
+def _standing(crane: Crane, ground: Ground, drives: np.ndarray) -> State:
+    """Return the state in which the load stands below the trolley, at a place of the plan."""
+    q = np.zeros(crane.layout.n)
+    q[crane.layout.drives] = drives - [0.0, 0.0, _lug(crane)]
+    return standing(crane, ground, State(q, 0.0 * q))
