@@ -287,3 +287,25 @@ def test_the_exported_folder_passes_its_test_on_a_cortex_m7(exported: Path, tmp_
     board = "-M mps2-an500 -nographic -semihosting-config enable=on,target=native -kernel"
     printed = output(emulator, *board.split(), tmp_path / "test", folder=exported)
     assert re.search(r"controller: 200 calls, .* 144 bytes", printed)
+
+
+@pytest.mark.slow
+def test_a_step_takes_so_many_instructions_of_an_aarch64(exported: Path, tmp_path: Path) -> None:
+    emulator = tool("qemu-aarch64", "qemu-user")
+    compiler = tool("aarch64-linux-gnu-gcc", "gcc-aarch64-linux-gnu")
+    for name, most in (("crane", 1500), ("controller", 400)):  # a third more than it takes now
+        (tmp_path / "count.c").write_text(
+            f'#include "{name}.h"\nint main(int n, char **words) {{\n  static {name} block;\n'
+            f"  (void)words;\n  {name}_reset(&block);\n"
+            f"  while (--n) {name}_step(&block);\n  return block.x > 1e9;\n}}\n"
+        )
+        options = ("-std=c99", "-O2", "-ffp-contract=off", "-static", "-I", ".")
+        files = (tmp_path / "count.c", f"{name}.c", "-o", tmp_path / "count")
+        output(compiler, *options, *files, folder=exported)
+        counts = []
+        for words in (["1"], ["1", "1"]):
+            log = tmp_path / f"{len(words)}.log"
+            single = ("-singlestep", "-d", "exec,nochain", "-D", log)
+            output(emulator, *single, tmp_path / "count", *words, folder=tmp_path)
+            counts.append(log.read_text().count("Trace"))
+        assert 100 < counts[1] - counts[0] < most

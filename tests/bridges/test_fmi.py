@@ -498,3 +498,13 @@ def test_the_command_line_writes_a_unit_of_the_crane_that_it_describes(
     start = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
     # What holds the load.
     assert float(start["F_l_command"]) == pytest.approx(-2000.0 * 9.8, rel=1e-12)
+
+
+def test_an_option_of_the_crane_is_refused_beside_a_controller(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for option in (["--drive", "motion"], ["--dt", "1e-3"]):
+        words = [str(tmp_path / "c.fmu"), "--controller", "hold", *option]
+        assert main(["export", "fmu", *words]) == 2
+        assert f"{option[0]} has no effect with --controller" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
