@@ -673,11 +673,11 @@ cranedyn/compiled/c_text.py
 ? c_code::an_input_that_is_no_number_is_a_fault_until_the_reset
 - if (!{check}) self->fault = true;
 + if (!{check}) self->fault = false;
-cranedyn/compiled/structured_text.py
-* the choices of Structured Text are turned round
-? st::a_controller_in_structured_text_commands_what_it_commands_in_python
-- {no.text}, {yes.text})
-+ {yes.text}, {no.text})
+cranedyn/compiled/block.py
+* names of a block that differ in case alone are two
+? st::names_that_are_no_identifiers_are_mapped_one_to_one
+- while candidate.lower() in taken
++ while candidate in taken
 cranedyn/compiled/crane_block.py
 * a crane in C hoists by the cable without its offset
 ? c_code::parameters_of_a_crane_in_c_are_those_of_another_crane
