@@ -729,6 +729,24 @@ cranedyn/bridges/matlab.py
 ? matlab::the_file_has_the_matrices_with_names_and_units
 - delay = converters.delay_steps(dt, control_period) if converters else 0
 + delay = 0
+cranedyn/bridges/templates/page/assist.js
+* a drive brakes by its usual ramps, whatever they are
+? page::a_drive_stops_before_the_end_of_its_range_by_any_ramp
+- this.ramps * this.data.accelerations[i]
++ this.data.accelerations[i]
+* the shaper runs into the end of a range
+? page::a_drive_stops_before_the_end_of_its_range_by_any_ramp
+- return this.limited(this.shaped(asked, q), q);
++ return this.shaped(asked, q);
+cranedyn/bridges/templates/page/run.js
+* predictive control runs out of a range
+? page::predictive_control_gives_up_before_a_drive_leaves_its_range
+- !this.assistant.canStop(rates, q)
++ false
+* the share of a chart overlooks its moments
+? page::the_share_of_the_chart_is_that_of_a_report
+- between / radius
++ rated[i]
 cranedyn/bridges/margins.py
 * margins overlook half of the sampling rate
 ? margins::a_drive_is_unstable_just_beyond_what_its_margins_say
