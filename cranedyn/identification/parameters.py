@@ -93,7 +93,7 @@ def parameter(prior: Prior, name: str) -> Parameter:
     if name not in prior.arguments:
         raise UnknownName("parameter", name, [*devices, *prior.arguments])
     first, argument = prior.value(name), prior.arguments[name]
-    low = {"any": -math.inf, "> 0": 1e-3 * first, ">= 0": 0.0}[argument.allowed]
+    low = {"any": -math.inf, "> 0": 1e-3 * first}.get(argument.allowed, 0.0)
     scale = 0.1 * abs(first) or 1.0
     return Parameter(name, "argument", name, argument.unit, first, low, math.inf, scale)
 

@@ -305,7 +305,7 @@ def force_points(model: pin.Model, joints: Sequence[Joint], payload: int) -> tup
     """Return the points on which external forces act.
 
     They are the payload, the pivot of the first passive revolute joint, and the hook if the payload
-    hangs below the joint of the role hoist.
+    hangs below the joint of the role hoist and the stretch of its rope.
     """
 
     def centre(name: str, joint: int) -> Point:
@@ -315,6 +315,10 @@ def force_points(model: pin.Model, joints: Sequence[Joint], payload: int) -> tup
     swings = [i for i, j in enumerate(joints) if not j.driven and j.kind == "revolute"]
     if swings:
         points.append(Point("trolley" if "trolley" in roles else "pivot", swings[0], np.zeros(3)))
-    if "hoist" in roles and roles.index("hoist") != payload:
-        points.append(centre("hook", roles.index("hoist")))
+    if "hoist" in roles:
+        hook = roles.index("hoist")
+        below = joints[hook + 1] if hook < payload else joints[hook]
+        hook += not below.driven and below.kind == "prismatic"  # the stretch of the rope
+        if hook != payload:
+            points.append(centre("hook", hook))
     return tuple(points)

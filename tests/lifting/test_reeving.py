@@ -67,6 +67,6 @@ def test_a_reeving_that_cannot_be_is_refused(values: tuple[float, ...], message:
     assert message in str(caught.value)
 
 
-def test_steps_between_rows_do_not_matter_for_the_direction() -> None:
+def test_the_pull_depends_on_the_direction_of_the_hoist() -> None:
     pull = Reeving(2, 0.9).line_pull(np.full(3, 190.0), np.array([-1.0, 0.0, 1.0]))
     assert_allclose(pull, [190.0 / 1.9, 95.0, 190.0 / (1.0 + 1.0 / 0.9)])

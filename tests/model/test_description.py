@@ -44,12 +44,13 @@ def urdf() -> str:
 def test_every_argument_is_documented_with_unit_and_range_and_its_default_is_allowed() -> None:
     text = XACRO.read_text()
     found = arguments()
+    lowest = {"any": -1e99, ">= 0": 0.0, ">= 0 or inf": 0.0, "> 0": 1e-99, "a whole number >= 1": 1}
     assert list(found) == re.findall(r'<xacro:arg name="(\w+)"', text)
     for name, argument in found.items():
-        assert argument.allowed in ("any", "> 0", ">= 0"), name
-        assert argument.unit, name
+        assert argument.allowed in lowest, name
+        assert argument.unit or "whole number" in argument.allowed, name
         assert len(argument.meaning) > 10, name
-        low = {"any": -1e99, ">= 0": 0.0, "> 0": 1e-99}[argument.allowed]
+        low = lowest[argument.allowed]
         other = re.fullmatch(r"\$\(arg (\w+)\)", argument.default)  # the same as another
         assert float(found[other[1]].default if other else argument.default) >= low, name
 

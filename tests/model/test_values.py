@@ -20,7 +20,7 @@ OVERHEAD = ROOT / "urdf" / "overhead_crane.urdf.xacro"
 
 def test_the_keywords_of_load_crane_are_the_documented_arguments_in_their_units() -> None:
     source = Path(description.__file__).read_text(encoding="utf-8")
-    units = dict(re.findall(r"    (\w+): float  # (.+)", source))
+    units = dict(re.findall(r"    (\w+): float(?:  # (.+))?", source))
     assert units == {name: argument.unit for name, argument in arguments().items()}
     assert [*CraneValues.__annotations__] == [*units]
     taken = inspect.signature(load_crane).parameters
