@@ -4,6 +4,9 @@ how fast it goes there.
 
 from __future__ import annotations
 
+import re
+import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -15,8 +18,9 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.conduct import print_tables
-from cranedyn.bridges import bags, fmi, gazebo, mcap, mjcf, ros2
+from cranedyn.bridges import bags, c_code, fmi, gazebo, mcap, mjcf, ros2
 from cranedyn.bridges.joints import input_names, state_names
+from cranedyn.bridges.usual_controllers import CONTROLLERS
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import CraneError
@@ -107,6 +111,20 @@ def _swing_comparison(rows: list[np.ndarray], run: Trajectory, speed: float) -> 
     return Comparison("coordinates and rates, 20 s of swing, hold", float(apart), speed)
 
 
+def _c(written: Path, crane: Crane, run: Trajectory) -> Comparison:
+    """Compile the folder and run its test: 2,000 steps of the crane, 200 calls of the LQR."""
+    compiler = shutil.which("gcc")
+    if compiler is None:
+        raise CraneError("gcc is not installed")
+    command = [compiler, "-O2", "-std=c99", *sorted(written.glob("*.c")), "-o", written / "test"]
+    subprocess.run([str(word) for word in command], check=True)
+    printed = subprocess.run([written / "test"], capture_output=True, check=True, text=True).stdout
+    apart = max(map(float, re.findall(r"Python (\S+),", printed)))
+    decade = 10.0 ** np.ceil(np.log10(apart))  # round-off decides its digits
+    compared = "states, 2,000 steps, and efforts of an LQR, relative, at most"
+    return Comparison(compared, float(decade), None)
+
+
 def _mcap(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     """Read all coordinates and rates back."""
     columns = [name for joint in crane.layout.joints for name in joint.columns]
@@ -125,6 +143,10 @@ def _ros2(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     return Comparison("mass matrix of its URDF [kg, kg m, kg m²]", difference, None)
 
 
+def _law(crane: Crane) -> object:
+    return CONTROLLERS["lqr"][1](crane, SETUP.control_period)
+
+
 Export = Callable[[Path, Crane, Trajectory], object]
 Compare = Callable[[Path, Crane, Trajectory], Comparison]
 
@@ -133,6 +155,7 @@ EXPORTERS: tuple[tuple[str, str, Export, Compare], ...] = (
     ("ros2", "package", lambda path, crane, run: ros2.export(path, crane), _ros2),
     ("mjcf", "crane.xml", lambda path, crane, run: mjcf.export(path, crane), _mjcf),
     ("fmu", "crane.fmu", lambda path, crane, run: fmi.export(crane, path), _fmu),
+    ("c", "c", lambda path, crane, run: c_code.export(crane, path, _law(crane)), _c),
     ("mcap", "run.mcap", mcap.export, _mcap),
 )
 """By the word of the command line: where it writes, how, and what the other side does."""

@@ -57,10 +57,14 @@ class Logged(NamedTuple):
         t = self.clean.t
         return (t >= _FIRST) & (t <= t[-1] - _LAST)
 
+    def squares(self, predicted: np.ndarray) -> tuple[float, float]:
+        """Return the squares of a prediction's error in the judged rows, and of their variation."""
+        swing = self.clean.columns["phi_rad"][self.judged]
+        return float(np.sum((predicted - swing) ** 2)), float(np.sum((swing - swing.mean()) ** 2))
+
     def error(self, predicted: np.ndarray) -> float:
         """Return the RMS error of a prediction of the judged rows over their standard deviation."""
-        swing = self.clean.columns["phi_rad"][self.judged]
-        return float(np.sqrt(np.mean((predicted - swing) ** 2)) / np.std(swing))
+        return float(np.sqrt(np.divide(*self.squares(predicted))))
 
 
 Identified = Callable[[Logged], np.ndarray]
@@ -191,18 +195,23 @@ def sysid_table(prior: Prior, logs: Sequence[Logged]) -> ResultTable:
         OURS_WINDOW: lambda fold: ours(prior, fold, "window"),
     }
     rows: list[list[float | str | None]] = []
+    first: np.ndarray | None = None
     for way, identifier in ways.items():
-        errors, taken = [], 0.0
+        squares, taken = [], 0.0
         for fold, others in ((logs[::2], logs[1::2]), (logs[1::2], logs[::2])):
             begin = time.perf_counter()
             predict = identifier(fold)
             taken += time.perf_counter() - begin
-            errors += [log.error(predict(log)) for log in others]
-        middle, worst = float(np.median(errors)), max(errors)
-        rows.append([way, len(errors), 100.0 * middle, 100.0 * worst, taken])
+            squares += [log.squares(predict(log)) for log in others]
+        error, variation = np.array(squares).T
+        shares = 100.0 * np.sqrt(error / variation)
+        first = shares if first is None else first
+        pooled = 100.0 * float(np.sqrt(error.sum() / variation.sum()))
+        below, middle = int(np.sum(shares < first)), float(np.median(shares))
+        rows.append([way, pooled, middle, float(max(shares)), below, taken])
     columns = (
-        ("identified by", ""), ("records", "d"), ("held out, median [%]", ".1f"),
-        ("largest [%]", ".1f"), ("time [s]", ".1f"),
+        ("identified by", ""), ("held out [%]", ".1f"), ("median", ".1f"), ("largest", ".1f"),
+        ("below the first", "d"), ("time [s]", ".1f"),
     )  # fmt: skip
     note = "RMS error from rest, over the standard deviation; identified on every other record."
     return ResultTable("Held-out records", columns, rows, note)

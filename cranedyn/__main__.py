@@ -69,7 +69,7 @@ def _experiment(parser: _Parser) -> None:
 
 
 def _list(parser: _Parser) -> None:
-    """List the experiments by subject, with how long each takes and what one sees.
+    """List the experiments by subject, with duration and content.
 
     Example: cranedyn list
     """
@@ -85,7 +85,7 @@ def _report(parser: _Parser) -> None:
 
 
 def _snapshot(parser: _Parser) -> None:
-    """Take pictures of a recording, still or moving.
+    """Take pictures or a GIF of a recording.
 
     Example: cranedyn snapshot out/a1/a1.rrd -t 10
     """
@@ -172,7 +172,7 @@ def _recorded(options: argparse.Namespace) -> Path:
 
 
 def _describe(parser: _Parser) -> None:
-    """Describe a crane of ours, of the library, or another: its joints, or its plain URDF.
+    """Print the joints of a crane, or write its plain URDF.
 
     Example: cranedyn describe payload_mass:=2000 -o crane.urdf
     """
@@ -222,7 +222,7 @@ def _write_description(options: argparse.Namespace) -> int:
 
 
 def _record_template(parser: _Parser) -> None:
-    """Say what to measure with a phone and a tape, or write a record of it.
+    """Print what to measure with a phone and a tape, or make a record of it.
 
     Example: cranedyn record-template swing_1.csv --gyroscope phone_1.csv 12.4
     """
@@ -307,6 +307,22 @@ def _drive(parser: _Parser) -> None:
     parser.set_defaults(run=run)
 
 
+def _serve(parser: _Parser) -> None:
+    """Serve a crane with drive words by OPC UA and Modbus, for virtual commissioning.
+
+    Example: cranedyn serve --opcua 127.0.0.1:4840 --map words.csv
+    """
+    from cranedyn.bridges.commissioning import serve
+    from cranedyn.model.description import add_values
+    from cranedyn.model.options import add_crane_options
+
+    serve.add_arguments(parser)
+    add_crane_options(parser.common)
+    parser.common.add_argument("--gravity", type=float, metavar="G", help="of the world [m/s²]")
+    add_values(parser.common, "numbers of the crane")
+    parser.set_defaults(run=serve.run)
+
+
 COMMANDS: dict[str, Callable[[_Parser], None]] = {
     "run": _experiment,
     "list": _list,
@@ -317,6 +333,7 @@ COMMANDS: dict[str, Callable[[_Parser], None]] = {
     "record-template": _record_template,
     "export": _export,
     "drive": _drive,
+    "serve": _serve,
 }
 """Function by the name of its command; it adds the arguments and sets what runs it, and its
 docstring is help and example."""

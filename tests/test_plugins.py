@@ -127,6 +127,6 @@ def test_every_plugin_of_ours_can_be_loaded_and_has_a_description() -> None:
 
 
 def test_a_plugin_that_does_not_exist_is_refused_by_name() -> None:
-    with pytest.raises(UnknownName, match="There is no exporter 'unity'; there are fmu, gazebo"):
+    with pytest.raises(UnknownName, match="There is no exporter 'unity'; there are c, fmu, gazebo"):
         plugins.load("exporter", "unity")
     assert issubclass(UnknownName, CraneError)

@@ -17,6 +17,7 @@ Public names:
     `bags.read_joint_states`: columns of a trajectory from a recording of ROS 1 or ROS 2.
     `gymnasium.TowerCraneEnv`: the crane as an environment to learn in.
     `control.to_control`, `margins.margins`: models for python-control, and stability margins.
+    `commissioning`: the crane behind OPC UA and Modbus.
 
 Begin with `mjcf`, the shortest exporter; docs/howto/export.md says what each carries.
 """

@@ -5,20 +5,24 @@ controller.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from cranedyn.bridges.joints import input_names, state_names
+from cranedyn.bridges.joints import state_names
+from cranedyn.bridges.matlab import linear_system
 from cranedyn.checks import check_choice, finite, short_repr
+from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.lqr import linearised
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.dynamics.linearisation import linear
+from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.pinocchio import holding_effort
-from cranedyn.errors import CraneError, OutOfRange, UnknownName
-from cranedyn.interfaces import DirectDrive, State
+from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
+from cranedyn.references.tabulated import interpolate, locate
 
 try:
     import control as ct
@@ -33,10 +37,11 @@ def to_control(
     state: State | None = None,
     *,
     effort: np.ndarray | None = None,
-    drive: DirectDrive = "effort",
+    drive: Drive = "effort",
     control_period: float | None = None,
     dt: float = 5e-4,
     outputs: Sequence[str] | None = None,
+    converters: Converters | None = None,
 ) -> ct.StateSpace:
     """Return the crane linearised about a state as a state-space system with named states, inputs
     and outputs.
@@ -49,37 +54,66 @@ def to_control(
         state: State to linearise about, at rest or in a motion; None for the start.
         effort: Efforts of the drives there [N m or N], shape (m,); None for those that balance
             gravity.
-        drive: Inputs: "effort", or with "motion" the accelerations of the drives.
+        drive: Inputs: "effort", or with "motion" the accelerations of the drives, or with
+            "velocity" the rates that frequency converters are commanded. Then the drives follow as
+            lags of first order; ramps and rounding are left out, and the delay is in the sampled
+            system only, where commands on their way are states.
         control_period: None for a continuous system. A time [s] for the system that `simulate`
             steps: the command held over it, and semi-implicit Euler between.
         dt: Physics step of the sampled system [s].
-        outputs: Names of the states that are outputs; None for all.
+        outputs: Names of the states that are outputs; None for all of the crane.
+        converters: Frequency converters of "velocity"; None for typical ones.
 
     Raises:
         OutOfRange: If a time or an effort is out of range, or `drive` is none of these.
         UnknownName: If an output is no state.
     """
-    names = state_names(crane)
-    model = linear(crane, crane.start if state is None else state, effort, drive=drive)
-    system: Any = model
-    if control_period is not None:
-        system = model.sampled(dt=dt, control_period=control_period)
-    output_names = names if outputs is None else list(outputs)
-    for name in output_names:
-        if name not in names:
-            raise UnknownName("state", str(name), names)
-    selection = np.eye(len(names))[[names.index(name) for name in output_names]]
-    return ct.ss(
-        system.a,
-        system.b,
-        selection,
-        np.zeros((len(output_names), crane.layout.m)),
-        dt=control_period or 0,
-        states=names,
-        inputs=input_names(crane, drive),
-        outputs=output_names,
-        name="crane",
-    )
+    options: dict[str, Any] = {"drive": drive, "control_period": control_period, "dt": dt}
+    options |= {"effort": effort, "outputs": outputs, "converters": converters}
+    system = linear_system(crane, state, **options)
+    names = {kind: getattr(system, kind) for kind in ("states", "inputs", "outputs")}
+    matrices = system.a, system.b, system.c, np.zeros((len(system.c), crane.layout.m))
+    return ct.ss(*matrices, dt=system.period, name="crane", **names)
+
+
+@dataclass(eq=False)
+class StateSpaceController:
+    """Controller with states x: u = tracking + c x, then x becomes a x + b (z - setpoint). It
+    starts each run at x = 0.
+
+    Attributes:
+        a, b, c: Shapes (k, k), (k, 2 n) and (m, k).
+        tracking: The rest of the command, and the setpoint.
+        period: Its control period [s].
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    tracking: Tracking
+    period: float
+    _x: np.ndarray | float = 0.0
+
+    def begin_run(self, t: float, control_period: float) -> None:
+        """Return to x = 0.
+
+        Raises:
+            OutOfRange: If the control period of the run [s] is another one.
+        """
+        if abs(control_period - self.period) > SAME_PERIOD * self.period:
+            allowed = f"that of the controller, {self.period:g}"
+            raise OutOfRange("control period of the run", control_period, allowed, "s")
+        self._x = 0.0
+
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        """Return the command of a control instant, shape (m,), and go on to the next one."""
+        table = self.tracking.setpoint
+        deviation = np.concatenate(state) - interpolate(
+            table, *locate(t, self.tracking.period, len(table))
+        )
+        x = self._x + np.zeros(len(self.a))
+        self._x = self.a @ x + self.b @ deviation
+        return self.tracking(t, state, setpoint) + self.c @ x
 
 
 def from_control(
@@ -87,70 +121,89 @@ def from_control(
     feedback: object,
     about: State | Motion,
     *,
-    drive: DirectDrive = "effort",
+    drive: Drive = "effort",
     dt: float = 5e-4,
-) -> Tracking:
-    """Return a state feedback designed with python-control as a controller that `simulate` and
-    `simulate_batch` run compiled.
+) -> Tracking | StateSpaceController:
+    """Return a feedback designed with python-control as a controller.
+
+    Without states of its own it is a `Tracking`, which `simulate` and `simulate_batch` run
+    compiled.
 
     Args:
         crane: The crane.
         feedback: The gain K of u = -K z, shape (m, 2 n), as `control.lqr` and `control.dlqr` give
-            it; or a system without states from the states to the commands, u = D z; or the
-            controller of `control.create_statefbk_iosystem`.
-        about: The rest, or the motion, from which z and u are deviations. The efforts there are fed
-            forward.
-        drive: Outputs of the feedback: "effort", or with "motion" the accelerations of the
-            drives.
+            it; or a system from states of the crane, all or with states of its own some, to the
+            commands; or the controller of `control.create_statefbk_iosystem`.
+        about: The rest, or the motion, from which z and u are deviations. The commands there are
+            fed forward.
+        drive: Outputs of the feedback: "effort", with "motion" the accelerations of the drives, or
+            with "velocity" their rates.
         dt: Physics step of the run [s]; a motion's period is a multiple of it.
 
     Raises:
         OutOfRange: If the feedback is no gain of that shape, or a number in it is not finite; or
             for a rest at which something moves.
-        CraneError: If the system has states of its own, or does not say how it feeds each state
-            back.
+        CraneError: If the system has states in continuous time, or does not say how it feeds each
+            state back.
     """
-    check_choice("drive", drive, DirectDrive)
-    names = state_names(crane)
-    gain = finite("gain", _gain(feedback, names), (crane.layout.m, len(names)))
+    check_choice("drive", drive, Drive)
+    names, m = state_names(crane), crane.layout.m
+    a, b, c, gain = _matrices(feedback, names)
+    gain = finite("gain", gain, (m, len(names)))
     if isinstance(about, Motion):
         table = linearised(crane, about, dt=dt, every=len(about.q))
-        commands = table.efforts if drive == "effort" else about.a[:, about.drives]
+        rates = {"motion": about.a, "velocity": about.v}
+        commands = table.efforts if drive == "effort" else rates[drive][:, about.drives]
         gains = np.broadcast_to(gain, (len(commands), *gain.shape))
-        return Tracking(about.period, commands, gains, table.setpoint)
-    state = crane.layout.as_state("rest", about)
-    if state.v.any():
-        allowed = "0; a motion is given as a Motion"
-        raise OutOfRange("rates of the rest", state.v.tolist(), allowed, "/s")
-    command = holding_effort(crane, state.q) if drive == "effort" else np.zeros(crane.layout.m)
-    return Tracking(1.0, command[None], gain[None], np.concatenate(state)[None])
+        tracking = Tracking(about.period, commands, gains, table.setpoint)
+    else:
+        state = crane.layout.as_state("rest", about)
+        if state.v.any():
+            allowed = "0; a motion is given as a Motion"
+            raise OutOfRange("rates of the rest", state.v.tolist(), allowed, "/s")
+        command = holding_effort(crane, state.q) if drive == "effort" else np.zeros(m)
+        tracking = Tracking(1.0, command[None], gain[None], np.concatenate(state)[None])
+    if not len(a):
+        return tracking
+    finite("matrices of the feedback", np.concatenate([a.ravel(), b.ravel(), c.ravel()]), ("k",))
+    return StateSpaceController(a, b, c, tracking, float(feedback.dt))  # type: ignore[attr-defined]
 
 
-def _gain(feedback: Any, names: Sequence[str]) -> np.ndarray:
-    """Return K of u = -K z."""
+def _matrices(
+    feedback: Any, names: Sequence[str]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return a, b, c and K of x after a period = a x + b z and u = c x - K z."""
+    nz = len(names)
     if not isinstance(feedback, ct.InputOutputSystem):
         try:
-            return np.asarray(feedback, dtype=float)
+            gain = np.asarray(feedback, dtype=float)
         except (TypeError, ValueError):
             allowed = "a gain or a system of python-control"
             raise OutOfRange("feedback", short_repr(feedback), allowed) from None
-    if not isinstance(feedback, ct.StateSpace) or feedback.nstates:
+        return *(np.zeros((0, 0)),) * 3, gain
+    if not isinstance(feedback, ct.StateSpace):
+        raise CraneError(f"The feedback is a {type(feedback).__name__}; allowed is a StateSpace.")
+    k, labels = feedback.nstates, list(feedback.input_labels)
+    if k and (feedback.dt is True or not feedback.dt):
         raise CraneError(
-            f"The feedback is a {type(feedback).__name__} with {feedback.nstates} states of its "
-            "own; allowed is a gain or a StateSpace without states, u = D z."
+            f"The feedback has {k} states in continuous time or without a period; "
+            "control.sample_system makes it one of the control period."
         )
-    labels = list(feedback.input_labels)
-    if labels == list(names) or (len(labels) == len(names) and not set(labels) & set(names)):
-        return -feedback.D
-    if lacking := [name for name in names if name not in labels]:
+    answer = np.vstack([feedback.B, feedback.D])  # of the next states and of the commands
+    positional = len(labels) == nz and not set(labels) & set(names)
+    columns = {name: i for i, name in enumerate(names if positional else labels)}
+    if lacking := [name for name in names if name not in columns and not k]:
         raise CraneError(
             f"The feedback has no input {lacking[0]}; its inputs are to be {', '.join(names)}."
         )
-    gain = -feedback.D[:, [labels.index(name) for name in names]]
-    further = [i for i, name in enumerate(labels) if name not in names]
-    if further and not np.array_equal(feedback.D[:, further], np.hstack([gain, np.eye(len(gain))])):
+    seen = [name for name in names if name in columns]
+    by_state = np.zeros((len(answer), nz))
+    by_state[:, [names.index(name) for name in seen]] = answer[:, [columns[n] for n in seen]]
+    further = answer[:, [i for name, i in columns.items() if name not in names]]
+    desired = np.hstack([-by_state, np.eye(len(answer))[:, k:]])
+    if further.size and not np.array_equal(further, desired):
         raise CraneError(
-            f"The feedback has {len(further)} inputs besides the states; allowed are the desired "
-            "states and inputs of control.create_statefbk_iosystem, or none."
+            f"The feedback has {further.shape[1]} inputs besides the states; allowed are the "
+            "desired states and inputs of control.create_statefbk_iosystem, or none."
         )
-    return gain
+    return feedback.A, by_state[:k], feedback.C, -by_state[k:]

@@ -1,5 +1,5 @@
-"""The crane as a co-simulation unit of FMI 3.0 (an FMU): the compiled loop in a shared library that
-needs no Python.
+"""The crane, or a controller, as a unit of FMI 3.0 or 2.0 (an FMU), with its sources in C and
+libraries that need no Python.
 
 ``python -m cranedyn export fmu FILE.fmu`` writes one.
 """
@@ -8,32 +8,33 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import importlib.util
 import platform
 import shutil
 import subprocess
+import sys
 import tempfile
 import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from cranedyn.bridges.joints import (
-    add,
-    force_names,
-    input_names,
-    state_names,
-    xml_bytes,
-)
+from cranedyn.bridges.controller_block import controller_block
+from cranedyn.bridges.joints import add, xml_bytes
 from cranedyn.bridges.target import check_free, new_file
+from cranedyn.bridges.usual_controllers import CONTROLLERS
 from cranedyn.checks import check_choice
 from cranedyn.clocks import clocks
+from cranedyn.compiled.block import FunctionBlock
+from cranedyn.compiled.c_text import c_header, c_source
+from cranedyn.compiled.crane_block import crane_block
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.dynamics.pinocchio import holding_effort
-from cranedyn.errors import CraneError, ModelError, OutOfRange, quoted
-from cranedyn.interfaces import DirectDrive
+from cranedyn.errors import CraneError, ModelError, OutOfRange, UnknownName, quoted
+from cranedyn.interfaces import DirectDrive, Drive
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 
@@ -41,14 +42,23 @@ TARGET = "FILE"
 EXAMPLE = "crane.fmu"
 """Target of the command line."""
 
-NAME = "cranedyn_crane"
-"""Name of the model and of its library."""
+Version = Literal[2, 3]
+"""Version of FMI."""
 
-_WRAPPER = Path(__file__).with_name("fmi.c")
-"""C code of the interface of FMI, around the compiled loop."""
+NAME, CONTROLLER_NAME = "cranedyn_crane", "cranedyn_controller"
+"""Names of the models and of their libraries: of a crane, and of a controller."""
 
-_SUFFIX = ".so" if platform.system() == "Linux" else ".dylib"
-"""Ending of the library."""
+PLATFORMS = {
+    "x86_64-linux": ("linux64", "x86_64-linux-gnu.2.17", ".so"),
+    "aarch64-linux": ("aarch64-linux", "aarch64-linux-gnu.2.17", ".so"),
+    "x86_64-windows": ("win64", "x86_64-windows-gnu", ".dll"),
+    "x86_64-darwin": ("darwin64", "x86_64-macos", ".dylib"),
+    "aarch64-darwin": ("aarch64-darwin", "aarch64-macos", ".dylib"),
+}
+"""Platforms by their name in FMI 3.0: name in FMI 2.0, target of the compiler Zig, and ending of a
+library."""
+
+_SOURCES = Path(__file__).parent
 
 _COMPILERS = ("cc", "gcc", "clang")
 _DATE = (1980, 1, 1, 0, 0, 0)
@@ -61,48 +71,66 @@ class FmiVariable:
 
     Attributes:
         name: Name.
+        member: Place in the memory of the unit, as C.
         unit: Unit; empty for a pure number.
         causality: Causality of FMI: independent, input, parameter or output.
         start: Start value; None for a computed variable.
         lower, upper: Range.
         about: Description.
+        fixed: Whether it is constant once stepping has begun.
+        rate_of: Index of the variable whose derivative it is; None for none.
     """
 
     name: str
+    member: str
     unit: str
     causality: str
     start: float | None = None
     lower: float = -np.inf
     upper: float = np.inf
     about: str = ""
+    fixed: bool = False
+    rate_of: int | None = None
 
 
 def export(
     crane: Crane,
     path: str | Path,
     *,
-    drive: DirectDrive = "effort",
+    drive: Drive = "effort",
     dt: float = 5e-4,
     integrator: Integrator = semi_implicit_euler,
+    controller: Any = None,
+    control_period: float = 5e-3,
+    duration: float = 30.0,
+    version: Version = 3,
+    platforms: Sequence[str] = (),
 ) -> Path:
-    """Write a crane as an FMU for this kind of machine.
+    """Write a crane, or a controller for it, as an FMU.
 
-    Its inputs are the commands of the drives and forces from outside, held over a communication
-    step, which is a multiple of `dt`; its outputs are the state, the efforts, the energy, and
-    whether the model holds. It moves as in `simulate` with validity = mark and the communication
-    step as control period.
+    The inputs of a crane are the commands of the drives and forces from outside, held over a
+    communication step, which is a multiple of `dt`; its outputs are the state, the efforts, the
+    energy, and whether the model holds. It moves as in `simulate` with validity = mark and the
+    communication step as control period. Parameters can be changed while it runs. A controller's
+    outputs follow its inputs at once; a step of one control period advances its memory.
 
     Args:
         crane: The crane.
         path: New file, ending in ``.fmu``.
-        drive: Drive mode, see `simulate`.
+        drive: Drive mode, see `simulate`; a crane takes "effort" or "motion".
         dt: Physics step [s].
         integrator: The stepping rule.
+        controller: The controller, see `cranedyn.bridges.controller_block`; None for the crane.
+        control_period: Period of the controller [s].
+        duration: Time that tables of the controller cover [s].
+        version: Version of FMI.
+        platforms: Names in `PLATFORMS`; none for this kind of machine. Other kinds need the extra
+            ``cross``.
 
     Raises:
         OutOfRange: If the file does not end so, a number is out of range, or there is no code for
             the stepping rule.
-        DataError: If the file exists or cannot be written.
+        DataError: If the file exists or cannot be written, or the controller cannot be exported.
         CraneError: If there is no C compiler, or the machine is of a kind that is not known.
         ModelError: If the code would not do what Pinocchio does, or two variables of the crane
             would have the same name.
@@ -111,72 +139,70 @@ def export(
     if final.suffix != ".fmu":
         raise OutOfRange("name of the unit", str(final), "one that ends in .fmu")
     check_free(final)
-    check_choice("drive", drive, DirectDrive)
+    check_choice("drive", drive, DirectDrive if controller is None else Drive)
+    if version not in get_args(Version):
+        raise OutOfRange("version of FMI", version, "2 or 3")
     clocks(dt, dt, dt)
-    from cranedyn.compiled.kernel import Recipe
-    from cranedyn.compiled.verify import object_file  # other exporters need no llvmlite
-
-    recipe = Recipe(
-        lanes=1,
-        drive=drive,
-        integrator=integrator,
-        buffers=False,
-        integral=False,
-        offset=False,
-        forces=True,
-        shared=(True, True, True),
-        log=True,
-        summary=True,
-        turns=1,
-    )
-    variables, code = _variables(crane, drive), object_file(crane, recipe)
-    content = code + repr((variables, dt)).encode() + _WRAPPER.read_bytes()
-    token = f"{{{hashlib.sha256(content).hexdigest()[:32]}}}"
-    library = _link(code, _header(crane, variables, token, dt))
-    with new_file(final) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as unit:
-        parts = {
-            "modelDescription.xml": _description(variables, token, dt, drive),
-            f"binaries/{_platform()}/{NAME}{_SUFFIX}": library,
-        }
+    for name in platforms:
+        if name not in PLATFORMS:
+            raise UnknownName("platform", name, PLATFORMS)
+    if controller is None:
+        kind: DirectDrive = "motion" if drive == "motion" else "effort"
+        block = crane_block(crane, drive=kind, dt=dt, integrator=integrator)
+    else:
+        block = controller_block(
+            crane, controller, drive=drive, control_period=control_period, duration=duration
+        )
+    unit = _Unit(block, version)
+    libraries = {name: unit.library(name) for name in dict.fromkeys(platforms or [_platform()])}
+    with new_file(final) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as file:
+        parts = {"modelDescription.xml": unit.description()}
+        parts |= {f"sources/{name}": text.encode() for name, text in unit.sources.items()}
+        if version == 3:
+            parts["sources/buildDescription.xml"] = unit.build_description()
+        for name, library in libraries.items():
+            folder, _, ending = PLATFORMS[name]
+            folder = folder if version == 2 else name
+            parts[f"binaries/{folder}/{unit.name}{ending}"] = library
         for name, part in parts.items():
-            unit.writestr(zipfile.ZipInfo(name, _DATE), part, zipfile.ZIP_DEFLATED)
+            file.writestr(zipfile.ZipInfo(name, _DATE), part, zipfile.ZIP_DEFLATED)
     return final
 
 
-def _variables(crane: Crane, drive: str) -> list[FmiVariable]:
+def _variables(block: FunctionBlock) -> list[FmiVariable]:
     """Return all variables; the value reference of each is its index."""
-    layout, names, free = crane.layout, state_names(crane), np.full(crane.layout.n, np.inf)
-    units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
-    efforts = [joint.effort_unit.replace(" ", ".") for joint in layout.driven]
-    commands, holding = input_names(crane, drive), np.zeros(layout.m)
-    commanded = [f"{joint.unit}/s2" for joint in layout.driven]
-    if drive == "effort":
-        commanded, holding = efforts, holding_effort(crane, crane.start.q)
-    starts = np.concatenate(crane.start).tolist()
-    low, high = np.append(crane.lower, -free).tolist(), np.append(crane.upper, free).tolist()
-    variables = [FmiVariable("time", "s", "independent")]
-    about = "held over a communication step"
-    for name, unit, value in zip(commands, commanded, holding.tolist(), strict=True):
-        variables.append(FmiVariable(f"{name}_command", unit, "input", value, about=about))
-    about = "from outside, in the world"
-    for name in force_names(crane):
-        variables.append(FmiVariable(name, "N", "input", 0.0, about=about))
-    about = "where it begins"
-    for name, unit, value, lower, upper in zip(names, units, starts, low, high, strict=True):
-        parameter = FmiVariable(f"{name}_start", unit, "parameter", value, lower, upper, about)
-        variables.append(parameter)
-    for name, unit in zip(names, units, strict=True):
-        variables.append(FmiVariable(name, unit, "output"))
-    for name, unit in zip(input_names(crane, "effort"), efforts, strict=True):
-        variables.append(FmiVariable(name, unit, "output", about="what acts"))
-    about = "mechanical, zero of height at the ground"
-    variables.append(FmiVariable("energy", "J", "output", about=about))
-    about = (
-        "false once a joint has left its range, the rope is slack or the load touches the ground"
-    )
-    variables.append(FmiVariable("valid", "", "output", about=about))
-    variable_names = [variable.name for variable in variables]
-    if twice := [name for name in variable_names if variable_names.count(name) > 1]:
+    signal = {identifier: name for name, identifier in block.renamed.items()}
+    variables = [FmiVariable("time", "time", "s", "independent")]
+    moving = "outputs" in block.functions  # a crane; the memory of a controller is its own
+
+    def variable(v: Any, causality: str, **settings: Any) -> FmiVariable:
+        name = signal.get(v.name, v.name)
+        return FmiVariable(name, f"model.{v.name}", v.unit, causality, about=v.about, **settings)
+
+    for v in block.of_kind("input"):
+        variables.append(variable(v, "input", start=v.start))
+    for v in block.of_kind("parameter"):
+        limits = {"start": v.start, "lower": v.lower, "upper": v.upper}
+        variables.append(variable(v, "parameter", **limits))
+    states = block.of_kind("state") if moving else []
+    for i, v in enumerate(states):
+        name, about = f"{signal.get(v.name, v.name)}_start", "where it begins"
+        settings = (v.unit, "parameter", v.start, v.lower, v.upper, about)
+        variables.append(FmiVariable(name, f"start[{i}]", *settings, fixed=True))
+    first, half = len(variables), len(states) // 2
+    outputs = [v for v in block.of_kind("output") if v.name != "valid"]
+    for i, v in enumerate([*states, *outputs]):
+        rate_of = first + i - half if half <= i < 3 * half else None
+        variables.append(variable(v, "output", rate_of=rate_of))
+    about = "false where the model or the inputs do not hold"
+    if moving:
+        about = (
+            "false once a joint has left its range, the rope is slack or the load touches the "
+            "ground"
+        )
+    variables.append(FmiVariable("valid", "valid", "", "output", about=about))
+    names = [variable.name for variable in variables]
+    if twice := [name for name in names if names.count(name) > 1]:
         raise ModelError(
             f"Two variables of the unit would have the name {quoted(twice[0])}; rename a joint or "
             "a point of the crane."
@@ -184,31 +210,130 @@ def _variables(crane: Crane, drive: str) -> list[FmiVariable]:
     return variables
 
 
-def _description(variables: Sequence[FmiVariable], token: str, dt: float, drive: str) -> bytes:
-    """Return the text of modelDescription.xml."""
-    root = ET.Element(
-        "fmiModelDescription",
-        fmiVersion="3.0",
-        modelName=NAME,
-        instantiationToken=token,
-        generationTool="cranedyn",
-    )
-    commands = "efforts" if drive == "effort" else "accelerations"
-    root.set("description", f"A crane whose drives take {commands}")
-    add(
-        root,
-        "CoSimulation",
-        modelIdentifier=NAME,
-        canHandleVariableCommunicationStepSize="true",
-        canGetAndSetFMUState="true",
-        canSerializeFMUState="true",
-    )
-    units = add(root, "UnitDefinitions")
-    for unit in sorted({variable.unit for variable in variables} - {""}):
-        add(add(units, "Unit", name=unit), "BaseUnit", **_BASE[unit])
-    add(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize=f"{10 * dt!r}")
-    listed, structure = add(root, "ModelVariables"), add(root, "ModelStructure")
-    for reference, variable in enumerate(variables):
+class _Unit:
+    """Files of a unit.
+
+    Attributes:
+        name: Name of the model and of its library.
+        sources: Texts in C by the name of the file.
+    """
+
+    def __init__(self, block: FunctionBlock, version: Version) -> None:
+        self._block, self._version = block, version
+        self._moving = "outputs" in block.functions
+        self.name = NAME if self._moving else CONTROLLER_NAME
+        self._variables = _variables(block)
+        self._interface = f"fmi{version}.c"
+        self.sources = {
+            f"{block.name}.h": c_header(block),
+            f"{block.name}.c": c_source(block),
+            **{name: (_SOURCES / name).read_text() for name in ("fmi_unit.h", self._interface)},
+        }
+        content = repr((self._variables, block.period, self.sources)).encode()
+        self._token = f"{{{hashlib.sha256(content).hexdigest()[:32]}}}"
+        self.sources["unit.h"] = self._header()
+
+    def _header(self) -> str:
+        """Return unit.h for `fmi_unit.h`."""
+        name, variables = self._block.name, self._variables
+        starts = [i for i, variable in enumerate(variables) if variable.fixed]
+        first = starts[-1] + 1 if starts else 0
+        defined = {
+            "TOKEN": f'"{self._token}"',
+            "DT": repr(self._block.period),
+            "RESET": f"{name}_reset",
+            "STEP": f"{name}_step",
+            "STATES": len(starts),
+            "START": starts[0] if starts else 0,
+            "FIRST_STATE": first,
+        }
+        if self._moving:
+            defined["OUTPUTS"] = f"{name}_outputs"
+        lines = [f'#include "{name}.h"', ""]
+        lines += [f"#define {key} {value}" for key, value in defined.items()]
+        lines += [
+            "",
+            "typedef struct {",
+            f"  {name} model;",
+            f"  double start[{len(starts) or 1}];",
+        ]
+        lines += ["  double time;", "  int32_t mode, stale, invalid, valid;", "} Data;", ""]
+        lines += ["static const struct {", "  const char *name;", "  size_t offset;"]
+        lines += ["  double start, least, most;", "  bool output, fixed;", "} VARIABLE[] = {"]
+        for v in variables:
+            numbers = ", ".join(map(_c, (v.start or 0.0, v.lower, v.upper)))
+            flags = f"{int(v.causality == 'output')}, {int(v.fixed)}"
+            lines.append(f"  {{{_text(v.name)}, offsetof(Data, {v.member}), {numbers}, {flags}}},")
+        return "\n".join([*lines, "};", ""])
+
+    def description(self) -> bytes:
+        """Return the text of modelDescription.xml."""
+        root = ET.Element("fmiModelDescription", fmiVersion=f"{self._version}.0")
+        root.set("modelName", self.name)
+        root.set("instantiationToken" if self._version == 3 else "guid", self._token)
+        root.set("description", self._block.about)
+        root.set("generationTool", "cranedyn")
+        if self._version == 2:
+            root.set("variableNamingConvention", "flat")
+            root.set("numberOfEventIndicators", "0")
+        state = "FMUState" if self._version == 3 else "FMUstate"
+        able = {f"canGetAndSet{state}": "true", f"canSerialize{state}": "true"}
+        kinds = {"ModelExchange": able} if self._moving else {}
+        if self._version == 3:
+            step = repr(self._block.period)
+            able = able | {"fixedInternalStepSize": step}
+        kinds["CoSimulation"] = able | {"canHandleVariableCommunicationStepSize": "true"}
+        for kind, abilities in kinds.items():
+            entry = add(root, kind, modelIdentifier=self.name, **abilities)
+            if self._version == 2:
+                files = add(entry, "SourceFiles")
+                for name in (self._interface, f"{self._block.name}.c"):
+                    add(files, "File", name=name)
+        units = add(root, "UnitDefinitions")
+        for unit in sorted({variable.unit for variable in self._variables} - {""}):
+            add(add(units, "Unit", name=unit), "BaseUnit", **_BASE[unit])
+        size = self._block.period * (10 if self._moving else 1)
+        add(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize=f"{size!r}")
+        (self._list_3 if self._version == 3 else self._list_2)(root)
+        return xml_bytes(root)
+
+    def _list_3(self, root: ET.Element) -> None:
+        """Add the variables and the structure as FMI 3.0 has them."""
+        listed, structure = add(root, "ModelVariables"), add(root, "ModelStructure")
+        for reference, variable in enumerate(self._variables):
+            entries = self._entries(reference, variable)
+            entries |= self._numbers(variable)
+            if variable.rate_of is not None:
+                entries["derivative"] = str(variable.rate_of)
+            ET.SubElement(listed, "Float64" if variable.unit else "Boolean", entries)
+        outputs, rates = self._outputs_and_rates()
+        groups = (("Output", outputs), ("ContinuousStateDerivative", rates))
+        for kind, references in (*groups, ("InitialUnknown", outputs)):
+            for reference in references:
+                add(structure, kind, valueReference=str(reference))
+
+    def _list_2(self, root: ET.Element) -> None:
+        """Add the variables and the structure as FMI 2.0 has them, whose indices begin at 1."""
+        listed, structure = add(root, "ModelVariables"), add(root, "ModelStructure")
+        for reference, variable in enumerate(self._variables):
+            scalar = ET.SubElement(listed, "ScalarVariable", self._entries(reference, variable))
+            entries = self._numbers(variable)
+            if variable.rate_of is not None:
+                entries["derivative"] = str(variable.rate_of + 1)
+            ET.SubElement(scalar, "Real" if variable.unit else "Boolean", entries)
+        outputs, rates = self._outputs_and_rates()
+        groups = (("Outputs", outputs), ("Derivatives", rates), ("InitialUnknowns", outputs))
+        for kind, references in groups:
+            group = add(structure, kind) if references else structure
+            for reference in references:
+                add(group, "Unknown", index=str(reference + 1))
+
+    def _outputs_and_rates(self) -> tuple[list[int], list[int]]:
+        numbered = list(enumerate(self._variables))
+        outputs = [i for i, variable in numbered if variable.causality == "output"]
+        return outputs, [i for i, variable in numbered if variable.rate_of is not None]
+
+    def _entries(self, reference: int, variable: FmiVariable) -> dict[str, str]:
         entries = {
             "name": variable.name,
             "valueReference": str(reference),
@@ -218,21 +343,80 @@ def _description(variables: Sequence[FmiVariable], token: str, dt: float, drive:
             entries["description"] = variable.about
         entries["variability"] = "continuous" if variable.unit else "discrete"
         if variable.causality == "parameter":
-            entries["variability"] = "fixed"
+            entries["variability"] = "fixed" if variable.fixed else "tunable"
         if variable.causality == "output":
             entries["initial"] = "calculated"
-        if variable.unit:
-            entries["unit"] = variable.unit
+        return entries
+
+    @staticmethod
+    def _numbers(variable: FmiVariable) -> dict[str, str]:
+        entries = {"unit": variable.unit} if variable.unit else {}
         numbers = {"start": variable.start, "min": variable.lower, "max": variable.upper}
-        for name, value in numbers.items():
-            if value is not None and np.isfinite(value):
-                entries[name] = repr(value)
-        ET.SubElement(listed, "Float64" if variable.unit else "Boolean", entries)
-    outputs = [str(i) for i, variable in enumerate(variables) if variable.causality == "output"]
-    for kind in ("Output", "InitialUnknown"):
-        for output in outputs:
-            add(structure, kind, valueReference=output)
-    return xml_bytes(root)
+        return entries | {
+            name: repr(value)
+            for name, value in numbers.items()
+            if value is not None and np.isfinite(value)
+        }
+
+    def build_description(self) -> bytes:
+        """Return the text of buildDescription.xml."""
+        root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
+        configuration = add(root, "BuildConfiguration", modelIdentifier=self.name)
+        files = add(configuration, "SourceFileSet", language="C99")
+        for name in (self._interface, f"{self._block.name}.c"):
+            add(files, "SourceFile", name=name)
+        return xml_bytes(root)
+
+    def library(self, platform_name: str) -> bytes:
+        """Compile the shared library for a platform.
+
+        Raises:
+            CraneError: If there is no C compiler for it, or it fails.
+        """
+        compiler = _compiler(platform_name)
+        with tempfile.TemporaryDirectory() as folder:
+            workspace = Path(folder)
+            for name, text in self.sources.items():
+                (workspace / name).write_text(text)
+            options = ["-std=c99", "-shared", "-O2", "-ffp-contract=off", "-fvisibility=hidden"]
+            if not platform_name.endswith("windows"):
+                options.append("-fPIC")
+            files = [self._interface, f"{self._block.name}.c", "-o", "library", "-lm"]
+            build = subprocess.run(
+                [*compiler, *options, *files],
+                cwd=workspace,
+                capture_output=True,
+                text=True,
+                timeout=600,
+                check=False,
+            )
+            if build.returncode:
+                message = build.stderr.strip()[-500:]
+                raise CraneError(f"The C compiler {compiler[0]} could not make the unit: {message}")
+            return (workspace / "library").read_bytes()
+
+
+def _compiler(platform_name: str) -> list[str]:
+    """Return the command of a C compiler for a platform: that of this machine for its own kind,
+    else Zig's.
+
+    Raises:
+        CraneError: If there is none.
+    """
+    if platform_name == _platform():
+        compiler = next(filter(None, map(shutil.which, _COMPILERS)), None)
+        if compiler is not None:
+            return [compiler]
+    if importlib.util.find_spec("ziglang") is not None:
+        return [sys.executable, "-m", "ziglang", "cc", "-target", PLATFORMS[platform_name][1]]
+    if platform_name == _platform():
+        raise CraneError(
+            f"A unit is linked by a C compiler, and none of {', '.join(_COMPILERS)} is installed; "
+            "on Debian: apt install gcc."
+        )
+    raise CraneError(
+        f"A unit for {platform_name} is compiled by Zig: pip install 'cranedyn[cross]'."
+    )
 
 
 _BASE = {
@@ -246,45 +430,12 @@ _BASE = {
     "N": {"kg": "1", "m": "1", "s": "-2"},
     "N.m": {"kg": "1", "m": "2", "s": "-2"},
     "J": {"kg": "1", "m": "2", "s": "-2"},
+    "kg": {"kg": "1"},
+    "m2": {"m": "2"},
+    "N.m.s/rad": {"kg": "1", "m": "2", "s": "-1", "rad": "-1"},
+    "N.s/m": {"kg": "1", "s": "-1"},
 }
 """Units in terms of SI base units."""
-
-
-def _header(crane: Crane, variables: Sequence[FmiVariable], token: str, dt: float) -> str:
-    """Return unit.h for `fmi.c`: indices and offsets of the buffers."""
-    from cranedyn.compiled.layout import SLOTS, BufferLayout, size, slices
-
-    sizes = BufferLayout.of(crane.layout)
-    gains, row, summary = slices(sizes.gain_table), slices(sizes.row), slices(sizes.summary)
-    names, kinds = [v.name for v in variables], [v.causality for v in variables]
-    numbers = {
-        "VARIABLES": len(variables),
-        "COMMAND": kinds.index("input"),
-        "FORCE": names.index(force_names(crane)[0]),
-        "START": kinds.index("parameter"),
-        "OUTPUT": kinds.index("output"),
-        "VALID": len(variables) - 1,
-        "STATES": kinds.count("parameter"),
-        "DRIVES": sizes.m,
-        "SLOTS": len(SLOTS),
-        **{f"SLOT_{name.upper()}": slot for name, slot in SLOTS.items()},
-        "SIZE_STATE": size(sizes.state),
-        "SIZE_GAIN_TABLE": size(sizes.gain_table),
-        "SIZE_SETPOINT_TABLE": size(sizes.setpoint_table),
-        "SIZE_ROW": size(sizes.row),
-        "SIZE_SUMMARY": size(sizes.summary),
-        "AT_FEED_FORWARD": gains["feed_forward"].start,
-        "AT_LIMIT": gains["limit"].start,
-        "AT_EFFORT": row["effort"].start,
-        "AT_ENERGY": row["energy"].start,
-        "AT_INVALID": summary["invalid"].start,
-    }
-    defined = {"TOKEN": f'"{token}"', "DT": repr(dt), **numbers}
-    lines = [f"#define {name} {value}" for name, value in defined.items()]
-    lines += ["static const struct { const char *name; double start, least, most; } VARIABLE[] = {"]
-    for v in variables:
-        lines.append(f"  {{{_text(v.name)}, {_c(v.start or 0.0)}, {_c(v.lower)}, {_c(v.upper)}}},")
-    return "\n".join([*lines, "};", ""])
 
 
 def _c(value: float) -> str:
@@ -310,45 +461,30 @@ def _platform() -> str:
     return f"{kind}-{system}"
 
 
-def _link(code: bytes, header: str) -> bytes:
-    """Link the shared library of the compiled loop and `fmi.c`.
-
-    Raises:
-        CraneError: If there is no C compiler, or it fails.
-    """
-    compiler = next(filter(None, map(shutil.which, _COMPILERS)), None)
-    if compiler is None:
-        raise CraneError(
-            f"A unit is linked by a C compiler, and none of {', '.join(_COMPILERS)} is installed; "
-            "on Debian: apt install gcc."
-        )
-    with tempfile.TemporaryDirectory() as folder:
-        workspace = Path(folder)
-        (workspace / "loop.o").write_bytes(code)
-        (workspace / "unit.h").write_text(header)
-        shutil.copy(_WRAPPER, workspace)
-        (workspace / "exports").write_text("{ global: fmi3*; local: *; };")
-        export_options = ["-Wl,--version-script=exports"] if platform.system() == "Linux" else []
-        options = ["-shared", "-fPIC", "-O2", "-w", *export_options, "-o", "library"]
-        command = [compiler, *options, "fmi.c", "loop.o", "-lm"]
-        build = subprocess.run(
-            command, cwd=workspace, capture_output=True, text=True, timeout=120, check=False
-        )
-        if build.returncode:
-            raise CraneError(
-                f"The C compiler {compiler} could not make the unit: {build.stderr.strip()[-500:]}"
-            )
-        return (workspace / "library").read_bytes()
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the file and the crane."""
-    parser.add_argument(
-        "--drive", choices=("effort", "motion"), default="effort", help="what is commanded"
-    )
-    parser.add_argument("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
+    add_option = parser.add_argument
+    add_option("--drive", choices=("effort", "motion"), default="effort", help="what is commanded")
+    add_option("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
+    add_option("--fmi", type=int, choices=(2, 3), default=3, help="version of FMI")
+    add_option("--controller", choices=CONTROLLERS, help="a controller instead of the crane")
+    text = "platforms beside others, or all; needs the extra cross for other kinds than this"
+    add_option("--platform", nargs="+", default=[], choices=[*PLATFORMS, "all"], help=text)
 
 
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
-    return export(crane_from_options(options), options.target, drive=options.drive, dt=options.dt)
+    crane, drive, controller = crane_from_options(options), options.drive, None
+    if options.controller is not None:
+        drive, make = CONTROLLERS[options.controller]
+        controller = make(crane, 5e-3)
+    platforms = [*PLATFORMS] if "all" in options.platform else options.platform
+    return export(
+        crane,
+        options.target,
+        drive=drive,
+        dt=options.dt,
+        controller=controller,
+        version=options.fmi,
+        platforms=platforms,
+    )

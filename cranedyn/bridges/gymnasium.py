@@ -163,7 +163,7 @@ class TowerCraneEnv(gym.Env):
         task: The crane and its goal.
     """
 
-    metadata = {"render_modes": ["rrd"], "render_fps": 10}  # noqa: RUF012
+    metadata = {"render_modes": ["rrd", "rgb_array"], "render_fps": 10}  # noqa: RUF012
 
     def __init__(
         self,
@@ -181,7 +181,8 @@ class TowerCraneEnv(gym.Env):
             crane: As for `TowerCraneVectorEnv`.
             control_period: Duration of a step [s].
             dt: Physics step [s].
-            render_mode: None, or "rrd": `render` writes the episode up to then as a recording.
+            render_mode: None; "rrd": `render` writes the episode up to then as a recording; or
+                "rgb_array": `render` returns a picture from the side, shape (height, width, 3).
             folder: Folder of recordings.
             rules: As `Rules`.
 
@@ -189,8 +190,8 @@ class TowerCraneEnv(gym.Env):
             OutOfRange: If a number is out of range.
             UnknownName: If there is no such rule.
         """
-        if render_mode not in (None, "rrd"):
-            raise OutOfRange("render_mode", short_repr(render_mode), "None or rrd")
+        if render_mode not in (None, "rrd", "rgb_array"):
+            raise OutOfRange("render_mode", short_repr(render_mode), "None, rrd or rgb_array")
         self._folder = Path(folder)
         self.render_mode, self._dt = render_mode, dt
         self.task = _task(crane, 1, rules, control_period, dt, threads=1)
@@ -230,18 +231,20 @@ class TowerCraneEnv(gym.Env):
         info = {"distance": float(self.task.goal_distance[0])}
         return observations[0], float(reward[0]), bool(over[0]), False, info
 
-    def render(self) -> str | None:
-        """Write the episode up to now as a recording for the Rerun viewer and return its file; None
-        before the first step.
+    def render(self) -> str | np.ndarray | None:
+        """Return a picture of now; or write the episode up to now as a recording for the Rerun
+        viewer and return its file, None before the first step.
 
         Raises:
             DataError: If it cannot be written.
-            CraneError: If the environment was made without ``render_mode="rrd"``.
+            CraneError: If the environment was made without a `render_mode`.
         """
         if self.render_mode is None:
             raise CraneError(
-                "Nothing is drawn by this environment: make it with render_mode = rrd."
+                "Nothing is drawn by this environment: make it with render_mode = rrd or rgb_array."
             )
+        if self.render_mode == "rgb_array":
+            return self._picture()
         if not self._accelerations:
             return None
         from cranedyn.recording import Run, record
@@ -250,6 +253,20 @@ class TowerCraneEnv(gym.Env):
         title = f"Episode {self._episode}"
         run = Run("learned", self.task.crane_of(0), self._simulated())
         return str(record(self._folder / f"episode_{self._episode:04}.rrd", [run], title=title))
+
+    def _picture(self) -> np.ndarray:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+        from cranedyn.recording.sketch import sketch
+
+        crane = self.task.crane_of(0)
+        figure = sketch(crane, State(*self.task.fleet.z[:, 0].reshape(2, -1)))
+        side = sketch(crane).axes[0]  # the whole jib, so that each picture has the same scale
+        reach = max(map(abs, side.get_xlim()))
+        figure.axes[0].set(xlim=(-reach, reach), ylim=side.get_ylim())
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        return np.array(canvas.buffer_rgba())[..., :3]
 
     def _simulated(self) -> Any:
         """Return the episode by `simulate`, in more rows."""

@@ -21,11 +21,12 @@ def state_names(crane: Crane) -> list[str]:
 
 
 def input_names(crane: Crane, drive: str) -> list[str]:
-    """Return the names of the commands: torque T or force F of each drive, such as F_x, or with
-    "motion" its acceleration, such as x_ddot.
+    """Return the names of the commands: torque T or force F of each drive, such as F_x, with
+    "motion" its acceleration, such as x_ddot, or with "velocity" its rate, such as x_dot_command.
     """
+    ending = {"motion": "ddot", "velocity": "dot_command"}.get(drive)
     return [
-        joint.effort_name if drive == "effort" else f"{joint.symbol}_ddot"
+        joint.effort_name if ending is None else f"{joint.symbol}_{ending}"
         for joint in crane.layout.driven
     ]
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from cranedyn.checks import finite, number, short_repr, whole, within
 from cranedyn.compiled.fleet import Fleet
+from cranedyn.controllers.tracking import Tracking
 from cranedyn.disturbances.wind import drag_force
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
@@ -114,6 +115,39 @@ def cranes_between(count: int, seed: int = 0, **ranges: tuple[float, float]) -> 
     return [load_crane(**values) for values in drawn]
 
 
+def affine_controller(
+    task: SwingTask, weight: np.ndarray, bias: np.ndarray, goal: Sequence[float]
+) -> Tracking:
+    """Return a policy without hidden layers, action = weight @ observation + bias, as a controller
+    of accelerations that compiled loops run.
+
+    The cuts of the task are not in it: actions beyond 1, rate limits, braking before the ends.
+
+    Args:
+        task: The task, with ``action="acceleration"``.
+        weight: Shape (3, 12).
+        bias: Shape (3,).
+        goal: Goal of slew [rad], trolley [m] and hoist [m].
+
+    Raises:
+        OutOfRange: If an array has another shape or is not finite, or the actions are velocities.
+    """
+    if task.rules.action != "acceleration":
+        raise OutOfRange("action of the task", task.rules.action, "acceleration")
+    n, m, drives, passive = task.layout.n, task.layout.m, task.layout.drives, task.layout.passive
+    columns = np.concatenate([drives, n + drives, passive, n + passive, task.tower[[1, -1]]])
+    observed = np.zeros((len(OBSERVED), 2 * n))
+    observed[np.arange(len(OBSERVED)), columns] = np.repeat([-1.0, 1.0], [m, len(OBSERVED) - m])
+    most = np.array(task.rules.limits.accelerations)
+    gain = -most[:, None] * finite("weight", weight, (m, len(OBSERVED))) @ observed
+    setpoint = np.zeros(2 * n)
+    setpoint[drives] = task.check_reset(goal=goal)["goal"]
+    at_goal = observed @ setpoint
+    at_goal[:m] = 0.0
+    command = most * (weight @ at_goal + finite("bias", bias, (m,)))
+    return Tracking(1.0, command[None], gain[None], setpoint[None])
+
+
 class SwingTask:
     """Cranes and their goals.
 
@@ -122,6 +156,7 @@ class SwingTask:
         goal_distance: Distance of each crane to its goal, see `distance` [m], shape (n,).
         fleet: The cranes.
         layout: Layout of all cranes.
+        tower: Indices of slew, trolley, both swings and hoist among the coordinates.
     """
 
     def __init__(
@@ -144,8 +179,8 @@ class SwingTask:
             cranes, count, dt=dt, control_period=period, forces=rules.wind > 0.0, threads=threads
         )
         self.layout = layout = self.fleet.layout
-        tower = layout.tower("The task of moving a load without swing")
-        self._slew, self._trolley, *_, self._hoist = tower
+        self.tower = np.array(layout.tower("The task of moving a load without swing"))
+        self._slew, self._trolley, *_, self._hoist = self.tower.tolist()
         first = self.fleet.cranes[0]
         self.goal = np.tile(first.start.q[layout.drives][:, None], count)
         limits = [rules.limits.for_crane(crane) for crane in self.fleet.cranes]

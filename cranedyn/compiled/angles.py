@@ -14,7 +14,7 @@ from llvmlite import ir
 
 from cranedyn.compiled.instructions import Instructions, Value
 
-_LARGEST_ANGLE = 1e6
+LARGEST_ANGLE = 1e6
 """Beyond this the reduction of an angle to a quarter turn loses digits [rad]."""
 
 
@@ -36,12 +36,12 @@ SHORTER = Series(1.0 / 640.0, (-1.0 / 6.0,), (0.5, -1.0 / 24.0))
 LONGER = Series(1.0 / 64.0, (-1.0 / 6.0, 1.0 / 120.0), (0.5, -1.0 / 24.0, 1.0 / 720.0))
 """The shorter series suffices for most steps."""
 
-_HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
+HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 """π/2 in three parts; products of the first two with whole numbers up to 2²⁰ are exact (Cody &
 Waite 1980)."""
 
-_SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 8))
-_COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(1, 9))
+SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 8))
+COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(1, 9))
 """Taylor coefficients of the sine beyond the angle itself, and of the cosine beyond 1."""
 
 
@@ -147,20 +147,20 @@ def _chosen(
 
 def _of_eighth_turn(code: Instructions, angle: Value) -> tuple[Value, Value]:
     square = angle * angle
-    sine = code.fused(angle * square, _polynomial(code, square, _SINE), angle)
-    return sine, code.fused(square, _polynomial(code, square, _COSINE), 1.0)
+    sine = code.fused(angle * square, _polynomial(code, square, SINE), angle)
+    return sine, code.fused(square, _polynomial(code, square, COSINE), 1.0)
 
 
 def _of_any_angle(code: Instructions, angle: Value) -> tuple[Value, Value]:
     quarters = code.call("llvm.rint", angle * (2.0 / np.pi))
     reduced = angle
-    for term in _HALF_PI:
+    for term in HALF_PI:
         reduced = code.fused(-quarters, code.value(term), reduced)
     sine, cosine = _of_eighth_turn(code, reduced)
     quarter = quarters - code.call("llvm.floor", quarters * 0.25) * 4.0
     half = code.call("llvm.floor", quarter * 0.5)
     odd, sign = quarter - half * 2.0 > 0.5, 1.0 - half * 2.0
-    sign = code.chosen(code.call("llvm.fabs", angle) < _LARGEST_ANGLE, sign, np.nan)
+    sign = code.chosen(code.call("llvm.fabs", angle) < LARGEST_ANGLE, sign, np.nan)
     return code.chosen(odd, cosine, sine) * sign, code.chosen(odd, -sine, cosine) * sign
 
 

@@ -16,6 +16,7 @@ from cranedyn.compiled.layout import CALL, SLOTS, TURNS, BufferLayout, Sections,
 from cranedyn.compiled.machine import Machine, translate
 from cranedyn.compiled.step import Step, StepState
 from cranedyn.compiled.threads import THREAD, emit_lane_loop
+from cranedyn.controllers.affine import integrated_command
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.dynamics.scalars import array
@@ -422,13 +423,10 @@ class _Loop:
             return command
         integrals = self._get("integral")
         for i, drive in enumerate(self.plant.topology.layout.drives):
-            error = setpoints["position"][i] - z[drive]
-            integrated = integrals[i] + error * self.period
-            total = command[i] + gains["integral_gain"][i] * integrated
-            small = code.call("llvm.fabs", total) <= gains["limit"][i]
-            free = code.either(small, error * total < 0.0)
-            integrals[i] = code.chosen(free, integrated, integrals[i])
-            command[i] = command[i] + gains["integral_gain"][i] * integrals[i]
+            error, gain = setpoints["position"][i] - z[drive], gains["integral_gain"][i]
+            command[i], integrals[i] = integrated_command(
+                command[i], error, integrals[i], gain, gains["limit"][i], self.period
+            )
         self._set("integral", integrals)
         return command
 

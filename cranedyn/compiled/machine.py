@@ -59,19 +59,14 @@ def translate(module: ir.Module) -> Machine:
     return Machine(engine, context)
 
 
-def object_code(module: ir.Module, triple: str | None = None) -> bytes:
+def object_code(module: ir.Module, triple: str) -> bytes:
     """Translate a module into an object file.
 
     Args:
         module: The code.
-        triple: LLVM's name of the platform, such as "wasm32-unknown-unknown". None for a file that
-            any processor of this machine's kind runs, to be linked into a shared library.
+        triple: LLVM's name of the platform, such as "wasm32-unknown-unknown".
     """
-    if triple is None:
-        target = _initialised().create_target_machine(opt=3, reloc="pic", codemodel="default")
-        code = binding.parse_assembly(str(module), binding.create_context())
-    else:
-        target, code = _cross(module, triple)
+    target, code = _cross(module, triple)
     _optimise(code, target)
     return target.emit_object(code)
 

@@ -12,8 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.compiled.binding import kernel_accelerations
-from cranedyn.compiled.kernel import Kernel, KernelSource, Recipe, build_module, kernel
-from cranedyn.compiled.machine import object_code
+from cranedyn.compiled.kernel import Kernel, KernelSource, Recipe, kernel
 from cranedyn.dynamics.converters import Response, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import follow_drives, full, inverse_dynamics, outside_effort
@@ -89,18 +88,6 @@ def verify_cranes(
         if row.tobytes() not in verified:
             verify_crane(crane, code, row, response, answers)
             verified.add(row.tobytes())
-
-
-def object_file(crane: Crane, recipe: Recipe) -> bytes:
-    """Return the code for one crane as an object file for other programs, verified as in
-    `compile_kernel`.
-
-    Raises:
-        OutOfRange: If there is no code for the stepping rule.
-        ModelError: If the code does not do what Pinocchio does.
-    """
-    source = compile_kernel([crane], recipe)[0].source
-    return object_code(build_module(source))
 
 
 @lru_cache(maxsize=256)

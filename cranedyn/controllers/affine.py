@@ -5,11 +5,12 @@ compiled.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, cast, runtime_checkable
+from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 
 from cranedyn.checks import as_array, read_only
+from cranedyn.dynamics.scalars import chosen, magnitude
 from cranedyn.errors import Misshapen
 from cranedyn.model.crane import Crane
 
@@ -137,6 +138,28 @@ def affine_form(
             "an Affine, or None where it is not affine",
         )
     return None if form is None else form.fitting(owner, len(times), positions.shape[1], width)
+
+
+def integrated_command(
+    command: Any, error: Any, integral: Any, gain: Any, limit: Any, period: Any
+) -> tuple[Any, Any]:
+    """Return the command of a drive with its integral, and the integral after a control period, in
+    any kind of number.
+
+    Args:
+        command: Command without the integral.
+        error: Target less position.
+        integral: Integral of the error so far.
+        gain: Gain of the integral, per second.
+        limit: Largest command with which the integral grows.
+        period: Control period [s].
+    """
+    longer = integral + error * period
+    total = command + gain * longer
+    integral = chosen(
+        magnitude(total) <= limit, longer, chosen(error * total < 0.0, longer, integral)
+    )
+    return command + gain * integral, integral
 
 
 def without_integral(feed_forward: np.ndarray, gain: np.ndarray, setpoint: np.ndarray) -> Affine:

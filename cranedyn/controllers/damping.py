@@ -9,6 +9,7 @@ import numpy as np
 
 from cranedyn.checks import ShortRepr, number
 from cranedyn.clocks import soon_enough
+from cranedyn.dynamics.scalars import array, chosen, clipped, square_root
 from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
@@ -43,39 +44,45 @@ class DampingController(ShortRepr):
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return accelerations of the drives [rad/s² or m/s²], shape (m,)."""
-        return np.clip(
-            (self.velocity(t, state, setpoint) - state.v[self.crane.layout.drives])
-            / self.control_period,
-            -self.accelerations,
-            self.accelerations,
-        )
+        rates = self.reference(t + self.control_period).velocity
+        return self.command(rates, setpoint.position, *state).astype(float)
 
-    def velocity(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+    def command(
+        self, wanted: np.ndarray, position: np.ndarray, q: np.ndarray, v: np.ndarray
+    ) -> np.ndarray:
+        """Return what a call returns, in any kind of number.
+
+        Args:
+            wanted: Rates of the reference one control period later, shape (m,).
+            position: Positions of the reference now, shape (m,).
+            q: Coordinates, shape (n,).
+            v: Their rates, shape (n,).
+        """
+        rates = self.velocity(wanted, position, q)
+        accelerations = (rates - v[self.crane.layout.drives]) * (1.0 / self.control_period)
+        pairs = zip(accelerations, self.accelerations.tolist(), strict=True)
+        return array([clipped(a, -limit, limit) for a, limit in pairs])
+
+    def velocity(self, wanted: np.ndarray, position: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Return the rates of the drives to reach within a control period [rad/s or m/s], shape
-        (m,).
+        (m,), in any kind of number; see `command`.
         """
         (_, *joints), slewing, trolley = self._layout
-        x, phi, theta, length = state.q[joints].tolist()
-        turned = theta / x if x != 0.0 else 0.0  # on the slew axis no slewing moves the pivot
-        yielding = (
-            2.0
-            * self.ratio
-            * np.sqrt(self.crane.gravity * length)
-            * (turned * slewing + phi * trolley)
-        )
-        back = self.recovery * (setpoint.position - state.q[self.crane.layout.drives])
-        return np.clip(
-            self.reference(t + self.control_period).velocity + back - yielding,
-            -self.rates,
-            self.rates,
-        )
+        x, phi, theta, length = q[joints]
+        moving = x * x > 0.0  # on the slew axis no slewing moves the pivot
+        turned = chosen(moving, theta / chosen(moving, x, 1.0), 0.0)
+        speed = 2.0 * self.ratio * square_root(self.crane.gravity * length)
+        rates = wanted + self.recovery * (position - q[self.crane.layout.drives])
+        rates = rates - (slewing * (turned * speed) + trolley * (phi * speed))
+        pairs = zip(rates, self.rates.tolist(), strict=True)
+        return array([clipped(rate, -limit, limit) for rate, limit in pairs])
 
     @cached_property
     def _layout(self) -> tuple[tuple[int, ...], np.ndarray, np.ndarray]:
         """Where the joints of the tower crane are, and which drives slew and move the trolley."""
         layout = self.crane.layout
-        joints = layout.tower("Drives that yield to the swing")
-        return joints, layout.along("gamma"), layout.along("x")
+        slewing, trolley = (array(layout.along(drive).tolist()) for drive in ("gamma", "x"))
+        return layout.tower("Drives that yield to the swing"), slewing, trolley
 
 
 def with_damping(

@@ -72,6 +72,8 @@ def linearised(
     at_rows = [linearise(crane, State(motion.q[k], motion.v[k]), efforts[k]) for k in rows]
     by_state, by_effort = map(np.array, zip(*at_rows, strict=True))
     a, b = over_period(by_state, by_effort, dt, steps)
+    if (rope := crane.springs.rope) is not None and rope.inextensible:
+        a[:, [rope.stretch, crane.layout.n + rope.stretch]] = 0.0  # a taut rope keeps its stretch
     stretch = np.arange(last + 1) // every
     stretch[-1] = len(rows) - 1
     setpoint = np.hstack([motion.q, motion.v])

@@ -121,9 +121,11 @@ class FollowVelocityCommand(ShortRepr):
 class DampingVelocityCommand(DampingController):
     """A damping controller that commands rates."""
 
-    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Return rates of the drives [rad/s or m/s], shape (m,)."""
-        return self.velocity(t, state, setpoint)
+    def command(
+        self, wanted: np.ndarray, position: np.ndarray, q: np.ndarray, v: np.ndarray
+    ) -> np.ndarray:
+        """Return rates of the drives [rad/s or m/s], shape (m,), see `DampingController`."""
+        return self.velocity(wanted, position, q)
 
 
 @dataclass(eq=False, repr=False)

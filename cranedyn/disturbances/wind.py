@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
 from cranedyn.checks import finite, number
 from cranedyn.clocks import intervals
 from cranedyn.dynamics.pinocchio import point_velocities
+from cranedyn.dynamics.scalars import square_root
 from cranedyn.errors import UnknownName
 from cranedyn.interfaces import Disturbance, State
 from cranedyn.model.crane import Crane
@@ -28,8 +30,9 @@ Speed = Callable[[float], float]
 """Wind speed [m/s] over time [s]."""
 
 
-def drag_force(area: np.ndarray | float, relative_velocity: np.ndarray) -> np.ndarray:
-    """Return the drag of air on bodies [N]: ½ ρ A |w| w, with ρ = `AIR_DENSITY`.
+def drag_force(area: Any, relative_velocity: np.ndarray) -> np.ndarray:
+    """Return the drag of air on bodies [N]: ½ ρ A |w| w, with ρ = `AIR_DENSITY`, in any kind of
+    number.
 
     Args:
         area: Drag coefficient times area of each body [m²], a number or shape (...).
@@ -38,8 +41,9 @@ def drag_force(area: np.ndarray | float, relative_velocity: np.ndarray) -> np.nd
     Returns:
         The forces in the axes of the velocity, shape (..., k).
     """
-    speed = np.linalg.norm(relative_velocity, axis=-1)[..., None]
-    return 0.5 * AIR_DENSITY * np.asarray(area)[..., None] * speed * relative_velocity
+    speed = np.asarray(square_root((relative_velocity * relative_velocity).sum(axis=-1)))
+    pressure = 0.5 * AIR_DENSITY * np.asarray(area)[..., None]
+    return pressure * speed[..., None] * relative_velocity
 
 
 def constant_force(crane: Crane, *, at: float = 0.0, **forces: Sequence[float]) -> Disturbance:

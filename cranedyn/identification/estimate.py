@@ -255,7 +255,7 @@ def _covariance(
             weighted = slope * scale / sigma
             outer = weighted.T @ weighted
             bread += outer
-            meat += outer if simple else _long_run(weighted * (off / sigma)[:, None])
+            meat += outer if simple else long_run(weighted * (off / sigma)[:, None])
     inverse, determined = invert_information(bread)
     remembered = inverse @ meat @ inverse
     short, long = np.diag(inverse), np.diag(remembered)
@@ -294,7 +294,7 @@ def invert_information(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return inverse / np.outer(unit, unit), determined
 
 
-def _long_run(scores: np.ndarray) -> np.ndarray:
+def long_run(scores: np.ndarray) -> np.ndarray:
     """Return the long-run covariance of scores, shape (rows, parameters), with Bartlett's
     weights.
     """

@@ -21,11 +21,16 @@ from cranedyn.identification.sampling import is_irregular, samples, smooth
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Joint
 from cranedyn.model.springs import rest_stiffness
+from cranedyn.theory import point_period
 
 PERIODS, ROWS = 2.0, 40
 """Least length of a record: periods of the swing, and rows."""
 
-_UPRIGHT, _GAP, _STILL = math.pi / 2, 5.0, 1e-9
+_UPRIGHT, _STILL = math.pi / 2, 1e-9
+
+_GAP, _GAP_SHARE = 5.0, 0.1
+"""Longest gap between rows: usual steps of the clock, or, if that is longer, a share of a period of
+the swing, in which drives hardly change their motion."""
 
 _SLOWEST = 3.0
 """Largest usual step of a clock [s], a few rows in a period of a long rope."""
@@ -252,16 +257,11 @@ def _check_clock(name: str, t: np.ndarray) -> None:
             f"{name}: t_s does not increase at row {row} of {len(t)}, a clock that jumps back; "
             "allowed are times that increase."
         )
-    usual, worst = float(np.median(steps)), int(np.argmax(steps))
+    usual = float(np.median(steps))
     if usual > _SLOWEST:
         raise DataError(
             f"{name}: t_s increases by {usual:.3g} s from row to row; allowed are {_SLOWEST:g} s. "
             "Is it in ms? Then say so: --columns t_s=NAME[ms]."
-        )
-    if steps[worst] > _GAP * usual:
-        raise DataError(
-            f"{name}: t_s goes from {t[worst]:g} to {t[worst + 1]:g} s at row {worst + 2}, a gap "
-            f"or a clock that jumps; allowed is {_GAP:g} times the usual {usual:.3g} s."
         )
 
 
@@ -303,15 +303,27 @@ def _check_length(
 ) -> None:
     if len(t) < ROWS:
         raise DataError(f"{name} has {len(t)} rows to go by; allowed are {ROWS} or more.")
+    period = _rough_period(crane, columns)
+    if t[-1] - t[0] < PERIODS * period:
+        raise DataError(
+            f"{name} lasts {t[-1] - t[0]:.3g} s; allowed is {PERIODS * period:.3g} s or more, "
+            f"{PERIODS:g} periods of its swing."
+        )
+    steps = np.diff(t)
+    worst, allowed = int(np.argmax(steps)), max(_GAP * np.median(steps), _GAP_SHARE * period)
+    if steps[worst] > allowed:
+        raise DataError(
+            f"{name}: t_s goes from {t[worst]:g} to {t[worst + 1]:g} s at row {worst + 2}, a gap "
+            f"or a clock that jumps; allowed is {allowed:.3g} s."
+        )
+
+
+def _rough_period(crane: Crane, columns: Mapping[str, np.ndarray]) -> float:
+    """Return the period of a pendulum of the recorded cable's length [s]; 0 without a winch."""
     winch = crane.winch
     if winch is None:
-        return
+        return 0.0
     column = crane.layout.driven[winch].columns[0]
     start = crane.start.q[crane.layout.drives[winch]]
     length = max(float(np.mean(columns[column])) if column in columns else float(start), 0.1)
-    needed = PERIODS * 2.0 * math.pi * math.sqrt(length / crane.gravity)
-    if t[-1] - t[0] < needed:
-        raise DataError(
-            f"{name} lasts {t[-1] - t[0]:.3g} s; allowed is {needed:.3g} s or more, {PERIODS:g} "
-            "periods of its swing."
-        )
+    return float(point_period(length, crane.gravity))

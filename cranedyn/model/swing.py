@@ -255,8 +255,9 @@ def _limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
 def _turn(robot: ET.Element, name: str, sign: float, zero: float, least: float = -math.inf) -> None:
     """Replace the coordinate q of a joint by sign (q - zero): placement, axis, limits and start.
 
-    No coordinate below `least` is allowed. A joint starts where the file has it, or at its zero
-    there if that is well within its range.
+    No coordinate below `least` is allowed. A joint starts where the file has it, a hundredth of its
+    range away from the ends, since a held drive gives way; or at its zero there if that is well
+    within its range.
     """
     element = next(joint for joint in robot.iterfind("joint") if joint.get("name") == name)
     axis = np.array([float(number) for number in _axis(element).get("xyz", "1 0 0").split()])
@@ -280,7 +281,8 @@ def _turn(robot: ET.Element, name: str, sign: float, zero: float, least: float =
         "/param[@name='initial_value']"
     )
     if initial is not None:
-        initial.text = repr(sign * (float(initial.text or 0.0) - zero))
+        start = sign * (float(initial.text or 0.0) - zero)
+        initial.text = repr(min(max(start, ends[0] + margin), ends[1] - margin))
     elif ends[0] + margin <= -sign * zero <= ends[1] - margin:
         control = robot.find(f"ros2_control/joint[@name='{name}']")
         assert control is not None  # see declare_drives

@@ -285,6 +285,19 @@ def _exerted(
     return effort
 
 
+def point_velocity(
+    tree: Bodies, poses: Sequence[Frame], body: int, point: np.ndarray, v: np.ndarray
+) -> np.ndarray:
+    """Return the velocity in the world of a point in the frame of a body's joint [m/s], shape (3,):
+    the power of a unit force along each axis.
+    """
+    velocity = []
+    for axis in np.eye(3).tolist():
+        force = into(tree, poses, body, array(axis))
+        velocity.append(_exerted(tree, poses, body, force, cross_product(point, force)) @ v)
+    return array(velocity)
+
+
 def lost_digits(mass: np.ndarray) -> float:
     """Return the relative difference to expect between two solutions with a mass matrix: 1000
     roundings for each unit of its condition number.

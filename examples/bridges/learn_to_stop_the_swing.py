@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
@@ -23,6 +22,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
 from cranedyn.bridges.gymnasium import TowerCraneVectorEnv
+from cranedyn.bridges.sb3 import vec_env
 from cranedyn.bridges.task import Rules, SwingTask
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references import hold
@@ -58,49 +58,9 @@ def network_inputs(observation: np.ndarray) -> np.ndarray:
     )
 
 
-class ForStableBaselines(VecEnv):
-    """Our environments as Stable-Baselines3 asks for them."""
-
-    def __init__(self, env: TowerCraneVectorEnv) -> None:
-        self.env, self.actions = env, np.zeros((env.num_envs, 3))
-        self.returns, self.finished = np.zeros(env.num_envs), list[float]()
-        observations = gym.spaces.Box(-np.inf, np.inf, (len(SCALE) + 7,), np.float32)
-        super().__init__(env.num_envs, observations, env.single_action_space)
-
-    def reset(self) -> np.ndarray:
-        return network_inputs(self.env.reset(seed=self._seeds[0])[0])
-
-    def step_async(self, actions: np.ndarray) -> None:
-        self.actions = actions
-
-    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        observation, reward, terminated, truncated, info = self.env.step(self.actions)
-        infos: list[dict[str, Any]] = [{} for _ in reward]
-        self.returns += reward
-        last = network_inputs(info["final_obs"]) if "final_obs" in info else observation
-        for i in np.flatnonzero(terminated | truncated):
-            infos[i] = {"terminal_observation": last[i], "TimeLimit.truncated": bool(truncated[i])}
-            self.finished.append(self.returns[i])
-            self.returns[i] = 0.0
-        shaped = np.maximum(FACTOR * (reward + STANDING), WORST).astype(np.float32)
-        return network_inputs(observation), shaped, terminated | truncated, infos
-
-    def close(self) -> None:
-        self.env.close()
-
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        return [getattr(self.env, attr_name)] * self.num_envs
-
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        setattr(self.env, attr_name, value)
-
-    def env_method(
-        self, method_name: str, *arguments: Any, indices: Any = None, **named: Any
-    ) -> list[Any]:
-        return [getattr(self.env, method_name)(*arguments, **named)] * self.num_envs
-
-    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        return [False] * self.num_envs
+def shaped(reward: np.ndarray) -> np.ndarray:
+    """Return rewards from which PPO learns sooner."""
+    return np.maximum(FACTOR * (reward + STANDING), WORST)
 
 
 class LearningCurve(BaseCallback):
@@ -108,7 +68,7 @@ class LearningCurve(BaseCallback):
     since.
     """
 
-    def __init__(self, envs: ForStableBaselines) -> None:
+    def __init__(self, envs: VecEnv) -> None:
         super().__init__()
         self.many, self.rows, self.began = (
             envs,
@@ -181,9 +141,8 @@ def main(arguments: Sequence[str] | None = None) -> Learned:
     options.out.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)  # networks this small gain nothing from more
 
-    env = ForStableBaselines(
-        TowerCraneVectorEnv(options.cranes, autoreset_mode="SameStep", max_episode_steps=300)
-    )
+    cranes = TowerCraneVectorEnv(options.cranes, autoreset_mode="SameStep", max_episode_steps=300)
+    env = vec_env(cranes, features=network_inputs, shaping=shaped)
     env.seed(options.seed)
     model = PPO(
         "MlpPolicy",

@@ -15,12 +15,14 @@ from cranedyn.errors import DataError
 from cranedyn.identification import Estimate, Model, Prior, Record, identify, twin_of
 from cranedyn.identification.estimate import ENOUGH
 from cranedyn.interfaces import State
+from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import XACRO
 from cranedyn.theory import point_period
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, finite_or_none, make_table
 from experiments.identify.figures import beside
-from experiments.measured.effects import CANDIDATES, Fit, effects_table, fit
+from experiments.measured.drive import Log, drive_table
+from experiments.measured.effects import CANDIDATES, Fit, effects_table, fit, offsets_table
 from experiments.measured.sources import SOURCES, PublicRecords
 
 if TYPE_CHECKING:
@@ -30,9 +32,9 @@ STEPS = 60
 """Least peak-to-peak swing of a record in steps of its sensor; below, the steps are the swing."""
 
 COVERED = 12 / 13
-"""Least share of the records whose interval of the offset holds that of all records."""
+"""Least share of the records whose offset agrees with the mean of all."""
 
-_FIGURES, _QUANTILE = 4, 1.96
+_FIGURES = 4
 
 
 class Single(NamedTuple):
@@ -65,23 +67,26 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             f"DIR: {commands} then add --data DIR."
         )
     singles: list[Single] = []
+    drives: list[Log] = []
     for source in SOURCES:
         folder = Path(options.data) / source.folder
         if folder.is_dir():
-            singles += _identified(source, folder, setup)
+            logs: list[tuple[str, Log]] = list(source.read(folder))
+            drives += [columns for _, columns in logs if "x_command" in columns]
+            singles += _identified(source, logs, setup)
     if not singles:
         names = " nor ".join(dict.fromkeys(source.folder for source in SOURCES))
         raise DataError(f"{options.data} holds neither {names}.")
-    return _outcome(singles)
+    return _outcome(singles, drives)
 
 
-def _identified(source: PublicRecords, folder: Path, setup: Setup) -> list[Single]:
+def _identified(source: PublicRecords, logs: list[tuple[str, Log]], setup: Setup) -> list[Single]:
     """Identify the records of a crane whose swing is more than its sensor's steps."""
     path = XACRO.with_name("overhead_crane.urdf.xacro")
     prior = Prior(path, source.values)
     records = [
         Record.of(prior.crane, columns, name=name)
-        for name, columns in source.read(folder)
+        for name, columns in logs
         if _steps(columns["phi_rad"]) >= STEPS
     ]
     count = setup.reporter.count(source.name, len(records))
@@ -101,17 +106,12 @@ def _steps(swing: np.ndarray) -> float:
     return float(np.ptp(values) / np.diff(values).min()) if len(values) > 1 else 0.0
 
 
-def mean_values(estimates: Sequence[Estimate]) -> Mapping[str, tuple[float, float]]:
-    """Return the mean of each parameter, weighted by its variances, and half its 95 % interval, as
-    much wider as the records differ by more than their intervals (Birge 1932).
-    """
+def _means(estimates: Sequence[Estimate]) -> Mapping[str, float]:
+    """Return the mean of each parameter, weighted by its variances."""
     means = {}
     for p in estimates[0].model.own:
         values, margins = np.array([e.intervals[p.name] for e in estimates]).T
-        weights = 1.0 / margins**2
-        mean = float(np.average(values, weights=weights))
-        beyond = _QUANTILE**2 * np.sum(weights * (values - mean) ** 2) / max(len(values) - 1, 1)
-        means[p.name] = mean, float(np.sqrt(max(beyond, 1.0) / weights.sum()))
+        means[p.name] = float(np.average(values, weights=1.0 / margins**2))
     return means
 
 
@@ -119,10 +119,10 @@ def _held_out(estimate: Estimate, others: Sequence[Estimate]) -> float | None:
     """Return the relative error of a record predicted with what others say of the crane."""
     if not others:
         return None
-    model, means = estimate.model, mean_values(others)
+    model, means = estimate.model, _means(others)
     values = np.array(
         [
-            means[p.name][0] if p.record is None else value
+            means[p.name] if p.record is None else value
             for p, value in zip(model.parameters, estimate.values.tolist(), strict=True)
         ]
     )
@@ -131,24 +131,30 @@ def _held_out(estimate: Estimate, others: Sequence[Estimate]) -> float | None:
     return float(np.sqrt(np.mean(error**2)) / np.std(measured))
 
 
-def _outcome(singles: Sequence[Single]) -> Outcome:
-    cranes = {
-        single.source: [s for s in singles if s.source == single.source] for single in singles
+def _outcome(singles: Sequence[Single], drives: Sequence[Log]) -> Outcome:
+    shares = {
+        name: min(s.estimate.least_explained for s in singles if s.source == name)
+        for name in dict.fromkeys(single.source for single in singles)
     }
-    means = {name: mean_values([s.estimate for s in group]) for name, group in cranes.items()}
     claims = [
-        claim for name, group in cranes.items() for claim in _claims(name, group, means[name])
+        Claim(
+            f"{name}: each record alone explains {100 * ENOUGH:g} % of its swing at least "
+            f"({100 * share:.1f} % of {column}).",
+            share >= ENOUGH,
+        )
+        for name, (share, column) in shares.items()
     ]
     moved = [s.record for s in singles if "x_dot_m_s" in s.record.columns]
     fits = [fit(moved, names) for names in CANDIDATES] if len(moved) > 1 else []
-    if fits:
-        claims.append(_agreement(fits))
+    best = min(fits, key=lambda f: f.criterion) if fits else None
+    if best is not None:
+        claims += _shared(best, fits[1])
     chosen = [singles[i] for i in np.unique(np.linspace(0, len(singles) - 1, _FIGURES, dtype=int))]
     return Outcome(
         tables=[
             _records_table(singles),
-            *([effects_table(fits)] if fits else []),
-            *(_means_table(name, means[name]) for name in cranes if len(cranes[name]) > 1),
+            *([] if best is None else [effects_table(fits), offsets_table(best, moved)]),
+            *([drive_table(drives)] if drives else []),
         ],
         claims=claims,
         parameters={
@@ -185,15 +191,28 @@ def _runs(single: Single, aside: float) -> list[Run]:
     ]
 
 
-def _agreement(fits: Sequence[Fit]) -> Claim:
-    best = min(fits, key=lambda f: f.criterion)
-    averaged, effects = fits[1], " and ".join(best.names[1:]) or "nothing else"
+def _shared(best: Fit, averaged: Fit) -> list[Claim]:
+    """Return the claims on all records of the crane whose trolley moves, fitted together."""
+    effects = " and ".join(best.names[1:]) or "nothing else"
     spread, former = (1e3 * f.offsets.std() for f in (best, averaged))
-    return Claim(
-        f"Beside the sensor's window the records show {effects}, with which their offsets spread "
-        f"by less than half as much ({spread:.1f} instead of {former:.1f} mm).",
-        spread < 0.5 * former,
-    )
+    (mean, agree), (gravity, margin) = best.agreement, best.gravity
+    return [
+        Claim(
+            f"Beside the sensor's window the records show {effects}, with which their offsets "
+            f"spread by less than half as much ({spread:.1f} instead of {former:.1f} mm).",
+            spread < 0.5 * former,
+        ),
+        Claim(
+            f"Then the offset of {100 * COVERED:.0f} % of the records at least agrees with the "
+            f"mean, {1e3 * mean:.1f} mm, within its interval ({agree.sum()} of {len(agree)}).",
+            bool(agree.mean() >= COVERED),
+        ),
+        Claim(
+            f"Their gravity, {gravity:.3f} ± {margin:.3f} m/s², holds the standard one (an "
+            "interval of 0.5 % needs lengths that differ more).",
+            abs(gravity - STANDARD_GRAVITY) <= margin,
+        ),
+    ]
 
 
 def _records_table(singles: Sequence[Single]) -> ResultTable:
@@ -201,6 +220,10 @@ def _records_table(singles: Sequence[Single]) -> ResultTable:
         value, margin = single.estimate.intervals.get(name, (np.nan, np.nan))
         return finite_or_none(factor * value), finite_or_none(factor * margin)
 
+    others = [s for s in singles if s.held_out is not None]
+    offsets = [s.estimate.intervals["l_offset"] for s in others]
+    mean = _means([s.estimate for s in others])["l_offset"] if others else np.nan
+    within = sum(abs(value - mean) <= margin for value, margin in offsets)
     return make_table(
         "Each record alone",
         singles,
@@ -213,44 +236,9 @@ def _records_table(singles: Sequence[Single]) -> ResultTable:
         ("explained [%]", ".1f", lambda s: 100.0 * s.estimate.least_explained[0]),
         ("held out [%]", ".1f", lambda s: None if s.held_out is None else 100.0 * s.held_out),
         note="Offset: pendulum less recorded cable. ±: half the 95 % interval. Held out: RMS error "
-        "predicted with the means of the others, over the standard deviation.",
+        "predicted with the means of the others, over the standard deviation. "
+        f"{within} of {len(others)} intervals hold the mean.",
     )
-
-
-def _means_table(name: str, means: Mapping[str, tuple[float, float]]) -> ResultTable:
-    return make_table(
-        f"All records of the {name}",
-        means.items(),
-        ("parameter", "", lambda item: item[0]),
-        ("mean", ".5g", lambda item: item[1][0]),
-        ("±", ".2g", lambda item: item[1][1]),
-        note="Means weighted by the variances of the records.",
-    )
-
-
-def _claims(
-    name: str, group: Sequence[Single], means: Mapping[str, tuple[float, float]]
-) -> list[Claim]:
-    share, column = min(single.estimate.least_explained for single in group)
-    offset = means["l_offset"][0]
-    hits = sum(
-        abs(value - offset) <= margin
-        for value, margin in (single.estimate.intervals["l_offset"] for single in group)
-    )
-    explained = Claim(
-        f"{name}: each record alone explains {100 * ENOUGH:g} % of its swing at least "
-        f"({100 * share:.1f} % of {column}).",
-        share >= ENOUGH,
-    )
-    if len(group) == 1:
-        return [explained]
-    covered = Claim(
-        f"{name}: the interval of the cable's offset holds the mean of all records, "
-        f"{1e3 * offset:.1f} mm, in {100 * COVERED:.0f} % of the records at least ({hits} of "
-        f"{len(group)}).",
-        hits >= COVERED * len(group),
-    )
-    return [explained, covered]
 
 
 def main(argv: Sequence[str] | None = None) -> int:

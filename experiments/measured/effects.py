@@ -8,10 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import least_squares
+from scipy.signal import lombscargle
 
 from cranedyn.identification import Record
+from cranedyn.identification.estimate import long_run
 from experiments.harness import ResultTable, finite_or_none, make_table
-from experiments.measured.pendulum import STEP, reported, simulate_swing
+from experiments.measured.pendulum import GRAVITY, STEP, reported, simulate_swing
 
 CANDIDATES = (
     ("delay",),
@@ -33,6 +35,7 @@ _OWN = {"offset": (-0.04, 0.01), "bias": (0.0, 0.01), "start": (0.0, 0.02), "rat
 
 _ABSENT = {"delay": 0.0, "window": 0.0, "gain": 1.0, "drag": 0.0, "friction": 0.0, "centring": 0.0}
 _FIRST_ROW, _STEP = 0.6, 1e-4
+_QUANTILE, _ARRIVED, _FREE, _RATIOS = 1.96, 1e-3, 5.0, np.linspace(1.15, 2.5, 136)
 
 
 class Fit(NamedTuple):
@@ -41,16 +44,49 @@ class Fit(NamedTuple):
     Attributes:
         names: Names of the effects.
         values: Value of each, and of the viscous damping [1/s], by name.
+        cables: Recorded cable of each record [m], shape (records,).
         offsets: Pendulum less recorded cable of each record [m], shape (records,).
+        covariance: Covariance of the offsets [m²], of correlated errors and with the steps of the
+            recorded cables, shape (records, records).
+        residues: Largest oscillation that is left while the trolley stands: its frequency over
+            that of the swing, and its amplitude [rad]; nan without 5 s, shape (records, 2).
         left: Share of the variance that is left.
         criterion: Akaike's information criterion, with noise of its own for each record.
     """
 
     names: tuple[str, ...]
     values: dict[str, float]
+    cables: np.ndarray
     offsets: np.ndarray
+    covariance: np.ndarray
+    residues: np.ndarray
     left: float
     criterion: float
+
+    @property
+    def agreement(self) -> tuple[float, np.ndarray]:
+        """Mean of the offsets [m], weighted by their variances, and which offsets differ from it by
+        no more than the 95 % interval of their difference, shape (records,).
+        """
+        weights = 1.0 / np.diag(self.covariance)
+        weights /= weights.sum()
+        away = np.eye(len(weights)) - weights
+        margins = _QUANTILE * np.sqrt(np.diag(away @ self.covariance @ away.T))
+        return float(weights @ self.offsets), np.abs(away @ self.offsets) <= margins
+
+    @property
+    def gravity(self) -> tuple[float, float]:
+        """Gravity [m/s²] for which all records have one offset, and half its 95 % interval, as much
+        wider as the records differ by more than their intervals (Birge 1932).
+        """
+        slopes = np.column_stack([self.cables + self.offsets, -np.ones(len(self.cables))])
+        weight = np.linalg.inv(self.covariance)
+        variance = np.linalg.inv(slopes.T @ weight @ slopes)
+        solution = variance @ slopes.T @ weight @ self.cables
+        error = slopes @ solution - self.cables
+        beyond = max(error @ weight @ error / max(len(error) - 2, 1), 1.0)
+        margin = _QUANTILE * np.sqrt(beyond * variance[0, 0])
+        return GRAVITY * solution.item(0), GRAVITY * float(margin)
 
 
 class _Pendulums:
@@ -133,10 +169,30 @@ def fit(records: Sequence[Record], names: tuple[str, ...]) -> Fit:
     variance = sum(float(np.sum((y - y.mean()) ** 2)) for y in model.measured)
     criterion = sum(len(e) * np.log(np.mean(e**2)) for e in errors) + 2.0 * len(first)
     values = dict(zip(model.names[: model.count], solution.x.tolist(), strict=False))
-    offset = model.names.index("offset")
-    return Fit(
-        names, values, model.full(solution.x)[:, offset], 2.0 * solution.cost / variance, criterion
-    )
+    place = model.count + np.arange(model.size) * len(_OWN)  # an offset is the first of its record
+    scores = np.split(solution.jac * solution.fun[:, None], model.ends[:-1])
+    inverse = np.linalg.inv(solution.jac.T @ solution.jac)
+    covariance = inverse @ sum(map(long_run, scores)) @ inverse
+    steps = np.array([record.resolution.get("l_m", 0.0) for record in records])
+    offsets = solution.x[place]
+    lengths = (model.cable + offsets).tolist()
+    covariance = covariance[np.ix_(place, place)] + np.diag(steps**2 / 12.0)
+    residues = [residue(*row) for row in zip(records, model.t, errors, lengths, strict=True)]
+    left = 2.0 * solution.cost / variance
+    return Fit(names, values, model.cable, offsets, covariance, np.array(residues), left, criterion)
+
+
+def residue(record: Record, t: np.ndarray, error: np.ndarray, length: float) -> tuple[float, float]:
+    """Return frequency, over that of the swing, and amplitude of the largest oscillation left."""
+    x = record.columns["x_m"]
+    arrived = float(np.max(record.t[np.abs(x - x[-1]) > _ARRIVED], initial=0.0))
+    if t[-1] - arrived < _FREE:
+        return np.nan, np.nan
+    free = t > arrived
+    t, error = t[free], error[free] - np.mean(error[free])
+    power = lombscargle(t, error, _RATIOS * np.sqrt(GRAVITY / length))
+    largest = int(np.argmax(power))
+    return float(_RATIOS[largest]), float(np.sqrt(4.0 * power[largest] / len(t)))
 
 
 def effects_table(fits: Sequence[Fit]) -> ResultTable:
@@ -157,4 +213,18 @@ def effects_table(fits: Sequence[Fit]) -> ResultTable:
         ("to [mm]", ".1f", lambda f: 1e3 * f.offsets.max()),
         ("standard deviation", ".1f", lambda f: 1e3 * f.offsets.std()),
         note="Left: share of the variance. Offset, bias and first swing are each record's own.",
+    )
+
+
+def offsets_table(best: Fit, records: Sequence[Record]) -> ResultTable:
+    """Return a row for each record, fitted with the effects that all records show."""
+    return make_table(
+        "All records together",
+        zip(records, best.offsets, np.sqrt(np.diag(best.covariance)), best.residues, strict=True),
+        ("record", "", lambda row: row[0].name),
+        ("offset [mm]", ".1f", lambda row: 1e3 * row[1]),
+        ("±", ".1f", lambda row: 1e3 * _QUANTILE * row[2]),
+        ("residue [mrad]", ".1f", lambda row: finite_or_none(1e3 * row[3][1])),
+        ("at [swing frequencies]", ".2f", lambda row: finite_or_none(row[3][0])),
+        note="With all effects of the best row. Residue: largest oscillation left at rest.",
     )

@@ -60,7 +60,11 @@ _GANTRY_COLUMNS = {
     "trolley_position": "x_m",
     "cable_length": "l_m",
     "sway_angle": "phi_rad",
+    "pwm_trolley_motor": "x_command",
 }
+_FULL = 1023.0
+"""Command of a motor's full voltage, in steps of its pulses."""
+
 _LARGEST = {"x_m": 100.0, "l_m": 100.0, "phi_rad": np.pi}
 """Largest number that each column of a laboratory crane can hold [m or rad]."""
 
@@ -81,6 +85,7 @@ def _gantry(clone: Path) -> Iterator[tuple[str, Columns]]:
         pwm = path.stem.split("_")[3]
         for i, columns in enumerate(read_workbook(path), start=1):
             columns["x_m"] += _LIGHT["trolley_init"]
+            columns["x_command"] /= _FULL
             yield f"trolley {pwm}, {i}", columns
 
 

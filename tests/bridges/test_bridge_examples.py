@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cranedyn.model.load import load_crane
+from cranedyn.recording.process import free_port
 from tests.helpers import ROOT
 
 EXAMPLES = ROOT / "examples" / "bridges"
@@ -52,7 +55,23 @@ def learn_to_stop_the_swing(out: Path) -> None:
     assert set(learned.scores) > {"spline alone", "learned"}
 
 
+def soft_plc(out: Path) -> None:
+    pytest.importorskip("asyncua", reason="extra serve (asyncua) is not installed")
+    from cranedyn.bridges.commissioning.serve import keep_time, servers
+    from cranedyn.bridges.commissioning.served_crane import ServedCrane
+
+    crane, port = ServedCrane(load_crane(), duration=60.0), free_port()
+    with servers(crane, opcua=("127.0.0.1", port)):
+        clock = threading.Thread(target=keep_time, args=(crane, 1600))
+        clock.start()
+        words = ["--url", f"opc.tcp://127.0.0.1:{port}/", "--to", "12", "--seconds", "7"]
+        place = main("soft_plc")(words)
+        clock.join()
+    assert place == pytest.approx(12.0, abs=0.02) and not crane.events
+
+
 TESTS = {
+    "soft_plc": soft_plc,
     "control_design": control_design,
     "cosimulation": cosimulation,
     "learn_to_stop_the_swing": learn_to_stop_the_swing,

@@ -59,7 +59,8 @@ def test_the_table_of_the_page_is_what_the_benchmark_prints() -> None:
     for package in ("mujoco", "mcap_ros2", "rosbags", "llvmlite", "fmpy"):
         pytest.importorskip(package)
     made = bridges.exporter_table()
-    assert {row[0] for row in made.rows} == set(EXPORTERS)
+    # A browser, MATLAB and a PLC are tested beside their exporters.
+    assert {row[0] for row in made.rows} == set(EXPORTERS) - {"matlab", "page", "st"}
     for shown in made.shown():
         exporter, *_, compared, apart, _ = shown
         assert re.search(

@@ -13,10 +13,12 @@ from cranedyn.bridges.joints import input_names, state_names
 from cranedyn.controllers.affine import affine_form
 from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Drive, State
 from cranedyn.model.crane import Crane
+from cranedyn.references import hold
 from cranedyn.references.flat import flat
 from cranedyn.simulation.simulate import simulate
 from experiments.relatives.catalogue import BRIDGE, HOOK, ROPE
@@ -166,10 +168,8 @@ def test_about_a_motion_the_gain_keeps_the_load_on_it(drive: Drive) -> None:
         (np.full((3, 10), np.nan), "gain is nan; allowed is finite"),
         ("K", "feedback is 'K'"),
         (
-            ct.ss(
-                np.eye(2) * 0.5, np.zeros((2, 10)), np.zeros((3, 2)), np.zeros((3, 10)), dt=PERIOD
-            ),
-            "2 states of its own",
+            ct.ss(np.eye(2) * 0.5, np.zeros((2, 10)), np.zeros((3, 2)), np.zeros((3, 10)), dt=0),
+            "2 states in continuous time",
         ),
         (ct.ss([], [], [], np.zeros((3, 11)), dt=PERIOD), "no input gamma"),
     ],
@@ -184,7 +184,7 @@ def test_a_feedback_that_is_none_is_refused_in_a_sentence(feedback: object, sent
     ("options", "sentence"),
     [
         ({"outputs": ["swing"]}, "There is no state 'swing'; there are gamma, x"),
-        ({"drive": "torque"}, "drive is torque; allowed is effort or motion"),
+        ({"drive": "torque"}, "drive is torque; allowed is effort or motion or velocity"),
         ({"control_period": 7e-4}, r"control_period is 0\.0007 s; allowed is a multiple of dt"),
     ],
 )
@@ -198,3 +198,96 @@ def test_what_to_control_is_asked_for_wrongly_is_refused_in_a_sentence(
 def test_a_feedback_is_about_a_rest() -> None:
     with pytest.raises(OutOfRange, match="rates of the rest"):
         from_control(crane(), np.zeros((3, 10)), crane().state(x_dot=1.0))
+
+
+def test_as_rates_are_commanded_drives_are_lags_and_the_load_is_the_same_pendulum() -> None:
+    c = crane(damp_swing=2e3)
+    lags = {"gamma": 0.25, "x": 0.15, "l": 0.125}
+    plant = to_control(c, c.state(l=10.0), drive="velocity", converters=converters(c, lags=lags))
+    assert plant.input_labels == ["gamma_dot_command", "x_dot_command", "l_dot_command"]
+    total = [1000.0 * 10.0**2 + inertia for inertia in (500.0, 450.0)]
+    swings = [np.roots([one, 2e3, 1000.0 * G * 10.0]) for one in total]
+    expected = np.concatenate([np.zeros(3), [-1.0 / lag for lag in lags.values()], *swings])
+    # round-off
+    assert_allclose(np.sort_complex(plant.poles()), np.sort_complex(expected), atol=1e-9)
+
+
+@pytest.mark.slow
+def test_the_sampled_system_of_rates_has_the_delay_and_answers_as_converters_do() -> None:
+    c = crane()
+    rest = c.state(x=12.0, l=10.0)
+    plant = to_control(c, rest, drive="velocity", **CLOCKS)
+    assert plant.nstates == 13 and plant.state_labels[-1] == "l_dot_command_1"
+    steps = 300
+    t = PERIOD * np.arange(steps + 1)
+    # slower than the ramps, by which the reference is the command
+    command = 1e-3 * (1.0 - np.cos(2.0 * np.pi * t / 3.0))[:, None] * [0.05, 1.0, 0.5]
+    linear = ct.forced_response(plant, U=command.T).outputs
+    run = simulate(
+        c,
+        lambda t, state, setpoint: command[round(t / PERIOD)],
+        start=rest,
+        duration=steps * PERIOD,
+        drive=Converters(**vars(converters(c)) | {"resolutions": np.zeros(3)}),
+        engine=FAST,
+        **CLOCKS,
+    )
+    off = np.abs(linear - deviation(run, rest)).max(axis=1)
+    largest = np.abs(deviation(run, rest)).max(axis=1)
+    # the ramp rounds each of the stairs, 2 mm/s² of them, by less than a control period
+    assert (off[:10] <= 0.02 * largest + 1e-7).all(), off / largest
+
+
+@pytest.mark.slow
+def test_a_controller_with_an_observer_moves_the_crane_as_the_closed_linear_loop() -> None:
+    c = crane()
+    rest = c.state(x=12.0, l=15.0)
+    seen = ["gamma", "x", "phi", "theta", "l"]
+    plant = to_control(c, rest, outputs=seen, **CLOCKS)
+    gain, _, _ = ct.dlqr(plant, state_weight_of(c), effort_weight_of(c))
+    filter_gain, _, _ = ct.dlqe(plant.A, np.eye(10), plant.C, 1e-2 * np.eye(10), 1e-4 * np.eye(5))
+    filter_gain = plant.A @ filter_gain
+    design = ct.ss(
+        plant.A - plant.B @ gain - filter_gain @ plant.C,
+        filter_gain,
+        -gain,
+        np.zeros((3, 5)),
+        inputs=seen,
+        outputs=plant.input_labels,
+        dt=PERIOD,
+    )
+    controller = from_control(c, design, rest)
+    assert affine_form(controller, np.arange(3.0), np.zeros((3, 3)), 10) is None
+    loop = np.block([[plant.A, -plant.B @ gain], [filter_gain @ plant.C, design.A]])
+
+    def off(size: float) -> float:
+        start = State(rest.q + size * np.array([0.1, 2.0, 1.0, -1.0, 1.0]), rest.v)
+        run, again = (
+            simulate(c, controller, start=start, duration=8.0, engine=FAST, **CLOCKS)
+            for _ in range(2)
+        )
+        assert (run.q == again.q).all()  # each run begins without memory
+        z = [np.concatenate([start.q - rest.q, np.zeros(15)])]
+        for _ in range(len(run) - 1):
+            z.append(loop @ z[-1])
+        return float(np.abs(np.array(z).T[:10] - deviation(run, rest)).max())
+
+    # what is left is of second order, as of the static gain
+    assert off(1e-3) < 1e-4
+    assert off(1e-4) == pytest.approx(off(1e-3) / 100.0, rel=0.1)
+    with pytest.raises(OutOfRange, match="control period of the run"):
+        simulate(c, controller, start=rest, duration=1.0, dt=2e-3, control_period=4e-3)
+
+
+def test_a_feedback_with_integral_action_adds_up_what_is_left() -> None:
+    c = crane()
+    rest = c.state(x=12.0, l=15.0)
+    gain = np.random.default_rng(0).normal(size=(3, 11))
+    plant, place = to_control(c, rest, **CLOCKS), np.eye(1, 10, 1)
+    design, _ = ct.create_statefbk_iosystem(plant, gain, integral_action=place)
+    controller, off = from_control(c, design, rest), c.state(x=12.5, l=15.0)
+    z = np.concatenate(off) - np.concatenate(rest)
+    for k in range(4):
+        expected = holding_effort(c, rest.q) - gain[:, :10] @ z - gain[:, 10] * (0.5 * k)
+        found = controller(k * PERIOD, off, hold(c)(0.0))
+        assert_allclose(found, expected, rtol=1e-12, atol=1e-9)  # round-off

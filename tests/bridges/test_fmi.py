@@ -18,14 +18,17 @@ from numpy.testing import assert_allclose
 from cranedyn.__main__ import main
 from cranedyn.bridges import fmi
 from cranedyn.bridges.joints import force_names, input_names, state_names
+from cranedyn.bridges.usual_controllers import CONTROLLERS
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import constant_force
 from cranedyn.errors import CraneError, ModelError, OutOfRange
 from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from cranedyn.references import hold
 from cranedyn.simulation.simulate import simulate
 from experiments.relatives.catalogue import BRIDGE, HOOK, Relative
+from tests.bridges.c_tools import tool
 from tests.helpers import crane
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
@@ -58,7 +61,7 @@ def units(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 class Unit:
     """An instance of a unit, by the names of its variables."""
 
-    def __init__(self, path: Path, folder: Path) -> None:
+    def __init__(self, path: Path, folder: Path, name: str = fmi.NAME) -> None:
         self.description = fmpy.read_model_description(path)
         self.reference = {
             variable.name: variable.valueReference for variable in self.description.modelVariables
@@ -68,7 +71,7 @@ class Unit:
         self.slave = FMU3Slave(
             guid=self.description.guid,
             unzipDirectory=str(folder),
-            modelIdentifier=fmi.NAME,
+            modelIdentifier=name,
             instanceName="one",
         )
         self.slave.instantiate(
@@ -110,7 +113,7 @@ def unit(units: dict[str, Path], tmp_path: Path) -> Iterator[Unit]:
 def test_fmpy_finds_no_fault_with_a_unit(units: dict[str, Path], drive: Drive) -> None:
     assert validate_fmu(units[drive]) == []
     with zipfile.ZipFile(units[drive]) as unit:
-        assert len(unit.namelist()) == 2  # no Python, no source: description and library
+        assert not any(name.endswith((".py", ".pyc")) for name in unit.namelist())
 
 
 def outputs(unit: Unit, c: Crane, drive: Drive, commands: np.ndarray) -> np.ndarray:
@@ -160,6 +163,117 @@ def test_a_unit_moves_as_simulate_does(
         outputs(Unit(units[drive], tmp_path).begin(**START, **forces), c, drive, commands), run
     )
     assert drive == "motion" or (np.abs(commands[:, 1]) > 800.0).any()  # and was cut
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("controller", [None, "integral"])
+@pytest.mark.parametrize("version", [2, 3])
+def test_sources_of_a_unit_of_either_version_compile_to_the_same_motion(
+    version: Any, controller: str | None, tmp_path: Path
+) -> None:
+    chosen = None if controller is None else CONTROLLERS[controller][1](damped(), PERIOD)
+    path = fmi.export(damped(), tmp_path / "u.fmu", version=version, controller=chosen)
+    assert validate_fmu(path) == []
+    build = pytest.importorskip("fmpy.build", reason="this fmpy builds no sources")
+    tool("cmake")
+    bare = tmp_path / "bare"
+    fmpy.extract(path, bare)
+    shutil.rmtree(bare / "binaries")
+    build.build_platform_binary(bare)
+    start = {"F_x_command": 500.0} if controller is None else {"x": 10.5}
+    runs = [
+        fmpy.simulate_fmu(
+            str(one),
+            fmi_type="CoSimulation",
+            stop_time=1.0,
+            step_size=PERIOD,
+            output_interval=PERIOD,
+            start_values=start,
+        )
+        for one in (path, bare)
+    ]
+    assert len(runs[0]) == 201
+    for name in runs[0].dtype.names:
+        assert_allclose(runs[1][name].astype(float), runs[0][name].astype(float), rtol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", [2, 3])
+def test_model_exchange_goes_where_cosimulation_goes(version: Any, tmp_path: Path) -> None:
+    path = fmi.export(damped(), tmp_path / "crane.fmu", version=version, dt=1e-4)
+    start = START | {"F_x_command": 500.0, "payload_mass": 1200.0, "F_l_command": -11800.0}
+    runs = [
+        fmpy.simulate_fmu(
+            str(path),
+            fmi_type=kind,
+            stop_time=2.0,
+            step_size=1e-3,
+            output_interval=0.1,
+            relative_tolerance=1e-9,
+            start_values=start,
+        )
+        for kind in ("ModelExchange", "CoSimulation")
+    ]
+    for name in state_names(damped()):
+        # The error of semi-implicit Euler, of order 1: ω dt/2 of the amplitude and less.
+        assert_allclose(runs[0][name][-1], runs[1][name][-1], atol=1e-4)
+    assert abs(runs[0]["phi"][-1] - 0.1) > 1e-2
+
+
+@pytest.mark.slow
+def test_units_of_a_crane_and_a_controller_together_are_simulate(tmp_path: Path) -> None:
+    c, steps = damped(), 600
+    make = CONTROLLERS["integral"][1]
+    units = []
+    for name, controller in (("crane", None), ("controller", make(c, PERIOD))):
+        path = fmi.export(c, tmp_path / f"{name}.fmu", controller=controller)
+        units.append(Unit(path, tmp_path / name, f"cranedyn_{name}"))
+    plant, law = units[0].begin(**START), units[1].begin(x_set=11.0, l_set=11.5)
+    measured = [name for name in state_names(c) if name in law.reference]
+    commands = [f"{name}_command" for name in input_names(c, "effort")]
+    rows = []
+    for k in range(steps):
+        rows.append(plant.get(*state_names(c)))
+        law.set(**dict(zip(measured, plant.get(*measured), strict=True)))
+        plant.set(**dict(zip(commands, law.get(*commands), strict=True)))
+        for unit in units:
+            unit.step(k)
+    for unit in units:
+        unit.slave.freeInstance()
+    run = simulate(
+        c,
+        make(c, PERIOD),
+        hold(c, c.state(x=11.0, l=11.5)),
+        start=c.state(x=12.0, l=11.0, phi=0.1, theta_dot=0.05),
+        duration=steps * PERIOD,
+        validity="mark",
+    )
+    assert_allclose(rows, np.hstack([run.q, run.v])[:-1], rtol=0.0, atol=1e-10)
+
+
+def test_a_parameter_of_a_unit_is_that_of_another_crane(unit: Unit, tmp_path: Path) -> None:
+    heavy = crane(damp_swing=5e3, damp_trolley=200.0, trolley_effort=800.0, payload_mass=2000.0)
+    path = fmi.export(heavy, tmp_path / "heavy.fmu")
+    other = Unit(path, tmp_path / "heavy").begin(**START)
+    changed = {"payload_mass": 2000.0, "phi_damping": 5e3, "theta_damping": 5e3}
+    unit.begin(**START, **changed)
+    for k in range(100):
+        for one in (unit, other):
+            one.set(F_l_command=-19000.0)
+            one.step(k)
+    names = state_names(heavy)
+    assert_allclose(unit.get(*names), other.get(*names), rtol=0.0, atol=1e-12)
+    other.slave.freeInstance()
+
+
+@pytest.mark.slow
+def test_a_unit_for_another_platform_has_its_library(tmp_path: Path) -> None:
+    pytest.importorskip("ziglang", reason="extra cross (ziglang) is not installed")
+    both = ("x86_64-linux", "x86_64-windows")
+    path = fmi.export(crane(), tmp_path / "crane.fmu", platforms=both)
+    with zipfile.ZipFile(path) as unit:
+        library = unit.read(f"binaries/x86_64-windows/{fmi.NAME}.dll")
+    assert library[:2] == b"MZ" and b"fmi3DoStep" in library
 
 
 @pytest.mark.slow
@@ -229,8 +343,8 @@ def test_a_step_of_another_length_is_the_same_motion_and_one_between_physics_ste
     with pytest.raises(FMICallException):
         unit.slave.doStep(currentCommunicationPoint=0.2, communicationStepSize=7e-4)
     assert unit.told == [
-        "The communication step is 0.00069999999999999999 s; allowed is a multiple of the physics "
-        "step of 0.0005 s."
+        "The communication step is 0.00069999999999999999 s; allowed is a multiple of its own step "
+        "of 0.0005 s."
     ]
     with pytest.raises(FMICallException):
         unit.slave.doStep(currentCommunicationPoint=5.0, communicationStepSize=PERIOD)
@@ -284,7 +398,7 @@ def test_what_cannot_be_is_refused_by_the_unit_in_a_sentence(unit: Unit) -> None
     unit.slave.exitInitializationMode()
     with pytest.raises(FMICallException):
         unit.set(x_start=12.0)
-    assert unit.told[-1] == "A start value cannot be set once stepping has begun."
+    assert unit.told[-1] == "x_start cannot be set once stepping has begun."
     unit.set(F_x_command=1e300, T_gamma_command=1e300)
     with pytest.raises(FMICallException):
         unit.slave.getFloat64([999])
@@ -332,6 +446,13 @@ def test_a_unit_is_a_hundred_times_as_quick_as_the_real_crane(unit: Unit) -> Non
 def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_no_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("cranedyn.bridges.fmi.importlib.util.find_spec", lambda name: None)
+    with pytest.raises(CraneError, match=r"compiled by Zig: pip install 'cranedyn\[cross\]'"):
+        fmi.export(crane(), tmp_path / "crane.fmu", platforms=["x86_64-windows"])
+    with pytest.raises(CraneError, match="platform"):
+        fmi.export(crane(), tmp_path / "crane.fmu", platforms=["amiga"])
+    with pytest.raises(OutOfRange, match="version of FMI is 1"):
+        fmi.export(crane(), tmp_path / "crane.fmu", version=1)  # type: ignore[arg-type]
     with pytest.raises(OutOfRange, match="drive is torque"):
         fmi.export(crane(), tmp_path / "crane.fmu", drive="torque")  # type: ignore[arg-type]
     monkeypatch.setattr("cranedyn.bridges.fmi.shutil.which", lambda name: None)

@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from cranedyn.controllers.affine import affine_form
 from cranedyn.disturbances.wind import AIR_DENSITY, constant_force
 from cranedyn.errors import CraneError, ModelError, OutOfRange, UnknownName
 from cranedyn.interfaces import State
+from cranedyn.references import hold
 from cranedyn.references.limits import Limits
 from cranedyn.simulation.simulate import simulate
 from experiments.relatives.catalogue import HOOK
@@ -28,7 +30,14 @@ from gymnasium.vector import AutoresetMode  # noqa: E402
 
 from benchmarks import environment  # noqa: E402
 from cranedyn.bridges.gymnasium import ID, TowerCraneEnv, TowerCraneVectorEnv  # noqa: E402
-from cranedyn.bridges.task import OBSERVED, PENALTY, Rules, SwingTask, cranes_between  # noqa: E402
+from cranedyn.bridges.task import (  # noqa: E402
+    OBSERVED,
+    PENALTY,
+    Rules,
+    SwingTask,
+    affine_controller,
+    cranes_between,
+)
 
 DRIVES, PASSIVE = crane().layout.drives, crane().layout.passive
 
@@ -250,6 +259,44 @@ def test_an_episode_is_drawn_by_rerun_and_is_the_one_that_was_seen(tmp_path: Pat
     again, z = env.unwrapped._simulated(), env.unwrapped.task.fleet.z[:, 0]
     assert len(again) == 101 and again.t[-1] == pytest.approx(2.0)
     assert_allclose(np.concatenate([again.q[-1], again.v[-1]]), z, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_pictures_have_one_scale_and_show_the_load_where_it_is() -> None:
+    env = gym.make(ID, crane=crane(), render_mode="rgb_array")
+    pictures = []
+    for x, length in ((8.0, 12.0), (18.0, 12.0), (18.0, 20.0)):
+        env.reset(options={"start": crane().state(x=x, l=length)})
+        pictures.append(np.asarray(env.render()))
+        assert pictures[-1].dtype == np.uint8 and pictures[-1].shape[2:] == (3,)
+
+    def columns_rows(i: int, k: int) -> tuple[int, int]:
+        changed = (pictures[i] != pictures[k]).any(axis=2)
+        return int(np.ptp(np.flatnonzero(changed.any(axis=0)))), int(changed.any(axis=1).sum())
+
+    across, down = columns_rows(0, 1), columns_rows(1, 2)
+    # the trolley's 10 m are wider than what the load alone takes, which sinks by 8 m
+    assert across[0] > 2 * down[0] and down[1] > 8.0 / 10.0 * 0.5 * across[0]
+
+
+def test_a_policy_without_hidden_layers_is_the_same_controller() -> None:
+    task = SwingTask(crane(), 1, Rules(action="acceleration"), 0.1, 5e-4, 1)
+    rng, goal = np.random.default_rng(3), [0.2, 14.0, 12.0]
+    weight, bias = 0.01 * rng.normal(size=(3, 12)), 0.01 * rng.normal(size=3)
+    controller = affine_controller(task, weight, bias, goal)
+    for _ in range(5):
+        state = crane().state(gamma=0.3, x=12.0, l=10.0, phi=0.1, theta=float(rng.normal(0, 0.05)))
+        z = np.concatenate(state)[:, None]
+        observation = task.observation(z, np.array(goal)[:, None])[0].astype(float)
+        expected = task.accelerations((weight @ observation + bias)[:, None], z)[:, 0]
+        # observations are in single precision
+        assert_allclose(controller(0.0, state, hold(crane())(0.0)), expected, rtol=1e-5, atol=1e-8)
+    assert affine_form(controller, np.zeros(1), np.zeros((1, 3)), 10) is not None
+    velocity = SwingTask(crane(), 1, Rules(), 0.1, 5e-4, 1)
+    with pytest.raises(CraneError, match="action of the task is velocity"):
+        affine_controller(velocity, weight, bias, goal)
+    with pytest.raises(CraneError, match=r"weight is an array of shape \(3, 11\)"):
+        affine_controller(task, weight[:, 1:], bias, goal)
 
 
 @pytest.mark.parametrize(

@@ -191,7 +191,11 @@ def test_pictures_of_the_views_are_not_blank_and_differ(driver: Any) -> None:
 @browser
 def test_a_click_on_the_ground_sets_the_goal_of_the_predictive_control(driver: Any) -> None:
     driver.execute_script("page.act('Backspace'); page.act('Digit5'); page.act('top')")
-    wait(driver, "page.state.assist === 'predictive' && page.scene._blend === 1")
+    wait(
+        driver,
+        "page.state.assist === 'predictive' && page.scene._blend === 1 && "
+        "page.scene._view === 'top'",
+    )
     goal, place, drawn, clicked = driver.execute_script(
         "const {canvas} = page.scene, x = 0.6 * canvas.clientWidth, y = 0.4 * canvas.clientHeight;"
         "const sent = []; const post = page.worker.postMessage.bind(page.worker);"
@@ -235,13 +239,10 @@ def test_what_was_driven_is_saved_with_its_crane_and_replays(driver: Any) -> Non
     assert load_crane(from_record=record).payload_mass == load_crane().payload_mass
     assert 0 <= record["instants"] - (table.count("\n") - 1) < 600  # it goes on between the two
     assert table.startswith("t_s,gamma_rad")
-    script = (
-        "const text = JSON.stringify(arguments[0]);"
-        "page._replay({files: [{text: async () => text}], value: ''})"
-    )
-    driver.execute_script(script, record | {"crane": {}})
+    script = "page._replay({files: [{text: async () => arguments[0]}], value: ''})"
+    driver.execute_script(script, json.dumps(record | {"crane": {}}))
     wait(driver, "document.getElementById('event').textContent.includes('another crane')")
-    driver.execute_script(script, record)
+    driver.execute_script(script, inputs)
     wait(driver, "page.state.replaying")
     driver.execute_script("page.act('Backspace')")
 

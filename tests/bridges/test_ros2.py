@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import runpy
 import shutil
@@ -302,6 +303,76 @@ def test_the_simulated_crane_is_told_where_its_controllers_stand(
     assert spawned == ["joint_state_broadcaster", "drives"]
     (world,) = [one for one in entries if "launch_arguments" in one]
     assert dict(world["launch_arguments"]) == {"gz_args": f"-r {package / 'worlds' / 'crane.sdf'}"}
+
+
+LAUNCH = """
+import sys
+from unittest.mock import MagicMock
+for name in ("rclpy", "composition_interfaces", "lifecycle_msgs"):
+    sys.modules[name] = MagicMock(__path__=[])
+for name in ("rclpy.executors", "rclpy.logging", "rclpy.parameter", "rclpy.validate_namespace",
+             "rclpy.validate_node_name", "composition_interfaces.srv", "lifecycle_msgs.msg",
+             "lifecycle_msgs.srv"):
+    sys.modules[name] = MagicMock()
+sys.modules["rclpy.parameter"].Parameter = type("Parameter", (), {})
+from launch import LaunchDescription, LaunchService
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+source = PythonLaunchDescriptionSource(sys.argv[1])
+service = LaunchService()
+service.include_launch_description(LaunchDescription([IncludeLaunchDescription(source)]))
+sys.exit(service.run())
+"""
+WORLD = """
+from launch import LaunchDescription
+from launch.actions import LogInfo
+from launch.substitutions import LaunchConfiguration
+def generate_launch_description():
+    return LaunchDescription([LogInfo(msg=["world ", LaunchConfiguration("gz_args")])])
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", ["display", "gz"])
+def test_the_launch_packages_of_ros_start_each_program_with_its_arguments(
+    file: str, launched: Any, package: Path, tmp_path: Path
+) -> None:
+    sources = os.environ.get("CRANEDYN_LAUNCH")
+    if sources is None:
+        pytest.skip("CRANEDYN_LAUNCH names no folder of launch, see .ci/launch")
+    nodes = [e.named for e in launched(f"{file}.launch.py") if "executable" in e.named]
+    for node in [*nodes, {"package": "ros_gz_sim", "executable": "create"}]:
+        program = tmp_path / "lib" / node["package"] / node["executable"]
+        program.parent.mkdir(parents=True, exist_ok=True)
+        program.write_text(f'#!/bin/sh\necho "$0 $*" >> {tmp_path}/calls\n')
+        program.chmod(0o755)
+        index = tmp_path / "share/ament_index/resource_index/packages" / node["package"]
+        index.parent.mkdir(parents=True, exist_ok=True)
+        index.touch()
+    world = tmp_path / "share/ros_gz_sim/launch/gz_sim.launch.py"
+    world.parent.mkdir(parents=True)
+    world.write_text(WORLD)
+    folders = ("launch/launch", "launch_ros/launch_ros", "ament_index/ament_index_python")
+    paths = [str(Path(sources, folder)) for folder in (*folders, "packages")]
+    run = subprocess.run(
+        [sys.executable, "-c", LAUNCH, package / "launch" / f"{file}.launch.py"],
+        env={
+            "PYTHONPATH": ":".join(paths),
+            "AMENT_PREFIX_PATH": str(tmp_path),
+            "HOME": str(tmp_path),
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    calls = (tmp_path / "calls").read_text()
+    for node in nodes:
+        first = " ".join([node["executable"], *node.get("arguments", [])])
+        assert f"/{node['package']}/{first}" in calls
+    assert calls.count("\n") == len(nodes) and "Error" not in run.stderr
+    if file == "gz":
+        assert f"world -r {package.resolve()}/worlds/crane.sdf" in run.stdout + run.stderr
 
 
 def test_the_inertia_of_a_motor_which_gazebo_does_not_know_is_refused(tmp_path: Path) -> None:

@@ -157,7 +157,8 @@ def test_drives_that_yield_ask_for_the_rate_that_they_compute() -> None:
     yielding = with_damping(c, reference, limits=limits, recovery=0.3)
     law = as_velocity_command(c, yielding, drive="motion")
     state = c.state(x=12.1, l=10.0, phi=0.1)
-    assert law(0.0, state, STILL).tolist() == yielding.velocity(0.0, state, STILL).tolist()
+    rates = yielding.velocity(yielding.reference(5e-3).velocity, STILL.position, state.q)
+    assert law(0.0, state, STILL).tolist() == rates.tolist()
     run = simulate(
         c,
         law,

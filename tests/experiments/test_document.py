@@ -14,7 +14,7 @@ from tests import told
 
 TABLES = [
     ResultTable("Move one: far", [("strategy", ""), ("s", ".1f")], [("a", 1.25)]),
-    ResultTable("Move two", [("strategy", "")], [("b",)], "A note."),
+    ResultTable("Move two [m]", [("strategy", "")], [("b",)], "A note."),
 ]
 TEXT = (
     "Before.\n\n<!-- trial: Move two -->\nold\n<!-- end -->\n\nBetween.\n\n<!-- other: -->\nkept\n"

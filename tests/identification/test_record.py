@@ -14,6 +14,7 @@ from cranedyn.data.external import parse_sources
 from cranedyn.errors import CraneError, DataError
 from cranedyn.identification import Prior, Record, load_record
 from cranedyn.simulation.simulate import simulate
+from cranedyn.theory import point_period
 
 PRIOR = Prior()
 
@@ -68,6 +69,19 @@ def test_a_swing_that_never_moves_beside_one_that_does_is_left_out_and_said() ->
         "record: nothing is recorded of gamma, taken to stand at 0 rad.",
         "record: nothing is recorded of l, taken to stand at 15 m.",
     )
+
+
+def test_missing_rows_are_allowed_within_a_tenth_of_a_period() -> None:
+    period = point_period(15.0, PRIOR.crane.gravity)
+    for gap in (0.09 * period, 0.11 * period):
+        data = {key: np.delete(values, slice(300, 300 + round(gap / 0.05) - 1))
+                for key, values in columns().items()}  # fmt: skip
+        assert np.diff(data["t_s"]).max() == pytest.approx(gap, abs=0.025)
+        if gap < 0.1 * period:
+            assert len(Record.of(PRIOR.crane, data).t) == len(data["t_s"])
+        else:
+            with pytest.raises(DataError, match=r"a gap .* allowed is 0\.777 s"):
+                Record.of(PRIOR.crane, data)
 
 
 def test_times_count_from_the_first_row_that_is_looked_at() -> None:

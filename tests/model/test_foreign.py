@@ -122,6 +122,20 @@ def test_rope_and_load_can_be_given(tmp_path: Path) -> None:
     assert "The shortest rope is 0.4 m." in short.assumptions
 
 
+def test_a_hoist_that_its_file_starts_at_an_end_of_its_range_holds_a_swinging_load(
+    tmp_path: Path,
+) -> None:
+    interfaces = '<command_interface name="effort"/><state_interface name="position">'
+    start = '<param name="initial_value">0.0</param></state_interface>'
+    drives = "".join(
+        f'<joint name="{name}">{interfaces}{start}</joint>' for name in ("azimuth", "cart", "lift")
+    )
+    text = RIGID.replace("</robot>", f'<ros2_control name="all">{drives}</ros2_control></robot>')
+    crane = cd.load_crane(saved(tmp_path, text), swing=True)
+    assert crane.start.q[4] == pytest.approx(26.4 - 0.01 * 23.0)  # the file's zero is the lowest
+    cd.simulate(crane, hold_controller(crane), start=crane.state(phi=0.1), duration=5.0)
+
+
 @pytest.mark.parametrize(
     ("changes", "swing", "error", "message"),
     [

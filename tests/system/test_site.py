@@ -26,7 +26,8 @@ pytest.importorskip(
 SEARCHED = {
     "howto/install": "installation, python",
     "howto/linearize": "linearize, matlab, python-control, margins",
-    "howto/fmi": "simulink, plc, fmi, fmu",
+    "howto/fmi": "simulink, fmi, fmu",
+    "howto/controller_code": "plc, structured text, microcontroller",
     "howto/gazebo": "gazebo",
     "howto/ros2": "ros 2, ros2_control",
     "howto/mujoco": "mujoco",

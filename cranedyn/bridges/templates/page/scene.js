@@ -279,9 +279,12 @@ class Scene {
     this._use(this.body, night);
     this._array.bind();
     gl.uniform4f(body.shade, 0, 0, 0, 0);
-    const [x, y, z] = this.load;
-    gl.uniform4f(body.cut, x, y, z, look.view === "follow" ? this.clearing : 0);
-    gl.drawArrays(gl.TRIANGLES, 0, counts[2]);
+    gl.uniform4f(body.cut, 0, 0, 0, 0);
+    const [x, y, z] = this.load, clearing = look.view === "follow" ? this.clearing : 0;
+    gl.drawArrays(gl.TRIANGLES, counts[0], counts[1] - counts[0]);
+    gl.uniform4f(body.cut, x, y, z, clearing);
+    gl.drawArrays(gl.TRIANGLES, 0, counts[0]);
+    gl.drawArrays(gl.TRIANGLES, counts[1], counts[2] - counts[1]);
     gl.depthMask(false);
     gl.drawArrays(gl.TRIANGLES, counts[2], counts[3] - counts[2]);
     this._drawLines(grounded, this._lineCount);

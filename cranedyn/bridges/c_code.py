@@ -1,0 +1,232 @@
+"""C99 for microcontrollers and other programs: the crane, and a controller, each as a struct and
+functions without heap and libraries, with a test against numbers of Python.
+
+``python -m cranedyn export c DIR`` writes them.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.bridges.controller_block import controller_block, vectors
+from cranedyn.bridges.target import check_free, new_folder
+from cranedyn.bridges.usual_controllers import CONTROLLERS
+from cranedyn.checks import check_choice
+from cranedyn.clocks import clocks
+from cranedyn.compiled.block import FunctionBlock
+from cranedyn.compiled.c_text import Precision, c_header, c_source
+from cranedyn.compiled.crane_block import crane_block
+from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
+from cranedyn.interfaces import DirectDrive, Drive
+from cranedyn.model.crane import Crane
+from cranedyn.model.options import crane_from_options
+from cranedyn.simulation.simulate import simulate
+
+TARGET = "DIR"
+EXAMPLE = "controller_c --controller lqr"
+"""Target of the command line."""
+
+TOLERANCE = {"double": 1e-12, "single": 1e-3}
+"""Largest difference between C and Python over the larger of 1 and the largest value: round-off of
+sums in another order; in single precision that of 2,000 physics steps."""
+
+_TEMPLATES = Path(__file__).with_name("templates")
+_STEPS = 10
+"""Physics steps of the crane between two rows of its test."""
+
+_LIVELY = 0.5
+"""Largest acceleration of a drive in this test [rad/s² or m/s²]."""
+
+
+@dataclass(frozen=True)
+class BlockTest:
+    """Rows of a test: inputs, calls of step, and expected values.
+
+    Attributes:
+        block: The block.
+        calls: Calls of step for each row.
+        inputs: Shape (rows, inputs).
+        names: Names of the expected values.
+        expected: Shape (rows, names).
+    """
+
+    block: FunctionBlock
+    calls: int
+    inputs: np.ndarray
+    names: Sequence[str]
+    expected: np.ndarray
+
+
+def export(
+    crane: Crane,
+    folder: str | Path,
+    controller: Any = None,
+    *,
+    drive: Drive = "effort",
+    dt: float = 5e-4,
+    control_period: float = 5e-3,
+    duration: float = 30.0,
+    integrator: Integrator = semi_implicit_euler,
+    precision: Precision = "double",
+) -> Path:
+    """Write a crane and a controller as C99.
+
+    Args:
+        crane: The crane.
+        folder: New folder.
+        controller: The controller, see `cranedyn.bridges.controller_block`; None for none.
+        drive: What the controller commands. The crane takes accelerations from a controller of
+            accelerations, and efforts otherwise.
+        dt: Physics step [s].
+        control_period: Time from one call of the controller to the next [s].
+        duration: Time that tables of the controller cover [s].
+        integrator: The stepping rule.
+        precision: Type of all numbers.
+
+    Raises:
+        DataError: If the folder exists or cannot be written, or the controller cannot be exported.
+        OutOfRange: If a number is out of range.
+    """
+    check_choice("precision", precision, Precision)
+    clocks(control_period, dt, control_period)
+    check_free(Path(folder))
+    kind: DirectDrive = "motion" if drive == "motion" else "effort"
+    tests = [crane_test(crane, kind, dt, integrator)]
+    if controller is not None:
+        block = controller_block(
+            crane, controller, drive=drive, control_period=control_period, duration=duration
+        )
+        inputs, outputs = vectors(crane, controller, block)
+        names = [variable.name for variable in block.of_kind("output")]
+        tests.append(BlockTest(block, 1, inputs, names, outputs))
+    with new_folder(Path(folder)) as draft:
+        for test in tests:
+            name = test.block.name
+            (draft / f"{name}.h").write_text(c_header(test.block, precision))
+            (draft / f"{name}.c").write_text(c_source(test.block, precision))
+        (draft / "test.c").write_text(_test_program(tests, precision))
+        sources = " ".join(f"{test.block.name}.c" for test in tests)
+        cmake = (_TEMPLATES / "CMakeLists.txt.c99").read_text().replace("SOURCES", sources)
+        (draft / "CMakeLists.txt").write_text(cmake)
+        (draft / "README.md").write_text(_readme(tests, precision))
+    return Path(folder)
+
+
+def crane_test(
+    crane: Crane, drive: DirectDrive, dt: float, integrator: Integrator, rows: int = 200
+) -> BlockTest:
+    """Return a test of a crane's block: its state in a run of `simulate` under random commands."""
+    block = crane_block(crane, drive=drive, dt=dt, integrator=integrator)
+    rng, layout = np.random.default_rng(0), crane.layout
+    inputs = block.of_kind("input")
+    start = np.array([variable.start for variable in inputs])
+    commands = np.tile(start[: layout.m], (rows, 1))
+    inertia = np.diag(pin.crba(crane.model, crane.data, crane.start.q))[layout.drives]
+    size = _LIVELY * (inertia if drive == "effort" else np.ones(layout.m))
+    commands += rng.uniform(-size, size, commands.shape)
+    period = _STEPS * dt
+    run = simulate(
+        crane,
+        lambda t, state, setpoint: commands[min(round(t / period), rows - 1)],
+        duration=rows * period,
+        dt=dt,
+        control_period=period,
+        drive=drive,
+        integrator=integrator,
+        validity="mark",
+    )
+    values = np.hstack([commands, np.zeros((rows, len(inputs) - layout.m))])
+    names = [variable.name for variable in block.of_kind("state")]
+    return BlockTest(block, _STEPS, values, names, np.hstack([run.q, run.v])[1:])
+
+
+def _test_program(tests: Sequence[BlockTest], precision: Precision) -> str:
+    """Return the program that compares the blocks with Python."""
+    number = "double" if precision == "double" else "float"
+    lines = ["/* Compares the blocks with numbers of Python. */", "#include <stdio.h>", ""]
+    lines += [f'#include "{test.block.name}.h"' for test in tests]
+    for test in tests:
+        name = test.block.name
+        for title, rows in (("inputs", test.inputs), ("expected", test.expected)):
+            lines += ["", f"static const double {name}_{title}[{len(rows)}][{rows.shape[1]}] = {{"]
+            lines += [f"  {{{', '.join(map(repr, row))}}}," for row in rows.tolist()] + ["};"]
+        inputs = [v.name for v in test.block.of_kind("input")]
+        tables = sum(table.size for table in test.block.tables.values())
+        sizes = np.maximum(np.abs(test.expected).max(axis=0), 1.0).tolist()
+        lines += ["", f"static double test_{name}(void) {{", "  double worst = 0;"]
+        lines += [f"  const double size[] = {{{', '.join(map(repr, sizes))}}};"]
+        lines += [f"  static {name} block;", f"  {name}_reset(&block);"]
+        lines += [f"  for (int row = 0; row < {len(test.inputs)}; row++) {{"]
+        lines += [f"    const double *in = {name}_inputs[row], *out = {name}_expected[row];"]
+        lines += [f"    block.{n} = ({number})in[{i}];" for i, n in enumerate(inputs)]
+        lines += [f"    for (int i = 0; i < {test.calls}; i++) (void){name}_step(&block);"]
+        lines += [f"    const double found[] = {{{', '.join(f'block.{n}' for n in test.names)}}};"]
+        lines += [
+            f"    for (int i = 0; i < {len(test.names)}; i++) {{",
+            "      const double off = (found[i] - out[i]) / size[i];",
+            "      if (!(off <= worst && -off <= worst)) worst = off < 0 ? -off : off;",
+            "    }",
+            "  }",
+            f'  printf("{name}: %d calls, largest relative difference from Python %.1e, "'
+            f'\n         "%u bytes of memory, %u of constant tables\\n", {len(test.inputs)} * '
+            f"{test.calls}, worst,\n         (unsigned)sizeof block, "
+            f"(unsigned)({tables} * sizeof({number})));",
+            "  return worst;",
+            "}",
+        ]
+    worst = " || ".join(f"!(test_{t.block.name}() <= {TOLERANCE[precision]!r})" for t in tests)
+    return "\n".join([*lines, "", "int main(void) {", f"  return {worst};", "}", ""])
+
+
+def _readme(tests: Sequence[BlockTest], precision: Precision) -> str:
+    """Return the page of the folder."""
+    lines = []
+    for test in tests:
+        block = test.block
+        inputs, outputs = (
+            ", ".join(f"`{v.name}`{f' [{v.unit}]' if v.unit else ''}" for v in block.of_kind(kind))
+            for kind in ("input", "output")
+        )
+        lines += [f"## {block.name}.c", "", block.about, ""]
+        lines += [f"`{block.name}_step` is called every {block.period:g} s.", ""]
+        lines += [f"Inputs: {inputs}.", "", f"Outputs: {outputs}.", ""]
+        for name, identifier in block.renamed.items():
+            lines += [f"`{name}` is called `{identifier}`.", ""]
+    text = (_TEMPLATES / "c_readme.md").read_text()
+    name = tests[-1].block.name
+    return text.replace("NAME", name).replace("PRECISION", precision) + "\n".join(lines)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments beside the folder and the crane."""
+    add = parser.add_argument
+    add("--controller", choices=CONTROLLERS, help="controller beside the crane")
+    add("--single", action="store_true", help="numbers in single precision")
+    text = "time from one call of the controller to the next [s]"
+    add("--period", type=float, default=5e-3, metavar="T", help=text)
+    add("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
+
+
+def run(options: argparse.Namespace) -> Path:
+    """Write what the command line describes, and return its folder."""
+    crane, controller = crane_from_options(options), None
+    drive: Drive = "effort"
+    if options.controller is not None:
+        drive, make = CONTROLLERS[options.controller]
+        controller = make(crane, options.period)
+    return export(
+        crane,
+        options.target,
+        controller,
+        drive=drive,
+        dt=options.dt,
+        control_period=options.period,
+        precision="single" if options.single else "double",
+    )

@@ -1,0 +1,109 @@
+"""The words of a plant as OPC UA nodes, by asyncua."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+from typing import Any
+
+from cranedyn.bridges.commissioning.words import ProcessImage, Word
+from cranedyn.errors import CraneError
+
+try:
+    from asyncua import Server, ua
+    from asyncua.crypto.permission_rules import User, UserRole
+    from asyncua.server.user_managers import UserManager
+except ModuleNotFoundError as error:
+    raise CraneError(
+        "OPC UA needs asyncua, which is not installed: pip install 'cranedyn[serve]'."
+    ) from error
+
+PUBLISHING = 0.05
+"""Time between reports of readings to subscriptions [s]; a read gets the latest cycle."""
+
+_KINDS = {
+    "UINT16": ua.VariantType.UInt16,
+    "INT16": ua.VariantType.Int16,
+    "INT32": ua.VariantType.Int32,
+}
+
+
+class _OneUser(UserManager):
+    def __init__(self, user: str, password: str) -> None:
+        self._login = f"{user}\n{password}".encode()
+
+    def get_user(
+        self, iserver: Any, username: Any = None, password: Any = None, certificate: Any = None
+    ) -> User | None:
+        right = hmac.compare_digest(f"{username}\n{password}".encode(), self._login)
+        return User(UserRole.User, username) if right else None
+
+
+async def serve_opcua(image: ProcessImage, host: str, port: int, security: Any = None) -> Server:
+    """Return a server of the words as variables of the object Crane, which runs until its `stop`.
+
+    Security is files of certificate and private key, user and password of clients, which then
+    encrypt; None lets in all.
+
+    Raises:
+        CraneError: If it cannot listen at this address, or a file of the security cannot be read.
+    """
+    server = Server(user_manager=_OneUser(*security[2:]) if security else None)
+    await server.init()
+    server.set_endpoint(f"opc.tcp://{f'[{host}]' if ':' in host else host}:{port}/")
+    policy, token = "NoSecurity", "AnonymousIdentityToken"
+    if security:
+        policy, token = "Basic256Sha256_SignAndEncrypt", "UserNameIdentityToken"
+        try:
+            await server.load_certificate(security[0])
+            await server.load_private_key(security[1])
+        except (OSError, ValueError, TypeError) as error:
+            raise CraneError(f"Certificate or key cannot be read: {error}.") from error
+    server.set_security_policy([ua.SecurityPolicyType[policy]])
+    server.set_identity_tokens([getattr(ua, token)])
+    space = await server.register_namespace("urn:cranedyn:crane")
+    crane = await server.nodes.objects.add_object(f"ns={space};s=Crane", f"{space}:Crane")
+    for word in image.words:
+        await _add_word(server, crane, image, word)
+    try:
+        await server.start()
+    except OSError as error:
+        raise CraneError(f"OPC UA cannot listen at {host}:{port}; is the port taken?") from error
+    return server
+
+
+async def _add_word(server: Server, crane: Any, image: ProcessImage, word: Word) -> None:
+    """Add a node that reads and writes the image."""
+    kind = _KINDS[word.kind]
+    node = await crane.add_variable(f"ns=2;s={word.name}", f"2:{word.name}", 0, kind)
+    text = ua.LocalizedText(f"{word.meaning} [{word.scale:g} {word.unit}]".replace(" [1 ]", ""))
+    await node.write_attribute(ua.AttributeIds.Description, ua.DataValue(ua.Variant(text)))
+
+    def read(*_: Any) -> ua.DataValue:
+        numbers = image.commands if word.command else image.readings
+        return ua.DataValue(ua.Variant(numbers[word.name], kind))
+
+    def write(data: Any, attribute: Any, value: ua.DataValue) -> None:
+        variant = value.Value
+        if variant is None or variant.VariantType != kind or not isinstance(variant.Value, int):
+            raise ua.UaStatusCodeError(ua.StatusCodes.BadTypeMismatch)
+        if word.command:  # a reading is written by `publish` alone, for its subscriptions
+            image.commands[word.name] = variant.Value
+
+    server.set_attribute_value_callback(node.nodeid, read)
+    server.set_attribute_value_setter(node.nodeid, write)
+    if word.command:
+        await node.set_writable()
+
+
+async def publish(server: Server, image: ProcessImage) -> None:
+    """Report readings that have changed to subscriptions, until cancelled."""
+    kinds = {word.name: _KINDS[word.kind] for word in image.words}
+    last: dict[str, int] = {}
+    while True:
+        readings = image.readings
+        for name, value in readings.items() - last.items():
+            node, data = ua.NodeId.from_string(f"ns=2;s={name}"), ua.Variant(value, kinds[name])
+            await server.write_attribute_value(node, ua.DataValue(data))
+        last = readings
+        await asyncio.sleep(PUBLISHING)

@@ -1,0 +1,212 @@
+"""A plant on a clock, behind its servers and recorded: ``cranedyn serve``."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import gc
+import os
+import sys
+import threading
+import time
+from array import array
+from collections.abc import Coroutine, Iterator
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cranedyn.bridges.commissioning.served_crane import PERIOD, ServedCrane
+from cranedyn.bridges.commissioning.words import write_map
+from cranedyn.bridges.target import check_free, new_folder
+from cranedyn.checks import number
+from cranedyn.errors import CraneError, DataError, RunError
+from cranedyn.model.options import crane_from_options
+from cranedyn.recording import Run, record
+
+PASSWORD = "CRANEDYN_PASSWORD"
+LOCAL = ("127.0.0.1", "localhost", "::1")
+"""Environment variable of the password for OPC UA, and hosts that this machine alone reaches."""
+
+Address = tuple[str, int]
+
+
+def address(text: str) -> Address:
+    """Return host and port from HOST:PORT.
+
+    Raises:
+        DataError: If the text has another form.
+    """
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise DataError(f"{text!r} is not of the form HOST:PORT, with a port from 1 to 65535.")
+    return host.strip("[]"), int(port)
+
+
+def check_exposure(options: argparse.Namespace) -> Any:
+    """Return certificate, key, user and password of OPC UA, None for no security.
+
+    Raises:
+        CraneError: If other machines would reach a server without what protects it.
+    """
+    login = options.certificate, options.key, options.user, os.environ.get(PASSWORD)
+    if options.opcua and not all(login) and (any(login[:3]) or options.opcua[0] not in LOCAL):
+        raise CraneError(
+            f"OPC UA at {options.opcua[0]} needs --certificate, --key, --user, and a password in "
+            f"the environment variable {PASSWORD}; only a server for this machine goes without."
+        )
+    if options.modbus and options.modbus[0] not in LOCAL and not options.insecure_modbus:
+        raise CraneError(
+            f"Modbus has no security, so whoever reaches {options.modbus[0]} drives the crane; "
+            "--insecure-modbus serves it there all the same."
+        )
+    return login if all(login) else None
+
+
+@contextlib.contextmanager
+def servers(
+    plant: ServedCrane,
+    opcua: Address | None = None,
+    modbus: Address | None = None,
+    security: Any = None,
+) -> Iterator[None]:
+    """Serve a plant in a thread of its own while the context lasts, and print its events.
+
+    Raises:
+        CraneError: If a server cannot listen, or an extra is not installed.
+    """
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_forever, daemon=True)
+    thread.start()
+
+    def start(work: Coroutine[Any, Any, Any]) -> Any:
+        return asyncio.run_coroutine_threadsafe(work, loop)
+
+    with contextlib.ExitStack() as stack:
+        stack.callback(thread.join)
+        stack.callback(loop.call_soon_threadsafe, loop.stop)
+        if opcua:
+            from cranedyn.bridges.commissioning.opcua import publish, serve_opcua
+
+            server = start(serve_opcua(plant.image, *opcua, security)).result()
+            stack.callback(lambda: start(server.stop()).result())
+            stack.callback(start(publish(server, plant.image)).cancel)
+            print(f"OPC UA at opc.tcp://{opcua[0]}:{opcua[1]}/", flush=True)
+        if modbus:
+            from cranedyn.bridges.commissioning.modbus import serve_modbus
+
+            registers = start(serve_modbus(plant.image, *modbus)).result()
+            stack.callback(lambda: start(registers.shutdown()).result())
+            print(f"Modbus TCP at {modbus[0]}:{modbus[1]}, which has no security", flush=True)
+        stack.callback(start(_print_events(plant)).cancel)
+        yield
+
+
+async def _print_events(plant: ServedCrane) -> None:
+    printed = 0
+    while True:
+        for t, text in plant.events[printed:]:
+            print(f"t = {t:.3f} s: {text}", flush=True)
+            printed += 1
+        await asyncio.sleep(0.1)
+
+
+def keep_time(plant: ServedCrane, cycles: int, speed: float = 1.0) -> str:
+    """Run a plant by the clock of this machine, until so many cycles or Ctrl-C, and return how the
+    clock was kept.
+
+    A late cycle is followed by the next without a pause; a second or more is not made up for.
+
+    Raises:
+        RunError: If the model ceases to hold; it carries what was recorded.
+    """
+    period, late, done = PERIOD / speed, array("d"), array("d")
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(5e-4)  # the thread of the servers hands over in a tenth of a cycle
+    gc.collect()
+    gc.freeze()  # collections look only at what the servers make
+    due = time.perf_counter()
+    try:
+        for _ in range(cycles):
+            while (wait := due - time.perf_counter()) > 0.0:
+                time.sleep(wait)
+            due -= wait if wait < -1.0 else 0.0
+            late.append(-wait)
+            plant.cycle()
+            done.append(time.perf_counter() - due)
+            due += period
+    except KeyboardInterrupt:
+        late = late[: len(done)]
+    except RunError as error:
+        error.trajectory = plant.trajectory()
+        raise
+    finally:
+        sys.setswitchinterval(interval)
+        gc.unfreeze()
+    held = 100.0 * np.mean(np.array(done or [0.0]) <= period)
+    typical, worst = np.percentile(1e3 * np.array(late or [0.0]), [99.9, 100.0])
+    return (
+        f"{len(done)} cycles of {1e3 * period:g} ms, {held:.2f} % of them finished in time; jitter "
+        f"{worst:.2f} ms at most, {typical:.2f} ms in 99.9 %."
+    )
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments beside the crane."""
+    add, where = parser.add_argument, "HOST:PORT"
+    add("--opcua", type=address, metavar=where, help="serve OPC UA, such as 127.0.0.1:4840")
+    add("--modbus", type=address, metavar=where, help="serve Modbus TCP, such as 127.0.0.1:5020")
+    add("--map", type=Path, metavar="FILE.csv", help="write the words with nodes and registers")
+    add("--speed", type=float, default=1.0, metavar="S", help="of time, 1 for real time")
+    add("--duration", type=float, default=3600.0, metavar="T", help="longest run [s]")
+    add("--realtime", action="store_true", help="with real-time priority, if the system grants it")
+    add("--out", type=Path, metavar="DIR", help="new folder of the recording, default out/serve_…")
+    text = "of the server; OPC UA beyond this machine needs it"
+    add("--certificate", type=Path, metavar="FILE", help=text)
+    add("--key", type=Path, metavar="FILE", help="private key of the certificate")
+    add("--user", metavar="NAME", help=f"who may drive; the password is in {PASSWORD}")
+    text = "serve Modbus beyond this machine, where whoever reaches it drives the crane"
+    add("--insecure-modbus", action="store_true", help=text)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Serve the crane that the command line names, and return the exit code."""
+    if not (options.opcua or options.modbus or options.map):
+        raise DataError("There is nothing to serve; give --opcua, --modbus or --map.")
+    number("speed", options.speed, "", "> 0")
+    security = check_exposure(options)
+    plant = ServedCrane(crane_from_options(options), duration=options.duration)
+    if options.map:
+        print(f"Written to {write_map(options.map, plant.image.words)}.")
+    if not (options.opcua or options.modbus):
+        return 0
+    folder = options.out or Path(f"out/serve_{datetime.now():%Y%m%d_%H%M%S}")
+    folder.absolute().parent.mkdir(parents=True, exist_ok=True)
+    check_free(folder)
+    if options.realtime:
+        try:  # for this thread and those that it starts
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+        except (AttributeError, OSError) as error:
+            text = f"This system grants no real-time priority ({error}); leave out --realtime."
+            raise CraneError(text) from error
+    try:
+        with servers(plant, options.opcua, options.modbus, security):
+            print("Ctrl-C ends the run and records it.", flush=True)
+            print(keep_time(plant, round(options.duration / PERIOD), options.speed))
+    finally:
+        if plant.cycles:
+            _save(folder, plant)
+    return 0
+
+
+def _save(folder: Path, plant: ServedCrane) -> None:
+    """Write the run of a plant into a new folder, as Parquet and as a recording."""
+    trajectory = plant.trajectory()
+    runs = [Run("served", plant.crane, trajectory)]
+    text = "\n".join(f"* t = {t:.3f} s: {event}" for t, event in plant.events)
+    with new_folder(folder) as draft:
+        trajectory.write(draft / "serve.parquet")
+        record(draft / "serve.rrd", runs, title="Virtual commissioning", text=text)
+    print(f"Written to {folder}.")

@@ -1,0 +1,495 @@
+"""Controllers as function blocks, for exporters of code.
+
+A block takes what is measured and the setpoints as inputs, and is called once in each control
+period. What lies on tables in Python, such as gains along a motion, lies on constant tables in the
+block; the count of calls since the reset is the row.
+"""
+
+from __future__ import annotations
+
+import copy
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cranedyn.bridges.joints import input_names, state_names
+from cranedyn.checks import number
+from cranedyn.clocks import SAME_PERIOD, Clocked, intervals
+from cranedyn.compiled.block import BlockCode, FunctionBlock, Tables, Variable, identifiers
+from cranedyn.controllers.affine import Affine, AffineController, affine_form, integrated_command
+from cranedyn.controllers.damping import DampingController
+from cranedyn.dynamics.converters import Converters, fitting
+from cranedyn.dynamics.pinocchio import holding_effort
+from cranedyn.dynamics.scalars import array, clipped
+from cranedyn.errors import DataError, OutOfRange
+from cranedyn.estimation.observer import ObserverController
+from cranedyn.interfaces import Drive, Setpoint, State
+from cranedyn.model.crane import Crane
+from cranedyn.references.motion import Motion
+from cranedyn.references.shaped import Shaped
+from cranedyn.references.tabulated import tabulated
+
+Emitted = tuple[np.ndarray, dict[str, Any]]
+"""Commands of the drives, shape (m,), and new values of memory by name."""
+
+_STEADY = 1e-13
+"""Relative distance of a Kalman gain from its last row that counts as none."""
+
+
+class ControlSetting:
+    """Crane, clock and identifiers of a block.
+
+    Attributes:
+        crane: The crane.
+        period, duration: Control period, and time that tables cover [s].
+        times: Control instants of that time [s].
+        identifier: Identifiers by names of signals.
+        state: Measured coordinates and rates, 2 n identifiers.
+        setpoint, rate: Positions of the setpoint, and its rates one control period later, m
+            identifiers.
+        command: Commands, m identifiers.
+        drive: Drives, m identifiers.
+    """
+
+    def __init__(self, crane: Crane, signals: list[str], period: float, duration: float) -> None:
+        driven = [joint.symbol for joint in crane.layout.driven]
+        self.crane, self.period, self.duration = crane, period, duration
+        self.times = period * np.arange(intervals("duration", duration, period) + 1)
+        groups = [
+            state_names(crane),
+            [f"{symbol}_set" for symbol in driven],
+            [f"{symbol}_dot_set" for symbol in driven],
+            signals,
+        ]
+        self.identifier = identifiers([name for group in groups for name in group])
+        self.state, self.setpoint, self.rate, self.command = (
+            [self.identifier[name] for name in group] for group in groups
+        )
+        self.drive = [self.state[i] for i in crane.layout.drives.tolist()]
+
+
+class Part(ABC):
+    """A controller in code.
+
+    Attributes:
+        about: Sentence that says what it does.
+        memory: Variables that it keeps.
+        arrays: Arrays that it keeps, with their start.
+        tables: Its tables.
+        rows: Calls after which nothing depends on their count any more, and one.
+        repeats: Calls after which the count starts again; 0 for one that ends at the last row.
+    """
+
+    about: str
+    memory: Sequence[Variable] = ()
+    arrays: Mapping[str, np.ndarray] = {}
+    tables: Mapping[str, np.ndarray] = {}
+    rows = 1
+    repeats = 0
+
+    @abstractmethod
+    def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
+        """Emit the command at coordinates and rates, shape (2 n,)."""
+
+
+class _AffinePart(Part):
+    """A controller that is affine in the state, on tables; its setpoint stays an input."""
+
+    def __init__(self, setting: ControlSetting, controller: Any) -> None:
+        self._setting, layout, times = setting, setting.crane.layout, setting.times
+        if isinstance(controller, Clocked):
+            controller = copy.copy(controller)
+            controller.begin_run(0.0, setting.period)
+        rng = np.random.default_rng(0)
+        still, ones, mixed = (
+            np.tile(positions, (len(times), 1))
+            for positions in (np.zeros(layout.m), np.ones(layout.m), rng.uniform(1, 2, layout.m))
+        )
+        forms = [_form(controller, times, positions, 2 * layout.n) for positions in (still, ones)]
+        form = forms[0]
+        self._shift = (forms[1].setpoint - form.setpoint)[0, layout.drives]
+        self._target_shift = (forms[1].target - form.target)[0]
+        _check_shift(controller, form, _form(controller, times, mixed, 2 * layout.n), self, layout)
+        self._tables = Tables(
+            feed_forward=form.feed_forward,
+            gain=form.gain.reshape(len(form.gain), -1),
+            setpoint=form.setpoint,
+            target=form.target,
+        )
+        self._form, self.tables, self.rows = form, self._tables.packed, self._tables.rows
+        self.about = f"{type(controller).__name__}: commands that are affine in the state."
+        self.memory = [
+            Variable(f"integral_{name}", "state", f"{joint.unit}.s", float(start))
+            for name, joint, start, gain in zip(
+                setting.drive, layout.driven, form.integral, form.integral_gain, strict=True
+            )
+            if gain
+        ]
+
+    def shifted(self, positions: np.ndarray, drives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the shifts of setpoint, shape (2 n,), and target, shape (m,), with positions."""
+        shift = array([0.0] * (2 * self._setting.crane.layout.n))
+        shift[drives] = array(self._shift.tolist()) * positions
+        return shift, array(self._target_shift.tolist()) * positions
+
+    def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
+        tables, setting = self._tables, self._setting
+        layout = setting.crane.layout
+        shift, target_shift = self.shifted(code.get_all(setting.setpoint), layout.drives)
+        gain = tables.row(code, "gain").reshape(layout.m, -1)
+        setpoint = tables.row(code, "setpoint") + shift
+        command = tables.row(code, "feed_forward") - gain @ (z - setpoint)
+        target, memory = tables.row(code, "target") + target_shift, {}
+        for i, (name, drive) in enumerate(zip(setting.drive, layout.drives, strict=True)):
+            if gain_of_integral := float(self._form.integral_gain[i]):
+                error, limit = target[i] - z[drive], float(self._form.limit[i])
+                integral = code.get(f"integral_{name}")
+                command[i], memory[f"integral_{name}"] = integrated_command(
+                    command[i], error, integral, gain_of_integral, limit, setting.period
+                )
+        return command, memory
+
+
+def _form(controller: Any, times: np.ndarray, positions: np.ndarray, width: int) -> Affine:
+    form = affine_form(controller, times, positions, width)
+    if form is None:
+        raise DataError(
+            f"The controller {type(controller).__name__} is not affine in the state, or has run "
+            "before; a block runs tables, not Python."
+        )
+    if lacking := form.lacking():
+        name = f"{lacking} of the controller"
+        raise OutOfRange(name, "not finite in some row", "finite numbers")
+    return form
+
+
+def _check_shift(
+    controller: Any, still: Affine, mixed: Affine, part: _AffinePart, layout: Any
+) -> None:
+    """Check that the setpoint of the drives does nothing but shift the setpoint of the form.
+
+    Raises:
+        DataError: If it does more.
+    """
+    position = np.random.default_rng(0).uniform(1, 2, layout.m)
+    shift, target = (s.astype(float) for s in part.shifted(position, layout.drives))
+    same = (
+        np.array_equal(still.gain, mixed.gain)
+        and np.array_equal(still.feed_forward, mixed.feed_forward)
+        and np.allclose(mixed.setpoint - still.setpoint, shift, rtol=1e-9, atol=1e-9)
+        and np.allclose(mixed.target - still.target, target, rtol=1e-9, atol=1e-9)
+    )
+    if not same:
+        raise DataError(
+            f"The controller {type(controller).__name__} depends on the setpoint of the drives "
+            "otherwise than by its distance; a block takes the setpoint as an input."
+        )
+
+
+class _YieldingPart(Part):
+    """Drives that yield to the swing; rates of the reference are inputs."""
+
+    about = "Drives that yield to the load, which damps its swing."
+
+    def __init__(self, setting: ControlSetting, controller: Any) -> None:
+        _check_period(setting, controller.control_period)
+        self._controller, self._setting = controller, setting
+
+    def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
+        wanted, positions = code.get_all(self._setting.rate), code.get_all(self._setting.setpoint)
+        return self._controller.command(wanted, positions, *np.split(z, 2)), {}
+
+
+def _check_period(setting: ControlSetting, period: float) -> None:
+    if abs(period - setting.period) > SAME_PERIOD * period:
+        raise OutOfRange("control period", setting.period, f"{period:g}: the controller's", "s")
+
+
+class _ObserverPart(Part):
+    """A controller behind a Kalman filter, whose gains do not depend on the measurements."""
+
+    def __init__(self, setting: ControlSetting, controller: Any) -> None:
+        if controller.delay or controller.estimate is not None:
+            raise DataError(
+                "An observer is exported new and with measurements without delay; this one "
+                f"{'has a delay' if controller.delay else 'has run'}."
+            )
+        model, layout = controller.model, setting.crane.layout
+        _check_period(setting, model.period)
+        self._inner = controller_code(setting, controller.controller)
+        if self._inner.repeats:
+            raise DataError("A shaper does not act on an estimate; export it as a block by itself.")
+        self._model, self._setting, self._measured = model, setting, controller.measured
+        self._limit = controller.effort_limit.tolist()
+        changes = np.flatnonzero(np.diff(model.stretch))
+        self._every = int(changes[0]) + 1 if len(changes) else len(model.stretch)
+        self._tables = Tables(
+            kalman=_kalman_gains(controller, len(setting.times)),
+            motion=np.hstack([model.setpoint, model.efforts]),
+            model=np.dstack([model.a, model.b]).reshape(len(model.a), -1),
+        )
+        self.tables = {**self._inner.tables, **self._tables.packed}
+        self.rows = max(self._tables.rows, self._inner.rows, len(model.stretch) + 1)
+        self.about = f"A Kalman filter that estimates the swing; behind it: {self._inner.about}"
+        start = np.zeros(2 * layout.n)
+        if controller.start is not None:
+            start = controller.start - model.setpoint[0]
+        self._deviations = [f"deviation_{name}" for name in setting.state]
+        self._corrections = [f"correction_{name}" for name in setting.drive]
+        pairs = zip(self._deviations, start.tolist(), strict=True)
+        self.memory = [
+            *self._inner.memory,
+            *(Variable(name, "state", "", value) for name, value in pairs),
+            *(Variable(name, "state") for name in self._corrections),
+        ]
+
+    def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
+        build, n2 = code.builder, len(z)
+        last, before = code.integer(len(self._model.stretch) - 1), code.plus(code.count, -1)
+        stretch = build.select(
+            build.icmp_signed("<", before, last),
+            build.sdiv(code.most(before, code.integer(0)), code.integer(self._every)),
+            code.integer(len(self._model.a) - 1),
+        )
+        model = self._tables.row(code, "model", stretch).reshape(n2, -1)
+        old = code.get_all(self._deviations)
+        new = model[:, :n2] @ old + model[:, n2:] @ code.get_all(self._corrections)
+        first = build.icmp_signed("==", code.count, code.integer(0))
+        predicted = array([code.chosen(first, x, y) for x, y in zip(old, new, strict=True)])
+        motion = self._tables.row(code, "motion")
+        gain = self._tables.row(code, "kalman").reshape(n2, -1)
+        setpoint, efforts = motion[:n2], motion[n2:]
+        measured = z[self._measured] - setpoint[self._measured]
+        deviation = predicted + gain @ (measured - predicted[self._measured])
+        command, memory = self._inner.emit(code, setpoint + deviation)
+        acting = [clipped(c, -x, x) for c, x in zip(command, self._limit, strict=True)]
+        memory |= dict(zip(self._deviations, deviation, strict=True))
+        memory |= dict(zip(self._corrections, array(acting) - efforts, strict=True))
+        return command, memory
+
+
+def _kalman_gains(observer: ObserverController, rows: int) -> np.ndarray:
+    """Return the gains of the corrections at control instants, shape (rows, 2 n measured); those
+    that have settled are the last row.
+    """
+    model = observer.model
+    fresh = ObserverController(
+        lambda t, state, setpoint: model.efforts[model.row(t)],
+        model,
+        *(observer.measured, observer.effort_limit, observer.disturbance, observer.noise),
+        observer.covariance,
+    )
+    state = State(*np.zeros((2, len(observer.covariance) // 2)))
+    gains, none = [], Setpoint(*np.zeros((3, model.efforts.shape[1])))
+    for k in range(rows):
+        fresh(k * model.period, state, none)
+        gains.append(fresh.gain)
+    table = np.array(gains)
+    settled = np.abs(table - table[-1]).max(axis=(1, 2)) <= _STEADY * np.abs(table[-1]).max()
+    moving = np.flatnonzero(~settled)
+    table[moving[-1] + 1 if len(moving) else 0 :] = table[-1]
+    return table.reshape(rows, -1)
+
+
+class _ShaperPart(Part):
+    """Input shaping of setpoints, which lie on a line in memory."""
+
+    about = "Input shaping: setpoints in parts, so that the swings they cause cancel."
+
+    def __init__(self, setting: ControlSetting, shaped: Any) -> None:
+        delays = shaped.delays / setting.period
+        self._setting, self._amplitudes = setting, shaped.amplitudes.tolist()
+        self._m = setting.crane.layout.m
+        whole = np.floor(delays + SAME_PERIOD)
+        self._parts = list(zip(whole.astype(int).tolist(), (delays - whole).tolist(), strict=True))
+        self.repeats = int(whole.max()) + 2
+        self.arrays = {"line": np.zeros(self.repeats * self._m)}
+        self._first = [f"first_{name}" for name in setting.drive]
+        self.memory = [Variable(name, "state") for name in self._first]
+
+    def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
+        build, count, length = code.builder, code.count, code.integer(self.repeats)
+        begins = build.icmp_signed("==", count, code.integer(0))
+        now = code.get_all(self._setting.setpoint)
+        kept = code.get_all(self._first)
+        first = [code.chosen(begins, x, y) for x, y in zip(now, kept, strict=True)]
+
+        def past(i: int, calls: int) -> Any:
+            if calls == 0:
+                return now[i]
+            row = build.srem(code.plus(count, self.repeats - calls), length)
+            stored = code.element("line", code.plus(code.product(row, self._m), i))
+            early = build.icmp_signed("<", count, code.integer(calls))
+            return code.chosen(early, first[i], stored)
+
+        outputs = []
+        for i in range(self._m):
+            output: Any = 0.0
+            for (calls, share), amplitude in zip(self._parts, self._amplitudes, strict=True):
+                value = past(i, calls)
+                if abs(share) > SAME_PERIOD:
+                    value = value + share * (past(i, calls + 1) - value)
+                output = output + amplitude * value
+            outputs.append(output)
+        row = build.srem(count, length)
+        for i, value in enumerate(now):
+            code.put("line", code.plus(code.product(row, self._m), i), value)
+        return array(outputs), dict(zip(self._first, first, strict=True))
+
+
+PARTS = (
+    (DampingController, _YieldingPart),
+    (ObserverController, _ObserverPart),
+    (Shaped, _ShaperPart),
+    (AffineController, _AffinePart),
+)
+"""Controllers that can be exported, and what emits them; the first that fits is taken."""
+
+
+def controller_code(setting: ControlSetting, controller: Any) -> Part:
+    """Return a controller in code.
+
+    Raises:
+        DataError: If it cannot be exported.
+    """
+    for kind, part in PARTS:
+        if isinstance(controller, kind):
+            return part(setting, controller)
+    raise DataError(
+        f"The controller {type(controller).__name__} is neither affine in the state, nor one of "
+        "drives that yield, nor an observer, nor a shaper; a block runs tables, not Python."
+    )
+
+
+def controller_block(
+    crane: Crane,
+    controller: Any,
+    *,
+    drive: Drive = "effort",
+    control_period: float = 5e-3,
+    duration: float = 30.0,
+    converters: Converters | None = None,
+    name: str = "controller",
+) -> FunctionBlock:
+    """Return a controller or a shaped reference as a block; its function is "step".
+
+    Args:
+        crane: The crane.
+        controller: The controller, or a reference of `cranedyn.references.shaped.shaped`, whose
+            base is then the input.
+        drive: What the commands are; efforts and rates are cut to the limits of the drives.
+        control_period: Time from one call to the next [s].
+        duration: Time that tables cover [s]; after it their last row holds.
+        converters: Frequency converters of the drives; None for typical ones.
+        name: Name of the block.
+
+    Raises:
+        DataError: If it cannot be exported.
+        OutOfRange: If a number is out of range, or the controller is for another control period.
+    """
+    number("control_period", control_period, "s", "> 0")
+    layout, driven = crane.layout, crane.layout.driven
+    limits, holding = np.full(layout.m, np.inf), np.zeros(layout.m)
+    units = [f"{joint.unit}/s2" for joint in driven]
+    signals = [f"{name}_command" for name in input_names(crane, drive)]
+    if isinstance(controller, Shaped):
+        units, holding = [joint.unit for joint in driven], crane.start.q[layout.drives]
+        signals = [f"{joint.symbol}_shaped" for joint in driven]
+    elif drive == "effort":
+        limits, holding = crane.effort_limit, holding_effort(crane, crane.start.q)
+        units = [joint.effort_unit.replace(" ", ".") for joint in driven]
+    elif drive == "velocity":
+        drives = fitting(crane, drive, converters)
+        assert drives is not None
+        limits, units = drives.rates, [f"{joint.unit}/s" for joint in driven]
+        signals = [f"{joint.symbol}_dot_command" for joint in driven]
+    setting = ControlSetting(crane, signals, control_period, duration)
+    part = controller_code(setting, controller)
+    if 1 < len(setting.times) <= part.rows:
+        raise OutOfRange("duration", duration, "longer: the tables still change at its end", "s")
+    state_units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
+    start = np.concatenate(crane.start).tolist()
+    variables = [
+        *(
+            Variable(name, "input", unit, value, about="measured")
+            for name, unit, value in zip(setting.state, state_units, start, strict=True)
+        ),
+        *(
+            Variable(name, "input", joint.unit, start[i], about="setpoint")
+            for name, joint, i in zip(setting.setpoint, driven, layout.drives, strict=True)
+        ),
+        *(
+            Variable(name, "input", f"{joint.unit}/s", about="of the setpoint a period later")
+            for name, joint in zip(setting.rate, driven, strict=True)
+        ),
+        *(
+            Variable(name, "output", unit, value, -limit, limit)
+            for name, unit, value, limit in zip(
+                setting.command, units, holding.tolist(), limits.tolist(), strict=True
+            )
+        ),
+        *part.memory,
+    ]
+    first = part.repeats or part.rows - 1
+    block = FunctionBlock(
+        name,
+        part.about,
+        control_period,
+        tuple(variables),
+        part.arrays,
+        part.tables,
+        last=2 * part.repeats - 1 if part.repeats else first,
+        first=first,
+        renamed={signal: new for signal, new in setting.identifier.items() if signal != new},
+    )
+
+    def step(code: BlockCode) -> Mapping[str, Any]:
+        command, memory = part.emit(code, code.get_all(setting.state))
+        return {**dict(zip(setting.command, command, strict=True)), **memory}
+
+    block.emit("step", step)
+    return block
+
+
+def vectors(
+    crane: Crane, controller: Any, block: FunctionBlock, rows: int = 200
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return inputs of a controller's block in consecutive calls, and the outputs that the
+    controller gives in Python, cut to their ranges, for tests of its code.
+
+    Args:
+        crane: The crane.
+        controller: The controller, new.
+        block: Its block.
+        rows: Number of calls.
+
+    Returns:
+        Inputs that the block uses, shape (rows, k), and outputs, shape (rows, m).
+    """
+    rng, layout, period = np.random.default_rng(0), crane.layout, block.period
+    n, m = layout.n, layout.m
+    z = np.concatenate(crane.start) + rng.uniform(-0.05, 0.05, (rows, 2 * n))
+    positions = crane.start.q[layout.drives] + rng.uniform(-0.05, 0.05, (rows, m))
+    times, rates = period * np.arange(rows), np.zeros((rows, m))
+    outputs, controller = np.empty((rows, m)), copy.copy(controller)
+    if isinstance(controller, Shaped):
+        q = np.tile(crane.start.q, (rows, 1))
+        q[:, layout.drives] = positions
+        motion = Motion(period, q, 0.0 * q, 0.0 * q, layout.drives)
+        outputs[:] = replace(controller, base=motion).at(times).position
+    else:
+        if isinstance(controller, DampingController):
+            rates = tabulated(controller.reference, times + period, m).velocity
+        if isinstance(controller, Clocked):
+            controller.begin_run(0.0, period)
+        for k, t in enumerate(times.tolist()):
+            setpoint = Setpoint(positions[k], rates[k], 0.0 * rates[k])
+            outputs[k] = controller(t, State(z[k, :n], z[k, n:]), setpoint)
+    limits = block.of_kind("output")
+    lower, upper = ([getattr(v, end) for v in limits] for end in ("lower", "upper"))
+    every = [variable.name for variable in block.variables if variable.kind == "input"]
+    used = [every.index(variable.name) for variable in block.of_kind("input")]
+    return np.hstack([z, positions, rates])[:, used], np.clip(outputs, lower, upper)

@@ -1,0 +1,128 @@
+"""MATLAB: the linear crane about its start as matrices with names and units, for its `ss`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, get_args
+
+import numpy as np
+from scipy.io import savemat
+
+from cranedyn.bridges.joints import input_names, state_names
+from cranedyn.bridges.target import new_file
+from cranedyn.checks import check_choice
+from cranedyn.dynamics.converters import Converters, fitting
+from cranedyn.dynamics.linearisation import Linear, Sampled, linear
+from cranedyn.errors import DataError, UnknownName
+from cranedyn.interfaces import Drive, State
+from cranedyn.model.crane import Crane
+from cranedyn.model.options import crane_from_options
+
+TARGET = "FILE"
+EXAMPLE = "crane.mat"
+
+
+class LinearSystem(NamedTuple):
+    """dz/dt = a z + b u, or z after a period = a z + b u, and y = c z; deviations in SI units.
+
+    Attributes:
+        a, b, c: Matrices.
+        states, inputs, outputs: Names.
+        period: Control period [s]; 0 in continuous time.
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    states: list[str]
+    inputs: list[str]
+    outputs: list[str]
+    period: float
+
+
+def linear_system(
+    crane: Crane,
+    state: State | None = None,
+    *,
+    effort: np.ndarray | None = None,
+    drive: Drive = "effort",
+    control_period: float | None = None,
+    dt: float = 5e-4,
+    outputs: Sequence[str] | None = None,
+    converters: Converters | None = None,
+) -> LinearSystem:
+    """Return the crane linearised about a state, see `cranedyn.bridges.control.to_control`."""
+    check_choice("drive", drive, Drive)
+    state, kind = crane.start if state is None else state, "motion" if drive != "effort" else drive
+    system: Linear | Sampled = linear(crane, state, effort, drive=kind)  # type: ignore[arg-type]
+    names, m, delay = state_names(crane), crane.layout.m, 0
+    selected = names if outputs is None else list(outputs)
+    for name in selected:
+        if name not in names:
+            raise UnknownName("state", str(name), names)
+    converters = fitting(crane, drive, converters)
+    if converters is not None:  # T dv/dt = u - v
+        a, b = system.a.copy(), system.b / converters.lags
+        a[:, crane.layout.n + crane.layout.drives] -= b
+        system = Linear(a, b)
+    if control_period is not None:
+        system = system.sampled(dt=dt, control_period=control_period)  # type: ignore[union-attr]
+        delay = converters.delay_steps(dt, control_period) if converters else 0
+    a, b, inputs = system.a, system.b, input_names(crane, drive)
+    for k in range(delay, 0, -1):  # the command of k periods ago, on its way
+        a, b = (
+            np.block([[a, b], [np.zeros((m, len(a) + m))]]),
+            np.vstack([np.zeros_like(b), np.eye(m)]),
+        )
+        names = [*names, *(f"{name}_{k}" for name in inputs)]
+    c = np.eye(len(a))[[names.index(name) for name in selected]]
+    return LinearSystem(a, b, c, names, inputs, selected, control_period or 0.0)
+
+
+def to_matlab(file: str | Path, crane: Crane, state: State | None = None, **options: Any) -> Path:
+    """Write A, B, C, D, Ts, the names and units of states, inputs and outputs, and the state z0.
+
+    Args:
+        file: New file, ending in .mat; MATLAB's `load` opens it.
+        crane: The crane.
+        state: State to linearise about; None for the start.
+        options: As `cranedyn.bridges.control.to_control` takes them.
+
+    Raises:
+        DataError: If the ending is not .mat, or the file exists or cannot be written.
+        OutOfRange, UnknownName: As `to_control`.
+    """
+    file, system = Path(file), linear_system(crane, state, **options)
+    if file.suffix != ".mat":
+        raise DataError(f"Cannot write {file}: the ending of a file for MATLAB must be .mat.")
+    units = {joint.symbol: joint.unit for joint in crane.layout.joints}
+    units |= {f"{symbol}_dot": f"{unit}/s" for symbol, unit in units.items()}
+    per = {"motion": "/s^2", "velocity": "/s"}.get(options.get("drive", "effort"))
+    for joint, name in zip(crane.layout.driven, system.inputs, strict=True):
+        units[name] = joint.effort_unit if per is None else joint.unit + per
+    content: dict[str, Any] = {"A": system.a, "B": system.b, "C": system.c, "Ts": system.period}
+    content["D"] = np.zeros((len(system.c), crane.layout.m))
+    content["z0"] = np.concatenate(crane.start if state is None else state)[:, None]
+    for kind in ("state", "input", "output"):
+        names = content[f"{kind}s"] = np.array(getattr(system, f"{kind}s"), dtype=object)
+        known = [units.get(name) or units[name.rpartition("_")[0]] for name in names]
+        content[f"{kind}_units"] = np.array(known, dtype=object)
+    with new_file(file) as draft, draft.open("wb") as stream:
+        savemat(stream, content)
+    return file
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments beside the file and the crane."""
+    text = "kind of the inputs: efforts, accelerations, or rates of frequency converters"
+    parser.add_argument("--drive", choices=get_args(Drive), default="effort", help=text)
+    text = "of a sampled system [s]; continuous if left out"
+    parser.add_argument("--control-period", type=float, metavar="T", help=text)
+
+
+def run(options: argparse.Namespace) -> Path:
+    """Write what the command line describes, and return its path."""
+    settings = {"drive": options.drive, "control_period": options.control_period}
+    return to_matlab(options.target, crane_from_options(options), **settings)

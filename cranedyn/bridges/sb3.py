@@ -1,0 +1,83 @@
+"""Many cranes as a vectorised environment of Stable-Baselines3."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from cranedyn.bridges.gymnasium import TowerCraneVectorEnv
+from cranedyn.bridges.task import OBSERVED
+from cranedyn.errors import CraneError
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv
+except ModuleNotFoundError as error:
+    raise CraneError(
+        "This bridge needs Stable-Baselines3, which is not installed: pip install torch "
+        "'cranedyn[learning]'."
+    ) from error
+
+Change = Callable[[np.ndarray], np.ndarray]
+
+
+class _CraneVecEnv(VecEnv):
+    """See `vec_env`."""
+
+    def __init__(self, env: TowerCraneVectorEnv, features: Change, shaping: Change) -> None:
+        self.env, self._features, self._shaping = env, features, shaping
+        self.returns, self.finished = np.zeros(env.num_envs), list[float]()
+        width = features(np.zeros((1, len(OBSERVED)))).shape[1]
+        inputs = gym.spaces.Box(-np.inf, np.inf, (width,), np.float32)
+        super().__init__(env.num_envs, inputs, env.single_action_space)
+
+    def _inputs(self, observation: np.ndarray) -> np.ndarray:
+        return self._features(observation).astype(np.float32)
+
+    def reset(self) -> np.ndarray:
+        return self._inputs(self.env.reset(seed=self._seeds[0])[0])
+
+    def step_async(self, actions: np.ndarray) -> None:
+        self._actions = actions
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        observation, reward, terminated, truncated, info = self.env.step(self._actions)
+        infos: list[dict[str, Any]] = [{} for _ in reward]
+        self.returns += reward
+        for i in np.flatnonzero(terminated | truncated):
+            last = self._inputs(info["final_obs"][i : i + 1])[0]
+            infos[i] = {"terminal_observation": last, "TimeLimit.truncated": bool(truncated[i])}
+            self.finished.append(float(self.returns[i]))
+            self.returns[i] = 0.0
+        shaped = self._shaping(reward).astype(np.float32)
+        return self._inputs(observation), shaped, terminated | truncated, infos
+
+    def close(self) -> None:
+        self.env.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        return [getattr(self.env, attr_name)] * self.num_envs
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        setattr(self.env, attr_name, value)
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **named: Any) -> Any:
+        return [getattr(self.env, method_name)(*args, **named)] * self.num_envs
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        return [False] * self.num_envs
+
+
+def vec_env(
+    env: TowerCraneVectorEnv, *, features: Change = np.asarray, shaping: Change = np.asarray
+) -> Any:
+    """Return cranes as PPO and its like take them; `finished` lists the returns of their episodes.
+
+    Args:
+        env: The cranes, made with ``autoreset_mode="SameStep"``.
+        features: From observations, shape (n, 12), to inputs of the network, shape (n, k).
+        shaping: From rewards to those that are learned from, shape (n,) each.
+    """
+    return _CraneVecEnv(env, features, shaping)

@@ -1,0 +1,89 @@
+"""Structured Text (IEC 61131-3): a controller as a function block of a PLC, with PLCopen XML
+beside.
+
+``python -m cranedyn export st FILE.st`` writes both.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from cranedyn.bridges.controller_block import controller_block
+from cranedyn.bridges.target import check_free, new_file
+from cranedyn.bridges.usual_controllers import CONTROLLERS
+from cranedyn.compiled.structured_text import plcopen_xml, structured_text
+from cranedyn.dynamics.converters import Converters
+from cranedyn.errors import OutOfRange
+from cranedyn.interfaces import Drive
+from cranedyn.model.crane import Crane
+from cranedyn.model.options import crane_from_options
+
+TARGET = "FILE"
+EXAMPLE = "controller.st --controller lqr"
+"""Target of the command line."""
+
+
+def export(
+    crane: Crane,
+    path: str | Path,
+    controller: Any,
+    *,
+    drive: Drive = "effort",
+    control_period: float = 5e-3,
+    duration: float = 30.0,
+    converters: Converters | None = None,
+) -> Path:
+    """Write a controller as Structured Text, and as PLCopen XML in a file that ends in .xml.
+
+    Args:
+        crane: The crane.
+        path: New file, ending in ``.st``.
+        controller: The controller, see `cranedyn.bridges.controller_block`.
+        drive: What the controller commands.
+        control_period: Cycle of the task that calls the block [s].
+        duration: Time that tables of the controller cover [s].
+        converters: Frequency converters of the drives; None for typical ones.
+
+    Raises:
+        OutOfRange: If the file does not end so, or a number is out of range.
+        DataError: If a file exists or cannot be written, or the controller cannot be exported.
+        ModelError: If the controller needs a function that Structured Text lacks.
+    """
+    final = Path(path)
+    if final.suffix != ".st":
+        raise OutOfRange("name of the Structured Text", str(final), "one that ends in .st")
+    beside = final.with_suffix(".xml")
+    check_free(final)
+    check_free(beside)
+    block = controller_block(
+        crane,
+        controller,
+        drive=drive,
+        control_period=control_period,
+        duration=duration,
+        converters=converters,
+        name="crane_controller",
+    )
+    with new_file(beside) as draft:
+        draft.write_bytes(plcopen_xml(block))
+    with new_file(final) as draft:
+        draft.write_text(structured_text(block))
+    return final
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments beside the file and the crane."""
+    add = parser.add_argument
+    add("--controller", choices=CONTROLLERS, default="lqr", help="the controller (default lqr)")
+    text = "cycle of the task that calls the block [s]"
+    add("--period", type=float, default=5e-3, metavar="T", help=text)
+
+
+def run(options: argparse.Namespace) -> Path:
+    """Write what the command line describes, and return its path."""
+    crane = crane_from_options(options)
+    drive, make = CONTROLLERS[options.controller]
+    controller = make(crane, options.period)
+    return export(crane, options.target, controller, drive=drive, control_period=options.period)

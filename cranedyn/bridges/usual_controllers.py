@@ -1,0 +1,94 @@
+"""Controllers that exporters of code offer by name, about the start of a crane."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from cranedyn.bridges.browser_crane import swing_period
+from cranedyn.controllers.affine import Affine, at_drives
+from cranedyn.controllers.damping import with_damping
+from cranedyn.controllers.hold import hold_controller
+from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.controllers.lqr import lqr
+from cranedyn.controllers.paper import HOIST
+from cranedyn.controllers.tracking import Tracking
+from cranedyn.dynamics.converters import HEADROOM, converters
+from cranedyn.estimation.observer import with_observer
+from cranedyn.interfaces import Drive, Setpoint, State
+from cranedyn.model.crane import Crane
+from cranedyn.references import hold
+from cranedyn.references.limits import Limits
+from cranedyn.references.motion import Motion
+from cranedyn.references.shaped import shaped, zv
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SetpointRegulator(Tracking):
+    """A tracking controller of one row whose drives are held at the setpoint of the loop.
+
+    Attributes:
+        crane: The crane.
+    """
+
+    crane: Crane
+
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        """Return efforts [N m or N], shape (m,)."""
+        return super().__call__(t, state, setpoint) + self.gain[0] @ self._shift(setpoint.position)
+
+    def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
+        """Return the affine form, see `cranedyn.controllers.affine`."""
+        shifts = np.array([self._shift(position) for position in positions])
+        return replace(super().affine(times, positions), setpoint=self.setpoint + shifts)
+
+    def _shift(self, position: np.ndarray) -> np.ndarray:
+        drives = self.crane.layout.drives
+        return at_drives(
+            self.crane, (position - self.setpoint[0, drives])[None], np.zeros((1, len(drives)))
+        )[0]
+
+
+def _at_rest(crane: Crane, period: float) -> Motion:
+    """Return the motion of a crane that stands at its start, of one row."""
+    still = np.zeros((1, crane.layout.n))
+    return Motion(period, crane.resting(crane.start.q)[None], still, still, crane.layout.drives)
+
+
+def _lqr(crane: Crane, period: float) -> SetpointRegulator:
+    return SetpointRegulator(**vars(lqr(crane, _at_rest(crane, period))), crane=crane)
+
+
+def _integral(crane: Crane, period: float) -> HoistIntegral:
+    limit = float(crane.effort_limit @ crane.layout.along("l"))
+    return HoistIntegral(crane, _lqr(crane, period), HOIST[1], limit)
+
+
+def _observer(crane: Crane, period: float) -> Any:
+    return with_observer(_lqr(crane, period), crane, _at_rest(crane, period))
+
+
+def _yielding(crane: Crane, period: float) -> Any:
+    drives = converters(crane)
+    limits = Limits((drives.rates / HEADROOM).tolist(), drives.accelerations.tolist())
+    return with_damping(crane, hold(crane), recovery=0.2, limits=limits, control_period=period)
+
+
+def _shaper(crane: Crane, period: float) -> Any:
+    return shaped(hold(crane), zv(), swing_period(crane, crane.start.q))
+
+
+CONTROLLERS: dict[str, tuple[Drive, Callable[[Crane, float], Any]]] = {
+    "hold": ("effort", lambda crane, period: hold_controller(crane)),
+    "lqr": ("effort", _lqr),
+    "integral": ("effort", _integral),
+    "observer": ("effort", _observer),
+    "yielding": ("motion", _yielding),
+    "shaper": ("effort", _shaper),
+}
+"""Drives, and the controller of a crane for a control period [s], by name: each drive by itself, an
+LQR, the same with an integral of the hoist, the same behind an observer of the swing, drives that
+yield to the swing, and input shaping of the setpoint."""

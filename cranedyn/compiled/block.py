@@ -1,0 +1,236 @@
+"""Function blocks: a crane or a controller as straight code with named variables, which
+`cranedyn.compiled.c_text` and `cranedyn.compiled.structured_text` print.
+
+A block is what IEC 61131-3 calls so: inputs, parameters, outputs and memory with names and units,
+and functions that a caller runs in each period. Its code is that of the compiled engine.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args
+
+import numpy as np
+from llvmlite import ir
+
+from cranedyn.compiled.code import INTEGER, Code, Value
+from cranedyn.compiled.tables import drop_repeated_rows
+from cranedyn.dynamics.scalars import array
+
+Kind = Literal["input", "parameter", "output", "state"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+
+LARGEST = 1e12
+"""Inputs beyond it are faults, as what is not a number is."""
+
+_RESERVED = frozenset(
+    "auto break case char const continue default do double else enum extern float for goto if "
+    "inline int long register restrict return short signed sizeof static struct switch "
+    "typedef union unsigned void volatile while bool true false real self fault reset count "
+    "abs acos and any array asin at atan begin by byte configuration constant cos date dint "
+    "dt dword exit exp expt function limit lint ln log lreal lword max min mod move mux not "
+    "of on or program repeat resource retain sel sin sint sqrt step string tan task then time "
+    "tod to trunc type udint uint ulint until usint var with word xor en eno sd ds sl ld st "
+    "jmp call ret cal eq ge gt le lt ne add sub mul div".split()
+)
+"""Words of C and of Structured Text, and names of the printers, which no variable may have."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """Variable of a block.
+
+    Attributes:
+        name: Name, an identifier.
+        kind: Whether it is an input, a parameter, an output or memory.
+        unit: Unit; empty for a pure number.
+        start: Value after a reset, and of an output while the block is at fault.
+        lower, upper: Range; outputs are cut to it.
+        about: Description.
+    """
+
+    name: str
+    kind: Kind
+    unit: str = ""
+    start: float = 0.0
+    lower: float = -np.inf
+    upper: float = np.inf
+    about: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class FunctionBlock:
+    """A block.
+
+    Attributes:
+        name: Name, an identifier.
+        about: Sentence that says what it does.
+        period: Time from one call of `step` to the next [s].
+        variables: Its variables.
+        arrays: Arrays in its memory, by name, with their values after a reset.
+        tables: Constant tables by name, one after another row.
+        last, first: Number of a call after which the count of calls goes on with `first`.
+        renamed: Identifiers by names that are none.
+        functions: Its functions by name; "step" is one.
+    """
+
+    name: str
+    about: str
+    period: float
+    variables: tuple[Variable, ...]
+    arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
+    tables: Mapping[str, np.ndarray] = field(default_factory=dict)
+    last: int = 0
+    first: int = 0
+    renamed: Mapping[str, str] = field(default_factory=dict)
+    functions: dict[str, ir.Function] = field(default_factory=dict)
+
+    def of_kind(self, *kinds: Kind) -> list[Variable]:
+        """Return the variables of some kinds; only inputs and parameters that the code uses."""
+        loaded = {
+            self.variables[int(instruction.operands[0].operands[1].constant)].name
+            for function in self.functions.values()
+            for instruction in uses(function)
+            if instruction.opname == "load"
+            and instruction.operands[0].operands[0] is function.args[0]
+        }
+        return [
+            variable
+            for variable in self.variables
+            if variable.kind in kinds
+            and (variable.kind not in ("input", "parameter") or variable.name in loaded)
+        ]
+
+    def emit(self, name: str, text: Callable[[BlockCode], Mapping[str, Any]]) -> None:
+        """Add a function from its text: the values of outputs and memory by name; outputs are cut
+        to their ranges.
+        """
+        code = BlockCode(self, name)
+        values = dict(text(code))
+        for variable in self.of_kind("output"):
+            if variable.name in values and np.isfinite([variable.lower, variable.upper]).any():
+                value, limits = code.value(values[variable.name]), (variable.lower, variable.upper)
+                values[variable.name] = code.clipped(value, *limits)
+        for variable_name, value in values.items():
+            code.store(value, code.argument["self"], code.place[variable_name])
+        code.end()
+        self.functions[name] = code.function
+
+
+def uses(function: ir.Function) -> Counter[Any]:
+    """Return how often each instruction is needed for what a function stores."""
+    needed: Counter[Any] = Counter()
+    (code,) = function.blocks
+    waiting = [
+        operand
+        for instruction in code.instructions
+        if instruction.opname == "store"
+        for operand in instruction.operands
+    ]
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, ir.Instruction):
+            needed[value] += 1
+            if needed[value] == 1:
+                waiting.extend(value.operands)
+    return needed
+
+
+class BlockCode(Code):
+    """A function of a block under construction. It has no branches: sines are calls."""
+
+    def __init__(self, block: FunctionBlock, name: str) -> None:
+        arguments = ["self", "count", *block.arrays, *block.tables]
+        super().__init__(ir.Module(), name, arguments, 1)
+        self.block = block
+        self.place = {variable.name: i for i, variable in enumerate(block.variables)}
+
+    def get(self, name: str) -> Value:
+        """Return a variable of the block."""
+        key = ("variable", name)
+        if key not in self._results:
+            self._results[key] = self.load(self.argument["self"], self.place[name])
+        return self._results[key]
+
+    def get_all(self, names: Iterable[str]) -> np.ndarray:
+        """Return variables of the block, shape (n,)."""
+        return array([self.get(name) for name in names])
+
+    @property
+    def count(self) -> ir.Value:
+        """Number of calls since the reset, up to the last of the block."""
+        return self.load_one(self.argument["count"], 0, INTEGER)
+
+    def element(self, name: str, index: Any) -> Value:
+        """Return an element of an array or a table."""
+        return self.load(self.argument[name], index)
+
+    def put(self, name: str, index: Any, value: Any) -> None:
+        """Store an element of an array."""
+        self.store(value, self.argument[name], index)
+
+    def sine_and_cosine(self, angle: Value) -> tuple[Value, Value]:
+        """Return sine and cosine of an angle [rad], computed once."""
+        if angle.register not in self._angles:
+            pair = self.call("llvm.sin", angle), self.call("llvm.cos", angle)
+            self._angles[angle.register] = pair
+        return self._angles[angle.register]
+
+    def advanced(self, before: Value, by: Any) -> Value:
+        """Return the sum."""
+        return before + by
+
+
+class Tables:
+    """Tables of a block: columns that do not change are numbers in its code.
+
+    Attributes:
+        packed: The other columns by name of the table.
+        rows: Largest number of rows.
+    """
+
+    def __init__(self, **tables: np.ndarray) -> None:
+        shortened = {name: drop_repeated_rows(table) for name, table in tables.items()}
+        self._first = {name: table[0] for name, table in shortened.items()}
+        self._varying = {
+            name: np.flatnonzero((table != table[0]).any(axis=0))
+            for name, table in shortened.items()
+        }
+        self.packed = {
+            name: table[:, self._varying[name]]
+            for name, table in shortened.items()
+            if len(self._varying[name])
+        }
+        self.rows = max(len(table) for table in shortened.values())
+
+    def row(self, code: BlockCode, name: str, index: ir.Value | None = None) -> np.ndarray:
+        """Return the row of a table for a count, that of calls unless another is given; beyond the
+        last row the last.
+        """
+        values: list[Any] = self._first[name].tolist()
+        if name in self.packed:
+            rows, width = self.packed[name].shape
+            row = code.least(code.count if index is None else index, code.integer(rows - 1))
+            first = code.product(row, width)
+            for i, column in enumerate(self._varying[name]):
+                values[column] = code.element(name, code.plus(first, i))
+        return array(values)
+
+
+def identifiers(names: Sequence[str]) -> dict[str, str]:
+    """Return a distinct identifier of C and Structured Text for each name."""
+    chosen: dict[str, str] = {}
+    taken: set[str] = set()
+    for name in names:
+        plain = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9]", "_", name)).strip("_")[:40] or "joint"
+        if plain[0].isdigit() or plain.lower() in _RESERVED or re.fullmatch(r"v\d+|.*_now", plain):
+            plain = f"the_{plain.removesuffix('_now')}"
+        candidate, number = plain, 2
+        while candidate.lower() in taken:
+            candidate, number = f"{plain}_{number}", number + 1
+        taken.add(candidate.lower())
+        chosen[name] = candidate
+    return chosen

@@ -1,0 +1,190 @@
+"""Function blocks in C99: without heap, recursion and library, and with memory of a fixed size."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from cranedyn.compiled.angles import COSINE, HALF_PI, LARGEST_ANGLE, SINE
+from cranedyn.compiled.block import KINDS, LARGEST, FunctionBlock, Variable
+from cranedyn.compiled.printing import ATOM, CHOICE, Expression, Language, Walk
+
+Precision = Literal["double", "single"]
+"""Type of all numbers: double or float."""
+
+_TYPES = {"real": "real", "integer": "int32_t", "truth": "bool"}
+
+
+class _C(Language):
+    and_or: ClassVar = {"and": "&&", "or": "||"}
+    comparison: ClassVar = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "=="}
+    remainder = "%"
+
+    def __init__(self, name: str, precision: Precision) -> None:
+        self.name, self.precision = name, precision
+
+    def number(self, value: float) -> str:
+        if self.precision == "double":
+            return repr(float(value))
+        text = str(np.float32(value))
+        return f"{text}F" if "." in text or "e" in text else f"{text}.0F"
+
+    def variable(self, name: str) -> str:
+        return f"self->{name}"
+
+    def element(self, name: str, index: str, *, table: bool) -> str:
+        return f"{self.name}_{name}[{index}]" if table else f"self->{name}[{index}]"
+
+    def chosen(self, condition: Expression, yes: Expression, no: Expression) -> Expression:
+        parts = [part.within(CHOICE, right=True) for part in (condition, yes, no)]
+        return Expression("{} ? {} : {}".format(*parts), CHOICE)
+
+    def call(self, function: str, operand: Expression) -> Expression:
+        return Expression(f"{self.name}_{function}({operand.text})", ATOM)
+
+    def signed(self, value: float) -> str:
+        """Return a number of any sign."""
+        return f"-{self.number(-value)}" if value < 0.0 else self.number(value)
+
+
+def c_header(block: FunctionBlock, precision: Precision = "double") -> str:
+    """Return the header of a block."""
+    name, number = block.name, "double" if precision == "double" else "float"
+    lines = [
+        f"/* {block.about} */",
+        f"#ifndef {name.upper()}_H",
+        f"#define {name.upper()}_H",
+        "",
+        "#include <stdbool.h>",
+        "#include <stdint.h>",
+        "",
+        "typedef struct {",
+    ]
+    for kind in KINDS:
+        if variables := block.of_kind(kind):
+            lines.append(f"  /* {kind}s */")
+            lines += [f"  {number} {v.name};{_comment(v)}" for v in variables]
+    lines += [f"  {number} {array}[{len(v)}];" for array, v in block.arrays.items()]
+    lines += ["  int32_t count; /* calls since the reset, up to the last row of its tables */"]
+    lines += ["  bool fault; /* an input was not a number; held until the reset */"]
+    lines += [f"}} {name};", "", "/* Set parameters and memory to their values at the start. */"]
+    lines += [f"void {name}_reset({name} *self);"]
+    for function in block.functions:
+        when = f", every {block.period:g} s" if function == "step" else ""
+        lines += ["", f"/* Compute outputs{' and memory' * bool(when)}{when}; return no fault. */"]
+        lines += [f"bool {name}_{function}({name} *self);"]
+    return "\n".join([*lines, "", "#endif", ""])
+
+
+def c_source(block: FunctionBlock, precision: Precision = "double") -> str:
+    """Return the source of a block."""
+    language, name = _C(block.name, precision), block.name
+    real = "double" if precision == "double" else "float"
+    walks = {key: Walk(block, function, language) for key, function in block.functions.items()}
+    called = set().union(*(walk.functions for walk in walks.values()))
+    lines = [f'#include "{name}.h"', "", f"typedef {real} real;", ""]
+    for table, values in block.tables.items():
+        lines += [f"static const real {name}_{table}[{values.size}] = {{"]
+        lines += _rows([language.signed(x) for x in values.ravel().tolist()])
+        lines += ["};", ""]
+    lines += _helpers(called, language)
+    lines += [f"void {name}_reset({name} *self) {{"]
+    for v in block.of_kind(*KINDS):
+        lines.append(f"  self->{v.name} = {language.signed(v.start)};")
+    for array, values in block.arrays.items():
+        lines.append(f"  for (int32_t i = 0; i < {len(values)}; i++) self->{array}[i] = 0;")
+    lines += ["  self->count = 0;", "  self->fault = false;", "}", ""]
+    for function, walk in walks.items():
+        lines += [f"bool {name}_{function}({name} *self) {{", *_fault_check(block, language)]
+        for assignment in walk.assignments:
+            kind = f"const {_TYPES[assignment.kind]} " if assignment.kind else ""
+            lines.append(f"  {kind}{assignment.target} = {assignment.value};")
+        if function == "step" and block.last:
+            text = f"self->count < {block.last} ? self->count + 1 : {block.first}"
+            lines.append(f"  self->count = {text};")
+        lines += ["  return true;", "}", ""]
+    return "\n".join(lines)
+
+
+def _comment(variable: Variable) -> str:
+    parts = [f"[{variable.unit}]"] if variable.unit else []
+    parts += [variable.about] if variable.about else []
+    if math.isfinite(variable.lower) or math.isfinite(variable.upper):
+        parts.append(f"{variable.lower:.9g} to {variable.upper:.9g}")
+    return f" /* {', '.join(parts)} */" if parts else ""
+
+
+def _rows(numbers: Sequence[str]) -> list[str]:
+    return [f"  {', '.join(numbers[i : i + 6])}," for i in range(0, len(numbers), 6)]
+
+
+def _fault_check(block: FunctionBlock, language: _C) -> list[str]:
+    """Return the statements that find an input which is not a number and then hold the outputs."""
+    checks = [f"{block.name}_sound(self->{v.name})" for v in block.of_kind("input")]
+    lines = [f"  if (!{check}) self->fault = true;" for check in checks]
+    safe = [f"    self->{v.name} = {language.signed(v.start)};" for v in block.of_kind("output")]
+    return [*lines, "  if (self->fault) {", *safe, "    return false;", "  }"]
+
+
+def _helpers(called: set[str], language: _C) -> list[str]:
+    """Return the functions that the code calls."""
+    number, name = language.signed, language.name
+    whole = 2.0**52 if language.precision == "double" else 2.0**23
+    texts = {
+        "sound": f"""
+/* Whether an input is a number of a size that inputs have. */
+static bool {name}_sound(real x) {{
+  return x >= {number(-LARGEST)} && x <= {number(LARGEST)};
+}}""",
+        "fabs": f"static real {name}_fabs(real x) {{ return x < 0 ? -x : x; }}",
+        "rint": f"""
+/* The nearest whole number, the even one of two. */
+static real {name}_rint(real x) {{
+  const real whole = {number(whole)};
+  if (!(x > -whole && x < whole)) return x;
+  return x < 0 ? (x - whole) + whole : (x + whole) - whole;
+}}""",
+        "sqrt": f"""
+/* The square root: Newton's iteration, which falls from above until rounding ends it. */
+static real {name}_sqrt(real x) {{
+  const real none = x - x;
+  if (!(x > 0)) return x < 0 ? none / (none * 2) : x;
+  real root = x > 1 ? x : 1, next = (root + x / root) / 2;
+  while (next < root) {{
+    root = next;
+    next = (root + x / root) / 2;
+  }}
+  return root;
+}}""",
+        "sin": f"""
+/* Sine of an angle [rad] and of a quarter turn more; not a number beyond a million rad. */
+static real {name}_turned(real angle, int32_t more) {{
+  const real quarters = {name}_rint(angle * {number(2.0 / math.pi)});
+  const real r = ((angle - quarters * {number(HALF_PI[0])}) - quarters * {number(HALF_PI[1])})
+    - quarters * {number(HALF_PI[2])};
+  const real square = r * r;
+  const real largest = {number(LARGEST_ANGLE)};
+  const real none = angle - angle;
+  if (!(angle > -largest && angle < largest)) return none / (none * 2);
+  const int32_t quarter = (((int32_t)quarters + more) % 4 + 4) % 4;
+  const real value = quarter % 2 == 0 ? r + r * square * ({_horner(SINE, number)})
+    : {number(1.0)} + square * ({_horner(COSINE, number)});
+  return quarter < 2 ? value : -value;
+}}
+static real {name}_sin(real angle) {{ return {name}_turned(angle, 0); }}
+static real {name}_cos(real angle) {{ return {name}_turned(angle, 1); }}""",
+    }
+    needed = called | {"sound"} | ({"rint"} if called & {"sin", "cos"} else set())
+    keys = [key for key in texts if key in needed or (key == "sin" and "cos" in needed)]
+    return [line for key in keys for line in [*texts[key].strip("\n").splitlines(), ""]]
+
+
+def _horner(coefficients: Sequence[float], number: object) -> str:
+    text = ""
+    for coefficient in reversed(coefficients):
+        value = number(coefficient)  # type: ignore[operator]
+        text = f"{value} + square * ({text})" if text else value
+    return text

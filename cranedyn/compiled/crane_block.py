@@ -1,0 +1,234 @@
+"""A crane as a function block: one physics step, and its outputs at a state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.compiled.block import BlockCode, FunctionBlock, Variable, identifiers
+from cranedyn.compiled.kernel import Recipe
+from cranedyn.compiled.step import Step, StepState, check_rule
+from cranedyn.compiled.verify import compile_kernel
+from cranedyn.disturbances.wind import drag_force
+from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
+from cranedyn.dynamics.pinocchio import holding_effort
+from cranedyn.dynamics.scalars import array
+from cranedyn.errors import ModelError
+from cranedyn.interfaces import DirectDrive
+from cranedyn.model.crane import Crane
+from cranedyn.plant import rigid_body
+from cranedyn.plant.plant import Plant, Topology, numbers, plant
+
+_VERIFIED = Recipe(
+    lanes=1,
+    drive="effort",
+    integrator=semi_implicit_euler,
+    buffers=False,
+    integral=False,
+    offset=False,
+    forces=True,
+    shared=(True, True, True),
+    log=False,
+    summary=False,
+)
+"""Code of the engine whose accelerations are those of the block."""
+
+
+def crane_block(
+    crane: Crane,
+    *,
+    drive: DirectDrive = "effort",
+    dt: float = 5e-4,
+    integrator: Integrator = semi_implicit_euler,
+    name: str = "crane",
+) -> FunctionBlock:
+    """Return a crane as a block: "outputs" computes accelerations, efforts, energy and validity at
+    the state under the inputs, "step" the state a physics step later.
+
+    Parameters are the mass of the load, the length of the cable beyond the coordinate of the hoist,
+    the damping of each joint, and a horizontal wind on the load.
+
+    Args:
+        crane: The crane.
+        drive: Whether inputs are efforts, or with "motion" accelerations, of the drives.
+        dt: Physics step [s].
+        integrator: The stepping rule.
+        name: Name of the block.
+
+    Raises:
+        OutOfRange: If there is no code for the stepping rule.
+        ModelError: If the rope goes slack and taut within a step, or the code would not do what
+            Pinocchio does.
+    """
+    check_rule(integrator)
+    if crane.springs.rope is not None and crane.springs.rope.inextensible:
+        raise ModelError(
+            "The rope does not stretch and may go slack, which a block cannot follow within a "
+            "step; give a finite rope_stiffness, or 0 for a rope that is always taut."
+        )
+    verified = replace(_VERIFIED, drive=drive, integrator=integrator)
+    compile_kernel([crane], verified)  # compares the same text with Pinocchio
+    names = VariableNames(crane, drive)
+    block = FunctionBlock(
+        name,
+        f"A crane whose drives take {'efforts' if drive == 'effort' else 'accelerations'}.",
+        dt,
+        _variables(crane, drive, names),
+        renamed={name: new for name, new in names.identifier.items() if name != new},
+    )
+
+    def outputs(code: BlockCode) -> Mapping[str, Any]:
+        text = _Text(code, crane, drive, names)
+        command = text.plant.within(text.command)
+        a, effort, needed, _ = text.plant.driven(text.q, text.v, command, text.forces)
+        hoist = crane.layout.drive_of("hoist")
+        hoist_force = 0.0 if hoist is None else effort[hoist]
+        conditions = text.plant.conditions(text.q, text.v, hoist_force, needed)
+        return {
+            **dict(zip(names.accelerations, a, strict=True)),
+            **dict(zip(names.efforts, effort, strict=True)),
+            "energy": text.plant.energy(text.q, text.v),
+            "valid": code.chosen(code.both(*conditions), 1.0, 0.0),
+        }
+
+    def step(code: BlockCode) -> Mapping[str, Any]:
+        text = _Text(code, crane, drive, names)
+        command = text.plant.within(text.command)
+        rule = Step(integrator, text.plant, command, text.forces, dt, 1.0, 1)
+        q, v, *_ = rule.after(StepState(text.q, text.v, array([0.0, 0.0])))
+        q = array([reading - offset for reading, offset in zip(q, text.offset, strict=True)])
+        return dict(zip(names.state, [*q, *v], strict=True))
+
+    block.emit("outputs", outputs)
+    block.emit("step", step)
+    return block
+
+
+class VariableNames:
+    """Identifiers of the variables of a crane, by what they are: each a list.
+
+    Attributes:
+        identifier: Identifiers by the names of signals, see `cranedyn.model.layout`.
+    """
+
+    def __init__(self, crane: Crane, drive: str) -> None:
+        layout = crane.layout
+        symbols, driven = layout.symbols, [joint.symbol for joint in layout.driven]
+        efforts = [joint.effort_name for joint in layout.driven]
+        groups = {
+            "state": [*symbols, *(f"{symbol}_dot" for symbol in symbols)],
+            "accelerations": [f"{symbol}_ddot" for symbol in symbols],
+            "efforts": efforts,
+            "commands": [
+                f"{signal}_command"
+                for signal in (efforts if drive == "effort" else [f"{s}_ddot" for s in driven])
+            ],
+            "forces": [f"{point}_force_{axis}" for point in layout.points for axis in "xyz"],
+            "dampings": [f"{symbol}_damping" for symbol in symbols],
+        }
+        others = ["payload_mass", "cable_offset", "wind_x", "wind_y", "payload_area"]
+        every = [*others, "energy", "valid", *(name for group in groups.values() for name in group)]
+        self.identifier = identifiers(every)
+        for group, signals in groups.items():
+            setattr(self, group, [self.identifier[signal] for signal in signals])
+
+    state: list[str]
+    accelerations: list[str]
+    efforts: list[str]
+    commands: list[str]
+    forces: list[str]
+    dampings: list[str]
+
+
+def _variables(crane: Crane, drive: str, names: VariableNames) -> tuple[Variable, ...]:
+    layout, free = crane.layout, np.full(crane.layout.n, np.inf)
+    effort_units = [joint.effort_unit.replace(" ", ".") for joint in layout.driven]
+    command_units = [f"{joint.unit}/s2" for joint in layout.driven]
+    holding = np.zeros(layout.m)
+    if drive == "effort":
+        command_units, holding = effort_units, holding_effort(crane, crane.start.q)
+    variables = [
+        Variable(name, "input", unit, value, about="command of the drive")
+        for name, unit, value in zip(names.commands, command_units, holding.tolist(), strict=True)
+    ]
+    about = "external force in the world"
+    variables += [Variable(name, "input", "N", about=about) for name in names.forces]
+    add = variables.append
+    add(Variable("payload_mass", "parameter", "kg", crane.payload_mass, 1e-3, 1e9, "the load"))
+    if layout.has("hoist"):
+        about = "cable beyond the coordinate of the hoist"
+        add(Variable("cable_offset", "parameter", "m", about=about))
+    for name, joint, damping in zip(
+        names.dampings, layout.joints, crane.damping.tolist(), strict=True
+    ):
+        unit = "N.m.s/rad" if joint.kind == "revolute" else "N.s/m"
+        add(Variable(name, "parameter", unit, damping, 0.0, about="viscous damping"))
+    for name in ("wind_x", "wind_y"):
+        add(Variable(name, "parameter", "m/s", about="wind on the load in the world"))
+    about = "drag coefficient times area of the load"
+    add(Variable("payload_area", "parameter", "m2", 0.0, 0.0, about=about))
+    units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
+    lows, highs = np.append(crane.lower, -free).tolist(), np.append(crane.upper, free).tolist()
+    starts = np.concatenate(crane.start).tolist()
+    for column in zip(names.state, units, starts, lows, highs, strict=True):
+        name, unit, start, low, high = column
+        add(Variable(name, "state", unit, start, low, high))
+    for name, unit in zip(names.accelerations, layout.units, strict=True):
+        add(Variable(name, "output", f"{unit}/s2"))
+    for name, unit in zip(names.efforts, effort_units, strict=True):
+        add(Variable(name, "output", unit, about="effort of the drive"))
+    add(Variable("energy", "output", "J", about="mechanical, zero of height at the ground"))
+    add(Variable("valid", "output", about="1 where the model holds, 0 where it does not"))
+    return tuple(variables)
+
+
+class _Text:
+    """State, inputs and crane in the code of a function.
+
+    Attributes:
+        plant: The crane.
+        q, v: Coordinates and rates, shape (n,) each; the cable has its true length.
+        offset: Coordinates less their readings, shape (n,).
+        command: Commands of the drives, shape (m,).
+        forces: External forces with wind [N], shape (3 points,).
+    """
+
+    def __init__(self, code: BlockCode, crane: Crane, drive: str, names: VariableNames) -> None:
+        layout = crane.layout
+        self.plant = _plant(code, crane, drive, names)
+        z, self.offset = code.get_all(names.state), array([0.0] * layout.n)
+        if layout.has("hoist"):
+            self.offset[layout.role("hoist", "")] = code.get("cable_offset")
+        self.q, self.v = z[: layout.n] + self.offset, z[layout.n :]
+        self.command, self.forces = code.get_all(names.commands), code.get_all(names.forces)
+        load = layout.points.index("payload")
+        tree, body = self.plant.tree, self.plant.topology.bodies[load]
+        poses = rigid_body.frames(tree, self.q)
+        lever = self.plant.levers[load]
+        moving = rigid_body.point_velocity(tree, poses, body, lever, self.v)
+        air = array([code.get("wind_x"), code.get("wind_y"), 0.0])
+        span = slice(3 * load, 3 * load + 3)
+        drag = drag_force(code.get("payload_area"), air - moving)
+        self.forces[span] = self.forces[span] + drag
+
+
+def _plant(code: BlockCode, crane: Crane, drive: str, names: VariableNames) -> Plant:
+    """Return the crane with its parameters in place of their numbers."""
+    usual = numbers(crane)
+    values: list[Any] = usual.tolist()
+    model, joint = crane.model.copy(), crane.payload.body + 1
+    load = model.inertias[joint]
+    model.inertias[joint] = pin.Inertia(load.mass + 1.0, load.lever, load.inertia)
+    heavier = numbers(replace(crane, model=model))
+    for i in np.flatnonzero(heavier != usual).tolist():
+        slope = float(heavier[i] - usual[i])
+        values[i] = code.get("payload_mass") * slope + float(usual[i] - slope * crane.payload_mass)
+    damping = replace(crane, damping=crane.damping + 1.0)
+    (places,) = np.nonzero(numbers(damping) != usual)
+    for i, name in zip(places.tolist(), names.dampings, strict=True):
+        values[i] = code.get(name)
+    return plant(Topology.of(crane), values, drive, buffers=False)

@@ -1,0 +1,197 @@
+"""Statements of other languages from the code of function blocks: the walk over its instructions,
+which C and Structured Text share.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from llvmlite import ir
+
+from cranedyn.compiled.block import FunctionBlock, uses
+from cranedyn.errors import ModelError
+
+ATOM, NEGATIVE, PRODUCT, SUM, COMPARISON, LOGIC, CHOICE = range(7, 0, -1)
+"""How strongly an expression binds, from a name to a choice."""
+
+_LONGEST = 72
+"""Characters of an expression that may stand within another one."""
+
+_SUMS = {"fadd": "+", "fsub": "-", "add": "+", "sub": "-"}
+_PRODUCTS = {"fmul": "*", "fdiv": "/", "mul": "*"}
+
+
+@dataclass(frozen=True)
+class Expression:
+    """Text of an expression.
+
+    Attributes:
+        text: The text.
+        binding: How strongly its outermost operator binds.
+        operator: That operator; empty for none.
+    """
+
+    text: str
+    binding: int = ATOM
+    operator: str = ""
+
+    def within(self, binding: int, operator: str = "", *, right: bool = False) -> str:
+        """Return the text as an operand, in parentheses where it needs them."""
+        same = self.binding == binding and not right
+        mixed = binding in (LOGIC, COMPARISON) and self.operator != operator
+        plain = self.binding > binding and not (right and self.binding == NEGATIVE)
+        return self.text if plain or (same and not mixed) else f"({self.text})"
+
+
+class Language(ABC):
+    """What differs from language to language."""
+
+    and_or: ClassVar[dict[str, str]]
+    comparison: ClassVar[dict[str, str]]
+    remainder: ClassVar[str]
+
+    @abstractmethod
+    def number(self, value: float) -> str:
+        """Return a number that is not negative."""
+
+    @abstractmethod
+    def variable(self, name: str) -> str:
+        """Return a variable of the block."""
+
+    @abstractmethod
+    def element(self, name: str, index: str, *, table: bool) -> str:
+        """Return an element of an array or a table of the block."""
+
+    @abstractmethod
+    def chosen(self, condition: Expression, yes: Expression, no: Expression) -> Expression:
+        """Return one expression where a condition holds, and another elsewhere."""
+
+    @abstractmethod
+    def call(self, function: str, operand: Expression) -> Expression:
+        """Return a function, named as LLVM's intrinsic, of an expression."""
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """Statement that assigns an expression.
+
+    Attributes:
+        target: What is assigned to.
+        value: The expression.
+        kind: Type of a new local constant: "real", "integer" or "truth"; empty for a variable of
+            the block.
+    """
+
+    target: str
+    value: str
+    kind: str = ""
+
+
+class Walk:
+    """The walk over one function of a block.
+
+    Attributes:
+        assignments: Its statements in order.
+        functions: Names of the functions that they call.
+    """
+
+    def __init__(self, block: FunctionBlock, function: ir.Function, language: Language) -> None:
+        (code,) = function.blocks
+        self._block, self._language = block, language
+        names = ["self", "count", *block.arrays, *block.tables]
+        self._argument = dict(zip(function.args, names, strict=True))
+        self._text: dict[Any, Expression] = {}
+        self.assignments: list[Assignment] = []
+        self.functions: set[str] = set()
+        stores = [i for i in code.instructions if isinstance(i, ir.instructions.StoreInstr)]
+        self._stored = {self._place(store.operands[1]) for store in stores}
+        needed = uses(function)
+        for instruction in code.instructions:
+            if isinstance(instruction, ir.instructions.StoreInstr):
+                value, pointer = instruction.operands
+                target = self._reference(pointer)
+                self.assignments.append(Assignment(target, self._of(value).text))
+            elif needed[instruction] and not isinstance(instruction, ir.instructions.GEPInstr):
+                self._name(instruction, needed[instruction])
+
+    def _name(self, instruction: Any, count: int) -> None:
+        """Keep the expression of an instruction, as a local constant unless it is used once or is
+        short.
+        """
+        expression = self._expression(instruction)
+        fixed = isinstance(instruction, ir.instructions.LoadInstr) and (
+            self._place(instruction.operands[0]) not in self._stored
+        )
+        loaded = isinstance(instruction, ir.instructions.LoadInstr)
+        short = count == 1 and len(expression.text) <= _LONGEST and not loaded
+        if not ((fixed and expression.binding == ATOM) or short):
+            kind = {"double": "real", "i64": "integer", "i1": "truth"}[str(instruction.type)]
+            name = f"v{sum(bool(assignment.kind) for assignment in self.assignments) + 1}"
+            if loaded and self._place(instruction.operands[0])[0] == "self":
+                place = instruction.operands[0].operands[1].constant
+                name = f"{self._block.variables[place].name}_now"
+            self.assignments.append(Assignment(name, expression.text, kind))
+            expression = Expression(name)
+        self._text[instruction] = expression
+
+    def _of(self, value: Any) -> Expression:
+        if not isinstance(value, ir.Constant):
+            return self._text[value]
+        number = value.constant
+        if isinstance(number, float):
+            text = self._language.number(abs(number))
+            return Expression(f"-{text}", NEGATIVE) if number < 0.0 else Expression(text)
+        return Expression(str(number), ATOM if number >= 0 else NEGATIVE)
+
+    def _place(self, pointer: Any) -> tuple[str, int | None]:
+        """Return what an address is in: the name of an argument, and the index in "self"."""
+        name, index = self._argument[pointer.operands[0]], pointer.operands[1]
+        return name, int(index.constant) if name == "self" else None
+
+    def _reference(self, pointer: Any) -> str:
+        name, index = self._argument[pointer.operands[0]], pointer.operands[1]
+        if name == "self":
+            return self._language.variable(self._block.variables[int(index.constant)].name)
+        if name == "count":
+            return self._language.variable("count")
+        return self._language.element(name, self._of(index).text, table=name in self._block.tables)
+
+    def _expression(self, instruction: Any) -> Expression:
+        operation, operands = instruction.opname, instruction.operands
+        if operation == "load":
+            return Expression(self._reference(operands[0]))
+        if operation == "call":
+            return self._call(instruction.callee.name.split(".")[1], operands[1:])
+        values = [self._of(operand) for operand in operands]
+        if operation == "fneg":
+            return Expression(f"-{values[0].within(NEGATIVE, right=True)}", NEGATIVE)
+        if operation in ("fcmp", "icmp"):
+            sign = self._language.comparison[instruction.op[-2:]]
+            return self._infix(values, sign, COMPARISON)
+        if operation == "select":
+            return self._language.chosen(*values)
+        if operation in ("and", "or"):
+            return self._infix(values, self._language.and_or[operation], LOGIC)
+        if operation in _SUMS:
+            return self._infix(values, _SUMS[operation], SUM)
+        if operation in _PRODUCTS:
+            return self._infix(values, _PRODUCTS[operation], PRODUCT)
+        if operation in ("sdiv", "srem"):
+            sign = "/" if operation == "sdiv" else self._language.remainder
+            return self._infix(values, sign, PRODUCT)
+        raise ModelError(f"A function block cannot be printed: it has the instruction {operation}.")
+
+    def _infix(self, values: list[Expression], sign: str, binding: int) -> Expression:
+        left, right = values
+        text = f"{left.within(binding, sign)} {sign} {right.within(binding, sign, right=True)}"
+        return Expression(text, binding, sign)
+
+    def _call(self, function: str, operands: Any) -> Expression:
+        values = [self._of(operand) for operand in operands]
+        if function == "fmuladd":
+            product = self._infix(values[:2], "*", PRODUCT)
+            return self._infix([product, values[2]], "+", SUM)
+        self.functions.add(function)
+        return self._language.call(function, values[0])

@@ -1,0 +1,262 @@
+"""A crane and controllers in C: numbers of Python, without findings of compilers and linters."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cranedyn.__main__ import main
+from cranedyn.bridges import c_code
+from cranedyn.bridges.controller_block import controller_block, vectors
+from cranedyn.compiled.crane_block import crane_block
+from cranedyn.controllers import follow, hold_controller, lqr, paper_controller
+from cranedyn.controllers.damping import with_damping
+from cranedyn.controllers.velocity_command import as_velocity_command
+from cranedyn.disturbances.wind import steady, wind
+from cranedyn.dynamics.integrators import rk4
+from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.estimation import with_observer, with_sensor_model
+from cranedyn.interfaces import Setpoint
+from cranedyn.references import hold
+from cranedyn.references.flat import flat
+from cranedyn.references.limits import Limits
+from cranedyn.references.shaped import shaped, zvd
+from cranedyn.simulation.simulate import simulate
+from experiments.relatives.catalogue import BRIDGE, HOOK
+from tests.bridges.c_tools import STRICT, CompiledBlock, output, tool
+from tests.helpers import crane
+
+pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+
+CRANE = crane()
+MOTION = flat(CRANE, CRANE.state(), CRANE.state(gamma=0.1, x=10.5, l=14.7), 4.0)
+LIMITS = Limits([0.08, 1.5, 1.0], [0.03, 0.6, 0.6])
+
+
+def drifting(t: float) -> Setpoint:
+    """A reference that moves."""
+    rates = np.array([0.01, 0.5 + 0.1 * t, -0.2])
+    return Setpoint(np.array([0.0, 10.0, 15.0]), rates, 0.0 * rates)
+
+
+def damping() -> Any:
+    return with_damping(CRANE, drifting, recovery=0.3, limits=LIMITS)
+
+
+MADE: dict[str, tuple[Any, Callable[[], Any]]] = {
+    "hold": ("effort", lambda: hold_controller(CRANE)),
+    "lqr along a motion": ("effort", lambda: lqr(CRANE, MOTION)),
+    "integral along a motion": ("effort", lambda: paper_controller(CRANE, MOTION)),
+    "follow": ("motion", lambda: follow(CRANE, MOTION)),
+    "yielding": ("motion", damping),
+    "yielding, rates": ("velocity", lambda: as_velocity_command(CRANE, damping(), drive="motion")),
+    "lqr, rates": (
+        "velocity",
+        lambda: as_velocity_command(CRANE, lqr(CRANE, MOTION), drive="effort"),
+    ),
+    "observer": ("effort", lambda: with_observer(lqr(CRANE, MOTION), CRANE, MOTION)),
+    "shaper": ("effort", lambda: shaped(hold(CRANE), zvd(0.02), [0.71, 0.2])),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MADE)
+def test_a_controller_in_c_commands_what_it_commands_in_python(name: str, tmp_path: Path) -> None:
+    drive, make = MADE[name]
+    block = controller_block(CRANE, make(), drive=drive, duration=20.0)
+    compiled = CompiledBlock(block, tmp_path)
+    inputs, expected = vectors(CRANE, make(), block, rows=2000)
+    names = [variable.name for variable in block.of_kind("output")]
+    found = []
+    for row in inputs.tolist():
+        for variable, value in zip(block.of_kind("input"), row, strict=True):
+            setattr(compiled.memory, variable.name, value)
+        assert compiled.call()
+        found.append([getattr(compiled.memory, name) for name in names])
+    # Round-off of sums in another order, of the largest command.
+    off = np.abs(np.array(found) - expected).max(axis=0)
+    assert (off <= 1e-12 * np.maximum(np.abs(expected).max(axis=0), 1.0)).all()
+    assert np.ptp(expected) > 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("drive", ["effort", "motion"])
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_a_crane_in_c_moves_as_in_simulate(drive: Any, precision: Any, tmp_path: Path) -> None:
+    c = crane(damp_swing=2e3)
+    block = crane_block(c, drive=drive)
+    compiled, steps = CompiledBlock(block, tmp_path, precision), 400
+    rng, start = np.random.default_rng(1), c.state(x=12.0, l=11.0, phi=0.1, theta_dot=0.05)
+    scale = np.array([2e4, 1.5e3, 500.0]) if drive == "effort" else np.array([0.02, 0.3, 0.2])
+    commands = rng.uniform(-1.0, 1.0, (steps, 3)) * scale
+    commands[:, 2] -= 9810.0 if drive == "effort" else 0.0
+    names = [variable.name for variable in block.of_kind("state")]
+    for name, value in zip(names, np.concatenate(start).tolist(), strict=True):
+        setattr(compiled.memory, name, value)
+    run = simulate(
+        c,
+        lambda t, state, setpoint: commands[min(round(t / 5e-3), steps - 1)],
+        start=start,
+        duration=steps * 5e-3,
+        drive=drive,
+        validity="mark",
+    )
+    found = []
+    for command in commands.tolist():
+        for variable, value in zip(block.of_kind("input"), command, strict=False):
+            setattr(compiled.memory, variable.name, value)
+        compiled.call("outputs")
+        found.append([getattr(compiled.memory, name) for name in (*names, "energy")])
+        for _ in range(10):
+            compiled.call()
+    off = np.abs(np.array(found)[:, :-1] - np.hstack([run.q, run.v])[:-1]).max()
+    # 4,000 roundings of numbers up to 12: random in double, in single to the same side.
+    assert off < (1e-12 if precision == "double" else 4000 * 12 * 2.0**-24)
+    relative = 1e-11 if precision == "double" else 1e-5
+    assert np.allclose(np.array(found)[:, -1], run.energy[:-1], rtol=relative)
+
+
+@pytest.mark.slow
+def test_parameters_of_a_crane_in_c_are_those_of_another_crane(tmp_path: Path) -> None:
+    compiled = CompiledBlock(crane_block(crane()), tmp_path)
+    heavy = CompiledBlock(crane_block(crane(payload_mass=2000.0, damp_swing=3e3)), tmp_path / "2")
+    compiled.memory.payload_mass = 2000.0
+    compiled.memory.phi_damping = compiled.memory.theta_damping = 3e3
+    compiled.memory.cable_offset, heavy.memory.l = 0.5, compiled.memory.l + 0.5
+    for one in (compiled, heavy):
+        one.memory.phi, one.memory.F_l_command = 0.1, -19000.0
+        for _ in range(2000):
+            one.call()
+    assert compiled.memory.phi == pytest.approx(heavy.memory.phi, abs=1e-12)
+    assert compiled.memory.l + 0.5 == pytest.approx(heavy.memory.l, abs=1e-12)
+
+
+@pytest.mark.slow
+def test_wind_on_a_crane_in_c_is_that_of_simulate(tmp_path: Path) -> None:
+    compiled = CompiledBlock(crane_block(CRANE), tmp_path)
+    compiled.memory.wind_y, compiled.memory.payload_area = -8.0, 5.0
+    load = wind(CRANE, steady(8.0), direction=-np.pi / 2.0, payload_area=5.0)
+    command = np.array([0.0, 0.0, -9810.0])
+    run = simulate(
+        CRANE,
+        lambda t, state, setpoint: command,
+        duration=2.0,
+        control_period=5e-4,
+        dt=5e-4,
+        disturbance=load,
+        validity="mark",
+    )
+    for _ in range(4000):
+        compiled.call()
+    assert compiled.memory.phi == pytest.approx(run.q[-1, 2], abs=1e-12)
+    assert abs(run.q[-1, 2]) > 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("relative", [HOOK, BRIDGE], ids=lambda relative: relative.name)
+def test_a_crane_of_another_topology_and_rule_in_c_passes_its_own_test(
+    relative: Any, tmp_path: Path
+) -> None:
+    folder = c_code.export(relative.crane(), tmp_path / "c", dt=1e-3, integrator=rk4)
+    output(tool("gcc"), *STRICT, "crane.c", "test.c", "-o", "t", folder=folder)
+    assert "largest relative difference" in output(folder / "t", folder=folder)
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the command line, with the LQR and its integral."""
+    folder = tmp_path_factory.mktemp("exported") / "controller_c"
+    assert main(["export", "c", str(folder), "--controller", "integral"]) == 0
+    return folder
+
+
+SOURCES = ("crane.c", "controller.c", "test.c")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("compiler", "package", "emulator", "flags"),
+    [
+        ("gcc", "gcc", (), ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")),
+        ("clang", "clang", (), ()),
+        ("aarch64-linux-gnu-gcc", "gcc-aarch64-linux-gnu", ("qemu-aarch64",), ("-static",)),
+    ],
+)
+def test_the_exported_folder_passes_its_test_with_every_compiler(
+    exported: Path, tmp_path: Path, compiler: str, package: str, emulator: Any, flags: Any
+) -> None:
+    program = tmp_path / "test"
+    run = [tool(name, "qemu-user") for name in emulator]
+    output(tool(compiler, package), *STRICT, *flags, *SOURCES, "-o", program, folder=exported)
+    printed = output(*run, program, folder=exported)
+    assert re.search(r"crane: .* 320 bytes of memory, 0 of constant tables", printed)
+    assert re.search(r"controller: 200 calls, .* 144 bytes", printed)
+    (sizes,) = re.findall(r"controller: .* Python ([\d.e+-]+)", printed)
+    assert 0.0 <= float(sizes) <= c_code.TOLERANCE["double"]
+
+
+@pytest.mark.slow
+def test_the_test_of_the_exported_folder_fails_if_a_gain_is_another(
+    exported: Path, tmp_path: Path
+) -> None:
+    text = (exported / "controller.c").read_text()
+    (gain, *_) = re.findall(r"self->x_dot \* (\d{3,}\.\d+)", text)
+    for name in ("crane.c", "crane.h", "controller.h", "test.c"):
+        shutil.copy(exported / name, tmp_path)
+    (tmp_path / "controller.c").write_text(text.replace(gain, gain[:-9], 1))
+    output(tool("gcc"), *STRICT, *SOURCES, "-o", "t", folder=tmp_path)
+    with pytest.raises(AssertionError, match="largest relative difference"):
+        output(tmp_path / "t", folder=tmp_path)
+
+
+@pytest.mark.slow
+def test_cppcheck_finds_nothing(exported: Path) -> None:
+    options = ("-q", "--enable=all", "--inconclusive", "--error-exitcode=1")
+    hidden = ("--suppress=missingIncludeSystem", "--suppress=unusedFunction")
+    found = output(tool("cppcheck"), *options, *hidden, *SOURCES[:2], folder=exported)
+    assert found == ""
+
+
+def test_the_code_needs_no_library_and_no_heap(exported: Path) -> None:
+    for name in ("crane", "controller"):
+        text = (exported / f"{name}.c").read_text() + (exported / f"{name}.h").read_text()
+        included = set(re.findall(r"#include (\S+)", text))
+        assert included == {f'"{name}.h"', "<stdbool.h>", "<stdint.h>"}
+
+
+@pytest.mark.slow
+def test_an_input_that_is_no_number_is_a_fault_until_the_reset(tmp_path: Path) -> None:
+    compiled = CompiledBlock(controller_block(CRANE, hold_controller(CRANE)), tmp_path)
+    compiled.memory.x = np.nan
+    assert not compiled.call() and compiled.memory.F_l_command == -9810.0
+    compiled.memory.x = 11.0
+    assert not compiled.call()
+    compiled.call("reset")
+    compiled.memory.x = 11.0
+    assert compiled.call() and compiled.memory.F_x_command == pytest.approx(-3e5)
+
+
+def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_nothing(
+    tmp_path: Path,
+) -> None:
+    noisy = with_sensor_model(CRANE, hold_controller(CRANE), rng=np.random.default_rng(0))
+    late = with_observer(lqr(CRANE, MOTION), CRANE, MOTION, delay=2)
+    for controller, reason in (
+        (noisy, "SensorModelController is neither affine in the state"),
+        (late, "this one has a delay"),
+        (follow(CRANE, MOTION, 1e-3), "control_period|control period"),
+    ):
+        with pytest.raises(CraneError, match=reason):
+            c_code.export(CRANE, tmp_path / "c", controller)
+    with pytest.raises(OutOfRange, match="the tables still change at its end"):
+        c_code.export(CRANE, tmp_path / "c", lqr(CRANE, MOTION), duration=2.0)
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(DataError, match="it is there already"):
+        c_code.export(CRANE, tmp_path / "mine")
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]

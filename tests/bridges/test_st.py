@@ -1,0 +1,184 @@
+"""Controllers in Structured Text, translated by MATIEC, command what they command in Python."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cranedyn.bridges import st
+from cranedyn.bridges.controller_block import controller_block, vectors
+from cranedyn.bridges.usual_controllers import CONTROLLERS
+from cranedyn.compiled.block import FunctionBlock, identifiers
+from cranedyn.compiled.structured_text import structured_text
+from cranedyn.errors import DataError, OutOfRange
+from cranedyn.interfaces import Setpoint, State
+from cranedyn.simulation.simulate import simulate
+from tests.bridges.c_tools import output, tool
+from tests.helpers import crane
+
+CRANE = crane()
+LIBRARY = Path(os.environ.get("MATIEC_LIB", "/usr/local/share/matiec/lib"))
+
+PROGRAM = """
+PROGRAM MAIN
+VAR c : controller; END_VAR
+c();
+END_PROGRAM
+CONFIGURATION conf
+RESOURCE res ON PLC
+TASK t(INTERVAL := T#5ms, PRIORITY := 0);
+PROGRAM inst WITH t : MAIN;
+END_RESOURCE
+END_CONFIGURATION
+"""
+
+
+class SoftPlc:
+    """A block in Structured Text, translated by MATIEC; it runs as a process."""
+
+    def __init__(self, block: FunctionBlock, folder: Path) -> None:
+        translator = tool("iec2c", "none; see .ci/cross")
+        (folder / "all.st").write_text(structured_text(block) + PROGRAM)
+        output(translator, "-f", "-p", "-I", LIBRARY, "all.st", folder=folder)
+        inputs, outputs = (
+            [f"block.{v.name.upper()}.value" for v in block.of_kind(kind)]
+            for kind in ("input", "output")
+        )
+        reads = " && ".join(f'scanf("%lf", &{name}) == 1' for name in inputs)
+        writes = " ".join(f'printf("%.17g ", {name});' for name in outputs)
+        (folder / "driver.c").write_text(
+            '#include <stdio.h>\n#include "iec_std_lib.h"\nTIME __CURRENT_TIME;\n'
+            'BOOL __DEBUG;\n#include "POUS.h"\n#include "POUS.c"\n'
+            "int main(void) {\n  static CONTROLLER block;\n  int reset;\n"
+            "  CONTROLLER_init__(&block, 0);\n"
+            f'  while (scanf("%d", &reset) == 1 && {reads}) {{\n'
+            "    block.RESET.value = reset != 0;\n    CONTROLLER_body__(&block);\n"
+            f'    {writes}\n    printf("%d\\n", block.FAULT.value);\n    fflush(stdout);\n  }}\n'
+            "  return 0;\n}\n"
+        )
+        include = LIBRARY / "C"
+        output(tool("gcc"), "-w", "-I", include, "driver.c", "-o", "plc", "-lm", folder=folder)
+        self._process = subprocess.Popen(
+            [folder / "plc"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+
+    def __call__(self, inputs: np.ndarray, *, reset: bool = False) -> tuple[np.ndarray, bool]:
+        """Outputs, and whether the block is at fault."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        print(int(reset), *map(repr, inputs.tolist()), file=self._process.stdin, flush=True)
+        *outputs, fault = self._process.stdout.readline().split()
+        return np.array(outputs, dtype=float), fault == "1"
+
+    def end(self) -> None:
+        """End the process."""
+        self._process.communicate()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_a_controller_in_structured_text_commands_what_it_commands_in_python(
+    name: str, tmp_path: Path
+) -> None:
+    drive, make = CONTROLLERS[name]
+    block = controller_block(CRANE, make(CRANE, 5e-3), drive=drive)
+    plc = SoftPlc(block, tmp_path)
+    inputs, expected = vectors(CRANE, make(CRANE, 5e-3), block, rows=2000)
+    found = np.array([plc(row)[0] for row in inputs])
+    plc.end()
+    off = np.abs(found - expected).max(axis=0)
+    # Round-off of sums in another order, of the largest command.
+    assert (off <= 1e-12 * np.maximum(np.abs(expected).max(axis=0), 1.0)).all()
+    assert np.ptp(expected) > 0.0
+
+
+@pytest.mark.slow
+def test_a_plc_with_the_block_moves_the_crane_as_python_does(tmp_path: Path) -> None:
+    drive, make = CONTROLLERS["integral"]
+    block = controller_block(CRANE, make(CRANE, 5e-3), drive=drive)
+    plc = SoftPlc(block, tmp_path)
+    runs = []
+    variables = [variable.name for variable in block.variables if variable.kind == "input"]
+    used = [variables.index(variable.name) for variable in block.of_kind("input")]
+
+    def by_plc(t: float, state: State, setpoint: Any) -> np.ndarray:
+        values = np.concatenate([*state, setpoint.position, setpoint.velocity])
+        return plc(values[used])[0]
+
+    goal = CRANE.state(gamma=0.05, x=10.5, l=14.8)
+    reference = bang_ramp(CRANE, goal)
+    for controller in (make(CRANE, 5e-3), by_plc):
+        runs.append(simulate(CRANE, controller, reference, duration=6.0, validity="mark"))
+    plc.end()
+    assert np.abs(runs[0].q - runs[1].q).max() < 1e-9
+    assert abs(runs[0].q[-1, 1] - 10.5) < 0.1  # and it moved
+
+
+def bang_ramp(c: Any, goal: State) -> Callable[[float], Setpoint]:
+    """The drives on straight lines to a goal within 3 s."""
+    begin, end = c.start.q[c.layout.drives], goal.q[c.layout.drives]
+
+    def reference(t: float) -> Setpoint:
+        share = min(t / 3.0, 1.0)
+        rate = (end - begin) / 3.0 * (t < 3.0)
+        return Setpoint(begin + share * (end - begin), rate, 0.0 * rate)
+
+    return reference
+
+
+@pytest.mark.slow
+def test_an_input_that_is_no_number_is_a_fault_until_the_reset(tmp_path: Path) -> None:
+    block = controller_block(CRANE, CONTROLLERS["integral"][1](CRANE, 5e-3))
+    plc = SoftPlc(block, tmp_path)
+    inputs = np.array([variable.start for variable in block.of_kind("input")])
+    first = plc(inputs + 0.01)
+    bad = inputs.copy()
+    bad[1] = np.nan
+    held = np.array([variable.start for variable in block.of_kind("output")])
+    for row in (bad, inputs):
+        outputs, fault = plc(row)
+        assert fault and (outputs == held).all()
+    outputs, fault = plc(inputs + 0.01, reset=True)
+    assert not fault and (outputs == first[0]).all()
+    plc.end()
+
+
+def test_the_xml_has_the_variables_and_the_body_of_the_text(tmp_path: Path) -> None:
+    path = st.export(CRANE, tmp_path / "hold.st", CONTROLLERS["hold"][1](CRANE, 5e-3))
+    root, text = ET.parse(tmp_path / "hold.xml").getroot(), path.read_text()
+    space = {"p": "http://www.plcopen.org/xml/tc6_0201", "h": "http://www.w3.org/1999/xhtml"}
+    names = [entry.get("name") for entry in root.findall(".//p:variable", space)]
+    assert {"reset", "x_set", "fault", "F_x_command"} <= set(names)
+    assert all(f"  {name} : " in text for name in names)
+    body = root.findtext(".//h:p", "", space)
+    assert body and body in text
+
+
+def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_no_file(
+    tmp_path: Path,
+) -> None:
+    def strange(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        return np.zeros(3)
+
+    with pytest.raises(DataError, match="The controller function is neither affine in the state"):
+        st.export(CRANE, tmp_path / "a.st", strange)
+    with pytest.raises(OutOfRange, match=r"one that ends in \.st"):
+        st.export(CRANE, tmp_path / "a.txt", CONTROLLERS["hold"][1](CRANE, 5e-3))
+    (tmp_path / "b.xml").write_text("mine")
+    with pytest.raises(DataError, match="it is there already"):
+        st.export(CRANE, tmp_path / "b.st", CONTROLLERS["hold"][1](CRANE, 5e-3))
+    assert [path.name for path in tmp_path.iterdir()] == ["b.xml"]
+
+
+def test_names_that_are_no_identifiers_are_mapped_one_to_one() -> None:
+    names = ["x", "X", "base yaw", "base_yaw", "IF", "v3", "ü", "x_now"]
+    chosen = identifiers(names)
+    assert chosen["x"] == "x" and len({new.lower() for new in chosen.values()}) == len(names)
+    assert all(new.isidentifier() and "__" not in new for new in chosen.values())
+    assert chosen["IF"] == "the_IF" and chosen["v3"] == "the_v3"
