@@ -60,13 +60,23 @@ class GroundForces:
         moved: The same after the state at which the effort was last computed.
     """
 
-    def __init__(self, crane: Crane, contacts: Contacts, start: State) -> None:
+    def __init__(self, crane: Crane, contacts: Contacts) -> None:
         self.contacts, self._body = contacts, contacts.body
         self._levers = np.array(contacts.points)
         self._points = [Point("", self._body, lever) for lever in self._levers]
         self._model, self._data = crane.model, crane.model.createData()
-        self.anchors = self.moved = self._motion(*start)[0]
-        contacts.check_start(self.anchors, crane.payload_mass * crane.gravity)
+        self._weight = crane.payload_mass * crane.gravity
+        self.anchors = self.moved = np.zeros((3, len(contacts.points)))
+
+    def anchors_at(self, start: State) -> np.ndarray:
+        """Return anchors of a load at a start, shape (3, points).
+
+        Raises:
+            OutOfRange: If it is in the ground.
+        """
+        anchors = self._motion(*start)[0]
+        self.contacts.check_start(anchors, self._weight)
+        return anchors
 
     def touches(self, q: np.ndarray) -> bool:
         """Return whether a point is in a support."""
