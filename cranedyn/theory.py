@@ -502,59 +502,6 @@ def bounce_period(speed: float, frequency: float, gravity: float) -> float:
 
 
 @_finite
-def rope_rebound(speed: float, frequency: float, ratio: float, gravity: float) -> float:
-    """Return the speed at which a load passes the length of the unstretched rope again, after the
-    rope caught it at a speed [m/s]: a spring with a damper that pulls and does not push.
-
-    Args:
-        speed: Speed at which the rope becomes taut [m/s].
-        frequency: ω of the bounce on a taut rope without damper [rad/s].
-        ratio: Damping ratio, below 1.
-        gravity: g [m/s²].
-    """
-    static, decay = gravity / frequency**2, ratio * frequency
-    damped = frequency * math.sqrt(1.0 - ratio**2)
-
-    def motion(t: float) -> tuple[float, float]:
-        """Return stretch [m] and its rate [m/s]."""
-        # z = exp(-decay t) (-static cos + b sin) about the stretch at rest
-        b = (speed - decay * static) / damped
-        cosine, sine = math.cos(damped * t), math.sin(damped * t)
-        z = math.exp(-decay * t) * (b * sine - static * cosine)
-        rate = math.exp(-decay * t) * damped * (b * cosine + static * sine) - decay * z
-        return static + z, rate
-
-    def pull(t: float) -> float:
-        stretch, rate = motion(t)
-        return frequency**2 * stretch + 2.0 * decay * rate
-
-    half = math.pi / damped
-    released = scipy.optimize.brentq(pull, 0.25 * half, 1.75 * half, xtol=1e-15)
-    stretch, rate = motion(released)
-    return math.sqrt(rate**2 - 2.0 * gravity * stretch)
-
-
-@_finite
-def caught_load(distance: float, angle: float, length: float, mass: float, gravity: float) -> float:
-    """Return the work of the impact in which an inextensible rope catches a load that has fallen
-    freely from rest [J]: less than zero, since the speed along the rope is lost.
-
-    Args:
-        distance: Distance of the load from the pivot where it starts [m].
-        angle: Angle of that from plumb [rad].
-        length: Length of the rope [m].
-        mass: Mass of the load [kg].
-        gravity: g [m/s²].
-    """
-    aside, down = (
-        distance * math.sin(angle),
-        math.sqrt(length**2 - (distance * math.sin(angle)) ** 2),
-    )
-    height = down - distance * math.cos(angle)
-    return -mass * gravity * height * (down / math.hypot(aside, down)) ** 2
-
-
-@_finite
 def drop_factor(dropped: float, remaining: float) -> float:
     """Return the largest deviation of the rope's tension from the weight of the remaining load,
     over that weight, when a mass is dropped at once.
