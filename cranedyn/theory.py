@@ -488,20 +488,6 @@ def fall_factor(height: float, stiffness: float, weight: float) -> float:
 
 
 @_finite
-def bounce_period(speed: float, frequency: float, gravity: float) -> float:
-    """Return the period of a load that bounces on a rope and leaves it slack [s]: 2 v/g in flight
-    and (π + 2 atan(g/(ω v)))/ω on the rope.
-
-    Args:
-        speed: v at which the rope becomes taut and slack [m/s].
-        frequency: ω of the bounce on a taut rope [rad/s].
-        gravity: g [m/s²].
-    """
-    taut = (math.pi + 2.0 * math.atan(gravity / (frequency * speed))) / frequency
-    return 2.0 * speed / gravity + taut
-
-
-@_finite
 def drop_factor(dropped: float, remaining: float) -> float:
     """Return the largest deviation of the rope's tension from the weight of the remaining load,
     over that weight, when a mass is dropped at once.

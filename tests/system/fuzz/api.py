@@ -153,7 +153,6 @@ CALLS = {
         reeving_efficiency(4, 0.98)
         capstan(1000.0, 0.1, 3.0)
         fall_factor(0.5, 1e5, 1e4)
-        bounce_period(2.0, 10.0, 9.81)
         twisting_tower(1e6, 1e7, 20.0, 10.0, 1000.0, 9.81)
         bending_tower(1e6, 1e9, 1e6, 30.0, 10.0, 1000.0, 9.81)
         convolved_zv(0.7, (0.1, 0.1, 0.1))
