@@ -69,7 +69,7 @@ MADE: dict[str, tuple[Any, Callable[[], Any]]] = {
 @pytest.mark.parametrize("name", MADE)
 def test_a_controller_in_c_commands_what_it_commands_in_python(name: str, tmp_path: Path) -> None:
     drive, make = MADE[name]
-    block = controller_block(CRANE, make(), drive=drive, duration=10.0)
+    block = controller_block(CRANE, make(), drive=drive, duration=20.0)
     compiled = CompiledBlock(block, tmp_path)
     inputs, expected = vectors(CRANE, make(), block, rows=2000)
     names = [variable.name for variable in block.of_kind("output")]
