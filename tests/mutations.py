@@ -382,6 +382,11 @@ cranedyn/compiled/batch.py
 ? batch::the_summary_is_that_of_the_recorded_rows
 - math.ceil(periods - 1e-6)
 + math.ceil(periods - 1e-6) + 1
+cranedyn/compiled/inputs.py
+* drives that hold where they start all hold where the first one does
+? batch::a_hold_controller_keeps_its_places_as_any_other_controller
+- np.arange(cranes) % len(places)
++ np.arange(cranes) % 1
 cranedyn/compiled/binding.py
 * tables are read beyond their end
 ? compiled_binding::only_counts_within_the_arrays_are_bound
