@@ -673,11 +673,11 @@ cranedyn/compiled/c_text.py
 ? c_code::an_input_that_is_no_number_is_a_fault_until_the_reset
 - if (!{check}) self->fault = true;
 + if (!{check}) self->fault = false;
-cranedyn/compiled/structured_text.py
-* the choices of Structured Text are turned round
-? st::a_controller_in_structured_text_commands_what_it_commands_in_python
-- {no.text}, {yes.text})
-+ {yes.text}, {no.text})
+cranedyn/compiled/block.py
+* names of a block that differ in case alone are two
+? st::names_that_are_no_identifiers_are_mapped_one_to_one
+- while candidate.lower() in taken
++ while candidate in taken
 cranedyn/compiled/crane_block.py
 * a crane in C hoists by the cable without its offset
 ? c_code::parameters_of_a_crane_in_c_are_those_of_another_crane
@@ -729,6 +729,24 @@ cranedyn/bridges/matlab.py
 ? matlab::the_file_has_the_matrices_with_names_and_units
 - delay = converters.delay_steps(dt, control_period) if converters else 0
 + delay = 0
+cranedyn/bridges/templates/page/assist.js
+* a drive brakes by its usual ramps, whatever they are
+? page::a_drive_stops_before_the_end_of_its_range_by_any_ramp
+- this.ramps * this.data.accelerations[i]
++ this.data.accelerations[i]
+* the shaper runs into the end of a range
+? page::a_drive_stops_before_the_end_of_its_range_by_any_ramp
+- return this.limited(this.shaped(asked, q), q);
++ return this.shaped(asked, q);
+cranedyn/bridges/templates/page/run.js
+* predictive control runs out of a range
+? page::predictive_control_gives_up_before_a_drive_leaves_its_range
+- !this.assistant.canStop(rates, q)
++ false
+* the share of a chart overlooks its moments
+? page::the_share_of_the_chart_is_that_of_a_report
+- between / radius
++ rated[i]
 cranedyn/bridges/margins.py
 * margins overlook half of the sampling rate
 ? margins::a_drive_is_unstable_just_beyond_what_its_margins_say
