@@ -450,8 +450,8 @@ cranedyn/planning/clearance.py
 cranedyn/planning/ground_lift.py
 * the hoist of a load that stands pulls its whole weight
 ? ground_lift::a_load_is_lifted_off_moved_and_set_down
-- 0.0 if hangs else weight - tension
-+ 0.0
+- (weight - tension) * self.crane
++ 0.0 * self.crane
 cranedyn/planning/bodies.py
 * a rope has no width
 ? clearance::rope_and_trolley_keep_from_a_post_beside_them_by_what_the_urdf_draws
