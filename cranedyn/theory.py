@@ -449,12 +449,8 @@ def pickup_factor(speed: float, frequency: float, gravity: float) -> float:
 
 @_finite
 def reeving_efficiency(falls: int, efficiency: float) -> float:
-    """Return the efficiency of a reeving, (1 - ηⁿ)/(n (1 - η)): the load over n times the pull of
-    the line, when each sheave passes on the share η of its pull.
-
-    Args:
-        falls: n of the falls that carry the load.
-        efficiency: η of a sheave when hoisting; 1/η when lowering.
+    """Return the efficiency of a reeving of n falls, (1 - ηⁿ)/(n (1 - η)): the load over n times
+    the pull of the line. A sheave passes on the share η of its pull in hoisting, 1/η in lowering.
     """
     if efficiency == 1.0:
         return 1.0
@@ -464,25 +460,16 @@ def reeving_efficiency(falls: int, efficiency: float) -> float:
 
 @_finite
 def capstan(tension: float, friction: float, angle: float) -> float:
-    """Return the tension at which a rope begins to slip on a sheave or drum [N], T exp(μ α).
-
-    Args:
-        tension: T on the other side [N].
-        friction: Coefficient of friction μ.
-        angle: Angle of wrap α [rad].
+    """Return the tension at which a rope begins to slip on a drum [N], T exp(μ α), from the tension
+    T on the other side [N], the coefficient of friction μ and the angle of wrap α [rad].
     """
     return tension * math.exp(friction * angle)
 
 
 @_finite
 def fall_factor(height: float, stiffness: float, weight: float) -> float:
-    """Return the largest tension of a rope over the weight of a load that falls freely onto it:
-    1 + √(1 + 2 k h/W), from the energy.
-
-    Args:
-        height: h of the fall until the rope is taut [m].
-        stiffness: k of the rope [N/m].
-        weight: W of the load [N].
+    """Return the largest tension of a rope over the weight W [N] of a load that falls freely by a
+    height h [m] until the rope, of stiffness k [N/m], is taut: 1 + √(1 + 2 k h/W).
     """
     return 1.0 + math.sqrt(1.0 + 2.0 * stiffness * height / weight)
 

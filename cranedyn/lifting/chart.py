@@ -62,10 +62,7 @@ class Reeving:
         and the rate of the cable length [m/s], shape (rows,) each.
 
         Sheaves resist hoisting, a rate below 0, and hold back in lowering; at rest all falls pull
-        alike.
-
-        Raises:
-            OutOfRange: If a number is not finite.
+        alike. Raises `OutOfRange` if a number is not finite.
         """
         tension, rate = finite("tension", tension, ("rows",)), finite("rate", rate, ("rows",))
         hoisting, lowering = (
@@ -77,11 +74,7 @@ class Reeving:
 
     def columns(self, crane: Crane, run: Trajectory) -> dict[str, np.ndarray]:
         """Return pull, torque on the drum and speed of the line, hoisting positive, of each row of
-        a run.
-
-        Raises:
-            MissingRole: If no joint of the crane is a hoist.
-            OutOfRange: If the run is of another crane.
+        a run; raises as `cranedyn.lifting.loads.loads`, and `MissingRole` without a hoist.
         """
         hoist = crane.layout.role("hoist", "The pull of the line")
         rate = run.v[:, hoist]
