@@ -219,6 +219,11 @@ cranedyn/dynamics/validity.py
 ? validity::a_buffer_at_the_shortest_cable_stops_the_hook_block_but_cannot_push_the_load
 - yield Bound(layout.role("hoist", "The rope"), tension, 0.0,
 + yield Bound(layout.role("hoist", "The rope"), tension, -math.inf,
+cranedyn/controllers/affine.py
+* a compiled integrator grows beyond the limit of its drive
+? compiled::what_an_integrator_remembers_is_what_the_plain_loop_leaves_it
+- chosen(error * total < 0.0, longer, integral)
++ longer
 cranedyn/controllers/integral.py
 * an integrator goes by the period of its table
 ? controllers::an_integrator_goes_by_the_period_of_its_loop
@@ -341,10 +346,6 @@ cranedyn/compiled/kernel.py
 ? turned_angles::long_steps_that_turn_far_are_those_of_pinocchio
 - self._keep_angle(i, turn.refine(pairs[i]))
 + self._keep_angle(i, pairs[i])
-* a compiled integrator grows beyond the limit of its drive
-? compiled::what_an_integrator_remembers_is_what_the_plain_loop_leaves_it
-- integrals[i] = code.chosen(free, integrated, integrals[i])
-+ integrals[i] = integrated
 * a compiled loop logs efforts a period late
 ? compiled::a_run_of_many_blocks_is_the_same
 - row = [*q, *v, *command, *effort, *before,
@@ -593,8 +594,8 @@ cranedyn/identification/model.py
 + rate + bias
 * a swing averaged over a window is that in its middle
 ? sampling::a_sensor_that_averages_is_told_from_one_that_is_late
-- swing, rate = (last - first) / window[:, None]
-+ swing, rate = self._interpolate(q, v, delay + 0.5 * window)
+- swing, swing_rate = (last - first) / window[:, None]
++ swing, swing_rate = self._interpolate(angle, rate, delay + 0.5 * window)
 cranedyn/identification/phone.py
 * a phone lies along the swing
 ? phone::apps_differ_in_their_columns_only
