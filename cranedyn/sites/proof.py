@@ -15,7 +15,7 @@ FINEST = 0.05
 """Motion of a capsule [m] below which intervals are not halved again: a pair that is closer to the
 required distance than this is not proven."""
 
-_MOST = 4000
+_MOST = 800
 """Pairs of capsules that are examined before the proof fails."""
 
 

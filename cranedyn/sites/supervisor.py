@@ -131,7 +131,7 @@ class Guard:
         if self.fault:
             self.rates = np.clip(0.0, self.rates - steps, self.rates + steps)
             return self.rates, None
-        amplitude = free_swing(self.station.crane, state)
+        amplitude = load_amplitude(self.station.crane, state)
         if amplitude > self.swing / 2.0:
             command = np.zeros_like(command)
         if amplitude > self.swing / 4.0:
@@ -197,7 +197,7 @@ def gentle(station: Station, swing: float) -> Brakes:
     return replace(brakes, decelerations=slow)
 
 
-def free_swing(crane: Crane, state: State) -> float:
+def load_amplitude(crane: Crane, state: State) -> float:
     """Return the amplitude that the swing of the load has by itself [rad]: √(φ² + φ̇² l/g) of both
     angles together.
     """

@@ -59,7 +59,11 @@ def test_every_corner_of_every_shape_lies_in_a_capsule(name: str) -> None:
             data = crane.model.createData()
             pin.forwardKinematics(crane.model, data, q)
             placed = capsules(site, i, drives, drives, site.swing)
-            for joint, corners in shape_corners(crane):
+            pivot = int(swings[0]) + 1
+            load = int(crane.layout.drives[crane.winch]) + 1
+            reach = data.oMi[pivot].actInv(data.oMi[load].translation)
+            rope = np.linspace(0.0, 1.0, 20)[:, None] * reach
+            for joint, corners in [*shape_corners(crane), (pivot, rope)]:
                 points = np.array([data.oMi[joint].act(corner) for corner in corners])
                 points = points @ foot[:, :3].T + foot[:, 3]
                 gaps = [
