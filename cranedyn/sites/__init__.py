@@ -18,5 +18,6 @@ Public names:
 * `supervisor.Supervisor` and `supervisor.Guard` reserve boxes and keep to them.
 * `simulate.simulate_site` steps all cranes by one clock, with late and lost messages.
 
-`proof.proven_apart` and `supervisor` state what is proven.
+`proof.proven_apart` and `supervisor` state what is proven. A site has cranes and no other
+obstacles. A cycle of the supervisor takes longer than its period where many boxes are close.
 """

@@ -14,7 +14,6 @@ from cranedyn.checks import finite, number
 from cranedyn.dynamics.converters import Converters
 from cranedyn.errors import DataError, OutOfRange, quoted
 from cranedyn.model.crane import Crane
-from cranedyn.planning.solids import Solid
 from cranedyn.sites.bodies import CraneBodies, PlacedCapsules, crane_bodies, place_capsules, stacked
 from cranedyn.sites.brakes import Brakes
 from cranedyn.sites.proof import proven_apart, separations
@@ -87,7 +86,6 @@ class CraneSite:
     Attributes:
         name: Its name.
         stations: The cranes.
-        solids: Obstacles.
         ground: Height of the ground [m].
         distance: Required distance between parts of different cranes [m].
         swing: Largest angle of a rope from plumb [rad].
@@ -95,7 +93,6 @@ class CraneSite:
 
     name: str
     stations: tuple[Station, ...]
-    solids: tuple[Solid, ...] = ()
     ground: float = 0.0
     distance: float = DISTANCE
     swing: float = SWING

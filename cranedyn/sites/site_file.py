@@ -12,7 +12,7 @@ from cranedyn.dynamics.converters import converters
 from cranedyn.errors import CraneError, quoted
 from cranedyn.model.description import XACRO
 from cranedyn.model.load import load_crane
-from cranedyn.planning.site_file import SOLIDS, SiteTable, crane_values, read_fields, solids_of
+from cranedyn.planning.site_file import SiteTable, crane_values, read_fields
 from cranedyn.sites.brakes import REACTION, brakes
 from cranedyn.sites.site import DISTANCE, SWING, CraneSite, Station
 
@@ -31,11 +31,10 @@ def read_crane_site(path: str | Path) -> CraneSite:
 
     Raises:
         DataError: If it cannot be read, is no TOML, or a field is missing, unknown or out of its
-            range, with its line. Also if two cranes or two obstacles have one name, or towers
-            overlap.
+            range, with its line. Also if two cranes have one name, or towers overlap.
     """
     path = SITES / f"{path}.toml" if str(path) in EXAMPLES else Path(path)
-    top, lines = read_fields(path, ["ground", "distance", "swing", "crane", *SOLIDS])
+    top, lines = read_fields(path, ["ground", "distance", "swing", "crane"])
     ground = top.number("ground", 0.0)
     entries = top.tables("crane", _CRANE, lines)
     stations: list[Station] = []
@@ -45,13 +44,12 @@ def read_crane_site(path: str | Path) -> CraneSite:
             entry.fail("name", f"two cranes are called {quoted(stations[-1].name)}; rename one.")
     if not stations:
         top.fail("crane", "there is none; write each as [[crane]].")
-    solids = tuple(solids_of(top, lines, ground))
     distance = top.number("distance", DISTANCE, "m", "> 0")
     swing = top.angle("swing", SWING, "0 to 28")
     name = top.text("name", path.stem)
     for count in range(1, len(stations) + 1):
         try:
-            site = CraneSite(name, tuple(stations[:count]), solids, ground, distance, swing)
+            site = CraneSite(name, tuple(stations[:count]), ground, distance, swing)
         except CraneError as error:
             entries[count - 1].fail("position", error)
     return site
