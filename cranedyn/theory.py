@@ -449,12 +449,8 @@ def pickup_factor(speed: float, frequency: float, gravity: float) -> float:
 
 @_finite
 def reeving_efficiency(falls: int, efficiency: float) -> float:
-    """Return the efficiency of a reeving, (1 - ηⁿ)/(n (1 - η)): the load over n times the pull of
-    the line, when each sheave passes on the share η of its pull.
-
-    Args:
-        falls: n of the falls that carry the load.
-        efficiency: η of a sheave when hoisting; 1/η when lowering.
+    """Return the efficiency of a reeving of n falls, (1 - ηⁿ)/(n (1 - η)): the load over n times
+    the pull of the line. A sheave passes on the share η of its pull in hoisting, 1/η in lowering.
     """
     if efficiency == 1.0:
         return 1.0
@@ -464,94 +460,18 @@ def reeving_efficiency(falls: int, efficiency: float) -> float:
 
 @_finite
 def capstan(tension: float, friction: float, angle: float) -> float:
-    """Return the tension at which a rope begins to slip on a sheave or drum [N], T exp(μ α).
-
-    Args:
-        tension: T on the other side [N].
-        friction: Coefficient of friction μ.
-        angle: Angle of wrap α [rad].
+    """Return the tension at which a rope begins to slip on a drum [N], T exp(μ α), from the tension
+    T on the other side [N], the coefficient of friction μ and the angle of wrap α [rad].
     """
     return tension * math.exp(friction * angle)
 
 
 @_finite
 def fall_factor(height: float, stiffness: float, weight: float) -> float:
-    """Return the largest tension of a rope over the weight of a load that falls freely onto it:
-    1 + √(1 + 2 k h/W), from the energy.
-
-    Args:
-        height: h of the fall until the rope is taut [m].
-        stiffness: k of the rope [N/m].
-        weight: W of the load [N].
+    """Return the largest tension of a rope over the weight W [N] of a load that falls freely by a
+    height h [m] until the rope, of stiffness k [N/m], is taut: 1 + √(1 + 2 k h/W).
     """
     return 1.0 + math.sqrt(1.0 + 2.0 * stiffness * height / weight)
-
-
-@_finite
-def bounce_period(speed: float, frequency: float, gravity: float) -> float:
-    """Return the period of a load that bounces on a rope and leaves it slack [s]: 2 v/g in flight
-    and (π + 2 atan(g/(ω v)))/ω on the rope.
-
-    Args:
-        speed: v at which the rope becomes taut and slack [m/s].
-        frequency: ω of the bounce on a taut rope [rad/s].
-        gravity: g [m/s²].
-    """
-    taut = (math.pi + 2.0 * math.atan(gravity / (frequency * speed))) / frequency
-    return 2.0 * speed / gravity + taut
-
-
-@_finite
-def rope_rebound(speed: float, frequency: float, ratio: float, gravity: float) -> float:
-    """Return the speed at which a load passes the length of the unstretched rope again, after the
-    rope caught it at a speed [m/s]: a spring with a damper that pulls and does not push.
-
-    Args:
-        speed: Speed at which the rope becomes taut [m/s].
-        frequency: ω of the bounce on a taut rope without damper [rad/s].
-        ratio: Damping ratio, below 1.
-        gravity: g [m/s²].
-    """
-    static, decay = gravity / frequency**2, ratio * frequency
-    damped = frequency * math.sqrt(1.0 - ratio**2)
-
-    def motion(t: float) -> tuple[float, float]:
-        """Return stretch [m] and its rate [m/s]."""
-        # z = exp(-decay t) (-static cos + b sin) about the stretch at rest
-        b = (speed - decay * static) / damped
-        cosine, sine = math.cos(damped * t), math.sin(damped * t)
-        z = math.exp(-decay * t) * (b * sine - static * cosine)
-        rate = math.exp(-decay * t) * damped * (b * cosine + static * sine) - decay * z
-        return static + z, rate
-
-    def pull(t: float) -> float:
-        stretch, rate = motion(t)
-        return frequency**2 * stretch + 2.0 * decay * rate
-
-    half = math.pi / damped
-    released = scipy.optimize.brentq(pull, 0.25 * half, 1.75 * half, xtol=1e-15)
-    stretch, rate = motion(released)
-    return math.sqrt(rate**2 - 2.0 * gravity * stretch)
-
-
-@_finite
-def caught_load(distance: float, angle: float, length: float, mass: float, gravity: float) -> float:
-    """Return the work of the impact in which an inextensible rope catches a load that has fallen
-    freely from rest [J]: less than zero, since the speed along the rope is lost.
-
-    Args:
-        distance: Distance of the load from the pivot where it starts [m].
-        angle: Angle of that from plumb [rad].
-        length: Length of the rope [m].
-        mass: Mass of the load [kg].
-        gravity: g [m/s²].
-    """
-    aside, down = (
-        distance * math.sin(angle),
-        math.sqrt(length**2 - (distance * math.sin(angle)) ** 2),
-    )
-    height = down - distance * math.cos(angle)
-    return -mass * gravity * height * (down / math.hypot(aside, down)) ** 2
 
 
 @_finite

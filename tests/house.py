@@ -42,13 +42,13 @@ PROTOCOL = frozenset(
 """Public names that every module of a kind defines."""
 
 LIMITS = {
-    "lines of the core": (13_500, 10_000),
-    "lines of cranedyn": (38_300, 27_000),
-    "lines of experiments": (15_150, 11_000),
-    "lines of benchmarks": (3_650, 2_800),
-    "lines of tests": (35_300, 27_000),
-    "modules in cranedyn": (200, 150),
-    "modules imported by simulate": (37, 25),
+    "lines of the core": (14_400, 10_000),
+    "lines of cranedyn": (43_200, 27_000),
+    "lines of experiments": (16_000, 11_000),
+    "lines of benchmarks": (3_700, 2_800),
+    "lines of tests": (38_100, 27_000),
+    "modules in cranedyn": (220, 150),
+    "modules imported by simulate": (38, 25),
     "parameters of simulate": (9, 10),
     "body lines of simulate": (37, 40),
     "circles of imports in cranedyn": (0, 0),

@@ -33,7 +33,7 @@ from cranedyn.compiled.block import FunctionBlock
 from cranedyn.compiled.c_text import c_header, c_source
 from cranedyn.compiled.crane_block import crane_block
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.errors import CraneError, ModelError, OutOfRange, UnknownName, quoted
+from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, UnknownName, quoted
 from cranedyn.interfaces import DirectDrive, Drive
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
@@ -464,18 +464,24 @@ def _platform() -> str:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the file and the crane."""
     add_option = parser.add_argument
-    add_option("--drive", choices=("effort", "motion"), default="effort", help="what is commanded")
-    add_option("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
+    text = "what a crane's drives take (default: effort)"
+    add_option("--drive", choices=("effort", "motion"), help=text)
+    text = "physics step of a crane [s] (default: 0.0005)"
+    add_option("--dt", type=float, metavar="DT", help=text)
     add_option("--fmi", type=int, choices=(2, 3), default=3, help="version of FMI")
     add_option("--controller", choices=CONTROLLERS, help="a controller instead of the crane")
-    text = "platforms beside others, or all; needs the extra cross for other kinds than this"
-    add_option("--platform", nargs="+", default=[], choices=[*PLATFORMS, "all"], help=text)
+    text = f"all, or some of {', '.join(PLATFORMS)} (extra cross); this machine's by default"
+    add_option("--platform", nargs="+", default=[], metavar="NAME", help=text)
 
 
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
-    crane, drive, controller = crane_from_options(options), options.drive, None
+    crane, controller = crane_from_options(options), None
+    drive: Drive = options.drive or "effort"
     if options.controller is not None:
+        for name in ("drive", "dt"):
+            if getattr(options, name) is not None:
+                raise DataError(f"--{name} has no effect with --controller; leave it out.")
         drive, make = CONTROLLERS[options.controller]
         controller = make(crane, 5e-3)
     platforms = [*PLATFORMS] if "all" in options.platform else options.platform
@@ -483,7 +489,7 @@ def run(options: argparse.Namespace) -> Path:
         crane,
         options.target,
         drive=drive,
-        dt=options.dt,
+        dt=5e-4 if options.dt is None else options.dt,
         controller=controller,
         version=options.fmi,
         platforms=platforms,

@@ -23,7 +23,9 @@ from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.tables import group_lanes, ungroup_lanes
 from cranedyn.compiled.threads import WARP
 from cranedyn.compiled.verify import compile_kernel
+from cranedyn.dynamics.contact import Ground
 from cranedyn.dynamics.converters import Converters
+from cranedyn.dynamics.drives import GroundForces
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Controller, Drive, Reference, State
@@ -109,6 +111,7 @@ def simulate_batch(
     threads: int | None = None,
     converters: Converters | Sequence[Converters] | None = None,
     device: Device = "cpu",
+    ground: Ground | None = None,
 ) -> Batch:
     """Run many cranes under controllers that are affine in the state, by compiled code; each as
     `simulate` with validity = mark.
@@ -145,7 +148,8 @@ def simulate_batch(
         converters: Frequency converters of drives that take velocities, one set for all cranes or
             n, of one delay; None for those typical for the first crane.
         device: "cpu", or "cuda" for an NVIDIA GPU, one crane a thread, see
-            `cranedyn.compiled.cuda`, but for predictive controllers.
+            `cranedyn.compiled.cuda`, but for predictive controllers and ground.
+        ground: Ground and platforms for all, as stiff as for the first crane; None for none.
 
     Raises:
         OutOfRange: If numbers of cranes differ, an array has another shape or a number that is not
@@ -179,7 +183,8 @@ def simulate_batch(
     crane_index, distinct = inputs.distinct_objects(crane, cranes)
     layout = inputs.common_layout(distinct)
     response, delay_steps = inputs.converter_response(distinct[0], drive, converters, clock)
-    sizes = BufferLayout.of(layout, delay_steps)
+    contacts = None if ground is None else ground.contacts(distinct[0])
+    sizes = BufferLayout.of(layout, delay_steps, contacts)
     delays, reading_count = inputs.sensor_delays(sensor_delay, cranes)
     used = inputs.required_numbers(sizes, cranes, rows, clock.periods, reading_count * sizes.z)
     state = inputs.start_states(start, cranes, sizes.n)
@@ -191,8 +196,9 @@ def simulate_batch(
         distinct[0], controller, reference, state, read_only(times), used
     )
     tables = (control.gain_table, control.setpoint_table, forces, *offsets)
-    if control.predictive is not None and device == "cuda":
-        raise OutOfRange("device", device, "cpu where the controller is a predictive one")
+    if (control.predictive is not None or contacts is not None) and device == "cuda":
+        allowed = "cpu where the controller is a predictive one or the load may touch the ground"
+        raise OutOfRange("device", device, allowed)
     recipe = Recipe(
         lanes,
         drive,
@@ -208,7 +214,13 @@ def simulate_batch(
         programme=None if control.predictive is None else control.predictive.programme,
         delayed=reading_count > 0,
         threads=device == "cuda",
+        contacts=contacts,
     )
+    anchors = []
+    if contacts is not None:
+        loads = [GroundForces(distinct[i], contacts) for i in range(len(distinct))]
+        starts = zip(crane_index.tolist(), state.q, state.v, strict=True)
+        anchors = [np.array([loads[i].anchors_at(State(q, v)).T.ravel() for i, q, v in starts])]
     if response is not None and len(response) > 1:  # numbers of their own: of crane and converter
         if not isinstance(distinct, Cranes):
             distinct = [distinct[i] for i in crane_index.tolist()]
@@ -218,7 +230,7 @@ def simulate_batch(
     inputs.check_fits_memory("number of cranes", str(cranes), needed)
     nothing = np.broadcast_to(0.0, (cranes, sizes.m + 2))  # last command, work of contacts
     converter_memory = inputs.converter_memory(sizes, state.v[:, layout.drives])
-    first_state = [state.q, state.v, control.integrals, nothing, *converter_memory]
+    first_state = [state.q, state.v, control.integrals, nothing, *anchors, *converter_memory]
     first_summary = np.array([0.0, 0.0, math.inf, *[0.0] * sizes.m])
     memory = {
         "state": group_lanes(first_state, lanes),

@@ -20,6 +20,7 @@ from cranedyn.compiled.tables import (
     without_gains,
 )
 from cranedyn.controllers.affine import Affine, affine_form
+from cranedyn.controllers.hold import Hold
 from cranedyn.dynamics.converters import fitting
 from cranedyn.errors import CraneError, Misshapen, OutOfRange
 from cranedyn.interfaces import Reference, State
@@ -131,6 +132,8 @@ def control_tables(
         OutOfRange: If an affine form is not finite, or the tables do not fit into 4 GB.
     """
     cranes, sizes = len(start.q), BufferLayout.of(crane.layout)
+    if reference is None and type(controller) is Hold:
+        return _hold_tables(controller, sizes, start.q[:, crane.layout.drives], used)
     reference_of, references = _references(crane, reference, start, used)
     controller_of, controllers = distinct_objects(controller, cranes)
     pairs, pair_of = np.unique(controller_of * len(references) + reference_of, return_inverse=True)
@@ -165,6 +168,25 @@ def control_tables(
     )
 
 
+def _hold_tables(
+    controller: Hold, sizes: BufferLayout, drives: np.ndarray, used: int
+) -> ControlTables:
+    """Return the tables of a hold controller whose drives stay where they start, shape (cranes, m):
+    one row for each crane, or for all where they start alike.
+    """
+    cranes, places = len(drives), drives[:1] if (drives == drives[0]).all() else drives
+    needed = used + 2 * len(places) * size(sizes.setpoint_table)
+    check_fits_memory("number of places at which drives start", str(len(places)), needed)
+    form = _form(controller, np.zeros(len(places)), places, sizes.z)
+    return ControlTables(
+        RowTable(gain_table(sizes, form), 1, np.zeros(cranes, dtype=np.int64)),
+        RowTable(setpoint_table(sizes, form, len(places)), 1, np.arange(cranes) % len(places)),
+        np.broadcast_to(form.integral, (cranes, sizes.m)),
+        False,
+        None,
+    )
+
+
 def _predictive(controllers: Sequence[Any]) -> Receding | None:
     """Return the predictive controller of all cranes, or None.
 
@@ -192,12 +214,10 @@ def _references(
     if (drives == drives[0]).all():
         first_start = State(*(array.take(0, axis=0) for array in start))
         return distinct_objects(hold(crane, first_start), len(start.q))
-    seen: dict[bytes, int] = {}
-    first = [seen.setdefault(position.tobytes(), i) for i, position in enumerate(drives)]
-    rows, reference_index = np.unique(first, return_inverse=True)
+    _, rows, index = np.unique(drives, axis=0, return_index=True, return_inverse=True)
     places, needed = "number of places at which drives start", used + _PAIR * len(rows)
     check_fits_memory(places, str(len(rows)), needed)
-    return reference_index, [hold(crane, State(start.q[i], start.v[i])) for i in rows]
+    return index.ravel(), [hold(crane, State(start.q[i], start.v[i])) for i in rows]
 
 
 def distinct_objects(value: Any, cranes: int) -> tuple[np.ndarray, Any]:

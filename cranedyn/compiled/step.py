@@ -282,7 +282,7 @@ class Step:
         zero where the rope is in another phase, and whether it is known that its phase lasts.
         """
         trial, pulls = self._by_rule(start, taut=taut)
-        code, rope, joint = start.q[0].code, self.plant.joint.rope, self.plant.joint
+        code, rope, joint = start.numbers[0].code, self.plant.joint.rope, self.plant.joint
         assert rope is not None
 
         def margin(pull: Any, at: StepState) -> Value:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 from itertools import repeat
 from typing import Any
 
@@ -13,9 +13,14 @@ import pinocchio as pin
 
 from cranedyn.compiled.binding import kernel_accelerations
 from cranedyn.compiled.kernel import Kernel, KernelSource, Recipe, kernel
-from cranedyn.dynamics.converters import Response, saturate_acceleration
-from cranedyn.dynamics.joint_forces import JointForces
-from cranedyn.dynamics.pinocchio import follow_drives, full, inverse_dynamics, outside_effort
+from cranedyn.dynamics.converters import Converters, Response
+from cranedyn.dynamics.drives import (
+    Drives,
+    EffortDrives,
+    ExternalForces,
+    MotionDrives,
+    VelocityDrives,
+)
 from cranedyn.errors import ModelError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -115,39 +120,35 @@ def verify_crane(
         ModelError: If they differ by more than round-off.
     """
     rng, recipe, layout = np.random.default_rng(0), code.source.recipe, crane.layout
-    model, data, joint = crane.model, crane.model.createData(), JointForces.of(crane)
-    rope, lags = crane.springs.rope, np.zeros(layout.m)
-    lane_numbers = np.repeat(varied[:, None], recipe.lanes, axis=1)
+    external = ExternalForces(crane, buffers=False) if recipe.forces else None
+    drives = _drives(crane, recipe.drive, external, converters)
+    rope, lane_numbers = crane.springs.rope, np.repeat(varied[:, None], recipe.lanes, axis=1)
     for k in range(8):
         q = rng.uniform(crane.lower, crane.upper)
         q[crane.swings] = rng.uniform(-1.4, 1.4, len(crane.swings))
+        v = rng.normal(size=layout.n)
         if rope is not None:
             q[rope.stretch] = rng.uniform(-0.5, 0.1) * q[rope.length]
-        v = rng.normal(size=layout.n)
-        if rope is not None and rope.inextensible:  # taut in every other state
-            q[rope.stretch], v[rope.stretch] = (0.0, 0.0) if k % 2 else (-1.0, v[rope.stretch])
+            if rope.inextensible:  # taut in every other state
+                q[rope.stretch], v[rope.stretch] = (-1.0, v[rope.stretch]) if k % 2 else (0.0, 0.0)
         force = rng.normal(size=3 * len(crane.points)) * crane.payload_mass
-        command, mass = rng.uniform(-1.0, 1.0, layout.m), pin.crba(model, data, q)
-        inertia, external = mass.diagonal()[layout.drives], np.zeros(layout.n)
-        if recipe.forces:
-            external = outside_effort(crane.points, model, data, q, force.reshape(-1, 3))
-        acting = joint.effort(q, v) + external
+        command, mass = rng.uniform(-1.0, 1.0, layout.m), pin.crba(crane.model, crane.data, q)
+        inertia = mass.diagonal()[layout.drives]
+        if external is not None:
+            external.force = force.reshape(-1, 3)
         if recipe.drive == "effort":
             command = np.clip(command * inertia, -crane.effort_limit, crane.effort_limit)
-        elif recipe.drive == "velocity":
+        if isinstance(drives, VelocityDrives):
             assert converters is not None
             lags = np.array_split(converters, len(Response._fields))[3]
             # every other time beyond the effort limits
             strong = rng.choice([1.0, 3.0]) * crane.effort_limit / inertia
             command = v[layout.drives] + lags * strong * command
-        expect = partial(_accelerations, crane, recipe.drive, State(q, v), command, acting, lags)
-        expected = expect(taut=False)
-        if rope is not None and rope.inextensible and v[rope.stretch] == 0.0:
-            held = expect(taut=True)
-            if recipe.drive == "effort":
-                acting = acting + full(crane, command)
-            if inverse_dynamics(model, data, q, v, held, acting)[rope.stretch] < 0.0:  # it pulls
-                expected = held
+            drives.recall(command, 0.0 * command, command[:0].reshape(0, layout.m))
+        else:
+            drives.take_command(command, State(q, v))
+        drives.settle_rope(State(q, v))
+        expected = drives.acceleration(q, v)
         query = np.repeat(np.concatenate([q, v, command, force])[:, None], recipe.lanes, axis=1)
         if off := rigid_body.disagreement(answers(code, query, lane_numbers).T, expected, mass):
             raise ModelError(
@@ -156,35 +157,15 @@ def verify_crane(
             )
 
 
-def _accelerations(
-    crane: Crane,
-    drive: str,
-    state: State,
-    command: np.ndarray,
-    acting: np.ndarray,
-    lags: np.ndarray,
-    *,
-    taut: bool,
-) -> np.ndarray:
-    """Return accelerations by Pinocchio under generalized forces that act beside the drives, shape
-    (n,), with an inextensible rope taken as taut or slack.
-    """
-    layout, model, data, (q, v) = crane.layout, crane.model, crane.data, state
-    answering = np.arange(layout.n) if drive == "effort" else layout.passive
-    free = crane.springs.free(answering) if taut else answering
-    if drive == "velocity":
-        mass = pin.crba(model, data, q)
-        return saturate_acceleration(
-            np.triu(mass) + np.triu(mass, 1).T,
-            pin.rnea(model, data, q, v, 0.0 * v) - acting,
-            (command - v[layout.drives]) / lags,
-            crane.effort_limit,
-            layout.drives,
-            free,
-        )[0]
-    given = full(crane, command)
+def _drives(
+    crane: Crane, drive: str, external: ExternalForces | None, converters: np.ndarray | None
+) -> Drives:
+    """Return Pinocchio's drives of a crane."""
+    if converters is not None:
+        numbers = Converters(*np.array_split(converters, len(Response._fields)))  # type: ignore[arg-type]
+        return VelocityDrives(crane, external, numbers, 1.0, 0)
     if drive == "motion":
-        return follow_drives(model, data, q, v, given, acting, free)
-    if free is answering:
-        return pin.aba(model, data, q, v, given + acting)
-    return follow_drives(model, data, q, v, 0.0 * v, given + acting, free)
+        return MotionDrives(crane, external)
+    drives = EffortDrives(crane, external)
+    drives.convention = pin.Convention.LOCAL  # which loses fewer digits
+    return drives

@@ -23,7 +23,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from cranedyn.checks import number, within
 from cranedyn.dynamics.joint_forces import TAUT
@@ -202,6 +201,8 @@ def damping_ratio(restitution: float) -> float:
     def excess(ratio: float) -> float:
         angle = abs(cmath.acos(ratio))  # of the hyperbolic cosine above critical damping
         return math.exp(-2.0 * ratio * angle / math.sqrt(abs(1.0 - ratio**2))) - restitution
+
+    from scipy.optimize import brentq  # takes long to import, and few runs need it
 
     return float(brentq(excess, 0.0, 3.0, xtol=1e-15))
 

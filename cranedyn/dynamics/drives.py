@@ -48,9 +48,6 @@ def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     return stops.effort_of(hoist, q[:, stops.drives[hoist]], v[:, stops.drives[hoist]])
 
 
-_WORLD = pin.Convention.WORLD
-
-
 class GroundForces:
     """Forces of the ground on the load.
 
@@ -60,13 +57,23 @@ class GroundForces:
         moved: The same after the state at which the effort was last computed.
     """
 
-    def __init__(self, crane: Crane, contacts: Contacts, start: State) -> None:
+    def __init__(self, crane: Crane, contacts: Contacts) -> None:
         self.contacts, self._body = contacts, contacts.body
         self._levers = np.array(contacts.points)
         self._points = [Point("", self._body, lever) for lever in self._levers]
         self._model, self._data = crane.model, crane.model.createData()
-        self.anchors = self.moved = self._motion(*start)[0]
-        contacts.check_start(self.anchors, crane.payload_mass * crane.gravity)
+        self._weight = crane.payload_mass * crane.gravity
+        self.anchors = self.moved = np.zeros((3, len(contacts.points)))
+
+    def anchors_at(self, start: State) -> np.ndarray:
+        """Return anchors of a load at a start, shape (3, points).
+
+        Raises:
+            OutOfRange: If it is in the ground.
+        """
+        anchors = self._motion(*start)[0]
+        self.contacts.check_start(anchors, self._weight)
+        return anchors
 
     def touches(self, q: np.ndarray) -> bool:
         """Return whether a point is in a support."""
@@ -188,7 +195,7 @@ class _Drives:
         after[self.rope.stretch] = 0.0
         return after, float(gained)
 
-    def _settle_rope(self, state: State) -> None:
+    def settle_rope(self, state: State) -> None:
         """Take an inextensible rope as taut or as slack as a state says."""
         if self.rope is not None and self.rope.inextensible:
             self.take_rope(taut=self.pull(*state) > 0.0)
@@ -205,7 +212,13 @@ class _Drives:
 
 
 class EffortDrives(_Drives):
-    """Drives that exert the effort commanded, within their limits."""
+    """Drives that exert the effort commanded, within their limits.
+
+    Attributes:
+        convention: Frame in which Pinocchio's algorithm computes; that of the world is faster.
+    """
+
+    convention = pin.Convention.WORLD
 
     def __init__(self, crane: Crane, external: ExternalForces | None) -> None:
         super().__init__(crane, external, np.arange(crane.layout.n))
@@ -238,7 +251,7 @@ class EffortDrives(_Drives):
         if self.external is not None:
             tau += self.external.effort(q, v)
         if self._free is self._answering:
-            return pin.aba(self.model, self._data, q, v, tau, _WORLD)
+            return pin.aba(self.model, self._data, q, v, tau, self.convention)
         a = follow_drives(self.model, self._data, q, v, np.zeros(len(v)), tau, self._free)
         self._note_tension(inverse_dynamics(self.model, self._data, q, v, a, tau))
         return a
@@ -276,7 +289,7 @@ class MotionDrives(_Drives):
 
     def effort(self, state: State) -> np.ndarray:
         """Return the effort exerted at a state [N m or N], shape (m,)."""
-        self._settle_rope(state)
+        self.settle_rope(state)
         joint, external = self._passive_forces(*state)
         a = follow_drives(
             self.model, self._data, *state, self._command, joint, self._free, external
@@ -342,7 +355,7 @@ class VelocityDrives(_Drives):
         reference = self._ramp(state.v)[0]
         if self.rope is not None and self.rope.inextensible:
             self._reference, before = reference, self._reference
-            self._settle_rope(state)
+            self.settle_rope(state)
             self._reference = before
         _, effort, needed = self._driven(*state, reference)
         return needed, effort
@@ -353,7 +366,7 @@ class VelocityDrives(_Drives):
 
     def effort(self, state: State) -> np.ndarray:
         """Return the effort exerted at a state [N m or N], shape (m,)."""
-        self._settle_rope(state)
+        self.settle_rope(state)
         return self._driven(*state, self._reference)[1]
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:

@@ -282,8 +282,7 @@ def by_state_and_force(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return A as `linearise`, and the inverse of the mass matrix, shape (n, n), in place of B.
 
-    The accelerations are in `crane.data.ddq` afterwards, unless an inextensible rope is taut: its
-    stretch stands still, with zeros in both.
+    The accelerations are in `crane.data.ddq` afterwards, unless a taut inextensible rope holds.
     """
     joint, rope = JointForces.of(crane), crane.springs.rope
     if rope is not None and rope.inextensible and joint.phase(*state) == TAUT:

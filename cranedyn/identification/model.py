@@ -226,19 +226,20 @@ class _Variants:
         """Return a swing and its rate as their sensor reports them at the rows evaluated, late by
         its delay [s] and averaged over its window [s]; shape (variants, rows) each.
         """
-        q, v = batch.q[:, :, coordinate], batch.v[:, :, coordinate]
+        angle, rate = batch.q[:, :, coordinate], batch.v[:, :, coordinate]
         delay, window = self.value("delay"), self.value("window")
         if "window" not in self.indices:
-            return self._interpolate(q, v, delay)
+            return self._interpolate(angle, rate, delay)
         # The integral of the cubics between the control instants.
-        pieces = (q[:, :-1] + q[:, 1:]) / 2.0 + self.period * (v[:, :-1] - v[:, 1:]) / 12.0
-        integral = np.zeros_like(q)
+        jumps = rate[:, :-1] - rate[:, 1:]
+        pieces = (angle[:, :-1] + angle[:, 1:]) / 2.0 + self.period * jumps / 12.0
+        integral = np.zeros_like(angle)
         np.cumsum(self.period * pieces, axis=1, out=integral[:, 1:])
         last, first = (
-            np.stack(self._interpolate(integral, q, age)) for age in (delay, delay + window)
+            np.stack(self._interpolate(integral, angle, age)) for age in (delay, delay + window)
         )
-        swing, rate = (last - first) / window[:, None]
-        return swing, rate
+        swing, swing_rate = (last - first) / window[:, None]
+        return swing, swing_rate
 
     def _interpolate(
         self, values: np.ndarray, rates: np.ndarray, delay: np.ndarray

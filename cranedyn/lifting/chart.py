@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cranedyn import theory
 from cranedyn.checks import finite, number, short_repr, whole, within
 from cranedyn.data.files import read_text
 from cranedyn.data.trajectory import Trajectory
@@ -31,6 +32,63 @@ WARNING, CUT_OUT = 0.9, 1.0
 
 _MOST, _FARTHEST, _LOADS = 1000, 1e4, (1e-3, 1e9)
 """Most points, farthest radius [m], least and largest load [kg] of a chart."""
+
+
+@dataclass(frozen=True)
+class Reeving:
+    """Reeving of a hoist.
+
+    Attributes:
+        falls: Number of falls that carry the hook.
+        efficiency: Efficiency of a sheave.
+        drum_radius: Radius of the drum at the rope's axis [m].
+
+    Raises:
+        OutOfRange: If the falls are no whole number, or a number is out of its range.
+    """
+
+    falls: int
+    efficiency: float = 0.98
+    drum_radius: float = 0.2
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        whole("number of falls", self.falls, 1)
+        number("efficiency of a sheave", self.efficiency, "", "0.5 to 1")
+        number("radius of the drum", self.drum_radius, "m", "> 0")
+
+    def line_pull(self, tension: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """Return the pull of the line on the drum [N] from the tension of all falls together [N]
+        and the rate of the cable length [m/s], shape (rows,) each.
+
+        Sheaves resist hoisting, a rate below 0, and hold back in lowering; at rest all falls pull
+        alike. Raises `OutOfRange` if a number is not finite.
+        """
+        tension, rate = finite("tension", tension, ("rows",)), finite("rate", rate, ("rows",))
+        hoisting, lowering = (
+            theory.reeving_efficiency(self.falls, eta)
+            for eta in (self.efficiency, 1.0 / self.efficiency)
+        )
+        share = np.where(rate < 0.0, hoisting, np.where(rate > 0.0, lowering, 1.0))
+        return tension / (self.falls * share)
+
+    def columns(self, crane: Crane, run: Trajectory) -> dict[str, np.ndarray]:
+        """Return pull, torque on the drum and speed of the line, hoisting positive, of each row of
+        a run; raises as `cranedyn.lifting.loads.loads`, and `MissingRole` without a hoist.
+        """
+        hoist = crane.layout.role("hoist", "The pull of the line")
+        rate = run.v[:, hoist]
+        line = self.line_pull(loads(crane, run)["rope_N"], rate)
+        return {"line_N": line, "drum_Nm": self.drum_radius * line, "line_m_s": -self.falls * rate}
+
+    def capacity(self, line_pull: float, gravity: float) -> float:
+        """Return the load that a largest pull of the line hoists [kg], by which a chart ends."""
+        return (
+            line_pull
+            * self.falls
+            * theory.reeving_efficiency(self.falls, self.efficiency)
+            / gravity
+        )
 
 
 @dataclass(frozen=True, eq=False)

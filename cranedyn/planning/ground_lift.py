@@ -74,7 +74,7 @@ class GroundLift:
         tension = float(JointForces.of(self.crane).tension(*state))
         hangs = tension > HANGS * weight
         effort = np.array(self.controller(t, self.seen(state, hangs=hangs), self.motion(t)))
-        effort[2] += 0.0 if hangs else weight - tension
+        effort += 0.0 if hangs else (weight - tension) * self.crane.layout.along("l")
         return effort
 
     def seen(self, state: State, *, hangs: bool = True) -> State:
@@ -87,7 +87,7 @@ class GroundLift:
         share = lug / (state.q[drives[2]] + lug)
         sling = at("sling_radial", "sling_tangential")
         q, v = (np.insert(z[drives], 2, hangs * (z[swing] + share * z[sling])) for z in state)
-        q[4] += lug
+        q[self.motion.drives[2]] += lug
         return State(q, v)
 
 
@@ -183,8 +183,9 @@ def certify_ground_lift(
     end = payload_position(crane, run.q[-1]) - clearance.point(lift.lift.ends[1])
     apart = float(np.linalg.norm(end[:2]))
     still = np.linalg.norm(point_velocities(crane, State(run.q[-1], run.v[-1]))[0]) < STILL
-    creep, sink_rate = np.abs(motion.v[:moving, 4]).max(), motion.v[down:, 4].max()
-    most = _largest_pull(crane, float(motion.q[0, 4]), float(creep))
+    length, rates = run["l_m"], np.abs(motion.at(run.t).velocity) @ crane.layout.along("l")
+    most = _largest_pull(crane, float(length[0]), float(rates[:moving].max()))
+    sink_rate = float(rates[down:].max())
     return run, [
         Check(
             f"Lift-off: the rope pulls {pull[off:moving].max():.3f} of the weight at most, "

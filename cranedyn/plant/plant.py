@@ -97,13 +97,9 @@ SI = Units(1.0, 1.0, 1.0, 1.0)
 
 
 class Answer(NamedTuple):
-    """Answer of a crane to a command.
-
-    Attributes:
-        acceleration: Accelerations of the joints, shape (n,).
-        effort: Efforts of the drives, shape (m,).
-        needed: Efforts that the drives would need to follow the command, shape (m,).
-        pull: Force that is positive where a rope that may go slack pulls; None for any other.
+    """Answer of a crane to a command: accelerations, shape (n,), efforts of the drives and efforts
+    needed to follow the command, shape (m,), and a force that is positive where a rope that may go
+    slack pulls, None for any other.
     """
 
     acceleration: np.ndarray

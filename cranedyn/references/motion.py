@@ -134,11 +134,7 @@ def hanging_reference(
 def motion_efforts(crane: Crane, motion: Motion) -> np.ndarray:
     """Return drive efforts that a motion costs, by inverse dynamics [N m or N], shape (rows, m)."""
     motion.check_fits("motion", crane.layout)
-    joint = JointForces.of(crane)
+    joint, model, data = JointForces.of(crane), crane.model, crane.data
     rows = zip(motion.q, motion.v, motion.a, strict=True)
-    return np.array(
-        [
-            inverse_dynamics(crane.model, crane.data, q, v, a, joint.effort(q, v))[motion.drives]
-            for q, v, a in rows
-        ]
-    )
+    efforts = [inverse_dynamics(model, data, q, v, a, joint.effort(q, v)) for q, v, a in rows]
+    return np.array(efforts)[:, motion.drives]

@@ -110,7 +110,8 @@ class Setting:
         """Return the external forces from a state on; None if there can be none."""
         contacts, ground = self.contacts, None
         if contacts is not None:
-            ground = GroundForces(self.crane, contacts, start)
+            ground = GroundForces(self.crane, contacts)
+            ground.anchors = ground.anchors_at(start)
         elif not (self.forces or self.buffers):
             return None
         return ExternalForces(self.crane, buffers=self.buffers, ground=ground)

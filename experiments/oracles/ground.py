@@ -34,6 +34,9 @@ FRICTION, SINK = 0.4, 0.002
 HELD, PUSHED = 0.95, 1.2
 """Pushes over the largest friction: one that must not move the box, and one that must."""
 
+LEAVES = 1e-6, "the end of contact between two steps"
+"""Error of the rebound [m/s] that does not go with a power of the step: ½ ω² v dt²."""
+
 DT, SETTLED, TILT = 5e-4, 2.0, 1e-4
 """Step of the runs in which the step does not show [s], time for which a push lasts [s], and tilts
 from balance on an edge [rad]."""
@@ -120,7 +123,7 @@ def box_on_ground(bench: Bench) -> list[Oracle]:
         Oracle(f"creeps under {HELD:g} of the largest friction", "m/s", 0.0, creep),
         Oracle(f"slides under {PUSHED:g} of it", "m/s²", (PUSHED - 1.0) * FRICTION * G, slide),
         Oracle("balances on its edge, tan b/h", "rad", math.atan(WIDTH / HEIGHT), balance, TILT**2),
-        Oracle(f"rebounds from {SPEED:g} m/s", "m/s", _rebound_speed(), rebound, 1e-9),
+        Oracle(f"rebounds from {SPEED:g} m/s", "m/s", _rebound_speed(), rebound, *LEAVES),
     ]
 
 

@@ -260,3 +260,52 @@ def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_nothing(
     with pytest.raises(DataError, match="it is there already"):
         c_code.export(CRANE, tmp_path / "mine")
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+STARTUP = """
+#include <stdint.h>
+void _start(void);
+static void reset(void) {
+  *(volatile uint32_t *)0xE000ED88 |= 0xFu << 20; /* the floating-point unit */
+  __asm__ volatile("dsb\\n isb");
+  _start();
+}
+__attribute__((section(".vectors"), used)) static void *const vectors[] = {
+  (void *)0x20400000, (void *)reset};
+"""
+
+
+@pytest.mark.slow
+def test_the_exported_folder_passes_its_test_on_a_cortex_m7(exported: Path, tmp_path: Path) -> None:
+    emulator = tool("qemu-system-arm")
+    (tmp_path / "startup.c").write_text(STARTUP)
+    kind = "-mcpu=cortex-m7 -mthumb -mfloat-abi=hard -mfpu=fpv5-d16 -O2 -ffp-contract=off"
+    place = "--specs=rdimon.specs -Wl,--section-start=.vectors=0 -Wl,-Tdata=0x20000000"
+    files = [tmp_path / "startup.c", *SOURCES, "-o", tmp_path / "test"]
+    compiler = tool("arm-none-eabi-gcc", "gcc-arm-none-eabi libnewlib-arm-none-eabi")
+    output(compiler, *kind.split(), *place.split(), *files, folder=exported)
+    board = "-M mps2-an500 -nographic -semihosting-config enable=on,target=native -kernel"
+    printed = output(emulator, *board.split(), tmp_path / "test", folder=exported)
+    assert re.search(r"controller: 200 calls, .* 144 bytes", printed)
+
+
+@pytest.mark.slow
+def test_a_step_takes_so_many_instructions_of_an_aarch64(exported: Path, tmp_path: Path) -> None:
+    emulator = tool("qemu-aarch64", "qemu-user")
+    compiler = tool("aarch64-linux-gnu-gcc", "gcc-aarch64-linux-gnu")
+    for name, most in (("crane", 1500), ("controller", 400)):  # a third more than it takes now
+        (tmp_path / "count.c").write_text(
+            f'#include "{name}.h"\nint main(int n, char **words) {{\n  static {name} block;\n'
+            f"  (void)words;\n  {name}_reset(&block);\n"
+            f"  while (--n) {name}_step(&block);\n  return block.x > 1e9;\n}}\n"
+        )
+        options = ("-std=c99", "-O2", "-ffp-contract=off", "-static", "-I", ".")
+        files = (tmp_path / "count.c", f"{name}.c", "-o", tmp_path / "count")
+        output(compiler, *options, *files, folder=exported)
+        counts = []
+        for words in (["1"], ["1", "1"]):
+            log = tmp_path / f"{len(words)}.log"
+            single = ("-singlestep", "-d", "exec,nochain", "-D", log)
+            output(emulator, *single, tmp_path / "count", *words, folder=tmp_path)
+            counts.append(log.read_text().count("Trace"))
+        assert 100 < counts[1] - counts[0] < most

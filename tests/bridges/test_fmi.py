@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 import shutil
 import time
 import zipfile
@@ -195,6 +196,25 @@ def test_sources_of_a_unit_of_either_version_compile_to_the_same_motion(
     assert len(runs[0]) == 201
     for name in runs[0].dtype.names:
         assert_allclose(runs[1][name].astype(float), runs[0][name].astype(float), rtol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_unit_has_what_an_importer_of_sources_needs(version: Any, tmp_path: Path) -> None:
+    """What TwinCAT documents: behaviour as source code, in C, each file named, with no library
+    beyond that of C.
+    """
+    path = fmi.export(crane(), tmp_path / "crane.fmu", version=version)
+    with zipfile.ZipFile(path) as unit:
+        names = [name.removeprefix("sources/") for name in unit.namelist() if "sources/" in name]
+        page = "modelDescription.xml" if version == 2 else "sources/buildDescription.xml"
+        description = unit.read(page).decode()
+        text = "".join(unit.read(f"sources/{name}").decode() for name in names)
+    compiled = [name for name in names if name.endswith(".c")]
+    assert len(compiled) == 2 and all(f'name="{name}"' in description for name in compiled)
+    included = set(re.findall(r'#include [<"]([^>"]+)', text))
+    standard = "math stdarg stdbool stddef stdint stdio stdlib string"
+    assert included <= {f"{name}.h" for name in standard.split()} | set(names)
 
 
 @pytest.mark.slow
@@ -478,3 +498,13 @@ def test_the_command_line_writes_a_unit_of_the_crane_that_it_describes(
     start = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
     # What holds the load.
     assert float(start["F_l_command"]) == pytest.approx(-2000.0 * 9.8, rel=1e-12)
+
+
+def test_an_option_of_the_crane_is_refused_beside_a_controller(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for option in (["--drive", "motion"], ["--dt", "1e-3"]):
+        words = [str(tmp_path / "c.fmu"), "--controller", "hold", *option]
+        assert main(["export", "fmu", *words]) == 2
+        assert f"{option[0]} has no effect with --controller" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

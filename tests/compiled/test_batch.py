@@ -534,6 +534,35 @@ def test_ten_million_cranes_run_and_are_refused_where_each_needs_more() -> None:
 
 
 @pytest.mark.slow
+class _Another(Hold):
+    """The hold controller as one that the batch does not know."""
+
+
+def _another(c: Crane) -> Hold:
+    known = hold_controller(c)
+    return _Another(c, known.stiffness, known.damping, known.feed_forward)
+
+
+@pytest.mark.parametrize("places", [1, 3])
+def test_a_hold_controller_keeps_its_places_as_any_other_controller(places: int) -> None:
+    c = crane()
+    start = State(np.tile(c.start.q, (10, 1)), np.zeros((10, c.layout.n)))
+    start.q[:, 1] += np.arange(10) % places
+    known, other = (
+        simulate_batch(c, controller, start=start, **CLOCK)
+        for controller in (hold_controller(c), _another(c))
+    )
+    np.testing.assert_array_equal(known.end.q, other.end.q)
+
+
+def test_places_of_a_hold_controller_take_a_row_each() -> None:
+    c, count = crane(), 10_000
+    start = State(np.tile(c.start.q, (count, 1)), np.zeros((count, c.layout.n)))
+    start.q[:, 1] += np.linspace(0.0, 1.0, count)
+    found = _peak(lambda: inputs.control_tables(c, hold_controller(c), None, start, np.zeros(2), 0))
+    assert found < 8e-6 * count * 100  # a third of what any other controller is reckoned with
+
+
 def test_places_and_references_that_are_too_many_are_refused_before_there_is_a_table_of_each(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -541,13 +570,14 @@ def test_places_and_references_that_are_too_many_are_refused_before_there_is_a_t
     away = np.linspace(0.0, 1.0, count)[:, None] * [0.0, 1.0, 0.0, 0.0, 0.0]
     starts = State(c.start.q + away, np.zeros((count, 5)))
     own = [hold(c, State(*rows)) for rows in zip(*starts, strict=True)]
+    another = _another(c)
     # what each takes is less than what is reckoned with
-    found = _peak(lambda: simulate_batch(c, hold_controller(c), start=starts, **CLOCK))
+    found = _peak(lambda: simulate_batch(c, another, start=starts, **CLOCK))
     assert found < 8e-6 * count * (inputs._CRANE + inputs._PAIR) + 0.5
     monkeypatch.setattr("cranedyn.compiled.inputs._LARGEST", 1.5e6)
     places = r"number of places at which drives start is 1000; allowed is what takes 0\.0015 GB"
     with pytest.raises(OutOfRange, match=places):
-        simulate_batch(c, hold_controller(c), start=starts, **CLOCK)
+        simulate_batch(c, another, start=starts, **CLOCK)
     tables = "number of controllers and references is 1 and 1 or more; allowed is what takes"
     with pytest.raises(OutOfRange, match=tables):
         simulate_batch(c, hold_controller(c), own, start=starts, **CLOCK)

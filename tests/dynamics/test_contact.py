@@ -124,6 +124,40 @@ def test_a_load_stands_below_a_slack_rope_until_it_is_lifted() -> None:
     assert payload_position(tower, run.q[-1])[2] > 0.7
 
 
+@pytest.mark.slow
+def test_both_engines_lift_a_load_off_lead_by_frequency_converters_alike() -> None:
+    pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+    tower = crane(**box_load(MASS, *SIDES), rope_stiffness=2e7, hoist_max=30.0)
+    ground = Ground(box_corners(*SIDES))
+    start = standing(tower, ground, tower.state(l=26.83))
+    common = {"start": start, "duration": 1.0, "drive": "velocity", "ground": ground}
+    rates = constant(0.02, 0.3, -0.3)
+    plain, compiled = (
+        simulate(tower, rates, engine=e, **common) for e in ("pinocchio", "compiled")
+    )
+    assert {*plain.phase.tolist()} == {0.0, 2.0, 3.0}
+    assert np.array_equal(plain.phase, compiled.phase)
+    assert np.allclose(plain.q, compiled.q, rtol=0.0, atol=1e-9)
+    assert np.allclose(plain.effort, compiled.effort, rtol=1e-6, atol=1e-3)
+
+
+@pytest.mark.slow
+def test_cranes_of_a_batch_touch_the_ground_each_on_its_own() -> None:
+    batch = pytest.importorskip("cranedyn.compiled.batch", reason="needs the extra compiled")
+    box, ground = free_box(), Ground(CORNERS, friction=0.2)
+    starts = [box.state(z=1.0 + height, x_dot=1.0, p=0.1 * height) for height in (0.1, 0.3, 5.0)]
+    common = {"duration": 0.6, "dt": 5e-4, "control_period": 5e-3, "ground": ground}
+    end = batch.simulate_batch(box, locked(box), start=starts, **common).end
+    for row, start in enumerate(starts):
+        run = slid(
+            0.6,
+            ground=ground,
+            controller=locked(box),
+            start=dict(zip("xzp", start.q, strict=True)) | {"x_dot": 1.0},
+        )
+        assert np.allclose(end.q[row], run.q[-1], rtol=0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from cranedyn import theory
 from cranedyn.controllers import follow
 from cranedyn.errors import CraneError
-from cranedyn.lifting.reeving import Reeving
+from cranedyn.lifting.chart import Reeving
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import crane

@@ -84,9 +84,14 @@ def servers(
     def start(work: Coroutine[Any, Any, Any]) -> Any:
         return asyncio.run_coroutine_threadsafe(work, loop)
 
+    def stop() -> None:
+        for task in asyncio.all_tasks(loop):
+            task.cancel()
+        loop.call_soon(loop.stop)
+
     with contextlib.ExitStack() as stack:
         stack.callback(thread.join)
-        stack.callback(loop.call_soon_threadsafe, loop.stop)
+        stack.callback(loop.call_soon_threadsafe, stop)
         if opcua:
             from cranedyn.bridges.commissioning.opcua import publish, serve_opcua
 
@@ -100,7 +105,7 @@ def servers(
             registers = start(serve_modbus(plant.image, *modbus)).result()
             stack.callback(lambda: start(registers.shutdown()).result())
             print(f"Modbus TCP at {modbus[0]}:{modbus[1]}, which has no security", flush=True)
-        stack.callback(start(_print_events(plant)).cancel)
+        start(_print_events(plant))
         yield
 
 

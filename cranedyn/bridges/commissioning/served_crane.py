@@ -33,7 +33,7 @@ CHECKING, AREA = 20, 4.0
 
 MARGIN, GROUND = 0.05, 0.5
 """Distance that stays to the ends of the ranges [rad or m]; height of the load at which lowering
-ends [m], since the model has no contact with the ground."""
+ends [m], since the served crane has no contact with the ground."""
 
 JUMP, TOLERANCE = 1000, 100
 """Jump of an encoder, and deviation from the speed of its drive in a cycle that is a fault

@@ -36,8 +36,8 @@ MODULES = [
         "references references.limits references.shaped planning.optimal planning.itinerary "
         "planning.joystick analysis.prediction analysis.swing dynamics.validity "
         "theory data.trajectory dynamics.linearisation disturbances.wind lifting.loads "
-        "lifting.chart lifting.reeving lifting.factors lifting.wind lifting.wind_limit "
-        "sweep recording recording.snapshot planning.site_file planning.lift planning.least_time "
+        "lifting.chart lifting.factors lifting.wind lifting.wind_limit sweep recording "
+        "recording.snapshot planning.site_file planning.lift planning.least_time "
         "planning.certificate planning.perturbed compiled.fleet interfaces bridges.gymnasium"
     ).split()
 ]
@@ -156,9 +156,6 @@ CALLS = {
         reeving_efficiency(4, 0.98)
         capstan(1000.0, 0.1, 3.0)
         fall_factor(0.5, 1e5, 1e4)
-        bounce_period(2.0, 10.0, 9.81)
-        rope_rebound(2.0, 10.0, 0.1, 9.81)
-        caught_load(8.0, 0.7, 10.0, 1000.0, 9.81)
         twisting_tower(1e6, 1e7, 20.0, 10.0, 1000.0, 9.81)
         bending_tower(1e6, 1e9, 1e6, 30.0, 10.0, 1000.0, 9.81)
         convolved_zv(0.7, (0.1, 0.1, 0.1))
