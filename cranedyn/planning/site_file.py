@@ -33,8 +33,8 @@ _KEY = re.compile(r"\s*([\w]+)\s*=")
 _MOST = 2000
 
 
-class _Table:
-    """One table of the file with the lines of its fields; its methods refuse a value with them."""
+class SiteTable:
+    """Table of a site's file with the lines of its fields; its methods refuse a value with them."""
 
     def __init__(
         self,
@@ -50,10 +50,12 @@ class _Table:
                 self.fail(key, UnknownName("field", key, fields))
 
     def fail(self, key: str, reason: object) -> NoReturn:
+        """Refuse a field."""
         line = self.lines.get(key, self.lines.get("", 1))
         raise DataError(f"{self.path}, line {line}, [{self.name}] {key}: {reason}")
 
     def take(self, key: str, convert: Callable[[str, Any], Any], default: Any = None) -> Any:
+        """Return a field, converted; it may be left out if there is a default."""
         if key not in self.values:
             if default is None:
                 self.fail(key, "it is missing.")
@@ -66,20 +68,37 @@ class _Table:
     def number(
         self, key: str, default: float | None = None, unit: str = "m", allowed: str = "any"
     ) -> float:
+        """Return a number in a range, see `cranedyn.checks.number`."""
         return self.take(key, partial(_number, unit=unit, allowed=allowed), default)
 
     def numbers(self, key: str, count: int, allowed: str = "any", default: Any = None) -> Any:
+        """Return a list of so many numbers."""
         return self.take(key, partial(_numbers, count=count, allowed=allowed), default)
 
     def text(self, key: str, default: str | None = None) -> str:
+        """Return a printable text."""
         return self.take(key, _text, default)
 
     def flag(self, key: str) -> bool:
+        """Return true or false, by default false."""
         value = self.values.get(key, False)
         return value if isinstance(value, bool) else self.fail(key, "allowed is true or false.")
 
     def angle(self, key: str, default: float = 0.0, allowed: str = "any") -> float:
+        """Return an angle [rad] that the file gives in degrees."""
         return math.radians(self.number(key, math.degrees(default), "degrees", allowed))
+
+    def tables(
+        self, kind: str, fields: Sequence[str], lines: Mapping[tuple[str, int], dict[str, int]]
+    ) -> list[SiteTable]:
+        """Return all tables of a kind, none if there are none."""
+        tables = self.values.get(kind, [])
+        if not isinstance(tables, list) or not all(isinstance(values, dict) for values in tables):
+            self.fail(kind, f"write each as [[{kind}]].")
+        return [
+            SiteTable(self.path, kind, values, lines.get((kind, i), {}), fields)
+            for i, values in enumerate(tables)
+        ]
 
     def file(self, key: str) -> Path:
         """Return the path of a file, which must lie in the folder of the site, links resolved."""
@@ -102,29 +121,23 @@ def read_site(path: str | Path) -> Site:
             obstacles have one name.
     """
     path = SITES / f"{path}.toml" if str(path) in EXAMPLES else Path(path)
-    text = read_text(path)
-    try:
-        content = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
-        raise DataError(f"{path} is not TOML: {error}.") from error
-    lines = dict(_lines(text))
-    fields = ["name", *_FIELDS, *_SOLIDS]
-    top = _Table(path, "site", content, lines.get(("", 0), {}), fields)
+    top, lines = read_fields(path, [*_FIELDS, *SOLIDS])
+    content = top.values
     if not isinstance(content.get("ground"), dict):
         top.fail("ground", "there is none; a site needs a table [ground] with its height.")
     tables = {}
     for name, fields in _FIELDS.items():
         if not isinstance(values := content.get(name, {}), dict):
             top.fail(name, "it must be a table.")
-        tables[name] = _Table(path, name, values, lines.get((name, 0), {}), fields)
+        tables[name] = SiteTable(path, name, values, lines.get((name, 0), {}), fields)
     ground = tables["ground"].number("height")
-    solids = _solids(top, lines, ground)
+    solids = solids_of(top, lines, ground)
     crane, load, lift, drives = (tables[name] for name in ("crane", "load", "lift", "drives"))
     rigging = tables["rigging"]
     masses = {
         name: rigging.number(name, unit="kg", allowed=">= 0") for name in sorted(rigging.values)
     }
-    values = crane.take("values", _values, {})
+    values = crane.take("values", crane_values, {})
     for entry, name, argument, value in _arguments(load, drives, tables["counter_jib"], masses):
         if argument in values:
             entry.fail(name, f"{argument} is among the values of [crane], too; leave one out.")
@@ -148,6 +161,23 @@ def read_site(path: str | Path) -> Site:
     )
 
 
+def read_fields(
+    path: Path, fields: Sequence[str]
+) -> tuple[SiteTable, dict[tuple[str, int], dict[str, int]]]:
+    """Read the whole of a TOML file with a name and other fields, and the lines of each table.
+
+    Raises:
+        DataError: If it cannot be read, is no TOML, or a field is another.
+    """
+    text = read_text(path)
+    try:
+        content = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
+        raise DataError(f"{path} is not TOML: {error}.") from error
+    lines = dict(field_lines(text))
+    return SiteTable(path, "site", content, lines.get(("", 0), {}), ["name", *fields]), lines
+
+
 _FIELDS = {
     "ground": ["height"],
     "crane": ["position", "heading", "values"],
@@ -162,19 +192,17 @@ _FIELDS = {
 """Tables of a site beside its obstacles, with their fields."""
 
 
-def _solids(
-    top: _Table, lines: Mapping[tuple[str, int], dict[str, int]], ground: float
+def solids_of(
+    top: SiteTable, lines: Mapping[tuple[str, int], dict[str, int]], ground: float
 ) -> list[Solid]:
+    """Return the obstacles of a site on a ground of a height [m]."""
     solids: dict[str, Solid] = {}
-    for kind, (fields, make) in _SOLIDS.items():
-        tables = top.values.get(kind, [])
-        if not isinstance(tables, list) or not all(isinstance(values, dict) for values in tables):
-            top.fail(kind, f"write each as [[{kind}]].")
-        if len(solids) + len(tables) > _MOST:
+    for kind, (fields, make) in SOLIDS.items():
+        entries = top.tables(kind, fields, lines)
+        if len(solids) + len(entries) > _MOST:
             top.fail(kind, f"there are more than {_MOST} obstacles.")
-        for i, values in enumerate(tables):
-            entry = _Table(top.path, kind, values, lines.get((kind, i), {}), fields)
-            key = "name" if "name" in values else "file"
+        for entry in entries:
+            key = "name" if "name" in entry.values else "file"
             try:
                 made = make(entry, ground)
             except CraneError as error:
@@ -192,8 +220,8 @@ _DRIVES = ("slew", "trolley", "hoist")
 
 
 def _arguments(
-    load: _Table, drives: _Table, counter_jib: _Table, rigging: Mapping[str, float]
-) -> Iterator[tuple[_Table, str, str, float]]:
+    load: SiteTable, drives: SiteTable, counter_jib: SiteTable, rigging: Mapping[str, float]
+) -> Iterator[tuple[SiteTable, str, str, float]]:
     """Yield the arguments of the crane that other tables enter: table, field, argument, value."""
     if "mass" in load.values:
         mass = load.number("mass", unit="kg", allowed="> 0") + sum(rigging.values())
@@ -207,19 +235,19 @@ def _arguments(
             yield drives, "efforts", f"{drive}_effort", value
 
 
-def _of_drives(drives: _Table, name: str) -> list[float]:
+def _of_drives(drives: SiteTable, name: str) -> list[float]:
     """Return numbers of slew, trolley and hoist, those of the slew in radians."""
     slew, *trolley_and_hoist = drives.numbers(name, 3, "> 0")
     return [slew if name == "efforts" else math.radians(slew), *trolley_and_hoist]
 
 
-def _limits(drives: _Table) -> Limits | None:
+def _limits(drives: SiteTable) -> Limits | None:
     if not drives.values:
         return None
     return Limits(*(_of_drives(drives, name) for name in ("rates", "accelerations")))
 
 
-def _base(base: _Table) -> Base | None:
+def _base(base: SiteTable) -> Base | None:
     if not base.values:
         return None
     permitted = None
@@ -229,7 +257,7 @@ def _base(base: _Table) -> Base | None:
     return Base(spacing, base.number("mass", unit="kg", allowed=">= 0"), permitted)
 
 
-def _arms(jib: _Table, counter_jib: _Table) -> tuple[Arm, ...]:
+def _arms(jib: SiteTable, counter_jib: SiteTable) -> tuple[Arm, ...]:
     """Return jib and counter-jib, as far as their masses are entered."""
     return tuple(
         Arm(
@@ -241,7 +269,7 @@ def _arms(jib: _Table, counter_jib: _Table) -> tuple[Arm, ...]:
     )
 
 
-def _load(load: _Table) -> np.ndarray | None:
+def _load(load: SiteTable) -> np.ndarray | None:
     if "file" in load.values:
         vertices, _ = read_mesh(load.file("file"))
         return vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
@@ -251,28 +279,28 @@ def _load(load: _Table) -> np.ndarray | None:
     return np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size / 2.0
 
 
-def _point(lift: _Table, key: str) -> np.ndarray | None:
+def _point(lift: SiteTable, key: str) -> np.ndarray | None:
     return np.array(lift.numbers(key, 3)) if key in lift.values else None
 
 
-def _box(entry: _Table, ground: float) -> list[Solid]:
+def _box(entry: SiteTable, ground: float) -> list[Solid]:
     size, name = entry.numbers("size", 3, "> 0"), entry.text("name")
     base, centre = entry.number("base", ground), entry.numbers("centre", 2)
     return [box(name, centre, size, base, entry.angle("yaw"))]
 
 
-def _prism(entry: _Table, ground: float) -> list[Solid]:
+def _prism(entry: SiteTable, ground: float) -> list[Solid]:
     height, name = entry.number("height", allowed="> 0"), entry.text("name")
     return [prism(name, entry.take("outline", _outline), entry.number("base", ground), height)]
 
 
-def _zone(entry: _Table, ground: float) -> list[Solid]:
+def _zone(entry: SiteTable, ground: float) -> list[Solid]:
     base, height = entry.number("base", ground), entry.number("height", 100.0, allowed="> 0")
     outline = entry.take("outline", _outline)
     return [prism(entry.text("name"), outline, base, height, zone=True)]
 
 
-def _mesh(entry: _Table, ground: float) -> list[Solid]:
+def _mesh(entry: SiteTable, ground: float) -> list[Solid]:
     vertices, triangles = read_mesh(entry.file("file"))
     scale = entry.number("scale", 1.0, "", "> 0")
     position = np.array(entry.numbers("position", 3, default=[0.0, 0.0, ground]))
@@ -280,24 +308,24 @@ def _mesh(entry: _Table, ground: float) -> list[Solid]:
     return [body(entry.text("name"), placed, triangles, as_hull=entry.flag("hull"))]
 
 
-def _ifc(entry: _Table, ground: float) -> list[Solid]:
+def _ifc(entry: SiteTable, ground: float) -> list[Solid]:
     position = np.array(entry.numbers("position", 3, default=[0.0, 0.0, 0.0]))
     solids = read_ifc(entry.file("file"), as_hulls=entry.flag("hull"))
     return [solid.moved(rotation_z(entry.angle("yaw")), position) for solid in solids]
 
 
-def _neighbour(entry: _Table, ground: float) -> list[Solid]:
+def _neighbour(entry: SiteTable, ground: float) -> list[Solid]:
     position = np.array(entry.numbers("position", 3, default=[0.0, 0.0, ground]))
     drive_position = {
         name: entry.number(name, 0.0, unit)
         for name, unit in (("slew", "degrees"), ("trolley", "m"), ("cable", "m"))
     }
-    values = entry.take("values", _values, {})
+    values = entry.take("values", crane_values, {})
     heading = entry.angle("heading", -math.pi / 2.0)
     return neighbour(entry.text("name"), position, heading, drive_position, values)
 
 
-_SOLIDS: dict[str, tuple[list[str], Callable[[_Table, float], list[Solid]]]] = {
+SOLIDS: dict[str, tuple[list[str], Callable[[SiteTable, float], list[Solid]]]] = {
     "box": (["name", "centre", "size", "base", "yaw"], _box),
     "prism": (["name", "outline", "base", "height"], _prism),
     "mesh": (["name", "file", "position", "yaw", "scale", "hull"], _mesh),
@@ -334,13 +362,14 @@ def _text(name: str, value: Any) -> str:
     return value
 
 
-def _values(name: str, table: Any) -> dict[str, float]:
+def crane_values(name: str, table: Any) -> dict[str, float]:
+    """Return numbers of a crane by name."""
     if not isinstance(table, dict):
         raise OutOfRange(name, quoted(table), "a table of numbers of the crane")
     return {argument: _number(argument, value, "") for argument, value in table.items()}
 
 
-def _lines(text: str) -> Iterator[tuple[tuple[str, int], dict[str, int]]]:
+def field_lines(text: str) -> Iterator[tuple[tuple[str, int], dict[str, int]]]:
     """Yield the lines of the fields of each table, by its name and its index among those of it."""
     counts: dict[str, int] = {}
     name, fields = "", {"": 1}

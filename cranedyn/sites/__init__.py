@@ -1,0 +1,23 @@
+"""Several cranes on one site, each kept by its own brakes in a box that no other's comes near.
+
+    from cranedyn.sites.simulate import simulate_site
+    from cranedyn.sites.site_file import read_crane_site
+
+    site = read_crane_site("two_towers")
+    rates = [0.05, 0.0, 0.0], [-0.05, 0.0, 0.0]  # slew, trolley, hoist [rad/s and m/s]
+    operators = [lambda t, states, rate=rate: rate for rate in rates]
+    run = simulate_site(site, operators, duration=60.0)
+    print(run.contacts, run.least_distance)
+
+Public names:
+
+* `site_file.read_crane_site` reads a `site.CraneSite` from TOML: cranes, each a `site.Station`.
+* `bodies.crane_bodies` covers a crane with capsules; `proof.proven_apart` proves a distance for all
+  positions in two boxes.
+* `brakes.Brakes` says where a crane may pass before it stands.
+* `supervisor.Supervisor` and `supervisor.Guard` reserve boxes and keep to them.
+* `simulate.simulate_site` steps all cranes by one clock, with late and lost messages.
+
+`proof.proven_apart` and `supervisor` state what is proven. A site has cranes and no other
+obstacles. A cycle of the supervisor takes longer than its period where many boxes are close.
+"""

@@ -1,0 +1,331 @@
+"""Capsules around all shapes of a crane, where they are for many positions of its drives at once.
+
+A capsule is all that is no farther from a segment than a radius. What hangs, rope and load, is
+swept: over the cable lengths of an interval, and over a cone about plumb.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.errors import ModelError
+from cranedyn.model.crane import Crane
+from cranedyn.planning.bodies import shape_corners
+from cranedyn.planning.solids import rotation_z
+
+_MOST, _GAIN, _CUTS = 5, 5.0, 5
+"""Most capsules of a joint; volume that a cut of a group of shapes in two saves at least [m³]; cuts
+that are tried along each axis."""
+
+_ROPE = 4
+"""Capsules of a rope, one below the other: the cone in which it swings grows downwards."""
+
+
+@dataclass(frozen=True, eq=False)
+class CraneBodies:
+    """Capsules of one crane on a site, or of several, then with a first axis for the crane.
+
+    A position is one number for each of the k drives between foot and rope, and the cable length.
+    Capsule 0 <= c < n is fixed to the link behind `joint[c]` of these drives.
+
+    Attributes:
+        names: Name of each capsule: "tower", "jib", "counter-jib", "trolley", "rope" or "load".
+        columns: Index of each number of a position among the drives of the crane, shape (k + 1,).
+        rotation, translation: Placement of each joint in the frame of the link before it, the first
+            in that of the site, shapes (k, 3, 3) and (k, 3) [m].
+        foot: Rotation and translation of the foot, as one matrix [R, p], shape (3, 4).
+        axis: Axis of each joint in its frame, shape (k, 3).
+        revolute: Whether it is revolute, shape (k,).
+        joint: Number of joints before each capsule, shape (n,).
+        ends: Ends of its segment in the frame of its link [m], shape (n, 2, 3); of what hangs, the
+            pivot twice.
+        depth: Depth of these ends below the pivot as a sum of shares of the shortest and of the
+            longest cable, and a length [m], shape (n, 2, 3); 0 for what does not hang.
+        hangs: Whether it hangs, shape (n,).
+        radius: Its radius without swing [m], shape (n,).
+    """
+
+    names: tuple[str, ...]
+    columns: np.ndarray
+    rotation: np.ndarray
+    translation: np.ndarray
+    foot: np.ndarray
+    axis: np.ndarray
+    revolute: np.ndarray
+    joint: np.ndarray
+    ends: np.ndarray
+    depth: np.ndarray
+    hangs: np.ndarray
+    radius: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedCapsules:
+    """Capsules at positions, N of them.
+
+    Attributes:
+        ends: Ends of the segments in the frame of the site [m], shape (N, 2, 3).
+        radius: Radii, with the swing of what hangs [m], shape (N,).
+        moving: Points that the drives move as they move the segments [m], shape (N, 2, 3).
+        origin, axis: Origin [m] and axis of each joint, shape (N, k, 3).
+        lever: 1 for a joint that moves the capsule, else 0, shape (N, k).
+    """
+
+    ends: np.ndarray
+    radius: np.ndarray
+    moving: np.ndarray
+    origin: np.ndarray
+    axis: np.ndarray
+    lever: np.ndarray
+
+
+def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
+    """Return the capsules of a crane whose foot stands at a point [m], shape (3,), and whose jib
+    points along a heading at zero slew, from X towards Y [rad].
+
+    Every corner of every shape in its URDF lies in a capsule.
+
+    Raises:
+        ModelError: If it has no rope below two swing joints, has other joints besides drives from
+            the foot to the rope, or shows a mesh or no load.
+    """
+    model, layout, winch = crane.model, crane.layout, crane.winch
+    supports = [] if winch is None else model.supports[int(layout.drives[winch]) + 1].tolist()[1:]
+    driven = [layout.joints[i - 1].driven for i in supports]
+    chain = supports[: driven.index(False)] if False in driven else []
+    swings = supports[len(chain) : -1]
+    if len(supports) != layout.n or any(driven[len(chain) : -1]) or len(swings) != 2:
+        raise ModelError(
+            "A crane on a site has drives from its foot to a pivot, two swing joints and a rope; "
+            f"this one has {', '.join(layout.symbols)}."
+        )
+    pivot = model.jointPlacements[swings[0]].translation
+    shapes: dict[int, list[np.ndarray]] = {}
+    for joint, corners in shape_corners(crane):
+        shapes.setdefault(joint, []).append(corners)
+    if supports[-1] not in shapes:
+        raise ModelError("The URDF of the crane shows no load; its distances are not known.")
+    capsules = []
+    q = crane.start.q
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    outward = data.oMi[swings[0]].translation[:2]
+    for index, joint in enumerate([0, *chain]):
+        for points in _groups(shapes.get(joint, [])):
+            ends, radius = _capsule(points)
+            middle = data.oMi[joint].act(ends.mean(axis=0))[:2]
+            name = "jib" if middle @ outward >= 0.0 else "counter-jib"
+            if index == 0 or (index == len(chain) and layout.joints[joint - 1].role == "trolley"):
+                name = "trolley" if index else "tower"
+            capsules.append((name, index, ends, np.zeros((2, 3)), False, radius))
+    carried = [corners for joint in swings for corners in shapes.get(joint, [])]
+    if carried:
+        radius = float(np.linalg.norm(np.concatenate(carried), axis=1).max())
+        capsules.append(("trolley", len(chain), pivot[None].repeat(2, 0), _NO, False, radius))
+    capsules += [
+        (name, len(chain), pivot[None].repeat(2, 0), depth, True, radius)
+        for name, depth, radius in _hanging(crane, shapes[supports[-1]])
+    ]
+    names, joint, ends, depth, hangs, radii = zip(*capsules, strict=True)
+    return CraneBodies(
+        names=names,
+        columns=np.array([layout.drives.tolist().index(i - 1) for i in (*chain, supports[-1])]),
+        rotation=np.array([model.jointPlacements[i].rotation for i in chain]),
+        translation=np.array([model.jointPlacements[i].translation for i in chain]),
+        foot=np.column_stack([rotation_z(heading + math.pi / 2.0), foot]),
+        axis=np.array([_local_axis(crane, i) for i in chain]),
+        revolute=np.array([layout.joints[i - 1].kind == "revolute" for i in chain]),
+        joint=np.array(joint),
+        ends=np.array(ends),
+        depth=np.array(depth),
+        hangs=np.array(hangs),
+        radius=np.array(radii),
+    )
+
+
+_NO = np.zeros((2, 3))
+
+
+def _local_axis(crane: Crane, joint: int) -> np.ndarray:
+    data = crane.model.createData()
+    pin.forwardKinematics(crane.model, data, np.zeros(crane.layout.n))
+    return data.oMi[joint].rotation.T @ np.array(crane.layout.joints[joint - 1].axis)
+
+
+def _hanging(crane: Crane, shapes: list[np.ndarray]) -> list[tuple[str, np.ndarray, float]]:
+    """Return capsules of rope and load: name, depth of both ends and radius [m]."""
+    assert crane.winch is not None
+    down = _local_axis(crane, int(crane.layout.drives[crane.winch]) + 1)
+    points = np.concatenate(shapes)
+    along = points @ down
+    width = float(np.linalg.norm(points - along[:, None] * down, axis=1).max())
+    block = min(shapes, key=lambda corners: float((corners @ down).mean()))
+    across = block - (block @ down)[:, None] * down
+    falls = float(np.linalg.norm(across, axis=1).max())
+    shares = np.linspace(0.0, 1.0, _ROPE + 1)
+    rope = [
+        ("rope", np.array([[0.0, first, 0.0], [0.0, last, 0.0]]), falls)
+        for first, last in itertools.pairwise(shares.tolist())
+    ]
+    load = np.array([[1.0, 0.0, float(along.min())], [0.0, 1.0, float(along.max())]])
+    return [*rope, ("load", load, width)]
+
+
+def _groups(shapes: list[np.ndarray]) -> list[np.ndarray]:
+    """Return corners of shapes in groups: the cut that saves most volume of capsules, again."""
+    if not shapes:
+        return []
+    groups = [shapes]
+    while len(groups) < _MOST:
+        i = int(np.argmax([_volume(group) for group in groups]))
+        volume, halves = _best_cut(groups[i])
+        if _volume(groups[i]) - volume < _GAIN:
+            break
+        groups[i : i + 1] = halves
+    return [np.concatenate(group) for group in groups]
+
+
+def _best_cut(group: list[np.ndarray]) -> tuple[float, list[list[np.ndarray]]]:
+    best: tuple[float, list[list[np.ndarray]]] = (math.inf, [])
+    centres = np.array([corners.mean(axis=0) for corners in group])
+    for axis in range(3):
+        order = np.argsort(centres[:, axis], kind="stable")
+        for cut in np.unique(np.linspace(0, len(group), _CUTS + 2).astype(int)[1:-1]):
+            halves = [[group[i] for i in half] for half in (order[:cut], order[cut:])]
+            if all(halves):
+                volume = sum(map(_volume, halves))
+                best = min(best, (volume, halves), key=lambda pair: pair[0])
+    return best
+
+
+def _volume(group: list[np.ndarray]) -> float:
+    ends, radius = _capsule(np.concatenate(group))
+    length = float(np.linalg.norm(ends[1] - ends[0]))
+    return math.pi * radius**2 * (length + 4.0 / 3.0 * radius)
+
+
+def _capsule(points: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the ends of a segment [m], shape (2, 3), and a radius [m] within which points, shape
+    (n, 3), lie about it: of the coordinate and principal axes that with the least volume.
+    """
+    centre = points.mean(axis=0)
+    principal = np.linalg.svd(points - centre, full_matrices=False)[2][0]
+    best = None
+    for direction in (principal, *np.eye(3)):
+        t = points @ direction
+        across = points - t[:, None] * direction
+        line = (across.min(axis=0) + across.max(axis=0)) / 2.0
+        line -= (line @ direction) * direction
+        distance = np.linalg.norm(across - line, axis=1)
+        radius = float(distance.max())
+        cap = np.sqrt(np.maximum(radius**2 - distance**2, 0.0))
+        low, high = float((t + cap).min()), float((t - cap).max())
+        low, high = (low, high) if low < high else ((low + high) / 2.0,) * 2
+        volume = radius**2 * (high - low + 4.0 / 3.0 * radius)
+        if best is None or volume < best[0]:
+            best = volume, np.array([line + low * direction, line + high * direction]), radius
+    assert best is not None
+    _, ends, _ = best
+    return ends, float(segment_distance(points, ends).max()) + 1e-9
+
+
+def segment_distance(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Return the distance of points [m], shape (n, 3), from a segment, shape (2, 3)."""
+    along = ends[1] - ends[0]
+    square = float(along @ along)
+    share = np.clip((points - ends[0]) @ along / square, 0.0, 1.0) if square > 0.0 else 0.0
+    nearest = ends[0] + np.multiply.outer(share, along)
+    return np.linalg.norm(points - nearest, axis=1)
+
+
+def stacked(bodies: Sequence[CraneBodies]) -> CraneBodies:
+    """Return the bodies of several cranes as arrays with a first axis for the crane.
+
+    Missing joints are prismatic without an axis, missing capsules repeat the last.
+    """
+    longest = max(len(item.axis) for item in bodies)
+    most = max(len(item.radius) for item in bodies)
+    columns: dict[str, list[np.ndarray]] = {}
+    for item in bodies:
+        joints, capsules = len(item.axis), len(item.radius)
+        for field in fields(CraneBodies)[2:]:
+            array = getattr(item, field.name)
+            if field.name in ("rotation", "translation", "axis", "revolute"):
+                filler = np.eye(3) if field.name == "rotation" else np.zeros(array.shape[1:])
+                more = np.broadcast_to(filler, (longest - joints, *array.shape[1:]))
+                array = np.concatenate([array, more.astype(array.dtype)])
+            elif field.name != "foot":
+                array = np.concatenate([array, array[-1:].repeat(most - capsules, axis=0)])
+            columns.setdefault(field.name, []).append(array)
+    arrays = {name: np.array(values) for name, values in columns.items()}
+    return CraneBodies(names=(), columns=np.zeros(0, dtype=int), **arrays)
+
+
+def place_capsules(
+    bodies: CraneBodies,
+    which: np.ndarray,
+    capsule: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    swing: float,
+    rope: np.ndarray | None = None,
+) -> PlacedCapsules:
+    """Return capsules of cranes, N of them, in the middle of intervals of positions.
+
+    Args:
+        bodies: The cranes, `stacked`.
+        which: Index of the crane, shape (N,).
+        capsule: Index of the capsule, shape (N,).
+        low: Lower ends of the intervals of positions, shape (N, k + 1), the cable length last;
+            what hangs is swept over all lengths.
+        high: Upper ends.
+        swing: Largest angle of the rope from plumb [rad].
+        rope: Direction of the rope, shape (N, 3); None for plumb.
+    """
+    count = len(which)
+    middle = (low[:, :-1] + high[:, :-1]) / 2.0
+    rotation, point = bodies.foot[which, :, :3], bodies.foot[which, :, 3]
+    joint, at = bodies.joint[which, capsule], np.arange(count)
+    rotations, points, origins, axes = [rotation], [point], [], []
+    for k in range(middle.shape[1]):
+        point = point + (rotation @ bodies.translation[which, k][:, :, None])[:, :, 0]
+        rotation = rotation @ bodies.rotation[which, k]
+        local, turns = bodies.axis[which, k], bodies.revolute[which, k]
+        axis = (rotation @ local[:, :, None])[:, :, 0]
+        origins.append(point)
+        axes.append(axis)
+        point = point + axis * np.where(turns, 0.0, middle[:, k])[:, None]
+        rotation = rotation @ _rotations(local, np.where(turns, middle[:, k], 0.0))
+        rotations.append(rotation)
+        points.append(point)
+    rotation, point = np.array(rotations)[joint, at], np.array(points)[joint, at]
+    moving = bodies.ends[which, capsule] @ rotation.transpose(0, 2, 1) + point[:, None]
+    share, hangs = bodies.depth[which, capsule], bodies.hangs[which, capsule]
+    cable = np.stack([low[:, -1], high[:, -1], np.ones(count)], axis=1)
+    depth = (share @ cable[:, :, None])[:, :, 0]
+    direction = np.array([[0.0, 0.0, -1.0]]) if rope is None else rope
+    radius = bodies.radius[which, capsule]
+    cone = 2.0 * math.sin(swing / 2.0) * (depth[:, 1] + radius)
+    return PlacedCapsules(
+        ends=moving + depth[:, :, None] * direction[:, None],
+        radius=radius + np.where(hangs, cone, 0.0),
+        moving=moving,
+        origin=np.array(origins).transpose(1, 0, 2),
+        axis=np.array(axes).transpose(1, 0, 2),
+        lever=(joint[:, None] > np.arange(middle.shape[1])).astype(float),
+    )
+
+
+def _rotations(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Return rotations about unit axes, shape (N, 3), by angles [rad], shape (N,)."""
+    sine, cosine = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+    cross = np.zeros((len(axis), 3, 3))
+    cross[:, [2, 0, 1], [1, 2, 0]] = axis
+    cross[:, [1, 2, 0], [2, 0, 1]] = -axis
+    return np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross)

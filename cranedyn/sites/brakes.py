@@ -1,0 +1,107 @@
+"""Brakes at their weakest: which positions a crane may pass before it stands still."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from cranedyn.checks import check_choice, finite, number
+from cranedyn.dynamics.converters import converters
+from cranedyn.model.crane import Crane
+
+BrakesName = Literal["converters", "gears"]
+"""Names of brakes that `brakes` knows."""
+
+GEARS = math.radians(0.2068), math.radians(0.2949), math.radians(0.3090)
+"""Decelerations of the slew of a measured tower crane [rad/s²], from its three gears."""
+
+GEARS_TIME = 3.5284, 2.3791
+"""Stopping time of the same crane: these [s per °/s] and [s], a line through three measurements. Of
+its highest gear it says 15 s; the angle of 24° that was measured then is 18° by the published
+formula for the angle, which contradicts it. Taken are the delay of the line, before which nothing
+need slow down, and the weakest of the decelerations."""
+
+REACTION = 0.8
+"""Reaction time [s] of the drives of `cranedyn.dynamics.converters`: a cycle of 0.1 s, the delay of
+the bus, the lag and the rounding of the ramp, three times over for the slew's lag."""
+
+_TOLERANCES = {"rad": 2e-3, "m": 0.05}
+
+
+@dataclass(frozen=True, eq=False)
+class Brakes:
+    """Brakes of the m drives of a crane.
+
+    Attributes:
+        reaction: Time from a measurement to full deceleration [s], latency of the crane's own
+            network included.
+        decelerations: Weakest decelerations [rad/s² or m/s²], shape (m,).
+        tolerances: Largest errors of measured positions [rad or m], shape (m,).
+    """
+
+    reaction: float
+    decelerations: np.ndarray
+    tolerances: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            OutOfRange: If one is not positive, or a tolerance is negative.
+        """
+        number("reaction time of brakes", self.reaction, "s", "> 0")
+        for value in finite("decelerations of brakes", self.decelerations, ("m",)):
+            number("deceleration of brakes", value, "", "> 0")
+        shape = np.shape(self.decelerations)
+        for value in finite("tolerances of brakes", self.tolerances, shape):
+            number("tolerance of brakes", value, "", ">= 0")
+
+    def stopping_distance(self, rate: np.ndarray) -> np.ndarray:
+        """Return the distance [rad or m] at rates [rad/s or m/s], shape (m,) each: the way of the
+        reaction time and v²/(2 a).
+        """
+        speed = np.abs(rate)
+        return speed * (self.reaction + speed / (2.0 * self.decelerations))
+
+    def largest_rate(self, distance: np.ndarray) -> np.ndarray:
+        """Return the largest rates [rad/s or m/s] with stopping distances [rad or m] that are no
+        larger, shape (m,) each; 0 for a negative distance.
+        """
+        a, way = self.decelerations, np.maximum(distance, 0.0)
+        delayed = a * self.reaction
+        return np.sqrt(delayed**2 + 2.0 * a * way) - delayed
+
+    def tube(self, position: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Return the ends of the intervals that the drives may pass before they stand, shape (2,
+        m), from measured positions at rates from low to high, shape (m,) each.
+        """
+        back = self.stopping_distance(np.minimum(low, 0.0)) + self.tolerances
+        ahead = self.stopping_distance(np.maximum(high, 0.0)) + self.tolerances
+        return np.array([position - back, position + ahead])
+
+
+def brakes(crane: Crane, name: BrakesName = "converters", *, reaction: float = REACTION) -> Brakes:
+    """Return brakes of a crane by name.
+
+    Args:
+        crane: The crane.
+        name: "converters": nine tenths of the accelerations of typical frequency converters.
+            "gears": the weakest gear of a measured tower crane and its delay, see `GEARS_TIME`; its
+            source gives the slew only, other drives take the same share of their converters'.
+        reaction: Reaction time of the crane [s]; that of "gears" comes on top.
+
+    Raises:
+        OutOfRange: If the name is another, or the reaction time not positive.
+    """
+    check_choice("brakes", name, BrakesName)
+    decelerations = 0.9 * converters(crane).accelerations
+    slew = crane.layout.drive_of("slew")
+    if name == "gears":
+        reaction += GEARS_TIME[1]
+        share = 1.0 if slew is None else min(GEARS) / decelerations[slew]
+        decelerations = decelerations * min(share, 1.0)
+    tolerances = [_TOLERANCES[joint.unit] for joint in crane.layout.driven]
+    return Brakes(reaction, decelerations, np.array(tolerances))

@@ -1,0 +1,170 @@
+"""A site with several cranes."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.checks import finite, number
+from cranedyn.dynamics.converters import Converters
+from cranedyn.errors import DataError, OutOfRange, quoted
+from cranedyn.model.crane import Crane
+from cranedyn.sites.bodies import CraneBodies, PlacedCapsules, crane_bodies, place_capsules, stacked
+from cranedyn.sites.brakes import Brakes
+from cranedyn.sites.proof import proven_apart, separations
+
+DISTANCE, SWING = 1.0, 0.1
+"""Required distance between cranes [m] and largest swing of their ropes from plumb [rad] of a site
+that does not give them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Station:
+    """A crane at its place.
+
+    Attributes:
+        name: Its name.
+        crane: The crane; its drives stand at the start where its `start` says.
+        foot: Foot of its mast in the frame of the site [m], shape (3,).
+        heading: Direction of the jib at zero slew, from X towards Y [rad].
+        converters: Frequency converters of its drives.
+        brakes: Its brakes at their weakest.
+    """
+
+    name: str
+    crane: Crane
+    foot: np.ndarray
+    heading: float
+    converters: Converters
+    brakes: Brakes
+
+    def __post_init__(self) -> None:
+        """Check that all drives have converters and brakes.
+
+        Raises:
+            OutOfRange: If not, or a number is not finite.
+        """
+        finite(f"foot of {quoted(self.name)}", self.foot, (3,), unit="m")
+        number(f"heading of {quoted(self.name)}", self.heading, "rad")
+        self.converters.of(self.crane)
+        if len(self.brakes.decelerations) != (m := self.crane.layout.m):
+            raise OutOfRange("number of brakes", len(self.brakes.decelerations), f"{m}")
+
+    @cached_property
+    def bodies(self) -> CraneBodies:
+        """Capsules around its shapes, in the frame of the site."""
+        return crane_bodies(self.crane, np.asarray(self.foot, dtype=float), self.heading)
+
+    def rope(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the pivot [m], shape (3,), the direction of the rope, shape (3,), and the motion
+        of the pivot by each drive [m/rad or m/m], shape (3, m), in the frame of the site, at
+        coordinates of shape (n,).
+        """
+        crane, foot = self.crane, self.bodies.foot
+        drives = crane.layout.drives.tolist()
+        assert crane.winch is not None
+        swing = int(crane.swings[0]) + 1
+        pin.computeJointJacobians(crane.model, crane.data, q)
+        pivot = crane.data.oMi[swing].translation
+        rope = crane.data.oMi[drives[crane.winch] + 1].translation - pivot
+        motion = pin.getJointJacobian(
+            crane.model, crane.data, swing, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )[:3, drives]
+        turn = foot[:, :3]
+        return turn @ pivot + foot[:, 3], turn @ (rope / np.linalg.norm(rope)), turn @ motion
+
+
+@dataclass(frozen=True, eq=False)
+class CraneSite:
+    """Several cranes on a site, in a frame of its own: metres, Z up.
+
+    Attributes:
+        name: Its name.
+        stations: The cranes.
+        ground: Height of the ground [m].
+        distance: Required distance between parts of different cranes [m].
+        swing: Largest angle of a rope from plumb [rad].
+    """
+
+    name: str
+    stations: tuple[Station, ...]
+    ground: float = 0.0
+    distance: float = DISTANCE
+    swing: float = SWING
+
+    def __post_init__(self) -> None:
+        """Check names and towers.
+
+        Raises:
+            DataError: If there is no crane, two have one name, or two towers are nearer to each
+                other than the required distance.
+            OutOfRange: If the distance is not positive, or the swing not from 0 to 0.5.
+        """
+        number("height of the ground", self.ground, "m")
+        number("required distance", self.distance, "m", "> 0")
+        number("swing of the load", self.swing, "rad", "0 to 0.5")
+        if not self.stations:
+            raise DataError(f"The site {quoted(self.name)} has no crane.")
+        for name, count in Counter(station.name for station in self.stations).items():
+            if count > 1:
+                raise DataError(
+                    f"{count} cranes are called {quoted(name)}; give each its own name."
+                )
+        for a, b in itertools.combinations(range(len(self.stations)), 2):
+            gap = self._tower_gap(a, b)
+            if gap < self.distance:
+                names = (quoted(self.stations[i].name) for i in (a, b))
+                raise DataError(
+                    f"The towers of {' and '.join(names)} are {max(gap, 0.0):.2f} m apart; "
+                    f"required is {self.distance:g} m."
+                )
+
+    @cached_property
+    def bodies(self) -> CraneBodies:
+        """Capsules of all cranes, `stacked`."""
+        return stacked([station.bodies for station in self.stations])
+
+    def positions(self, station: int, values: np.ndarray) -> np.ndarray:
+        """Return values of the drives of a crane, shape (..., m), in the columns of `bodies`."""
+        columns, joints = self.stations[station].bodies.columns, self.bodies.axis.shape[1]
+        chain = np.zeros((*np.shape(values)[:-1], joints + 1))
+        chain[..., : len(columns) - 1] = values[..., columns[:-1]]
+        chain[..., -1] = values[..., columns[-1]]
+        return chain
+
+    def apart(self, station: int, box: np.ndarray, boxes: list[np.ndarray]) -> np.ndarray:
+        """Return whether a crane with its drives in a box, shape (2, m), is proven to keep the
+        required distance from each crane in its box, shape (cranes,); from itself it is.
+        """
+        others = [i for i in range(len(self.stations)) if i != station]
+        apart = np.ones(len(self.stations), dtype=bool)
+        if others:
+            apart[others] = proven_apart(
+                self.bodies,
+                np.full(len(others), station),
+                np.array([self.positions(station, box)] * len(others)),
+                np.array(others),
+                np.array([self.positions(i, boxes[i]) for i in others]),
+                self.distance,
+                self.swing,
+            )
+        return apart
+
+    def _tower_gap(self, a: int, b: int) -> float:
+        cranes, capsules = [], []
+        for i in (a, b):
+            tower = np.nonzero(self.stations[i].bodies.joint == 0)[0]
+            cranes.append(np.full(len(tower), i))
+            capsules.append(tower)
+        rows = np.indices([len(towers) for towers in capsules]).reshape(2, -1)
+        still = np.zeros((rows.shape[1], self.bodies.axis.shape[1] + 1))
+        placed: list[PlacedCapsules] = [
+            place_capsules(self.bodies, crane[row], tower[row], still, still, 0.0)
+            for crane, tower, row in zip(cranes, capsules, rows, strict=True)
+        ]
+        return float(separations(*placed)[0].min(initial=np.inf))

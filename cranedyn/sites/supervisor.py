@@ -1,0 +1,280 @@
+"""Reservation: each crane keeps inside a box of positions that nobody else's box comes near.
+
+The box of a crane is an interval for each of its drives, in which it can always stop by its own
+brakes. A `Guard` on each crane keeps it there whatever messages arrive. The `Supervisor` enlarges a
+box only where it is proven apart from all others. Neither reads a clock of the other: a grant
+answers one numbered request, and a guard accepts none but that for its last.
+
+Invariant: each crane can stop in its box (guard), its box lies in what the supervisor has reserved
+for it (a guard gives back before it asks, and the supervisor enlarges before it answers), and
+reserved boxes are proven the required distance apart, with the load of each anywhere in its cone.
+So nothing meets, as long as brakes are no weaker and ropes swing no farther than entered. Messages
+that are late or lost only make cranes wait.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from cranedyn.errors import DataError, quoted
+from cranedyn.interfaces import State
+from cranedyn.model.crane import Crane
+from cranedyn.sites.brakes import Brakes
+from cranedyn.sites.site import CraneSite, Station
+
+CYCLE = 0.1
+"""Period of guards and supervisor [s]."""
+
+PATIENCE = 0.5
+"""Time after which a guard no longer waits for the answer to its request [s]."""
+
+HORIZON = 1.5
+"""Time for which a crane asks in advance [s]: two lost or late answers and a cycle."""
+
+DAMPING = 0.15
+"""Damping ratio of the swing that guards add while it is more than a quarter of what is allowed."""
+
+GENTLE = 0.2
+"""Share of the largest swing by which a deceleration of a drive that a guard plans inclines the
+rope."""
+
+_SHARES = (1.0, 0.5, 0.25, 0.125)
+"""Shares of an extension that are tried."""
+
+
+class BoxRequest(NamedTuple):
+    """Message of a guard.
+
+    Attributes:
+        number: Number of the request.
+        held: Box that the crane keeps to from now on, shape (2, m).
+        wanted: Box that it asks for, shape (2, m), around the one it keeps to.
+    """
+
+    number: int
+    held: np.ndarray
+    wanted: np.ndarray
+
+
+class BoxGrant(NamedTuple):
+    """Answer of the supervisor.
+
+    Attributes:
+        number: Number of the request.
+        box: Box that the crane may keep to, shape (2, m).
+        blocked_by: Names of cranes that keep it from all that it asked for.
+    """
+
+    number: int
+    box: np.ndarray
+    blocked_by: tuple[str, ...]
+
+
+class Guard:
+    """The part of the supervision that runs on a crane.
+
+    Attributes:
+        brakes: Brakes that it plans with, never stronger than those of the crane.
+        box: Box in which the crane keeps, shape (2, m).
+        rates: Last rates that it passed on [rad/s or m/s], shape (m,).
+        fault: Whether a measurement was out of its range; all drives then brake.
+        blocked_by: Names of cranes that the last grant named.
+    """
+
+    def __init__(self, station: Station, swing: float) -> None:
+        """Start at rest where the crane starts, with a box just around it.
+
+        Args:
+            station: The crane.
+            swing: Largest angle of the rope from plumb [rad].
+        """
+        layout = station.crane.layout
+        self.station, self.swing = station, swing
+        self.brakes = gentle(station, swing)
+        start, self.rates = station.crane.start.q[layout.drives], np.zeros(layout.m)
+        self.box = self.brakes.tube(start, self.rates, self.rates)
+        self.fault = False
+        self.blocked_by: tuple[str, ...] = ()
+        self._number, self._asked_at, self._tube = 0, -math.inf, self.box
+        self._lower, self._upper = (
+            ends[layout.drives] for ends in (station.crane.lower, station.crane.upper)
+        )
+
+    def step(
+        self, t: float, state: State, command: np.ndarray
+    ) -> tuple[np.ndarray, BoxRequest | None]:
+        """Return the rates for the drives [rad/s or m/s], shape (m,), and a request if one is due.
+
+        A rate is the commanded one, as far as its stopping distance ends inside of the box and it
+        changes by no more than the brakes can take back. From a quarter of the allowed swing on the
+        drives damp it; while it is more than half of it, they follow no command.
+
+        Args:
+            t: Time of the crane's own clock [s].
+            state: Its state as measured.
+            command: Rates that operator or plan command, shape (m,).
+        """
+        brakes, drives = self.brakes, self.station.crane.layout.drives
+        position, velocity = state.q[drives], state.v[drives]
+        slack = brakes.tolerances
+        self.fault = not bool(
+            np.isfinite(np.concatenate([*state, command])).all()
+            and (position >= self._lower - slack).all()
+            and (position <= self._upper + slack).all()
+        )
+        steps = brakes.decelerations * CYCLE
+        if self.fault:
+            self.rates = np.clip(0.0, self.rates - steps, self.rates + steps)
+            return self.rates, None
+        amplitude = load_amplitude(self.station.crane, state)
+        if amplitude > self.swing / 2.0:
+            command = np.zeros_like(command)
+        if amplitude > self.swing / 4.0:
+            command = command + self._damping(state)
+        rates = np.clip(command, self.rates - steps, self.rates + steps)
+        ahead = brakes.largest_rate(self.box[1] - position - slack)
+        back = -brakes.largest_rate(position - self.box[0] - slack)
+        self.rates = np.clip(rates, back, ahead)
+        low, high = np.minimum(self.rates, velocity), np.maximum(self.rates, velocity)
+        self._tube = brakes.tube(position, low, high)
+        if t - self._asked_at < PATIENCE:
+            return self.rates, None
+        return self.rates, self._request(t, position, command)
+
+    def receive(self, grant: BoxGrant) -> None:
+        """Take a grant that answers the last request; ignore any other."""
+        if grant.number == self._number and self._asked_at > -math.inf:
+            self.box, self.blocked_by = grant.box, grant.blocked_by
+            self._asked_at = -math.inf
+
+    def _request(self, t: float, position: np.ndarray, command: np.ndarray) -> BoxRequest:
+        brakes = self.brakes
+        coming = brakes.tube(
+            position, np.minimum(command, self.rates), np.maximum(command, self.rates)
+        )
+        coming += HORIZON * np.array([np.minimum(command, 0.0), np.maximum(command, 0.0)])
+        low, high = np.minimum(coming[0], self._tube[0]), np.maximum(coming[1], self._tube[1])
+        wanted = np.array(
+            [np.maximum(low, self._lower - brakes.tolerances),
+             np.minimum(high, self._upper + brakes.tolerances)]
+        )  # fmt: skip
+        # What lies behind is given back; what is passed before standstill never is.
+        self.box = np.array(
+            [np.maximum(self.box[0], np.minimum(wanted[0], self._tube[0])),
+             np.minimum(self.box[1], np.maximum(wanted[1], self._tube[1]))]
+        )  # fmt: skip
+        self._number, self._asked_at = self._number + 1, t
+        wanted = np.array([np.minimum(wanted[0], self.box[0]), np.maximum(wanted[1], self.box[1])])
+        return BoxRequest(self._number, self.box, wanted)
+
+    def _damping(self, state: State) -> np.ndarray:
+        """Return rates that take the pivot towards the load, 2 ζ ω times its distance in plan."""
+        station, crane = self.station, self.station.crane
+        assert crane.winch is not None
+        cable = float(state.q[crane.layout.drives[crane.winch]])
+        _, rope, motion = station.rope(state.q)
+        towards = 2.0 * DAMPING * math.sqrt(crane.gravity * cable) * rope[:2]
+        return np.linalg.pinv(motion[:2], rcond=1e-3) @ towards
+
+
+def gentle(station: Station, swing: float) -> Brakes:
+    """Return the brakes of a crane with decelerations that incline its rope by no more than
+    `GENTLE` of the largest swing [rad], each drive for itself, wherever the drives stand.
+    """
+    crane, brakes = station.crane, station.brakes
+    layout, reach = crane.layout, np.full(crane.layout.m, 1e-6)
+    ends = [(crane.lower[i], crane.upper[i]) for i in layout.drives]
+    for corner in itertools.product(*ends):
+        q = np.zeros(layout.n)
+        q[layout.drives] = corner
+        reach = np.maximum(reach, np.linalg.norm(station.rope(q)[2][:2], axis=0))
+    slow = np.minimum(brakes.decelerations, GENTLE * swing * crane.gravity / reach)
+    return replace(brakes, decelerations=slow)
+
+
+def load_amplitude(crane: Crane, state: State) -> float:
+    """Return the amplitude that the swing of the load has by itself [rad]: √(φ² + φ̇² l/g) of both
+    angles together.
+    """
+    assert crane.winch is not None
+    cable = float(state.q[crane.layout.drives[crane.winch]])
+    angles, rates = crane.swing_angles(state.q), state.v[crane.swings]
+    return math.sqrt(float(angles @ angles + rates @ rates * (abs(cable) / crane.gravity)))
+
+
+class Supervisor:
+    """The part of the supervision that all cranes share.
+
+    Attributes:
+        site: The site.
+        boxes: Reserved box of each crane, shape (2, m) each.
+        waits: Indices of the cranes for which each crane waits.
+    """
+
+    def __init__(self, site: CraneSite, boxes: list[np.ndarray]) -> None:
+        """Start with boxes that are proven apart.
+
+        Raises:
+            DataError: If two are not.
+        """
+        self.site, self.boxes = site, [np.array(box) for box in boxes]
+        self.waits: dict[int, frozenset[int]] = {i: frozenset() for i in range(len(boxes))}
+        self._numbers = [0] * len(boxes)
+        for i, box in enumerate(self.boxes):
+            if not (apart := site.apart(i, box, self.boxes)).all():
+                names = (quoted(site.stations[k].name) for k in (i, int(np.argmin(apart))))
+                raise DataError(
+                    f"At the start {' and '.join(names)} are not proven to be "
+                    f"{site.distance:g} m apart, with the load swinging by {site.swing:g} rad."
+                )
+
+    def receive(self, station: int, request: BoxRequest) -> BoxGrant | None:
+        """Return the grant for a request; None for an old one, or one that reports a box outside of
+        what is reserved.
+
+        All of the extension is tried first, then shares of it drive by drive.
+        """
+        reserved = self.boxes[station]
+        inside = (request.held[0] >= reserved[0]).all() and (request.held[1] <= reserved[1]).all()
+        if request.number <= self._numbers[station] or not inside:
+            return None
+        self._numbers[station] = request.number
+        box, blocking = np.array(request.held), np.zeros(len(self.boxes), dtype=bool)
+        if (request.wanted != box).any():
+            apart = self.site.apart(station, request.wanted, self.boxes)
+            if apart.all():
+                box = np.array(request.wanted)
+            else:
+                blocking |= ~apart
+                box = self._extended(station, box, request.wanted)
+        self.boxes[station] = box
+        self.waits[station] = frozenset(np.nonzero(blocking)[0].tolist())
+        names = tuple(self.site.stations[i].name for i in sorted(self.waits[station]))
+        return BoxGrant(request.number, box, names)
+
+    def _extended(self, station: int, box: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        for end, drive in zip(*np.nonzero(wanted != box), strict=True):
+            for share in _SHARES:
+                larger = box.copy()
+                larger[end, drive] += share * (wanted - box)[end, drive]
+                slab = larger.copy()  # the rest is proven
+                slab[1 - end, drive] = box[end, drive]
+                if self.site.apart(station, slab, self.boxes).all():
+                    box = larger
+                    break
+        return box
+
+    def deadlock(self) -> tuple[int, ...]:
+        """Return the indices of cranes that wait for each other in a circle; empty if none do."""
+        for first in self.waits:
+            path = [first]
+            while (following := sorted(self.waits[path[-1]])) and following[0] not in path:
+                path.append(following[0])
+            if following:
+                return tuple(path[path.index(following[0]) :])
+        return ()

@@ -1,0 +1,228 @@
+"""Several cranes on one site: what covers them, what proves them apart, and what keeps them so."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from cranedyn.errors import DataError
+from cranedyn.interfaces import State
+from cranedyn.planning.bodies import shape_corners
+from cranedyn.sites.bodies import place_capsules, segment_distance
+from cranedyn.sites.brakes import brakes
+from cranedyn.sites.proof import proven_apart, separations
+from cranedyn.sites.simulate import MessageChannel, SiteRun, simulate_site
+from cranedyn.sites.site import CraneSite, Station
+from cranedyn.sites.site_file import EXAMPLES, SITES, read_crane_site
+from cranedyn.sites.supervisor import BoxRequest, Guard, Supervisor
+
+slow = pytest.mark.slow
+
+
+@cache
+def site_of(name: str = "two_towers") -> CraneSite:
+    return read_crane_site(name)
+
+
+def capsules(site: CraneSite, i: int, low: np.ndarray, high: np.ndarray, swing: float):
+    count = len(site.stations[i].bodies.names)
+    ends = (site.positions(i, values)[None].repeat(count, 0) for values in (low, high))
+    return place_capsules(site.bodies, np.full(count, i), np.arange(count), *ends, swing)
+
+
+def draw(station: Station, rng: np.random.Generator) -> np.ndarray:
+    drives = station.crane.layout.drives
+    low, high = station.crane.lower[drives], station.crane.upper[drives]
+    return rng.uniform(np.maximum(low, -3.0), np.where(high > 30.0, np.minimum(high, 60.0), high))
+
+
+@slow
+@pytest.mark.parametrize("name", ["two_towers", "luffing_between"])
+def test_every_corner_of_every_shape_lies_in_a_capsule(name: str) -> None:
+    site, rng = site_of(name), np.random.default_rng(1)
+    for i, station in enumerate(site.stations):
+        crane, foot = station.crane, station.bodies.foot
+        swings = crane.swings
+        for _ in range(5):
+            drives = draw(station, rng)
+            q = np.array(crane.start.q)
+            q[crane.layout.drives] = drives
+            q[swings] -= crane.swing_angles(q)
+            angle = rng.uniform(0.0, 2.0 * np.pi)
+            q[swings] += site.swing * np.array([np.cos(angle), np.sin(angle)])
+            data = crane.model.createData()
+            pin.forwardKinematics(crane.model, data, q)
+            placed = capsules(site, i, drives, drives, site.swing)
+            pivot = int(swings[0]) + 1
+            load = int(crane.layout.drives[crane.winch]) + 1
+            reach = data.oMi[pivot].actInv(data.oMi[load].translation)
+            rope = np.linspace(0.0, 1.0, 20)[:, None] * reach
+            for joint, corners in [*shape_corners(crane), (pivot, rope)]:
+                points = np.array([data.oMi[joint].act(corner) for corner in corners])
+                points = points @ foot[:, :3].T + foot[:, 3]
+                gaps = [
+                    segment_distance(points, ends) - radius
+                    for ends, radius in zip(placed.ends, placed.radius, strict=True)
+                ]
+                assert np.min(gaps, axis=0).max() <= 1e-6
+
+
+@slow
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_no_sample_of_proven_boxes_is_nearer_than_the_required_distance(name: str) -> None:
+    site, rng, proven = site_of(name), np.random.default_rng(2), 0
+    pairs = list(itertools.combinations(range(len(site.stations)), 2))
+    for _ in range(40):
+        a, b = pairs[rng.integers(len(pairs))]
+        boxes = []
+        for i in (a, b):
+            middle = draw(site.stations[i], rng)
+            half = rng.uniform(0.0, 1.0) * np.array([0.4, 0.1, 3.0])
+            boxes.append(np.array([middle - half, middle + half]))
+        apart = proven_apart(
+            site.bodies, np.array([a]), site.positions(a, boxes[0])[None],
+            np.array([b]), site.positions(b, boxes[1])[None], site.distance, site.swing,
+        )  # fmt: skip
+        proven += int(apart[0])
+        for _ in range(20 * int(apart[0])):
+            values = [rng.uniform(*box) for box in boxes]
+            one, other = (
+                capsules(site, i, value, value, site.swing)
+                for i, value in zip((a, b), values, strict=True)
+            )
+            rows = np.indices((len(one.radius), len(other.radius))).reshape(2, -1)
+            first, second = (
+                replace(item, ends=item.ends[row], radius=item.radius[row])
+                for item, row in zip((one, other), rows, strict=True)
+            )
+            assert separations(first, second)[2].min() >= site.distance
+    assert 0 < proven < 40
+
+
+def test_a_crane_stops_within_its_stopping_distance_and_no_rate_is_larger_than_that() -> None:
+    station = site_of().stations[0]
+    for name in ("converters", "gears"):
+        mine = brakes(station.crane, name)
+        rate = mine.largest_rate(np.array([0.3, 8.0, 5.0]))
+        assert np.allclose(mine.stopping_distance(rate), [0.3, 8.0, 5.0], rtol=1e-12)
+    measured = brakes(station.crane, "gears", reaction=1e-9)
+    # Gear 3 of the measured crane turned at (15.05 s - 2.3791 s)/3.5284 and ran on by 24.25°.
+    gear_3 = np.radians((15.05 - 2.3791) / 3.5284)
+    assert measured.stopping_distance(np.array([gear_3, 0.0, 0.0]))[0] >= np.radians(24.25)
+
+
+class Wild:
+    """An operator who pushes at random, at full rates."""
+
+    def __init__(self, station: Station, seed: int) -> None:
+        self.rng, self.rates = np.random.default_rng(seed), station.converters.rates
+        self.until, self.command = 0.0, np.zeros(len(self.rates))
+
+    def __call__(self, t: float, states: object) -> np.ndarray:
+        """Return the rates [rad/s or m/s], shape (m,)."""
+        if t >= self.until:
+            self.command = self.rng.integers(-1, 2, len(self.rates)) * self.rates
+            self.until = t + self.rng.uniform(2.0, 20.0)
+        return self.command
+
+
+@cache
+def wild_run(name: str, latency: float = 0.1, loss: float = 0.1) -> SiteRun:
+    site = site_of(name)
+    operators = [Wild(station, 7 + i) for i, station in enumerate(site.stations)]
+    return simulate_site(site, operators, duration=120.0, channel=MessageChannel(latency, loss))
+
+
+def keeps(run: SiteRun) -> bool:
+    """Return whether all ropes and boxes of a run keep what the invariant says."""
+    return bool(
+        run.outside.max() <= 0.0
+        and run.swing.max() <= run.site.swing
+        and run.least_distance >= run.site.distance
+        and not run.contacts
+    )
+
+
+@slow
+@pytest.mark.parametrize("name", ["two_towers", "luffing_between"])
+def test_wild_operators_keep_to_boxes_and_swing_with_half_of_the_messages_lost(name: str) -> None:
+    run = wild_run(name, 0.2, 0.5)
+    assert keeps(run)
+    assert min(np.abs(np.diff(states[:, 0])).sum() for states in run.states) > 0.2
+
+
+@slow
+def test_cranes_that_hear_nothing_stay_in_their_first_box() -> None:
+    run = wild_run("two_towers", 0.0, 1.0)
+    assert keeps(run)
+    for station, states in zip(run.site.stations, run.states, strict=True):
+        position = states[:, station.crane.layout.drives]
+        assert (np.ptp(position, axis=0) <= 2.0 * station.brakes.tolerances).all()
+
+
+@slow
+def test_without_a_supervisor_crossing_jibs_touch() -> None:
+    site = site_of()
+    rates = [np.array([0.05, 0.0, 0.0]), np.array([-0.05, 0.0, 0.0])]
+    operators = [lambda t, states, rate=rate: rate for rate in rates]
+    assert simulate_site(site, operators, duration=90.0, supervised=False).contacts
+    assert not simulate_site(site, operators, duration=90.0).contacts
+
+
+@slow
+def test_a_grant_for_an_older_request_is_ignored_and_a_fault_brakes() -> None:
+    site = site_of()
+    guard = Guard(site.stations[0], site.swing)
+    supervisor = Supervisor(site, [Guard(station, site.swing).box for station in site.stations])
+    state, rate = site.stations[0].crane.start, site.stations[0].converters.rates
+    _, first = guard.step(0.0, state, rate)
+    assert first is not None
+    late = supervisor.receive(0, first)
+    _, second = guard.step(1.0, state, -rate)
+    assert second is not None and late is not None and second.number == 2
+    guard.receive(late)
+    assert (guard.box == second.held).all()
+    assert supervisor.receive(0, first) is None
+    outside = second.held + np.array([[-1.0], [1.0]])
+    assert supervisor.receive(0, BoxRequest(9, outside, outside)) is None
+    broken = State(np.full_like(state.q, np.nan), state.v)
+    before = np.abs(guard.rates).max()
+    rates, request = guard.step(1.1, broken, rate)
+    assert guard.fault and request is None and np.abs(rates).max() < before
+
+
+@slow
+def test_boxes_that_overlap_at_the_start_are_refused() -> None:
+    site = site_of()
+    wider = np.array([[-4.0], [4.0]])
+    boxes = [Guard(station, site.swing).box + wider for station in site.stations]
+    with pytest.raises(DataError, match="At the start"):
+        Supervisor(site, boxes)
+
+
+@slow
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('name = "south"', 'name = "north"', r"line \d+, \[crane\] name: two cranes"),
+        ("[0.0, -55.0, 0.0]", "[1.0, 1.0, 0.0]", r"line \d+, \[crane\] position: The towers of"),
+        ("heading = 90.0", 'heading = "up"', r"line \d+, \[crane\] heading"),
+        ('brakes = "converters"', 'brakes = "none"', r"line \d+, \[crane\] brakes"),
+        ("distance = 1.0", "distance = -1.0", r"line \d+, \[site\] distance"),
+    ],
+)  # fmt: skip
+def test_a_bad_site_is_refused_with_line_and_field(
+    tmp_path: Path, old: str, new: str, words: str
+) -> None:
+    text = (SITES / "two_towers.toml").read_text("utf-8")
+    assert old in text
+    file = tmp_path / "site.toml"
+    file.write_text(text.replace(old, new), "utf-8")
+    with pytest.raises(DataError, match=words):
+        read_crane_site(file)
