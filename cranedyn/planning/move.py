@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -161,13 +161,14 @@ def hybrid_dynamics(
     that this costs.
 
     The same as `cranedyn.dynamics.pinocchio.prescribed_acceleration`, on symbols: shapes (n,),
-    (n,), (m,) to (n,) and (m,).
+    (n,), (m,) to (n,) and (m,). An elastic rope is taut.
     """
     drives, passive = crane.layout.drives.tolist(), crane.layout.passive.tolist()
     a, free = ca.SX(crane.layout.n, 1), ca.SX.sym("free", len(passive))
     a[drives], a[passive] = drive_acceleration, free
     angles, rates = (array(ca.vertsplit(ca.densify(column))) for column in (q, v))
-    force = rnea(crane.model, q, v, a) - ca.vertcat(*JointForces.of(crane).effort(angles, rates))
+    joint = replace(JointForces.of(crane), taut=True)
+    force = rnea(crane.model, q, v, a) - ca.vertcat(*joint.effort(angles, rates))
     mass, force = ca.jacobian(force, free), ca.substitute(force, free, np.zeros(len(passive)))
     solved = -ca.solve(mass[passive, :], force[passive])
     a[passive] = solved
