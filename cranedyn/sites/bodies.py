@@ -1,6 +1,6 @@
 """Capsules around all shapes of a crane, where they are for many positions of its drives at once.
 
-A capsule is all that is no farther from a segment than a radius. What hangs, rope and load, is
+A capsule is all that is no farther from a segment than a radius. Rope and load are
 swept: over the cable lengths of an interval, and over a cone about plumb.
 """
 
@@ -43,8 +43,8 @@ class CraneBodies:
         axis: Axis of each joint in its frame, shape (k, 3).
         revolute: Whether it is revolute, shape (k,).
         joint: Number of joints before each capsule, shape (n,).
-        ends: Ends of its segment in the frame of its link [m], shape (n, 2, 3); of what hangs, the
-            pivot twice.
+        ends: Ends of its segment in the frame of its link [m], shape (n, 2, 3); of rope and load
+            the pivot twice.
         depth: Depth of these ends below the pivot as a sum of shares of the shortest and of the
             longest cable, and a length [m], shape (n, 2, 3); 0 for what does not hang.
         hangs: Whether it hangs, shape (n,).
@@ -71,7 +71,7 @@ class PlacedCapsules:
 
     Attributes:
         ends: Ends of the segments in the frame of the site [m], shape (N, 2, 3).
-        radius: Radii, with the swing of what hangs [m], shape (N,).
+        radius: Radii, with the swing of rope and load [m], shape (N,).
         moving: Points that the drives move as they move the segments [m], shape (N, 2, 3).
         origin, axis: Origin [m] and axis of each joint, shape (N, k, 3).
         lever: 1 for a joint that moves the capsule, else 0, shape (N, k).
@@ -283,7 +283,7 @@ def place_capsules(
         which: Index of the crane, shape (N,).
         capsule: Index of the capsule, shape (N,).
         low: Lower ends of the intervals of positions, shape (N, k + 1), the cable length last;
-            what hangs is swept over all lengths.
+            rope and load are swept over all lengths.
         high: Upper ends.
         swing: Largest angle of the rope from plumb [rad].
         rope: Direction of the rope, shape (N, 3); None for plumb.

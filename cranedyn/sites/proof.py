@@ -36,8 +36,8 @@ def proven_apart(
     that turns about u through o shifts a point x along n by no more than
     h |n·(u × (x - o))| + h S + h²/2 |u × (x - o)|, where S is the shift by the joints beyond it;
     one that slides by no more than h |n·u|. Where s less all shifts is at least the distance, all
-    of the box is apart. Otherwise the interval with the largest shift is halved. What hangs moves
-    with its pivot. False says nothing about the pair.
+    of the box is apart. Otherwise the interval with the largest shift is halved. Rope and load move
+    with their pivot. False says nothing about the pair.
 
     Args:
         bodies: The cranes, `stacked`.

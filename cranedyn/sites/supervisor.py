@@ -1,4 +1,4 @@
-"""Reservation: each crane keeps inside a box of positions that nobody else's box comes near.
+"""Reservation: each crane keeps inside a box of positions that no other crane's box comes near.
 
 The box of a crane is an interval for each of its drives, in which it can always stop by its own
 brakes. A `Guard` on each crane keeps it there whatever messages arrive. The `Supervisor` enlarges a
