@@ -31,13 +31,6 @@ def input_names(crane: Crane, drive: str) -> list[str]:
     ]
 
 
-def force_names(crane: Crane) -> list[str]:
-    """Return the names of the external forces on each point along each axis of the world, such as
-    payload_force_x.
-    """
-    return [f"{point}_force_{axis}" for point in crane.layout.points for axis in "xyz"]
-
-
 @dataclass(frozen=True, kw_only=True)
 class ExportedJoint(Joint):
     """Joint of a layout with the properties that exporters write.

@@ -108,6 +108,13 @@ def crane_block(
     return block
 
 
+def force_names(crane: Crane) -> list[str]:
+    """Return the names of the external forces on each point along each axis of the world, such as
+    payload_force_x.
+    """
+    return [f"{point}_force_{axis}" for point in crane.layout.points for axis in "xyz"]
+
+
 class VariableNames:
     """Identifiers of the variables of a crane, by what they are: each a list.
 
@@ -127,7 +134,7 @@ class VariableNames:
                 f"{signal}_command"
                 for signal in (efforts if drive == "effort" else [f"{s}_ddot" for s in driven])
             ],
-            "forces": [f"{point}_force_{axis}" for point in layout.points for axis in "xyz"],
+            "forces": force_names(crane),
             "dampings": [f"{symbol}_damping" for symbol in symbols],
         }
         others = ["payload_mass", "cable_offset", "wind_x", "wind_y", "payload_area"]

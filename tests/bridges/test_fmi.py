@@ -18,8 +18,9 @@ from numpy.testing import assert_allclose
 
 from cranedyn.__main__ import main
 from cranedyn.bridges import fmi
-from cranedyn.bridges.joints import force_names, input_names, state_names
+from cranedyn.bridges.joints import input_names, state_names
 from cranedyn.bridges.usual_controllers import CONTROLLERS
+from cranedyn.compiled.crane_block import force_names
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import constant_force
 from cranedyn.errors import CraneError, ModelError, OutOfRange
