@@ -30,10 +30,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 SHARED = (
     "llvmlite.binding",
     "matplotlib.figure",
+    "mujoco",
+    "pandas",
     "pinocchio",
+    "rich.progress",
     "scipy.integrate",
     "scipy.signal",
     "trimesh",
+    "xacro",
+    "yourdfpy",
 )
 """What is imported once for all tests: slow, never broken here, and without threads of its own,
 which a forked process would miss.

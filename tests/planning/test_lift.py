@@ -128,7 +128,7 @@ def test_a_lift_is_measured_against_the_shorter_way_round_whichever_way_it_goes(
 
 def test_a_lift_planned_after_another_is_the_same_to_the_last_bit() -> None:
     before = lift()
-    plan_lift(site(WALL, start=np.array([9.0, -12.0, 4.0])), LIMITS, crane=crane())
+    plan_lift(site(start=np.array([9.0, -12.0, 4.0])), LIMITS, crane=crane())
     again = plan_lift(site(WALL), LIMITS, crane=crane())
     np.testing.assert_array_equal(again.timed.motion.q, before.timed.motion.q)
 
