@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from string import Template
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -15,6 +17,7 @@ from cranedyn.compiled.printing import ATOM, CHOICE, Expression, Language, Walk
 Precision = Literal["double", "single"]
 """Type of all numbers: double or float."""
 
+_FUNCTIONS = Path(__file__).with_name("functions.c.in")
 _TYPES = {"real": "real", "integer": "int32_t", "truth": "bool"}
 
 
@@ -131,60 +134,21 @@ def _fault_check(block: FunctionBlock, language: _C) -> list[str]:
 
 def _helpers(called: set[str], language: _C) -> list[str]:
     """Return the functions that the code calls."""
-    number, name = language.signed, language.name
-    whole = 2.0**52 if language.precision == "double" else 2.0**23
-    texts = {
-        "sound": f"""
-/* Whether an input is a number of a size that inputs have. */
-static bool {name}_sound(real x) {{
-  return x >= {number(-LARGEST)} && x <= {number(LARGEST)};
-}}""",
-        "fabs": f"static real {name}_fabs(real x) {{ return x < 0 ? -x : x; }}",
-        "rint": f"""
-/* The nearest whole number, the even one of two. */
-static real {name}_rint(real x) {{
-  const real whole = {number(whole)};
-  if (!(x > -whole && x < whole)) return x;
-  return x < 0 ? (x - whole) + whole : (x + whole) - whole;
-}}""",
-        "sqrt": f"""
-/* The square root: Newton's iteration, which falls from above until rounding ends it. */
-static real {name}_sqrt(real x) {{
-  const real none = x - x;
-  if (!(x > 0)) return x < 0 ? none / (none * 2) : x;
-  real root = x > 1 ? x : 1, next = (root + x / root) / 2;
-  while (next < root) {{
-    root = next;
-    next = (root + x / root) / 2;
-  }}
-  return root;
-}}""",
-        "sin": f"""
-/* Sine of an angle [rad] and of a quarter turn more; not a number beyond a million rad. */
-static real {name}_turned(real angle, int32_t more) {{
-  const real quarters = {name}_rint(angle * {number(2.0 / math.pi)});
-  const real r = ((angle - quarters * {number(HALF_PI[0])}) - quarters * {number(HALF_PI[1])})
-    - quarters * {number(HALF_PI[2])};
-  const real square = r * r;
-  const real largest = {number(LARGEST_ANGLE)};
-  const real none = angle - angle;
-  if (!(angle > -largest && angle < largest)) return none / (none * 2);
-  const int32_t quarter = (((int32_t)quarters + more) % 4 + 4) % 4;
-  const real value = quarter % 2 == 0 ? r + r * square * ({_horner(SINE, number)})
-    : {number(1.0)} + square * ({_horner(COSINE, number)});
-  return quarter < 2 ? value : -value;
-}}
-static real {name}_sin(real angle) {{ return {name}_turned(angle, 0); }}
-static real {name}_cos(real angle) {{ return {name}_turned(angle, 1); }}""",
-    }
-    needed = called | {"sound"} | ({"rint"} if called & {"sin", "cos"} else set())
-    keys = [key for key in texts if key in needed or (key == "sin" and "cos" in needed)]
-    return [line for key in keys for line in [*texts[key].strip("\n").splitlines(), ""]]
+    number = language.signed
+    numbers = {"largest": LARGEST, "quarters": 2.0 / math.pi, "far": LARGEST_ANGLE, "one": 1.0}
+    numbers["whole"] = 2.0**52 if language.precision == "double" else 2.0**23
+    numbers |= zip(("first", "second", "third"), HALF_PI, strict=True)
+    series = {"sine": _horner(SINE, number), "cosine": _horner(COSINE, number)}
+    terms = {key: number(value) for key, value in numbers.items()} | series
+    texts = Template(_FUNCTIONS.read_text()).substitute(terms, name=language.name).split("\n\n")
+    trigonometric = called & {"sin", "cos"}
+    needed = called | {"sound"} | ({"rint", "sin"} if trigonometric else set())
+    keyed = zip(("sound", "fabs", "rint", "sqrt", "sin"), texts, strict=True)
+    return [line for key, text in keyed if key in needed for line in [*text.splitlines(), ""]]
 
 
-def _horner(coefficients: Sequence[float], number: object) -> str:
+def _horner(coefficients: Sequence[float], number: Callable[[float], str]) -> str:
     text = ""
     for coefficient in reversed(coefficients):
-        value = number(coefficient)  # type: ignore[operator]
-        text = f"{value} + square * ({text})" if text else value
+        text = f"{number(coefficient)}{f' + square * ({text})' if text else ''}"
     return text
