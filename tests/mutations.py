@@ -727,6 +727,15 @@ cranedyn/compiled/printing.py
 ? c_code::a_crane_of_another_topology_and_rule_in_c_passes_its_own_test
 - right.within(binding, sign, right=True)
 + right.within(binding, sign)
+cranedyn/compiled/c_routines.py
+* a row in C is read before it has been written
+? c_code::a_controller_in_c_commands_what_it_commands_in_python[predictive, efforts]
+- if operation == "load" and self._stores and
++ if operation == "call" and self._stores and
+* a loop over lanes in C forgets what is used after it
+? c_code::a_controller_in_c_commands_what_it_commands_in_python[predictive, efforts]
+- if self._left[value]]
++ if self._left[value] > 1]
 cranedyn/compiled/c_text.py
 * a block in C takes what is no number
 ? c_code::an_input_that_is_no_number_is_a_fault_until_the_reset

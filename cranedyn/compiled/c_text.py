@@ -12,7 +12,9 @@ import numpy as np
 
 from cranedyn.compiled.angles import COSINE, HALF_PI, LARGEST_ANGLE, SINE
 from cranedyn.compiled.block import KINDS, LARGEST, FunctionBlock, Variable
+from cranedyn.compiled.c_routines import routines
 from cranedyn.compiled.printing import ATOM, CHOICE, Expression, Language, Walk
+from cranedyn.errors import ModelError
 
 Precision = Literal["double", "single"]
 """Type of all numbers: double or float."""
@@ -23,7 +25,7 @@ _TYPES = {"real": "real", "integer": "int32_t", "truth": "bool"}
 
 class _C(Language):
     and_or: ClassVar = {"and": "&&", "or": "||"}
-    comparison: ClassVar = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "=="}
+    comparison: ClassVar = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!="}
     remainder = "%"
 
     def __init__(self, name: str, precision: Precision) -> None:
@@ -48,9 +50,8 @@ class _C(Language):
     def call(self, function: str, operand: Expression) -> Expression:
         return Expression(f"{self.name}_{function}({operand.text})", ATOM)
 
-    def signed(self, value: float) -> str:
-        """Return a number of any sign."""
-        return f"-{self.number(-value)}" if value < 0.0 else self.number(value)
+    def routine(self, name: str, arrays: Sequence[str]) -> str:
+        return f"{self.name}_{name}({', '.join(f'self->{array}' for array in arrays)})"
 
 
 def c_header(block: FunctionBlock, precision: Precision = "double") -> str:
@@ -83,33 +84,62 @@ def c_header(block: FunctionBlock, precision: Precision = "double") -> str:
 
 
 def c_source(block: FunctionBlock, precision: Precision = "double") -> str:
-    """Return the source of a block."""
+    """Return the source of a block.
+
+    Raises:
+        ModelError: If it optimises, which single precision does not allow.
+    """
+    if block.routines and precision == "single":
+        raise ModelError("Predictive control needs double precision: its optimisation would stop.")
     language, name = _C(block.name, precision), block.name
     real = "double" if precision == "double" else "float"
     walks = {key: Walk(block, function, language) for key, function in block.functions.items()}
-    called = set().union(*(walk.functions for walk in walks.values()))
+    below = routines(block.routines, language, name)
+    called = set().union(*(text.functions for text in (*walks.values(), *below)))
     lines = [f'#include "{name}.h"', "", f"typedef {real} real;", ""]
     for table, values in block.tables.items():
         lines += [f"static const real {name}_{table}[{values.size}] = {{"]
         lines += _rows([language.signed(x) for x in values.ravel().tolist()])
         lines += ["};", ""]
     lines += _helpers(called, language)
+    lines += [line for text in below for line in text.lines]
+    for array, values in block.arrays.items():
+        lines += _starts(array, values, language)
     lines += [f"void {name}_reset({name} *self) {{"]
     for v in block.of_kind(*KINDS):
         lines.append(f"  self->{v.name} = {language.signed(v.start)};")
     for array, values in block.arrays.items():
         lines.append(f"  for (int32_t i = 0; i < {len(values)}; i++) self->{array}[i] = 0;")
+        if values.any():
+            place, value = (f"{name}_{array}_{what}[i]" for what in ("place", "start"))
+            loop = f"for (int32_t i = 0; i < {np.count_nonzero(values)}; i++)"
+            lines.append(f"  {loop} self->{array}[{place}] = {value};")
     lines += ["  self->count = 0;", "  self->fault = false;", "}", ""]
     for function, walk in walks.items():
         lines += [f"bool {name}_{function}({name} *self) {{", *_fault_check(block, language)]
         for assignment in walk.assignments:
             kind = f"const {_TYPES[assignment.kind]} " if assignment.kind else ""
-            lines.append(f"  {kind}{assignment.target} = {assignment.value};")
+            target = f"{kind}{assignment.target} = " if assignment.target else ""
+            lines.append(f"  {target}{assignment.value};")
         if function == "step" and block.last:
             text = f"self->count < {block.last} ? self->count + 1 : {block.first}"
             lines.append(f"  self->count = {text};")
         lines += ["  return true;", "}", ""]
     return "\n".join(lines)
+
+
+def _starts(array: str, values: np.ndarray, language: _C) -> list[str]:
+    """Return the tables of the numbers with which an array starts, where they are not 0."""
+    if not values.any():
+        return []
+    places = np.flatnonzero(values)
+    tables = {"place": list(map(str, places.tolist()))}
+    tables["start"] = [language.signed(x) for x in values[places].tolist()]
+    lines = []
+    for (what, numbers), kind in zip(tables.items(), ("int32_t", "real"), strict=True):
+        name = f"{language.name}_{array}_{what}[{len(numbers)}]"
+        lines += [f"static const {kind} {name} = {{", *_rows(numbers), "};", ""]
+    return lines
 
 
 def _comment(variable: Variable) -> str:
