@@ -732,6 +732,15 @@ cranedyn/compiled/printing.py
 ? c_code::a_crane_of_another_topology_and_rule_in_c_passes_its_own_test
 - right.within(binding, sign, right=True)
 + right.within(binding, sign)
+cranedyn/compiled/c_routines.py
+* a row in C is read before it has been written
+? c_code::a_controller_in_c_commands_what_it_commands_in_python[predictive, efforts]
+- if operation == "load" and self._stores and
++ if operation == "call" and self._stores and
+* a loop over lanes in C forgets what is used after it
+? c_code::a_controller_in_c_commands_what_it_commands_in_python[predictive, efforts]
+- if self._left[value]]
++ if self._left[value] > 1]
 cranedyn/compiled/c_text.py
 * a block in C takes what is no number
 ? c_code::an_input_that_is_no_number_is_a_fault_until_the_reset
@@ -757,6 +766,11 @@ cranedyn/bridges/templates/page/input.js
 ? page_browser::a_key_moves_its_drive_in_its_sense
 - axis[2] < -0.5) ? -1 : 1
 + axis[2] < -2.5) ? -1 : 1
+cranedyn/bridges/commissioning/opcua.py
+* a client with any certificate gets in
+? servers::only_the_user_with_the_password_and_a_trusted_certificate_gets_in
+- self._trusted is None or certificate in self._trusted
++ True
 cranedyn/bridges/commissioning/served_crane.py
 * a client that falls silent leaves the crane moving
 ? served_crane::without_a_heartbeat_an_enabled_crane_stops_after_half_a_second_and_says_why
