@@ -449,6 +449,10 @@ cranedyn/model/springs.py
 - number(f"spring stiffness of {name}", text, unit, ">= 0")
 + number(f"spring stiffness of {name}", text, unit)
 cranedyn/dynamics/linearisation.py
+* a deviation of a taut rope stays
+? control::a_taut_inextensible_rope_has_states_and_feedback_of_a_rigid_one
+- power[:, :, list(held)] = 0.0
++ power[:, :, []] = 0.0
 * free modes forget the springs
 ? cranes::free_modes_are_normal_and_keep_their_amplitudes
 - rest_stiffness(crane.model, data, crane.springs, q)[block]
