@@ -10,10 +10,10 @@ import pinocchio as pin
 from matplotlib.collections import PolyCollection
 from scipy.spatial import ConvexHull, QhullError
 
-from cranedyn.dynamics.pinocchio import point_positions
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import panels
+from cranedyn.recording.hanging import rope_line
 from cranedyn.recording.shapes import shapes
 
 if TYPE_CHECKING:
@@ -66,9 +66,12 @@ class Projection:
         self._past: dict[int, tuple[np.ndarray, list[Outline]]] = {}
 
     def rope(self, q: np.ndarray) -> np.ndarray:
-        """Return pivot, hook if there is one, and payload on the picture [m], shape (points, 2)."""
-        # The payload comes first, and hangs last.
-        return self._project(np.roll(point_positions(self._crane, q), -1, axis=0))[:, :2]
+        """Return points of the rope, the payload last, on the picture [m], shape (points, 2)."""
+        return self.points(rope_line(self._crane, q[None])[0])
+
+    def points(self, places: np.ndarray) -> np.ndarray:
+        """Return places in the world [m], shape (n, 3), on the picture [m], shape (n, 2)."""
+        return self._project(places)[:, :2]
 
     def outlines(self, q: np.ndarray) -> list[Outline]:
         """Return the outlines of all shapes, the nearest last; those of links at rest are kept."""
