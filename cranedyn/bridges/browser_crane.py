@@ -237,7 +237,7 @@ def kernel_data(
     cranes: Sequence[Crane],
     responses: Sequence[np.ndarray],
 ) -> dict[str, Any]:
-    """Return the code as WebAssembly, with the layout of its memory."""
+    """Return the code as WebAssembly, with the layout of its memory but no state at the start."""
     from cranedyn.compiled.horizon.receding import receding
     from cranedyn.compiled.kernel import Recipe, build_module
     from cranedyn.compiled.layout import SLOTS, size, slices
@@ -288,7 +288,6 @@ def kernel_data(
             slider.name: (row - numbers[0]).tolist()
             for slider, row in zip(sliders, numbers[1:], strict=True)
         },
-        "state": np.concatenate(crane.start).tolist(),
         "drives": crane.layout.drives.tolist(),
         "dt": DT,
         "period": PERIOD,

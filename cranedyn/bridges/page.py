@@ -11,6 +11,7 @@ import json
 import math
 import sys
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -112,10 +113,12 @@ def page_data(crane: Crane, site: Site | None = None, chart: Falls | None = None
     layout, drives = crane.layout, converters(crane)
     if chart is not None:
         layout.role("slew", "A load chart")
-    given = _exercises(crane, drives, site)
+    sliders, cranes, responses = variations(crane, drives)
+    with ThreadPoolExecutor(1) as thread:  # LLVM leaves Python to the planner
+        kernel = thread.submit(kernel_data, crane, drives, sliders, cranes, responses)
+        given = _exercises(crane, drives, site)
     if site is not None and given:
         crane = replace(crane, start=given[0].start)
-    sliders, cranes, responses = variations(crane, drives)
     turn, foot = (np.eye(3), np.zeros(3)) if site is None else _frame(site)
     obstacles = [] if site is None else [solid.moved(turn, foot) for solid in site.solids]
     load = None if site is None else site.load
@@ -124,7 +127,7 @@ def page_data(crane: Crane, site: Site | None = None, chart: Falls | None = None
         "crane": _crane_data(crane, drives, load),
         "assist": assist_data(crane, drives),
         "assistances": assistances(crane),
-        "kernel": kernel_data(crane, drives, sliders, cranes, responses),
+        "kernel": kernel.result() | {"state": np.concatenate(crane.start).tolist()},
         "sliders": [asdict(slider) for slider in (*sliders, *_cable(crane), *_WIND)],
         "chart": chart
         and {
@@ -372,7 +375,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
-    print("Compiling the crane and planning its exercises, half a minute ...", file=sys.stderr)
+    print("Compiling the crane and planning its exercises, some seconds ...", file=sys.stderr)
     site = None if options.site is None else read_site(options.site)
     if site is not None:
         options.values = [*(f"{k}:={v}" for k, v in site.crane.items()), *options.values]
