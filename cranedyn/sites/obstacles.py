@@ -4,6 +4,7 @@ crane keeps from them wherever it is in intervals of its positions.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import coal
@@ -14,9 +15,9 @@ from cranedyn.planning.clearance import ROUNDING
 from cranedyn.planning.fields import Field, Placed
 from cranedyn.planning.solids import Solid
 from cranedyn.sites.bodies import CraneBodies, place_capsules
-from cranedyn.sites.proof import motion_bound
+from cranedyn.sites.proof import FINEST, motion_bound
 
-_MOST = 200
+_MOST = 30
 """Boxes that a proof examines before it fails."""
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -37,11 +38,16 @@ class Obstacles:
             for zone in (False, True)
         ]
 
-    def margin(self, ends: np.ndarray, radius: float, *, zones: bool) -> float:
-        """Return the distance of a capsule about a segment [m], shape (2, 3), from solids, or from
-        zones [m]; inf where there is none.
+    def margins(self, ends: np.ndarray, radius: float, *, hangs: bool) -> tuple[float, float]:
+        """Return the distances of a capsule about a segment [m], shape (2, 3), from solids and, if
+        it hangs, from zones [m]; inf where there is none.
         """
-        return self._fields[zones].least(_capsule(ends, radius)) - ROUNDING
+        capsule = _capsule(ends, radius)
+        solids, zones = (
+            field.least(capsule) - ROUNDING if needed else math.inf
+            for field, needed in zip(self._fields, (True, hangs), strict=True)
+        )
+        return solids, zones
 
     def nearest(self, ends: np.ndarray, radius: float, *, zones: bool) -> str:
         """Return the name of the solid, or zone, nearest to a capsule."""
@@ -64,43 +70,42 @@ class Obstacles:
             distance: Required distance [m].
             swing: Largest angle of the rope from plumb [rad].
         """
-        count = bodies.radius.shape[1]
-        which, capsules, turns = np.full(count, crane), np.arange(count), bodies.revolute[crane]
-        boxes, examined = [box], 0
-        while boxes:
-            low, high = (end[None].repeat(count, axis=0) for end in boxes.pop())
+        work, examined = [(box, np.arange(bodies.radius.shape[1]))], 0
+        while work:
+            box, capsules = work.pop()
+            low, high = box[:, None].repeat(len(capsules), axis=1)
+            which = np.full(len(capsules), crane)
             placed = place_capsules(bodies, which, capsules, low, high, swing)
-            margin = np.array(
-                [
-                    min(
-                        self.margin(ends, radius, zones=False) - distance,
-                        self.margin(ends, radius, zones=True) if hangs else np.inf,
-                    )
-                    for ends, radius, hangs in zip(
-                        placed.ends, placed.radius, bodies.hangs[crane], strict=True
-                    )
-                ]
-            )
+            rows = zip(placed.ends, placed.radius.tolist(), capsules.tolist(), strict=True)
+            hangs = bodies.hangs[crane].tolist()
+            margins = np.array([self.margins(ends, r, hangs=hangs[c]) for ends, r, c in rows])
+            margin = np.minimum(margins[:, 0] - distance, margins[:, 1])
             half, examined = (high - low)[:, :-1] / 2.0, examined + 1
             if margin.min() < 0.0 or examined > _MOST:
                 return False
-            turning = turns[None].repeat(count, axis=0)
-            if (margin >= motion_bound(placed, turning, half)).all():
-                continue
-            each = [
-                motion_bound(placed, turning, half * (np.arange(len(turns)) == k)).max()
-                for k in range(len(turns))
-            ]
-            widest = int(np.argmax(each))
-            for part in (0, 1):
-                boxes.append(np.array([low[0], high[0]]))
-                boxes[-1][part, widest] = (low[0, widest] + high[0, widest]) / 2.0
+            motion = motion_bound(placed, bodies.revolute[which], half)
+            near = margin < motion
+            if (near & (motion < FINEST)).any():
+                return False
+            if near.any():
+                each = [
+                    motion_bound(placed, bodies.revolute[which], half * one).max()
+                    for one in np.eye(half.shape[1])
+                ]
+                widest = int(np.argmax(each))
+                for part in (0, 1):
+                    halved = box.copy()
+                    halved[part, widest] = box[:, widest].mean()
+                    work.append((halved, capsules[near]))
         return True
 
 
 def _capsule(ends: np.ndarray, radius: float) -> Placed:
     """Return a capsule about a segment [m], shape (2, 3), as a body for `Field`."""
     axis = ends[1] - ends[0]
-    turn = pin.Quaternion.FromTwoVectors(_UP, axis) if axis.any() else pin.Quaternion.Identity()
-    shape = coal.Capsule(radius, float(np.linalg.norm(axis)))
-    return Placed(coal.CollisionObject(shape, turn.toRotationMatrix(), ends.mean(axis=0)), 0.0)
+    length = math.sqrt(axis @ axis)
+    turn = pin.Quaternion.FromTwoVectors(_UP, axis) if length else pin.Quaternion.Identity()
+    placed = coal.CollisionObject(
+        coal.Capsule(radius, length), turn.toRotationMatrix(), (ends[0] + ends[1]) / 2.0
+    )
+    return Placed(placed, 0.0)

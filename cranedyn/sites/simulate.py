@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import EngineName, Setpoint, State
+from cranedyn.recording import Obstacle, Run, Scenery, record
 from cranedyn.simulation.engine import Setting, load_engine
 from cranedyn.simulation.log import Log
 from cranedyn.simulation.record import RunRecord
@@ -141,6 +143,37 @@ class SiteRun:
             DataError: If the ending is another or the file cannot be written.
         """
         return write_table(path, self.table())
+
+    def record(self, path: str | Path) -> Path:
+        """Write all cranes at their places, obstacles, distances and contacts into one ``.rrd``
+        file and return its path.
+
+        Raises:
+            DataError: If the file cannot be written.
+            CraneError: If Rerun is switched off in the environment.
+        """
+        runs: list[Run] = []
+        for station, run in zip(self.site.stations, self.trajectories, strict=True):
+            solids = () if runs else station.in_crane_frame(self.site.solids)
+            obstacles = [Obstacle(s.name, s.vertices, s.triangles, s.zone) for s in solids]
+            surroundings = Scenery(obstacles, np.zeros((0, 3))) if obstacles else None
+            x, y, z = map(float, station.foot)
+            turn = station.heading + math.pi / 2.0
+            runs.append(
+                Run(station.name, station.crane, run, (x, y, z), scenery=surroundings, heading=turn)
+            )
+        lines = [
+            f"- {t:.1f} s: {body} of {first} and {other} {second}"
+            for t, first, second, body, other in self.contacts
+        ]
+        return record(
+            path,
+            runs,
+            title=self.site.name,
+            text="\n".join(["**Contacts:**\n", *lines]) if lines else "No contacts.",
+            gaps=self.gaps(),
+            contacts=[contact.t for contact in self.contacts],
+        )
 
 
 def simulate_site(
@@ -376,13 +409,14 @@ class _Watch:
             for row in self._rows[:, pairs]
         )
         zone, i = np.divmod(beside, len(placed.ends))
-        margins = [
-            self.site.obstacles.margin(placed.ends[j], placed.radius[j], zones=bool(k))
-            if self._hangs[j] or not k
-            else np.inf
-            for k, j in zip(zone.tolist(), i.tolist(), strict=True)
-        ]
-        return np.concatenate([separations(first, second)[2], margins])
+        margins = {
+            j: self.site.obstacles.margins(
+                placed.ends[j], float(placed.radius[j]), hangs=bool(self._hangs[j])
+            )
+            for j in np.unique(i).tolist()
+        }
+        each = [margins[j][k] for k, j in zip(zone.tolist(), i.tolist(), strict=True)]
+        return np.concatenate([separations(first, second)[2], each])
 
     def _contact(self, t: float, placed: PlacedCapsules, k: int) -> SiteContact:
         (first, body), (second, other) = (

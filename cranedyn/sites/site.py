@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,7 +19,7 @@ from cranedyn.errors import DataError, OutOfRange, quoted
 from cranedyn.interfaces import Disturbance
 from cranedyn.lifting.chart import Chart
 from cranedyn.model.crane import Crane
-from cranedyn.planning.solids import Solid
+from cranedyn.planning.solids import Solid, rotation_z
 from cranedyn.sites.bodies import CraneBodies, PlacedCapsules, crane_bodies, place_capsules, stacked
 from cranedyn.sites.brakes import Brakes
 from cranedyn.sites.obstacles import Obstacles
@@ -67,6 +68,11 @@ class Station:
     def bodies(self) -> CraneBodies:
         """Capsules around its shapes, in the frame of the site."""
         return crane_bodies(self.crane, np.asarray(self.foot, dtype=float), self.heading)
+
+    def in_crane_frame(self, solids: Sequence[Solid]) -> list[Solid]:
+        """Return solids of the site in the frame of the crane."""
+        turn = rotation_z(self.heading + math.pi / 2.0).T
+        return [solid.moved(turn, -turn @ np.asarray(self.foot)) for solid in solids]
 
     def rope(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the pivot [m], shape (3,), the direction of the rope, shape (3,), and the motion
