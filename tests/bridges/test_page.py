@@ -404,11 +404,6 @@ def test_the_file_is_small_and_loads_nothing(
     assert "https://" not in text
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [("crane.htm", "must be .html"), ("there.html", "there already")],
-)
-def test_a_bad_target_is_refused(tmp_path: Path, name: str, words: str) -> None:
-    (tmp_path / "there.html").touch()
-    with pytest.raises(DataError, match=words):
-        page.export(tmp_path / name, crane_of("tower"))
+def test_a_bad_target_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="must be .html"):
+        page.export(tmp_path / "crane.htm", crane_of("tower"))

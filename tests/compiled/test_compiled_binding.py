@@ -95,12 +95,7 @@ WRONG_FORMS: list[tuple[str, Any, str, str]] = [
     ("gain", None, "no array of numbers but NoneType", "an array of shape (1, 3, 10)"),
     ("gain", np.zeros((2, 3, 10)), "an array of shape (2, 3, 10)", "one of shape (1, 3, 10)"),
     ("setpoint", np.zeros((ROWS, 9)), f"an array of shape ({ROWS}, 9)", "one of shape (rows, 10)"),
-    (
-        "setpoint",
-        np.zeros((ROWS + 1, 10)),
-        f"an array of {ROWS + 1} rows",
-        f"one of 1 to {ROWS}",
-    ),
+    ("setpoint", np.zeros((ROWS + 1, 10)), f"an array of {ROWS + 1} rows", f"one of 1 to {ROWS}"),
 ]
 
 

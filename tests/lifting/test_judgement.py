@@ -71,9 +71,7 @@ def test_the_page_begins_with_go_and_needs_no_other_file(folder: Path) -> None:
         assert re.search("python -m experiments|from|clause", said), one["title"]
 
 
-def test_numbers_of_the_page_are_made_again_from_the_run_that_lies_beside_it(
-    folder: Path,
-) -> None:
+def test_numbers_of_the_page_are_made_again_from_the_run_that_lies_beside_it(folder: Path) -> None:
     run = read(folder / "lift.parquet")
     crane = load_crane(from_record=folder / "lift.parquet")
     used, stops = assess_run(crane, run, CHART)

@@ -136,7 +136,7 @@ def test_a_case_that_kills_its_worker_is_bad_alone_on_a_cluster_too(
         sweep(studies.deadly, design, dead, chunk=2, scheduler=address)
         errors = results(dead)["error"].to_pylist()
         assert errors == [DIED if x == 3 else None for x in range(6)]
-        sweep(studies.stuck, design, late, chunk=2, scheduler=address, limit=3.0)
+        sweep(studies.stuck, design, late, chunk=1, scheduler=address, limit=3.0)
         errors = results(late)["error"].to_pylist()
         assert errors.pop(3).endswith("the case took longer than the 3 s that a case may.")
         assert errors == [None] * 5
@@ -148,12 +148,8 @@ def test_a_case_that_kills_its_worker_is_bad_alone_on_a_cluster_too(
 @pytest.mark.parametrize("hung", [False, True])
 def test_a_sweep_on_a_cluster_answers_ctrl_c_within_two_seconds(hung: bool, tmp_path: Path) -> None:
     folder, log = tmp_path / "sweep", tmp_path / "log"
-    gate = str(tmp_path / "gate")
-    with _cluster(tmp_path, SWEEP_LOG=str(log), SWEEP_PAUSE="0.2", SWEEP_GATE=gate) as (
-        address,
-        (scheduler, *_),
-    ):
-        with sweeping(folder, log, 0.2, address) as process:
+    with _cluster(tmp_path, SWEEP_LOG=str(log), SWEEP_PAUSE="1.0") as (address, (scheduler, *_)):
+        with sweeping(folder, log, 1.0, address) as process:
             until(lambda: len(parts(folder)) >= 2)
             if hung:
                 scheduler.send_signal(signal.SIGSTOP)
