@@ -17,7 +17,7 @@ import numpy as np
 from llvmlite import ir
 
 from cranedyn.bridges.joints import input_names, state_names
-from cranedyn.checks import number
+from cranedyn.checks import check_choice, number
 from cranedyn.clocks import SAME_PERIOD, Clocked, intervals
 from cranedyn.compiled.block import BlockCode, FunctionBlock, Tables, Variable, identifiers
 from cranedyn.compiled.horizon.control import emit_instant, emit_plan
@@ -434,7 +434,8 @@ def controller_block(
         DataError: If it cannot be exported.
         OutOfRange: If a number is out of range, or the controller is for another control period.
     """
-    number("control_period", control_period, "s", "> 0")
+    check_choice("drive", drive, Drive)
+    control_period = float(number("control_period", control_period, "s", "> 0"))
     layout, driven = crane.layout, crane.layout.driven
     limits, holding = np.full(layout.m, np.inf), np.zeros(layout.m)
     units = [f"{joint.unit}/s2" for joint in driven]

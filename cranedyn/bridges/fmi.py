@@ -27,14 +27,12 @@ from cranedyn.bridges.controller_block import controller_block
 from cranedyn.bridges.joints import add, xml_bytes
 from cranedyn.bridges.target import check_free, new_file
 from cranedyn.bridges.usual_controllers import CONTROLLERS
-from cranedyn.checks import check_choice
-from cranedyn.clocks import clocks
 from cranedyn.compiled.block import FunctionBlock
 from cranedyn.compiled.c_text import c_header, c_source
 from cranedyn.compiled.crane_block import crane_block
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, UnknownName, quoted
-from cranedyn.interfaces import DirectDrive, Drive
+from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 
@@ -139,16 +137,13 @@ def export(
     if final.suffix != ".fmu":
         raise OutOfRange("name of the unit", str(final), "one that ends in .fmu")
     check_free(final)
-    check_choice("drive", drive, DirectDrive if controller is None else Drive)
     if version not in get_args(Version):
         raise OutOfRange("version of FMI", version, "2 or 3")
-    clocks(dt, dt, dt)
     for name in platforms:
         if name not in PLATFORMS:
             raise UnknownName("platform", name, PLATFORMS)
     if controller is None:
-        kind: DirectDrive = "motion" if drive == "motion" else "effort"
-        block = crane_block(crane, drive=kind, dt=dt, integrator=integrator)
+        block = crane_block(crane, drive=drive, dt=dt, integrator=integrator)  # type: ignore[arg-type]
     else:
         block = controller_block(
             crane, controller, drive=drive, control_period=control_period, duration=duration
