@@ -275,8 +275,7 @@ class _Unit:
         able = {f"canGetAndSet{state}": "true", f"canSerialize{state}": "true"}
         kinds = {"ModelExchange": able} if self._moving else {}
         if self._version == 3:
-            step = repr(self._block.period)
-            able = able | {"fixedInternalStepSize": step}
+            able = able | {"fixedInternalStepSize": repr(self._block.period)}
         kinds["CoSimulation"] = able | {"canHandleVariableCommunicationStepSize": "true"}
         for kind, abilities in kinds.items():
             entry = add(root, kind, modelIdentifier=self.name, **abilities)
@@ -289,46 +288,39 @@ class _Unit:
             add(add(units, "Unit", name=unit), "BaseUnit", **_BASE[unit])
         size = self._block.period * (10 if self._moving else 1)
         add(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize=f"{size!r}")
-        (self._list_3 if self._version == 3 else self._list_2)(root)
+        self._list(root)
         return xml_bytes(root)
 
-    def _list_3(self, root: ET.Element) -> None:
-        """Add the variables and the structure as FMI 3.0 has them."""
+    def _list(self, root: ET.Element) -> None:
+        """Add the variables and the structure; indices of FMI 2.0 begin at 1."""
+        new, variables = self._version == 3, self._variables
         listed, structure = add(root, "ModelVariables"), add(root, "ModelStructure")
-        for reference, variable in enumerate(self._variables):
-            entries = self._entries(reference, variable)
-            entries |= self._numbers(variable)
+        for reference, variable in enumerate(variables):
+            entries, numbers = self._entries(reference, variable), self._numbers(variable)
             if variable.rate_of is not None:
-                entries["derivative"] = str(variable.rate_of)
-            ET.SubElement(listed, "Float64" if variable.unit else "Boolean", entries)
-        outputs, rates = self._outputs_and_rates()
-        groups = (("Output", outputs), ("ContinuousStateDerivative", rates))
-        for kind, references in (*groups, ("InitialUnknown", outputs)):
-            for reference in references:
-                add(structure, kind, valueReference=str(reference))
+                numbers["derivative"] = str(variable.rate_of + (not new))
+            kind = ("Float64" if new else "Real") if variable.unit else "Boolean"
+            if new:
+                ET.SubElement(listed, kind, entries | numbers)
+            else:
+                ET.SubElement(ET.SubElement(listed, "ScalarVariable", entries), kind, numbers)
+        outputs = [i for i, variable in enumerate(variables) if variable.causality == "output"]
+        rates = [i for i, variable in enumerate(variables) if variable.rate_of is not None]
+        derivative = "ContinuousStateDerivative" if new else "Derivative"
+        for name, references in (
+            ("Output", outputs),
+            (derivative, rates),
+            ("InitialUnknown", outputs),
+        ):
+            group = structure if new or not references else add(structure, f"{name}s")
+            for i in references:
+                if new:
+                    add(group, name, valueReference=str(i))
+                else:
+                    add(group, "Unknown", index=str(i + 1))
 
-    def _list_2(self, root: ET.Element) -> None:
-        """Add the variables and the structure as FMI 2.0 has them, whose indices begin at 1."""
-        listed, structure = add(root, "ModelVariables"), add(root, "ModelStructure")
-        for reference, variable in enumerate(self._variables):
-            scalar = ET.SubElement(listed, "ScalarVariable", self._entries(reference, variable))
-            entries = self._numbers(variable)
-            if variable.rate_of is not None:
-                entries["derivative"] = str(variable.rate_of + 1)
-            ET.SubElement(scalar, "Real" if variable.unit else "Boolean", entries)
-        outputs, rates = self._outputs_and_rates()
-        groups = (("Outputs", outputs), ("Derivatives", rates), ("InitialUnknowns", outputs))
-        for kind, references in groups:
-            group = add(structure, kind) if references else structure
-            for reference in references:
-                add(group, "Unknown", index=str(reference + 1))
-
-    def _outputs_and_rates(self) -> tuple[list[int], list[int]]:
-        numbered = list(enumerate(self._variables))
-        outputs = [i for i, variable in numbered if variable.causality == "output"]
-        return outputs, [i for i, variable in numbered if variable.rate_of is not None]
-
-    def _entries(self, reference: int, variable: FmiVariable) -> dict[str, str]:
+    @staticmethod
+    def _entries(reference: int, variable: FmiVariable) -> dict[str, str]:
         entries = {
             "name": variable.name,
             "valueReference": str(reference),
