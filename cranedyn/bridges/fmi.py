@@ -56,7 +56,7 @@ PLATFORMS = {
 """Platforms by their name in FMI 3.0: name in FMI 2.0, target of the compiler Zig, and ending of a
 library."""
 
-_SOURCES = Path(__file__).parent
+_SOURCES, _HEADERS = Path(__file__).parent, ("fmi_unit.h", "fmi_shared.h")
 
 _COMPILERS = ("cc", "gcc", "clang")
 _DATE = (1980, 1, 1, 0, 0, 0)
@@ -222,7 +222,7 @@ class _Unit:
         self.sources = {
             f"{block.name}.h": c_header(block),
             f"{block.name}.c": c_source(block),
-            **{name: (_SOURCES / name).read_text() for name in ("fmi_unit.h", self._interface)},
+            **{name: (_SOURCES / name).read_text() for name in (*_HEADERS, self._interface)},
         }
         content = repr((self._variables, block.period, self.sources)).encode()
         self._token = f"{{{hashlib.sha256(content).hexdigest()[:32]}}}"
