@@ -17,12 +17,13 @@ import numpy as np
 from llvmlite import ir
 
 from cranedyn.bridges.joints import input_names, state_names
-from cranedyn.checks import number
+from cranedyn.bridges.programs import finite_form
+from cranedyn.checks import check_choice, number
 from cranedyn.clocks import SAME_PERIOD, Clocked, intervals
 from cranedyn.compiled.block import BlockCode, FunctionBlock, Tables, Variable, identifiers
 from cranedyn.compiled.horizon.control import emit_instant, emit_plan
 from cranedyn.compiled.horizon.receding import Receding
-from cranedyn.controllers.affine import Affine, AffineController, affine_form, integrated_command
+from cranedyn.controllers.affine import Affine, AffineController, integrated_command
 from cranedyn.controllers.damping import DampingController
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.pinocchio import holding_effort
@@ -114,11 +115,13 @@ class _AffinePart(Part):
             np.tile(positions, (len(times), 1))
             for positions in (np.zeros(layout.m), np.ones(layout.m), rng.uniform(1, 2, layout.m))
         )
-        forms = [_form(controller, times, positions, 2 * layout.n) for positions in (still, ones)]
-        form = forms[0]
-        self._shift = (forms[1].setpoint - form.setpoint)[0, layout.drives]
-        self._target_shift = (forms[1].target - form.target)[0]
-        _check_shift(controller, form, _form(controller, times, mixed, 2 * layout.n), self, layout)
+        form, other, third = (
+            finite_form(controller, times, positions, 2 * layout.n, "a block")
+            for positions in (still, ones, mixed)
+        )
+        self._shift = (other.setpoint - form.setpoint)[0, layout.drives]
+        self._target_shift = (other.target - form.target)[0]
+        _check_shift(controller, form, third, self, layout)
         self._tables = Tables(
             feed_forward=form.feed_forward,
             gain=form.gain.reshape(len(form.gain), -1),
@@ -157,19 +160,6 @@ class _AffinePart(Part):
                     command[i], error, integral, gain_of_integral, limit, setting.period
                 )
         return command, memory
-
-
-def _form(controller: Any, times: np.ndarray, positions: np.ndarray, width: int) -> Affine:
-    form = affine_form(controller, times, positions, width)
-    if form is None:
-        raise DataError(
-            f"The controller {type(controller).__name__} is not affine in the state, or has run "
-            "before; a block runs tables, not Python."
-        )
-    if lacking := form.lacking():
-        name = f"{lacking} of the controller"
-        raise OutOfRange(name, "not finite in some row", "finite numbers")
-    return form
 
 
 def _check_shift(
@@ -434,7 +424,8 @@ def controller_block(
         DataError: If it cannot be exported.
         OutOfRange: If a number is out of range, or the controller is for another control period.
     """
-    number("control_period", control_period, "s", "> 0")
+    check_choice("drive", drive, Drive)
+    control_period = float(number("control_period", control_period, "s", "> 0"))
     layout, driven = crane.layout, crane.layout.driven
     limits, holding = np.full(layout.m, np.inf), np.zeros(layout.m)
     units = [f"{joint.unit}/s2" for joint in driven]

@@ -103,17 +103,13 @@ def c_source(block: FunctionBlock, precision: Precision = "double") -> str:
         lines += ["};", ""]
     lines += _helpers(called, language)
     lines += [line for text in below for line in text.lines]
-    for array, values in block.arrays.items():
-        lines += _starts(array, values, language)
     lines += [f"void {name}_reset({name} *self) {{"]
     for v in block.of_kind(*KINDS):
         lines.append(f"  self->{v.name} = {language.signed(v.start)};")
     for array, values in block.arrays.items():
         lines.append(f"  for (int32_t i = 0; i < {len(values)}; i++) self->{array}[i] = 0;")
-        if values.any():
-            place, value = (f"{name}_{array}_{what}[i]" for what in ("place", "start"))
-            loop = f"for (int32_t i = 0; i < {np.count_nonzero(values)}; i++)"
-            lines.append(f"  {loop} self->{array}[{place}] = {value};")
+        for i in np.flatnonzero(values).tolist():
+            lines.append(f"  self->{array}[{i}] = {language.signed(float(values[i]))};")
     lines += ["  self->count = 0;", "  self->fault = false;", "}", ""]
     for function, walk in walks.items():
         lines += [f"bool {name}_{function}({name} *self) {{", *_fault_check(block, language)]
@@ -126,20 +122,6 @@ def c_source(block: FunctionBlock, precision: Precision = "double") -> str:
             lines.append(f"  self->count = {text};")
         lines += ["  return true;", "}", ""]
     return "\n".join(lines)
-
-
-def _starts(array: str, values: np.ndarray, language: _C) -> list[str]:
-    """Return the tables of the numbers with which an array starts, where they are not 0."""
-    if not values.any():
-        return []
-    places = np.flatnonzero(values)
-    tables = {"place": list(map(str, places.tolist()))}
-    tables["start"] = [language.signed(x) for x in values[places].tolist()]
-    lines = []
-    for (what, numbers), kind in zip(tables.items(), ("int32_t", "real"), strict=True):
-        name = f"{language.name}_{array}_{what}[{len(numbers)}]"
-        lines += [f"static const {kind} {name} = {{", *_rows(numbers), "};", ""]
-    return lines
 
 
 def _comment(variable: Variable) -> str:

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.checks import check_choice
+from cranedyn.clocks import clocks
 from cranedyn.compiled.block import BlockCode, FunctionBlock, Variable, identifiers
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.step import Step, StepState, check_rule
@@ -46,10 +48,12 @@ def crane_block(
         name: Name of the block.
 
     Raises:
-        OutOfRange: If there is no code for the stepping rule.
+        OutOfRange: If a number is out of range, or there is no code for the stepping rule.
         ModelError: If the rope goes slack and taut within a step, or the code would not do what
             Pinocchio does.
     """
+    check_choice("drive", drive, DirectDrive)
+    clocks(dt, dt, dt)
     check_rule(integrator)
     if crane.springs.rope is not None and crane.springs.rope.inextensible:
         raise ModelError(

@@ -285,17 +285,8 @@ def test_the_command_keeps_the_clock_records_the_run_and_replaces_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, port = tmp_path / "run", free_port()
-    command = [
-        "serve",
-        "--modbus",
-        f"{HOST}:{port}",
-        "--duration",
-        "6",
-        "--speed",
-        "4",
-        "--out",
-        str(out),
-    ]
+    command = ["serve", "--modbus", f"{HOST}:{port}", *"--duration 6 --speed 4 --out".split()]
+    command.append(str(out))
     began = time.perf_counter()
     thread = threading.Thread(target=_drive_at, args=(port,))
     thread.start()

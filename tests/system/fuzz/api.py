@@ -38,7 +38,9 @@ MODULES = [
         "theory data.trajectory dynamics.linearisation disturbances.wind lifting.loads "
         "lifting.chart lifting.factors lifting.wind lifting.wind_limit sweep recording "
         "recording.snapshot planning.site_file planning.lift planning.least_time "
-        "planning.certificate planning.perturbed compiled.fleet interfaces bridges.gymnasium"
+        "planning.certificate planning.perturbed compiled.fleet interfaces bridges.gymnasium "
+        "bridges.commissioning.words bridges.commissioning.served_crane bridges.matlab "
+        "bridges.commissioning.serve bridges.controller_block compiled.crane_block"
     ).split()
 ]
 """Modules that people import from."""
@@ -133,6 +135,15 @@ CALLS = {
         settling_time(t, np.exp(-t), 0.1)
         events(crane, trajectory)
         conditions(crane, trajectory.q, trajectory.v, trajectory.effort[:, 2])
+        """,
+    "exports": """
+        controller_block(crane, tracking, control_period=5e-3, duration=2.0)
+        controller_block(crane, still_shaped, drive='effort', duration=1.0)
+        crane_block(crane, drive='motion', dt=1e-3)
+        linear_system(crane, start, drive='velocity', control_period=5e-3, dt=5e-4)
+        ServedCrane(crane, start=start, duration=0.5).cycle()
+        word_map(crane, converters(crane))
+        address('127.0.0.1:4840')
         """,
     "theory": """
         point_period(10.0, 9.81)
@@ -264,6 +275,7 @@ def namespace() -> dict[str, Any]:
         "elsewhere": "Motion(5e-3, *np.zeros((3, 9, 4)), np.array([0, 1]))",
         "tracking": "lqr(crane, short)",
         "limits": "Limits((0.1, 1.0, 1.0), (0.1, 0.5, 0.5))",
+        "still_shaped": "shaped(still, zv(), 5e-3)",
         "legs": "[Leg('out', x=12.0), Leg('back', x=float(start.q[1]))]",
         "trajectory": "simulate(crane, law, duration=0.1)",
         "carried": "loads(crane, trajectory)",

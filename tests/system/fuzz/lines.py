@@ -54,6 +54,8 @@ STARTERS = (
     "experiments.report._run",
     "cranedyn.recording.serve",
     "cranedyn.recording.open_viewer",
+    "cranedyn.bridges.commissioning.serve.servers",
+    "os.sched_setscheduler",
 )
 """Whatever starts another process; a command that comes there is interrupted."""
 
@@ -67,12 +69,13 @@ def commands() -> dict[str, Callable[[list[str]], int]]:
     names = [f"experiments.{module.name}" for module in pkgutil.iter_modules(experiments.__path__)]
     modules = [importlib.import_module(name) for name in names]
     mains = {module.__name__: module.main for module in modules if hasattr(module, "main")}
-    return mains | {"experiments.trial": _trial, "cranedyn.describe": _describe}
+    mains |= {f"cranedyn.{name}": partial(_command, name) for name in ("describe", "serve")}
+    return mains | {"experiments.trial": _trial}
 
 
-def _describe(argv: list[str]) -> int:
-    parser = cli._Parser(prog="describe")
-    cli._describe(parser)
+def _command(name: str, argv: list[str]) -> int:
+    parser = cli._Parser(prog=name)
+    cli.COMMANDS[name](parser)
     return command_line(lambda: cli._run(parser.parse_args(argv)))
 
 
