@@ -191,6 +191,7 @@ EXPERIMENTS = {
     "liftoff": Entry(
         "Lift-off and set-down",
         "Lift-off from the ground and set-down: rope, swing, ground.",
+        figures={"lift_off": "Tension over weight at lift-off by speed: φ2 and simulation."},
     ),
     "identify": Entry(
         "A crane, identified",
