@@ -248,14 +248,10 @@ def kernel_data(
     from cranedyn.compiled.webassembly import webassembly  # other exporters need no llvmlite
 
     recipe = Recipe(
-        lanes=1,
-        drive="velocity",
-        integrator=semi_implicit_euler,
-        buffers=False,
-        integral=False,
-        offset=False,
+        1,
+        "velocity",
+        semi_implicit_euler,
         forces=True,
-        shared=(True, True, True),
         log=True,
         summary=True,
         delay_steps=drives.delay_steps(DT, PERIOD),

@@ -17,6 +17,7 @@ from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.lqr import linearised
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.dynamics.converters import Converters
+from cranedyn.dynamics.linearisation import held_states
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Drive, Setpoint, State
@@ -47,7 +48,7 @@ def to_control(
     and outputs.
 
     Its variables are deviations from that state and from the command there, in SI units and
-    radians.
+    radians. The stretch of a taut inextensible rope is no state.
 
     Args:
         crane: The crane.
@@ -131,9 +132,10 @@ def from_control(
 
     Args:
         crane: The crane.
-        feedback: The gain K of u = -K z, shape (m, 2 n), as `control.lqr` and `control.dlqr` give
-            it; or a system from states of the crane, all or with states of its own some, to the
-            commands; or the controller of `control.create_statefbk_iosystem`.
+        feedback: The gain K of u = -K z, one column for each state of `to_control`, as
+            `control.lqr` and `control.dlqr` give it; or a system from states of the crane, all or
+            with states of its own some, to the commands; or the controller of
+            `control.create_statefbk_iosystem`.
         about: The rest, or the motion, from which z and u are deviations. The commands there are
             fed forward.
         drive: Outputs of the feedback: "effort", with "motion" the accelerations of the drives, or
@@ -148,8 +150,14 @@ def from_control(
     """
     check_choice("drive", drive, Drive)
     names, m = state_names(crane), crane.layout.m
-    a, b, c, gain = _matrices(feedback, names)
-    gain = finite("gain", gain, (m, len(names)))
+    if isinstance(about, Motion):
+        at = State(about.q[0], about.v[0])
+    else:
+        at = crane.layout.as_state("rest", about)
+    moving = np.setdiff1d(np.arange(len(names)), held_states(crane, at))
+    a, b, c, gain = _matrices(feedback, [names[i] for i in moving])
+    selection = np.eye(len(names))[moving]
+    b, gain = b @ selection, finite("gain", gain, (m, len(moving))) @ selection
     if isinstance(about, Motion):
         table = linearised(crane, about, dt=dt, every=len(about.q))
         rates = {"motion": about.a, "velocity": about.v}
@@ -157,12 +165,11 @@ def from_control(
         gains = np.broadcast_to(gain, (len(commands), *gain.shape))
         tracking = Tracking(about.period, commands, gains, table.setpoint)
     else:
-        state = crane.layout.as_state("rest", about)
-        if state.v.any():
+        if at.v.any():
             allowed = "0; a motion is given as a Motion"
-            raise OutOfRange("rates of the rest", state.v.tolist(), allowed, "/s")
-        command = holding_effort(crane, state.q) if drive == "effort" else np.zeros(m)
-        tracking = Tracking(1.0, command[None], gain[None], np.concatenate(state)[None])
+            raise OutOfRange("rates of the rest", at.v.tolist(), allowed, "/s")
+        command = holding_effort(crane, at.q) if drive == "effort" else np.zeros(m)
+        tracking = Tracking(1.0, command[None], gain[None], np.concatenate(at)[None])
     if not len(a):
         return tracking
     finite("matrices of the feedback", np.concatenate([a.ravel(), b.ravel(), c.ravel()]), ("k",))
@@ -180,7 +187,7 @@ def _matrices(
         except (TypeError, ValueError):
             allowed = "a gain or a system of python-control"
             raise OutOfRange("feedback", short_repr(feedback), allowed) from None
-        return *(np.zeros((0, 0)),) * 3, gain
+        return np.zeros((0, 0)), np.zeros((0, nz)), np.zeros((0, 0)), gain
     if not isinstance(feedback, ct.StateSpace):
         raise CraneError(f"The feedback is a {type(feedback).__name__}; allowed is a StateSpace.")
     k, labels = feedback.nstates, list(feedback.input_labels)

@@ -9,16 +9,19 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from llvmlite import ir
 
 from cranedyn.bridges.joints import input_names, state_names
 from cranedyn.checks import number
 from cranedyn.clocks import SAME_PERIOD, Clocked, intervals
 from cranedyn.compiled.block import BlockCode, FunctionBlock, Tables, Variable, identifiers
+from cranedyn.compiled.horizon.control import emit_instant, emit_plan
+from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.controllers.affine import Affine, AffineController, affine_form, integrated_command
 from cranedyn.controllers.damping import DampingController
 from cranedyn.dynamics.converters import Converters, fitting
@@ -31,6 +34,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
 from cranedyn.references.shaped import Shaped
 from cranedyn.references.tabulated import tabulated
+from cranedyn.simulation.simulate import simulate
 
 Emitted = tuple[np.ndarray, dict[str, Any]]
 """Commands of the drives, shape (m,), and new values of memory by name."""
@@ -81,6 +85,7 @@ class Part(ABC):
         tables: Its tables.
         rows: Calls after which nothing depends on their count any more, and one.
         repeats: Calls after which the count starts again; 0 for one that ends at the last row.
+        routines: Functions that it calls, see `FunctionBlock`.
     """
 
     about: str
@@ -89,6 +94,7 @@ class Part(ABC):
     tables: Mapping[str, np.ndarray] = {}
     rows = 1
     repeats = 0
+    routines: Sequence[Any] = ()
 
     @abstractmethod
     def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
@@ -294,6 +300,43 @@ def _kalman_gains(observer: ObserverController, rows: int) -> np.ndarray:
     return table.reshape(rows, -1)
 
 
+class _PredictivePart(Part):
+    """A predictive controller to the setpoint, with the memory of its optimisation."""
+
+    about = "Predictive control: an optimisation over a horizon drives the load to the setpoint."
+
+    def __init__(self, setting: ControlSetting, controller: Receding) -> None:
+        _check_period(setting, controller.programme.period)
+        programme = replace(controller.programme, block=1)
+        if programme.rows:
+            raise DataError(
+                "A predictive controller is exported to a setpoint, not along a motion."
+            )
+        memory, first = controller.memory(1), programme.offsets(1).work
+        old, new, last = controller.programme.shape, programme.shape, first + programme.shape.first
+        compact = np.zeros(programme.offsets(1).size)
+        compact[: first + new.place("block")] = memory[: first + new.place("block")]
+        compact[last:] = memory[first + old.first :][: len(compact) - last]
+        sizes = {"query": new.states + new.inputs + 2, "answer": new.inputs}
+        self.arrays = {"memory": compact, **{name: np.zeros(n) for name, n in sizes.items()}}
+        self.repeats, self._setting = programme.ratio, setting
+        module = ir.Module()
+        emit_plan(module, programme)
+        emit_instant(module, programme)
+        self.routines = module.functions
+
+    def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
+        build, query = code.builder, code.argument["query"]
+        numbers = [*z, *code.get_all(self._setting.setpoint)]
+        turn = build.srem(code.count, code.integer(self.repeats))
+        due = build.icmp_signed("==", turn, code.integer(0))
+        for i, value in enumerate([*numbers, 0.0, code.chosen(due, 1.0, 0.0)]):
+            code.store(value, query, i)
+        arrays = [code.argument[name] for name in self.arrays]
+        build.call(self.routines[-1], arrays)
+        return array([code.element("answer", i) for i in range(len(self._setting.command))]), {}
+
+
 class _ShaperPart(Part):
     """Input shaping of setpoints, which lie on a line in memory."""
 
@@ -340,10 +383,11 @@ class _ShaperPart(Part):
         return array(outputs), dict(zip(self._first, first, strict=True))
 
 
-PARTS = (
+PARTS: tuple[tuple[type, Callable[..., Part]], ...] = (
     (DampingController, _YieldingPart),
     (ObserverController, _ObserverPart),
     (Shaped, _ShaperPart),
+    (Receding, _PredictivePart),
     (AffineController, _AffinePart),
 )
 """Controllers that can be exported, and what emits them; the first that fits is taken."""
@@ -360,7 +404,7 @@ def controller_code(setting: ControlSetting, controller: Any) -> Part:
             return part(setting, controller)
     raise DataError(
         f"The controller {type(controller).__name__} is neither affine in the state, nor one of "
-        "drives that yield, nor an observer, nor a shaper; a block runs tables, not Python."
+        "drives that yield, nor an observer, a shaper, or predictive; a block runs no Python."
     )
 
 
@@ -444,6 +488,7 @@ def controller_block(
         last=2 * part.repeats - 1 if part.repeats else first,
         first=first,
         renamed={signal: new for signal, new in setting.identifier.items() if signal != new},
+        routines=part.routines,
     )
 
     def step(code: BlockCode) -> Mapping[str, Any]:
@@ -480,6 +525,23 @@ def vectors(
         q[:, layout.drives] = positions
         motion = Motion(period, q, 0.0 * q, 0.0 * q, layout.drives)
         outputs[:] = replace(controller, base=motion).at(times).position
+    elif isinstance(controller, Receding):  # in a loop, since its commands are expected to act
+        goal, calls = Setpoint(positions[0], rates[0], rates[0]), list[np.ndarray]()
+
+        def recorded(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+            calls.append(np.concatenate([*state, controller(t, state, setpoint)]))
+            return calls[-1][2 * n :]
+
+        simulate(
+            crane,
+            recorded,
+            lambda t: goal,
+            start=State(*z[0].reshape(2, -1)),
+            duration=float(times[-1]),
+            control_period=period,
+            drive=controller.programme.drive,  # type: ignore[arg-type]
+        )
+        positions[:], (z, outputs) = goal.position, np.split(np.array(calls), [2 * n], axis=1)
     else:
         if isinstance(controller, DampingController):
             rates = tabulated(controller.reference, times + period, m).velocity

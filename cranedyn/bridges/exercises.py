@@ -105,9 +105,9 @@ def exercises(crane: Crane, limits: Limits) -> Iterator[Exercise]:
 
 def lift_exercise(crane: Crane, limits: Limits, site: Site) -> Exercise | None:
     """Return the lift of a site as an exercise, its goal in the frame of the site; None if the site
-    has none.
+    has none whose load hangs at the goal.
     """
-    if site.start is None or site.goal is None:
+    if site.start is None or site.goal is None or len(site.goal) == 2:
         return None
     text = f"Lift the load from start to goal of the site {site.name}."
     exercise = Exercise("lift", "The lift", text, crane.start, site.goal)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
@@ -56,21 +57,24 @@ def linear_system(
     """Return the crane linearised about a state, see `cranedyn.bridges.control.to_control`."""
     check_choice("drive", drive, Drive)
     state, kind = crane.start if state is None else state, "motion" if drive != "effort" else drive
-    system: Linear | Sampled = linear(crane, state, effort, drive=kind)  # type: ignore[arg-type]
+    continuous = linear(crane, state, effort, drive=kind)  # type: ignore[arg-type]
     names, m, delay = state_names(crane), crane.layout.m, 0
+    moving = np.setdiff1d(np.arange(len(names)), continuous.held)
+    names = [names[i] for i in moving]
     selected = names if outputs is None else list(outputs)
     for name in selected:
         if name not in names:
             raise UnknownName("state", str(name), names)
     converters = fitting(crane, drive, converters)
     if converters is not None:  # T dv/dt = u - v
-        a, b = system.a.copy(), system.b / converters.lags
+        a, b = continuous.a.copy(), continuous.b / converters.lags
         a[:, crane.layout.n + crane.layout.drives] -= b
-        system = Linear(a, b)
+        continuous = replace(continuous, a=a, b=b)
+    system: Linear | Sampled = continuous
     if control_period is not None:
-        system = system.sampled(dt=dt, control_period=control_period)  # type: ignore[union-attr]
+        system = continuous.sampled(dt=dt, control_period=control_period)
         delay = converters.delay_steps(dt, control_period) if converters else 0
-    a, b, inputs = system.a, system.b, input_names(crane, drive)
+    a, b, inputs = system.a[np.ix_(moving, moving)], system.b[moving], input_names(crane, drive)
     for k in range(delay, 0, -1):  # the command of k periods ago, on its way
         a, b = (
             np.block([[a, b], [np.zeros((m, len(a) + m))]]),
@@ -104,7 +108,8 @@ def to_matlab(file: str | Path, crane: Crane, state: State | None = None, **opti
         units[name] = joint.effort_unit if per is None else joint.unit + per
     content: dict[str, Any] = {"A": system.a, "B": system.b, "C": system.c, "Ts": system.period}
     content["D"] = np.zeros((len(system.c), crane.layout.m))
-    content["z0"] = np.concatenate(crane.start if state is None else state)[:, None]
+    z0 = dict(zip(state_names(crane), np.concatenate(state or crane.start), strict=True))
+    content["z0"] = np.array([[z0[name]] for name in system.states if name in z0])
     for kind in ("state", "input", "output"):
         names = content[f"{kind}s"] = np.array(getattr(system, f"{kind}s"), dtype=object)
         known = [units.get(name) or units[name.rpartition("_")[0]] for name in names]

@@ -55,13 +55,13 @@ class Recipe:
     lanes: int
     drive: str
     integrator: Integrator
-    buffers: bool
-    integral: bool
-    offset: bool
-    forces: bool
-    shared: tuple[bool, ...]
-    log: bool
-    summary: bool
+    buffers: bool = False
+    integral: bool = False
+    offset: bool = False
+    forces: bool = False
+    shared: tuple[bool, ...] = (True, True, True)
+    log: bool = False
+    summary: bool = False
     delay_steps: int | None = None
     turns: int = TURNS
     programme: Programme | None = None

@@ -370,6 +370,7 @@ class Plant:
                 above,
                 buffers=self.buffers,
                 rope=self.topology.rope,
+                level=0.0 if self.contacts is None else self.contacts.level,
             ),
             *drive_bounds(
                 layout,

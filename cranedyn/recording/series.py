@@ -7,7 +7,7 @@ All columns are fields of one component of one entity; an entity for each plot m
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -18,11 +18,14 @@ from rerun.blueprint.encodings import VisualizerComponentMapping
 
 from cranedyn.errors import printable
 from cranedyn.model.layout import Joint, Layout
-from cranedyn.plotting.style import colour_of, mixed, rgb
+from cranedyn.plotting.style import colour_of, mixed, rgb, run_colour
 from cranedyn.recording.run import Run, clock, colours, rows_every
 
 READOUT = "readout"
 """Entity of the table of coordinates."""
+
+GAPS = "gaps"
+"""Entity of distances between cranes, and of contacts."""
 
 _PERIOD, _READOUT_PERIOD, _JUMP = 0.02, 0.1, 0.01
 """Time between rows, and between tables of coordinates, that are recorded [s], and the share of its
@@ -155,6 +158,26 @@ def log_series(recording: rr.RecordingStream, run: Run, columns: Table) -> None:
     rows = pa.StructArray.from_arrays(arrays, names=list(columns))
     component = rr.DynamicArchetype.columns(archetype="Run", components={"row": rows})
     recording.send_columns(run.entity("numbers"), clock(t[kept]), component)
+
+
+def log_gaps(
+    recording: rr.RecordingStream,
+    t: np.ndarray,
+    gaps: Mapping[str, np.ndarray],
+    contacts: Sequence[float],
+) -> None:
+    """Log distances over time [m], shape (rows,) each, and points where contacts begin [s]."""
+    for i, (name, values) in enumerate(gaps.items()):
+        entity = rr.new_entity_path([GAPS, name])
+        line = rr.SeriesLines(colors=rgb(run_colour(i)), names=printable(name), widths=1.5)
+        recording.log(entity, line, static=True)
+        recording.send_columns(entity, clock(t), rr.Scalars.columns(scalars=values))
+    if len(contacts):
+        entity, times = rr.new_entity_path([GAPS, "contacts"]), np.array(contacts)
+        points = rr.SeriesPoints(colors=[242, 43, 5], names="contact", marker_sizes=6.0)
+        recording.log(entity, points, static=True)
+        zeros = np.zeros(len(times))
+        recording.send_columns(entity, clock(times), rr.Scalars.columns(scalars=zeros))
 
 
 def log_readout(recording: rr.RecordingStream, runs: Sequence[Run]) -> None:

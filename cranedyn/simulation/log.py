@@ -152,6 +152,7 @@ class Log:
     def _conditions(self, rows: slice | np.ndarray, *, needed: bool, rates: bool) -> list[Bound]:
         """Return the conditions under which the model holds in some rows."""
         column = {name: values[rows] for name, values in self._columns.items()}
+        contacts = self._setting.contacts
         return conditions(
             self._crane,
             column["q"],
@@ -160,6 +161,7 @@ class Log:
             buffers=self._setting.buffers,
             needed=column["needed"] if needed else None,
             rates=rates,
+            level=0.0 if contacts is None else contacts.level,
         )
 
     def trajectory(

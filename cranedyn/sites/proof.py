@@ -95,7 +95,7 @@ def _close_pairs(
         boxes = box.repeat(capsules, axis=0)
         placed = place_capsules(bodies, crane, capsule, boxes[:, 0], boxes[:, 1], swing)
         half = (boxes[:, 1, :-1] - boxes[:, 0, :-1]) / 2.0
-        reach = placed.radius + _motion(placed, bodies.revolute[crane], half)
+        reach = placed.radius + motion_bound(placed, bodies.revolute[crane], half)
         reach += np.linalg.norm(placed.ends[:, 1] - placed.ends[:, 0], axis=1) / 2.0
         shape = len(which), capsules
         balls.append((placed.ends.mean(axis=1).reshape(*shape, 3), reach.reshape(shape)))
@@ -165,7 +165,7 @@ def _levers(placed: PlacedCapsules) -> np.ndarray:
     )
 
 
-def _motion(placed: PlacedCapsules, turns: np.ndarray, half: np.ndarray) -> np.ndarray:
+def motion_bound(placed: PlacedCapsules, turns: np.ndarray, half: np.ndarray) -> np.ndarray:
     """Return an upper bound of the shift of any point in any direction [m], shape (N,)."""
     radius = np.sqrt((_levers(placed) ** 2).sum(3)).max(axis=2)
     total = np.zeros(len(half))

@@ -226,7 +226,11 @@ class Supervisor:
         self.waits: dict[int, frozenset[int]] = {i: frozenset() for i in range(len(boxes))}
         self._numbers = [0] * len(boxes)
         for i, box in enumerate(self.boxes):
-            if not (apart := site.apart(i, box, self.boxes)).all():
+            apart = site.apart(i, box, self.boxes)
+            if not apart[i]:
+                name = quoted(site.stations[i].name)
+                raise DataError(f"At the start {name} is not proven to keep from an obstacle.")
+            if not apart.all():
                 names = (quoted(site.stations[k].name) for k in (i, int(np.argmin(apart))))
                 raise DataError(
                     f"At the start {' and '.join(names)} are not proven to be "
@@ -253,6 +257,7 @@ class Supervisor:
                 blocking |= ~apart
                 box = self._extended(station, box, request.wanted)
         self.boxes[station] = box
+        blocking[station] = False  # an obstacle is in the way
         self.waits[station] = frozenset(np.nonzero(blocking)[0].tolist())
         names = tuple(self.site.stations[i].name for i in sorted(self.waits[station]))
         return BoxGrant(request.number, box, names)

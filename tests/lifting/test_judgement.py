@@ -42,9 +42,9 @@ Drawn = dict[str, np.ndarray]
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A lift in the open yard, judged by few lifts and gusts."""
+    """A lift beside a neighbour, judged by few lifts and gusts."""
     made = tmp_path_factory.mktemp("judged") / "out"
-    words = ["--lifts", "500", "--gusts", "2", "--out", str(made)]
+    words = ["--site", "neighbour", "--lifts", "500", "--gusts", "2", "--out", str(made)]
     assert lift_report.main(words) == 0
     return made
 

@@ -52,6 +52,7 @@ CALLS = {
         Stepper(crane, forces=True, engine='compiled').step(three, points)
         Ground(box_corners(2.0, 3.0, 1.0), friction=0.4, restitution=0.2, sink=0.002)
         Platform((10.0, 5.0), (2.0, 2.0), 1.0, 0.1)
+        Ground(points, (Hull(((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))),), height=-1.0)
         load_crane(**box_load(900.0, 2.0, 3.0, 1.0))
         simulate_batch(crane, law, still, start=start, duration=0.05, threads=1)
         simulate_batch(crane, law, duration=0.05, dt=5e-4, control_period=5e-3, record=2)
