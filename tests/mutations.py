@@ -836,11 +836,16 @@ cranedyn/bridges/templates/page/assist.js
 ? page::a_drive_stops_before_the_end_of_its_range_by_any_ramp
 - return this.limited(this.shaped(asked, q), q);
 + return this.shaped(asked, q);
+cranedyn/bridges/templates/page/kernel.js
+* predictive control plans with the usual ramps, whatever they are
+? page::predictive_control_keeps_to_the_ramps_and_to_the_ranges_of_the_drives
+- ramps * this._initial[first + i]
++ this._initial[first + i]
 cranedyn/bridges/templates/page/run.js
 * predictive control runs out of a range
-? page::predictive_control_gives_up_before_a_drive_leaves_its_range
-- !this.assistant.canStop(rates, q)
-+ false
+? page::predictive_control_keeps_to_the_ramps_and_to_the_ranges_of_the_drives
+- this.assistant.limited(kernel.plan(this.k), q)
++ kernel.plan(this.k)
 * the share of a chart overlooks its moments
 ? page::the_share_of_the_chart_is_that_of_a_report
 - between / radius

@@ -6,7 +6,8 @@ import json
 import math
 import shutil
 import subprocess
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,11 @@ from scipy.interpolate import RegularGridInterpolator
 
 import cranedyn as cd
 from cranedyn.bridges import browser_crane, exercises, page
-from cranedyn.compiled.horizon.receding import receding
+from cranedyn.compiled import webassembly
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.data.trajectory import read as read_trajectory
 from cranedyn.disturbances.wind import steady, wind
-from cranedyn.dynamics.converters import HEADROOM, converters
+from cranedyn.dynamics.converters import converters
 from cranedyn.errors import DataError
 from cranedyn.identification.record import load_record
 from cranedyn.interfaces import Controller, Setpoint, State
@@ -157,15 +158,14 @@ class Operator:
         return self.stoppable(self.rate - gain @ (np.concatenate(state) - goal), state.q)
 
 
-def in_python(kind: str, name: str, periods: int, **options: Any) -> Trajectory:
+@cache
+def in_python(kind: str, name: str, periods: int) -> Trajectory:
     """The same drive by `simulate`."""
     crane, data = crane_of(kind), data_of(kind)
     controller: Controller = Operator(crane, data, name)
     reference = None
     if name == "predictive":
-        drives = converters(crane)
-        limits = Limits((drives.rates / HEADROOM).tolist(), drives.accelerations.tolist())
-        controller = receding(crane, limits, drive="velocity", converters=drives)
+        controller = browser_crane.goal_controller(crane, converters(crane))
         reference = hold(crane, crane.state(**GOAL))
     return cd.simulate(
         crane,
@@ -176,7 +176,6 @@ def in_python(kind: str, name: str, periods: int, **options: Any) -> Trajectory:
         drive="velocity",
         engine="compiled",
         validity="mark",
-        **options,
     )
 
 
@@ -191,24 +190,44 @@ def request(name: str, instants: int, *, rows: bool = False) -> dict[str, Any]:
     return {"inputs": inputs, "instants": instants, "rows": rows}
 
 
-def check_same(done: dict[str, Any], run: Trajectory, tolerance: float) -> None:
+def check_same(done: dict[str, Any], run: Trajectory, tolerance: float, row: int = -1) -> None:
+    """Check that a drive ends where a run is in a row."""
     assert done["event"] is None
-    np.testing.assert_allclose(done["q"], run.q[-1], rtol=0, atol=tolerance)
-    np.testing.assert_allclose(done["v"], run.v[-1], rtol=0, atol=tolerance)
+    np.testing.assert_allclose(done["q"], run.q[row], rtol=0, atol=tolerance)
+    np.testing.assert_allclose(done["v"], run.v[row], rtol=0, atol=tolerance)
+
+
+def check_itinerary(drive: Callable[..., list[dict[str, Any]]]) -> None:
+    """Check a minute under each assistance, as one drives it somewhere, against `simulate`."""
+    # Both engines run the same trace; what differs is how sums are rounded, some 1e-15 a second.
+    data = data_of("tower")
+    assert [entry["name"] for entry in data["assistances"]] == ASSISTANCES
+    short, long = 1000, 12000
+    done = iter(drive(data, *(request(name, n) for name in ASSISTANCES for n in (short, long))))
+    for name in ASSISTANCES:
+        run = in_python("tower", name, long)
+        assert np.abs(run.v).max() > 0.1  # it was driven
+        check_same(next(done), run, 1e-12, short)
+        check_same(next(done), run, 1e-9)
 
 
 def test_every_assistance_moves_the_crane_as_simulate_does() -> None:
-    # Both engines run the same trace; what differs is how sums are rounded, some 1e-15 a second.
-    data = data_of("tower")
-    short, long = 1000, 6500
-    requests = [request(name, n) for n in (short, long) for name in ASSISTANCES]
-    done = in_node(data, *requests)
-    for i, name in enumerate(ASSISTANCES):
-        assert [entry["name"] for entry in data["assistances"]][i] == name
-        check_same(done[i], in_python("tower", name, short), 1e-12)
-        run = in_python("tower", name, long)
-        assert np.abs(run.v).max() > 0.1  # it was driven
-        check_same(done[len(ASSISTANCES) + i], run, 1e-9)
+    check_itinerary(in_node)
+
+
+@pytest.mark.slow
+def test_simd_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    crane, data = crane_of("tower"), data_of("tower")
+    drives, code = converters(crane), partial(webassembly.webassembly, simd=False)
+    monkeypatch.setattr(webassembly, "webassembly", code)
+    scalar = browser_crane.kernel_data(crane, drives, *browser_crane.variations(crane, drives))
+    assert scalar["horizon"]["module"] != data["kernel"]["horizon"]["module"]
+    requests = [request(name, 2000) for name in ASSISTANCES]
+    ends = [
+        [(end["q"], end["v"]) for end in in_node(data | {"kernel": kernel}, *requests)]
+        for kernel in (data["kernel"], data["kernel"] | scalar)
+    ]
+    assert ends[0] == ends[1]
 
 
 @pytest.mark.parametrize(
@@ -305,10 +324,24 @@ def test_a_drive_stops_before_the_end_of_its_range_by_any_ramp(name: str) -> Non
         assert 0.0 < way < 0.2
 
 
-def test_predictive_control_gives_up_before_a_drive_leaves_its_range() -> None:
-    inputs = [[0, "assist", "predictive"], [0, "goal", [1.2, 2.0, 3.4]]]  # with much swing
-    (done,) = in_node(data_of("tower"), {"inputs": inputs, "instants": 8000})
-    assert (done["event"], done["assist"]) == (None, "none")
+def test_predictive_control_keeps_to_the_ramps_and_to_the_ranges_of_the_drives() -> None:
+    goals = [1.2, 2.0, 3.4], [-2.0, 2.0, 40.0], [1.0, 15.0, 10.0]  # two of them beyond an end
+    start = [0, "assist", "predictive"]
+    requests = [
+        {
+            "inputs": [start, [0, "slider", ["ramp", ramp]], [0, "goal", goal]],
+            "instants": 12000,
+        }
+        for ramp in (25.0, 200.0)
+        for goal in goals
+    ]
+    crane = crane_of("tower")
+    drives, margin = crane.layout.drives, 0.02 * (crane.upper - crane.lower)
+    inside = crane.lower + margin, crane.upper - margin
+    for done, goal in zip(in_node(data_of("tower"), *requests), 2 * goals, strict=True):
+        assert (done["event"], done["assist"]) == (None, "predictive")
+        reached = np.clip(goal, *(bound[drives] for bound in inside))
+        np.testing.assert_allclose(np.array(done["q"])[drives], reached, atol=0.02)
 
 
 @pytest.mark.parametrize("name", ASSISTANCES)
@@ -393,9 +426,9 @@ def test_contact_is_that_of_coal() -> None:
 
 
 def test_the_file_is_small_and_loads_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(page, "page_data", lambda *_: data_of("tower"))
+    monkeypatch.setattr(page, "page_data", lambda *of: data_of("tower"))
     file = page.export(tmp_path / "crane.html", crane_of("tower"))
     text = file.read_text("utf-8")
     assert len(text) < 1_000_000

@@ -304,20 +304,20 @@ def test_the_types_of_the_scripts_hold() -> None:
 @browser
 @pytest.mark.slow
 def test_the_crane_of_a_browser_is_that_of_simulate(driver: Any, tmp_path: Path) -> None:
-    data = json.dumps(test_page.data_of("tower"))
-    html = tmp_path / "kernel.html"
-    html.write_text(f"<script>{test_page.script()}\nconst data = {data};</script>", "utf-8")
-    requests = [test_page.request(name, 1000) for name in test_page.ASSISTANCES]
+    def drive(data: dict[str, Any], *requests: dict[str, Any]) -> list[dict[str, Any]]:
+        html = tmp_path / "kernel.html"
+        text = f"<script>{test_page.script()}\nconst data = {json.dumps(data)};</script>"
+        html.write_text(text, "utf-8")
+        driver.get(html.as_uri())
+        return driver.execute_async_script(
+            "const [requests, done] = arguments; drive(data, requests).then(done);", requests
+        )
+
     driver.execute_script("window.open()")
     first, second = driver.window_handles
     driver.switch_to.window(second)
     try:
-        driver.get(html.as_uri())
-        done = driver.execute_async_script(
-            "const [requests, done] = arguments; drive(data, requests).then(done);", requests
-        )
+        test_page.check_itinerary(drive)
     finally:
         driver.close()
         driver.switch_to.window(first)
-    for name, end in zip(test_page.ASSISTANCES, done, strict=True):
-        test_page.check_same(end, test_page.in_python("tower", name, 1000), 1e-12)
