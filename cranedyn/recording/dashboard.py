@@ -13,7 +13,7 @@ from cranedyn.dynamics.pinocchio import payload_position, point_positions
 from cranedyn.plotting.style import rgb
 from cranedyn.recording.run import SCENE, TIMELINE, Run
 from cranedyn.recording.scene import BACKGROUND, drawn_size, payload_entity
-from cranedyn.recording.series import GAPS, READOUT, Table, plots, time_series_view
+from cranedyn.recording.series import GAPS, READOUT, Table, plots, time_range, time_series_view
 from cranedyn.recording.shapes import visible_points
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -43,7 +43,8 @@ def dashboard(runs: Sequence[Run], tables: Sequence[Table], *, gaps: bool = Fals
         time_series_view(name, runs, tables) for name in ("swing", "stretch") if name in names
     ]
     if gaps:
-        passive.insert(0, rrb.TimeSeriesView(name="Distance [m]", origin=GAPS))
+        axis = rrb.TimeAxis(view_range=time_range(runs))
+        passive.insert(0, rrb.TimeSeriesView(name="Distance [m]", origin=GAPS, axis_x=axis))
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(

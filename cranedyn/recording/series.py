@@ -244,7 +244,7 @@ def time_series_view(
         origin="/",
         contents=[f"+ {path}" for path in overrides],
         overrides=overrides,
-        axis_x=rrb.TimeAxis(view_range=_time_range(runs)) if tables else None,
+        axis_x=rrb.TimeAxis(view_range=time_range(runs)) if tables else None,
         axis_y=rrb.ScalarAxis(range=_axis_range(curves, first.least_span)) if tables else None,
         plot_legend=rrb.PlotLegend(corner="RightTop"),
     )
@@ -276,7 +276,7 @@ def _line(curve: Curve, run: str, run_colour: str) -> rrb.visualizers.Visualizer
     ).visualizer(mappings=[source])
 
 
-def _time_range(runs: Sequence[Run]) -> rr.TimeRange:
+def time_range(runs: Sequence[Run]) -> rr.TimeRange:
     """Return the time from the first to the last row, and as much more as the legend hides; by
     default Rerun shows a minute.
     """

@@ -40,7 +40,9 @@ MODULES = [
         "recording.snapshot planning.site_file planning.lift planning.least_time "
         "planning.certificate planning.perturbed compiled.fleet interfaces bridges.gymnasium "
         "bridges.commissioning.words bridges.commissioning.served_crane bridges.matlab "
-        "bridges.commissioning.serve bridges.controller_block compiled.crane_block"
+        "bridges.commissioning.serve bridges.controller_block compiled.crane_block "
+        "sites.site_file sites.site sites.bodies sites.brakes sites.proof sites.obstacles "
+        "sites.supervisor sites.simulate sites.plan"
     ).split()
 ]
 """Modules that people import from."""
@@ -190,6 +192,22 @@ CALLS = {
         Live(crane, 'a', title='t', file='new.rrd').close()
         check_port(28431)
         """,
+    "sites": """
+        read_crane_site('two_towers')
+        crane_bodies(crane, np.ones(3), 0.1)
+        brakes(crane, 'gears', reaction=1.0)
+        Brakes(1.0, three, three)
+        Station('a', crane, np.ones(3), 0.1, converters(crane), brakes(crane))
+        CraneSite('a yard', yard.stations, 0.0, 1.0, 0.1)
+        yard.apart(0, reserved[0], reserved)
+        yard.pair_apart(0, reserved[0], 1, reserved[1], 1.0)
+        Supervisor(yard, reserved)
+        Guard(yard.stations[0], 0.1).step(0.1, start, three)
+        simulate_site(yard, [push, push], duration=0.2, dt=0.002, seed=1)
+        simulate_site(yard, [push, push], duration=0.1, channel=MessageChannel(0.1, 0.2))
+        simulate_site(yard, [push, push], duration=0.1, wind=SiteWind(steady(8.0), 0.3, 4.0))
+        plan_site(yard, [('north', np.array([20.0, 22.0, 20.0]))])
+        """,
     "lifting": """
         loads(crane, trajectory)
         jib_moment(crane, trajectory, np.array([0.0, 5.0]))
@@ -237,6 +255,9 @@ VALUES = {
     "motion.q": "motion.q*nan motion.q[1:] motion.q[:,1:] motion.q[:0] motion.q*1e300",
     "motion": "short elsewhere still",
     "t": "t[::-1] t[:0] t[:1] t*nan t[:,None] np.zeros(1200) np.full(1200,1e300) t.astype('f2')",
+    "reserved": "reserved[:1] [reserved[0]]*2 [box*nan for box in reserved] "
+    "[box+[[-1e300],[1e300]] for box in reserved]",
+    "push": "(lambda*a:np.zeros(2)) (lambda*a:np.full(3,nan)) (lambda*a:np.full(3,1e300)) law",
     "points": "points[:1] points*nan points[0] points+1e300",
     "commands": "commands[:1] commands*nan commands[:,:1] commands+1e300 commands.astype(complex)",
     "trajectory": "trajectory.before(-1.0) trajectory.before(0.006)",
@@ -289,6 +310,9 @@ def namespace() -> dict[str, Any]:
         "points": "np.zeros((2, 3))",
         "commands": "np.zeros((3, 2))",
         "by_mass": "lambda by: with_longer_cable(crane, short, by)",
+        "yard": "read_crane_site('two_towers')",
+        "reserved": "[Guard(station, 0.1).box for station in yard.stations]",
+        "push": "lambda t, states: 0.01 * three",
         "model": "Model.of(Prior(), [Record.of(crane, {'t_s': t, 'phi_rad': 0.1 * np.sin(t)})], "
         "['phi_bias'])",
     }.items():
