@@ -21,6 +21,7 @@ from rerun.urdf import UrdfTree
 from scipy.spatial.transform import Rotation
 
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.bodies import point_paths
 from cranedyn.dynamics.pinocchio import payload_orientation, point_positions
 from cranedyn.errors import printable
 from cranedyn.model.crane import Crane
@@ -318,7 +319,7 @@ def _cable(crane: Crane, q: np.ndarray) -> np.ndarray:
     a rope that may go slack also points between that sag.
     """
     order = [*range(1, len(crane.points)), 0]
-    points = np.array([point_positions(crane, row)[order] for row in q]).reshape(-1, len(order), 3)
+    points = point_paths(crane, np.asarray(q))[:, order]
     if (rope := crane.springs.rope) is None:
         return points
     top, end = points[:, :1], points[:, 1:2]
