@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 import rerun.blueprint as rrb
 
+from cranedyn.dynamics.bodies import point_paths
 from cranedyn.dynamics.pinocchio import payload_position, point_positions
 from cranedyn.plotting.style import rgb
 from cranedyn.recording.run import SCENE, TIMELINE, Run
@@ -128,7 +129,7 @@ def _reach(run: Run) -> float:
     if layout.has("slew", "trolley"):
         return float(run.crane.upper[layout.role("trolley", "The reach")])
     rows = run.trajectory.q[:: max(1, len(run.trajectory) // 50)]
-    points = np.array([point_positions(run.crane, q)[:, :2] for q in rows])
+    points = point_paths(run.crane, rows)[..., :2]
     return float(np.linalg.norm(points, axis=-1).max())
 
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.bodies import point_paths
 from cranedyn.dynamics.contact import ground_phases
 from cranedyn.dynamics.joint_forces import JointForces
-from cranedyn.dynamics.pinocchio import point_positions
 from cranedyn.dynamics.validity import Bound, conditions, first_event, hoisting, valid
 from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State, Validity
@@ -242,7 +242,7 @@ class Log:
         """Return the work of the external forces up to each row [J], shape (rows,)."""
         if not force.any():
             return np.zeros(len(force))
-        positions = np.array([point_positions(self._crane, q).ravel() for q in middle])
+        positions = point_paths(self._crane, middle).reshape(len(middle), -1)
         return _cumulated((force[:-1] * np.diff(positions, axis=0)).sum(axis=1), len(force))
 
 

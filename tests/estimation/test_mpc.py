@@ -292,9 +292,21 @@ def failing(
 
 
 @needs_solver
+def test_nothing_is_optimised_where_the_lqr_keeps_all_bounds() -> None:
+    motion, start = at_rest(crane()), crane().state(**REST, phi=0.1)
+    runs = []
+    for swing_limit, solved in ((math.pi / 2.0, failing), (0.1001, None)):
+        controller = mpc(crane(), motion, swing_limit=swing_limit)
+        if solved:
+            controller.solve = solved(controller, after=0)
+        runs.append(quickly(crane(), controller, motion, start=start, duration=1.0))
+    assert np.abs(runs[0].q - runs[1].q).max() < 1e-9  # accuracy of DAQP
+
+
+@needs_solver
 def test_an_optimisation_that_fails_ends_the_run_and_no_old_command_goes_on() -> None:
     motion, start = at_rest(crane()), crane().state(**REST, phi=0.1)
-    controller = mpc(crane(), motion)
+    controller = mpc(crane(), motion, swing_limit=0.01)
     controller.solve = failing(controller, after=3)
     with pytest.raises(
         RunError, match=r"At t = 0\.15 s the optimisation of the MPC failed: it goes in circles"
