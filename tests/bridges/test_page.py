@@ -297,6 +297,11 @@ def test_what_was_driven_is_a_run_with_our_columns(tmp_path: Path) -> None:
             continue
         scale = max(1.0, float(np.abs(run[column]).max()))
         np.testing.assert_allclose(values, run[column][:4000], rtol=0, atol=1e-9 * scale)
+    # The setpoint is what the ramps ask for: behind it a drive is by its lag.
+    late = converters(crane_of("tower")).lags * rows[-1, 6 + crane_of("tower").layout.drives]
+    at = columns.index("gamma_setpoint_rad")
+    behind = rows[-1, at : at + 3] - rows[-1, 1 + crane_of("tower").layout.drives]
+    np.testing.assert_allclose(behind, late, rtol=0, atol=1e-3)
     file = tmp_path / "drive.csv"
     lines = [",".join(columns), *(",".join(map(repr, row)) for row in done["rows"])]
     file.write_text("\n".join(lines) + "\n")
