@@ -14,6 +14,7 @@ from typing import Any
 import coal
 import numpy as np
 import pytest
+import trimesh
 from scipy.interpolate import RegularGridInterpolator
 
 import cranedyn as cd
@@ -28,6 +29,7 @@ from cranedyn.identification.record import load_record
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.lifting.chart import CHARTS, read_chart
 from cranedyn.model.crane import Crane
+from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from cranedyn.planning.site_file import read_site
 from cranedyn.planning.solids import box, hull
@@ -270,7 +272,7 @@ def test_sliders_change_the_crane_as_its_arguments_do() -> None:
     # The page scales the inertia of the load with its mass; the argument alone leaves it.
     inertia = {"payload_inertia": 2.5 * float(crane_of("tower").payload_inertia[0, 0])}
     crane = load_crane(payload_mass=2500.0, damp_swing=400.0, **inertia)
-    area = page.DRAG * page._frontal_area(crane, None)
+    area = page.DRAG * page._frontal_area(np.array(data["crane"]["load"]))
     done = in_node(data, {"inputs": inputs, "instants": 1000, "rows": True})[0]
     run = cd.simulate(
         crane,
@@ -295,6 +297,11 @@ def test_what_was_driven_is_a_run_with_our_columns(tmp_path: Path) -> None:
             continue
         scale = max(1.0, float(np.abs(run[column]).max()))
         np.testing.assert_allclose(values, run[column][:4000], rtol=0, atol=1e-9 * scale)
+    # The setpoint is what the ramps ask for: behind it a drive is by its lag.
+    late = converters(crane_of("tower")).lags * rows[-1, 6 + crane_of("tower").layout.drives]
+    at = columns.index("gamma_setpoint_rad")
+    behind = rows[-1, at : at + 3] - rows[-1, 1 + crane_of("tower").layout.drives]
+    np.testing.assert_allclose(behind, late, rtol=0, atol=1e-3)
     file = tmp_path / "drive.csv"
     lines = [",".join(columns), *(",".join(map(repr, row)) for row in done["rows"])]
     file.write_text("\n".join(lines) + "\n")
@@ -394,6 +401,33 @@ def test_an_exercise_is_done_when_the_load_is_still() -> None:
     assert not swinging["task"]["done"]
     planned = {task["name"]: task["best"] for task in data_of("tower")["tasks"]}
     assert planned["ring"]["time"] < planned["blind"]["time"]
+
+
+def test_a_mesh_is_drawn_in_its_place_with_as_many_triangles_as_a_page_takes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trimesh.creation.icosphere(subdivisions=6, radius=0.5).export(tmp_path / "ball.stl")
+    visual = (
+        '<visual><origin xyz="0 0 -3"/><geometry><mesh filename="ball.stl" scale="2 2 2"/>'
+        '</geometry></visual><visual><geometry><mesh filename="plate.stl"/></geometry></visual>'
+    )
+    trimesh.creation.box((1.0, 2.0, 0.5)).export(tmp_path / "plate.stl")
+    urdf = tmp_path / "crane.urdf"
+    plain = describe(visuals=False)
+    urdf.write_text(plain.replace('<link name="hook_link">', f'<link name="hook_link">{visual}'))
+    crane = load_crane(urdf)
+    visuals = list(page._visuals(crane, None, tmp_path))
+    (_, ball_shape, _), (_, plate_shape, _) = visuals
+    ball, plate = page._shape_data(crane, visuals)
+    assert "of their 81932 triangles, exact to 64 mm" in capsys.readouterr().err
+    assert (ball_shape.kind, plate_shape.kind) == ("mesh", "mesh")
+    corners = np.reshape(ball["vertices"], (-1, 3))
+    np.testing.assert_allclose(np.linalg.norm(corners, axis=1), 1.0, atol=0.064)
+    surface = trimesh.Trimesh(corners, np.reshape(ball["triangles"], (-1, 3)))
+    assert surface.volume == pytest.approx(4.0 / 3.0 * math.pi, rel=0.02)
+    np.testing.assert_allclose(np.array(ball["translation"]) - plate["translation"], [0, 0, -3])
+    with pytest.raises(DataError, match=r"ball\.stl"):
+        next(page._visuals(crane, None, tmp_path / "elsewhere"))
 
 
 def test_contact_is_that_of_coal() -> None:

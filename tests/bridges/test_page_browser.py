@@ -280,6 +280,28 @@ def test_a_wall_does_not_hide_the_load_that_is_followed(driver: Any) -> None:
 
 
 @browser
+def test_a_mesh_is_drawn(driver: Any) -> None:
+    without, drawn = driver.execute_script(
+        "const {scene, state: {q}, data: {crane}} = page, {gl, canvas} = scene, seen = [];"
+        "const look = {...page.look, night: false, view: 'side'};"
+        "const {joint, point} = crane.points[crane.points.length - 1];"
+        "const mesh = {kind: 'mesh', joint, colour: [1, 0, 0, 1], payload: true, size: [6, 6, 6],"
+        "  rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1], translation: point,"
+        "  vertices: [3, 0, -2, -2, 3, -2, -2, -3, -2, 0, 0, 3],"
+        "  triangles: [0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3]};"
+        "for (const shapes of [[], [mesh]]) {"
+        "  scene.crane = {...crane, shapes}; scene.build([]);"
+        "  scene.draw(q, look); scene._blend = 1; scene.draw(q, look);"
+        "  const pixel = new Uint8Array(4), scale = canvas.width / canvas.clientWidth;"
+        "  const [x, y] = scene.project(scene.load).map(place => place * scale);"
+        "  gl.readPixels(x + 4, canvas.height - y, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);"
+        "  seen.push([...pixel]); }"
+        "scene.crane = crane; page._build(); return seen"
+    )
+    assert drawn[0] > drawn[1] + 60 and abs(without[0] - without[1]) < 60, (without, drawn)
+
+
+@browser
 def test_a_picture_that_is_lost_comes_back(driver: Any) -> None:
     driver.execute_script(
         "window.lost = page.scene; const way = lost.gl.getExtension('WEBGL_lose_context');"

@@ -82,7 +82,8 @@ class Kernel {
     this.numbers.set(data.numbers);
     this._state = buffers.state;
     this._queued = view("state", "unheard");
-    this._reference = view("state", "reference");
+    /** Rates of the drives after the ramps of their converters. */
+    this.reference = view("state", "reference");
     this.drives = data.drives;
     this.setState(data.state);
     this._invalid = view("summary", "invalid");
@@ -107,7 +108,7 @@ class Kernel {
     const rates = this.drives.map(joint => state[this.q.length + joint]);
     this._state.fill(0);
     this._state.set(state);
-    this._reference.set(rates);
+    this.reference.set(rates);
     this._queued.forEach((_, i) => { this._queued[i] = rates[i % rates.length]; });
   }
 

@@ -84,7 +84,7 @@ class Run {
     this._before = {effort: [0], middle: [0], power: 0, force: [0, 0, 0], load: [0, 0, 0]};
     this.assistant.begin(this.kernel.q, this.kernel.v);
     this.goTo(this.driven());
-    /** Where the commanded rates would have taken the drives. */
+    /** Where the ramps of the converters would have taken the drives. */
     this.asked = this.driven();
     this.setpoint = this.asked;
     /** @type {number | null} Tension of the rope [N]; null where it is not known. */
@@ -204,10 +204,11 @@ class Run {
     this.state.force = this.blow(rope);
     const middle = crane.drives.map(i => q[i] - crane.lead * v[i]);
     const power = crane.damping.reduce((sum, d, i) => sum + d * v[i] * v[i], 0);
-    const {goal, command} = kernel, {period} = this.data.kernel;
-    this.setpoint = planned ? Array.from(goal) : this.asked;
+    const {period} = this.data.kernel;
+    this.setpoint = this.asked;
+    const before = Array.from(kernel.reference);
     this.valid = kernel.advance();
-    this.asked = planned ? this.driven() : this.asked.map((x, i) => x + command[i] * period);
+    this.asked = this.asked.map((x, i) => x + (before[i] + kernel.reference[i]) / 2 * period);
     this.account(middle, power, rope);
     this.tension = crane.rope && crane.rope.damping * this.state.v[crane.drives[crane.rope.hoist]]
       - kernel.row.effort[crane.rope.hoist];
