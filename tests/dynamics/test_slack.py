@@ -18,7 +18,7 @@ from cranedyn.controllers import Hold, hold_controller
 from cranedyn.data.trajectory import Trajectory, join, read
 from cranedyn.dynamics.drives import EffortDrives, MotionDrives
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
-from cranedyn.dynamics.linearisation import free_modes
+from cranedyn.dynamics.linearisation import free_modes, held_states, sampled
 from cranedyn.dynamics.pinocchio import holding_effort, linearise, payload_position, rope_tension
 from cranedyn.errors import CraneError, RunError
 from cranedyn.interfaces import State
@@ -162,6 +162,8 @@ def test_a_taut_rope_that_does_not_stretch_is_a_rigid_one() -> None:
     assert_allclose(ours[np.ix_(range(5), columns)], expected, rtol=1e-6, atol=1e-8)
     assert_allclose(by_effort[:5], theirs, rtol=1e-6, atol=1e-12)
     assert not ours[5].any()
+    held = held_states(crane, with_stretch)
+    assert held == [5, 11] and not sampled(crane, with_stretch).a[:, held].any()
     modes = [free_modes(c, c.start).frequencies for c in (crane, rigid)]
     assert_allclose(*modes, rtol=1e-12)
     runs = [run_of(c, s, 1.0) for c, s in ((crane, with_stretch), (rigid, state))]
