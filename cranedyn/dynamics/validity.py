@@ -14,7 +14,6 @@ from functools import reduce
 from itertools import chain
 from operator import and_
 from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.bodies import Bodies, bodies, heights
 from cranedyn.dynamics.drives import cable_buffers
 from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force
-from cranedyn.model.crane import Crane
+from cranedyn.model.crane import Crane, once_per_crane
 from cranedyn.model.layout import Layout
 
 
@@ -265,15 +264,11 @@ def hoisting(crane: Crane, effort: np.ndarray) -> np.ndarray:
     return np.zeros(len(effort)) if hoist is None else effort[:, hoist]
 
 
+@once_per_crane
 def _tree(crane: Crane) -> Bodies:
-    """Return the bodies of a crane in plain numbers, computed once."""
-    if crane not in _TREES:
-        tree = bodies(crane.model)
-        _TREES[crane] = tree.with_numbers(tree.numbers().tolist())
-    return _TREES[crane]
-
-
-_TREES: WeakKeyDictionary[Crane, Bodies] = WeakKeyDictionary()
+    """Return the bodies of a crane in plain numbers."""
+    tree = bodies(crane.model)
+    return tree.with_numbers(tree.numbers().tolist())
 
 
 def _beginnings(crane: Crane, bound: Bound, holds: np.ndarray) -> list[Event]:
