@@ -369,8 +369,20 @@ cranedyn/compiled/kernel.py
 + self._keep_angle(i, pairs[i])
 * a compiled loop logs efforts a period late
 ? compiled::a_run_of_many_blocks_is_the_same
-- row = [*q, *v, *command, *effort, *before,
-+ row = [*q, *v, *command, *before, *effort,
+- acts, energy = [*command, *effort, *before],
++ acts, energy = [*command, *before, *effort],
+* a compiled loop dissipates at the end of a period alone
+? compiled::a_run_of_many_blocks_is_the_same
+- loss = (self._get("power") + power) / 2.0 *
++ loss = power *
+* a compiled loop counts the work of the effort before a period
+? compiled::a_run_of_many_blocks_is_the_same
+- work = (self._get("acted") + before) / 2.0 *
++ work = before *
+* a compiled loop does not say that the model has ceased to hold
+? compiled::a_hoist_that_pushes_the_rope_ends_both_runs
+- code.chosen(holds, 0.0, 1.0), 2.0)
++ 0.0, 2.0)
 * compiled code begins a piece of a control period with control again
 ? compiled_binding::a_run_in_pieces_is_the_same_to_the_bit
 - with code.when(code.builder.not_(begun)):
@@ -418,7 +430,7 @@ cranedyn/compiled/engine.py
 +
 * what a compiled loop integrated is forgotten
 ? compiled::a_run_of_many_blocks_is_the_same
-- if isinstance(controller, Stateful):
+- if hasattr(controller, "resume"):
 + if False:
 cranedyn/compiled/batch.py
 * cranes of a batch have each other's numbers

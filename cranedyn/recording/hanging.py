@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.bodies import point_paths
 from cranedyn.dynamics.contact import ON_GROUND
-from cranedyn.dynamics.pinocchio import body_points, point_positions
+from cranedyn.dynamics.pinocchio import body_points
 from cranedyn.model.crane import Crane
 
 CONTACT = "#F22B05"

@@ -325,7 +325,8 @@ class _SiteCrane:
         force = None if self._wind is None else as_force(self._wind(t, state), layout)
         command = as_command(rates, t, layout)
         setpoint = Setpoint(state.q[layout.drives], command, np.zeros(layout.m))
-        self.log.append(state, setpoint, self.engine.apply_command(command, force))
+        self.engine.apply_command(command, force)
+        self.log.append(self.engine.row(setpoint))
         self.engine.advance()
 
     def swing(self, q: np.ndarray) -> float:

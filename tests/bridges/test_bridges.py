@@ -181,8 +181,10 @@ def test_what_cannot_be_exported_is_a_sentence_and_nothing_is_written(
 
 @pytest.mark.parametrize(
     ("exporter", "name"),
-    [("c", "c"), ("fmu", "c.fmu"), ("gazebo", "c"), ("matlab", "c.mat"), ("mjcf", "c.xml")]
-    + [("page", "c.html"), ("ros2", "c"), ("st", "c.st")],
+    [
+        *[("c", "c"), ("fmu", "c.fmu"), ("gazebo", "c"), ("matlab", "c.mat"), ("mjcf", "c.xml")],
+        *[("page", "c.html"), ("ros2", "c"), ("st", "c.st")],
+    ],
 )
 def test_a_target_that_exists_stays_as_it_is(
     exporter: str, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
