@@ -251,7 +251,7 @@ class _Log:
         )
         ends, radius = placed.ends, placed.radius
         first, second = (replace(placed, ends=ends[i], radius=radius[i]) for i in rows)
-        _, _, gaps = separations(first, second)
+        _, gaps = separations(first, second)
         moved = np.zeros(len(ends))
         if self._ends is not None:
             moved = np.linalg.norm(ends - self._ends, axis=2).max(axis=1) + 2.0 * _BEND
