@@ -36,12 +36,13 @@ PATIENCE = 0.5
 HORIZON = 1.5
 """Time for which a crane asks in advance [s]: two lost or late answers and a cycle."""
 
-DAMPING = 0.15
-"""Damping ratio of the swing that guards add while it is more than a quarter of what is allowed."""
+DAMPING, DAMPED = 0.15, 0.95
+"""Damping ratio of the swing that guards add, and share of the largest swing from which they do:
+that to which the rope would swing if all drives braked."""
 
-GENTLE = 0.2
-"""Share of the largest swing by which a deceleration of a drive that a guard plans inclines the
-rope."""
+GENTLE = 0.95 / (4.0 * math.sqrt(2.0))
+"""Share of the largest swing by which an acceleration of a drive that a guard plans inclines the
+rope: two drives at right angles may speed up and brake at the worst times."""
 
 _SHARES = (1.0, 0.5, 0.25, 0.125)
 """Shares of an extension that are tried."""
@@ -101,6 +102,7 @@ class Guard:
         self.fault = False
         self.blocked_by: tuple[str, ...] = ()
         self._number, self._asked_at, self._tube = 0, -math.inf, self.box
+        self._plan = station.rope(station.crane.start.q)[1][:2]
         self._lower, self._upper = (
             ends[layout.drives] for ends in (station.crane.lower, station.crane.upper)
         )
@@ -131,11 +133,11 @@ class Guard:
         if self.fault:
             self.rates = np.clip(0.0, self.rates - steps, self.rates + steps)
             return self.rates, None
-        amplitude = load_amplitude(self.station.crane, state)
-        if amplitude > self.swing / 2.0:
-            command = np.zeros_like(command)
-        if amplitude > self.swing / 4.0:
-            command = command + self._damping(state)
+        swing, damping = self._swing(state)
+        if swing > DAMPED * self.swing:
+            slower = np.clip(command, np.minimum(self.rates, 0.0), np.maximum(self.rates, 0.0))
+            slower[self.station.crane.winch] = max(slower[self.station.crane.winch], 0.0)
+            command = np.clip(slower, self.rates - steps, self.rates + steps) + damping
         rates = np.clip(command, self.rates - steps, self.rates + steps)
         ahead = brakes.largest_rate(self.box[1] - position - slack)
         back = -brakes.largest_rate(position - self.box[0] - slack)
@@ -154,10 +156,11 @@ class Guard:
 
     def _request(self, t: float, position: np.ndarray, command: np.ndarray) -> BoxRequest:
         brakes = self.brakes
-        coming = brakes.tube(
-            position, np.minimum(command, self.rates), np.maximum(command, self.rates)
-        )
-        coming += HORIZON * np.array([np.minimum(command, 0.0), np.maximum(command, 0.0)])
+        change = brakes.decelerations * HORIZON
+        soon = np.clip(command, self.rates - change, self.rates + change)
+        low, high = np.minimum(soon, self.rates), np.maximum(soon, self.rates)
+        coming = brakes.tube(position, low, high)
+        coming += HORIZON * np.array([np.minimum(low, 0.0), np.maximum(high, 0.0)])
         low, high = np.minimum(coming[0], self._tube[0]), np.maximum(coming[1], self._tube[1])
         wanted = np.array(
             [np.maximum(low, self._lower - brakes.tolerances),
@@ -172,14 +175,25 @@ class Guard:
         wanted = np.array([np.minimum(wanted[0], self.box[0]), np.maximum(wanted[1], self.box[1])])
         return BoxRequest(self._number, self.box, wanted)
 
-    def _damping(self, state: State) -> np.ndarray:
-        """Return rates that take the pivot towards the load, 2 ζ ω times its distance in plan."""
-        station, crane = self.station, self.station.crane
+    def _swing(self, state: State) -> tuple[float, np.ndarray]:
+        """Return the largest angle of the rope [rad] if all drives brake now, and changes of rates
+        that damp it: those of the pivot are 2 ζ ω times those of the load's place from it in plan.
+
+        A drive that brakes within a acceleration of the pivot a from a rate of the pivot v adds an
+        amplitude of no more than 2 a/g, and no more than v/√(g l).
+        """
+        crane = self.station.crane
         assert crane.winch is not None
-        cable = float(state.q[crane.layout.drives[crane.winch]])
-        _, rope, motion = station.rope(state.q)
-        towards = 2.0 * DAMPING * math.sqrt(crane.gravity * cable) * rope[:2]
-        return np.linalg.pinv(motion[:2], rcond=1e-3) @ towards
+        cable = abs(float(state.q[crane.layout.drives[crane.winch]]))
+        fall = math.sqrt(crane.gravity * cable)
+        _, rope, motion = self.station.rope(state.q)
+        reach = np.linalg.norm(motion[:2], axis=0)
+        added = np.minimum(
+            2.0 * self.brakes.decelerations / crane.gravity, np.abs(self.rates) / fall
+        )
+        swing = load_amplitude(crane, state) + float(np.linalg.norm(reach * added))
+        change, self._plan = rope[:2] - self._plan, rope[:2]
+        return swing, np.linalg.pinv(motion[:2], rcond=1e-3) @ (2.0 * DAMPING * fall * change)
 
 
 def gentle(station: Station, swing: float) -> Brakes:
