@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -16,9 +15,9 @@ from llvmlite import ir
 from cranedyn.compiled.binding import RowFunction
 from cranedyn.compiled.code import DOUBLE, INTEGER, POINTER, Code
 from cranedyn.compiled.machine import translate
-from cranedyn.dynamics.scalars import array, rows
+from cranedyn.dynamics.scalars import array
 from cranedyn.sites import capsules
-from cranedyn.sites.bodies import CraneBodies, PlacedCapsules
+from cranedyn.sites.bodies import CraneBodies
 from cranedyn.sites.capsules import CAPSULE, JOINT, Capsule, separation
 
 ROUNDING = 1e-6
@@ -71,16 +70,6 @@ def proven_apart(
     ]
     prove = _compiled(bodies.axis.shape[1], bodies.radius.shape[1])
     return prove(np.hstack([numbers, *blocks]))[:, 0] > 0.0
-
-
-def separations(a: PlacedCapsules, b: PlacedCapsules) -> tuple[np.ndarray, np.ndarray]:
-    """Return separation and an upper bound of the distance [m] of N pairs of capsules, shape (N,)
-    each, see `cranedyn.sites.capsules.separation`.
-    """
-    low, _, gap = separation(
-        *(replace(x, ends=rows(x.ends.reshape(-1, 6)).reshape(2, 3)) for x in (a, b))
-    )
-    return np.asarray(low), np.asarray(gap)
 
 
 @cache

@@ -13,8 +13,7 @@ from cranedyn.checks import number, whole
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import EngineName, State
 from cranedyn.simulation.stepper import Stepper
-from cranedyn.sites.bodies import place_capsules
-from cranedyn.sites.proof import separations
+from cranedyn.sites.bodies import place_capsules, separations
 from cranedyn.sites.site import CraneSite
 from cranedyn.sites.supervisor import CYCLE, Guard, Supervisor
 

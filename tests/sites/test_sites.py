@@ -14,9 +14,9 @@ import pytest
 from cranedyn.errors import DataError
 from cranedyn.interfaces import State
 from cranedyn.planning.bodies import shape_corners
-from cranedyn.sites.bodies import place_capsules, segment_distance
+from cranedyn.sites.bodies import place_capsules, segment_distance, separations
 from cranedyn.sites.brakes import brakes
-from cranedyn.sites.proof import proven_apart, separations
+from cranedyn.sites.proof import proven_apart
 from cranedyn.sites.simulate import MessageChannel, SiteRun, simulate_site
 from cranedyn.sites.site import CraneSite, Station
 from cranedyn.sites.site_file import EXAMPLES, SITES, read_crane_site
