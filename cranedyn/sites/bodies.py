@@ -22,7 +22,7 @@ from cranedyn.errors import ModelError
 from cranedyn.model.crane import Crane
 from cranedyn.planning.bodies import shape_corners
 from cranedyn.planning.solids import rotation_z
-from cranedyn.sites.capsules import CAPSULE, JOINT, place, separation
+from cranedyn.sites.capsules import CAPSULE, JOINT, place, shifts
 
 _MOST, _GAIN, _CUTS = 5, 5.0, 5
 """Most capsules of a joint; volume that a cut of a group of shapes in two saves at least [m³]; cuts
@@ -91,10 +91,12 @@ class PlacedCapsules:
     Attributes:
         ends: Ends of the segments in the frame of the site [m], shape (N, 2, 3).
         radius: Radii, with the swing of rope and load [m], shape (N,).
+        motion: Upper bounds of the shift of any point by each joint [m], shape (N, k).
     """
 
     ends: np.ndarray
     radius: np.ndarray
+    motion: np.ndarray
 
 
 def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
@@ -305,38 +307,17 @@ def place_capsules(
     own = own.reshape(len(which), -1, CAPSULE)[np.arange(len(which)), capsule]
     rope = np.array([[0.0, 0.0, -1.0]]).repeat(len(which), 0) if rope is None else rope
     cone = np.full((len(which), 1), 2.0 * math.sin(swing / 2.0))
-    middle, cable = (low[:, :-1] + high[:, :-1]) / 2.0, np.stack([low[:, -1], high[:, -1]], axis=1)
-    placed = _placing(joints)(np.hstack([cranes, own, middle, cable, cone, rope]))
-    return PlacedCapsules(placed[:, :6].reshape(-1, 2, 3), placed[:, 6])
-
-
-def separations(a: PlacedCapsules, b: PlacedCapsules) -> tuple[np.ndarray, np.ndarray]:
-    """Return separation and an upper bound of the distance [m] of N pairs of capsules, shape (N,)
-    each, see `cranedyn.sites.capsules.separation`.
-    """
-    given = [block for x in (a, b) for block in (x.ends.reshape(-1, 6), x.radius[:, None])]
-    low, gap = _separating()(np.hstack(given)).T
-    return low, gap
+    placed = _placing(joints)(np.hstack([cranes, own, low, high, cone, rope]))
+    return PlacedCapsules(placed[:, :6].reshape(-1, 2, 3), placed[:, 6], placed[:, 7:])
 
 
 @cache
 def _placing(joints: int) -> RowFunction:
-    sizes = [12, JOINT * joints, CAPSULE, joints, 2, 1, 3]
+    sizes = [12 + JOINT * joints, CAPSULE, joints + 1, joints + 1, 1, 3]
 
     def placed(numbers: np.ndarray) -> list[Any]:
-        foot, chain, *rest = np.split(numbers, np.cumsum(sizes)[:-1])
-        own, middle, cable, cone, rope = rest
-        capsule = place(foot, chain.reshape(-1, JOINT), own, middle, cable, cone[0], rope)
-        return [*capsule.ends.flat, capsule.radius]
+        crane, own, low, high, cone, rope = np.split(numbers, np.cumsum(sizes)[:-1])
+        capsule = place(crane, own, low, high, cone[0], rope)
+        return [*capsule.ends.flat, capsule.radius, *shifts(capsule, low, high, rope)[1]]
 
-    return compile_rows(placed, sum(sizes), 7)
-
-
-@cache
-def _separating() -> RowFunction:
-    def separated(numbers: np.ndarray) -> tuple[Any, Any]:
-        a, b = (PlacedCapsules(x[:6].reshape(2, 3), x[6]) for x in numbers.reshape(2, 7))
-        low, _, gap = separation(a, b)
-        return low, gap
-
-    return compile_rows(separated, 14, 2)
+    return compile_rows(placed, sum(sizes), 7 + joints)

@@ -6,19 +6,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from functools import cache
+from functools import cache, reduce
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.binding import RowFunction
-from cranedyn.compiled.code import DOUBLE, INTEGER, POINTER, Code
+from cranedyn.compiled.code import DOUBLE, INTEGER, Code
 from cranedyn.compiled.machine import translate
-from cranedyn.dynamics.scalars import array
+from cranedyn.compiled.rows import compile_rows
+from cranedyn.dynamics.scalars import array, chosen, flag, square_root
 from cranedyn.sites import capsules
-from cranedyn.sites.bodies import CraneBodies
-from cranedyn.sites.capsules import CAPSULE, JOINT, Capsule, separation
+from cranedyn.sites.bodies import CraneBodies, PlacedCapsules
+from cranedyn.sites.capsules import CAPSULE, JOINT, Capsule
 
 ROUNDING = 1e-6
 """Deduction from every distance [m]: a thousand times the rounding errors of a site of 1e5 m."""
@@ -72,6 +73,25 @@ def proven_apart(
     return prove(np.hstack([numbers, *blocks]))[:, 0] > 0.0
 
 
+def separations(a: PlacedCapsules, b: PlacedCapsules) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return separation [m], unit vector and upper bound of the distance [m] of N pairs of
+    capsules, shapes (N,), (N, 3) and (N,), see `cranedyn.sites.capsules.separation`.
+    """
+    given = [block for x in (a, b) for block in (x.ends.reshape(-1, 6), x.radius[:, None])]
+    answers = _separating()(np.hstack(given))
+    return answers[:, 0], answers[:, 1:4], answers[:, 4]
+
+
+@cache
+def _separating() -> RowFunction:
+    def separated(numbers: np.ndarray) -> list[Any]:
+        ends, radius = [x[:6].reshape(2, 3) for x in numbers.reshape(2, 7)], numbers[6::7]
+        low, normal, gap = capsules.separation(ends[0], ends[1], radius[0] + radius[1])
+        return [low, *normal, gap]
+
+    return compile_rows(separated, 14, 5)
+
+
 @cache
 def _compiled(joints: int, count: int) -> RowFunction:
     module = ir.Module()
@@ -91,13 +111,12 @@ def _emit(code: Code, joints: int, count: int) -> None:
     both capsules, lower and upper ends of the joints of both cranes. Of each one that a bound does
     not prove the halves are appended.
     """
-    given, build, width = code.argument["given"], code.builder, 2 + 2 * _side(joints, count)
-    item = 2 + 4 * joints
-    balls, queue = (
-        build.bitcast(build.alloca(DOUBLE, size), POINTER)
-        for size in (8 * count, item * (3 * count * count + 2 * MOST))
-    )
-    tail = build.bitcast(build.alloca(INTEGER), POINTER)
+    given, build, side = code.argument["given"], code.builder, _side(joints, count)
+    ends, own = 2 * (joints + 1), 12 + JOINT * joints
+    item = 2 + 2 * ends
+    balls = build.alloca(DOUBLE, 8 * count)
+    queue = build.alloca(DOUBLE, item * (3 * count * count + 2 * MOST))
+    tail = build.alloca(INTEGER)
 
     def numbers(pointer: ir.Value, first: ir.Value, size: int) -> np.ndarray:
         return array([code.spread(pointer, code.plus(first, i)) for i in range(size)])
@@ -106,85 +125,76 @@ def _emit(code: Code, joints: int, count: int) -> None:
         for i, value in enumerate(values):
             code.store(value, pointer, code.plus(first, i))
 
+    def length() -> ir.Value:
+        return build.load(tail)
+
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
-        start = code.product(row, width)
+        start = code.product(row, 2 + 2 * side)
         required, cone = numbers(given, start, 2)
-        places = [code.plus(start, 2 + i * _side(joints, count)) for i in (0, 1)]
+        places = [code.plus(start, 2), code.plus(start, 2 + side)]
 
-        def crane(side: int, which: ir.Value, middle: np.ndarray) -> Capsule:
-            """Return a capsule of a crane by its number."""
-            first = code.plus(places[side], 2 * (joints + 1))
-            own = code.plus(first, 12 + JOINT * joints)
-            return capsules.place(
-                numbers(given, first, 12),
-                numbers(given, code.plus(first, 12), JOINT * joints).reshape(joints, JOINT),
-                numbers(given, build.add(own, code.product(which, CAPSULE)), CAPSULE),
-                middle,
-                numbers(given, places[side], 2 * (joints + 1))[joints :: joints + 1],
-                cone,
-                array([0.0, 0.0, -1.0]),
-            )
+        def placed(place: ir.Value, which: ir.Value, box: np.ndarray) -> Capsule:
+            crane = numbers(given, code.plus(place, ends), own)
+            first = build.add(code.plus(place, ends + own), code.product(which, CAPSULE))
+            capsule, plumb = numbers(given, first, CAPSULE), array([0.0, 0.0, -1.0])
+            return capsules.place(crane, capsule, box[0], box[1], cone, plumb)
 
-        for side in (0, 1):
+        for i, place in enumerate(places):
             with code.loop(0, count) as which:
-                low, high = numbers(given, places[side], 2 * (joints + 1)).reshape(2, -1)[:, :-1]
-                capsule = crane(side, which, (low + high) * 0.5)
-                ball = (
-                    *((capsule.ends[0] + capsule.ends[1]) * 0.5),
-                    capsules.reach(capsule, (high - low) * 0.5),
-                )
-                put(balls, code.product(code.plus(which, side * count), 4), ball)
+                box = numbers(given, place, ends).reshape(2, -1)
+                capsule = placed(place, which, box)
+                along = 0.5 * (capsule.ends[1] - capsule.ends[0])
+                ways = capsules.shifts(capsule, box[0], box[1], array([0.0, 0.0, 0.0]))[1]
+                reach = capsule.radius + square_root(along @ along) + sum(ways[1:], ways[0])
+                ball = [*(capsule.ends[0] + along), reach]
+                put(balls, code.product(code.plus(which, i * count), 4), ball)
         build.store(code.integer(0), tail)
         with code.loop(0, count) as a, code.loop(0, count) as b:
-            of_a, of_b = (numbers(balls, code.product(i, 4), 4) for i in (a, code.plus(b, count)))
-            way = of_a[:3] - of_b[:3]
-            near = of_a[3] + of_b[3] + required
+            one, other = (numbers(balls, code.product(i, 4), 4) for i in (a, code.plus(b, count)))
+            way, near = one[:3] - other[:3], one[3] + other[3] + required
             with code.when(way @ way < near * near):
-                end = code.load_one(tail, 0, INTEGER)
-                boxes = [numbers(given, place, 2 * (joints + 1)).reshape(2, -1) for place in places]
-                ends = [x for box in boxes for x in box[:, :-1].flat]
-                put(queue, code.product(end, item), [*map(code.from_integer, (a, b)), *ends])
-                build.store(code.plus(end, 1), tail)
-        initial = code.load_one(tail, 0, INTEGER)
+                given_ends = [x for place in places for x in numbers(given, place, ends)]
+                put(
+                    queue,
+                    code.product(length(), item),
+                    [*map(code.from_integer, (a, b)), *given_ends],
+                )
+                build.store(code.plus(length(), 1), tail)
+        most = code.plus(length(), MOST)
         code.store(1.0, code.argument["answers"], row)
-        with code.loop(0, lambda: code.load_one(tail, 0, INTEGER)) as head:
+        with code.loop(0, length) as head:
             entry = numbers(queue, code.product(head, item), item)
-            low, high = entry[2:].reshape(2, 2, joints).transpose(1, 0, 2)
-            half = (high - low) * 0.5
-            a, b = (
-                crane(i, build.fptosi(entry[i].register, INTEGER), low[i] + half[i]) for i in (0, 1)
-            )
-            least, normal, gap = separation(a, b)
+            boxes = entry[2:].reshape(2, 2, -1)
+            pair = [
+                placed(places[i], build.fptosi(entry[i].register, INTEGER), boxes[i])
+                for i in (0, 1)
+            ]
+            radii = pair[0].radius + pair[1].radius
+            apart, normal, gap = capsules.separation(pair[0].ends, pair[1].ends, radii)
             moves = [
                 move
-                for side in (0, 1)
-                for move in capsules.shifts((a, b)[side], half[side], normal)
+                for capsule, box in zip(pair, boxes, strict=True)
+                for move in capsules.shifts(capsule, box[0], box[1], normal)[0]
             ]
             total = sum(moves[1:], moves[0])
-            with code.when(least - total < required):
-                fails = code.either(gap < required, total < FINEST)
-                examined = build.sub(head, initial)
-                fails = code.either(fails, build.icmp_signed(">=", examined, code.integer(MOST)))
-                end = code.load_one(tail, 0, INTEGER)
-                largest = moves[0]
-                for move in moves[1:]:
-                    largest = code.call("llvm.maxnum", largest, move)
-                for part in (0, 1):
-                    ends = [low.copy(), high.copy()]
-                    free = 1.0
+            with code.when(apart - total < required):
+                late = build.icmp_signed(">=", head, most)
+                fails = code.either(gap < required, total < FINEST, late)
+                largest = reduce(lambda x, y: chosen(x > y, x, y), moves)
+                for upper in (0, 1):
+                    half, free = boxes.copy(), 1.0
                     for i, move in enumerate(moves):
-                        side, joint = divmod(i, joints)
-                        cut = code.chosen(move >= largest, free, 0.0)
-                        free = free - cut
-                        middle = low[side, joint] + half[side, joint]
-                        old = ends[1 - part][side, joint]
-                        ends[1 - part][side, joint] = code.chosen(cut > 0.5, middle, old)
+                        crane, joint = divmod(i, joints)
+                        cut = free * flag(move >= largest, move)
+                        free, shift = free - cut, (0.5 - upper) * cut
+                        low, high = boxes[crane, :, joint]
+                        half[crane, 1 - upper, joint] += shift * (low - high)
                     put(
                         queue,
-                        code.product(code.plus(end, part), item),
-                        [*entry[:2], *np.array(ends).transpose(1, 0, 2).flat],
+                        code.product(code.plus(length(), upper), item),
+                        [*entry[:2], *half.flat],
                     )
-                build.store(build.select(fails, code.integer(0), code.plus(end, 2)), tail)
+                build.store(build.select(fails, code.integer(0), code.plus(length(), 2)), tail)
                 with code.when(fails):
                     code.store(0.0, code.argument["answers"], row)
     code.end()

@@ -13,7 +13,8 @@ from cranedyn.checks import number, whole
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import EngineName, State
 from cranedyn.simulation.stepper import Stepper
-from cranedyn.sites.bodies import place_capsules, separations
+from cranedyn.sites.bodies import place_capsules
+from cranedyn.sites.proof import separations
 from cranedyn.sites.site import CraneSite
 from cranedyn.sites.supervisor import CYCLE, Guard, Supervisor
 
@@ -250,7 +251,7 @@ class _Log:
         )
         ends, radius = placed.ends, placed.radius
         first, second = (replace(placed, ends=ends[i], radius=radius[i]) for i in rows)
-        _, gaps = separations(first, second)
+        _, _, gaps = separations(first, second)
         moved = np.zeros(len(ends))
         if self._ends is not None:
             moved = np.linalg.norm(ends - self._ends, axis=2).max(axis=1) + 2.0 * _BEND

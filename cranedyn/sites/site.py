@@ -14,16 +14,9 @@ from cranedyn.checks import finite, number
 from cranedyn.dynamics.converters import Converters
 from cranedyn.errors import DataError, OutOfRange, quoted
 from cranedyn.model.crane import Crane
-from cranedyn.sites.bodies import (
-    CraneBodies,
-    PlacedCapsules,
-    crane_bodies,
-    place_capsules,
-    separations,
-    stacked,
-)
+from cranedyn.sites.bodies import CraneBodies, PlacedCapsules, crane_bodies, place_capsules, stacked
 from cranedyn.sites.brakes import Brakes
-from cranedyn.sites.proof import proven_apart
+from cranedyn.sites.proof import proven_apart, separations
 
 DISTANCE, SWING = 1.0, 0.1
 """Required distance between cranes [m] and largest swing of their ropes from plumb [rad] of a site
