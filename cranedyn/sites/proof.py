@@ -28,7 +28,7 @@ FINEST = 0.05
 """Motion of a capsule [m] below which intervals are not halved again: a pair that is closer to the
 required distance than this is not proven."""
 
-MOST = 800
+MOST = 100
 """Pairs of capsules with halved intervals that are examined before the proof of a pair of cranes
 fails."""
 

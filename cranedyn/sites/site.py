@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -137,11 +138,15 @@ class CraneSite:
         chain[..., -1] = values[..., columns[-1]]
         return chain
 
-    def apart(self, station: int, box: np.ndarray, boxes: list[np.ndarray]) -> np.ndarray:
+    def apart(
+        self, station: int, box: np.ndarray, boxes: Sequence[np.ndarray | None]
+    ) -> np.ndarray:
         """Return whether a crane with its drives in a box, shape (2, m), is proven to keep the
-        required distance from each crane in its box, shape (cranes,); from itself it is.
+        required distance from each crane in its box, shape (cranes,); from itself it is, and from
+        one whose box is None.
         """
-        others = [i for i in range(len(self.stations)) if i != station]
+        near = {i: other for i, other in enumerate(boxes) if i != station and other is not None}
+        others = list(near)
         apart = np.ones(len(self.stations), dtype=bool)
         if others:
             apart[others] = proven_apart(
@@ -149,7 +154,7 @@ class CraneSite:
                 np.full(len(others), station),
                 np.array([self.positions(station, box)] * len(others)),
                 np.array(others),
-                np.array([self.positions(i, boxes[i]) for i in others]),
+                np.array([self.positions(i, other) for i, other in near.items()]),
                 self.distance,
                 self.swing,
             )
