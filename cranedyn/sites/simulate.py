@@ -14,9 +14,10 @@ from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import EngineName, State
 from cranedyn.simulation.stepper import Stepper
 from cranedyn.sites.bodies import place_capsules
+from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.proof import separations
 from cranedyn.sites.site import CraneSite
-from cranedyn.sites.supervisor import CYCLE, Guard, Supervisor
+from cranedyn.sites.supervisor import Guard, Supervisor
 
 SiteOperator = Callable[[float, Sequence[State]], np.ndarray]
 """Rates of the drives of one crane [rad/s or m/s], shape (m,), at a time [s] and states of all."""

@@ -24,12 +24,9 @@ import numpy as np
 from cranedyn.errors import DataError, quoted
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.sites.brakes import Brakes
+from cranedyn.sites.brakes import CYCLE, Brakes
 from cranedyn.sites.proof import proven_apart
 from cranedyn.sites.site import CraneSite, Station
-
-CYCLE = 0.1
-"""Period of guards and supervisor [s]."""
 
 PATIENCE = 0.5
 """Time after which a guard no longer waits for the answer to its request [s]."""
