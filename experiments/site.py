@@ -34,8 +34,9 @@ HOOKING, DAMPING = 20.0, 0.05
 """Time to hook or unhook a load [s], and damping ratio of the swing by which an operator follows
 the load."""
 
-CARRIED, PLACED = 0.25, 0.8
-"""Cable length over the longest one while a load is carried, and where it is put."""
+CARRIED, PLACED = 1.0, 0.8
+"""Cable length beyond the shortest while a load is carried, over lower jibs [m], and over the
+longest where it is put."""
 
 AT = {"rad": 4e-3, "m": 0.1}
 """Distance from its goal at which a drive has arrived."""
@@ -103,7 +104,7 @@ class LiftOperator:
         if not self._legs:
             for place in self.places():
                 up, over = np.full_like(q, np.nan), place.copy()
-                up[winch] = over[winch] = CARRIED * reach(self.station)[1][winch]
+                up[winch] = over[winch] = reach(self.station)[0][winch] + CARRIED
                 self._legs += [up, over, place]
         if t < self._waits_until:
             return self._follow(np.zeros_like(q), state, v)

@@ -46,8 +46,9 @@ STUCK, PASSING = 20, 100
 """Refused requests in a row after which a way out of a circle is sought, each time again, and
 requests of a crane without waiting after which the one that withdrew no longer lets it pass."""
 
-AHEAD, FARTHEST = 5.0, 30.0
-"""How many times its extension a crane is let pass, and the longest way out, at full rate [s]."""
+AHEAD, FARTHEST = (20.0, 5.0, 1.0), 30.0
+"""Ways that a crane is let pass, the first that can be, and the longest way out, at full rate [s].
+"""
 
 _SHARES = (1.0, 0.5, 0.2)
 """Shares of an extension that are tried."""
@@ -288,9 +289,11 @@ class Supervisor:
         near = [None if free else other for free, other in zip(apart, others, strict=True)]
         box = wanted if apart.all() else self._extended(station, box, wanted, near)
         self.boxes[station], self._wanted[station] = box, wanted
-        self.waits[station] = frozenset(np.nonzero(~apart)[0].tolist())
-        self._refused[station] = self._refused[station] + 1 if self.waits[station] else 0
+        short = np.abs(wanted - box) > self.site.stations[station].brakes.tolerances
+        self.waits[station] = frozenset(np.nonzero(~apart)[0].tolist() if short.any() else ())
         self._resolve(station)
+        waiting = self.waits[station] or station in self.withdrawals
+        self._refused[station] = self._refused[station] + 1 if waiting else 0
         names = tuple(self.site.stations[i].name for i in sorted(self.waits[station]))
         target, _ = self.withdrawals.get(station, (None, 0))
         return BoxGrant(request.number, box, names, target)
@@ -331,47 +334,60 @@ class Supervisor:
         for loser in sorted(circle, key=lambda i: (self._refused[i], -i)):
             winner = circle[circle.index(loser) - 1]
             if (target := self._way_out(loser, winner)) is not None:
+                self.withdrawals.pop(winner, None)
                 self.withdrawals[loser], self._free_since[loser] = (target, winner), 0
                 return
 
     def _way_out(self, loser: int, winner: int) -> np.ndarray | None:
-        """Return the nearest position in time, by one drive, where a crane lets another pass."""
-        station, box, held = self.site.stations[loser], self.boxes[loser], self.boxes[winner]
-        drives = station.crane.layout.drives
-        passing = held + AHEAD * (self._wanted[winner] - held)
-        ends = station.crane.lower[drives] - box[0], station.crane.upper[drives] - box[1]
+        """Return the nearest position in time, by one drive, from where a crane lets another pass
+        as far as can be; None if there is none.
+        """
+        site, box, drives = self.site, self.boxes[loser], self._drives(loser)
         ways = []
-        for drive, rate in enumerate(station.converters.rates):
-            for end in ends:
+        for drive, rate in enumerate(site.stations[loser].converters.rates):
+            for end in drives - box:
                 most = np.clip(end[drive], -FARTHEST * rate, FARTHEST * rate)
                 ways += [(abs(share * most) / rate, drive, share * most) for share in _SHARES]
         ways.sort()
         moved = np.array([box] * len(ways))
         for k, (_, drive, way) in enumerate(ways):
             moved[k, :, drive] += way
-        lets_pass = proven_apart(
-            self.site.bodies,
-            np.full(len(ways), loser),
-            self.site.positions(loser, moved),
-            np.full(len(ways), winner),
-            self.site.positions(winner, np.array([passing] * len(ways))),
-            self.site.distance,
-            self.site.swing,
-        )
-        for place in moved[lets_pass]:
-            swept = np.array([np.minimum(box[0], place[0]), np.maximum(box[1], place[1])])
-            if self.site.apart(loser, swept, self.boxes).all():
-                return place.mean(axis=0)
+        held, wanted, ends = self.boxes[winner], self._wanted[winner], self._drives(winner)
+        for ahead in AHEAD:
+            reach = ahead * site.stations[winner].converters.rates * np.sign(wanted - held)
+            passing = np.clip(
+                wanted + reach, np.minimum(ends[0], wanted[0]), np.maximum(ends[1], wanted[1])
+            )
+            lets_pass = proven_apart(
+                site.bodies,
+                np.full(len(ways), loser),
+                site.positions(loser, moved),
+                np.full(len(ways), winner),
+                site.positions(winner, np.array([passing] * len(ways))),
+                site.distance,
+                site.swing,
+            )
+            for place in moved[lets_pass]:
+                swept = np.array([np.minimum(box[0], place[0]), np.maximum(box[1], place[1])])
+                if site.apart(loser, swept, self.boxes).all():
+                    return place.mean(axis=0)
         return None
+
+    def _drives(self, station: int) -> np.ndarray:
+        """Return the ends of the ranges of the drives, shape (2, m)."""
+        crane = self.site.stations[station].crane
+        return np.array([crane.lower, crane.upper])[:, crane.layout.drives]
 
     def deadlock(self) -> tuple[int, ...]:
         """Return the indices of cranes each of which waits for the next, and the last for the
-        first; empty if none do.
+        first; empty if none do. A crane that withdraws waits for the one that it lets pass.
         """
-        stuck = set(self.waits)
-        while free := {i for i in stuck if not self.waits[i] & stuck}:
+        passed = {loser: {winner} for loser, (_, winner) in self.withdrawals.items()}
+        waits = {i: passed.get(i, self.waits[i]) for i in self.waits}
+        stuck = set(waits)
+        while free := {i for i in stuck if not waits[i] & stuck}:
             stuck -= free
         path = sorted(stuck)[:1]
-        while path and (following := min(self.waits[path[-1]] & stuck)) not in path:
+        while path and (following := min(waits[path[-1]] & stuck)) not in path:
             path.append(following)
         return tuple(path[path.index(following) :]) if path else ()
