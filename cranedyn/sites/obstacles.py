@@ -15,7 +15,7 @@ from cranedyn.planning.clearance import ROUNDING
 from cranedyn.planning.fields import Field, Placed
 from cranedyn.planning.solids import Solid
 from cranedyn.sites.bodies import CraneBodies, place_capsules
-from cranedyn.sites.proof import FINEST, motion_bound
+from cranedyn.sites.proof import FINEST
 
 _MOST = 30
 """Boxes that a proof examines before it fails."""
@@ -80,19 +80,15 @@ class Obstacles:
             hangs = bodies.hangs[crane].tolist()
             margins = np.array([self.margins(ends, r, hangs=hangs[c]) for ends, r, c in rows])
             margin = np.minimum(margins[:, 0] - distance, margins[:, 1])
-            half, examined = (high - low)[:, :-1] / 2.0, examined + 1
+            examined += 1
             if margin.min() < 0.0 or examined > _MOST:
                 return False
-            motion = motion_bound(placed, bodies.revolute[which], half)
+            motion = placed.motion.sum(axis=1)
             near = margin < motion
             if (near & (motion < FINEST)).any():
                 return False
             if near.any():
-                each = [
-                    motion_bound(placed, bodies.revolute[which], half * one).max()
-                    for one in np.eye(half.shape[1])
-                ]
-                widest = int(np.argmax(each))
+                widest = int(placed.motion.max(axis=0).argmax())
                 for part in (0, 1):
                     halved = box.copy()
                     halved[part, widest] = box[:, widest].mean()

@@ -188,12 +188,15 @@ class CraneSite:
         chain[..., -1] = values[..., columns[-1]]
         return chain
 
-    def apart(self, station: int, box: np.ndarray, boxes: list[np.ndarray]) -> np.ndarray:
+    def apart(
+        self, station: int, box: np.ndarray, boxes: Sequence[np.ndarray | None]
+    ) -> np.ndarray:
         """Return whether a crane with its drives in a box, shape (2, m), is proven to keep the
-        required distance from each crane in its box, shape (cranes,); at its own index, from all
-        obstacles.
+        required distance from each crane in its box, shape (cranes,); from one whose box is None it
+        is. At its own index: from all obstacles.
         """
-        others = [i for i in range(len(self.stations)) if i != station]
+        near = {i: other for i, other in enumerate(boxes) if i != station and other is not None}
+        others = list(near)
         apart = np.ones(len(self.stations), dtype=bool)
         if self.solids:
             apart[station] = self.obstacles.proven_clear(
@@ -205,7 +208,7 @@ class CraneSite:
                 np.full(len(others), station),
                 np.array([self.positions(station, box)] * len(others)),
                 np.array(others),
-                np.array([self.positions(i, boxes[i]) for i in others]),
+                np.array([self.positions(i, other) for i, other in near.items()]),
                 self.distance,
                 self.swing,
             )
