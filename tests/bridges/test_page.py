@@ -405,5 +405,5 @@ def test_the_file_is_small_and_loads_nothing(
 
 
 def test_a_bad_target_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="must be .html"):
+    with pytest.raises(DataError, match=r"must be \.html"):
         page.export(tmp_path / "crane.htm", crane_of("tower"))
