@@ -85,6 +85,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Ran]:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if not (folder / "ran").exists():
                 shutil.rmtree(folder, ignore_errors=True)
+                folder.mkdir()
                 done = run_command(name, folder / name, *argv)
                 (folder / "ran").write_bytes(pickle.dumps(done))
         return pickle.loads((folder / "ran").read_bytes())

@@ -156,7 +156,7 @@ class Wild:
 def wild_run(name: str, latency: float = 0.1, loss: float = 0.1) -> SiteRun:
     site = site_of(name)
     operators = [Wild(station, 7 + i) for i, station in enumerate(site.stations)]
-    return simulate_site(site, operators, duration=60.0, channel=MessageChannel(latency, loss))
+    return simulate_site(site, operators, duration=120.0, channel=MessageChannel(latency, loss))
 
 
 def keeps(run: SiteRun) -> bool:
