@@ -132,7 +132,7 @@ def bodies(model: pin.Model) -> Bodies:
     )
 
 
-def crane_bodies(crane: Crane) -> Bodies:
+def numeric_bodies(crane: Crane) -> Bodies:
     """Return the bodies of a crane in plain numbers, computed once."""
     if crane not in _TREES:
         tree = bodies(crane.model)
@@ -183,7 +183,7 @@ def point_paths(crane: Crane, q: np.ndarray) -> np.ndarray:
     """Return the positions of a crane's points in the world [m] at many coordinates, shape (rows,
     n): shape (rows, points, 3).
     """
-    tree = crane_bodies(crane)
+    tree = numeric_bodies(crane)
     axes = [
         [heights(tree, q, body, lever, axis) for _, body, lever in crane.points]
         for axis in np.eye(3).tolist()
