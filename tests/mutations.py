@@ -308,6 +308,16 @@ cranedyn/estimation/observer.py
 ? sensing::the_filters_gain_tends_to_that_of_the_dual_riccati_equation
 - residual @ covariance @ residual.T + gain @ noise @ gain.T
 + residual @ covariance @ residual.T
+cranedyn/estimation/mpc.py
+* an MPC optimises nothing where a swing is too large
+? mpc::an_optimisation_that_fails_ends_the_run_and_no_old_command_goes_on
+- if low.max() <= 0.0 <= high.min() and np.abs(offset).max() <= 1.0:
++ if low.max() <= 0.0 <= high.min():
+cranedyn/dynamics/bodies.py
+* positions of points are those along other axes
+? validity::positions_of_points_in_many_rows_are_pinocchios
+- return np.array(axes).T
++ return np.array(axes[::-1]).T
 cranedyn/estimation/load_filter.py
 * how sure an observer of the load is moves on to first order
 ? load_estimate::the_covariance_of_a_load_at_rest_goes_on_to_second_order_in_the_period
@@ -604,6 +614,10 @@ cranedyn/sites/supervisor.py
 - ahead = brakes.largest_rate(self.box[1] - position - slack)
 + ahead = brakes.largest_rate(self.box[1] - position + rates * brakes.reaction)
 cranedyn/planning/perturbed.py
+* lifts with other delays run at once
+? lift::lifts_that_run_at_once_share_load_and_delay_and_none_is_lost
+- kinds = np.stack([drawn["load"], drawn["late_s"]])
++ kinds = np.stack([drawn["load"], drawn["load"]])
 * perturbed lifts jump from row to row
 ? lift::a_lift_that_passes_a_plate_between_two_rows_kept_is_near_to_it
 - bounds[k] = clearance.margin(batch.q[i, k]) - step[i, k]
@@ -909,6 +923,10 @@ cranedyn/bridges/margins.py
 ? margins::a_drive_is_unstable_just_beyond_what_its_margins_say
 - gains = np.append(gains, [-1.0 / end] if end < 0.0 else [])
 + gains = np.append(gains, [])
+* margins are those of crossings of the positive axis
+? margins::a_drive_is_unstable_just_beyond_what_its_margins_say
+- on_grid.real[:-1] <= 0.0
++ on_grid.real[:-1] >= 0.0
 cranedyn/command.py
 * an unknown option is answered without the nearest
 ? help::an_unknown_option_is_answered_with_the_nearest_on_one_line

@@ -131,7 +131,7 @@ def bodies(model: pin.Model) -> Bodies:
 
 
 @once_per_crane
-def crane_bodies(crane: Crane) -> Bodies:
+def numeric_bodies(crane: Crane) -> Bodies:
     """Return the bodies of a crane in plain numbers, computed once."""
     tree = bodies(crane.model)
     return tree.with_numbers(tree.numbers().tolist())
@@ -180,7 +180,7 @@ def point_paths(crane: Crane, q: np.ndarray) -> np.ndarray:
     """Return the positions of a crane's points in the world [m] at many coordinates, shape (rows,
     n): shape (rows, points, 3).
     """
-    tree = crane_bodies(crane)
+    tree = numeric_bodies(crane)
     axes = [
         [heights(tree, q, body, lever, axis) for _, body, lever in crane.points]
         for axis in np.eye(3).tolist()

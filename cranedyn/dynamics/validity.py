@@ -19,7 +19,7 @@ import numpy as np
 
 from cranedyn.checks import as_array
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.bodies import crane_bodies, heights
+from cranedyn.dynamics.bodies import heights, numeric_bodies
 from cranedyn.dynamics.drives import cable_buffers
 from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force
 from cranedyn.model.crane import Crane
@@ -206,7 +206,7 @@ def conditions(
     """
     q = as_array("q", q, ("rows", crane.layout.n))
     v, hoist = as_array("v", v, q.shape), as_array("hoist", hoist, q.shape[:1])
-    height = heights(crane_bodies(crane), q, crane.payload.body, crane.payload.lever)
+    height = heights(numeric_bodies(crane), q, crane.payload.body, crane.payload.lever)
     tension = tension_from_hoist_force(crane.layout, JointForces.of(crane), q.T, v.T, hoist)
     swings = dict(zip(crane.swings.tolist(), crane.swing_angles(q).T, strict=True))
     if needed is not None:

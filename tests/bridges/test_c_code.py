@@ -21,7 +21,7 @@ from cranedyn.controllers.damping import with_damping
 from cranedyn.controllers.velocity_command import as_velocity_command
 from cranedyn.disturbances.wind import steady, wind
 from cranedyn.dynamics.integrators import rk4
-from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.errors import CraneError, ModelError, OutOfRange
 from cranedyn.estimation import with_observer, with_sensor_model
 from cranedyn.interfaces import Setpoint
 from cranedyn.references import hold

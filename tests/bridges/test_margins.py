@@ -8,6 +8,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from cranedyn.bridges.margins import (
+    Margins,
+    Regulator,
+    behind_observer,
+    margins,
+    regulator,
+)
 from cranedyn.controllers import hold_controller, lqr, paper_controller
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.dynamics.linearisation import Sampled, sampled
@@ -16,9 +23,6 @@ from cranedyn.estimation import with_observer
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references import Motion
 from tests.helpers import crane
-
-pytest.importorskip("control", reason="extra control (python-control) is not installed")
-from cranedyn.bridges.margins import Margins, Regulator, behind_observer, margins, regulator
 
 PERIOD = 5e-3
 REST = crane().state(x=10.0, l=15.0)

@@ -12,7 +12,8 @@ from numpy.testing import assert_allclose
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import hold_controller, lqr
 from cranedyn.data.trajectory import QUANTITIES, Trajectory
-from cranedyn.dynamics.bodies import bodies, heights
+from cranedyn.dynamics.bodies import bodies, heights, point_paths
+from cranedyn.dynamics.pinocchio import point_positions
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError, OutOfRange, RunError
 from cranedyn.interfaces import EngineName, Setpoint, State
@@ -175,6 +176,12 @@ def test_heights_of_many_rows_are_pinocchios_on_an_arm_with_turned_joints() -> N
         expected[row] = [data.oMi[i].act(point)[2] for i in range(1, model.njoints)]
     found = [heights(bodies(model), q, body, point) for body in range(model.nv)]
     assert_allclose(np.transpose(found), expected, atol=1e-13)  # rounding of heights of some metres
+
+
+def test_positions_of_points_in_many_rows_are_pinocchios() -> None:
+    q = crane().start.q + np.random.default_rng(0).uniform(-1.0, 1.0, (20, 5))
+    expected = [point_positions(crane(), row) for row in q]
+    assert_allclose(point_paths(crane(), q), expected, atol=1e-13)  # rounding, as above
 
 
 def test_a_rope_that_would_have_to_push_stops_the_run() -> None:

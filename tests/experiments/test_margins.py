@@ -11,7 +11,6 @@ from experiments.scenarios.strategies import LQR, PAPER, PD
 from tests.experiments.conftest import Ran
 from tests.helpers import FAST
 
-pytest.importorskip("control", reason="extra control (python-control) is not installed")
 pytestmark = pytest.mark.slow
 
 

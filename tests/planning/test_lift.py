@@ -29,6 +29,7 @@ from cranedyn.planning.perturbed import (
     Perturbed,
     Spread,
     _batch,
+    _chunks,
     _crane,
     _hang,
     _least,
@@ -321,6 +322,15 @@ def test_a_perturbed_lift_is_what_the_plain_loop_makes_of_it() -> None:
     # half a kilogram force of still air's drag, and what the delay does to what was not planned
     assert off[0] < 0.08
     assert off[0] < 0.6 * off[1]
+
+
+def test_lifts_that_run_at_once_share_load_and_delay_and_none_is_lost() -> None:
+    rng = np.random.default_rng(0)
+    drawn = {"load": rng.choice([0.7, 1.0], 900), "late_s": rng.choice([0.0, 0.005, 0.02], 900)}
+    chunks = _chunks(drawn)
+    assert np.sort(np.concatenate(chunks)).tolist() == list(range(900))
+    assert all(np.ptp(values[rows]) == 0.0 for values in drawn.values() for rows in chunks)
+    assert max(map(len, chunks)) <= 100
 
 
 def test_a_lift_that_passes_a_plate_between_two_rows_kept_is_near_to_it() -> None:

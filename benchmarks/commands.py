@@ -1,0 +1,31 @@
+"""Processor time of the experiments of the report, each in a process of its own."""
+
+import argparse
+import subprocess
+import sys
+from collections.abc import Sequence
+from resource import RUSAGE_CHILDREN, getrusage
+from tempfile import TemporaryDirectory
+
+from benchmarks.conduct import print_tables
+from experiments.catalogue import EXPERIMENTS
+from experiments.harness import ResultTable
+
+
+def measure(options: argparse.Namespace) -> Sequence[ResultTable]:
+    """Return the table of experiments, with processor times [s] and exit codes."""
+    rows = []
+    for name in options.only or EXPERIMENTS:
+        before = sum(getrusage(RUSAGE_CHILDREN)[:2])  # user and system
+        with TemporaryDirectory() as folder:
+            command = [sys.executable, "-m", "cranedyn", "report", "--only", name, "--out", folder]
+            code = subprocess.run(command, stdout=subprocess.DEVNULL).returncode
+        rows.append((name, sum(getrusage(RUSAGE_CHILDREN)[:2]) - before, code))
+    rows.append(("all", sum(row[1] for row in rows), max(row[2] for row in rows)))
+    columns = [("experiment", ""), ("processor [s]", ".1f"), ("exit code", "d")]
+    return [ResultTable("Experiments of the report", columns, rows)]
+
+
+if __name__ == "__main__":
+    names = {"nargs": "+", "choices": EXPERIMENTS, "metavar": "NAME", "help": "which (default all)"}
+    sys.exit(print_tables("commands", __doc__, measure, None, only=names))
