@@ -112,7 +112,7 @@ _ASSISTANCES = {
     "lqr": ("LQR", "Feedback of the whole state holds the load on the motion of the sticks."),
     "predictive": (
         "Predictive",
-        "An optimisation drives the load to the goal that is clicked, by the usual ramps.",
+        "An optimisation drives the load to the goal that is clicked.",
     ),
 }
 
@@ -267,10 +267,9 @@ def kernel_data(
         "log": source.sizes.row,
         "summary": source.sizes.summary,
     }
-    data: dict[str, Any] = {}
-    if any(entry["name"] == "predictive" for entry in assistances(crane)):
-        data["horizon"] = _horizon_data(goal_controller(crane, drives))
-    return data | {
+    planned = any(entry["name"] == "predictive" for entry in assistances(crane))
+    return {
+        "horizon": _horizon_data(goal_controller(crane, drives)) if planned else None,
         "module": _packed(webassembly(build_module(source))),
         "slots": SLOTS,
         "sections": {
@@ -291,9 +290,7 @@ def kernel_data(
 
 
 def goal_controller(crane: Crane, drives: Converters) -> Receding:
-    """Return the predictive controller: with fewer and longer stages than usual it takes a third of
-    the time, and the load is at a goal as soon.
-    """
+    """Return the predictive controller: few and long stages are quick, and as good here."""
     from cranedyn.compiled.horizon.receding import receding
 
     swing = swing_period(crane, crane.start.q)
@@ -304,15 +301,13 @@ def goal_controller(crane: Crane, drives: Converters) -> Receding:
         drive="velocity",
         converters=drives,
         period=whole_periods(swing / 75.0, PERIOD),
-        stage=whole_periods(swing / 13.0, PERIOD),
-        stages=25,
+        stage=whole_periods(swing / 10.0, PERIOD),
+        stages=20,
     )
 
 
 def _horizon_data(controller: Receding) -> dict[str, Any]:
-    """Return code and memory of a predictive controller, and where that has the bounds of the
-    accelerations [doubles].
-    """
+    """Return code and memory of a predictive controller, and places of its acceleration limits."""
     from llvmlite import ir
 
     from cranedyn.compiled.horizon.control import emit_instant, emit_plan

@@ -36,6 +36,7 @@ from cranedyn.bridges.browser_crane import (
 from cranedyn.bridges.exercises import SWING, Exercise, exercises, lift_exercise
 from cranedyn.bridges.target import check_free, new_file
 from cranedyn.disturbances.wind import AIR_DENSITY
+from cranedyn.dynamics.bodies import bodies
 from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.errors import DataError
@@ -103,14 +104,9 @@ def export(
     return file
 
 
-def page_html(
-    crane: Crane,
-    site: Site | None = None,
-    chart: Falls | None = None,
-    meshes: str | Path | None = None,
-) -> str:
-    """Return the page as HTML, see `export`."""
-    data = json.dumps(page_data(crane, site, chart, meshes), separators=(",", ":"), allow_nan=False)
+def page_html(crane: Crane, *options: Any) -> str:
+    """Return the page as HTML, see `page_data`."""
+    data = json.dumps(page_data(crane, *options), separators=(",", ":"), allow_nan=False)
     parts = {
         "style": _template("style.css"),
         "data": data.replace("<", "\\u003c"),
@@ -152,8 +148,9 @@ def page_data(
     load = None if site is None else site.load
     visuals = list(_visuals(crane, load, meshes))
     box = _load_box(crane, load, visuals)
+    wide, deep, tall = np.ptp(box, axis=0).tolist()
     return {
-        "title": _title(crane) if site is None else site.name,
+        "title": crane.model.name.replace("_", " ") if site is None else site.name,
         "crane": _crane_data(crane, drives)
         | {"load": box.tolist(), "shapes": list(_shape_data(crane, visuals))},
         "assist": assist_data(crane, drives),
@@ -166,7 +163,7 @@ def page_data(
             "radii": chart.radii.tolist(),
             "rated": chart.rated.tolist(),
         },
-        "drag": 0.5 * AIR_DENSITY * DRAG * _frontal_area(box),
+        "drag": 0.25 * AIR_DENSITY * DRAG * (wide + deep) * tall,
         "site": None if site is None else {"name": site.name, "solids": _solids_data(obstacles)},
         "parts": [part for solid in obstacles for part in _parts(solid)],
         "tasks": list(_tasks(given, turn, foot)),
@@ -190,7 +187,7 @@ def _cable(crane: Crane) -> Iterator[Slider]:
 
 
 def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
-    layout, model = crane.layout, crane.model
+    layout, model, tree = crane.layout, crane.model, bodies(crane.model)
     joints = []
     for i, joint in enumerate(layout.joints):
         placement = model.jointPlacements[i + 1]
@@ -201,7 +198,7 @@ def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
                 "unit": joint.unit,
                 "kind": joint.kind,
                 "parent": int(model.parents[i + 1]) - 1,
-                "axis": _axis(model, i),
+                "axis": tree.axis[i].sum(axis=0).tolist(),
                 "rotation": placement.rotation.ravel().tolist(),
                 "translation": placement.translation.tolist(),
                 "lower": _finite(crane.lower[i]),
@@ -239,15 +236,6 @@ def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
         "period": swing_period(crane, crane.start.q),
         "ground": 0.0,
     }
-
-
-def _axis(model: pin.Model, joint: int) -> list[float]:
-    """Return the axis of a joint in its own frame."""
-    data, q = model.createData(), pin.neutral(model)
-    pin.computeJointJacobians(model, data, q)
-    motion = pin.getJointJacobian(model, data, joint + 1, pin.ReferenceFrame.LOCAL)[:, joint]
-    linear, angular = np.split(motion, 2)
-    return (linear if np.any(linear) else angular).tolist()
 
 
 def _finite(number: float) -> float:
@@ -305,16 +293,11 @@ def _surfaces(meshes: Sequence[Any]) -> Iterator[dict[str, list[float]]]:
             break
         cell *= 2.0
     if cell > 1e-3:
-        print(
-            f"The meshes are drawn with {count} of their {before} triangles, exact to "
-            f"{1000 * cell:g} mm.",
-            file=sys.stderr,
-        )
+        exact = f"exact to {1000 * cell:g} mm"
+        print(f"Meshes: {count} of {before} triangles are drawn, {exact}.", file=sys.stderr)
     for corners, triangles in surfaces:
-        yield {
-            "vertices": corners.round(4).ravel().tolist(),
-            "triangles": triangles.ravel().tolist(),
-        }
+        flat = corners.round(4).ravel().tolist(), triangles.ravel().tolist()
+        yield dict(zip(("vertices", "triangles"), flat, strict=True))
 
 
 def _clustered(mesh: Any, cell: float) -> tuple[np.ndarray, np.ndarray]:
@@ -343,12 +326,6 @@ def _load_box(crane: Crane, load: np.ndarray | None, visuals: Sequence[Visual]) 
         low, high = crane.payload.lever + load.min(axis=0), crane.payload.lever + load.max(axis=0)
     neighbours = np.vstack([np.eye(3), np.zeros(3)])
     return low + np.vstack([neighbours, 1.0 - neighbours]) * (high - low)
-
-
-def _frontal_area(box: np.ndarray) -> float:
-    """Return the mean area of the vertical sides of a box [m²]."""
-    wide, deep, tall = np.ptp(box, axis=0).tolist()
-    return 0.5 * (wide + deep) * tall
 
 
 def _frame(site: Site) -> tuple[np.ndarray, np.ndarray]:
@@ -427,19 +404,13 @@ def _first_nonzero(rows: np.ndarray) -> np.ndarray:
     return rows[np.arange(len(rows)), (np.abs(rows) > 1e-9).argmax(axis=1)]
 
 
-def _title(crane: Crane) -> str:
-    return crane.model.name.replace("_", " ")
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the file and the crane."""
     parser.add_argument(
         "--site", metavar="FILE", default=None, help="obstacles about the crane, a .toml file"
     )
     parser.add_argument("--chart", metavar="FILE", help="its load chart, a .toml file")
-    parser.add_argument(
-        "--meshes", metavar="FOLDER", help="folder of the mesh files of its URDF; else sticks"
-    )
+    parser.add_argument("--meshes", metavar="FOLDER", help="of its mesh files; else sticks")
 
 
 def run(options: argparse.Namespace) -> Path:

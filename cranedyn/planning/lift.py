@@ -275,10 +275,9 @@ def _ways(
             continue
         wider = clearance.with_more_distance(extra) if extra else clearance
         for points in search(wider, ends, bounds, rates):
-            if len(points) == 2:  # the same with any margin
-                if straight:
-                    continue
-                straight = True
+            if straight and len(points) == 2:
+                continue  # the same with any margin
+            straight |= len(points) == 2
             path = rounded_path(wider, points, rates)
             if path is None:
                 continue

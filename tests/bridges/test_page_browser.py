@@ -10,6 +10,7 @@ import math
 import shutil
 import subprocess
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -61,21 +62,39 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
         return page.export(tmp_path_factory.mktemp("page") / "crane.html", load_crane())
 
 
-@pytest.fixture(scope="module")
-def driver(file: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+def open_browser(profile: Path, *words: str) -> Any:
+    """Start Chromium without a window."""
     options = selenium.ChromeOptions()
     options.binary_location = CHROMIUM
-    for word in (*OPTIONS.split(), f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
+    for word in (*OPTIONS.split(), *words, f"--user-data-dir={profile}"):
         options.add_argument(word)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     driver = selenium.Chrome(options=options, service=selenium.ChromeService(DRIVER))
     driver.set_script_timeout(60)
+    return driver
+
+
+@pytest.fixture(scope="module")
+def driver(file: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    driver = open_browser(tmp_path_factory.mktemp("profile"))
     try:
         driver.get(file.as_uri())
         wait(driver, "page.state && page.state.t > 0")
         yield driver
     finally:
         driver.quit()
+
+
+def in_chromium(
+    driver: Any, file: Path, data: dict[str, Any], *requests: dict[str, Any]
+) -> list[dict[str, Any]]:
+    """Drive in Chromium, in a page without a picture."""
+    text = f"<script>{test_page.script()}\nconst data = {json.dumps(data)};</script>"
+    file.write_text(text, "utf-8")
+    driver.get(file.as_uri())
+    return driver.execute_async_script(
+        "const [requests, done] = arguments; drive(data, requests).then(done);", requests
+    )
 
 
 def wait(driver: Any, condition: str) -> None:
@@ -326,20 +345,11 @@ def test_the_types_of_the_scripts_hold() -> None:
 @browser
 @pytest.mark.slow
 def test_the_crane_of_a_browser_is_that_of_simulate(driver: Any, tmp_path: Path) -> None:
-    def drive(data: dict[str, Any], *requests: dict[str, Any]) -> list[dict[str, Any]]:
-        html = tmp_path / "kernel.html"
-        text = f"<script>{test_page.script()}\nconst data = {json.dumps(data)};</script>"
-        html.write_text(text, "utf-8")
-        driver.get(html.as_uri())
-        return driver.execute_async_script(
-            "const [requests, done] = arguments; drive(data, requests).then(done);", requests
-        )
-
     driver.execute_script("window.open()")
     first, second = driver.window_handles
     driver.switch_to.window(second)
     try:
-        test_page.check_itinerary(drive)
+        test_page.check_itinerary(partial(in_chromium, driver, tmp_path / "kernel.html"))
     finally:
         driver.close()
         driver.switch_to.window(first)

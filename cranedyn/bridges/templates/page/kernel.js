@@ -3,7 +3,7 @@
 /**
  * @typedef {Object} KernelData
  * @property {string} module WebAssembly, compressed.
- * @property {{module: string, memory: string, ratio: number, accelerations: number[]}} [horizon]
+ * @property {{module: string, memory: string, ratio: number, accelerations: number[]} | null} horizon
  *   Predictive controller: its code and its memory before a run, compressed, control periods between
  *   optimisations, and where in the memory the bounds of the accelerations stand [doubles].
  * @property {Record<string, number>} slots Slot of each argument of a call.
