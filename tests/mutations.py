@@ -30,10 +30,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 SHARED = (
     "llvmlite.binding",
     "matplotlib.figure",
+    "mujoco",
+    "pandas",
     "pinocchio",
+    "rich.progress",
     "scipy.integrate",
     "scipy.signal",
     "trimesh",
+    "xacro",
+    "yourdfpy",
 )
 """What is imported once for all tests: slow, never broken here, and without threads of its own,
 which a forked process would miss.
@@ -364,8 +369,20 @@ cranedyn/compiled/kernel.py
 + self._keep_angle(i, pairs[i])
 * a compiled loop logs efforts a period late
 ? compiled::a_run_of_many_blocks_is_the_same
-- row = [*q, *v, *command, *effort, *before,
-+ row = [*q, *v, *command, *before, *effort,
+- acts, energy = [*command, *effort, *before],
++ acts, energy = [*command, *before, *effort],
+* a compiled loop dissipates at the end of a period alone
+? compiled::a_run_of_many_blocks_is_the_same
+- loss = (self._get("power") + power) / 2.0 *
++ loss = power *
+* a compiled loop counts the work of the effort before a period
+? compiled::a_run_of_many_blocks_is_the_same
+- work = (self._get("acted") + before) / 2.0 *
++ work = before *
+* a compiled loop does not say that the model has ceased to hold
+? compiled::a_hoist_that_pushes_the_rope_ends_both_runs
+- code.chosen(holds, 0.0, 1.0), 2.0)
++ 0.0, 2.0)
 * compiled code begins a piece of a control period with control again
 ? compiled_binding::a_run_in_pieces_is_the_same_to_the_bit
 - with code.when(code.builder.not_(begun)):
@@ -413,7 +430,7 @@ cranedyn/compiled/engine.py
 +
 * what a compiled loop integrated is forgotten
 ? compiled::a_run_of_many_blocks_is_the_same
-- if isinstance(controller, Stateful):
+- if hasattr(controller, "resume"):
 + if False:
 cranedyn/compiled/batch.py
 * cranes of a batch have each other's numbers
@@ -525,6 +542,10 @@ cranedyn/planning/proof.py
 - bend, stretches = _FASTEST * period**2 / 8.0,
 + bend, stretches = 0.0 * period,
 cranedyn/sites/brakes.py
+* the latency of the drives is twice what is told
+? sites::wild_operators_keep_to_boxes_and_swing_with_half_of_the_messages_lost
+- REACTION = CYCLE + DELAY + LAGS["slew"] + ROUNDING
++ REACTION = 0.5 * (DELAY + LAGS["slew"])
 * brakes are taken for twice as strong
 ? sites::a_crane_stops_within_its_stopping_distance_and_no_rate_is_larger_than_that
 - speed / (2.0 * self.decelerations)
@@ -534,15 +555,45 @@ cranedyn/sites/bodies.py
 ? sites::every_corner_of_every_shape_lies_in_a_capsule
 - return [*rope, ("load", load, width)]
 + return [("load", load, width)]
+cranedyn/sites/capsules.py
 * the load of a neighbour does not swing
 ? sites::every_corner_of_every_shape_lies_in_a_capsule
-- cone = 2.0 * math.sin(swing / 2.0)
-+ cone = 0.0 * math.sin(swing / 2.0)
+- radius=capsule[14] + capsule[13] * cone * (depths[1] + capsule[14])
++ radius=capsule[14]
+* a joint is not moved by those beyond it
+? sites::no_sample_of_the_largest_proven_boxes_is_too_near_by_the_distances_of_coal
+- along.append(h * (first + turned + 0.5 * h * lever))
++ along.append(0.3 * h * first)
 cranedyn/sites/proof.py
 * the middle of a box is taken for all of it
-? sites::no_sample_of_proven_boxes_is_nearer_than_the_required_distance
-- open_ = separation - total < required
-+ open_ = separation < required
+? sites::no_sample_of_the_largest_proven_boxes_is_too_near_by_the_distances_of_coal
+- with code.when(apart - total < required)
++ with code.when(apart < required)
+cranedyn/sites/plan.py
+* a lift passes those that were planned before as if they were not there
+? plan::planned_lifts_arrive_and_keep_the_distance_that_is_proven
+- if blocking != crane and not self._apart(
++ if blocking == crane and not self._apart(
+cranedyn/sites/simulate.py
+* what bodies move between two rows is left out
+? plan::bodies_that_pass_each_other_between_two_rows_are_told_from_those_that_meet
+- if gap_low + gap_high - moved * (high - low) > 2.0 * bend:
++ if gap_low + gap_high > 2.0 * bend:
+cranedyn/sites/obstacles.py
+* the middle of a box is taken for all of it
+? plan::a_supervised_crane_stops_before_an_obstacle_or_zone
+- near = margin < motion
++ near = margin < 0.0 * motion
+cranedyn/sites/site_file.py
+* weak gears leave the drives as they are
+? plan::drives_with_weak_gears_ramp_no_faster_than_their_brakes_stop
+- slopes = np.minimum(drives.accelerations, brake.decelerations)
++ slopes = drives.accelerations
+cranedyn/recording/run.py
+* cranes are drawn without their heading
+? plan::a_run_is_recorded_with_each_crane_at_its_place_and_written_as_one_table
+- return Rotation.from_euler("z", self.heading)
++ return Rotation.from_euler("z", 0.0 * self.heading)
 cranedyn/sites/supervisor.py
 * a late grant is taken for the last
 ? sites::a_grant_for_an_older_request_is_ignored_and_a_fault_brakes
@@ -755,6 +806,15 @@ cranedyn/compiled/printing.py
 ? c_code::a_crane_of_another_topology_and_rule_in_c_passes_its_own_test
 - right.within(binding, sign, right=True)
 + right.within(binding, sign)
+cranedyn/compiled/c_routines.py
+* a row in C is read before it has been written
+? c_code::a_controller_in_c_commands_what_it_commands_in_python[predictive, efforts]
+- if operation == "load" and self._stores and
++ if operation == "call" and self._stores and
+* a loop over lanes in C forgets what is used after it
+? c_code::a_controller_in_c_commands_what_it_commands_in_python[predictive, efforts]
+- if self._left[value]]
++ if self._left[value] > 1]
 cranedyn/compiled/c_text.py
 * a block in C takes what is no number
 ? c_code::an_input_that_is_no_number_is_a_fault_until_the_reset
@@ -780,6 +840,11 @@ cranedyn/bridges/templates/page/input.js
 ? page_browser::a_key_moves_its_drive_in_its_sense
 - axis[2] < -0.5) ? -1 : 1
 + axis[2] < -2.5) ? -1 : 1
+cranedyn/bridges/commissioning/opcua.py
+* a client with any certificate gets in
+? servers::only_the_user_with_the_password_and_a_trusted_certificate_gets_in
+- self._trusted is None or certificate in self._trusted
++ True
 cranedyn/bridges/commissioning/served_crane.py
 * a client that falls silent leaves the crane moving
 ? served_crane::without_a_heartbeat_an_enabled_crane_stops_after_half_a_second_and_says_why
@@ -825,11 +890,16 @@ cranedyn/bridges/templates/page/assist.js
 ? page::a_drive_stops_before_the_end_of_its_range_by_any_ramp
 - return this.limited(this.shaped(asked, q), q);
 + return this.shaped(asked, q);
+cranedyn/bridges/templates/page/kernel.js
+* predictive control plans with the usual ramps, whatever they are
+? page::predictive_control_keeps_to_the_ramps_and_to_the_ranges_of_the_drives
+- ramps * this._initial[first + i]
++ this._initial[first + i]
 cranedyn/bridges/templates/page/run.js
 * predictive control runs out of a range
-? page::predictive_control_gives_up_before_a_drive_leaves_its_range
-- !this.assistant.canStop(rates, q)
-+ false
+? page::predictive_control_keeps_to_the_ramps_and_to_the_ranges_of_the_drives
+- this.assistant.limited(kernel.plan(this.k), q)
++ kernel.plan(this.k)
 * the share of a chart overlooks its moments
 ? page::the_share_of_the_chart_is_that_of_a_report
 - between / radius

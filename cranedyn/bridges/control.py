@@ -16,7 +16,6 @@ from cranedyn.checks import check_choice, finite, short_repr
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.lqr import linearised
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.linearisation import held_states
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange
@@ -36,13 +35,7 @@ except ModuleNotFoundError as error:
 def to_control(
     crane: Crane,
     state: State | None = None,
-    *,
-    effort: np.ndarray | None = None,
-    drive: Drive = "effort",
-    control_period: float | None = None,
-    dt: float = 5e-4,
-    outputs: Sequence[str] | None = None,
-    converters: Converters | None = None,
+    **options: Any,
 ) -> ct.StateSpace:
     """Return the crane linearised about a state as a state-space system with named states, inputs
     and outputs.
@@ -53,24 +46,11 @@ def to_control(
     Args:
         crane: The crane.
         state: State to linearise about, at rest or in a motion; None for the start.
-        effort: Efforts of the drives there [N m or N], shape (m,); None for those that balance
-            gravity.
-        drive: Inputs: "effort", or with "motion" the accelerations of the drives, or with
-            "velocity" the rates that frequency converters are commanded. Then the drives follow as
-            lags of first order; ramps and rounding are left out, and the delay is in the sampled
-            system only, where commands on their way are states.
-        control_period: None for a continuous system. A time [s] for the system that `simulate`
-            steps: the command held over it, and semi-implicit Euler between.
-        dt: Physics step of the sampled system [s].
-        outputs: Names of the states that are outputs; None for all of the crane.
-        converters: Frequency converters of "velocity"; None for typical ones.
+        options: As `cranedyn.bridges.matlab.linear_system` takes them.
 
     Raises:
-        OutOfRange: If a time or an effort is out of range, or `drive` is none of these.
-        UnknownName: If an output is no state.
+        OutOfRange, UnknownName: As `linear_system`.
     """
-    options: dict[str, Any] = {"drive": drive, "control_period": control_period, "dt": dt}
-    options |= {"effort": effort, "outputs": outputs, "converters": converters}
     system = linear_system(crane, state, **options)
     names = {kind: getattr(system, kind) for kind in ("states", "inputs", "outputs")}
     matrices = system.a, system.b, system.c, np.zeros((len(system.c), crane.layout.m))

@@ -1,13 +1,16 @@
-"""Stability margins of a closed loop by python-control: damping of its modes, and gain and delay
-margins of each drive.
+"""Stability margins of a closed loop: damping of its modes, and gain and delay margins of each
+drive.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import schur
+from scipy.optimize import brentq
 
 from cranedyn.checks import finite
 from cranedyn.controllers.affine import affine_form
@@ -15,13 +18,6 @@ from cranedyn.dynamics.linearisation import Sampled
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, State
 from cranedyn.model.crane import Crane
-
-try:
-    import control as ct
-except ModuleNotFoundError as error:
-    raise CraneError(
-        "Margins need python-control, which is not installed: pip install 'cranedyn[control]'."
-    ) from error
 
 _POINTS, _SLOWEST = 1200, 1e-3
 """Number of frequencies, from the slowest [rad/s] to half of the sampling rate."""
@@ -180,21 +176,54 @@ def _margin(plant: Sampled, law: Regulator, drive: int) -> Margin:
     a = _closed(plant, law, further)
     b = np.concatenate([plant.b[:, drive], np.zeros(len(law.a))])[:, None]
     c = np.concatenate([law.d[drive], law.c[drive]])[None]
-    loop = ct.ss(a, b, c, 0.0, dt=plant.period)
-    # On a grid of our own: left alone, python-control 0.10.2 finds crossings that are not there for
-    # loops with poles so near to 1.
+    response = _transfer_function(a, b, c)
     fastest = 0.999 * math.pi / plant.period
     rings = np.abs(np.log(np.linalg.eigvals(a).astype(complex)).imag) / plant.period
     resonances = (rings[rings > _SLOWEST][:, None] * (1.0 + _BESIDE)).ravel()
     grid = np.unique(np.concatenate([np.geomspace(_SLOWEST, fastest, _POINTS), resonances]))
-    response = ct.frequency_response(loop, grid[grid < fastest])
-    gains, phases, _, _, crossings, _ = ct.stability_margins(response, returnall=True)
-    late = np.radians(np.mod(phases, 360.0)) / crossings
+    grid = grid[grid < fastest]
+
+    def at(rates: np.ndarray) -> np.ndarray:
+        return response(np.exp(1j * plant.period * rates))
+
+    def zeros(number_of: Callable[[np.ndarray], np.ndarray], where: Any = True) -> np.ndarray:
+        changes = np.diff(np.sign(number_of(on_grid))) * where
+        return np.array(
+            [
+                brentq(lambda rate: number_of(at(np.array([rate])))[0], grid[i], grid[i + 1])
+                for i in np.flatnonzero(changes)
+            ]
+        )
+
+    on_grid = at(grid)
+    gains = 1.0 / np.abs(at(zeros(lambda values: np.angle(-values), on_grid.real[:-1] <= 0.0)))
+    crossings = zeros(lambda values: np.abs(values) - 1.0)
+    late = np.mod(np.angle(-at(crossings)), 2.0 * math.pi) / crossings
     # at half of the sampling rate a loop is real, so it may cross there, too
-    end = float(np.real(loop(-1.0)))
+    end = float(response(np.array([-1.0]))[0].real)
     gains = np.append(gains, [-1.0 / end] if end < 0.0 else [])
     return Margin(
         float(min(gains[gains > 1.0], default=math.inf)),
         float(max(gains[gains < 1.0], default=0.0)),
         float(min(late, default=math.inf)),
     )
+
+
+def _transfer_function(
+    a: np.ndarray, b: np.ndarray, c: np.ndarray
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the function c (z - a)⁻¹ b of complex numbers z, shape (k,), for a loop of one input
+    and one output; a Schur form of a leaves substitutions.
+    """
+    triangle, basis = schur(a, output="complex")
+    right, left = (basis.conj().T @ b)[:, 0], (c @ basis)[0]
+
+    def response(z: np.ndarray) -> np.ndarray:
+        x = np.zeros((len(left), len(z)), dtype=complex)
+        for i in reversed(range(len(left))):
+            # not a product of BLAS, whose threads cost more than so few numbers
+            known = np.einsum("j,jk->k", triangle[i, i + 1 :], x[i + 1 :])
+            x[i] = (right[i] + known) / (z - triangle[i, i])
+        return np.einsum("j,jk->k", left, x)
+
+    return response

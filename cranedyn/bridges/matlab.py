@@ -54,7 +54,27 @@ def linear_system(
     outputs: Sequence[str] | None = None,
     converters: Converters | None = None,
 ) -> LinearSystem:
-    """Return the crane linearised about a state, see `cranedyn.bridges.control.to_control`."""
+    """Return the crane linearised about a state.
+
+    Args:
+        crane: The crane.
+        state: State to linearise about, at rest or in a motion; None for the start.
+        effort: Efforts of the drives there [N m or N], shape (m,); None for those that balance
+            gravity.
+        drive: Inputs: "effort", or with "motion" the accelerations of the drives, or with
+            "velocity" the rates that frequency converters are commanded. Then the drives follow as
+            lags of first order; ramps and rounding are left out, and the delay is in the sampled
+            system only, where commands on their way are states.
+        control_period: None for a continuous system. A time [s] for the system that `simulate`
+            steps: the command held over it, and semi-implicit Euler between.
+        dt: Physics step of the sampled system [s].
+        outputs: Names of the states that are outputs; None for all of the crane.
+        converters: Frequency converters of "velocity"; None for typical ones.
+
+    Raises:
+        OutOfRange: If a time or an effort is out of range, or `drive` is none of these.
+        UnknownName: If an output is no state.
+    """
     check_choice("drive", drive, Drive)
     state, kind = crane.start if state is None else state, "motion" if drive != "effort" else drive
     continuous = linear(crane, state, effort, drive=kind)  # type: ignore[arg-type]
@@ -92,11 +112,11 @@ def to_matlab(file: str | Path, crane: Crane, state: State | None = None, **opti
         file: New file, ending in .mat; MATLAB's `load` opens it.
         crane: The crane.
         state: State to linearise about; None for the start.
-        options: As `cranedyn.bridges.control.to_control` takes them.
+        options: As `linear_system` takes them.
 
     Raises:
         DataError: If the ending is not .mat, or the file exists or cannot be written.
-        OutOfRange, UnknownName: As `to_control`.
+        OutOfRange, UnknownName: As `linear_system`.
     """
     file, system = Path(file), linear_system(crane, state, **options)
     if file.suffix != ".mat":

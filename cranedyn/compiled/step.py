@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,6 +37,7 @@ class _Number:
     __lt__ = __le__ = __gt__ = __ge__ = __bool__ = _unknown
 
 
+@cache
 def check_rule(integrator: Integrator) -> None:
     """Check that a stepping rule can be compiled.
 

@@ -41,7 +41,8 @@ def drag_force(area: Any, relative_velocity: np.ndarray) -> np.ndarray:
     Returns:
         The forces in the axes of the velocity, shape (..., k).
     """
-    speed = np.asarray(square_root((relative_velocity * relative_velocity).sum(axis=-1)))
+    squares = sum(component * component for component in relative_velocity.T)
+    speed = np.asarray(square_root(squares)).T
     pressure = 0.5 * AIR_DENSITY * np.asarray(area)[..., None]
     return pressure * speed[..., None] * relative_velocity
 

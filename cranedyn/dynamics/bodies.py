@@ -1,4 +1,5 @@
-"""The numbers of a tree of bodies, and the height of a point of one, in any kind of number.
+"""The numbers of a tree of bodies, and the height of a point of one, in any kind of number; the
+positions of points in many rows.
 
 Arrays hold Python floats and, where something is not known yet, elements that add, subtract,
 multiply, divide and know `sin` and `cos`. The recursions of `cranedyn.plant.rigid_body` go by the
@@ -16,6 +17,9 @@ import pinocchio as pin
 
 from cranedyn.dynamics.scalars import array, cross_product, is_zero, rows
 from cranedyn.errors import ModelError
+from cranedyn.model.crane import Crane, once_per_crane
+
+_UP = (0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +130,16 @@ def bodies(model: pin.Model) -> Bodies:
     )
 
 
-def height(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> Any:
+@once_per_crane
+def crane_bodies(crane: Crane) -> Bodies:
+    """Return the bodies of a crane in plain numbers, computed once."""
+    tree = bodies(crane.model)
+    return tree.with_numbers(tree.numbers().tolist())
+
+
+def height(
+    tree: Bodies, q: np.ndarray, body: int, point: np.ndarray, upwards: Sequence[float] = _UP
+) -> Any:
     """Return the height of a point of a body above the origin of the world [m].
 
     Only the vertical is carried from joint to joint, which is a third of the work of `frames`.
@@ -136,11 +149,12 @@ def height(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> Any:
         q: Coordinates, shape (n,).
         body: The body.
         point: In the joint's frame [m], shape (3,).
+        upwards: Unit vector of the world along which height is measured.
     """
     chain = [body]
     while (parent := tree.parents[chain[-1]]) >= 0:
         chain.append(parent)
-    up, altitude = array([0.0, 0.0, 1.0]), 0.0
+    up, altitude = array(upwards), 0.0
     for i in reversed(chain):
         altitude, up = altitude + up @ tree.translation[i], tree.rotation[i].T @ up
         (along, about), coordinate = tree.axis[i], q[i : i + 1]
@@ -154,16 +168,21 @@ def height(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> Any:
     return altitude + up @ point
 
 
-def heights(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> np.ndarray:
-    """Return heights as `height` at many states.
+def heights(
+    tree: Bodies, q: np.ndarray, body: int, point: np.ndarray, upwards: Sequence[float] = _UP
+) -> np.ndarray:
+    """Return heights as `height` at many states, q of shape (rows, n): shape (rows,) [m]."""
+    altitude = height(tree, rows(q), body, point, upwards)
+    return np.broadcast_to(np.asarray(altitude, dtype=float), len(q))
 
-    Args:
-        tree: The bodies.
-        q: Coordinates, shape (rows, n).
-        body: The body.
-        point: In the joint's frame [m], shape (3,).
 
-    Returns:
-        Heights [m], shape (rows,).
+def point_paths(crane: Crane, q: np.ndarray) -> np.ndarray:
+    """Return the positions of a crane's points in the world [m] at many coordinates, shape (rows,
+    n): shape (rows, points, 3).
     """
-    return np.broadcast_to(np.asarray(height(tree, rows(q), body, point), dtype=float), len(q))
+    tree = crane_bodies(crane)
+    axes = [
+        [heights(tree, q, body, lever, axis) for _, body, lever in crane.points]
+        for axis in np.eye(3).tolist()
+    ]
+    return np.array(axes).T

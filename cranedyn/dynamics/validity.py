@@ -14,13 +14,12 @@ from functools import reduce
 from itertools import chain
 from operator import and_
 from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from cranedyn.checks import as_array
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.bodies import Bodies, bodies, heights
+from cranedyn.dynamics.bodies import crane_bodies, heights
 from cranedyn.dynamics.drives import cable_buffers
 from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force
 from cranedyn.model.crane import Crane
@@ -207,7 +206,7 @@ def conditions(
     """
     q = as_array("q", q, ("rows", crane.layout.n))
     v, hoist = as_array("v", v, q.shape), as_array("hoist", hoist, q.shape[:1])
-    height = heights(_tree(crane), q, crane.payload.body, crane.payload.lever)
+    height = heights(crane_bodies(crane), q, crane.payload.body, crane.payload.lever)
     tension = tension_from_hoist_force(crane.layout, JointForces.of(crane), q.T, v.T, hoist)
     swings = dict(zip(crane.swings.tolist(), crane.swing_angles(q).T, strict=True))
     if needed is not None:
@@ -268,17 +267,6 @@ def hoisting(crane: Crane, effort: np.ndarray) -> np.ndarray:
     hoist = crane.layout.drive_of("hoist")
     effort = as_array("effort", effort, ("rows", crane.layout.m))
     return np.zeros(len(effort)) if hoist is None else effort[:, hoist]
-
-
-def _tree(crane: Crane) -> Bodies:
-    """Return the bodies of a crane in plain numbers, computed once."""
-    if crane not in _TREES:
-        tree = bodies(crane.model)
-        _TREES[crane] = tree.with_numbers(tree.numbers().tolist())
-    return _TREES[crane]
-
-
-_TREES: WeakKeyDictionary[Crane, Bodies] = WeakKeyDictionary()
 
 
 def _beginnings(crane: Crane, bound: Bound, holds: np.ndarray) -> list[Event]:

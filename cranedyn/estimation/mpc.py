@@ -122,13 +122,19 @@ class PredictiveController(ShortRepr):
     def _optimised(self, t: float, instant: int, deviation: np.ndarray) -> np.ndarray:
         """Return the first correction of the best sequence."""
         stretches = np.minimum(np.arange(instant, instant + self.horizon), len(self.root) - 1)
-        efforts, ahead = self._predicted(stretches, deviation)
+        k, count, m = stretches[0], len(self.bound), self.root.shape[1]
+        efforts, ahead = self._predicted(stretches, deviation, 0)
         low, high = (side[stretches].ravel() - efforts[:, 0] for side in self.correction_limits)
         after = self.ratio * np.arange(instant + 1, instant + self.horizon + 1)
         after = np.minimum(after, len(self.model.setpoint) - 1)
         setpoint = self.model.setpoint[after[:, None], self.bounded]
         offset = (setpoint / self.bound).ravel() + ahead[:, 0]
-        count, m = len(self.bound), self.root.shape[1]
+        correction = -self.sweep.gain[k] @ deviation
+        if low.max() <= 0.0 <= high.min() and np.abs(offset).max() <= 1.0:
+            # the LQR alone keeps all bounds, so nothing better can be decided
+            self.last = Solution(t, 1, 0, np.zeros(count))
+            return correction
+        efforts, ahead = self._predicted(stretches, deviation, m)
         slack, none = np.tile(np.eye(count), (self.horizon, 1)), np.full(len(offset), np.inf)
         slacks = np.concatenate([np.zeros((len(efforts), count)), -slack, slack])
         decided = np.concatenate([efforts[:, 1:], ahead[:, 1:], ahead[:, 1:]])
@@ -150,24 +156,24 @@ class PredictiveController(ShortRepr):
                 "DAQP).",
                 t=t,
             )
-        k = stretches[0]
-        return self.root[k] @ solution[count : count + m] - self.sweep.gain[k] @ deviation
+        return self.root[k] @ solution[count : count + m] + correction
 
     def _predicted(
-        self, stretches: np.ndarray, deviation: np.ndarray
+        self, stretches: np.ndarray, deviation: np.ndarray, free: int
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return corrections, and bounded quantities over their bounds, over the horizon: affine in
-        the decision, the constant first.
+        the decision, the constant first. Of each stretch the first `free` numbers are decided, and
+        the others zero.
         """
-        m, width = self.root.shape[1], self.root.shape[1] * self.horizon + 1
-        efforts = np.zeros((self.horizon, m, width))
+        width = free * self.horizon + 1
+        efforts = np.zeros((self.horizon, self.root.shape[1], width))
         ahead = np.zeros((self.horizon, len(self.bound), width))
         z = deviation[:, None]  # it depends on no more of the decision than what came before
         for j, k in enumerate(stretches.tolist()):
-            now, later = z.shape[1], z.shape[1] + m
+            now, later = z.shape[1], z.shape[1] + free
             efforts[j, :, :now] = -self.sweep.gain[k] @ z
-            efforts[j, :, now:later] = self.root[k]
-            z = np.concatenate([self._closed[k] @ z, self._steered[k]], axis=1)
+            efforts[j, :, now:later] = self.root[k][:, :free]
+            z = np.concatenate([self._closed[k] @ z, self._steered[k][:, :free]], axis=1)
             ahead[j, :, :later] = z[self.bounded]
         ahead /= self.bound[:, None]
         return efforts.reshape(-1, width), ahead.reshape(-1, width)

@@ -269,12 +269,16 @@ def _ways(
     bounds, rates = _bounds(clearance, ends, slews), np.array(limits.rates)
     if not ((bounds[0] <= ends).all() and (ends <= bounds[1]).all()):
         return
-    proven = partial(_is_proven, clearance, slews)
+    proven, straight = partial(_is_proven, clearance, slews), False
     for extra in EXTRA:
         if extra and end_margin < extra + CLOSE:
             continue
         wider = clearance.with_more_distance(extra) if extra else clearance
         for points in search(wider, ends, bounds, rates):
+            if len(points) == 2:  # the same with any margin
+                if straight:
+                    continue
+                straight = True
             path = rounded_path(wider, points, rates)
             if path is None:
                 continue

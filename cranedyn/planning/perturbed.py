@@ -202,7 +202,7 @@ def simulate_perturbed(
         chunk = {name: values[rows] for name, values in drawn.items()}
         return _batch(lift, nominal, chunk, cranes, dt)
 
-    workers, chunks = threads or len(os.sched_getaffinity(0)), _chunks(drawn["load"])
+    workers, chunks = threads or len(os.sched_getaffinity(0)), _chunks(drawn)
     running = deque[Future[tuple[Batch, np.ndarray]]]()
     with ThreadPoolExecutor(workers) as pool:
         for i in range(len(chunks) + workers):
@@ -215,12 +215,14 @@ def simulate_perturbed(
                 yield PerturbedBatch(chunk, crane, batch, force, distances)
 
 
-def _chunks(loads: np.ndarray, largest: int = 200) -> list[np.ndarray]:
-    """Return the indices of lifts of the same load, at most so many at once."""
-    levels = [np.flatnonzero(loads == level) for level in np.unique(loads)]
-    return [
-        rows for level in levels for rows in np.array_split(level, math.ceil(len(level) / largest))
-    ]
+def _chunks(drawn: dict[str, np.ndarray], largest: int = 100) -> list[np.ndarray]:
+    """Return the indices of lifts of the same load and delay, which share a controller, at most so
+    many at once.
+    """
+    kinds = np.stack([drawn["load"], drawn["late_s"]])
+    alike = np.unique(kinds, axis=1, return_inverse=True)[1].ravel()
+    groups = [np.flatnonzero(alike == kind) for kind in range(alike.max() + 1)]
+    return [rows for group in groups for rows in np.array_split(group, -(-len(group) // largest))]
 
 
 def _crane(crane: Crane, load: float) -> Crane:
@@ -327,6 +329,7 @@ def _forces(lift: Lift, drawn: dict[str, np.ndarray], times: np.ndarray) -> np.n
     load_rates = np.gradient(points, step, axis=0)
     load_rates = interpolate_columns(times, step * np.arange(len(points)), load_rates)
     load_rates[times > step * (len(points) - 1)] = 0.0
+    across = load_rates[:, :2].T.copy()
     names = ("wind_m_s", "gust_m_s", "gust_at_s", "gust_lasts_s", "direction_rad")
     force = np.zeros((len(drawn["load"]), len(times), 3 * len(lift.crane.points)))
     for i, row in enumerate(zip(*(drawn[name] for name in names), strict=True)):
@@ -334,8 +337,8 @@ def _forces(lift: Lift, drawn: dict[str, np.ndarray], times: np.ndarray) -> np.n
         speed = np.full(len(times), steady)
         gust = slice(*np.searchsorted(times, (start, start + duration)))
         speed[gust] += rise * gust_shape(times[gust], start, duration)
-        along = np.array([math.cos(direction), math.sin(direction)])
-        force[i, :, :2] = drag_force(area, speed[:, None] * along - load_rates[:, :2])
+        along = np.array([[math.cos(direction)], [math.sin(direction)]])
+        force[i, :, :2] = drag_force(area, (along * speed - across).T)
     return force
 
 

@@ -88,7 +88,17 @@ class _Stage:
         several = len(runs) > 1
         turn, rise = np.radians([50.0, 12.0] if several else [20.0, 8.0])
         self._runs = [
-            (run, Projection(run.crane, turn=turn, rise=rise, offset=run.offset, meshes=run.meshes))
+            (
+                run,
+                Projection(
+                    run.crane,
+                    turn=turn,
+                    rise=rise,
+                    offset=run.offset,
+                    heading=run.heading,
+                    meshes=run.meshes,
+                ),
+            )
             for run in runs
         ]
         figure, (scene, swing) = panels(

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.bodies import point_paths
 from cranedyn.dynamics.contact import ON_GROUND
-from cranedyn.dynamics.pinocchio import body_points, point_positions
+from cranedyn.dynamics.pinocchio import body_points
 from cranedyn.model.crane import Crane
 
 CONTACT = "#F22B05"
@@ -22,7 +23,7 @@ def rope_line(crane: Crane, q: np.ndarray) -> np.ndarray:
     coordinates of shape (rows, n); of a rope that may go slack also points between that sag.
     """
     order = [*range(1, len(crane.points)), 0]
-    points = np.array([point_positions(crane, row)[order] for row in q]).reshape(-1, len(order), 3)
+    points = point_paths(crane, np.asarray(q))[:, order]
     if (rope := crane.springs.rope) is None:
         return points
     top, end = points[:, :1], points[:, 1:2]

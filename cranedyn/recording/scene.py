@@ -142,7 +142,12 @@ class Scene:
     def _log_links(self) -> None:
         """Log the fixed joints and the shapes of all links, those of the payload in its colour."""
         run, look, log = self._run, self._look, self._recording.log
-        foot = rr.Transform3D(translation=run.offset, parent_frame="tf#/", child_frame=self._ground)
+        foot = rr.Transform3D(
+            translation=run.offset,
+            quaternion=run.turn.as_quat(),
+            parent_frame="tf#/",
+            child_frame=self._ground,
+        )
         log(run.entity("joints", "ground"), foot, static=True)
         moving = {joint.name for joint in self._crane.layout.joints}
         for joint in self._tree.joints():

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 from matplotlib.collections import PolyCollection
 from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
 
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -43,6 +44,7 @@ class Projection:
         turn: float = 0.0,
         rise: float = 0.0,
         offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        heading: float = 0.0,
         meshes: Path | None = None,
     ) -> None:
         """Read the shapes of the crane.
@@ -52,12 +54,14 @@ class Projection:
             turn: Angle by which the eye goes towards the tip of the jib [rad].
             rise: Angle by which it is raised [rad].
             offset: Position of the foot of the crane [m].
+            heading: Rotation of the crane about its foot [rad].
             meshes: Folder of the mesh files; None draws no meshes.
         """
         level = np.array([-np.cos(turn), -np.sin(turn), 0.0])
         eye = np.cos(rise) * level + [0.0, 0.0, np.sin(rise)]
         right = np.cross([0.0, 0.0, 1.0], level)
         self._axes, self._offset = np.array([right, np.cross(eye, right), eye]), np.array(offset)
+        self._turn = Rotation.from_euler("z", heading)
         self._crane, self._data = crane, crane.model.createData()
         self._links = {
             crane.model.getFrameId(link, pin.BODY): [(s.colour, s.hull_points()) for s in group]
@@ -87,7 +91,7 @@ class Projection:
         return sorted(result, key=lambda outline: outline.depth)
 
     def _project(self, points: np.ndarray) -> np.ndarray:
-        return np.asarray((points + self._offset) @ self._axes.T)
+        return np.asarray((self._turn.apply(points) + self._offset) @ self._axes.T)
 
     def _outline(self, colour: tuple[float, ...], points: np.ndarray) -> Outline | None:
         plane = self._project(points)

@@ -12,7 +12,8 @@ from scipy.integrate import solve_ivp
 
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.pinocchio import energy, payload_position
+from cranedyn.dynamics.bodies import point_paths
+from cranedyn.dynamics.pinocchio import energy
 from cranedyn.interfaces import State, Validity
 from cranedyn.model.crane import Crane
 from cranedyn.references import spline
@@ -56,7 +57,7 @@ def half_step(crane: Crane, trajectory: Trajectory, dt: float) -> float:
     """Return the largest work of the load's weight in half a step [J], by which positions are ahead
     of velocities.
     """
-    height = np.array([payload_position(crane, q)[2] for q in trajectory.q])
+    height = point_paths(crane, trajectory.q)[:, 0, 2]
     rate = float(np.abs(np.gradient(height, trajectory.t)).max())
     return dt / 2.0 * crane.payload_mass * crane.gravity * rate
 

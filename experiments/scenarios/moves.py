@@ -16,6 +16,7 @@ from cranedyn.controllers import follow
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.velocity_command import VelocityCommand, as_velocity_command
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.bodies import point_paths
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Controller, Drive, Reference, State
@@ -171,7 +172,7 @@ def score(crane: Crane, goal: State, run: Trajectory, arrives: float) -> Score:
     amplitude = swing_amplitude(swing, run.rates("phi", "theta"), run["l_m"], crane.gravity)
     goal_position = payload_position(crane, goal.q)
     after = run.since(arrives - 1e-9)
-    distance = np.linalg.norm([payload_position(crane, q) - goal_position for q in after.q], axis=1)
+    distance = np.linalg.norm(point_paths(crane, after.q)[:, 0] - goal_position, axis=1)
     beyond = run.effort + crane.payload_mass * crane.gravity * crane.layout.along("l")
     limits = LIMITS.for_crane(crane)
     return Score(

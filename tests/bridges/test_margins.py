@@ -18,13 +18,7 @@ from cranedyn.references import Motion
 from tests.helpers import crane
 
 pytest.importorskip("control", reason="extra control (python-control) is not installed")
-from cranedyn.bridges.margins import (
-    Margins,
-    Regulator,
-    behind_observer,
-    margins,
-    regulator,
-)
+from cranedyn.bridges.margins import Margins, Regulator, behind_observer, margins, regulator
 
 PERIOD = 5e-3
 REST = crane().state(x=10.0, l=15.0)

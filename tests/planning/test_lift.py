@@ -42,16 +42,7 @@ from cranedyn.planning.timing import STEP
 from cranedyn.references.limits import use
 from experiments import lift as experiment
 from tests.helpers import FAST, G, quickly
-from tests.planning.sites import (
-    LIMITS,
-    WALL,
-    certificate,
-    corners,
-    crane,
-    lift,
-    site,
-    with_wall,
-)
+from tests.planning.sites import LIMITS, WALL, certificate, corners, crane, lift, site, with_wall
 
 pytestmark = pytest.mark.slow
 
@@ -128,7 +119,7 @@ def test_a_lift_is_measured_against_the_shorter_way_round_whichever_way_it_goes(
 
 def test_a_lift_planned_after_another_is_the_same_to_the_last_bit() -> None:
     before = lift()
-    plan_lift(site(WALL, start=np.array([9.0, -12.0, 4.0])), LIMITS, crane=crane())
+    plan_lift(site(start=np.array([9.0, -12.0, 4.0])), LIMITS, crane=crane())
     again = plan_lift(site(WALL), LIMITS, crane=crane())
     np.testing.assert_array_equal(again.timed.motion.q, before.timed.motion.q)
 
@@ -156,11 +147,7 @@ def test_a_wall_moved_by_a_metre_into_the_plan_turns_its_certificate_red() -> No
 
 
 ROAD = prism(
-    "road",
-    np.array([[4.0, -16.0], [8.0, -16.0], [8.0, -13.2], [4.0, -13.2]]),
-    0.0,
-    10.0,
-    zone=True,
+    "road", np.array([[4.0, -16.0], [8.0, -16.0], [8.0, -13.2], [4.0, -13.2]]), 0.0, 10.0, zone=True
 )
 """Behind the start, nearer to the load there than the half metre that the wall keeps from it."""
 

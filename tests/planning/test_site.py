@@ -392,10 +392,7 @@ def test_a_small_load_passes_through_the_opening_of_a_deck_but_not_of_its_hull(
     rooms = []
     for as_hulls in (False, True):
         here = site(
-            *read_ifc(path, as_hulls=as_hulls),
-            load=corners(0.4, 0.4, 0.4),
-            distance=0.1,
-            swing=0.0,
+            *read_ifc(path, as_hulls=as_hulls), load=corners(0.4, 0.4, 0.4), distance=0.1, swing=0.0
         )
         asked = Clearance(crane(), here)
         rooms.append(asked.margin(asked.q(asked.place(np.array([10.0, 0.0, 3.1])))))

@@ -6,7 +6,7 @@ import re
 import resource
 from dataclasses import replace
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 import pytest
@@ -337,9 +337,9 @@ def test_seventy_seconds_take_less_than_two_megabytes_and_a_second(
     long = moved(crane, 70.0, 1.2, -3.0)
     durations = []
     for _ in range(3):
-        before = perf_counter()
+        before = process_time()
         path = record(tmp_path / "long.rrd", [Run("long", crane, long)], title="Long")
-        durations.append(perf_counter() - before)
+        durations.append(process_time() - before)
     assert len(long) == 14001 and path.stat().st_size < 2e6 and min(durations) < 1.0
 
 
