@@ -207,15 +207,16 @@ class Step:
             lasts = code.builder.icmp_unsigned("==", taut, after)
         increments = [code.increment(*pair) for pair in zip(smooth.q, before.q, strict=True)]
         outcome = code.variables(smooth._replace(q=array(increments)).numbers)
-        (known,) = code.variables([code.chosen(lasts, 1.0, 0.0)])
+        changes = code.builder.not_(lasts)
         if rope.inextensible:
+            (known,) = code.variables([code.chosen(lasts, 1.0, 0.0)])
             slack = code.builder.not_(taut)
             with code.when(code.anywhere(slack)):
                 loose_end = self._by_rule(before, taut=False)[0]
                 stays = code.both(slack, loose_end.q[rope.stretch] < 0.0)
                 numbers = loose_end._replace(q=loose_end.q - before.q).numbers
                 self._replace([*outcome, known], stays, [*numbers, 1.0])
-        changes = known.get() < 0.5
+            changes = known.get() < 0.5
         with code.when(code.anywhere(changes)):
             pieces = self._in_pieces(before, taut)
             self._replace(outcome, changes, pieces._replace(q=pieces.q - before.q).numbers)
