@@ -60,12 +60,6 @@ class Clocked(Protocol):
         """
 
 
-def begin_run(controller: object, t: float, control_period: float) -> None:
-    """Prepare a controller for a run if it is `Clocked`."""
-    if hasattr(controller, "begin_run"):  # looking for a protocol takes ten times as long
-        controller.begin_run(t, control_period)
-
-
 def clocks(duration: float, dt: float, control_period: float) -> Clocks:
     """Return the clocks of a run.
 

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from cranedyn.compiled.horizon.control import Programme
     from cranedyn.compiled.horizon.receding import Receding
 
-_NEW, _VIEW = tuple.__new__, np.frombuffer
-
 _BLOCK, _STEPS = 20_000, 1_000_000
 """Largest numbers of control instants, and of physics steps, in a block."""
 
@@ -171,9 +169,8 @@ class CompiledEngine(Engine):
 
     def _read_state(self) -> State:
         # what State(q, v) makes in twice the time, of copies that cannot be written to
-        self.state = state = _NEW(
-            State, (_VIEW(self._position.tobytes()), _VIEW(self._rate.tobytes()))
-        )
+        arrays = np.frombuffer(self._position.tobytes()), np.frombuffer(self._rate.tobytes())
+        self.state = state = tuple.__new__(State, arrays)
         return state
 
     def run_ahead(

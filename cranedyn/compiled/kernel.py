@@ -347,20 +347,24 @@ class _Loop:
         if recipe.delay_steps is not None:
             effort = self._delay_command(command)
         self._set("last_command", effort)
-        reported = recipe.log or recipe.summary
-        reactions = self.plant.ground_reactions(q, v, self._anchors())[0] if reported else []
-        if recipe.delay_steps is not None and reported:
+        if not (recipe.log or recipe.summary):
+            return
+        reactions = self.plant.ground_reactions(q, v, self._anchors())[0]
+        if recipe.delay_steps is not None:
             if recipe.log:
                 acted = self._forces(code.builder.sub(instant, code.integer(1)))
                 before = self.plant.answer(q, v, self._get("reference"), acted, reactions)[1]
             next_reference = array(self._next_reference(effort, v)[0])
             _, effort, command, _ = self.plant.driven(q, v, next_reference, forces, reactions)
-        if recipe.drive == "motion" and reported:
+        if recipe.drive == "motion":
             acted = self._forces(code.builder.sub(instant, code.integer(1)))
             before = self.plant.answer(q, v, before, acted, reactions)[1]
             command = effort = self.plant.answer(q, v, command, forces, reactions)[1]
         buffer, cut = self.plant.stop_force(q, v), self._cut(requested)
-        holds = self._holds(q, v, effort, buffer, command, cut) if reported else None
+        hoist = self.plant.topology.layout.drive_of("hoist")
+        hoist_force = buffer if hoist is None else effort[hoist] + buffer
+        conditions = self.plant.conditions(q, v, hoist_force, command)
+        holds = code.both(*conditions, *(number < 0.5 for number in cut))
         if recipe.log:
             acts, energy = [*command, *effort, *before], self.plant.energy(q, v)
             contacts = [*self._get("contacts"), buffer]
@@ -370,7 +374,7 @@ class _Loop:
                 pushes = [0.0] * size(self.sizes.force) if forces is None else forces
                 outside = [0.0, *contacts, *(cut or [0.0])]
                 row = [*table["position"], *q, *v, *acts, *pushes, *outside, energy]
-                row = self._balanced(row, q, v, effort, before, holds)
+                row = self._balanced(row, (q, v, effort, before), holds)
             self._log(instant, row)
         if recipe.summary:
             self._summarise(instant, q, v, effort, holds)
@@ -456,21 +460,13 @@ class _Loop:
             for i, value in enumerate(row):
                 code.store(value, self.call_values["log"], code.plus(first, i * code.stride))
 
-    def _balanced(
-        self,
-        row: list[Any],
-        q: np.ndarray,
-        v: np.ndarray,
-        effort: np.ndarray,
-        before: np.ndarray,
-        holds: ir.Value,
-    ) -> list[Any]:
+    def _balanced(self, row: list[Any], at: tuple[np.ndarray, ...], holds: ir.Value) -> list[Any]:
         """Return a row of the log of `simulate` with work, dissipation and validity, as
         `cranedyn.simulation.log.Log` computes them, and note the worst row.
         """
-        code, crane, drives = self.code, self.plant, self.plant.topology.layout.drives
+        code, drives, (q, v, effort, before) = self.code, self.plant.topology.layout.drives, at
         with code.as_written():
-            power = crane.joint.dissipation(q, v)
+            power = self.plant.joint.dissipation(q, v)
             reached = q[drives] - v[drives] * (self.recipe.integrator.lead * self.dt)
             again, moved = self._get("again"), reached - self._get("reached")
             work = (self._get("acted") + before) / 2.0 * moved * again
@@ -485,21 +481,6 @@ class _Loop:
         worst = code.chosen(fine, code.chosen(holds, 0.0, 1.0), 2.0)
         _largest(code, self.state["worst"][0], worst)
         return [*row, code.chosen(holds, 1.0, np.nan)]
-
-    def _holds(
-        self,
-        q: np.ndarray,
-        v: np.ndarray,
-        effort: np.ndarray,
-        buffer: Any,
-        needed: np.ndarray,
-        cut: Sequence[Any],
-    ) -> ir.Value:
-        """Return whether the model holds at a control instant, and the drives can follow."""
-        hoist = self.plant.topology.layout.drive_of("hoist")
-        hoist_force = buffer if hoist is None else effort[hoist] + buffer
-        conditions = self.plant.conditions(q, v, hoist_force, needed)
-        return self.code.both(*conditions, *(number < 0.5 for number in cut))
 
     def _summarise(
         self, instant: ir.Value, q: np.ndarray, v: np.ndarray, effort: np.ndarray, holds: ir.Value

@@ -444,26 +444,24 @@ def numbers(crane: Crane) -> np.ndarray:
     tree, springs, stops = bodies(crane.model), crane.springs, Stops.of(crane)
     rope = springs.rope
     levers = np.concatenate([point.lever for point in crane.points])
-    values = np.concatenate(
-        [
-            tree.numbers(),
-            crane.damping,
-            springs.stiffness,
-            springs.rest,
-            [0.0 if rope is None else rope.stiffness],
-            crane.lower,
-            crane.upper,
-            crane.effort_limit,
-            np.minimum(crane.rate_limit, _NO_LIMIT),
-            levers,
-            _arms(crane),
-            crane.rest.angle,
-            crane.rest.slope.ravel(),
-            stops.stiffness,
-            stops.damping,
-        ]
+    values = (
+        tree.numbers(),
+        crane.damping,
+        springs.stiffness,
+        springs.rest,
+        [0.0 if rope is None else rope.stiffness],
+        crane.lower,
+        crane.upper,
+        crane.effort_limit,
+        np.minimum(crane.rate_limit, _NO_LIMIT),
+        levers,
+        _arms(crane),
+        crane.rest.angle,
+        crane.rest.slope.ravel(),
+        stops.stiffness,
+        stops.damping,
     )
-    return read_only(values)
+    return read_only(np.concatenate(values))
 
 
 def _arms(crane: Crane) -> np.ndarray:

@@ -85,17 +85,6 @@ class Log:
             self._most_pending = _CHUNK
             self.check()
 
-    def _write(self) -> None:
-        """Write the pending rows into the columns."""
-        rows = slice(self._written, len(self))
-        pending = np.frombuffer(b"".join(self._pending)).reshape(len(self._pending), -1)
-        self._valid[rows] = np.nan
-        self.rows[rows, : pending.shape[1]] = pending
-        self._written = rows.stop
-        if pending.shape[1] == self.rows.shape[1]:
-            self._ahead = rows.stop
-        self._pending.clear()
-
     def extend_to(self, rows: int, *, holds: bool) -> float:
         """Take the first rows, which an engine has written as a whole, and return the time of the
         last [s]; where the model does not hold at all of them they are checked.
@@ -136,7 +125,14 @@ class Log:
         drives can follow, else 0; return these rows, and whether it holds in all rows so far.
         """
         if self._pending:
-            self._write()
+            rows = slice(self._written, len(self))
+            pending = np.frombuffer(b"".join(self._pending)).reshape(len(self._pending), -1)
+            self._valid[rows] = np.nan
+            self.rows[rows, : pending.shape[1]] = pending
+            self._written = rows.stop
+            if pending.shape[1] == self.rows.shape[1]:
+                self._ahead = rows.stop
+            self._pending.clear()
         rows = slice(self._checked, self._written)
         if (self._valid[rows] == 1.0).all():
             return rows, self._holds
