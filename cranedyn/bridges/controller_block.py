@@ -35,7 +35,6 @@ from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
 from cranedyn.references.shaped import Shaped
 from cranedyn.references.tabulated import tabulated
-from cranedyn.simulation.simulate import simulate
 
 Emitted = tuple[np.ndarray, dict[str, Any]]
 """Commands of the drives, shape (m,), and new values of memory by name."""
@@ -516,23 +515,6 @@ def vectors(
         q[:, layout.drives] = positions
         motion = Motion(period, q, 0.0 * q, 0.0 * q, layout.drives)
         outputs[:] = replace(controller, base=motion).at(times).position
-    elif isinstance(controller, Receding):  # in a loop, since its commands are expected to act
-        goal, calls = Setpoint(positions[0], rates[0], rates[0]), list[np.ndarray]()
-
-        def recorded(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-            calls.append(np.concatenate([*state, controller(t, state, setpoint)]))
-            return calls[-1][2 * n :]
-
-        simulate(
-            crane,
-            recorded,
-            lambda t: goal,
-            start=State(*z[0].reshape(2, -1)),
-            duration=float(times[-1]),
-            control_period=period,
-            drive=controller.programme.drive,  # type: ignore[arg-type]
-        )
-        positions[:], (z, outputs) = goal.position, np.split(np.array(calls), [2 * n], axis=1)
     else:
         if isinstance(controller, DampingController):
             rates = tabulated(controller.reference, times + period, m).velocity

@@ -88,7 +88,7 @@ def test_a_controller_in_c_commands_what_it_commands_in_python(name: str, tmp_pa
         found.append([getattr(compiled.memory, name) for name in names])
     # Round-off of sums in another order, of the largest command; optimisations multiply it.
     off = np.abs(np.array(found) - expected).max(axis=0)
-    tolerance = c_code.TOLERANCE["predictive" if "predictive" in name else "double"]
+    tolerance = 1e-10 if "predictive" in name else 1e-12
     assert (off <= tolerance * np.maximum(np.abs(expected).max(axis=0), 1.0)).all()
     assert np.ptp(expected) > 0.0
 
