@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from cranedyn.checks import number, whole
+from cranedyn.checks import as_array, number, whole
 from cranedyn.clocks import clocks
 from cranedyn.data.tables import write_table
 from cranedyn.data.trajectory import Trajectory
@@ -222,7 +222,7 @@ def simulate_site(
     deadlocks: list[tuple[float, tuple[int, ...]]] = []
     for row in range(rows):
         t, states = row * CYCLE, [crane.engine.state for crane in cranes]
-        commands.append([np.array(crane.operator(t, states), dtype=float) for crane in cranes])
+        commands.append([crane.command(t, states) for crane in cranes])
         passed.append(commands[-1] if network is None else network.step(t, states, commands[-1]))
         if network is not None:
             outside[row] = network.outside(states)
@@ -317,6 +317,14 @@ class _SiteCrane:
         self.engine = load_engine(engine)(setting, initial_state(self.crane, None))
         self.log = Log(setting, "mark", 0.0, rows)
         self.record = RunRecord(setting, engine, "mark", operator, None, self._wind, None)
+
+    def command(self, t: float, states: Sequence[State]) -> np.ndarray:
+        """Return the rates that the operator commands, shape (m,)."""
+        layout = self.crane.layout
+        rates = self.operator(t, states)
+        return as_array(
+            "command of the operator", rates, (layout.m,), meaning=layout.drives_in_words
+        ).copy()
 
     def step(self, t: float, rates: np.ndarray) -> None:
         """Log a row at a time [s] and step to the next."""
