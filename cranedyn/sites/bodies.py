@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from cranedyn.checks import number
 from cranedyn.errors import ModelError
@@ -304,7 +305,8 @@ def place_capsules(
         origins.append(point)
         axes.append(axis)
         point = point + axis * np.where(turns, 0.0, middle[:, k])[:, None]
-        rotation = rotation @ _rotations(local, np.where(turns, middle[:, k], 0.0))
+        turn = local * np.where(turns, middle[:, k], 0.0)[:, None]
+        rotation = rotation @ Rotation.from_rotvec(turn).as_matrix()
         rotations.append(rotation)
         points.append(point)
     rotation, point = np.array(rotations)[joint, at], np.array(points)[joint, at]
@@ -323,12 +325,3 @@ def place_capsules(
         axis=np.array(axes).transpose(1, 0, 2),
         lever=(joint[:, None] > np.arange(middle.shape[1])).astype(float),
     )
-
-
-def _rotations(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Return rotations about unit axes, shape (N, 3), by angles [rad], shape (N,)."""
-    sine, cosine = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    cross = np.zeros((len(axis), 3, 3))
-    cross[:, [2, 0, 1], [1, 2, 0]] = axis
-    cross[:, [1, 2, 0], [2, 0, 1]] = -axis
-    return np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross)
