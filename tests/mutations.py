@@ -602,8 +602,8 @@ cranedyn/sites/site_file.py
 cranedyn/recording/run.py
 * cranes are drawn without their heading
 ? plan::a_run_is_recorded_with_each_crane_at_its_place_and_written_as_one_table
-- return Rotation.from_euler("z", self.heading)
-+ return Rotation.from_euler("z", 0.0 * self.heading)
+- return Rotation.from_euler("z", self.heading).apply(points)
++ return Rotation.from_euler("z", 0.0 * self.heading).apply(points)
 cranedyn/sites/supervisor.py
 * a late grant is taken for the last
 ? sites::a_grant_for_an_older_request_is_ignored_and_a_fault_brakes

@@ -23,8 +23,8 @@ _PAYLOAD_DISTANCE = 14.0
 
 
 def dashboard(runs: Sequence[Run], tables: Sequence[Table], *, gaps: bool = False) -> rrb.Blueprint:
-    """Return the layout for runs and their tables; without tables, for runs that are beginning.
-    With gaps there is a plot of distances between cranes.
+    """Return the layout for runs and their tables, and with a plot of gaps between cranes; without
+    tables, for runs that are beginning.
     """
     names = {name for run in runs for name in plots(run.crane.layout)}
     driven = [joint for run in runs for joint in run.crane.layout.driven]

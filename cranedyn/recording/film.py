@@ -87,20 +87,10 @@ class _Stage:
     def __init__(self, runs: Sequence[Run], first: float, last: float) -> None:
         several = len(runs) > 1
         turn, rise = np.radians([50.0, 12.0] if several else [20.0, 8.0])
-        self._runs = [
-            (
-                run,
-                Projection(
-                    run.crane,
-                    turn=turn,
-                    rise=rise,
-                    offset=run.offset,
-                    heading=run.heading,
-                    meshes=run.meshes,
-                ),
-            )
-            for run in runs
-        ]
+        self._runs = []
+        for run in runs:
+            where: Any = {"offset": run.offset, "heading": run.heading, "meshes": run.meshes}
+            self._runs.append((run, Projection(run.crane, turn=turn, rise=rise, **where)))
         figure, (scene, swing) = panels(
             1, 2, width=WIDTH / _DOTS_PER_INCH, height=HEIGHT / _DOTS_PER_INCH, width_ratios=[5, 4]
         )

@@ -7,7 +7,6 @@ import re
 import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 import rerun as rr
@@ -51,7 +50,7 @@ def record(
     *,
     title: str,
     text: str = "",
-    gaps: Mapping[str, np.ndarray] = MappingProxyType({}),
+    gaps: Mapping[str, np.ndarray] | None = None,
     contacts: Sequence[float] = (),
 ) -> Path:
     """Write runs into one ``.rrd`` file with its layout.
@@ -91,7 +90,7 @@ def record(
             scene.move(run.trajectory)
             log_series(recording, run, columns)
         log_readout(recording, runs)
-        log_gaps(recording, runs[0].trajectory.t, gaps, contacts)
+        log_gaps(recording, runs[0].trajectory.t, gaps or {}, contacts)
     finally:  # also after Ctrl-C, or Rerun prints that it drops data
         content = memory.drain_as_bytes()
     with atomic_write(path) as draft:

@@ -92,12 +92,7 @@ class Run:
 
     def to_scene(self, points: np.ndarray) -> np.ndarray:
         """Return points in the frame of the crane [m], shape (..., 3), in that of the scene."""
-        return self.turn.apply(points) + self.offset
-
-    @property
-    def turn(self) -> Rotation:
-        """Rotation from the frame of the crane to that of the scene."""
-        return Rotation.from_euler("z", self.heading)
+        return Rotation.from_euler("z", self.heading).apply(points) + self.offset
 
     def entity(self, *parts: str) -> str:
         """Return the path of an entity of this run."""

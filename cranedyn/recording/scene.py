@@ -144,7 +144,7 @@ class Scene:
         run, look, log = self._run, self._look, self._recording.log
         foot = rr.Transform3D(
             translation=run.offset,
-            quaternion=run.turn.as_quat(),
+            rotation=rr.RotationAxisAngle([0.0, 0.0, 1.0], radians=run.heading),
             parent_frame="tf#/",
             child_frame=self._ground,
         )

@@ -173,11 +173,9 @@ def log_gaps(
         recording.log(entity, line, static=True)
         recording.send_columns(entity, clock(t), rr.Scalars.columns(scalars=values))
     if len(contacts):
-        entity, times = rr.new_entity_path([GAPS, "contacts"]), np.array(contacts)
-        points = rr.SeriesPoints(colors=[242, 43, 5], names="contact", marker_sizes=6.0)
-        recording.log(entity, points, static=True)
-        zeros = np.zeros(len(times))
-        recording.send_columns(entity, clock(times), rr.Scalars.columns(scalars=zeros))
+        entity, zeros = f"{GAPS}/contacts", rr.Scalars.columns(scalars=np.zeros(len(contacts)))
+        recording.log(entity, rr.SeriesPoints(colors=[242, 43, 5], marker_sizes=6.0), static=True)
+        recording.send_columns(entity, clock(np.array(contacts)), zeros)
 
 
 def log_readout(recording: rr.RecordingStream, runs: Sequence[Run]) -> None:

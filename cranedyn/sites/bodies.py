@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.checks import number
 from cranedyn.compiled.binding import RowFunction
 from cranedyn.compiled.rows import compile_rows
 from cranedyn.errors import ModelError
@@ -108,7 +109,9 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
     Raises:
         ModelError: If it has no rope below two swing joints, has other joints besides drives from
             the foot to the rope, or shows a mesh or no load.
+        OutOfRange: If the heading is not finite.
     """
+    number("heading", heading, "rad")
     model, layout, winch = crane.model, crane.layout, crane.winch
     supports = [] if winch is None else model.supports[int(layout.drives[winch]) + 1].tolist()[1:]
     driven = [layout.joints[i - 1].driven for i in supports]

@@ -36,8 +36,8 @@ it."""
 _LEVELS = 1.0, 2.0, 4.0, 8.0, 16.0
 """Multiples of the required distance that a certificate tries to prove."""
 
-_ORDERS = 24
-"""Most orders of lifts that are tried: all of four."""
+_ORDERS, _RAW_ORDERS = 24, 5040
+"""Most orders of lifts that are tried: all of four; and most permutations among which they are."""
 
 _GAIN = 0.3
 """Rate by which an operator corrects a deviation from the plan [1/s]."""
@@ -131,7 +131,8 @@ def plan_site(site: CraneSite, lifts: Sequence[SiteLift]) -> SitePlan:
     best: _Schedule | None = None
     proofs: dict[bytes, bool] = {}
     blocked = ""
-    for order in itertools.islice(dict.fromkeys(itertools.permutations(turns)), _ORDERS):
+    orders = itertools.islice(itertools.permutations(turns), _RAW_ORDERS)  # some are the same
+    for order in itertools.islice(dict.fromkeys(orders), _ORDERS):
         schedule, pending = _Schedule(site, proofs), {i: iter(alone[i]) for i in alone}
         for i in order:
             blocked = schedule.add(i, next(pending[i]))

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from cranedyn.checks import number, whole
+from cranedyn.checks import as_array, number, whole
 from cranedyn.clocks import clocks
 from cranedyn.data.tables import write_table
 from cranedyn.data.trajectory import Trajectory
@@ -223,7 +223,7 @@ def simulate_site(
     deadlocks: list[tuple[float, tuple[int, ...]]] = []
     for row in range(rows):
         t, states = row * CYCLE, [crane.engine.state for crane in cranes]
-        commands.append([np.array(crane.operator(t, states), dtype=float) for crane in cranes])
+        commands.append([crane.command(t, states) for crane in cranes])
         passed.append(commands[-1] if network is None else network.step(t, states, commands[-1]))
         if network is not None:
             outside[row] = network.outside(states)
@@ -233,6 +233,10 @@ def simulate_site(
         for crane, rates in zip(cranes, passed[-1], strict=True):
             crane.step(t, rates)
     trajectories = tuple(crane.record.trajectory(crane.log, crane.engine) for crane in cranes)
+    swings = [
+        np.linalg.norm(crane.crane.swing_angles(run.q), axis=1).max()
+        for crane, run in zip(cranes, trajectories, strict=True)
+    ]
     return SiteRun(
         site,
         CYCLE * np.arange(rows),
@@ -242,7 +246,7 @@ def simulate_site(
         np.array(watch.distances),
         np.array(watch.clearances),
         tuple(watch.contacts),
-        np.array([crane.swing(run.q) for crane, run in zip(cranes, trajectories, strict=True)]),
+        np.array(swings),
         outside.max(axis=0),
         tuple(deadlocks),
     )
@@ -312,12 +316,16 @@ class _SiteCrane:
         self.crane, self.operator = station.crane, operator
         self._wind = None if wind is None else wind.on(station)
         clock, forces = clocks(CYCLE, dt, CYCLE), wind is not None
-        setting = Setting.of(
-            self.crane, clock, station.converters, semi_implicit_euler, forces=forces, buffers=False
-        )
+        drives, rule = station.converters, semi_implicit_euler
+        setting = Setting.of(self.crane, clock, drives, rule, forces=forces, buffers=False)
         self.engine = load_engine(engine)(setting, initial_state(self.crane, None))
         self.log = Log(setting, "mark", 0.0, rows)
         self.record = RunRecord(setting, engine, "mark", operator, None, self._wind, None)
+
+    def command(self, t: float, states: Sequence[State]) -> np.ndarray:
+        """Return the rates that the operator commands, shape (m,)."""
+        layout, rates = self.crane.layout, self.operator(t, states)
+        return as_array("command", rates, (layout.m,), meaning=layout.drives_in_words).copy()
 
     def step(self, t: float, rates: np.ndarray) -> None:
         """Log a row at a time [s] and step to the next."""
@@ -329,10 +337,6 @@ class _SiteCrane:
         self.engine.apply_command(command, force)
         self.log.append(self.engine.row(setpoint))
         self.engine.advance()
-
-    def swing(self, q: np.ndarray) -> float:
-        """Return the largest angle of the rope from rest [rad] at coordinates, shape (rows, n)."""
-        return float(np.linalg.norm(self.crane.swing_angles(q), axis=1).max())
 
 
 class _Watch:
@@ -393,12 +397,8 @@ class _Watch:
 
     def _place(self, states: Sequence[State]) -> PlacedCapsules:
         pairs = list(enumerate(zip(self.site.stations, states, strict=True)))
-        position = np.array(
-            [
-                self.site.positions(i, state.q[station.crane.layout.drives])
-                for i, (station, state) in pairs
-            ]
-        )[self._crane]
+        drives = [(i, state.q[station.crane.layout.drives]) for i, (station, state) in pairs]
+        position = np.array([self.site.positions(*item) for item in drives])[self._crane]
         ropes = np.array([station.rope(state.q)[1] for _, (station, state) in pairs])[self._crane]
         bodies = self.site.bodies
         return place_capsules(bodies, self._crane, self._capsule, position, position, 0.0, ropes)
@@ -411,11 +411,9 @@ class _Watch:
             for row in self._rows[:, pairs]
         )
         zone, i = np.divmod(beside, len(placed.ends))
+        hangs, radius, measured = self._hangs, placed.radius.tolist(), self.site.obstacles.margins
         margins = {
-            j: self.site.obstacles.margins(
-                placed.ends[j], float(placed.radius[j]), hangs=bool(self._hangs[j])
-            )
-            for j in np.unique(i).tolist()
+            j: measured(placed.ends[j], radius[j], hangs=hangs[j]) for j in np.unique(i).tolist()
         }
         each = [margins[j][k] for k, j in zip(zone.tolist(), i.tolist(), strict=True)]
         return np.concatenate([separations(first, second)[2], each])
@@ -435,9 +433,7 @@ class _Watch:
 
 def _least(values: np.ndarray, starts: np.ndarray) -> np.ndarray:
     """Return the least of the values from each start to the next, inf of none."""
-    return np.array(
-        [values[a:b].min(initial=np.inf) for a, b in itertools.pairwise(starts.tolist())]
-    )
+    return np.array([values[a:b].min(initial=np.inf) for a, b in itertools.pairwise(starts)])
 
 
 def _proven(

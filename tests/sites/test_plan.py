@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -138,7 +139,7 @@ def test_a_run_is_recorded_with_each_crane_at_its_place_and_written_as_one_table
     drawn: list[Run] = []
     real = simulation.record
 
-    def record(path: Path, runs: list[Run], **rest: object) -> Path:
+    def record(path: Path, runs: list[Run], **rest: Any) -> Path:
         drawn.extend(runs)
         return real(path, runs, **rest)
 
@@ -147,7 +148,9 @@ def test_a_run_is_recorded_with_each_crane_at_its_place_and_written_as_one_table
     for i, each in enumerate(drawn):
         point = each.to_scene(payload_position(each.crane, each.trajectory.q[-1]))
         assert np.allclose(point, load(run, i, -1), atol=1e-9)
-    corners = drawn[0].to_scene(drawn[0].scenery.obstacles[0].vertices)
+    scenery = drawn[0].scenery
+    assert scenery is not None
+    corners = drawn[0].to_scene(scenery.obstacles[0].vertices)
     assert np.allclose(corners, WALL.vertices, atol=1e-9)
     names = ["t_s", "south_gamma_rad", "north_x_passed_m_s", "north_south_distance_m"]
     for ending in ("csv", "parquet"):

@@ -199,14 +199,11 @@ CALLS = {
         Brakes(1.0, three, three)
         Station('a', crane, np.ones(3), 0.1, converters(crane), brakes(crane))
         CraneSite('a yard', yard.stations, 0.0, 1.0, 0.1)
-        yard.apart(0, reserved[0], reserved)
-        yard.pair_apart(0, reserved[0], 1, reserved[1], 1.0)
         Supervisor(yard, reserved)
         Guard(yard.stations[0], 0.1).step(0.1, start, three)
         simulate_site(yard, [push, push], duration=0.2, dt=0.002, seed=1)
         simulate_site(yard, [push, push], duration=0.1, channel=MessageChannel(0.1, 0.2))
         simulate_site(yard, [push, push], duration=0.1, wind=SiteWind(steady(8.0), 0.3, 4.0))
-        plan_site(yard, [('north', np.array([20.0, 22.0, 20.0]))])
         """,
     "lifting": """
         loads(crane, trajectory)
@@ -255,7 +252,7 @@ VALUES = {
     "motion.q": "motion.q*nan motion.q[1:] motion.q[:,1:] motion.q[:0] motion.q*1e300",
     "motion": "short elsewhere still",
     "t": "t[::-1] t[:0] t[:1] t*nan t[:,None] np.zeros(1200) np.full(1200,1e300) t.astype('f2')",
-    "reserved": "reserved[:1] [reserved[0]]*2 [box*nan for box in reserved] "
+    "reserved": "[reserved[0]]*2 [box*nan for box in reserved] "
     "[box+[[-1e300],[1e300]] for box in reserved]",
     "push": "(lambda*a:np.zeros(2)) (lambda*a:np.full(3,nan)) (lambda*a:np.full(3,1e300)) law",
     "points": "points[:1] points*nan points[0] points+1e300",
