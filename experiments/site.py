@@ -20,8 +20,10 @@ import numpy as np
 from scipy.stats import binomtest
 
 from cranedyn.interfaces import State
+from cranedyn.sites.bodies import place_capsules
+from cranedyn.sites.proof import separations
 from cranedyn.sites.simulate import MessageChannel, SiteRun, simulate_site
-from cranedyn.sites.site import CraneSite, Station
+from cranedyn.sites.site import CraneSite
 from cranedyn.sites.site_file import EXAMPLES, read_crane_site
 from cranedyn.sites.supervisor import CYCLE, BoxRequest, Guard, Supervisor, gentle
 from experiments import harness
@@ -59,18 +61,16 @@ class LiftOperator:
     """A person who lifts loads from place to place, and follows a load that swings.
 
     Attributes:
-        station: The crane.
-        index: Its index on the site.
-        swing: Largest swing of the site [rad].
+        site: The site.
+        index: Index of the crane.
         seed: Seed of the places.
         zone: Box of positions outside of which it lifts nothing, shape (2, m).
         finished: When each lift was finished [s].
         left_out: Lifts that would have led out of the zone.
     """
 
-    station: Station
+    site: CraneSite
     index: int
-    swing: float
     seed: int
     zone: np.ndarray | None = None
     finished: list[float] = field(default_factory=list)
@@ -78,16 +78,17 @@ class LiftOperator:
 
     def __post_init__(self) -> None:
         """Begin with nothing to do."""
+        self.station = self.site.stations[self.index]
         layout = self.station.crane.layout
         self._rng = np.random.default_rng(self.seed)
-        self._ramp = 0.75 * gentle(self.station, self.swing).decelerations
+        self._ramp = 0.75 * gentle(self.station, self.site.swing).decelerations
         self._base, self._waits_until = np.zeros(layout.m), 0.0
         self._at = np.array([AT[joint.unit] for joint in layout.driven])
         self._legs: list[np.ndarray] = []
 
     def places(self) -> np.ndarray:
         """Return where the next lift begins and ends, shape (2, m)."""
-        low, high = reach(self.station)
+        low, high = reach(self.site, self.index)
         while True:
             drawn = self._rng.uniform(
                 low + 0.05 * (high - low), high - 0.05 * (high - low), (2, len(low))
@@ -104,7 +105,7 @@ class LiftOperator:
         if not self._legs:
             for place in self.places():
                 up, over = np.full_like(q, np.nan), place.copy()
-                up[winch] = over[winch] = reach(self.station)[0][winch] + CARRIED
+                up[winch] = over[winch] = reach(self.site, self.index)[0][winch] + CARRIED
                 self._legs += [up, over, place]
         if t < self._waits_until:
             return self._follow(np.zeros_like(q), state, v)
@@ -134,14 +135,37 @@ class LiftOperator:
         return self._base + np.linalg.pinv(motion[:2], rcond=1e-3) @ towards
 
 
-def reach(station: Station) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lower and upper ends of what the drives of a crane reach, once around, shape (m,)
-    each.
+@cache
+def reach(site: CraneSite, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lower and upper ends of what the drives of a crane reach, shape (m,) each; it
+    slews once around at most, and not through the tower of another.
     """
-    drives = station.crane.layout.drives
-    low, high = station.crane.lower[drives].copy(), station.crane.upper[drives].copy()
-    slew = station.crane.layout.drive_of("slew")
+    station, bodies = site.stations[index], site.bodies
+    layout = station.crane.layout
+    slew = layout.drive_of("slew")
+    low, high = (ends[layout.drives].copy() for ends in (station.crane.lower, station.crane.upper))
     low[slew], high[slew] = max(low[slew], -math.pi), min(high[slew], math.pi)
+    mine = np.nonzero(~bodies.hangs[index] & (bodies.joint[index] > 0))[0]
+    towers = np.argwhere((bodies.joint == 0) & (np.arange(len(site.stations)) != index)[:, None])
+    rows = np.array(list(itertools.product(mine, range(len(towers)))))
+
+    def free(angle: float) -> bool:
+        for ends in (low, high):
+            values = ends.copy()
+            values[slew] = angle
+            places = np.repeat(site.positions(index, values)[None], len(rows), axis=0)
+            own = place_capsules(
+                bodies, np.full(len(rows), index), rows[:, 0], places, places, site.swing
+            )
+            other = towers[rows[:, 1]]
+            still = place_capsules(bodies, other[:, 0], other[:, 1], 0 * places, 0 * places, 0.0)
+            if separations(own, still)[2].min() < 1.5 * site.distance:
+                return False
+        return True
+
+    for ends, way in ((low, -1.0), (high, 1.0)):
+        angles = np.arange(0.0, way * ends[slew], math.radians(1.0)) * way
+        ends[slew] = next((a for a in angles if not free(a)), ends[slew] + 0.0)
     return low, high
 
 
@@ -250,8 +274,8 @@ def _shifts(name: str, duration: float) -> list[Shift]:
     free_times: list[list[float]] = []
     for protection, zones in (("none", None), ("zones", static_zones(site)), ("supervisor", None)):
         operators = [
-            LiftOperator(station, i, site.swing, 100 + i, None if zones is None else zones[i])
-            for i, station in enumerate(site.stations)
+            LiftOperator(site, i, 100 + i, None if zones is None else zones[i])
+            for i in range(len(site.stations))
         ]
         run = simulate_site(
             site, operators, duration=duration, supervised=protection == "supervisor"
@@ -283,7 +307,7 @@ def static_zones(site: CraneSite) -> list[np.ndarray]:
     """
     zones = [Guard(station, site.swing).box for station in site.stations]
     units = [[joint.unit for joint in station.crane.layout.driven] for station in site.stations]
-    ends = [np.array(reach(station)) for station in site.stations]
+    ends = [np.array(reach(site, i)) for i in range(len(site.stations))]
     for i, station in enumerate(site.stations):  # hoists at first
         larger = zones[i].copy()
         larger[:, station.crane.winch] = ends[i][:, station.crane.winch]

@@ -46,8 +46,9 @@ STUCK, PASSING = 20, 100
 """Refused requests in a row after which a way out of a circle is sought, each time again, and
 requests of a crane without waiting after which the one that withdrew no longer lets it pass."""
 
-AHEAD, FARTHEST = (20.0, 5.0, 1.0), 30.0
-"""Ways that a crane is let pass, the first that can be, and the longest way out, at full rate [s].
+AHEAD, FARTHEST, CHECKED = (20.0, 5.0, 1.0), 30.0, 3
+"""Ways that a crane is let pass, the first that can be, and the longest way out, at full rate [s];
+ways out of each that are proven at most.
 """
 
 _SHARES = (1.0, 0.5, 0.2)
@@ -373,7 +374,7 @@ class Supervisor:
                 site.distance,
                 site.swing,
             )
-            for place in moved[lets_pass]:
+            for place in moved[lets_pass][:CHECKED]:
                 swept = np.array([np.minimum(box[0], place[0]), np.maximum(box[1], place[1])])
                 if site.apart(loser, swept, self.boxes).all():
                     return place.mean(axis=0)
