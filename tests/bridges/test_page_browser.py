@@ -19,7 +19,6 @@ import pytest
 from PIL import Image
 
 from cranedyn.bridges import page
-from cranedyn.bridges.exercises import exercises
 from cranedyn.model.load import load_crane
 from tests.bridges import test_page
 
@@ -56,9 +55,7 @@ up a shorter cable."""
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page of the tower crane with the exercise that needs no plan."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(page, "exercises", lambda *of: itertools.islice(exercises(*of), 1))
-        data = test_page.data_of("tower")
-        patch.setattr(page, "page_data", lambda *_: data)
+        patch.setattr(page, "page_data", lambda *_: test_page.data_of("tower"))
         return page.export(tmp_path_factory.mktemp("page") / "crane.html", load_crane())
 
 
