@@ -19,7 +19,7 @@ import numpy as np
 
 from cranedyn.checks import as_array
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.bodies import numeric_bodies, heights
+from cranedyn.dynamics.bodies import heights, numeric_bodies
 from cranedyn.dynamics.drives import cable_buffers
 from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force
 from cranedyn.model.crane import Crane
