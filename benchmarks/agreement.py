@@ -64,7 +64,7 @@ class Truth:
         if got.log is None or expected.log is None:
             return np.inf
         return max(
-            _largest(got.log / scale, expected.log / scale),
+            _largest(got.log() / scale, expected.log() / scale),
             _largest(got.ends, expected.ends),
             _largest(got.peaks, expected.peaks),
         )

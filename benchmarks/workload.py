@@ -71,7 +71,8 @@ class Case:
 
     def logged(self, log: np.ndarray) -> Result:
         """Return the result of a single crane from its log, shape (rows, 2 n + 3)."""
-        return Result(log[-1:, : 2 * self.n].copy(), self.swing(log).max(keepdims=True), log)
+        ends, peak = log[-1:, : 2 * self.n].copy(), self.swing(log).max(keepdims=True)
+        return Result(ends, peak, lambda: log)
 
 
 @dataclass(frozen=True)
@@ -81,13 +82,13 @@ class Result:
     Attributes:
         ends: Coordinates and rates of each crane at the end, shape (cranes, 2 n).
         peaks: The largest swing of each at a control instant, √(φ² + θ²) [rad], shape (cranes,).
-        log: Of a single crane coordinates, rates and efforts at each control instant, shape
+        log: Returns of a single crane coordinates, rates and efforts at each control instant, shape
             (periods + 1, 2 n + 3); None for many.
     """
 
     ends: np.ndarray
     peaks: np.ndarray
-    log: np.ndarray | None = None
+    log: Callable[[], np.ndarray] | None = None
 
 
 Run = Callable[[np.ndarray, float], Result]
@@ -133,7 +134,8 @@ def plain(
         control_period=case.period,
         engine=engine,
     )
-    return case.logged(np.hstack([run.q, run.v, run.effort]))
+    ends, peak = np.hstack([run.q[-1:], run.v[-1:]]), case.swing(run.q).max(keepdims=True)
+    return Result(ends, peak, lambda: np.hstack([run.q, run.v, run.effort]))
 
 
 def brake(

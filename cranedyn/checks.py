@@ -128,10 +128,15 @@ def finite(name: str, value: Any, *shapes: Shape, unit: str = "", meaning: str =
         OutOfRange: If a number is not finite.
     """
     array = as_array(name, value, *shapes, meaning=meaning)
-    wrong = ~np.isfinite(array)
-    if wrong.any():
-        raise OutOfRange(name, float(array[wrong][0]), "finite", unit)
+    rows = equal_rows(array)
+    if not (fine := np.isfinite(rows)).all():
+        raise OutOfRange(name, float(rows[~fine][0]), "finite", unit)
     return array
+
+
+def equal_rows(array: np.ndarray) -> np.ndarray:
+    """Return the first row of an array whose rows share their memory, and others as they are."""
+    return array[:1] if array.ndim > 1 and not array.strides[0] else array
 
 
 def read_only(array: np.ndarray) -> np.ndarray:

@@ -432,19 +432,24 @@ def rope_bounce(stiffness: float, length: float, mass: float) -> float:
 
 
 @_finite
-def pickup_factor(speed: float, frequency: float, gravity: float) -> float:
+def pickup_factor(
+    speed: float, frequency: float, gravity: float, damping_ratio: float = 0.0
+) -> float:
     """Return the largest tension of a rope over the load's weight when the load is picked up at a
-    hoisting speed: 1 + v ω/g.
+    hoisting speed: 1 + v ω/g, less where the rope is damped.
 
     The load leaves the ground when the rope carries its weight, while the rope still shortens at v:
-    it swings by v/ω about that stretch, an undamped oscillator of one mass.
+    the tension then is an oscillator of one mass that starts from the weight at the rate k v.
 
     Args:
         speed: v [m/s].
         frequency: ω of the bounce [rad/s].
         gravity: g [m/s²].
+        damping_ratio: Damping ratio ζ of the bounce, less than 1.
     """
-    return 1.0 + speed * frequency / gravity
+    root = math.sqrt(1.0 - damping_ratio**2)
+    decay = math.exp(-damping_ratio * math.acos(damping_ratio) / root)
+    return 1.0 + speed * frequency / gravity * decay
 
 
 @_finite

@@ -61,6 +61,18 @@ PYTHON
 "$python" -m experiments.snapshot "$work/lift/lift.rrd" -t 28 --view 3d -o "$work"
 mv "$work/lift-28s.png" docs/pictures/lift.png
 mv "$work/lift/site_tower.png" docs/pictures/lift_site.png
+"$python" - "$work/site.rrd" <<'PYTHON'
+import sys
+
+from cranedyn.sites.plan import plan_site
+from cranedyn.sites.simulate import simulate_site
+from cranedyn.sites.site_file import read_crane_site
+
+plan = plan_site(read_crane_site("two_towers"), [("north", [-9, -7, 16]), ("south", [-36, -38, 30])])
+simulate_site(plan.site, plan.operators(), duration=plan.duration + 5).record(sys.argv[1])
+PYTHON
+"$python" -m experiments.snapshot "$work/site.rrd" -t 48 --size 960 560 -o "$work"
+mv "$work/site-48s.png" docs/pictures/several_cranes.png
 "$python" -m experiments.sweep --out "$work/sweep"
 mv "$work/sweep/sweep_map.png" "$work/sweep/sweep_timing.png" docs/pictures/
 "$python" -m experiments.sweep --drive velocity --durations 3 --out "$work/sweep_velocity"

@@ -191,6 +191,14 @@ EXPERIMENTS = {
     "liftoff": Entry(
         "Lift-off and set-down",
         "Lift-off from the ground and set-down: rope, swing, ground.",
+        figures={"lift_off": "Tension over weight at lift-off by speed: φ2 and simulation."},
+    ),
+    "site": Entry(
+        "Several cranes on a site",
+        "Overlapping cranes: contacts and time lost, supervised or not.",
+        (),
+        ("--site", "two_towers", "--hours", "0.02", "--minutes", "6", "--cycles", "50"),
+        {"invariant": "Slew of two cranes over time, in the boxes that are reserved for them."},
     ),
     "identify": Entry(
         "A crane, identified",
@@ -218,6 +226,7 @@ SUBJECTS = {
     "Mechanics": "validate 40 s, mass_ratio 20 s, linear_vs_full 25 s, cranes 1 min",
     "Control": "b1 25 s, compare 10 min, observer 3 min, margins 2 min, sweep 3 min",
     "Lifts": "lift 4 min, lift_report 3 min, lift_benchmark 5 min, factors 1 min, liftoff 20 s",
+    "Sites": "site 15 min",
     "Identification": "identify 1 min, measured 1 min",
 }
 """Experiments by subject, each with about the time that it takes on two processors."""

@@ -16,9 +16,11 @@ from typing import Any
 import numpy as np
 
 from cranedyn.checks import number, whole
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.interfaces import EngineName
-from cranedyn.planning.certificate import Certificate, certify
+from cranedyn.planning.certificate import Certificate, Check, certify
+from cranedyn.planning.ground_lift import GroundLift, certify_ground_lift, from_ground
 from cranedyn.planning.lift import Lift, crane_of, plan_lift
 from cranedyn.planning.perturbed import CONFIDENCE, Perturbed, perturb
 from cranedyn.planning.site import Site
@@ -52,6 +54,8 @@ class SiteResult:
         seconds: Time that planning, certifying and perturbing took [s].
         least: The same lift in least time; None if it was not asked for.
         least_seconds: Time that finding it took [s].
+        grounded: The lift with lift-off and set-down, simulated and checked by phases; None where
+            the load hangs at both ends.
     """
 
     name: str
@@ -61,6 +65,7 @@ class SiteResult:
     seconds: Sequence[float]
     least: Certificate | None
     least_seconds: float
+    grounded: tuple[GroundLift, Trajectory, list[Check]] | None = None
 
     @property
     def lift(self) -> Lift:
@@ -97,6 +102,8 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         figures[f"time_{result.name}"] = clearance_over_time(result.certificate)
     trajectories = {f"lift_{result.name}": result.certificate.run for result in results}
     for result in results:
+        if result.grounded:
+            trajectories[f"grounded_{result.name}"] = result.grounded[1]
         if result.least:
             trajectories[f"least_time_{result.name}"] = result.least.run
     return harness.Outcome(
@@ -115,14 +122,25 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         recording=[
             Run(
                 result.site.name,
-                result.lift.crane,
-                result.certificate.run,
+                lift.crane,
+                run,
                 (_APART * i, 0.0, 0.0),
-                scenery=scenery(result.certificate),
+                scenery=scenery(result.certificate, begins=begins),
             )
             for i, result in enumerate(results)
+            for lift, run, begins in (_whole(result),)
         ],
     )
+
+
+def _whole(result: SiteResult) -> tuple[Lift | GroundLift, Trajectory, float]:
+    """Return the lift, from the ground where it begins there, its run and when its motion begins
+    [s].
+    """
+    if result.grounded is None:
+        return result.lift, result.certificate.run, 0.0
+    lift, run, _ = result.grounded
+    return lift, run, lift.phases["motion"]
 
 
 def _sites(options: argparse.Namespace) -> list[tuple[str, Site]]:
@@ -146,10 +164,21 @@ def _result(
         None if point is None else np.array([number("coordinate", value, "m") for value in point])
         for point in (options.start, options.goal)
     )
+    ends = (site.start if start is None else start, site.goal if goal is None else goal)
+    stands = {len(end) == 2 for end in ends if end is not None}
+    if len(stands) == 2:
+        raise DataError(
+            f"{name}: the load stands at one end and hangs at the other; give two coordinates for "
+            "both ends or three."
+        )
     limits = site.limits or LIMITS
     lift = plan_lift(site, limits, start=start, goal=goal, crane=crane, period=setup.control_period)
     times.append(time.monotonic())
     certificate = certify(lift, dt=setup.dt, engine=setup.engine)
+    grounded = None
+    if True in stands and certificate.holds:
+        whole_lift = from_ground(lift)
+        grounded = (whole_lift, *certify_ground_lift(whole_lift, engine=setup.engine))
     times.append(time.monotonic())
     perturbed, least = None, None
     if count and certificate.holds:
@@ -159,7 +188,7 @@ def _result(
         least = certify_in_least_time(lift, setup.dt, setup.engine)
     times.append(time.monotonic())
     *seconds, least_seconds = np.diff(times).tolist()
-    return SiteResult(name, site, certificate, perturbed, seconds, least, least_seconds)
+    return SiteResult(name, site, certificate, perturbed, seconds, least, least_seconds, grounded)
 
 
 def _tables(
@@ -239,7 +268,8 @@ def _least_time(results: Sequence[SiteResult]) -> harness.ResultTable:
 
 def _claims(result: SiteResult) -> Iterator[harness.Claim]:
     name, lift = result.name, result.lift
-    for check in result.certificate.checks:
+    checks = [*result.certificate.checks, *(result.grounded[2] if result.grounded else ())]
+    for check in checks:
         yield harness.Claim(f"{name}: {check.sentence}", check.holds)
     if result.certificate.holds:
         for phrase, duration, ratio in (
@@ -271,10 +301,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     add = parser.add_argument
     text = "sites as TOML, see docs/howto/plan_lift.md, or names of examples (default all of them)"
     add("--site", nargs="+", metavar="FILE", default=None, help=text)
-    point: dict[str, Any] = {"nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
-    text = "centre of the load at the start, in the site's frame [m]"
+    point: dict[str, Any] = {"nargs": "+", "type": float, "metavar": ("X", "Y")}
+    text = "centre of the load at the start, in the site's frame [m]: X Y Z, or X Y to lift it off"
     add("--from", dest="start", help=text, **point)
-    add("--to", dest="goal", help="the same at the end", **point)
+    add("--to", dest="goal", help="the same at the end, or X Y to set it down", **point)
     add("--lifts", type=int, default=LIFTS, metavar="N", help="perturbed lifts; 0 for none")
     add("--least-time", action="store_true", help=LEAST_TIME)
     return harness.run_experiment(parser, experiment, argv)

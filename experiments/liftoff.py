@@ -15,6 +15,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.contact import Ground, box_corners, box_load, standing
@@ -25,6 +26,8 @@ from cranedyn.lifting import factors
 from cranedyn.lifting.factors import HOISTING, DriveClass, HoistingClass
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.style import run_colour
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.oracles.bench import locked
@@ -123,6 +126,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         tables=[_pick_up_table(picked), _off_lead_table(leaning), _set_down_table(down)],
         claims=[*_pick_up_claims(picked), *_other_claims(worst, down)],
         trajectories={"off_lead": worst.run},
+        figures={"lift_off": _figure(picked)},
         recording=harness.side_by_side({"off-lead": (_roped(setup), worst.run)}, apart=0.0),
     )
 
@@ -242,6 +246,23 @@ def _pick_up_table(picked: Sequence[LiftOff]) -> ResultTable:
         "the sink of the ground and the strain of the rope. φ2 = φ2,min + β2 v_h, EN 1991-3 and "
         "13001-2 read second hand. HD5 lifts off without speed.",
     )
+
+
+def _figure(picked: Sequence[LiftOff]) -> Figure:
+    """Draw φ2 and simulated tensions over the speed of lift-off, a colour a class."""
+    figure, (ax,) = panels(width=7.0, height=3.6)
+    speeds = np.array([0.0, max(p.speed for p in picked)])
+    for i, hoisting in enumerate(CLASSES):
+        slope, least = HOISTING[hoisting]
+        drawn, colour = [p for p in picked if p.hoisting == hoisting], run_colour(i)
+        ax.plot(speeds, least + slope * speeds, color=colour, label=f"φ2, {hoisting}")
+        ax.plot(speeds, 1.0 + slope * speeds, color=colour, linestyle=":")
+        ax.plot([p.speed for p in drawn], [p.simulated for p in drawn], "o", color=colour)
+    ax.plot([], [], ":", color=COLOURS["setpoint"], label="1 + β2 v")
+    ax.plot([], [], "o", color=COLOURS["setpoint"], label="simulated")
+    ax.set(xlabel="hoisting speed at lift-off [m/s]", ylabel="tension over weight")
+    ax.legend()
+    return figure
 
 
 def _off_lead_table(leaning: Sequence[OffLead]) -> ResultTable:

@@ -6,6 +6,7 @@ import importlib.util
 import math
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
@@ -123,13 +124,24 @@ def turned(old: str, new: str, text: str) -> str:
 
 
 def python(
-    script: str, *arguments: object, timeout: float = 60.0
+    script: str, *arguments: object, timeout: float = 300.0
 ) -> subprocess.CompletedProcess[str]:
     """A script in a process of its own, in the root of the repository."""
     command = [sys.executable, "-c", script, *map(str, arguments)]
     return subprocess.run(
         command, capture_output=True, text=True, timeout=timeout, cwd=ROOT, check=False
     )
+
+
+def within(seconds: float, holds: Callable[[], object]) -> bool:
+    """Whether it comes to hold before this process has had the processor for so long [s], in which
+    it does not sleep: others have had as much, however busy the machine is.
+    """
+    end = time.process_time() + seconds
+    while not holds():
+        if time.process_time() > end:
+            return False
+    return True
 
 
 def files(folder: Path) -> list[str]:

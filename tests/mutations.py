@@ -30,10 +30,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 SHARED = (
     "llvmlite.binding",
     "matplotlib.figure",
+    "mujoco",
+    "pandas",
     "pinocchio",
+    "rich.progress",
     "scipy.integrate",
     "scipy.signal",
     "trimesh",
+    "xacro",
+    "yourdfpy",
 )
 """What is imported once for all tests: slow, never broken here, and without threads of its own,
 which a forked process would miss.
@@ -142,6 +147,10 @@ cranedyn/dynamics/drives.py
 - change = follow_drives(model, data, q, still, change, weight, self._free_when_taut)
 + change = follow_drives(model, data, q, still, change, weight, np.arange(5))
 cranedyn/compiled/step.py
+* a lane whose slack rope becomes taut goes on falling
+? slack::a_load_falls_freely_until_the_rope_catches_it_and_then_hangs[compiled]
+- loose_end.q[rope.stretch] < 0.0
++ loose_end.q[rope.stretch] < 9.0
 * the change of a rope is found by halves only once
 ? slack::both_engines_go_through_the_same_phases[motion-inextensible]
 - _TRIES = 10
@@ -183,6 +192,18 @@ cranedyn/simulation/engine.py
 - self._buffer_work += float(external.ground_effort @ moved)
 + self._buffer_work += 0.0
 cranedyn/dynamics/contact.py
+* the ground is at the foot of the crane
+? contact::the_ground_is_at_any_height_and_a_hull_is_like_the_platform_of_its_corners
+- (Face((0.0, 0.0, 1.0), level),)
++ (Face((0.0, 0.0, 1.0), 0.0),)
+* a wall ends where the ground begins
+? contact::the_ground_is_at_any_height_and_a_hull_is_like_the_platform_of_its_corners
+- f.normal[2] > -1.0 or -f.offset > level
++ True
+* a load without restitution rebounds
+? contact::a_load_without_restitution_stays_where_it_falls
+- damping_ratio(max(self.restitution, _DEAD))
++ damping_ratio(max(self.restitution, 0.3))
 * the ground pulls a load that leaves it
 ? contact::a_box_on_the_ground_meets_its_closed_forms
 - chosen(push > 0.0, push, 0.0)
@@ -358,8 +379,20 @@ cranedyn/compiled/kernel.py
 + self._keep_angle(i, pairs[i])
 * a compiled loop logs efforts a period late
 ? compiled::a_run_of_many_blocks_is_the_same
-- row = [*q, *v, *command, *effort, *before,
-+ row = [*q, *v, *command, *before, *effort,
+- acts, energy = [*command, *effort, *before],
++ acts, energy = [*command, *before, *effort],
+* a compiled loop dissipates at the end of a period alone
+? compiled::a_run_of_many_blocks_is_the_same
+- loss = (self._get("power") + power) / 2.0 *
++ loss = power *
+* a compiled loop counts the work of the effort before a period
+? compiled::a_run_of_many_blocks_is_the_same
+- work = (self._get("acted") + before) / 2.0 *
++ work = before *
+* a compiled loop does not say that the model has ceased to hold
+? compiled::a_hoist_that_pushes_the_rope_ends_both_runs
+- code.chosen(holds, 0.0, 1.0), 2.0)
++ 0.0, 2.0)
 * compiled code begins a piece of a control period with control again
 ? compiled_binding::a_run_in_pieces_is_the_same_to_the_bit
 - with code.when(code.builder.not_(begun)):
@@ -407,7 +440,7 @@ cranedyn/compiled/engine.py
 +
 * what a compiled loop integrated is forgotten
 ? compiled::a_run_of_many_blocks_is_the_same
-- if isinstance(controller, Stateful):
+- if hasattr(controller, "resume"):
 + if False:
 cranedyn/compiled/batch.py
 * cranes of a batch have each other's numbers
@@ -447,6 +480,10 @@ cranedyn/model/springs.py
 - number(f"spring stiffness of {name}", text, unit, ">= 0")
 + number(f"spring stiffness of {name}", text, unit)
 cranedyn/dynamics/linearisation.py
+* a deviation of a taut rope stays
+? slack::a_taut_rope_that_does_not_stretch_is_a_rigid_one
+- power[:, :, list(held)] = 0.0
++ power[:, :, []] = 0.0
 * free modes forget the springs
 ? cranes::free_modes_are_normal_and_keep_their_amplitudes
 - rest_stiffness(crane.model, data, crane.springs, q)[block]
@@ -485,9 +522,17 @@ cranedyn/planning/clearance.py
 + 0.0 * aside * across * hoisted
 cranedyn/planning/ground_lift.py
 * the hoist of a load that stands pulls its whole weight
-? ground_lift::a_load_is_lifted_off_moved_and_set_down
+? ground_lift::a_load_is_lifted_off_the_ground_moved_and_set_down_on_an_obstacle
 - (weight - tension) * self.crane
 + 0.0 * self.crane
+* lift-off at no speed
+? ground_lift::a_load_is_lifted_off_the_ground_moved_and_set_down_on_an_obstacle
+- -float(motion.v[rows, hoist][0]), omega
++ 0.0, omega
+* lift-off is bounded off-lead, too
+? ground_lift::a_load_that_is_lifted_off_lead_and_set_down_beside_its_goal_has_no_certificate
+- if (run["phase"][off:moving] == OFF_LEAD).any()
++ if False
 cranedyn/planning/bodies.py
 * a rope has no width
 ? clearance::rope_and_trolley_keep_from_a_post_beside_them_by_what_the_urdf_draws
@@ -507,6 +552,10 @@ cranedyn/planning/proof.py
 - bend, stretches = _FASTEST * period**2 / 8.0,
 + bend, stretches = 0.0 * period,
 cranedyn/sites/brakes.py
+* the latency of the drives is twice what is told
+? sites::wild_operators_keep_to_boxes_and_swing_with_half_of_the_messages_lost
+- REACTION = CYCLE + DELAY + LAGS["slew"] + ROUNDING
++ REACTION = 0.5 * (DELAY + LAGS["slew"])
 * brakes are taken for twice as strong
 ? sites::a_crane_stops_within_its_stopping_distance_and_no_rate_is_larger_than_that
 - speed / (2.0 * self.decelerations)
@@ -516,15 +565,45 @@ cranedyn/sites/bodies.py
 ? sites::every_corner_of_every_shape_lies_in_a_capsule
 - return [*rope, ("load", load, width)]
 + return [("load", load, width)]
+cranedyn/sites/capsules.py
 * the load of a neighbour does not swing
 ? sites::every_corner_of_every_shape_lies_in_a_capsule
-- cone = 2.0 * math.sin(swing / 2.0)
-+ cone = 0.0 * math.sin(swing / 2.0)
+- radius=capsule[14] + capsule[13] * cone * (depths[1] + capsule[14])
++ radius=capsule[14]
+* a joint is not moved by those beyond it
+? sites::no_sample_of_the_largest_proven_boxes_is_too_near_by_the_distances_of_coal
+- along.append(h * (first + turned + 0.5 * h * lever))
++ along.append(0.3 * h * first)
 cranedyn/sites/proof.py
 * the middle of a box is taken for all of it
-? sites::no_sample_of_proven_boxes_is_nearer_than_the_required_distance
-- open_ = separation - total < required
-+ open_ = separation < required
+? sites::no_sample_of_the_largest_proven_boxes_is_too_near_by_the_distances_of_coal
+- with code.when(apart - total < required)
++ with code.when(apart < required)
+cranedyn/sites/plan.py
+* a lift passes those that were planned before as if they were not there
+? plan::planned_lifts_arrive_and_keep_the_distance_that_is_proven
+- if blocking != crane and not self._apart(
++ if blocking == crane and not self._apart(
+cranedyn/sites/simulate.py
+* what bodies move between two rows is left out
+? plan::bodies_that_pass_each_other_between_two_rows_are_told_from_those_that_meet
+- if gap_low + gap_high - moved * (high - low) > 2.0 * bend:
++ if gap_low + gap_high > 2.0 * bend:
+cranedyn/sites/obstacles.py
+* the middle of a box is taken for all of it
+? plan::a_supervised_crane_stops_before_an_obstacle_or_zone
+- near = margin < motion
++ near = margin < 0.0 * motion
+cranedyn/sites/site_file.py
+* weak gears leave the drives as they are
+? plan::drives_with_weak_gears_ramp_no_faster_than_their_brakes_stop
+- slopes = np.minimum(drives.accelerations, brake.decelerations)
++ slopes = drives.accelerations
+cranedyn/recording/run.py
+* cranes are drawn without their heading
+? plan::a_run_is_recorded_with_each_crane_at_its_place_and_written_as_one_table
+- return Rotation.from_euler("z", self.heading).apply(points)
++ return Rotation.from_euler("z", 0.0 * self.heading).apply(points)
 cranedyn/sites/supervisor.py
 * a late grant is taken for the last
 ? sites::a_grant_for_an_older_request_is_ignored_and_a_fault_brakes
@@ -741,6 +820,15 @@ cranedyn/compiled/printing.py
 ? c_code::a_crane_of_another_topology_and_rule_in_c_passes_its_own_test
 - right.within(binding, sign, right=True)
 + right.within(binding, sign)
+cranedyn/compiled/c_routines.py
+* a row in C is read before it has been written
+? c_code::a_controller_in_c_commands_what_it_commands_in_python[predictive, efforts]
+- if operation == "load" and self._stores and
++ if operation == "call" and self._stores and
+* a loop over lanes in C forgets what is used after it
+? c_code::a_controller_in_c_commands_what_it_commands_in_python[predictive, efforts]
+- if self._left[value]]
++ if self._left[value] > 1]
 cranedyn/compiled/c_text.py
 * a block in C takes what is no number
 ? c_code::an_input_that_is_no_number_is_a_fault_until_the_reset
@@ -766,6 +854,11 @@ cranedyn/bridges/templates/page/input.js
 ? page_browser::a_key_moves_its_drive_in_its_sense
 - axis[2] < -0.5) ? -1 : 1
 + axis[2] < -2.5) ? -1 : 1
+cranedyn/bridges/commissioning/opcua.py
+* a client with any certificate gets in
+? servers::only_the_user_with_the_password_and_a_trusted_certificate_gets_in
+- self._trusted is None or certificate in self._trusted
++ True
 cranedyn/bridges/commissioning/served_crane.py
 * a client that falls silent leaves the crane moving
 ? served_crane::without_a_heartbeat_an_enabled_crane_stops_after_half_a_second_and_says_why
@@ -811,11 +904,16 @@ cranedyn/bridges/templates/page/assist.js
 ? page::a_drive_stops_before_the_end_of_its_range_by_any_ramp
 - return this.limited(this.shaped(asked, q), q);
 + return this.shaped(asked, q);
+cranedyn/bridges/templates/page/kernel.js
+* predictive control plans with the usual ramps, whatever they are
+? page::predictive_control_keeps_to_the_ramps_and_to_the_ranges_of_the_drives
+- ramps * this._initial[first + i]
++ this._initial[first + i]
 cranedyn/bridges/templates/page/run.js
 * predictive control runs out of a range
-? page::predictive_control_gives_up_before_a_drive_leaves_its_range
-- !this.assistant.canStop(rates, q)
-+ false
+? page::predictive_control_keeps_to_the_ramps_and_to_the_ranges_of_the_drives
+- this.assistant.limited(kernel.plan(this.k), q)
++ kernel.plan(this.k)
 * the share of a chart overlooks its moments
 ? page::the_share_of_the_chart_is_that_of_a_report
 - between / radius

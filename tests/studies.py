@@ -18,10 +18,15 @@ def squares(cases: Columns) -> Columns:
 
 
 def logged(cases: Columns) -> Columns:
-    """Squares, slowly; every case is noted in a file beside the number of the process."""
+    """Squares, slowly; every case is noted in a file beside the number of the process. Where a gate
+    is named, cases from 8 on wait for that file.
+    """
     with open(os.environ["SWEEP_LOG"], "a") as log:
         log.write("".join(f"{os.getpid()} {x:g}\n" for x in cases["x"]))
     time.sleep(float(os.environ["SWEEP_PAUSE"]))
+    gate = os.environ.get("SWEEP_GATE")
+    while gate and (cases["x"] >= 8.0).any() and not os.path.exists(gate):
+        time.sleep(0.01)
     return squares(cases)
 
 

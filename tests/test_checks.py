@@ -212,8 +212,7 @@ def test_an_error_of_whoever_a_run_calls_is_its_cause_and_its_rows_are_kept(who:
 
 def test_a_command_of_complex_numbers_is_refused() -> None:
     with pytest.raises(
-        OutOfRange,
-        match=r"command of the controller is no array of numbers but one of complex128",
+        OutOfRange, match=r"command of the controller is no array of numbers but one of complex128"
     ):
         simulate(C, lambda t, state, setpoint: np.array([1j, 0, 0]), duration=0.1)
 

@@ -94,22 +94,78 @@ static inline void step(crane *c, const real effort[3]) {
 }
 
 /* The hold controller within the limits of the drives, in SI. */
-static inline void hold(const crane *c, const real wanted[3], real effort[3]) {
+static inline void hold(const crane *c, const real wanted[3], real command[3], real effort[3]) {
     for (int k = 0; k < 3; k++) {
         real e = feed[k] + stiffness[k] * (wanted[k] - c->q[drives[k]]) - damper[k] * (1.0 / DT) * c->u[drives[k]];
+        command[k] = e;
         for (int i = 0; i < LANES; i++) LANE(e, i) = LANE(e, i) > most[k] ? most[k] : LANE(e, i) < -most[k] ? -most[k] : LANE(e, i);
         effort[k] = e;
     }
 }
 
+#ifdef BASE
+/* Energy of a single crane, from the velocities of the payload along the jib, across it and upwards; zero at the ground. */
+static inline double energy(const crane *c) {
+    const double x = c->q[X], l = c->q[L], slew = c->u[GAMMA], out = c->u[X], phi = c->u[PHI], theta = c->u[THETA], down = c->u[L];
+    const double sp = c->sin_phi, cp = c->cos_phi, st = c->sin_theta, ct = c->cos_theta, lever = l * ct;
+    const double v_down = down * ct - l * theta * st, v_phi = lever * phi, spin = theta + sp * slew;
+    const double along = out - sp * v_down - cp * v_phi + slew * l * st, up = sp * v_phi - cp * v_down;
+    const double across = down * st + l * theta * ct - slew * (x - lever * sp);
+    const double motion = slewing * slew * slew + cart * (out * out + x * x * slew * slew) + along * along + across * across + up * up
+                          + both * phi * phi + inner * (spin * spin + cp * cp * slew * slew);
+    return (0.5 * motion + g * (BASE - lever * cp)) * (PAYLOAD / (DT * DT));
+}
+
+static const double low[JOINTS] = {LOW_SLEW, LOW_TROLLEY, LOW_PHI, LOW_THETA, LOW_HOIST}, quarter = 1.5707963267948966;
+static const double high[JOINTS] = {HIGH_SLEW, HIGH_TROLLEY, HIGH_PHI, HIGH_THETA, HIGH_HOIST};
+static const double rate[3] = {RATE_SLEW, RATE_TROLLEY, RATE_HOIST};
+
+/* Whether joints and drives are within their ranges, the rope pulls, and the payload is above the ground. */
+static inline int valid(const crane *c, const double effort[3]) {
+    int holds = c->q[PHI] >= -quarter && c->q[PHI] <= quarter && c->q[THETA] >= -quarter && c->q[THETA] <= quarter;
+    for (int j = 0; j < JOINTS; j++) holds &= c->q[j] >= low[j] && c->q[j] <= high[j];
+    for (int k = 0; k < 3; k++) holds &= c->u[drives[k]] >= -DT * rate[k] && c->u[drives[k]] <= DT * rate[k];
+    return holds & (DAMP_HOIST / DT * c->u[L] - effort[2] > 0.0) & (PIVOT - c->q[L] * c->cos_theta * c->cos_phi >= 0.0);
+}
+
+typedef struct {
+    double middle[3], exerted[3], work[3], power, dissipated;
+} balance;
+
+/* Log a row of coordinates, rates, efforts, setpoint, commands, forces and work from outside, energy, work and dissipation so far,
+   and validity; the first one begins the balance. */
+static double *ledger(double *log, const crane *c, const double wanted[3], const double command[3], const double effort[3], balance *b,
+                      int first) {
+    double now = 0.0;
+    for (int j = 0; j < JOINTS; j++) *log++ = c->q[j];
+    for (int j = 0; j < JOINTS; j++) *log++ = c->u[j] * (1.0 / DT), now += damping[j] / per * log[-1] * log[-1];
+    for (int k = 0; k < 3; k++) *log++ = effort[k];
+    for (int k = 0; k < 3; k++) *log++ = wanted[k];
+    for (int k = 0; k < 3; k++) *log++ = command[k];
+    for (int i = 0; i < OUTSIDE; i++) *log++ = 0.0;
+    *log++ = energy(c);
+    for (int k = 0; k < 3; k++) {
+        const double reached = c->q[drives[k]] - 0.5 * c->u[drives[k]];
+        b->work[k] = first ? 0.0 : b->work[k] + b->exerted[k] * (reached - b->middle[k]);
+        b->middle[k] = reached, b->exerted[k] = effort[k], *log++ = b->work[k];
+    }
+    b->dissipated = first ? 0.0 : b->dissipated + 0.5 * (b->power + now) * (DT * STEPS);
+    b->power = now, *log++ = b->dissipated, *log++ = valid(c, effort);
+    return log;
+}
+#endif
+
 /* Run `rounds` times LANES * GROUPS cranes for some control periods.
 
    starts, ends: coordinates and rates of each crane in a row of ten; peaks: the largest phi^2 + theta^2 at a control instant;
-   log: rows of coordinates, rates and efforts at the control instants of a single crane, or null. */
+   log: rows of coordinates, rates and efforts at the control instants of a single crane, with BASE those of `ledger`, or null. */
 void run(long rounds, long periods, const double *starts, double *ends, double *peaks, double *log) {
     for (long round = 0; round < rounds; round++, starts += 10 * LANES * GROUPS, ends += 10 * LANES * GROUPS, peaks += LANES * GROUPS) {
         crane c[GROUPS];
-        real wanted[GROUPS][3], effort[GROUPS][3], peak[GROUPS];
+        real wanted[GROUPS][3], effort[GROUPS][3], command[3], peak[GROUPS];
+#ifdef BASE
+        balance kept;
+#endif
         for (int n = 0; n < GROUPS; n++) {
             for (int i = 0; i < LANES; i++)
                 for (int j = 0; j < JOINTS; j++) {
@@ -123,15 +179,19 @@ void run(long rounds, long periods, const double *starts, double *ends, double *
             for (int n = 0; n < GROUPS; n++) {
                 const real swing = c[n].q[PHI] * c[n].q[PHI] + c[n].q[THETA] * c[n].q[THETA];
                 for (int i = 0; i < LANES; i++) LANE(peak[n], i) = LANE(swing, i) > LANE(peak[n], i) ? LANE(swing, i) : LANE(peak[n], i);
-                hold(&c[n], wanted[n], effort[n]);
+                c[n].sin_phi = sine(c[n].q[PHI]), c[n].cos_phi = cosine(c[n].q[PHI]);
+                c[n].sin_theta = sine(c[n].q[THETA]), c[n].cos_theta = cosine(c[n].q[THETA]);
+                hold(&c[n], wanted[n], command, effort[n]);
+#ifdef BASE
+                log = ledger(log, &c[n], wanted[n], command, effort[n], &kept, p == 0);
+#else
                 if (log && LANES * GROUPS == 1) {
                     for (int j = 0; j < JOINTS; j++) log[j] = LANE(c[n].q[j], 0), log[5 + j] = LANE(c[n].u[j], 0) * (1.0 / DT);
                     for (int k = 0; k < 3; k++) log[10 + k] = LANE(effort[n][k], 0);
                     log += 13;
                 }
+#endif
                 for (int k = 0; k < 3; k++) effort[n][k] *= unit;
-                c[n].sin_phi = sine(c[n].q[PHI]), c[n].cos_phi = cosine(c[n].q[PHI]);
-                c[n].sin_theta = sine(c[n].q[THETA]), c[n].cos_theta = cosine(c[n].q[THETA]);
             }
             if (p == periods) break;
             for (int s = 0; s < STEPS; s++)

@@ -11,8 +11,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
 from benchmarks.workload import Case, Contestant, Result, Run
+from cranedyn.dynamics.pinocchio import point_positions
 from cranedyn.errors import CraneError, ModelError
 
 SOURCE = Path(__file__).with_name("crane.c")
@@ -79,14 +81,30 @@ def c_constants(case: Case) -> dict[str, float]:
     return constants
 
 
-def load_library(case: Case, lanes: int, groups: int) -> ctypes.CDLL:
-    """Compile the source for a case and load it.
+def ledger_constants(case: Case) -> dict[str, float]:
+    """Return the further parameters with which a single crane logs what `simulate` logs."""
+    crane, joints = case.crane, ("SLEW", "TROLLEY", "PHI", "THETA", "HOIST")
+    zero = np.zeros(crane.layout.n)
+    weight = crane.payload_mass * crane.gravity
+    constants = {
+        "BASE": pin.computePotentialEnergy(crane.model, crane.data, zero) / weight,
+        "PIVOT": point_positions(crane, zero)[0][2],
+        "OUTSIDE": 3 * len(crane.points) + 2,
+    }
+    for name, values in (("LOW", crane.lower), ("HIGH", crane.upper)):
+        constants |= {f"{name}_{joint}": x for joint, x in zip(joints, values, strict=True)}
+    rates = zip(joints[:2] + joints[4:], crane.rate_limit, strict=True)
+    return constants | {f"RATE_{joint}": x for joint, x in rates}
+
+
+def load_library(case: Case, lanes: int, groups: int, **further: float) -> ctypes.CDLL:
+    """Compile the source for a case, and further constants, and load it.
 
     Raises:
         CraneError: If the compiler refuses it.
     """
     values = {
-        **{name: repr(float(value)) for name, value in c_constants(case).items()},
+        **{name: repr(float(value)) for name, value in (c_constants(case) | further).items()},
         "STEPS": case.steps,
         "LANES": lanes,
         "GROUPS": groups,
@@ -106,16 +124,21 @@ def load_library(case: Case, lanes: int, groups: int) -> ctypes.CDLL:
     return loaded
 
 
-def _one(case: Case) -> Run:
-    library = load_library(case, 1, 1)
+def _one(case: Case, columns: int = 13, **further: float) -> Run:
+    library = load_library(case, 1, 1, **further)
 
     def run(starts: np.ndarray, duration: float) -> Result:
         periods, starts = case.periods(duration), np.ascontiguousarray(starts, float)
-        ends, peaks, log = np.empty((1, 10)), np.empty(1), np.empty((periods + 1, 13))
+        ends, peaks, log = np.empty((1, 10)), np.empty(1), np.empty((periods + 1, columns))
         library.run(1, periods, *(array.ctypes.data for array in (starts, ends, peaks, log)))
-        return Result(ends, np.sqrt(peaks), log)
+        return Result(ends, np.sqrt(peaks), lambda: log[:, :13])
 
     return run
+
+
+def _whole_log(case: Case) -> Run:
+    further = ledger_constants(case)
+    return _one(case, 25 + int(further["OUTSIDE"]), **further)
 
 
 def _many(threads: int, case: Case) -> Run:
@@ -156,5 +179,6 @@ def _threads(count: int) -> Contestant:
 
 CONTESTANTS = (
     Contestant("C by hand", _missing, _one),
+    Contestant("C by hand, whole log", _missing, _whole_log),
     *(_threads(count) for count in sorted({1, os.cpu_count() or 1})),
 )

@@ -7,11 +7,12 @@ import math
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.clocks import whole_periods
 from cranedyn.controllers.lqr import effort_weight_of, lqr
 from cranedyn.controllers.velocity_command import as_velocity_command
 from cranedyn.dynamics.converters import HEADROOM, Converters
@@ -21,6 +22,9 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
+
+if TYPE_CHECKING:
+    from cranedyn.compiled.horizon.receding import Receding
 
 PERIOD, DT = 5e-3, 5e-4
 """Control period and physics step [s], those of `simulate`."""
@@ -108,7 +112,7 @@ _ASSISTANCES = {
     "lqr": ("LQR", "Feedback of the whole state holds the load on the motion of the sticks."),
     "predictive": (
         "Predictive",
-        "An optimisation drives the load to the goal that is clicked, by the usual ramps.",
+        "An optimisation drives the load to the goal that is clicked.",
     ),
 }
 
@@ -237,22 +241,17 @@ def kernel_data(
     cranes: Sequence[Crane],
     responses: Sequence[np.ndarray],
 ) -> dict[str, Any]:
-    """Return the code as WebAssembly, with the layout of its memory."""
-    from cranedyn.compiled.horizon.receding import receding
+    """Return the code as WebAssembly, with the layout of its memory but no state at the start."""
     from cranedyn.compiled.kernel import Recipe, build_module
     from cranedyn.compiled.layout import SLOTS, size, slices
     from cranedyn.compiled.verify import compile_kernel
     from cranedyn.compiled.webassembly import webassembly  # other exporters need no llvmlite
 
     recipe = Recipe(
-        lanes=1,
-        drive="velocity",
-        integrator=semi_implicit_euler,
-        buffers=False,
-        integral=False,
-        offset=False,
+        1,
+        "velocity",
+        semi_implicit_euler,
         forces=True,
-        shared=(True, True, True),
         log=True,
         summary=True,
         delay_steps=drives.delay_steps(DT, PERIOD),
@@ -260,17 +259,6 @@ def kernel_data(
     usual = np.concatenate(drives.response)
     kernel, numbers = compile_kernel([crane, *cranes], recipe, np.array([usual, *responses]))
     source = kernel.source
-    modules = {"plain": build_module(source)}
-    data: dict[str, Any] = {}
-    if any(entry["name"] == "predictive" for entry in assistances(crane)):
-        limits = Limits(usual_rates(drives).tolist(), drives.accelerations.tolist())
-        controller = receding(crane, limits, drive="velocity", converters=drives)
-        programme = controller.programme
-        modules["predictive"] = build_module(
-            source._replace(recipe=replace(recipe, programme=programme))
-        )
-        data["horizon"] = _packed(controller.memory(1).tobytes())
-        data["counts"] = programme.offsets(1).counts
     buffers = {
         "state": source.sizes.state,
         "gain_table": source.sizes.gain_table,
@@ -279,8 +267,10 @@ def kernel_data(
         "log": source.sizes.row,
         "summary": source.sizes.summary,
     }
-    return data | {
-        "modules": {name: _packed(webassembly(module)) for name, module in modules.items()},
+    planned = any(entry["name"] == "predictive" for entry in assistances(crane))
+    return {
+        "horizon": _horizon_data(goal_controller(crane, drives)) if planned else None,
+        "module": _packed(webassembly(build_module(source))),
         "slots": SLOTS,
         "sections": {
             name: {key: [part.start, part.stop] for key, part in slices(sections).items()}
@@ -292,11 +282,46 @@ def kernel_data(
             slider.name: (row - numbers[0]).tolist()
             for slider, row in zip(sliders, numbers[1:], strict=True)
         },
-        "state": np.concatenate(crane.start).tolist(),
         "drives": crane.layout.drives.tolist(),
         "dt": DT,
         "period": PERIOD,
         "steps": round(PERIOD / DT),
+    }
+
+
+def goal_controller(crane: Crane, drives: Converters) -> Receding:
+    """Return the predictive controller: few and long stages are quick, and as good here."""
+    from cranedyn.compiled.horizon.receding import receding
+
+    swing = swing_period(crane, crane.start.q)
+    limits = Limits(usual_rates(drives).tolist(), drives.accelerations.tolist())
+    return receding(
+        crane,
+        limits,
+        drive="velocity",
+        converters=drives,
+        period=whole_periods(swing / 75.0, PERIOD),
+        stage=whole_periods(swing / 10.0, PERIOD),
+        stages=20,
+    )
+
+
+def _horizon_data(controller: Receding) -> dict[str, Any]:
+    """Return code and memory of a predictive controller, and places of its acceleration limits."""
+    from llvmlite import ir
+
+    from cranedyn.compiled.horizon.control import emit_instant, emit_plan
+    from cranedyn.compiled.webassembly import webassembly
+
+    programme, module = controller.programme, ir.Module()
+    emit_plan(module, programme)
+    emit_instant(module, programme)
+    shape, first = programme.shape, programme.offsets(1).work
+    return {
+        "module": _packed(webassembly(module)),
+        "memory": _packed(controller.memory(1).tobytes()),
+        "ratio": programme.ratio,
+        "accelerations": [first + shape.place(name) + shape.states for name in ("low", "high")],
     }
 
 

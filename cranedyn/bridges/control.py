@@ -16,7 +16,7 @@ from cranedyn.checks import check_choice, finite, short_repr
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.lqr import linearised
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.dynamics.converters import Converters
+from cranedyn.dynamics.linearisation import held_states
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Drive, Setpoint, State
@@ -35,41 +35,22 @@ except ModuleNotFoundError as error:
 def to_control(
     crane: Crane,
     state: State | None = None,
-    *,
-    effort: np.ndarray | None = None,
-    drive: Drive = "effort",
-    control_period: float | None = None,
-    dt: float = 5e-4,
-    outputs: Sequence[str] | None = None,
-    converters: Converters | None = None,
+    **options: Any,
 ) -> ct.StateSpace:
     """Return the crane linearised about a state as a state-space system with named states, inputs
     and outputs.
 
     Its variables are deviations from that state and from the command there, in SI units and
-    radians.
+    radians. The stretch of a taut inextensible rope is no state.
 
     Args:
         crane: The crane.
         state: State to linearise about, at rest or in a motion; None for the start.
-        effort: Efforts of the drives there [N m or N], shape (m,); None for those that balance
-            gravity.
-        drive: Inputs: "effort", or with "motion" the accelerations of the drives, or with
-            "velocity" the rates that frequency converters are commanded. Then the drives follow as
-            lags of first order; ramps and rounding are left out, and the delay is in the sampled
-            system only, where commands on their way are states.
-        control_period: None for a continuous system. A time [s] for the system that `simulate`
-            steps: the command held over it, and semi-implicit Euler between.
-        dt: Physics step of the sampled system [s].
-        outputs: Names of the states that are outputs; None for all of the crane.
-        converters: Frequency converters of "velocity"; None for typical ones.
+        options: As `cranedyn.bridges.matlab.linear_system` takes them.
 
     Raises:
-        OutOfRange: If a time or an effort is out of range, or `drive` is none of these.
-        UnknownName: If an output is no state.
+        OutOfRange, UnknownName: As `linear_system`.
     """
-    options: dict[str, Any] = {"drive": drive, "control_period": control_period, "dt": dt}
-    options |= {"effort": effort, "outputs": outputs, "converters": converters}
     system = linear_system(crane, state, **options)
     names = {kind: getattr(system, kind) for kind in ("states", "inputs", "outputs")}
     matrices = system.a, system.b, system.c, np.zeros((len(system.c), crane.layout.m))
@@ -131,9 +112,10 @@ def from_control(
 
     Args:
         crane: The crane.
-        feedback: The gain K of u = -K z, shape (m, 2 n), as `control.lqr` and `control.dlqr` give
-            it; or a system from states of the crane, all or with states of its own some, to the
-            commands; or the controller of `control.create_statefbk_iosystem`.
+        feedback: The gain K of u = -K z, one column for each state of `to_control`, as
+            `control.lqr` and `control.dlqr` give it; or a system from states of the crane, all or
+            with states of its own some, to the commands; or the controller of
+            `control.create_statefbk_iosystem`.
         about: The rest, or the motion, from which z and u are deviations. The commands there are
             fed forward.
         drive: Outputs of the feedback: "effort", with "motion" the accelerations of the drives, or
@@ -148,8 +130,14 @@ def from_control(
     """
     check_choice("drive", drive, Drive)
     names, m = state_names(crane), crane.layout.m
-    a, b, c, gain = _matrices(feedback, names)
-    gain = finite("gain", gain, (m, len(names)))
+    if isinstance(about, Motion):
+        at = State(about.q[0], about.v[0])
+    else:
+        at = crane.layout.as_state("rest", about)
+    moving = np.setdiff1d(np.arange(len(names)), held_states(crane, at))
+    a, b, c, gain = _matrices(feedback, [names[i] for i in moving])
+    selection = np.eye(len(names))[moving]
+    b, gain = b @ selection, finite("gain", gain, (m, len(moving))) @ selection
     if isinstance(about, Motion):
         table = linearised(crane, about, dt=dt, every=len(about.q))
         rates = {"motion": about.a, "velocity": about.v}
@@ -157,12 +145,11 @@ def from_control(
         gains = np.broadcast_to(gain, (len(commands), *gain.shape))
         tracking = Tracking(about.period, commands, gains, table.setpoint)
     else:
-        state = crane.layout.as_state("rest", about)
-        if state.v.any():
+        if at.v.any():
             allowed = "0; a motion is given as a Motion"
-            raise OutOfRange("rates of the rest", state.v.tolist(), allowed, "/s")
-        command = holding_effort(crane, state.q) if drive == "effort" else np.zeros(m)
-        tracking = Tracking(1.0, command[None], gain[None], np.concatenate(state)[None])
+            raise OutOfRange("rates of the rest", at.v.tolist(), allowed, "/s")
+        command = holding_effort(crane, at.q) if drive == "effort" else np.zeros(m)
+        tracking = Tracking(1.0, command[None], gain[None], np.concatenate(at)[None])
     if not len(a):
         return tracking
     finite("matrices of the feedback", np.concatenate([a.ravel(), b.ravel(), c.ravel()]), ("k",))
@@ -180,7 +167,7 @@ def _matrices(
         except (TypeError, ValueError):
             allowed = "a gain or a system of python-control"
             raise OutOfRange("feedback", short_repr(feedback), allowed) from None
-        return *(np.zeros((0, 0)),) * 3, gain
+        return np.zeros((0, 0)), np.zeros((0, nz)), np.zeros((0, 0)), gain
     if not isinstance(feedback, ct.StateSpace):
         raise CraneError(f"The feedback is a {type(feedback).__name__}; allowed is a StateSpace.")
     k, labels = feedback.nstates, list(feedback.input_labels)

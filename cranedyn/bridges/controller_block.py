@@ -9,17 +9,21 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from llvmlite import ir
 
 from cranedyn.bridges.joints import input_names, state_names
-from cranedyn.checks import number
+from cranedyn.bridges.programs import finite_form
+from cranedyn.checks import check_choice, number
 from cranedyn.clocks import SAME_PERIOD, Clocked, intervals
 from cranedyn.compiled.block import BlockCode, FunctionBlock, Tables, Variable, identifiers
-from cranedyn.controllers.affine import Affine, AffineController, affine_form, integrated_command
+from cranedyn.compiled.horizon.control import emit_instant, emit_plan
+from cranedyn.compiled.horizon.receding import Receding
+from cranedyn.controllers.affine import Affine, AffineController, integrated_command
 from cranedyn.controllers.damping import DampingController
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.pinocchio import holding_effort
@@ -81,6 +85,7 @@ class Part(ABC):
         tables: Its tables.
         rows: Calls after which nothing depends on their count any more, and one.
         repeats: Calls after which the count starts again; 0 for one that ends at the last row.
+        routines: Functions that it calls, see `FunctionBlock`.
     """
 
     about: str
@@ -89,6 +94,7 @@ class Part(ABC):
     tables: Mapping[str, np.ndarray] = {}
     rows = 1
     repeats = 0
+    routines: Sequence[Any] = ()
 
     @abstractmethod
     def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
@@ -108,11 +114,13 @@ class _AffinePart(Part):
             np.tile(positions, (len(times), 1))
             for positions in (np.zeros(layout.m), np.ones(layout.m), rng.uniform(1, 2, layout.m))
         )
-        forms = [_form(controller, times, positions, 2 * layout.n) for positions in (still, ones)]
-        form = forms[0]
-        self._shift = (forms[1].setpoint - form.setpoint)[0, layout.drives]
-        self._target_shift = (forms[1].target - form.target)[0]
-        _check_shift(controller, form, _form(controller, times, mixed, 2 * layout.n), self, layout)
+        form, other, third = (
+            finite_form(controller, times, positions, 2 * layout.n, "a block")
+            for positions in (still, ones, mixed)
+        )
+        self._shift = (other.setpoint - form.setpoint)[0, layout.drives]
+        self._target_shift = (other.target - form.target)[0]
+        _check_shift(controller, form, third, self, layout)
         self._tables = Tables(
             feed_forward=form.feed_forward,
             gain=form.gain.reshape(len(form.gain), -1),
@@ -151,19 +159,6 @@ class _AffinePart(Part):
                     command[i], error, integral, gain_of_integral, limit, setting.period
                 )
         return command, memory
-
-
-def _form(controller: Any, times: np.ndarray, positions: np.ndarray, width: int) -> Affine:
-    form = affine_form(controller, times, positions, width)
-    if form is None:
-        raise DataError(
-            f"The controller {type(controller).__name__} is not affine in the state, or has run "
-            "before; a block runs tables, not Python."
-        )
-    if lacking := form.lacking():
-        name = f"{lacking} of the controller"
-        raise OutOfRange(name, "not finite in some row", "finite numbers")
-    return form
 
 
 def _check_shift(
@@ -294,6 +289,43 @@ def _kalman_gains(observer: ObserverController, rows: int) -> np.ndarray:
     return table.reshape(rows, -1)
 
 
+class _PredictivePart(Part):
+    """A predictive controller to the setpoint, with the memory of its optimisation."""
+
+    about = "Predictive control: an optimisation over a horizon drives the load to the setpoint."
+
+    def __init__(self, setting: ControlSetting, controller: Receding) -> None:
+        _check_period(setting, controller.programme.period)
+        programme = replace(controller.programme, block=1)
+        if programme.rows:
+            raise DataError(
+                "A predictive controller is exported to a setpoint, not along a motion."
+            )
+        memory, first = controller.memory(1), programme.offsets(1).work
+        old, new, last = controller.programme.shape, programme.shape, first + programme.shape.first
+        compact = np.zeros(programme.offsets(1).size)
+        compact[: first + new.place("block")] = memory[: first + new.place("block")]
+        compact[last:] = memory[first + old.first :][: len(compact) - last]
+        sizes = {"query": new.states + new.inputs + 2, "answer": new.inputs}
+        self.arrays = {"memory": compact, **{name: np.zeros(n) for name, n in sizes.items()}}
+        self.repeats, self._setting = programme.ratio, setting
+        module = ir.Module()
+        emit_plan(module, programme)
+        emit_instant(module, programme)
+        self.routines = module.functions
+
+    def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
+        build, query = code.builder, code.argument["query"]
+        numbers = [*z, *code.get_all(self._setting.setpoint)]
+        turn = build.srem(code.count, code.integer(self.repeats))
+        due = build.icmp_signed("==", turn, code.integer(0))
+        for i, value in enumerate([*numbers, 0.0, code.chosen(due, 1.0, 0.0)]):
+            code.store(value, query, i)
+        arrays = [code.argument[name] for name in self.arrays]
+        build.call(self.routines[-1], arrays)
+        return array([code.element("answer", i) for i in range(len(self._setting.command))]), {}
+
+
 class _ShaperPart(Part):
     """Input shaping of setpoints, which lie on a line in memory."""
 
@@ -340,10 +372,11 @@ class _ShaperPart(Part):
         return array(outputs), dict(zip(self._first, first, strict=True))
 
 
-PARTS = (
+PARTS: tuple[tuple[type, Callable[..., Part]], ...] = (
     (DampingController, _YieldingPart),
     (ObserverController, _ObserverPart),
     (Shaped, _ShaperPart),
+    (Receding, _PredictivePart),
     (AffineController, _AffinePart),
 )
 """Controllers that can be exported, and what emits them; the first that fits is taken."""
@@ -360,7 +393,7 @@ def controller_code(setting: ControlSetting, controller: Any) -> Part:
             return part(setting, controller)
     raise DataError(
         f"The controller {type(controller).__name__} is neither affine in the state, nor one of "
-        "drives that yield, nor an observer, nor a shaper; a block runs tables, not Python."
+        "drives that yield, nor an observer, a shaper, or predictive; a block runs no Python."
     )
 
 
@@ -390,7 +423,8 @@ def controller_block(
         DataError: If it cannot be exported.
         OutOfRange: If a number is out of range, or the controller is for another control period.
     """
-    number("control_period", control_period, "s", "> 0")
+    check_choice("drive", drive, Drive)
+    control_period = float(number("control_period", control_period, "s", "> 0"))
     layout, driven = crane.layout, crane.layout.driven
     limits, holding = np.full(layout.m, np.inf), np.zeros(layout.m)
     units = [f"{joint.unit}/s2" for joint in driven]
@@ -444,6 +478,7 @@ def controller_block(
         last=2 * part.repeats - 1 if part.repeats else first,
         first=first,
         renamed={signal: new for signal, new in setting.identifier.items() if signal != new},
+        routines=part.routines,
     )
 
     def step(code: BlockCode) -> Mapping[str, Any]:

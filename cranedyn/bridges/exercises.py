@@ -68,7 +68,7 @@ def exercises(crane: Crane, limits: Limits) -> Iterator[Exercise]:
     """
     reach = float(crane.upper[crane.layout.role("trolley", "An exercise")])
     low = 0.2 * _height(crane)
-    near, far = 0.6 * reach, 0.75 * reach
+    near, far, aside = 0.6 * reach, 0.75 * reach, _height(crane) / 8.0  # the load swings as far
     start = _hanging(crane, 0.0, near, low)
     yield Exercise(
         "stop",
@@ -85,8 +85,8 @@ def exercises(crane: Crane, limits: Limits) -> Iterator[Exercise]:
     walls = tuple(
         _wall(name, 0.7, first, last, 0.8 * _height(crane))
         for name, first, last in (
-            ("inner wall", 0.1 * reach, near - 3.5),
-            ("outer wall", near + 3.5, 1.1 * reach),
+            ("inner wall", 0.1 * reach, near - aside),
+            ("outer wall", near + aside, 1.1 * reach),
         )
     )
     goal = _point(1.4, near, low)
@@ -105,9 +105,9 @@ def exercises(crane: Crane, limits: Limits) -> Iterator[Exercise]:
 
 def lift_exercise(crane: Crane, limits: Limits, site: Site) -> Exercise | None:
     """Return the lift of a site as an exercise, its goal in the frame of the site; None if the site
-    has none.
+    has none whose load hangs at the goal.
     """
-    if site.start is None or site.goal is None:
+    if site.start is None or site.goal is None or len(site.goal) == 2:
         return None
     text = f"Lift the load from start to goal of the site {site.name}."
     exercise = Exercise("lift", "The lift", text, crane.start, site.goal)

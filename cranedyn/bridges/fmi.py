@@ -27,14 +27,12 @@ from cranedyn.bridges.controller_block import controller_block
 from cranedyn.bridges.joints import add, xml_bytes
 from cranedyn.bridges.target import check_free, new_file
 from cranedyn.bridges.usual_controllers import CONTROLLERS
-from cranedyn.checks import check_choice
-from cranedyn.clocks import clocks
 from cranedyn.compiled.block import FunctionBlock
 from cranedyn.compiled.c_text import c_header, c_source
 from cranedyn.compiled.crane_block import crane_block
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, UnknownName, quoted
-from cranedyn.interfaces import DirectDrive, Drive
+from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 
@@ -58,7 +56,7 @@ PLATFORMS = {
 """Platforms by their name in FMI 3.0: name in FMI 2.0, target of the compiler Zig, and ending of a
 library."""
 
-_SOURCES = Path(__file__).parent
+_SOURCES, _HEADERS = Path(__file__).parent, ("fmi_unit.h", "fmi_shared.h")
 
 _COMPILERS = ("cc", "gcc", "clang")
 _DATE = (1980, 1, 1, 0, 0, 0)
@@ -139,16 +137,13 @@ def export(
     if final.suffix != ".fmu":
         raise OutOfRange("name of the unit", str(final), "one that ends in .fmu")
     check_free(final)
-    check_choice("drive", drive, DirectDrive if controller is None else Drive)
     if version not in get_args(Version):
         raise OutOfRange("version of FMI", version, "2 or 3")
-    clocks(dt, dt, dt)
     for name in platforms:
         if name not in PLATFORMS:
             raise UnknownName("platform", name, PLATFORMS)
     if controller is None:
-        kind: DirectDrive = "motion" if drive == "motion" else "effort"
-        block = crane_block(crane, drive=kind, dt=dt, integrator=integrator)
+        block = crane_block(crane, drive=drive, dt=dt, integrator=integrator)  # type: ignore[arg-type]
     else:
         block = controller_block(
             crane, controller, drive=drive, control_period=control_period, duration=duration
@@ -227,7 +222,7 @@ class _Unit:
         self.sources = {
             f"{block.name}.h": c_header(block),
             f"{block.name}.c": c_source(block),
-            **{name: (_SOURCES / name).read_text() for name in ("fmi_unit.h", self._interface)},
+            **{name: (_SOURCES / name).read_text() for name in (*_HEADERS, self._interface)},
         }
         content = repr((self._variables, block.period, self.sources)).encode()
         self._token = f"{{{hashlib.sha256(content).hexdigest()[:32]}}}"
@@ -280,8 +275,7 @@ class _Unit:
         able = {f"canGetAndSet{state}": "true", f"canSerialize{state}": "true"}
         kinds = {"ModelExchange": able} if self._moving else {}
         if self._version == 3:
-            step = repr(self._block.period)
-            able = able | {"fixedInternalStepSize": step}
+            able = able | {"fixedInternalStepSize": repr(self._block.period)}
         kinds["CoSimulation"] = able | {"canHandleVariableCommunicationStepSize": "true"}
         for kind, abilities in kinds.items():
             entry = add(root, kind, modelIdentifier=self.name, **abilities)
@@ -294,46 +288,39 @@ class _Unit:
             add(add(units, "Unit", name=unit), "BaseUnit", **_BASE[unit])
         size = self._block.period * (10 if self._moving else 1)
         add(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize=f"{size!r}")
-        (self._list_3 if self._version == 3 else self._list_2)(root)
+        self._list(root)
         return xml_bytes(root)
 
-    def _list_3(self, root: ET.Element) -> None:
-        """Add the variables and the structure as FMI 3.0 has them."""
+    def _list(self, root: ET.Element) -> None:
+        """Add the variables and the structure; indices of FMI 2.0 begin at 1."""
+        new, variables = self._version == 3, self._variables
         listed, structure = add(root, "ModelVariables"), add(root, "ModelStructure")
-        for reference, variable in enumerate(self._variables):
-            entries = self._entries(reference, variable)
-            entries |= self._numbers(variable)
+        for reference, variable in enumerate(variables):
+            entries, numbers = self._entries(reference, variable), self._numbers(variable)
             if variable.rate_of is not None:
-                entries["derivative"] = str(variable.rate_of)
-            ET.SubElement(listed, "Float64" if variable.unit else "Boolean", entries)
-        outputs, rates = self._outputs_and_rates()
-        groups = (("Output", outputs), ("ContinuousStateDerivative", rates))
-        for kind, references in (*groups, ("InitialUnknown", outputs)):
-            for reference in references:
-                add(structure, kind, valueReference=str(reference))
+                numbers["derivative"] = str(variable.rate_of + (not new))
+            kind = ("Float64" if new else "Real") if variable.unit else "Boolean"
+            if new:
+                ET.SubElement(listed, kind, entries | numbers)
+            else:
+                ET.SubElement(ET.SubElement(listed, "ScalarVariable", entries), kind, numbers)
+        outputs = [i for i, variable in enumerate(variables) if variable.causality == "output"]
+        rates = [i for i, variable in enumerate(variables) if variable.rate_of is not None]
+        derivative = "ContinuousStateDerivative" if new else "Derivative"
+        for name, references in (
+            ("Output", outputs),
+            (derivative, rates),
+            ("InitialUnknown", outputs),
+        ):
+            group = structure if new or not references else add(structure, f"{name}s")
+            for i in references:
+                if new:
+                    add(group, name, valueReference=str(i))
+                else:
+                    add(group, "Unknown", index=str(i + 1))
 
-    def _list_2(self, root: ET.Element) -> None:
-        """Add the variables and the structure as FMI 2.0 has them, whose indices begin at 1."""
-        listed, structure = add(root, "ModelVariables"), add(root, "ModelStructure")
-        for reference, variable in enumerate(self._variables):
-            scalar = ET.SubElement(listed, "ScalarVariable", self._entries(reference, variable))
-            entries = self._numbers(variable)
-            if variable.rate_of is not None:
-                entries["derivative"] = str(variable.rate_of + 1)
-            ET.SubElement(scalar, "Real" if variable.unit else "Boolean", entries)
-        outputs, rates = self._outputs_and_rates()
-        groups = (("Outputs", outputs), ("Derivatives", rates), ("InitialUnknowns", outputs))
-        for kind, references in groups:
-            group = add(structure, kind) if references else structure
-            for reference in references:
-                add(group, "Unknown", index=str(reference + 1))
-
-    def _outputs_and_rates(self) -> tuple[list[int], list[int]]:
-        numbered = list(enumerate(self._variables))
-        outputs = [i for i, variable in numbered if variable.causality == "output"]
-        return outputs, [i for i, variable in numbered if variable.rate_of is not None]
-
-    def _entries(self, reference: int, variable: FmiVariable) -> dict[str, str]:
+    @staticmethod
+    def _entries(reference: int, variable: FmiVariable) -> dict[str, str]:
         entries = {
             "name": variable.name,
             "valueReference": str(reference),

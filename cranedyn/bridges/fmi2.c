@@ -1,6 +1,11 @@
 /* The interface of FMI 2.0: co-simulation and model exchange, around fmi_unit.h. */
 
-#include "fmi_unit.h"
+#define FMI(name) fmi2##name
+#define DERIVATIVES fmi2GetDerivatives
+#define SAVED(before, after) fmi2##before##FMUstate##after
+#define DESERIALIZE fmi2DeSerializeFMUstate
+
+#include "fmi_shared.h"
 
 typedef void (*Log)(void *environment, const char *name, Status status, const char *category, const char *message, ...);
 
@@ -41,8 +46,6 @@ EXPORT void *fmi2Instantiate(const char *name, int type, const char *token, cons
   return unit;
 }
 
-EXPORT void fmi2FreeInstance(Unit *unit) { free(unit); }
-
 EXPORT Status fmi2SetDebugLogging(Unit *unit, int on, size_t n, const char *const *categories) {
   (void)unit, (void)on, (void)n, (void)categories;
   return OK;
@@ -55,17 +58,6 @@ EXPORT Status fmi2SetupExperiment(Unit *unit, int tolerance_defined, double tole
 }
 
 EXPORT Status fmi2EnterInitializationMode(Unit *unit) { return enter_initialization(unit, unit->data.time); }
-EXPORT Status fmi2ExitInitializationMode(Unit *unit) { return exit_initialization(unit); }
-
-EXPORT Status fmi2Terminate(Unit *unit) {
-  unit->data.mode = TERMINATED;
-  return OK;
-}
-
-EXPORT Status fmi2Reset(Unit *unit) {
-  begin(&unit->data);
-  return OK;
-}
 
 EXPORT Status fmi2GetReal(Unit *unit, const uint32_t *references, size_t n, double *values) { return get_real(unit, references, n, values); }
 EXPORT Status fmi2SetReal(Unit *unit, const uint32_t *references, size_t n, const double *values) {
@@ -80,45 +72,11 @@ EXPORT Status fmi2GetBoolean(Unit *unit, const uint32_t *references, size_t n, i
 
 EXPORT Status fmi2SetBoolean(Unit *unit, const uint32_t *references, size_t n) { return n ? unknown(unit, *references) : OK; }
 
-/* There are no variables of these types; asked for none, they answer. */
-#define NONE(type)                                                                                                                \
-  EXPORT Status fmi2Get##type(Unit *unit, const uint32_t *references, size_t n) { return n ? unknown(unit, *references) : OK; } \
-  EXPORT Status fmi2Set##type(Unit *unit, const uint32_t *references, size_t n) { return n ? unknown(unit, *references) : OK; }
 NONE(Integer) NONE(String)
 
 EXPORT Status fmi2DoStep(Unit *unit, double point, double step, int no_restore) { return (void)no_restore, advance(unit, point, step); }
 
-EXPORT Status fmi2GetFMUstate(Unit *unit, Data **saved) { return save(unit, saved); }
-
-EXPORT Status fmi2SetFMUstate(Unit *unit, const Data *saved) {
-  unit->data = *saved;
-  return OK;
-}
-
-EXPORT Status fmi2FreeFMUstate(Unit *unit, Data **saved) {
-  (void)unit;
-  forget(saved);
-  return OK;
-}
-
-EXPORT Status fmi2SerializedFMUstateSize(Unit *unit, const Data *saved, size_t *size) {
-  (void)unit, (void)saved;
-  *size = HEAD + sizeof *saved;
-  return OK;
-}
-
-EXPORT Status fmi2SerializeFMUstate(Unit *unit, const Data *saved, unsigned char *bytes, size_t size) {
-  return serialize(unit, saved, bytes, size);
-}
-
-EXPORT Status fmi2DeSerializeFMUstate(Unit *unit, const unsigned char *bytes, size_t size, Data **saved) {
-  return deserialize(unit, bytes, size, saved);
-}
-
 /* Model exchange; there are no events. */
-EXPORT Status fmi2EnterEventMode(Unit *unit) { return (void)unit, OK; }
-EXPORT Status fmi2EnterContinuousTimeMode(Unit *unit) { return (void)unit, OK; }
-
 EXPORT Status fmi2NewDiscreteStates(Unit *unit, EventInfo *info) {
   (void)unit;
   memset(info, 0, sizeof *info);
@@ -133,24 +91,6 @@ EXPORT Status fmi2CompletedIntegratorStep(Unit *unit, int no_restore, int *event
   return OK;
 }
 
-EXPORT Status fmi2SetTime(Unit *unit, double time) {
-  unit->data.time = time;
-  return OK;
-}
-
-EXPORT Status fmi2GetContinuousStates(Unit *unit, double *states, size_t n) { return get_states(unit, states, n); }
-EXPORT Status fmi2SetContinuousStates(Unit *unit, const double *states, size_t n) { return set_states(unit, states, n); }
-EXPORT Status fmi2GetDerivatives(Unit *unit, double *derivatives, size_t n) { return get_derivatives(unit, derivatives, n); }
-EXPORT Status fmi2GetEventIndicators(Unit *unit, double *indicators, size_t n) { return (void)unit, (void)indicators, (void)n, OK; }
-
-EXPORT Status fmi2GetNominalsOfContinuousStates(Unit *unit, double *nominals, size_t n) {
-  (void)unit;
-  for (size_t i = 0; i < n; i++) nominals[i] = 1.0;
-  return OK;
-}
-
 /* What this unit says it does not have. */
-#define ABSENT(name) \
-  EXPORT Status fmi2##name(Unit *unit) { return tell(unit, ERROR, "This unit has no fmi2" #name "."); }
 ABSENT(GetDirectionalDerivative) ABSENT(SetRealInputDerivatives) ABSENT(GetRealOutputDerivatives) ABSENT(CancelStep)
 ABSENT(GetStatus) ABSENT(GetRealStatus) ABSENT(GetIntegerStatus) ABSENT(GetBooleanStatus) ABSENT(GetStringStatus)

@@ -1,6 +1,11 @@
 /* The interface of FMI 3.0: co-simulation and model exchange, around fmi_unit.h. */
 
-#include "fmi_unit.h"
+#define FMI(name) fmi3##name
+#define DERIVATIVES fmi3GetContinuousStateDerivatives
+#define SAVED(before, after) fmi3##before##FMUState##after
+#define DESERIALIZE fmi3DeserializeFMUState
+
+#include "fmi_shared.h"
 
 typedef void (*Log)(void *environment, Status status, const char *category, const char *message);
 
@@ -37,7 +42,6 @@ EXPORT void *fmi3InstantiateModelExchange(const char *name, const char *token, c
 }
 
 EXPORT void *fmi3InstantiateScheduledExecution(void) { return NULL; }
-EXPORT void fmi3FreeInstance(Unit *unit) { free(unit); }
 
 EXPORT Status fmi3SetDebugLogging(Unit *unit, bool on, size_t n, const char *const *categories) {
   (void)unit, (void)on, (void)n, (void)categories;
@@ -47,18 +51,6 @@ EXPORT Status fmi3SetDebugLogging(Unit *unit, bool on, size_t n, const char *con
 EXPORT Status fmi3EnterInitializationMode(Unit *unit, bool tolerance_defined, double tolerance, double start, bool stop_defined, double stop) {
   (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
   return enter_initialization(unit, start);
-}
-
-EXPORT Status fmi3ExitInitializationMode(Unit *unit) { return exit_initialization(unit); }
-
-EXPORT Status fmi3Terminate(Unit *unit) {
-  unit->data.mode = TERMINATED;
-  return OK;
-}
-
-EXPORT Status fmi3Reset(Unit *unit) {
-  begin(&unit->data);
-  return OK;
 }
 
 static const char MISMATCH[] = "There are not as many values as value references.";
@@ -87,37 +79,7 @@ EXPORT Status fmi3DoStep(Unit *unit, double point, double step, bool no_restore,
   return status;
 }
 
-EXPORT Status fmi3GetFMUState(Unit *unit, Data **saved) { return save(unit, saved); }
-
-EXPORT Status fmi3SetFMUState(Unit *unit, const Data *saved) {
-  unit->data = *saved;
-  return OK;
-}
-
-EXPORT Status fmi3FreeFMUState(Unit *unit, Data **saved) {
-  (void)unit;
-  forget(saved);
-  return OK;
-}
-
-EXPORT Status fmi3SerializedFMUStateSize(Unit *unit, const Data *saved, size_t *size) {
-  (void)unit, (void)saved;
-  *size = HEAD + sizeof *saved;
-  return OK;
-}
-
-EXPORT Status fmi3SerializeFMUState(Unit *unit, const Data *saved, unsigned char *bytes, size_t size) {
-  return serialize(unit, saved, bytes, size);
-}
-
-EXPORT Status fmi3DeserializeFMUState(Unit *unit, const unsigned char *bytes, size_t size, Data **saved) {
-  return deserialize(unit, bytes, size, saved);
-}
-
 /* Model exchange; there are no events. */
-EXPORT Status fmi3EnterEventMode(Unit *unit) { return (void)unit, OK; }
-EXPORT Status fmi3EnterContinuousTimeMode(Unit *unit) { return (void)unit, OK; }
-
 EXPORT Status fmi3UpdateDiscreteStates(Unit *unit, bool *again, bool *terminate, bool *nominals, bool *values, bool *defined, double *next) {
   (void)unit, (void)next;
   *again = *terminate = *nominals = *values = *defined = false;
@@ -132,37 +94,15 @@ EXPORT Status fmi3CompletedIntegratorStep(Unit *unit, bool no_restore, bool *eve
   return OK;
 }
 
-EXPORT Status fmi3SetTime(Unit *unit, double time) {
-  unit->data.time = time;
-  return OK;
-}
-
-EXPORT Status fmi3GetContinuousStates(Unit *unit, double *states, size_t n) { return get_states(unit, states, n); }
-EXPORT Status fmi3SetContinuousStates(Unit *unit, const double *states, size_t n) { return set_states(unit, states, n); }
-EXPORT Status fmi3GetContinuousStateDerivatives(Unit *unit, double *derivatives, size_t n) { return get_derivatives(unit, derivatives, n); }
-EXPORT Status fmi3GetEventIndicators(Unit *unit, double *indicators, size_t n) { return (void)unit, (void)indicators, (void)n, OK; }
-
-EXPORT Status fmi3GetNominalsOfContinuousStates(Unit *unit, double *nominals, size_t n) {
-  (void)unit;
-  for (size_t i = 0; i < n; i++) nominals[i] = 1.0;
-  return OK;
-}
-
 EXPORT Status fmi3GetNumberOfContinuousStates(Unit *unit, size_t *n) { return (void)unit, *n = STATES, OK; }
 EXPORT Status fmi3GetNumberOfEventIndicators(Unit *unit, size_t *n) { return (void)unit, *n = 0, OK; }
 
-/* There are no variables of these types; asked for none, they answer. */
-#define NONE(type)                                                                                                                \
-  EXPORT Status fmi3Get##type(Unit *unit, const uint32_t *references, size_t n) { return n ? unknown(unit, *references) : OK; } \
-  EXPORT Status fmi3Set##type(Unit *unit, const uint32_t *references, size_t n) { return n ? unknown(unit, *references) : OK; }
 NONE(Float32) NONE(Int8) NONE(UInt8) NONE(Int16) NONE(UInt16) NONE(Int32) NONE(UInt32) NONE(Int64) NONE(UInt64) NONE(String)
 NONE(Binary) NONE(Clock)
 
 EXPORT Status fmi3SetBoolean(Unit *unit, const uint32_t *references, size_t n) { return n ? unknown(unit, *references) : OK; }
 
 /* What belongs to clocks, configuration and derivatives, none of which this unit says it has. */
-#define ABSENT(name) \
-  EXPORT Status fmi3##name(Unit *unit) { return tell(unit, ERROR, "This unit has no fmi3" #name "."); }
 ABSENT(GetNumberOfVariableDependencies) ABSENT(GetVariableDependencies) ABSENT(GetDirectionalDerivative)
 ABSENT(GetAdjointDerivative) ABSENT(EnterConfigurationMode) ABSENT(ExitConfigurationMode) ABSENT(GetIntervalDecimal)
 ABSENT(GetIntervalFraction) ABSENT(GetShiftDecimal) ABSENT(GetShiftFraction) ABSENT(SetIntervalDecimal) ABSENT(SetIntervalFraction)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
@@ -53,24 +54,47 @@ def linear_system(
     outputs: Sequence[str] | None = None,
     converters: Converters | None = None,
 ) -> LinearSystem:
-    """Return the crane linearised about a state, see `cranedyn.bridges.control.to_control`."""
+    """Return the crane linearised about a state.
+
+    Args:
+        crane: The crane.
+        state: State to linearise about, at rest or in a motion; None for the start.
+        effort: Efforts of the drives there [N m or N], shape (m,); None for those that balance
+            gravity.
+        drive: Inputs: "effort", or with "motion" the accelerations of the drives, or with
+            "velocity" the rates that frequency converters are commanded. Then the drives follow as
+            lags of first order; ramps and rounding are left out, and the delay is in the sampled
+            system only, where commands on their way are states.
+        control_period: None for a continuous system. A time [s] for the system that `simulate`
+            steps: the command held over it, and semi-implicit Euler between.
+        dt: Physics step of the sampled system [s].
+        outputs: Names of the states that are outputs; None for all of the crane.
+        converters: Frequency converters of "velocity"; None for typical ones.
+
+    Raises:
+        OutOfRange: If a time or an effort is out of range, or `drive` is none of these.
+        UnknownName: If an output is no state.
+    """
     check_choice("drive", drive, Drive)
     state, kind = crane.start if state is None else state, "motion" if drive != "effort" else drive
-    system: Linear | Sampled = linear(crane, state, effort, drive=kind)  # type: ignore[arg-type]
+    continuous = linear(crane, state, effort, drive=kind)  # type: ignore[arg-type]
     names, m, delay = state_names(crane), crane.layout.m, 0
+    moving = np.setdiff1d(np.arange(len(names)), continuous.held)
+    names = [names[i] for i in moving]
     selected = names if outputs is None else list(outputs)
     for name in selected:
         if name not in names:
             raise UnknownName("state", str(name), names)
     converters = fitting(crane, drive, converters)
     if converters is not None:  # T dv/dt = u - v
-        a, b = system.a.copy(), system.b / converters.lags
+        a, b = continuous.a.copy(), continuous.b / converters.lags
         a[:, crane.layout.n + crane.layout.drives] -= b
-        system = Linear(a, b)
+        continuous = replace(continuous, a=a, b=b)
+    system: Linear | Sampled = continuous
     if control_period is not None:
-        system = system.sampled(dt=dt, control_period=control_period)  # type: ignore[union-attr]
+        system = continuous.sampled(dt=dt, control_period=control_period)
         delay = converters.delay_steps(dt, control_period) if converters else 0
-    a, b, inputs = system.a, system.b, input_names(crane, drive)
+    a, b, inputs = system.a[np.ix_(moving, moving)], system.b[moving], input_names(crane, drive)
     for k in range(delay, 0, -1):  # the command of k periods ago, on its way
         a, b = (
             np.block([[a, b], [np.zeros((m, len(a) + m))]]),
@@ -88,11 +112,11 @@ def to_matlab(file: str | Path, crane: Crane, state: State | None = None, **opti
         file: New file, ending in .mat; MATLAB's `load` opens it.
         crane: The crane.
         state: State to linearise about; None for the start.
-        options: As `cranedyn.bridges.control.to_control` takes them.
+        options: As `linear_system` takes them.
 
     Raises:
         DataError: If the ending is not .mat, or the file exists or cannot be written.
-        OutOfRange, UnknownName: As `to_control`.
+        OutOfRange, UnknownName: As `linear_system`.
     """
     file, system = Path(file), linear_system(crane, state, **options)
     if file.suffix != ".mat":
@@ -104,7 +128,8 @@ def to_matlab(file: str | Path, crane: Crane, state: State | None = None, **opti
         units[name] = joint.effort_unit if per is None else joint.unit + per
     content: dict[str, Any] = {"A": system.a, "B": system.b, "C": system.c, "Ts": system.period}
     content["D"] = np.zeros((len(system.c), crane.layout.m))
-    content["z0"] = np.concatenate(crane.start if state is None else state)[:, None]
+    z0 = dict(zip(state_names(crane), np.concatenate(state or crane.start), strict=True))
+    content["z0"] = np.array([[z0[name]] for name in system.states if name in z0])
     for kind in ("state", "input", "output"):
         names = content[f"{kind}s"] = np.array(getattr(system, f"{kind}s"), dtype=object)
         known = [units.get(name) or units[name.rpartition("_")[0]] for name in names]

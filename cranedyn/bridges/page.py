@@ -11,9 +11,10 @@ import json
 import math
 import sys
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -35,6 +36,7 @@ from cranedyn.bridges.browser_crane import (
 from cranedyn.bridges.exercises import SWING, Exercise, exercises, lift_exercise
 from cranedyn.bridges.target import check_free, new_file
 from cranedyn.disturbances.wind import AIR_DENSITY
+from cranedyn.dynamics.bodies import bodies
 from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.errors import DataError
@@ -54,11 +56,27 @@ EXAMPLE = "crane.html"
 DRAG = 1.2
 """Drag coefficient of the load as a box."""
 
+TRIANGLES = 15_000
+"""Most triangles of all meshes together, so that a page has less than 1 MB."""
+
 _TEMPLATES = Path(__file__).with_name("templates") / "page"
 
 
+class Visual(NamedTuple):
+    """A shape in its own frame, its joint, -1 for the world, and its place in the joint's frame."""
+
+    joint: int
+    shape: Shape
+    place: pin.SE3
+
+
 def export(
-    file: str | Path, crane: Crane, *, site: Site | None = None, chart: Falls | None = None
+    file: str | Path,
+    crane: Crane,
+    *,
+    site: Site | None = None,
+    chart: Falls | None = None,
+    meshes: str | Path | None = None,
 ) -> Path:
     """Write a page in which one drives a crane by keyboard, gamepad or mouse.
 
@@ -67,9 +85,11 @@ def export(
         crane: The crane, loaded with the values of the site where there is one.
         site: Obstacles about the crane; None for none.
         chart: Rated loads of a tower crane; None for none.
+        meshes: Folder of the mesh files of the crane; None draws sticks in their places.
 
     Raises:
-        DataError: If the ending is not .html, or the file exists or cannot be written.
+        DataError: If the ending is not .html, the file exists or cannot be written, or a mesh
+            cannot be read.
         OutOfRange: If a drive has no velocity limit above 0.
         MissingRole: If there is a chart, and the crane does not slew.
         ModelError: If the code would not do what Pinocchio does.
@@ -78,15 +98,15 @@ def export(
     if file.suffix != ".html":
         raise DataError(f"Cannot write {file}: the ending of a page must be .html.")
     check_free(file)
-    text = page_html(crane, site, chart)
+    text = page_html(crane, site, chart, meshes)
     with new_file(file) as draft:
         draft.write_text(text, "utf-8")
     return file
 
 
-def page_html(crane: Crane, site: Site | None = None, chart: Falls | None = None) -> str:
-    """Return the page as HTML, see `export`."""
-    data = json.dumps(page_data(crane, site, chart), separators=(",", ":"), allow_nan=False)
+def page_html(crane: Crane, *options: Any) -> str:
+    """Return the page as HTML, see `page_data`."""
+    data = json.dumps(page_data(crane, *options), separators=(",", ":"), allow_nan=False)
     parts = {
         "style": _template("style.css"),
         "data": data.replace("<", "\\u003c"),
@@ -107,24 +127,35 @@ def _template(name: str) -> str:
     return (_TEMPLATES / name).read_text("utf-8")
 
 
-def page_data(crane: Crane, site: Site | None = None, chart: Falls | None = None) -> dict[str, Any]:
+def page_data(
+    crane: Crane,
+    site: Site | None = None,
+    chart: Falls | None = None,
+    meshes: str | Path | None = None,
+) -> dict[str, Any]:
     """Return all that the page needs of a crane and its site, for JSON."""
     layout, drives = crane.layout, converters(crane)
     if chart is not None:
         layout.role("slew", "A load chart")
-    given = _exercises(crane, drives, site)
+    sliders, cranes, responses = variations(crane, drives)
+    with ThreadPoolExecutor(1) as thread:  # LLVM leaves Python to the planner
+        kernel = thread.submit(kernel_data, crane, drives, sliders, cranes, responses)
+        given = _exercises(crane, drives, site)
     if site is not None and given:
         crane = replace(crane, start=given[0].start)
-    sliders, cranes, responses = variations(crane, drives)
     turn, foot = (np.eye(3), np.zeros(3)) if site is None else _frame(site)
     obstacles = [] if site is None else [solid.moved(turn, foot) for solid in site.solids]
     load = None if site is None else site.load
+    visuals = list(_visuals(crane, load, meshes))
+    box = _load_box(crane, load, visuals)
+    wide, deep, tall = np.ptp(box, axis=0).tolist()
     return {
-        "title": _title(crane) if site is None else site.name,
-        "crane": _crane_data(crane, drives, load),
+        "title": crane.model.name.replace("_", " ") if site is None else site.name,
+        "crane": _crane_data(crane, drives)
+        | {"load": box.tolist(), "shapes": list(_shape_data(crane, visuals))},
         "assist": assist_data(crane, drives),
         "assistances": assistances(crane),
-        "kernel": kernel_data(crane, drives, sliders, cranes, responses),
+        "kernel": kernel.result() | {"state": np.concatenate(crane.start).tolist()},
         "sliders": [asdict(slider) for slider in (*sliders, *_cable(crane), *_WIND)],
         "chart": chart
         and {
@@ -132,7 +163,7 @@ def page_data(crane: Crane, site: Site | None = None, chart: Falls | None = None
             "radii": chart.radii.tolist(),
             "rated": chart.rated.tolist(),
         },
-        "drag": 0.5 * AIR_DENSITY * DRAG * _frontal_area(crane, load),
+        "drag": 0.25 * AIR_DENSITY * DRAG * (wide + deep) * tall,
         "site": None if site is None else {"name": site.name, "solids": _solids_data(obstacles)},
         "parts": [part for solid in obstacles for part in _parts(solid)],
         "tasks": list(_tasks(given, turn, foot)),
@@ -155,8 +186,8 @@ def _cable(crane: Crane) -> Iterator[Slider]:
         yield Slider("cable", "cable", "m", *ends, float(crane.start.q[i]))
 
 
-def _crane_data(crane: Crane, drives: Converters, load: np.ndarray | None) -> dict[str, Any]:
-    layout, model = crane.layout, crane.model
+def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
+    layout, model, tree = crane.layout, crane.model, bodies(crane.model)
     joints = []
     for i, joint in enumerate(layout.joints):
         placement = model.jointPlacements[i + 1]
@@ -167,7 +198,7 @@ def _crane_data(crane: Crane, drives: Converters, load: np.ndarray | None) -> di
                 "unit": joint.unit,
                 "kind": joint.kind,
                 "parent": int(model.parents[i + 1]) - 1,
-                "axis": _axis(model, i),
+                "axis": tree.axis[i].sum(axis=0).tolist(),
                 "rotation": placement.rotation.ravel().tolist(),
                 "translation": placement.translation.tolist(),
                 "lower": _finite(crane.lower[i]),
@@ -190,7 +221,6 @@ def _crane_data(crane: Crane, drives: Converters, load: np.ndarray | None) -> di
         "accelerations": drives.accelerations.tolist(),
         "efforts": [_finite(limit) for limit in crane.effort_limit],
         "start": crane.start.q.tolist(),
-        "shapes": list(_shape_data(crane, load)),
         "points": [
             {"joint": crane.points[i].body, "point": crane.points[i].lever.tolist()} for i in order
         ],
@@ -198,7 +228,6 @@ def _crane_data(crane: Crane, drives: Converters, load: np.ndarray | None) -> di
         "swings": crane.swings.tolist(),
         "rest": rest.tolist(),
         "damping": crane.damping.tolist(),
-        "load": _load_box(crane, load).tolist(),
         "rope": rope,
         "lead": semi_implicit_euler.lead * DT,
         "columns": {name: list(columns) for name, columns in layout.columns().items()},
@@ -209,30 +238,24 @@ def _crane_data(crane: Crane, drives: Converters, load: np.ndarray | None) -> di
     }
 
 
-def _axis(model: pin.Model, joint: int) -> list[float]:
-    """Return the axis of a joint in its own frame."""
-    data, q = model.createData(), pin.neutral(model)
-    pin.computeJointJacobians(model, data, q)
-    motion = pin.getJointJacobian(model, data, joint + 1, pin.ReferenceFrame.LOCAL)[:, joint]
-    linear, angular = np.split(motion, 2)
-    return (linear if np.any(linear) else angular).tolist()
-
-
 def _finite(number: float) -> float:
     return float(np.clip(number, -1e9, 1e9))
 
 
-def _placed_shapes(crane: Crane, load: np.ndarray | None) -> Iterator[tuple[int, Shape, pin.SE3]]:
-    """Yield the visuals of all links with their joints, -1 for the world, and their places in the
-    frames of these; the largest box of the load has the corners that are given, if any are.
+def _visuals(crane: Crane, load: np.ndarray | None, meshes: str | Path | None) -> Iterator[Visual]:
+    """Yield the visuals of all links; the largest box of the load has the corners that are given,
+    if any are.
     """
     model = crane.model
     placed = []
-    for link, visuals in shapes(crane.urdf).items():
+    for link, visuals in shapes(crane.urdf, meshes).items():
         frame = model.frames[model.getFrameId(link)]
         for shape in visuals:
             own = pin.SE3(Rotation.from_euler("xyz", shape.rpy).as_matrix(), np.array(shape.centre))
-            placed.append((int(frame.parentJoint) - 1, shape, frame.placement * own))
+            if shape.mesh is not None:
+                shape.mesh.apply_translation(-own.translation)
+            shape = replace(shape, centre=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0))
+            placed.append(Visual(int(frame.parentJoint) - 1, shape, frame.placement * own))
     boxes = [s for i, s, _ in placed if i == crane.payload.body and s.kind == "box"]
     largest = max(boxes, key=lambda shape: math.prod(shape.size), default=None)
     for joint, shape, place in placed:
@@ -240,12 +263,14 @@ def _placed_shapes(crane: Crane, load: np.ndarray | None) -> Iterator[tuple[int,
             centre = crane.payload.lever + (load.min(axis=0) + load.max(axis=0)) / 2.0
             place = pin.SE3(np.eye(3), centre)
             shape = replace(shape, size=tuple(np.ptp(load, axis=0).tolist()))
-        yield joint, shape, place
+        yield Visual(joint, shape, place)
 
 
-def _shape_data(crane: Crane, load: np.ndarray | None) -> Iterator[dict[str, Any]]:
-    for joint, shape, place in _placed_shapes(crane, load):
-        yield {
+def _shape_data(crane: Crane, visuals: Sequence[Visual]) -> Iterator[dict[str, Any]]:
+    meshes = _surfaces([shape.mesh for _, shape, _ in visuals if shape.kind == "mesh"])
+    for joint, shape, place in visuals:
+        surface = next(meshes) if shape.kind == "mesh" else {}
+        yield surface | {
             "joint": joint,
             "kind": shape.kind,
             "size": [float(edge) for edge in shape.size],
@@ -256,30 +281,51 @@ def _shape_data(crane: Crane, load: np.ndarray | None) -> Iterator[dict[str, Any
         }
 
 
-def _load_box(crane: Crane, load: np.ndarray | None) -> np.ndarray:
+def _surfaces(meshes: Sequence[Any]) -> Iterator[dict[str, list[float]]]:
+    """Yield corners [m] and triangles of meshes: corners are put together in the smallest cells, of
+    1, 2, 4 ... mm, with which all meshes have no more than `TRIANGLES`.
+    """
+    cell, before = 1e-3, sum(len(mesh.faces) for mesh in meshes)
+    while True:
+        surfaces = [_clustered(mesh, cell) for mesh in meshes]
+        count = sum(len(triangles) for _, triangles in surfaces)
+        if count <= TRIANGLES:
+            break
+        cell *= 2.0
+    if cell > 1e-3:
+        exact = f"exact to {1000 * cell:g} mm"
+        print(f"Meshes: {count} of {before} triangles are drawn, {exact}.", file=sys.stderr)
+    for corners, triangles in surfaces:
+        flat = corners.round(4).ravel().tolist(), triangles.ravel().tolist()
+        yield dict(zip(("vertices", "triangles"), flat, strict=True))
+
+
+def _clustered(mesh: Any, cell: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return corners, shape (n, 3), and triangles, shape (m, 3), with one corner in each cell."""
+    cells, row = np.unique(np.rint(mesh.vertices / cell), axis=0, return_inverse=True)
+    triangles = row.ravel()[mesh.faces]
+    triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
+    _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
+    return cells * cell, triangles[first]
+
+
+def _load_box(crane: Crane, load: np.ndarray | None, visuals: Sequence[Visual]) -> np.ndarray:
     """Return the corners of the box about the load in the frame of its joint [m], shape (8, 3):
     three neighbours of the fourth first. Corners of the load about its centre may be given.
     """
     low, high = crane.payload.lever - 0.5, crane.payload.lever + 0.5
     if load is None:
         points = [
-            place.act(point)
-            for joint, shape, place in _placed_shapes(crane, load)
+            shape.hull_points() @ place.rotation.T + place.translation
+            for joint, shape, place in visuals
             if joint == crane.payload.body
-            for point in replace(shape, centre=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0)).hull_points()
         ]
         if points:
-            low, high = np.min(points, axis=0), np.max(points, axis=0)
+            low, high = np.vstack(points).min(axis=0), np.vstack(points).max(axis=0)
     else:
         low, high = crane.payload.lever + load.min(axis=0), crane.payload.lever + load.max(axis=0)
     neighbours = np.vstack([np.eye(3), np.zeros(3)])
     return low + np.vstack([neighbours, 1.0 - neighbours]) * (high - low)
-
-
-def _frontal_area(crane: Crane, load: np.ndarray | None) -> float:
-    """Return the mean area of the vertical sides of the load [m²]."""
-    wide, deep, tall = np.ptp(_load_box(crane, load), axis=0).tolist()
-    return 0.5 * (wide + deep) * tall
 
 
 def _frame(site: Site) -> tuple[np.ndarray, np.ndarray]:
@@ -358,23 +404,21 @@ def _first_nonzero(rows: np.ndarray) -> np.ndarray:
     return rows[np.arange(len(rows)), (np.abs(rows) > 1e-9).argmax(axis=1)]
 
 
-def _title(crane: Crane) -> str:
-    return crane.model.name.replace("_", " ")
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the file and the crane."""
     parser.add_argument(
         "--site", metavar="FILE", default=None, help="obstacles about the crane, a .toml file"
     )
     parser.add_argument("--chart", metavar="FILE", help="its load chart, a .toml file")
+    parser.add_argument("--meshes", metavar="FOLDER", help="of its mesh files; else sticks")
 
 
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
-    print("Compiling the crane and planning its exercises, half a minute ...", file=sys.stderr)
+    print("Compiling the crane and planning its exercises, some seconds ...", file=sys.stderr)
     site = None if options.site is None else read_site(options.site)
     if site is not None:
         options.values = [*(f"{k}:={v}" for k, v in site.crane.items()), *options.values]
     chart = None if options.chart is None else read_chart(options.chart).on()
-    return export(options.target, crane_from_options(options), site=site, chart=chart)
+    crane = crane_from_options(options)
+    return export(options.target, crane, site=site, chart=chart, meshes=options.meshes)

@@ -64,14 +64,25 @@ class Program:
         positions = tabulated(reference, times, layout.m).position
         if isinstance(self.controller, Clocked):
             self.controller.begin_run(0.0, clock.period)
-        tables = affine_form(self.controller, times, positions, 2 * layout.n)
-        if tables is None:
-            name = type(self.controller).__name__
-            raise DataError(
-                f"The controller {name} is not affine in the state; {program} runs tables, not "
-                "Python."
-            )
-        if lacking := tables.lacking():
-            name = f"{lacking} of the controller"
-            raise OutOfRange(name, "not finite in some row", "finite numbers")
-        return tables
+        return finite_form(self.controller, times, positions, 2 * layout.n, program)
+
+
+def finite_form(
+    controller: Controller, times: np.ndarray, positions: np.ndarray, width: int, program: str
+) -> Affine:
+    """Return the affine form of a controller for another program, see `affine_form`.
+
+    Raises:
+        DataError: If there is none.
+        OutOfRange: If it holds a number that is not finite.
+    """
+    form = affine_form(controller, times, positions, width)
+    if form is None:
+        raise DataError(
+            f"The controller {type(controller).__name__} is not affine in the state, or has run "
+            f"before; {program} runs tables, not Python."
+        )
+    if lacking := form.lacking():
+        name = f"{lacking} of the controller"
+        raise OutOfRange(name, "not finite in some row", "finite numbers")
+    return form

@@ -14,9 +14,7 @@ from cranedyn.bridges.controller_block import controller_block
 from cranedyn.bridges.target import check_free, new_file
 from cranedyn.bridges.usual_controllers import CONTROLLERS
 from cranedyn.compiled.structured_text import plcopen_xml, structured_text
-from cranedyn.dynamics.converters import Converters
 from cranedyn.errors import OutOfRange
-from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 
@@ -25,31 +23,19 @@ EXAMPLE = "controller.st --controller lqr"
 """Target of the command line."""
 
 
-def export(
-    crane: Crane,
-    path: str | Path,
-    controller: Any,
-    *,
-    drive: Drive = "effort",
-    control_period: float = 5e-3,
-    duration: float = 30.0,
-    converters: Converters | None = None,
-) -> Path:
+def export(crane: Crane, path: str | Path, controller: Any, **options: Any) -> Path:
     """Write a controller as Structured Text, and as PLCopen XML in a file that ends in .xml.
 
     Args:
         crane: The crane.
         path: New file, ending in ``.st``.
-        controller: The controller, see `cranedyn.bridges.controller_block`.
-        drive: What the controller commands.
-        control_period: Cycle of the task that calls the block [s].
-        duration: Time that tables of the controller cover [s].
-        converters: Frequency converters of the drives; None for typical ones.
+        controller: The controller.
+        options: As `cranedyn.bridges.controller_block.controller_block` takes them.
 
     Raises:
         OutOfRange: If the file does not end so, or a number is out of range.
         DataError: If a file exists or cannot be written, or the controller cannot be exported.
-        ModelError: If the controller needs a function that Structured Text lacks.
+        ModelError: If the controller needs a function or loops that Structured Text lacks.
     """
     final = Path(path)
     if final.suffix != ".st":
@@ -57,15 +43,7 @@ def export(
     beside = final.with_suffix(".xml")
     check_free(final)
     check_free(beside)
-    block = controller_block(
-        crane,
-        controller,
-        drive=drive,
-        control_period=control_period,
-        duration=duration,
-        converters=converters,
-        name="crane_controller",
-    )
+    block = controller_block(crane, controller, name="crane_controller", **options)
     with new_file(beside) as draft:
         draft.write_bytes(plcopen_xml(block))
     with new_file(final) as draft:

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from cranedyn.bridges.browser_crane import swing_period
+from cranedyn.clocks import whole_periods
+from cranedyn.compiled.horizon.receding import receding
 from cranedyn.controllers.affine import Affine, at_drives
 from cranedyn.controllers.damping import with_damping
 from cranedyn.controllers.hold import hold_controller
@@ -71,14 +73,23 @@ def _observer(crane: Crane, period: float) -> Any:
     return with_observer(_lqr(crane, period), crane, _at_rest(crane, period))
 
 
-def _yielding(crane: Crane, period: float) -> Any:
+def _limits(crane: Crane) -> Limits:
     drives = converters(crane)
-    limits = Limits((drives.rates / HEADROOM).tolist(), drives.accelerations.tolist())
-    return with_damping(crane, hold(crane), recovery=0.2, limits=limits, control_period=period)
+    return Limits((drives.rates / HEADROOM).tolist(), drives.accelerations.tolist())
+
+
+def _yielding(crane: Crane, period: float) -> Any:
+    options: dict[str, Any] = {"limits": _limits(crane), "control_period": period}
+    return with_damping(crane, hold(crane), recovery=0.2, **options)
 
 
 def _shaper(crane: Crane, period: float) -> Any:
     return shaped(hold(crane), zv(), swing_period(crane, crane.start.q))
+
+
+def _predictive(crane: Crane, period: float) -> Any:
+    stage = whole_periods(0.6, period)
+    return receding(crane, _limits(crane), control_period=period, stages=20, stage=stage)
 
 
 CONTROLLERS: dict[str, tuple[Drive, Callable[[Crane, float], Any]]] = {
@@ -88,7 +99,8 @@ CONTROLLERS: dict[str, tuple[Drive, Callable[[Crane, float], Any]]] = {
     "observer": ("effort", _observer),
     "yielding": ("motion", _yielding),
     "shaper": ("effort", _shaper),
+    "predictive": ("effort", _predictive),
 }
 """Drives, and the controller of a crane for a control period [s], by name: each drive by itself, an
 LQR, the same with an integral of the hoist, the same behind an observer of the swing, drives that
-yield to the swing, and input shaping of the setpoint."""
+yield to the swing, input shaping of the setpoint, and predictive control, in C alone."""

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -232,7 +232,7 @@ def simulate_batch(
     converter_memory = inputs.converter_memory(sizes, state.v[:, layout.drives])
     first_state = [state.q, state.v, control.integrals, nothing, *anchors, *converter_memory]
     first_summary = np.array([0.0, 0.0, math.inf, *[0.0] * sizes.m])
-    memory = {
+    memory: dict[str, Any] = {
         "state": group_lanes(first_state, lanes),
         "numbers": group_lanes([varied[crane_index]], lanes),
         "summary": group_lanes([np.broadcast_to(first_summary, (cranes, sizes.m + 3))], lanes),

@@ -187,6 +187,8 @@ class Loop:
         *,
         last: int,
         end: int,
+        first: int = 0,
+        resumed: bool = False,
         log_interval: int = 1,
         residual_from: int = 0,
         reading_count: int = 0,
@@ -199,8 +201,10 @@ class Loop:
             clock: How the run is divided.
             tables: Gain table, setpoint table, forces, and sensor offsets, as far as the code has
                 them.
-            last: Number of control instants to run.
+            last: Control instant after the last.
             end: Instant that no steps follow.
+            first: First control instant.
+            resumed: Whether the control of the first instant has already run.
             log_interval: Control instants from one row of the log to the next.
             residual_from: Instant from which swing counts as residual.
             reading_count: Number of readings stored for delayed sensors.
@@ -214,7 +218,8 @@ class Loop:
         self._instant = _INSTANT
         if (programme := recipe.programme) is not None:
             self._instant += -(-_STAGE * programme.stages * lanes // programme.ratio)
-        self._last, self._end = whole("control instants", last, 1), whole("end", end, 0)
+        self._first, self._resumed = whole("first", first, 0), resumed
+        self._last, self._end = whole("control instants", last, first + 1), whole("end", end, 0)
         self._steps = whole("steps", clock.steps, 1)
         substeps = whole("small steps", clock.substeps, 1)
         self._weight = substeps if recipe.buffers and recipe.integrator.smooth else 1
@@ -298,13 +303,15 @@ class Loop:
         """
         together = piece // (self._steps * self._weight + self._instant)
         if together:
-            for first in range(0, self._last, together):
-                yield first, min(first + together, self._last), self._steps, False
+            for first in range(self._first, self._last, together):
+                resumed = self._resumed and first == self._first
+                yield first, min(first + together, self._last), self._steps, resumed
             return
         together = TURNS * max(1, piece // (TURNS * self._weight))
-        for instant in range(self._last):
+        for instant in range(self._first, self._last):
             for done in range(0, self._steps if instant < self._end else 1, together):
-                yield instant, instant + 1, min(together, self._steps - done), done > 0
+                count, resumed = min(together, self._steps - done), self._resumed or done > 0
+                yield instant, instant + 1, count, resumed
 
     def run_groups(self, groups: Iterable[int], stopped: Callable[[], bool] = bool) -> None:
         """Run some groups, one after another, until stopped between two pieces."""

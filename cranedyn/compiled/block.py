@@ -75,6 +75,7 @@ class FunctionBlock:
         last, first: Number of a call after which the count of calls goes on with `first`.
         renamed: Identifiers by names that are none.
         functions: Its functions by name; "step" is one.
+        routines: What they call: functions with loops, on arrays.
     """
 
     name: str
@@ -87,6 +88,7 @@ class FunctionBlock:
     first: int = 0
     renamed: Mapping[str, str] = field(default_factory=dict)
     functions: dict[str, ir.Function] = field(default_factory=dict)
+    routines: Sequence[ir.Function] = ()
 
     def of_kind(self, *kinds: Kind) -> list[Variable]:
         """Return the variables of some kinds; only inputs and parameters that the code uses."""
@@ -121,13 +123,13 @@ class FunctionBlock:
 
 
 def uses(function: ir.Function) -> Counter[Any]:
-    """Return how often each instruction is needed for what a function stores."""
+    """Return how often each instruction is needed for what a function stores and calls."""
     needed: Counter[Any] = Counter()
-    (code,) = function.blocks
     waiting = [
         operand
-        for instruction in code.instructions
-        if instruction.opname == "store"
+        for block in function.blocks
+        for instruction in block.instructions
+        if isinstance(instruction.type, ir.VoidType)
         for operand in instruction.operands
     ]
     while waiting:
@@ -135,7 +137,8 @@ def uses(function: ir.Function) -> Counter[Any]:
         if isinstance(value, ir.Instruction):
             needed[value] += 1
             if needed[value] == 1:
-                waiting.extend(value.operands)
+                incoming = getattr(value, "incomings", ())[:1]  # the first number of a loop
+                waiting.extend([*value.operands, *(number for number, _ in incoming)])
     return needed
 
 

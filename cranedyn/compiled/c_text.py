@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from string import Template
 from typing import ClassVar, Literal
 
 import numpy as np
 
 from cranedyn.compiled.angles import COSINE, HALF_PI, LARGEST_ANGLE, SINE
 from cranedyn.compiled.block import KINDS, LARGEST, FunctionBlock, Variable
+from cranedyn.compiled.c_routines import routines
 from cranedyn.compiled.printing import ATOM, CHOICE, Expression, Language, Walk
+from cranedyn.errors import ModelError
 
 Precision = Literal["double", "single"]
 """Type of all numbers: double or float."""
 
+_FUNCTIONS = Path(__file__).with_name("functions.c.in")
 _TYPES = {"real": "real", "integer": "int32_t", "truth": "bool"}
 
 
 class _C(Language):
     and_or: ClassVar = {"and": "&&", "or": "||"}
-    comparison: ClassVar = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "=="}
+    comparison: ClassVar = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!="}
     remainder = "%"
 
     def __init__(self, name: str, precision: Precision) -> None:
@@ -45,9 +50,8 @@ class _C(Language):
     def call(self, function: str, operand: Expression) -> Expression:
         return Expression(f"{self.name}_{function}({operand.text})", ATOM)
 
-    def signed(self, value: float) -> str:
-        """Return a number of any sign."""
-        return f"-{self.number(-value)}" if value < 0.0 else self.number(value)
+    def routine(self, name: str, arrays: Sequence[str]) -> str:
+        return f"{self.name}_{name}({', '.join(f'self->{array}' for array in arrays)})"
 
 
 def c_header(block: FunctionBlock, precision: Precision = "double") -> str:
@@ -80,28 +84,39 @@ def c_header(block: FunctionBlock, precision: Precision = "double") -> str:
 
 
 def c_source(block: FunctionBlock, precision: Precision = "double") -> str:
-    """Return the source of a block."""
+    """Return the source of a block.
+
+    Raises:
+        ModelError: If it optimises, which single precision does not allow.
+    """
+    if block.routines and precision == "single":
+        raise ModelError("Predictive control needs double precision: its optimisation would stop.")
     language, name = _C(block.name, precision), block.name
     real = "double" if precision == "double" else "float"
     walks = {key: Walk(block, function, language) for key, function in block.functions.items()}
-    called = set().union(*(walk.functions for walk in walks.values()))
+    below = routines(block.routines, language, name)
+    called = set().union(*(text.functions for text in (*walks.values(), *below)))
     lines = [f'#include "{name}.h"', "", f"typedef {real} real;", ""]
     for table, values in block.tables.items():
         lines += [f"static const real {name}_{table}[{values.size}] = {{"]
         lines += _rows([language.signed(x) for x in values.ravel().tolist()])
         lines += ["};", ""]
     lines += _helpers(called, language)
+    lines += [line for text in below for line in text.lines]
     lines += [f"void {name}_reset({name} *self) {{"]
     for v in block.of_kind(*KINDS):
         lines.append(f"  self->{v.name} = {language.signed(v.start)};")
     for array, values in block.arrays.items():
         lines.append(f"  for (int32_t i = 0; i < {len(values)}; i++) self->{array}[i] = 0;")
+        for i in np.flatnonzero(values).tolist():
+            lines.append(f"  self->{array}[{i}] = {language.signed(float(values[i]))};")
     lines += ["  self->count = 0;", "  self->fault = false;", "}", ""]
     for function, walk in walks.items():
         lines += [f"bool {name}_{function}({name} *self) {{", *_fault_check(block, language)]
         for assignment in walk.assignments:
             kind = f"const {_TYPES[assignment.kind]} " if assignment.kind else ""
-            lines.append(f"  {kind}{assignment.target} = {assignment.value};")
+            target = f"{kind}{assignment.target} = " if assignment.target else ""
+            lines.append(f"  {target}{assignment.value};")
         if function == "step" and block.last:
             text = f"self->count < {block.last} ? self->count + 1 : {block.first}"
             lines.append(f"  self->count = {text};")
@@ -131,60 +146,21 @@ def _fault_check(block: FunctionBlock, language: _C) -> list[str]:
 
 def _helpers(called: set[str], language: _C) -> list[str]:
     """Return the functions that the code calls."""
-    number, name = language.signed, language.name
-    whole = 2.0**52 if language.precision == "double" else 2.0**23
-    texts = {
-        "sound": f"""
-/* Whether an input is a number of a size that inputs have. */
-static bool {name}_sound(real x) {{
-  return x >= {number(-LARGEST)} && x <= {number(LARGEST)};
-}}""",
-        "fabs": f"static real {name}_fabs(real x) {{ return x < 0 ? -x : x; }}",
-        "rint": f"""
-/* The nearest whole number, the even one of two. */
-static real {name}_rint(real x) {{
-  const real whole = {number(whole)};
-  if (!(x > -whole && x < whole)) return x;
-  return x < 0 ? (x - whole) + whole : (x + whole) - whole;
-}}""",
-        "sqrt": f"""
-/* The square root: Newton's iteration, which falls from above until rounding ends it. */
-static real {name}_sqrt(real x) {{
-  const real none = x - x;
-  if (!(x > 0)) return x < 0 ? none / (none * 2) : x;
-  real root = x > 1 ? x : 1, next = (root + x / root) / 2;
-  while (next < root) {{
-    root = next;
-    next = (root + x / root) / 2;
-  }}
-  return root;
-}}""",
-        "sin": f"""
-/* Sine of an angle [rad] and of a quarter turn more; not a number beyond a million rad. */
-static real {name}_turned(real angle, int32_t more) {{
-  const real quarters = {name}_rint(angle * {number(2.0 / math.pi)});
-  const real r = ((angle - quarters * {number(HALF_PI[0])}) - quarters * {number(HALF_PI[1])})
-    - quarters * {number(HALF_PI[2])};
-  const real square = r * r;
-  const real largest = {number(LARGEST_ANGLE)};
-  const real none = angle - angle;
-  if (!(angle > -largest && angle < largest)) return none / (none * 2);
-  const int32_t quarter = (((int32_t)quarters + more) % 4 + 4) % 4;
-  const real value = quarter % 2 == 0 ? r + r * square * ({_horner(SINE, number)})
-    : {number(1.0)} + square * ({_horner(COSINE, number)});
-  return quarter < 2 ? value : -value;
-}}
-static real {name}_sin(real angle) {{ return {name}_turned(angle, 0); }}
-static real {name}_cos(real angle) {{ return {name}_turned(angle, 1); }}""",
-    }
-    needed = called | {"sound"} | ({"rint"} if called & {"sin", "cos"} else set())
-    keys = [key for key in texts if key in needed or (key == "sin" and "cos" in needed)]
-    return [line for key in keys for line in [*texts[key].strip("\n").splitlines(), ""]]
+    number = language.signed
+    numbers = {"largest": LARGEST, "quarters": 2.0 / math.pi, "far": LARGEST_ANGLE, "one": 1.0}
+    numbers["whole"] = 2.0**52 if language.precision == "double" else 2.0**23
+    numbers |= zip(("first", "second", "third"), HALF_PI, strict=True)
+    series = {"sine": _horner(SINE, number), "cosine": _horner(COSINE, number)}
+    terms = {key: number(value) for key, value in numbers.items()} | series
+    texts = Template(_FUNCTIONS.read_text()).substitute(terms, name=language.name).split("\n\n")
+    trigonometric = called & {"sin", "cos"}
+    needed = called | {"sound"} | ({"rint", "sin"} if trigonometric else set())
+    keyed = zip(("sound", "fabs", "rint", "sqrt", "sin"), texts, strict=True)
+    return [line for key, text in keyed if key in needed for line in [*text.splitlines(), ""]]
 
 
-def _horner(coefficients: Sequence[float], number: object) -> str:
+def _horner(coefficients: Sequence[float], number: Callable[[float], str]) -> str:
     text = ""
     for coefficient in reversed(coefficients):
-        value = number(coefficient)  # type: ignore[operator]
-        text = f"{value} + square * ({text})" if text else value
+        text = f"{number(coefficient)}{f' + square * ({text})' if text else ''}"
     return text

@@ -86,14 +86,17 @@ class Code(Instructions):
 
     @contextmanager
     def loop(self, first: Any, last: Any) -> Iterator[ir.Value]:
-        """Emit statements for each whole number from the first to the one before the last."""
-        begin, end = (x if isinstance(x, ir.Value) else self.integer(x) for x in (first, last))
+        """Emit statements for each whole number from the first to the one before the last; a
+        function gives a last that the statements change.
+        """
+        begin, end = (self.integer(x) if isinstance(x, int) else x for x in (first, last))
         before = self.builder.block
         head, body, after = map(self.function.append_basic_block, ("head", "body", "after"))
         self.builder.branch(head)
         self.builder.position_at_end(head)
         counter = self.builder.phi(INTEGER)
         counter.add_incoming(begin, before)
+        end = end() if callable(end) else end
         self.builder.cbranch(self.builder.icmp_signed("<", counter, end), body, after)
         self.builder.position_at_end(body)
         self._clear_angles()

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.checks import check_choice
+from cranedyn.clocks import clocks
 from cranedyn.compiled.block import BlockCode, FunctionBlock, Variable, identifiers
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.step import Step, StepState, check_rule
@@ -22,20 +24,6 @@ from cranedyn.interfaces import DirectDrive
 from cranedyn.model.crane import Crane
 from cranedyn.plant import rigid_body
 from cranedyn.plant.plant import Plant, Topology, numbers, plant
-
-_VERIFIED = Recipe(
-    lanes=1,
-    drive="effort",
-    integrator=semi_implicit_euler,
-    buffers=False,
-    integral=False,
-    offset=False,
-    forces=True,
-    shared=(True, True, True),
-    log=False,
-    summary=False,
-)
-"""Code of the engine whose accelerations are those of the block."""
 
 
 def crane_block(
@@ -60,18 +48,20 @@ def crane_block(
         name: Name of the block.
 
     Raises:
-        OutOfRange: If there is no code for the stepping rule.
+        OutOfRange: If a number is out of range, or there is no code for the stepping rule.
         ModelError: If the rope goes slack and taut within a step, or the code would not do what
             Pinocchio does.
     """
+    check_choice("drive", drive, DirectDrive)
+    clocks(dt, dt, dt)
     check_rule(integrator)
     if crane.springs.rope is not None and crane.springs.rope.inextensible:
         raise ModelError(
             "The rope does not stretch and may go slack, which a block cannot follow within a "
             "step; give a finite rope_stiffness, or 0 for a rope that is always taut."
         )
-    verified = replace(_VERIFIED, drive=drive, integrator=integrator)
-    compile_kernel([crane], verified)  # compares the same text with Pinocchio
+    recipe = Recipe(1, drive, integrator, forces=True)
+    compile_kernel([crane], recipe)  # compares the same text with Pinocchio
     names = VariableNames(crane, drive)
     block = FunctionBlock(
         name,

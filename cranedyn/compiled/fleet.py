@@ -86,16 +86,7 @@ class Fleet:
             workers = int(within("threads", whole("threads", threads, 1), 1, _THREADS))
         self._clock = clocks(control_period, dt, control_period)
         self._recipe = Recipe(
-            _LANES,
-            drive,
-            semi_implicit_euler,
-            buffers=False,
-            integral=False,
-            offset=False,
-            forces=forces,
-            shared=(True, True, not forces),
-            log=False,
-            summary=False,
+            _LANES, drive, semi_implicit_euler, forces=forces, shared=(True, True, not forces)
         )
         code, self._own = compile_kernel(self.cranes, self._recipe)
         groups, varied = -(-self.count // _LANES), code.source.varied

@@ -6,7 +6,8 @@ added to 0, or computed twice for them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache, lru_cache, reduce
 from typing import Any
 
@@ -107,6 +108,8 @@ class Instructions:
         argument: Arguments by name, all of them addresses.
     """
 
+    _flags: tuple[str, ...] = _FAST
+
     def __init__(
         self,
         module: ir.Module,
@@ -128,6 +131,13 @@ class Instructions:
         self.builder = ir.IRBuilder(self.function.append_basic_block())
         self._results: dict[tuple[Any, ...], Value] = {}
 
+    @contextmanager
+    def as_written(self) -> Iterator[None]:
+        """Emit sums and products that are rounded one by one, in the order of the text."""
+        self._flags = ()
+        yield
+        self._flags = _FAST
+
     def value(self, number: Any) -> Value:
         """Return a number as a value of the code."""
         if isinstance(number, Value):
@@ -137,10 +147,10 @@ class Instructions:
     def result(self, operation: str, *operands: Any) -> Value:
         """Return a sum, difference, product, quotient or negative, computed once in a block."""
         terms = (x.register if isinstance(x, Value) else float(x) for x in operands)
-        key = self.builder.block, operation, *terms
+        key = self.builder.block, self._flags, operation, *terms
         if key not in self._results:
             registers = (self.value(operand).register for operand in operands)
-            result = getattr(self.builder, operation)(*registers, flags=_FAST)
+            result = getattr(self.builder, operation)(*registers, flags=self._flags)
             self._results[key] = Value(self, result)
         return self._results[key]
 

@@ -21,6 +21,7 @@ from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.dynamics.scalars import array
 from cranedyn.plant.plant import SI, Plant, Topology, Units, plant
+from cranedyn.simulation.stepper import DIVERGED
 
 if TYPE_CHECKING:
     from cranedyn.compiled.horizon.control import Programme
@@ -41,6 +42,7 @@ class Recipe:
         shared: Whether all lanes share the gain table, the setpoint table, the forces, and the
             sensor offsets.
         log, summary: Whether rows are recorded, and whether a summary is computed.
+        ledger: Whether the rows are those of the log of `simulate`, with its energy ledger.
         delay_steps: Control periods by which frequency converters delay commands; None for drives
             without converters.
         turns: Steps after which sines and cosines are computed afresh; with 1 a motion is the same
@@ -55,19 +57,20 @@ class Recipe:
     lanes: int
     drive: str
     integrator: Integrator
-    buffers: bool
-    integral: bool
-    offset: bool
-    forces: bool
-    shared: tuple[bool, ...]
-    log: bool
-    summary: bool
+    buffers: bool = False
+    integral: bool = False
+    offset: bool = False
+    forces: bool = False
+    shared: tuple[bool, ...] = (True, True, True)
+    log: bool = False
+    summary: bool = False
     delay_steps: int | None = None
     turns: int = TURNS
     programme: Programme | None = None
     delayed: bool = False
     threads: bool = False
     contacts: Contacts | None = None
+    ledger: bool = False
 
 
 class KernelSource(NamedTuple):
@@ -87,7 +90,8 @@ class KernelSource(NamedTuple):
     def sizes(self) -> BufferLayout:
         """Layout of the buffers."""
         recipe = self.recipe
-        return BufferLayout.of(self.topology.layout, recipe.delay_steps, recipe.contacts)
+        sizes = BufferLayout.of(self.topology.layout, recipe.delay_steps, recipe.contacts)
+        return replace(sizes, ledger=recipe.ledger)
 
     @property
     def varied(self) -> int:
@@ -118,8 +122,7 @@ class Kernel(NamedTuple):
     Attributes:
         source: What it is made from.
         machine: Its functions: run, the loop; answer, accelerations at one state for each lane;
-            and, without a log, energies, of many states of one crane, or several, the loop for each
-            of many groups.
+            and, for many lanes without a log, several, the loop for each of many groups.
         verified: Varied numbers of the cranes for which it was compared with Pinocchio.
     """
 
@@ -152,8 +155,6 @@ def build_module(source: KernelSource) -> ir.Module:
     _Loop(Code(module, run, ["call"], lanes, recipe.lanes), source).emit()
     arguments = ["given", "numbers", "accelerations"]
     _emit_answer(Code(module, answer, arguments, lanes, recipe.lanes), source)
-    if recipe.lanes == 1 and not recipe.log:
-        _emit_energies(Code(module, "energies", ["given", "count", "energies"], 1), source)
     if lanes > 1 and not recipe.log:
         _emit_several(Code(module, "several", ["calls", "count"], 1), module.globals["run"])
     return module
@@ -169,16 +170,6 @@ def _emit_answer(code: Code, source: KernelSource) -> None:
     pushes = forces * units.force if source.recipe.forces else None
     for i, a in enumerate(crane.answer(q, v, command * units.command, pushes)[0]):
         code.store(a, code.argument["accelerations"], i * code.stride)
-    code.end()
-
-
-def _emit_energies(code: Code, source: KernelSource) -> None:
-    states, n = code.argument["given"], source.sizes.n
-    crane = source.plant(code, states)
-    with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
-        first = code.product(row, 2 * n)
-        state = array([code.spread(states, code.plus(first, i)) for i in range(2 * n)])
-        code.store(crane.energy(state[:n], state[n:]), code.argument["energies"], row)
     code.end()
 
 
@@ -356,24 +347,37 @@ class _Loop:
         if recipe.delay_steps is not None:
             effort = self._delay_command(command)
         self._set("last_command", effort)
-        reported = recipe.log or recipe.summary
-        reactions = self.plant.ground_reactions(q, v, self._anchors())[0] if reported else []
-        if recipe.delay_steps is not None and reported:
+        if not (recipe.log or recipe.summary):
+            return
+        reactions = self.plant.ground_reactions(q, v, self._anchors())[0]
+        if recipe.delay_steps is not None:
             if recipe.log:
                 acted = self._forces(code.builder.sub(instant, code.integer(1)))
                 before = self.plant.answer(q, v, self._get("reference"), acted, reactions)[1]
             next_reference = array(self._next_reference(effort, v)[0])
             _, effort, command, _ = self.plant.driven(q, v, next_reference, forces, reactions)
-        if recipe.drive == "motion" and reported:
+        if recipe.drive == "motion":
             acted = self._forces(code.builder.sub(instant, code.integer(1)))
             before = self.plant.answer(q, v, before, acted, reactions)[1]
             command = effort = self.plant.answer(q, v, command, forces, reactions)[1]
-        buffer = self.plant.stop_force(q, v)
+        buffer, cut = self.plant.stop_force(q, v), self._cut(requested)
+        hoist = self.plant.topology.layout.drive_of("hoist")
+        hoist_force = buffer if hoist is None else effort[hoist] + buffer
+        conditions = self.plant.conditions(q, v, hoist_force, command)
+        holds = code.both(*conditions, *(number < 0.5 for number in cut))
         if recipe.log:
-            row = [*q, *v, *command, *effort, *before, self.plant.energy(q, v)]
-            self._log(instant, [*row, *self._get("contacts"), buffer, *self._cut(requested)])
+            acts, energy = [*command, *effort, *before], self.plant.energy(q, v)
+            contacts = [*self._get("contacts"), buffer]
+            row = [*q, *v, *acts, energy, *contacts, *cut]
+            if recipe.ledger:
+                table = self._row(1, "setpoint_table", self.sizes.setpoint_table, instant)
+                pushes = [0.0] * size(self.sizes.force) if forces is None else forces
+                outside = [0.0, *contacts, *(cut or [0.0])]
+                row = [*table["position"], *q, *v, *acts, *pushes, *outside, energy]
+                row = self._balanced(row, (q, v, effort, before), holds)
+            self._log(instant, row)
         if recipe.summary:
-            self._summarise(instant, q, v, effort, buffer, command, self._cut(requested))
+            self._summarise(instant, q, v, effort, holds)
 
     def _delay_command(self, command: np.ndarray) -> np.ndarray:
         """Return the rounded and delayed commands of the converters, shape (m,)."""
@@ -456,15 +460,30 @@ class _Loop:
             for i, value in enumerate(row):
                 code.store(value, self.call_values["log"], code.plus(first, i * code.stride))
 
+    def _balanced(self, row: list[Any], at: tuple[np.ndarray, ...], holds: ir.Value) -> list[Any]:
+        """Return a row of the log of `simulate` with work, dissipation and validity, as
+        `cranedyn.simulation.log.Log` computes them, and note the worst row.
+        """
+        code, drives, (q, v, effort, before) = self.code, self.plant.topology.layout.drives, at
+        with code.as_written():
+            power = self.plant.joint.dissipation(q, v)
+            reached = q[drives] - v[drives] * (self.recipe.integrator.lead * self.dt)
+            again, moved = self._get("again"), reached - self._get("reached")
+            work = (self._get("acted") + before) / 2.0 * moved * again
+            loss = (self._get("power") + power) / 2.0 * self.period * again
+            self._set("work", self._get("work") + work)
+            self._set("dissipated", self._get("dissipated") + loss)
+        for name, values in (("reached", reached), ("acted", effort), ("power", [power])):
+            self._set(name, values)
+        self._set("again", [1.0])
+        row = [*row, *self._get("work"), *self._get("dissipated")]
+        fine = code.both(abs(_pairwise_sum(row)) < np.inf, v @ v < DIVERGED**2)
+        worst = code.chosen(fine, code.chosen(holds, 0.0, 1.0), 2.0)
+        _largest(code, self.state["worst"][0], worst)
+        return [*row, code.chosen(holds, 1.0, np.nan)]
+
     def _summarise(
-        self,
-        instant: ir.Value,
-        q: np.ndarray,
-        v: np.ndarray,
-        effort: np.ndarray,
-        buffer: Any,
-        needed: np.ndarray,
-        cut: Sequence[Any],
+        self, instant: ir.Value, q: np.ndarray, v: np.ndarray, effort: np.ndarray, holds: ir.Value
     ) -> None:
         code, crane, summary = self.code, self.plant, self.summary
         swing, amplitude = (code.value(square) for square in crane.swing(q, v))
@@ -474,10 +493,6 @@ class _Loop:
             _largest(code, summary["residual"][0], amplitude)
         for variable, value in zip(summary["effort"], effort, strict=True):
             _largest(code, variable, code.call("llvm.fabs", value))
-        hoist = crane.topology.layout.drive_of("hoist")
-        hoist_force = buffer if hoist is None else effort[hoist] + buffer
-        conditions = crane.conditions(q, v, hoist_force, needed)
-        holds = code.both(*conditions, *(number < 0.5 for number in cut))
         now = code.from_integer(instant)
         first = summary["invalid"][0]
         first.set(code.chosen(holds, first.get(), code.call("llvm.minnum", first.get(), now)))
@@ -487,3 +502,11 @@ def _largest(code: Code, variable: StackVariable, value: Value) -> None:
     """Keep the larger; what is not a number stays."""
     old = variable.get()
     variable.set(code.chosen(value <= old, old, value))
+
+
+def _pairwise_sum(numbers: Sequence[Any]) -> Any:
+    """Return a sum in which no term waits for all others."""
+    half = len(numbers) // 2
+    if not half:
+        return numbers[0]
+    return _pairwise_sum(numbers[:half]) + _pairwise_sum(numbers[half:])

@@ -8,6 +8,7 @@ from itertools import accumulate
 from cranedyn.compiled.code import DOUBLE, INTEGER, POINTER
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.model.layout import Layout
+from cranedyn.simulation.log import row_sections
 
 Sections = dict[str, int]
 """Number of doubles in each section of a buffer, in the order of memory."""
@@ -24,6 +25,7 @@ class BufferLayout:
         delay_steps: Control periods by which frequency converters delay commands; None for drives
             without converters.
         touching: Points of the load that may touch the ground; 0 without ground.
+        ledger: Whether rows of the log are those of `simulate`, with its energy ledger.
     """
 
     n: int
@@ -31,6 +33,7 @@ class BufferLayout:
     points: int
     delay_steps: int | None = None
     touching: int = 0
+    ledger: bool = False
 
     @classmethod
     def of(
@@ -58,12 +61,19 @@ class BufferLayout:
     def state(self) -> Sections:
         """State of a crane at a control instant: coordinates, rates, integrals of the controller,
         the last command, work of buffers and ground and of impacts of the rope, anchors of the
-        points that touch the ground, and memory of the frequency converters.
+        points that touch the ground, memory of the frequency converters, and the energy ledger:
+        work of the drives and dissipation so far, positions, efforts and dissipated power at the
+        last row, 1 after the first row, and what is worst in all rows: 0 where the model holds, 1
+        where it does not, 2 where a number is not finite or a joint too fast.
         """
         n, m = self.n, self.m
         sections = {"q": n, "v": n, "integral": m, "last_command": m, "contacts": 2}
         sections |= {"anchors": 3 * self.touching} if self.touching else {}
-        return sections | self.converters
+        sections |= self.converters
+        if self.ledger:
+            sections |= {"work": m, "dissipated": 1, "reached": m, "acted": m, "power": 1}
+            sections |= {"again": 1, "worst": 1}
+        return sections
 
     @property
     def gain_table(self) -> Sections:
@@ -92,6 +102,8 @@ class BufferLayout:
     def row(self) -> Sections:
         """Row of the log; cut is 1 where the command exceeds the largest rate of a converter."""
         n, m = self.n, self.m
+        if self.ledger:
+            return row_sections(n, m, self.points)
         sections = {"q": n, "v": n, "command": m, "effort": m, "before": m}
         sections |= {"energy": 1, "contacts": 2, "stop_force": 1}
         return sections if self.delay_steps is None else sections | {"cut": 1}

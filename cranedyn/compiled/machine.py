@@ -59,14 +59,15 @@ def translate(module: ir.Module) -> Machine:
     return Machine(engine, context)
 
 
-def object_code(module: ir.Module, triple: str) -> bytes:
+def object_code(module: ir.Module, triple: str, features: str = "") -> bytes:
     """Translate a module into an object file.
 
     Args:
         module: The code.
         triple: LLVM's name of the platform, such as "wasm32-unknown-unknown".
+        features: LLVM's names of features of its processor, such as "+simd128".
     """
-    target, code = _cross(module, triple)
+    target, code = _cross(module, triple, features=features)
     _optimise(code, target)
     return target.emit_object(code)
 
@@ -84,11 +85,13 @@ def assembly(module: ir.Module, triple: str, processor: str) -> str:
     return target.emit_assembly(code)
 
 
-def _cross(module: ir.Module, triple: str, processor: str = "") -> tuple[Any, Any]:
+def _cross(
+    module: ir.Module, triple: str, processor: str = "", features: str = ""
+) -> tuple[Any, Any]:
     """Return a target machine of another platform, and the module as code for it."""
     binding.initialize_all_targets()
     binding.initialize_all_asmprinters()
-    target = binding.Target.from_triple(triple).create_target_machine(cpu=processor, opt=3)
+    target = binding.Target.from_triple(triple).create_target_machine(processor, features, opt=3)
     module.triple, module.data_layout = triple, str(target.target_data)
     return target, binding.parse_assembly(str(module), binding.create_context())
 

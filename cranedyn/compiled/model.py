@@ -8,12 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from llvmlite import ir
 
 from cranedyn.checks import finite
 from cranedyn.compiled.binding import RowFunction
-from cranedyn.compiled.code import INTEGER, Code, Value
-from cranedyn.compiled.machine import translate
+from cranedyn.compiled.code import Value
+from cranedyn.compiled.rows import compile_rows
 from cranedyn.dynamics.bodies import bodies
 from cranedyn.dynamics.scalars import array
 from cranedyn.errors import ModelError
@@ -77,33 +76,22 @@ def compile_forward_dynamics(model: pin.Model) -> ForwardDynamics:
         ModelError: If a joint cannot be compiled, or the accelerations differ by more than 1e-11 of
             the largest.
     """
-    module = ir.Module()
-    _emit(Code(module, "rows", ["given", "count", "accelerations"], 1), model)
-    model, columns = model.copy(), (model.nq, model.nv, model.nv)
-    run = RowFunction(translate(module), "rows", sum(columns), model.nv)
-    dynamics = ForwardDynamics(model, columns, run)
+    tree = bodies(model)
+    tree = tree.with_numbers(tree.numbers().tolist())
+
+    def accelerations(numbers: np.ndarray) -> np.ndarray:
+        q = array([_coordinate(model, i, numbers) for i in range(1, model.njoints)])
+        v, tau = (numbers[model.nq + k * model.nv :][: model.nv] for k in (0, 1))
+        return rigid_body.tree_forward_dynamics(tree, rigid_body.frames(tree, q), v, tau)
+
+    columns = (model.nq, model.nv, model.nv)
+    run = compile_rows(accelerations, sum(columns), model.nv)
+    dynamics = ForwardDynamics(model.copy(), columns, run)
     _check(dynamics)
     return dynamics
 
 
-def _emit(code: Code, model: pin.Model) -> None:
-    tree = bodies(model)
-    tree = tree.with_numbers(tree.numbers().tolist())
-    states, width = code.argument["given"], model.nq + 2 * model.nv
-    with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
-        first = code.product(row, width)
-        numbers = [code.spread(states, code.plus(first, i)) for i in range(width)]
-        q = array([_coordinate(model, i, numbers) for i in range(1, model.njoints)])
-        v, tau = (array(numbers[model.nq + k * model.nv :][: model.nv]) for k in (0, 1))
-        placements = rigid_body.frames(tree, q)
-        a = rigid_body.tree_forward_dynamics(tree, placements, v, tau)
-        for i, acceleration in enumerate(a):
-            place = code.plus(code.product(row, model.nv), i)
-            code.store(acceleration, code.argument["accelerations"], place)
-    code.end()
-
-
-def _coordinate(model: pin.Model, joint: int, numbers: list[Value]) -> Value | _Turned:
+def _coordinate(model: pin.Model, joint: int, numbers: np.ndarray) -> Value | _Turned:
     first = model.joints[joint].idx_q
     if model.joints[joint].nq == 1:
         return numbers[first]

@@ -5,6 +5,7 @@ which C and Structured Text share.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -16,7 +17,7 @@ from cranedyn.errors import ModelError
 ATOM, NEGATIVE, PRODUCT, SUM, COMPARISON, LOGIC, CHOICE = range(7, 0, -1)
 """How strongly an expression binds, from a name to a choice."""
 
-_LONGEST = 72
+LONGEST = 72
 """Characters of an expression that may stand within another one."""
 
 _SUMS = {"fadd": "+", "fsub": "-", "add": "+", "sub": "-"}
@@ -68,6 +69,18 @@ class Language(ABC):
     def chosen(self, condition: Expression, yes: Expression, no: Expression) -> Expression:
         """Return one expression where a condition holds, and another elsewhere."""
 
+    def routine(self, name: str, arrays: Sequence[str]) -> str:
+        """Return the call of a routine on arrays of the block.
+
+        Raises:
+            ModelError: If the language has none.
+        """
+        raise ModelError(f"This language has no routine for {name}: it has no loops; export C.")
+
+    def signed(self, value: float) -> str:
+        """Return a number of any sign."""
+        return f"-{self.number(-value)}" if value < 0.0 else self.number(value)
+
     @abstractmethod
     def call(self, function: str, operand: Expression) -> Expression:
         """Return a function, named as LLVM's intrinsic, of an expression."""
@@ -78,7 +91,7 @@ class Assignment:
     """Statement that assigns an expression.
 
     Attributes:
-        target: What is assigned to.
+        target: What is assigned to; empty for a call.
         value: The expression.
         kind: Type of a new local constant: "real", "integer" or "truth"; empty for a variable of
             the block.
@@ -113,6 +126,10 @@ class Walk:
                 value, pointer = instruction.operands
                 target = self._reference(pointer)
                 self.assignments.append(Assignment(target, self._of(value).text))
+            elif isinstance(instruction.type, ir.VoidType) and instruction.opname == "call":
+                callee, *addresses = instruction.operands
+                names = [self._argument[address] for address in addresses]
+                self.assignments.append(Assignment("", self._language.routine(callee.name, names)))
             elif needed[instruction] and not isinstance(instruction, ir.instructions.GEPInstr):
                 self._name(instruction, needed[instruction])
 
@@ -125,7 +142,7 @@ class Walk:
             self._place(instruction.operands[0]) not in self._stored
         )
         loaded = isinstance(instruction, ir.instructions.LoadInstr)
-        short = count == 1 and len(expression.text) <= _LONGEST and not loaded
+        short = count == 1 and len(expression.text) <= LONGEST and not loaded
         if not ((fixed and expression.binding == ATOM) or short):
             kind = {"double": "real", "i64": "integer", "i1": "truth"}[str(instruction.type)]
             name = f"v{sum(bool(assignment.kind) for assignment in self.assignments) + 1}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,6 +37,7 @@ class _Number:
     __lt__ = __le__ = __gt__ = __ge__ = __bool__ = _unknown
 
 
+@cache
 def check_rule(integrator: Integrator) -> None:
     """Check that a stepping rule can be compiled.
 
@@ -184,7 +186,8 @@ class Step:
         """Return the state after a step that is divided where the rope becomes taut or slack.
 
         All lanes take the step in their phase, those with a taut inextensible rope without its
-        joint. Where that does not do, all lanes take it again, in pieces.
+        joint, then those with a slack one. Where that does not do, all lanes take it again, in
+        pieces.
         """
         code: Code = before.q[0].code
         rope, (q, v, works, anchors) = self.plant.joint.rope, before
@@ -205,6 +208,15 @@ class Step:
         increments = [code.increment(*pair) for pair in zip(smooth.q, before.q, strict=True)]
         outcome = code.variables(smooth._replace(q=array(increments)).numbers)
         changes = code.builder.not_(lasts)
+        if rope.inextensible:
+            (known,) = code.variables([code.chosen(lasts, 1.0, 0.0)])
+            slack = code.builder.not_(taut)
+            with code.when(code.anywhere(slack)):
+                loose_end = self._by_rule(before, taut=False)[0]
+                stays = code.both(slack, loose_end.q[rope.stretch] < 0.0)
+                numbers = loose_end._replace(q=loose_end.q - before.q).numbers
+                self._replace([*outcome, known], stays, [*numbers, 1.0])
+            changes = known.get() < 0.5
         with code.when(code.anywhere(changes)):
             pieces = self._in_pieces(before, taut)
             self._replace(outcome, changes, pieces._replace(q=pieces.q - before.q).numbers)

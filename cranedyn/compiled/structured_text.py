@@ -40,10 +40,6 @@ class _StructuredText(Language):
             raise ModelError(f"Structured Text has no function {function} of real numbers.")
         return Expression(f"{_FUNCTIONS[function]}({operand.text})", ATOM)
 
-    def signed(self, value: float) -> str:
-        """Return a number of any sign."""
-        return f"-{self.number(-value)}" if value < 0.0 else self.number(value)
-
 
 @dataclass(frozen=True)
 class _Declaration:

@@ -67,26 +67,22 @@ class TableStack:
         return RowTable(stacked, self._length, chosen.astype(np.int64) * self._length)
 
 
-def gain_table(sizes: BufferLayout, form: Affine, rows: np.ndarray | None = None) -> np.ndarray:
-    """Return the rows of a controller, shape (n, columns), written to an array of that shape if
-    there is one.
-    """
+def gain_table(sizes: BufferLayout, form: Affine) -> np.ndarray:
+    """Return the rows of a controller, shape (n, columns)."""
     n, columns = len(form.feed_forward), slices(sizes.gain_table)
-    rows = np.empty((n, size(sizes.gain_table))) if rows is None else rows
+    rows = np.empty((n, size(sizes.gain_table)))
     for name in columns:
         values = getattr(form, name)
         rows[:, columns[name]] = values.reshape(n, -1) if name == "gain" else values
     return rows
 
 
-def setpoint_table(
-    sizes: BufferLayout, form: Affine, n: int, rows: np.ndarray | None = None
-) -> np.ndarray:
+def setpoint_table(sizes: BufferLayout, form: Affine, n: int) -> np.ndarray:
     """Return rows of the state about which a controller acts and of its setpoint of the drives,
-    shape (n, columns), written to an array as for `gain_table`.
+    shape (n, columns), as many as differ.
     """
-    columns = slices(sizes.setpoint_table)
-    rows = np.empty((n, size(sizes.setpoint_table))) if rows is None else rows
+    columns, n = slices(sizes.setpoint_table), min(n, max(len(form.setpoint), len(form.target)))
+    rows = np.empty((n, size(sizes.setpoint_table)))
     for values, name in ((form.setpoint, "setpoint"), (form.target, "position")):
         rows[: len(values), columns[name]] = values[:n]
         rows[len(values) :, columns[name]] = values[-1]

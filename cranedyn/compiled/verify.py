@@ -58,11 +58,9 @@ def compile_kernel(
         rows = np.array([numbers(crane) for crane in cranes])
     if converters is not None:
         rows = np.hstack([rows, np.broadcast_to(converters, (len(rows), converters.shape[-1]))])
-    varied = (rows != rows[0]).any(axis=0)
-    constants = (
-        None if differs else value
-        for value, differs in zip(rows[0].tolist(), varied.tolist(), strict=True)
-    )
+    varied, constants = (rows != rows[0]).any(axis=0), rows[0].tolist()
+    for i in np.flatnonzero(varied).tolist():
+        constants[i] = None
     varied_numbers = np.ascontiguousarray(rows[:, varied])
     with _MAKING:
         code = _kernel(KernelSource(Topology.of(cranes[0]), tuple(constants), recipe))

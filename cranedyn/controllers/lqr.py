@@ -14,7 +14,7 @@ import scipy
 from cranedyn.checks import as_array, finite, short_repr, whole
 from cranedyn.clocks import multiple
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.dynamics.linearisation import over_period
+from cranedyn.dynamics.linearisation import held_states, over_period
 from cranedyn.dynamics.pinocchio import linearise
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import State
@@ -71,9 +71,8 @@ def linearised(
     rows = [*range(0, last, every), last]
     at_rows = [linearise(crane, State(motion.q[k], motion.v[k]), efforts[k]) for k in rows]
     by_state, by_effort = map(np.array, zip(*at_rows, strict=True))
-    a, b = over_period(by_state, by_effort, dt, steps)
-    if (rope := crane.springs.rope) is not None and rope.inextensible:
-        a[:, [rope.stretch, crane.layout.n + rope.stretch]] = 0.0  # a taut rope keeps its stretch
+    held = held_states(crane, State(motion.q[0], motion.v[0]))
+    a, b = over_period(by_state, by_effort, dt, steps, held)
     stretch = np.arange(last + 1) // every
     stretch[-1] = len(rows) - 1
     setpoint = np.hstack([motion.q, motion.v])

@@ -11,17 +11,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
 
 from cranedyn.dynamics.scalars import array, cross_product, is_zero, rows
 from cranedyn.errors import ModelError
-from cranedyn.model.crane import Crane
+from cranedyn.model.crane import Crane, once_per_crane
 
 _UP = (0.0, 0.0, 1.0)
-_TREES: WeakKeyDictionary[Crane, Bodies] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,12 +130,11 @@ def bodies(model: pin.Model) -> Bodies:
     )
 
 
+@once_per_crane
 def numeric_bodies(crane: Crane) -> Bodies:
     """Return the bodies of a crane in plain numbers, computed once."""
-    if crane not in _TREES:
-        tree = bodies(crane.model)
-        _TREES[crane] = tree.with_numbers(tree.numbers().tolist())
-    return _TREES[crane]
+    tree = bodies(crane.model)
+    return tree.with_numbers(tree.numbers().tolist())
 
 
 def height(

@@ -24,17 +24,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.checks import number, within
+from cranedyn.checks import finite, number, within
 from cranedyn.dynamics.joint_forces import TAUT
 from cranedyn.dynamics.pinocchio import body_points
 from cranedyn.dynamics.scalars import chosen, flag, square_root
-from cranedyn.errors import ModelError, OutOfRange
+from cranedyn.errors import ModelError, OutOfRange, quoted
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 
-_LEAST_RESTITUTION, _SINKS = 0.05, (5e-4, 0.1)
-"""Least coefficient of restitution, and range of static sinks [m]: beyond them a substep of 0.5 ms
-is not stable."""
+_DEAD, _SINKS = 0.05, (5e-4, 0.1)
+"""Coefficient of restitution up to which a load that falls by 1 m does not leave the ground again,
+since gravity holds it; and range of static sinks [m]. Beyond both a substep of 0.5 ms is not
+stable."""
 
 ON_GROUND, OFF_LEAD = 2.0, 3.0
 """Phases of a load that stands, and of one that is lifted off-lead, see `joint_forces.TAUT`."""
@@ -68,11 +69,11 @@ class Platform:
     Attributes:
         centre: Of its plan in the world [m], shape (2,).
         size: Its sides [m], shape (2,), the first along X where yaw is zero.
-        height: Height of its top [m].
+        height: Height of its top in the world [m].
         yaw: Its turn from X towards Y [rad].
 
     Raises:
-        OutOfRange: If a number is not finite, or a size or the height not positive.
+        OutOfRange: If a number is not finite, or a size not positive.
     """
 
     centre: tuple[float, float]
@@ -86,7 +87,7 @@ class Platform:
             least = "> 0" if name == "size" else "any"
             values = [number(f"{name} of a platform", x, "m", least) for x in getattr(self, name)]
             object.__setattr__(self, name, tuple(values))
-        number("height of a platform", self.height, "m", "> 0")
+        number("height of a platform", self.height, "m")
         number("yaw of a platform", self.yaw, "rad")
 
     @property
@@ -115,26 +116,57 @@ class Platform:
 
 
 @dataclass(frozen=True)
+class Hull:
+    """The convex hull of corners, such as a part of an obstacle; hulls may overlap.
+
+    Attributes:
+        corners: Corners in the world [m], shape (n, 3).
+
+    Raises:
+        OutOfRange: If they are not finite or lie in a plane.
+    """
+
+    corners: Sequence[Sequence[float]]
+
+    def __post_init__(self) -> None:
+        """Check the corners."""
+        corners = finite("corners of a hull", self.corners, ("n", 3), unit="m")
+        if np.linalg.matrix_rank(np.diff(corners, axis=0)) < 3:
+            raise OutOfRange("corners of a hull", quoted(self.corners), "four not in a plane", "m")
+
+    @property
+    def faces(self) -> tuple[Face, ...]:
+        """Its faces."""
+        from scipy.spatial import ConvexHull  # takes long to import, and few runs need it
+
+        planes = np.unique(ConvexHull(np.array(self.corners)).equations.round(9), axis=0)
+        return tuple(Face((x, y, z), -offset) for x, y, z, offset in planes.tolist())
+
+
+@dataclass(frozen=True)
 class Ground:
-    """The ground at height zero, platforms on it, and the points of the load that touch them.
+    """Level ground, platforms, and the points of the load that touch them.
 
     Attributes:
         points: Points of the load from its centre of mass, in the frame of its joint [m], shape
             (n, 3), such as `box_corners`.
-        platforms: Platforms.
+        platforms: Platforms on it, which do not overlap, and hulls.
         friction: Coefficient of dry friction.
-        restitution: Speed after over speed before an impact of all points at once, 0.05 to 1.
+        restitution: Speed after over speed before an impact of all points at once, without gravity,
+            0 to 1. Up to 0.05 it counts as 0.05: a load that falls by 1 m then stays down.
         sink: Depth to which the load at rest sinks with four points below it [m], 0.5 mm to 0.1 m.
+        height: Height of the ground in the world [m].
 
     Raises:
-        OutOfRange: If a number is out of its range, or platforms overlap.
+        OutOfRange: If a number is out of its range, platforms overlap, or one is below the ground.
     """
 
     points: Sequence[Sequence[float]]
-    platforms: tuple[Platform, ...] = ()
+    platforms: tuple[Platform | Hull, ...] = ()
     friction: float = 0.5
     restitution: float = 0.1
     sink: float = 0.002
+    height: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -144,9 +176,13 @@ class Ground:
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "platforms", tuple(self.platforms))
         number("coefficient of friction", self.friction, "", ">= 0")
-        within("coefficient of restitution", self.restitution, _LEAST_RESTITUTION, 1.0, "")
+        within("coefficient of restitution", self.restitution, 0.0, 1.0, "")
         within("static sink of the load", self.sink, *_SINKS, "m")
-        for first, second in itertools.combinations(self.platforms, 2):
+        level = number("height of the ground", self.height, "m")
+        boxes = [platform for platform in self.platforms if isinstance(platform, Platform)]
+        for box in boxes:
+            number("height of a platform above the ground", box.height - level, "m", "> 0")
+        for first, second in itertools.combinations(boxes, 2):
             if first.overlaps(second):
                 centres = f"at {first.centre} and {second.centre}"
                 raise OutOfRange("platforms", centres, "platforms that do not overlap", "m")
@@ -154,12 +190,18 @@ class Ground:
     def contacts(self, crane: Crane) -> Contacts:
         """Return the contacts of the load of a crane: masses and gravity give the stiffness."""
         omega, mass = math.sqrt(crane.gravity / self.sink), crane.payload_mass / 4.0
+        level, points = float(self.height), crane.payload.lever + np.array(self.points)
+        # what stands on the ground has no underside, since points sink below it
+        bodies = [
+            tuple(f for f in body.faces if f.normal[2] > -1.0 or -f.offset > level)
+            for body in self.platforms
+        ]
         return Contacts(
             crane.payload.body,
-            tuple(tuple((crane.payload.lever + point).tolist()) for point in self.points),
-            ((Face((0.0, 0.0, 1.0), 0.0),), *(platform.faces for platform in self.platforms)),
+            tuple(map(tuple, points.tolist())),
+            ((Face((0.0, 0.0, 1.0), level),), *bodies),
             mass * omega**2,
-            2.0 * damping_ratio(self.restitution) * mass * omega,
+            2.0 * damping_ratio(max(self.restitution, _DEAD)) * mass * omega,
             2.0 * mass * omega,
             float(self.friction),
         )
@@ -275,6 +317,11 @@ class Contacts(NamedTuple):
             damping=self.damping * (dt / mass),
             slip_damping=self.slip_damping * (dt / mass),
         )
+
+    @property
+    def level(self) -> float:
+        """Height of the ground [m]."""
+        return self.supports[0][0].offset
 
     def depth(self, position: Vector) -> tuple[Any, Vector]:
         """Return the depth of a point in the support in which it is deepest [m], negative outside

@@ -6,6 +6,7 @@ Deviations are stacked as z = (coordinates, rates), shape (2 n,).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ import scipy
 
 from cranedyn.checks import as_array, check_choice, finite, whole, within
 from cranedyn.clocks import clocks
+from cranedyn.dynamics.joint_forces import TAUT, JointForces
 from cranedyn.dynamics.pinocchio import holding_effort, linearise
 from cranedyn.errors import Misshapen, ModelError, OutOfRange
 from cranedyn.interfaces import DirectDrive, State
@@ -51,10 +53,12 @@ class Linear:
     Attributes:
         a: Shape (2 n, 2 n).
         b: Shape (2 n, m).
+        held: Indices in z of what a taut inextensible rope holds.
     """
 
     a: np.ndarray
     b: np.ndarray
+    held: Sequence[int] = ()
 
     def sampled(self, *, dt: float = 5e-4, control_period: float = 5e-3) -> Sampled:
         """Step it exactly as `simulate` does: semi-implicit Euler in steps of `dt` [s] under a
@@ -66,12 +70,12 @@ class Linear:
         """
         steps = clocks(control_period, dt, control_period).steps
         n = len(self.b) // 2
-        (a,), (b,) = over_period(self.a[None, n:], self.b[None, n:], dt, steps)
+        (a,), (b,) = over_period(self.a[None, n:], self.b[None, n:], dt, steps, self.held)
         return Sampled(a, b, control_period)
 
 
 def over_period(
-    by_state: np.ndarray, by_effort: np.ndarray, dt: float, steps: int
+    by_state: np.ndarray, by_effort: np.ndarray, dt: float, steps: int, held: Sequence[int] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the discrete model of several physics steps of `dt` [s], as in `Sampled`, for many
     cranes at once.
@@ -81,6 +85,7 @@ def over_period(
         by_effort: Derivatives by the efforts, which are held, shape (k, n, m).
         dt: Physics step [s].
         steps: Number of steps.
+        held: Indices in z whose deviations vanish, see `held_states`.
 
     Returns:
         States after these steps by those before, shape (k, 2 n, 2 n), and by the efforts, shape (k,
@@ -98,7 +103,19 @@ def over_period(
     with np.errstate(over="ignore", invalid="ignore"):
         power = np.linalg.matrix_power(step, steps)
     finite("what a control period does to a state", power, ("k", nz + m, nz + m))
+    power[:, :, list(held)] = 0.0
     return power[:, :nz, :nz], power[:, :nz, nz:]
+
+
+def held_states(crane: Crane, state: State) -> list[int]:
+    """Return the indices in z of what a taut inextensible rope holds, its stretch and the rate of
+    that; none at a state with another rope or a slack one.
+    """
+    joints, rope = np.arange(crane.layout.n), crane.springs.rope
+    if rope is None or JointForces.of(crane).phase(*state) != TAUT:
+        return []
+    held = np.setdiff1d(joints, crane.springs.free(joints))
+    return [*held.tolist(), *(len(joints) + held).tolist()]
 
 
 def linear(
@@ -128,6 +145,7 @@ def linear(
     return Linear(
         np.vstack([np.eye(n, 2 * n, n), by_state]),
         np.vstack([np.zeros_like(by_command), by_command]),
+        held_states(crane, state),
     )
 
 

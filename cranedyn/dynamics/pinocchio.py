@@ -191,7 +191,7 @@ def body_points(
     """
     pin.forwardKinematics(model, data, q, v)
     placement, motion = data.oMi[body + 1], data.v[body + 1]
-    velocity = motion.linear[:, None] + np.cross(motion.angular, points).T
+    velocity = motion.linear[:, None] + pin.skew(motion.angular) @ points.T
     position = placement.rotation @ points.T + placement.translation[:, None]
     return position, placement.rotation @ velocity
 

@@ -71,6 +71,7 @@ def bounds(
     *,
     buffers: bool,
     rope: Sequence[int] | None = None,
+    level: float = 0.0,
 ) -> Iterator[Bound]:
     """Yield the conditions that a state must meet, in any kind of number.
 
@@ -81,11 +82,12 @@ def bounds(
         q: Coordinates, n numbers.
         swings: Swing angles from where the load hangs [rad], by index among the coordinates.
         tension: Tension of the rope [N]; None without a hoist.
-        height: Height of the payload above the ground [m].
+        height: Height of the payload [m].
         buffers: Whether buffers end the ranges of the drives, so that leaving them a little is
             allowed.
         rope: Indices of the stretch and of the length of a rope that may go slack; None for one
             that may not.
+        level: Height of the ground [m].
     """
     for i, joint in enumerate(layout.joints):
         message = (
@@ -108,7 +110,7 @@ def bounds(
     yield Bound(
         layout.n - 1,
         height,
-        0.0,
+        level,
         None,
         False,
         "the payload is at a height of {value:.6g} m, below the ground",
@@ -181,6 +183,7 @@ def conditions(
     buffers: bool = False,
     needed: np.ndarray | None = None,
     rates: bool = False,
+    level: float = 0.0,
 ) -> list[Bound]:
     """Return the conditions under which the model holds, for many rows.
 
@@ -196,6 +199,7 @@ def conditions(
             drives that take efforts.
         rates: Whether the drives must keep their largest rates; frequency converters keep them by
             themselves.
+        level: Height of the ground [m].
 
     Raises:
         OutOfRange: If an array has another shape.
@@ -219,6 +223,7 @@ def conditions(
             height,
             buffers=buffers,
             rope=crane.springs.rope and crane.springs.rope[:2],
+            level=level,
         ),
         *drive_bounds(crane.layout, needed, crane.effort_limit, v.T, limits),
     ]

@@ -203,15 +203,16 @@ def clearance_over_time(certificate: Certificate) -> Figure:
     return figure
 
 
-def scenery(certificate: Certificate) -> Scenery:
+def scenery(certificate: Certificate, *, begins: float = 0.0) -> Scenery:
     """Return the obstacles of a site for a recording, marked while they are nearer than the
-    required distance and twice the envelope.
+    required distance and twice the envelope, in a run in which the lift begins at a time [s].
     """
     lift, clearance = certificate.lift, certificate.lift.clearance
     mark = clearance.site.distance + 2.0 * clearance.envelope(float(lift.ends[:, 2].mean()))
     obstacles = []
     for solid in clearance.solids:
         spells = () if solid.zone else _spells(certificate, solid.name, mark)
+        spells = [begins + t for t in spells]
         obstacle = Obstacle(solid.name, solid.vertices, solid.triangles, solid.zone, spells)
         obstacles.append(obstacle)
     return Scenery(obstacles, clearance.point(lift.timed.places[::5]), _swept(lift))

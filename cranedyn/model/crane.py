@@ -5,8 +5,9 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, NamedTuple
+from functools import cached_property, wraps
+from typing import Any, NamedTuple, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -304,3 +305,19 @@ class Crane:
             drive = f"{limits[i]:g} {joint.effort_unit}" if joint.driven else "passive"
             rows.append((joint.symbol, joint.name, joint.unit, *ends, drive))
         return rows
+
+
+_Result = TypeVar("_Result")
+
+
+def once_per_crane(function: Callable[[Crane], _Result]) -> Callable[[Crane], _Result]:
+    """Return a function that keeps its result for each crane for as long as the crane exists."""
+    results = WeakKeyDictionary[Crane, _Result]()
+
+    @wraps(function)
+    def cached(crane: Crane) -> _Result:
+        if crane not in results:
+            results[crane] = function(crane)
+        return results[crane]
+
+    return cached

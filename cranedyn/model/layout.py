@@ -238,7 +238,8 @@ class Layout:
         if q.shape != (self.n,) or v.shape != (self.n,):
             sizes = f"a state of {q.size} coordinates and {v.size} rates"
             raise OutOfRange(name, sizes, f"{self.n} of each: {', '.join(self.symbols)}")
-        for joint, position, rate in zip(self.joints, q.tolist(), v.tolist(), strict=True):
+        named = zip(self.joints, q.tolist(), v.tolist(), strict=True)
+        for joint, position, rate in () if np.isfinite([q, v]).all() else named:
             number(f"{joint.symbol} at the {name}", position, joint.unit)
             number(f"{joint.symbol}_dot at the {name}", rate, f"{joint.unit}/s")
         return State(read_only(q.copy()), read_only(v.copy()))

@@ -8,7 +8,7 @@ not carry the load, it is given no swing, and the hoist exerts only the tension 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,16 +17,17 @@ from cranedyn import theory
 from cranedyn.checks import number
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.contact import Ground, Platform, box_corners, box_load, standing
+from cranedyn.dynamics.contact import OFF_LEAD, Ground, Hull, box_corners, box_load, standing
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import payload_position, point_velocities
-from cranedyn.errors import OutOfRange
+from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, EngineName, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.planning.certificate import Check
-from cranedyn.planning.clearance import GROUND
+from cranedyn.planning.clearance import Clearance, Nearest
 from cranedyn.planning.lift import Lift
+from cranedyn.planning.site import Site
 from cranedyn.references.flat import cruise
 from cranedyn.references.motion import Motion
 from cranedyn.simulation.simulate import simulate
@@ -35,12 +36,48 @@ SLACK, PAUSE, HOIST_ACCELERATION = 0.05, 2.0, 0.02
 """Slack of the rope of a load that stands [m], pause between phases [s], and mean acceleration of
 the hoist at lift-off and set-down [m/s²]."""
 
+ROPE_DAMPING = 2e4
+"""Damping of the rope [N s/m]."""
+
 HANGS, OFF, STILL = 0.9, 0.01, 1e-3
 """Tension over the weight from which on a load hangs; largest distance from the goal [m] and speed
 of the load [m/s] at the end."""
 
 _MEASURED = 20
 """Rows between measurements of distances."""
+
+_DAMPED = 0.99
+"""Largest damping ratio of the bounce that the bound of the pull counts on."""
+
+
+def ground_of(
+    site: Site,
+    points: Sequence[Sequence[float]],
+    *,
+    within: tuple[np.ndarray, float] | None = None,
+    **properties: float,
+) -> Ground:
+    """Return the ground of a site with its obstacles as supports and walls, in the frame of the
+    crane; without zones and what is not convex.
+
+    Args:
+        site: The site.
+        points: Points of the load, see `Ground`.
+        within: Places in the frame of the crane, shape (k, 3), and a distance in plan [m]: what is
+            farther from all places is left out; None for none.
+        properties: Friction, restitution and sink, see `Ground`.
+    """
+
+    def near(part: np.ndarray) -> bool:
+        if within is None:
+            return True
+        places, reach = within
+        low, high = part.min(axis=0)[:2] - reach, part.max(axis=0)[:2] + reach
+        return bool(((low < places[:, :2]) & (places[:, :2] < high)).all(axis=1).any())
+
+    solids = (solid for solid in site.seen_by_crane() if not solid.zone)
+    hulls = [Hull(part.tolist()) for solid in solids for part in solid.parts if near(part)]
+    return Ground(points, tuple(hulls), height=site.ground - float(site.foot[2]), **properties)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,30 +134,30 @@ def from_ground(
     rope_stiffness: float = 2e7,
     creep: float = 0.1,
     sink_rate: float = 0.1,
-    platforms: tuple[Platform, ...] = (),
 ) -> GroundLift:
-    """Return a lift that begins on the support below its start and ends on that below its goal.
+    """Return a lift that begins on the ground or obstacle below its start and ends on that below
+    its goal.
 
     Args:
-        lift: The planned lift; its load is a box.
+        lift: The planned lift of a crane of this project; its load is a box.
         rope_stiffness: EA of the rope [N].
         creep: Largest hoisting speed of the lift-off [m/s].
         sink_rate: Largest speed of the set-down [m/s].
-        platforms: Platforms in the frame of the crane.
 
     Raises:
-        OutOfRange: If a number is not positive, or the ground is not as high as the crane's foot.
+        CraneError: If a number is not positive, or the crane has another URDF.
     """
-    site, planned = lift.clearance.site, lift.timed.motion
-    if site.ground != site.foot[2]:
-        raise OutOfRange("height of the ground", site.ground, "that of the foot of the crane", "m")
-    sides = np.ptp(lift.clearance.bodies.load, axis=0).tolist()
-    values = {**site.crane, **box_load(lift.crane.payload_mass, *sides), "damp_sling": 300.0}
-    values |= {"rope_stiffness": rope_stiffness, "rope_damping": 2e4}
-    crane = load_crane(
-        gravity=lift.crane.gravity, values={**values, "hoist_max": lift.clearance.height}
-    )
-    ground = Ground(box_corners(*sides), platforms)
+    clearance, planned = lift.clearance, lift.timed.motion
+    if (arguments := lift.crane.record.get("arguments")) is None:
+        raise CraneError("A lift from the ground needs the tower crane of this project.")
+    sides = np.ptp(clearance.bodies.load, axis=0).tolist()
+    values = {**arguments, **box_load(lift.crane.payload_mass, *sides), "damp_sling": 300.0}
+    values |= {"rope_stiffness": rope_stiffness, "rope_damping": ROPE_DAMPING}
+    lowest = clearance.height - clearance.site.ground + float(clearance.site.foot[2])
+    values["hoist_max"] = max(lowest, float(arguments.get("hoist_max", 0.0)))
+    crane = load_crane(gravity=lift.crane.gravity, values=values)
+    ends = clearance.point(lift.ends), clearance.bodies.spread + clearance.site.distance
+    ground = ground_of(clearance.site, box_corners(*sides), within=ends)
 
     def lowered(place: int, name: str, speed: float) -> np.ndarray:
         """Return q, v and a of a set-down and a pause after it, shape (3, rows, 5)."""
@@ -172,26 +209,27 @@ def certify_ground_lift(
     seen = np.array([lift.seen(State(*row)).q for row in zip(run.q, run.v, strict=True)])
     off, _, moving, down = (round(t / motion.period) for t in lift.phases.values())
     swing, allowed = 1e3 * clearance.tilt(seen), 1e3 * clearance.site.swing
-    distance, obstacle = min(
-        (pair.distance, obstacle)
-        for row in np.r_[off:moving:_MEASURED, down : len(run) : _MEASURED]
-        for obstacle, pair in clearance.distances(seen[row], jib=False).items()
-        if obstacle != GROUND
+    nearest = min(
+        _nearest_beside_support(clearance, seen[rows], support)
+        for rows, support in ((slice(moving), 0), (slice(down, None), -1))
     )
     touched = down + int(np.flatnonzero(pull[down:] < HANGS)[0])
     speed = float(run.v[touched, crane.layout.index("l")])
     end = payload_position(crane, run.q[-1]) - clearance.point(lift.lift.ends[1])
     apart = float(np.linalg.norm(end[:2]))
     still = np.linalg.norm(point_velocities(crane, State(run.q[-1], run.v[-1]))[0]) < STILL
-    length, rates = run["l_m"], np.abs(motion.at(run.t).velocity) @ crane.layout.along("l")
-    most = _largest_pull(crane, float(length[0]), float(rates[:moving].max()))
-    sink_rate = float(rates[down:].max())
+    hoist = motion.drives[2]
+    lifted = off + int(np.argmax(pull[off:moving] >= 1.0))
+    most = _largest_pull(crane, motion, slice(lifted, moving))
+    bound = f"{most:.3f} by closed form"
+    if (run["phase"][off:moving] == OFF_LEAD).any():
+        most, bound = math.nan, "without a bound: the load slides or leans while the rope pulls"
+    sink_rate = float(motion.v[down:, hoist].max())
     return run, [
         Check(
-            f"Lift-off: the rope pulls {pull[off:moving].max():.3f} of the weight at most, "
-            f"{most:.3f} at the full creep speed; hanging, the load swings {swing[moving]:.2f} "
-            f"mrad, {allowed:.1f} allowed.",
-            bool(pull[off:moving].max() <= most and swing[moving] <= allowed),
+            f"Lift-off: the rope pulls {pull[:moving].max():.3f} of the weight at most, {bound}; "
+            f"hanging, the load swings {swing[moving]:.2f} mrad, {allowed:.1f} allowed.",
+            bool(pull[:moving].max() <= most and swing[moving] <= allowed),
         ),
         Check(
             f"Motion: the load swings {swing[moving:down].max():.1f} mrad at most, {allowed:.1f} "
@@ -199,9 +237,10 @@ def certify_ground_lift(
             bool(swing[moving:down].max() <= allowed and pull[moving:down].min() > 0.0),
         ),
         Check(
-            f"Above its supports nothing that hangs comes nearer to an obstacle than "
-            f"{distance:.2f} m ({obstacle}), {clearance.site.distance:g} m required.",
-            distance >= clearance.site.distance,
+            f"Above its supports nothing that hangs comes nearer to another obstacle than "
+            f"{nearest.distance:.2f} m ({nearest.obstacle}), {clearance.site.distance:g} m "
+            "required.",
+            nearest.distance >= clearance.site.distance,
         ),
         Check(
             f"Set-down: the load touches at {speed:.3f} m/s, {sink_rate:.3f} allowed; it stands "
@@ -211,13 +250,39 @@ def certify_ground_lift(
     ]
 
 
-def _largest_pull(crane: Crane, length: float, speed: float) -> float:
-    """Return the tension over the weight of a load picked up at a speed [m/s] on a rope of a length
-    [m].
+def _nearest_beside_support(clearance: Clearance, q: np.ndarray, support: int) -> Nearest:
+    """Return the nearest pair of a body that hangs and an obstacle on which the load does not stand
+    in a row, of coordinates of all rows, shape (rows, n).
     """
-    assert crane.springs.rope is not None
-    omega = theory.rope_bounce(float(crane.springs.rope.stiffness), length, crane.payload_mass)
-    return theory.pickup_factor(speed, omega, crane.gravity)
+    standing = clearance.distances(q[support], jib=False)
+    return min(
+        pair
+        for row in q[::_MEASURED]
+        for name, pair in clearance.distances(row, jib=False).items()
+        if standing[name].distance > 0.0
+    )
+
+
+def _largest_pull(crane: Crane, motion: Motion, rows: slice) -> float:
+    """Return an upper bound of the tension over the weight in rows that begin where the load leaves
+    the ground, for a hoist that follows its motion and small strains.
+
+    With D = T/m - g - a and the rate w at which the rope would stretch, w' = -D and D' = ω² w -
+    2 ζ ω D - a'. So D is that of a load picked up at a constant speed, and |a| at first and the
+    change of a, which D² + ω² w² cannot amplify, at most.
+    """
+    rope, mass, hoist = crane.springs.rope, crane.payload_mass, motion.drives[2]
+    assert rope is not None
+    a, lug = -motion.a[rows, hoist], _lug(crane)
+    lengths = motion.q[rows, hoist] - lug
+    omega = theory.rope_bounce(float(rope.stiffness), float(lengths.min()), mass)
+    damping_ratio = min(ROPE_DAMPING / (2.0 * mass * omega), _DAMPED)
+    picked_up = theory.pickup_factor(
+        -float(motion.v[rows, hoist][0]), omega, crane.gravity, damping_ratio
+    )
+    change = a + np.cumsum(np.abs(np.diff(a, prepend=0.0)))
+    stiffening = math.sqrt(float(lengths[0] / lengths.min()))
+    return picked_up + stiffening * float(change.max()) / crane.gravity
 
 
 def _lug(crane: Crane) -> float:

@@ -35,6 +35,9 @@ RESERVE = 1.1
 """Rate of a drive over the largest rate of a plan: the controller needs the rest for corrections.
 """
 
+_LOWERED = 0.1
+"""Step in which the lowest place of a load is looked for [m]."""
+
 _FAST = 1.15
 """A motion that lasts no more than so many times what the drives alone need from start to goal
 without obstacles is fast enough: nothing else is tried."""
@@ -151,8 +154,8 @@ def plan_lift(
         site: The site.
         limits: Rates and accelerations of the drives; of the crane's own rates a plan uses ten
             elevenths at most, and leaves the rest to the controller.
-        start: Centre of the load at the start, in the frame of the site [m], shape (3,); None for
-            that of the site.
+        start: Centre of the load at the start, in the frame of the site [m], shape (3,), or shape
+            (2,) for as low as it can hang there; None for that of the site.
         goal: The same at the end.
         crane: The crane; None for that of the site.
         ramp: Time in which a drive may reach its limit of acceleration [s].
@@ -163,7 +166,7 @@ def plan_lift(
             obstacle in the way of the jib, an end that is enclosed, or none found.
         OutOfRange: If the crane does not reach start or goal.
         MissingRole: If it is not a tower crane.
-        Misshapen: If start or goal is no array of three numbers.
+        Misshapen: If start or goal is no array of two or three numbers.
         CraneError: If there is no start or goal, the crane is none, or the extra `planning` is not
             installed.
     """
@@ -193,7 +196,9 @@ def _end(clearance: Clearance, name: str, point: np.ndarray | None) -> np.ndarra
     """Return the place of an end of a lift, if the load may hang there."""
     if point is None:
         raise CraneError(f"The site does not say where the {name} of the lift is; give it.")
-    drive_position = clearance.place(finite(f"{name} of the load", point, (3,), unit="m"), name)
+    label, count = f"{name} of the load", 2 if np.shape(point) == (2,) else 3
+    point = finite(label, point, (count,), unit="m")
+    drive_position = _lowest(clearance, point, name) if count == 2 else clearance.place(point, name)
     site, centre = clearance.site, clearance.point(drive_position)
     for solid in clearance.solids:
         if solid.holds(centre):
@@ -209,6 +214,21 @@ def _end(clearance: Clearance, name: str, point: np.ndarray | None) -> np.ndarra
             f"{math.degrees(site.swing):.2g}°."
         )
     return drive_position
+
+
+def _lowest(clearance: Clearance, point: np.ndarray, name: str) -> np.ndarray:
+    """Return the place down to which the load can hang with its swing and the margins of `EXTRA`,
+    above a point [m], shape (2,).
+    """
+    top = float(clearance.site.foot[2]) + clearance.height - clearance.shortest_cable - CLOSE
+    place = clearance.place(np.array([*point, top]), name)
+    longest = float(clearance.crane.upper[clearance.joints.hoist])
+    for length in np.arange(place[2], longest, _LOWERED):
+        lower = np.array([*place[:2], length])
+        if clearance.swing_margin(lower) < max(EXTRA) + CLOSE:
+            break
+        place = lower
+    return place
 
 
 def _turns(first: np.ndarray, last: np.ndarray, slews: SlewRange) -> list[np.ndarray]:
@@ -249,12 +269,15 @@ def _ways(
     bounds, rates = _bounds(clearance, ends, slews), np.array(limits.rates)
     if not ((bounds[0] <= ends).all() and (ends <= bounds[1]).all()):
         return
-    proven = partial(_is_proven, clearance, slews)
+    proven, straight = partial(_is_proven, clearance, slews), False
     for extra in EXTRA:
         if extra and end_margin < extra + CLOSE:
             continue
         wider = clearance.with_more_distance(extra) if extra else clearance
         for points in search(wider, ends, bounds, rates):
+            if straight and len(points) == 2:
+                continue  # the same with any margin
+            straight |= len(points) == 2
             path = rounded_path(wider, points, rates)
             if path is None:
                 continue

@@ -86,8 +86,8 @@ class Site:
             where they are entered.
         load: Corners of the load about its centre [m], shape (n, 3); X is across the jib, Y against
             it; None for that of the crane.
-        start, goal: Centre of the load at the start and at the end [m], shape (3,); None if
-            unknown.
+        start, goal: Centre of the load at the start and at the end [m], shape (3,), or shape (2,)
+            where it stands on what is below; None if unknown.
         distance: Required distance between all that moves and every obstacle [m].
         swing: Largest angle of the rope from plumb that is allowed [rad].
         limits: Limits of the drives; None if unknown.

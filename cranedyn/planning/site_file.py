@@ -280,7 +280,9 @@ def _load(load: SiteTable) -> np.ndarray | None:
 
 
 def _point(lift: SiteTable, key: str) -> np.ndarray | None:
-    return np.array(lift.numbers(key, 3)) if key in lift.values else None
+    values = lift.values.get(key)
+    count = 2 if isinstance(values, list) and len(values) == 2 else 3
+    return None if values is None else np.array(lift.numbers(key, count))
 
 
 def _box(entry: SiteTable, ground: float) -> list[Solid]:

@@ -11,13 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.checks import read_only
 from cranedyn.dynamics.bodies import Bodies, blank, bodies, height
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.converters import Response, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops, tension_from_hoist_force
 from cranedyn.dynamics.scalars import array, chosen, clipped, flag, solve_linear
 from cranedyn.dynamics.validity import bounds, drive_bounds
-from cranedyn.model.crane import Crane
+from cranedyn.model.crane import Crane, once_per_crane
 from cranedyn.model.layout import Layout
 from cranedyn.model.springs import Rope, Springs
 from cranedyn.plant import rigid_body
@@ -48,8 +49,9 @@ class Topology:
     springs: bool
     rope: tuple[int, int, bool] | None
 
-    @classmethod
-    def of(cls, crane: Crane) -> Topology:
+    @staticmethod
+    @once_per_crane
+    def of(crane: Crane) -> Topology:
         """Return the topology of a crane."""
         parents = tuple(int(parent) - 1 for parent in list(crane.model.parents)[1:])
         hoist = crane.layout.role("hoist", "") if crane.layout.has("hoist") else None
@@ -58,7 +60,7 @@ class Topology:
         )
         rope = crane.springs.rope
         bodies = tuple(point.body for point in crane.points)
-        return cls(
+        return Topology(
             parents,
             crane.layout,
             bodies,
@@ -370,6 +372,7 @@ class Plant:
                 above,
                 buffers=self.buffers,
                 rope=self.topology.rope,
+                level=0.0 if self.contacts is None else self.contacts.level,
             ),
             *drive_bounds(
                 layout,
@@ -435,30 +438,30 @@ class Plant:
         return angle, angle + kinetic / gravity
 
 
+@once_per_crane
 def numbers(crane: Crane) -> np.ndarray:
-    """Return all numbers of a crane in a row, in the order of `plant`."""
+    """Return all numbers of a crane in a row, in the order of `plant`, read-only."""
     tree, springs, stops = bodies(crane.model), crane.springs, Stops.of(crane)
     rope = springs.rope
     levers = np.concatenate([point.lever for point in crane.points])
-    return np.concatenate(
-        [
-            tree.numbers(),
-            crane.damping,
-            springs.stiffness,
-            springs.rest,
-            [0.0 if rope is None else rope.stiffness],
-            crane.lower,
-            crane.upper,
-            crane.effort_limit,
-            np.minimum(crane.rate_limit, _NO_LIMIT),
-            levers,
-            _arms(crane),
-            crane.rest.angle,
-            crane.rest.slope.ravel(),
-            stops.stiffness,
-            stops.damping,
-        ]
+    values = (
+        tree.numbers(),
+        crane.damping,
+        springs.stiffness,
+        springs.rest,
+        [0.0 if rope is None else rope.stiffness],
+        crane.lower,
+        crane.upper,
+        crane.effort_limit,
+        np.minimum(crane.rate_limit, _NO_LIMIT),
+        levers,
+        _arms(crane),
+        crane.rest.angle,
+        crane.rest.slope.ravel(),
+        stops.stiffness,
+        stops.damping,
     )
+    return read_only(np.concatenate(values))
 
 
 def _arms(crane: Crane) -> np.ndarray:

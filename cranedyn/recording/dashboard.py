@@ -14,7 +14,7 @@ from cranedyn.dynamics.pinocchio import payload_position, point_positions
 from cranedyn.plotting.style import rgb
 from cranedyn.recording.run import SCENE, TIMELINE, Run
 from cranedyn.recording.scene import BACKGROUND, drawn_size, payload_entity
-from cranedyn.recording.series import READOUT, Table, plots, time_series_view
+from cranedyn.recording.series import GAPS, READOUT, Table, plots, time_range, time_series_view
 from cranedyn.recording.shapes import visible_points
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -22,8 +22,10 @@ _PAYLOAD_DISTANCE = 14.0
 """Distance of the eye that follows the payload [m]."""
 
 
-def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
-    """Return the layout for runs and their tables; without tables, for runs that are beginning."""
+def dashboard(runs: Sequence[Run], tables: Sequence[Table], *, gaps: bool = False) -> rrb.Blueprint:
+    """Return the layout for runs and their tables, and with a plot of gaps between cranes; without
+    tables, for runs that are beginning.
+    """
     names = {name for run in runs for name in plots(run.crane.layout)}
     driven = [joint for run in runs for joint in run.crane.layout.driven]
     symbols = list(dict.fromkeys(joint.symbol for joint in driven))
@@ -41,6 +43,9 @@ def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
     passive = [
         time_series_view(name, runs, tables) for name in ("swing", "stretch") if name in names
     ]
+    if gaps:
+        axis = rrb.TimeAxis(view_range=time_range(runs))
+        passive.insert(0, rrb.TimeSeriesView(name="Distance [m]", origin=GAPS, axis_x=axis))
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
@@ -80,14 +85,14 @@ def scene_view(runs: Sequence[Run]) -> rrb.Spatial3DView:
 
     The eye is level before jibs, so that what is plumb looks plumb.
     """
-    jibs = all(run.crane.layout.has("slew") for run in runs)
+    jibs = all(run.crane.layout.has("slew") and not run.heading for run in runs)
     return _view(SCENE, runs, _jib_eye(runs) if jibs else _corner_eye(runs))
 
 
 def payload_view(runs: Sequence[Run]) -> rrb.Spatial3DView:
     """Return the view of the scene from beside the payload of the first run, which it follows."""
     run = runs[0]
-    payload = payload_position(run.crane, run.trajectory.q[0]) + run.offset
+    payload = run.to_scene(payload_position(run.crane, run.trajectory.q[0]))
     eye = rrb.EyeControls3D(
         position=payload + _PAYLOAD_DISTANCE * drawn_size(run.crane) * _across(_slew(run)[0]),
         look_target=payload,
@@ -101,7 +106,7 @@ def extent(run: Run) -> np.ndarray:
     """Return the bounding box of a crane at the start of a run: two corners [m], shape (2, 3)."""
     q = run.trajectory.q[0] if len(run.trajectory) else run.crane.start.q
     visuals = [points for _, points in visible_points(run.crane, q, run.meshes)]
-    points = np.concatenate([point_positions(run.crane, q), *visuals]) + run.offset
+    points = run.to_scene(np.concatenate([point_positions(run.crane, q), *visuals]))
     return np.array([points.min(axis=0), points.max(axis=0)])
 
 

@@ -16,6 +16,7 @@ from cranedyn.data.files import atomic_write
 from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.plotting.figures import panels
 from cranedyn.plotting.style import COLOURS, LINE_STYLES
+from cranedyn.recording.hanging import CONTACT, touching_points
 from cranedyn.recording.run import Run, colours
 from cranedyn.recording.series import joint_label
 from cranedyn.recording.sketch import Projection
@@ -86,10 +87,10 @@ class _Stage:
     def __init__(self, runs: Sequence[Run], first: float, last: float) -> None:
         several = len(runs) > 1
         turn, rise = np.radians([50.0, 12.0] if several else [20.0, 8.0])
-        self._runs = [
-            (run, Projection(run.crane, turn=turn, rise=rise, offset=run.offset, meshes=run.meshes))
-            for run in runs
-        ]
+        self._runs = []
+        for run in runs:
+            where: Any = {"offset": run.offset, "heading": run.heading, "meshes": run.meshes}
+            self._runs.append((run, Projection(run.crane, turn=turn, rise=rise, **where)))
         figure, (scene, swing) = panels(
             1, 2, width=WIDTH / _DOTS_PER_INCH, height=HEIGHT / _DOTS_PER_INCH, width_ratios=[5, 4]
         )
@@ -114,6 +115,7 @@ class _Stage:
             scene.plot([], [], "o-", c="#404040", mfc=colour, markevery=[-1], animated=True)[0]
             for colour in colours(runs)
         ]
+        (self._marks,) = scene.plot([], [], "^", color=CONTACT, animated=True)
         self._text = swing.text(
             0.02,
             0.98,
@@ -147,21 +149,23 @@ class _Stage:
 
     def picture(self, t: float) -> np.ndarray:
         """Return the picture at a time [s], red, green, blue, shape (height, width, 3)."""
-        outlines, lines = [], [f"t = {t:.2f} s"]
+        outlines, lines, marks = [], [f"t = {t:.2f} s"], [np.zeros((0, 2))]
         for (run, projection), rope in zip(self._runs, self._ropes, strict=True):
             row = max(0, int(np.searchsorted(run.trajectory.t, t + 1e-9)) - 1)
             q = run.trajectory.q[row]
             outlines += projection.outlines(q)
             rope.set_data(*projection.rope(q).T)
+            marks.append(projection.points(touching_points(run.crane, run.trajectory, row)))
             lines.append(f"{run.name}:  " + "  ".join(_readings(run, q)))
         outlines.sort(key=lambda outline: outline.depth)
         self._cranes.set_verts([outline.corners for outline in outlines])
         self._cranes.set(facecolor=[outline.colour for outline in outlines])
+        self._marks.set_data(*np.concatenate(marks).T)
         self._cursor.set_xdata([t, t])
         self._text.set_text("\n".join(lines))
         self._canvas.restore_region(self._background)
         scene, swing = self._axes
-        for artist in (self._cranes, *self._ropes):
+        for artist in (self._cranes, *self._ropes, self._marks):
             scene.draw_artist(artist)
         for artist in (self._cursor, self._text):
             swing.draw_artist(artist)

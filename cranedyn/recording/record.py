@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,14 @@ from cranedyn.model.crane import Crane
 from cranedyn.recording.dashboard import dashboard
 from cranedyn.recording.run import Run, utf8
 from cranedyn.recording.scene import PATH_SECONDS, Scene, looks
-from cranedyn.recording.series import Table, log_readout, log_series, series_table, table_cell
+from cranedyn.recording.series import (
+    Table,
+    log_gaps,
+    log_readout,
+    log_series,
+    series_table,
+    table_cell,
+)
 
 _FLUSH_SECONDS = 10.0
 
@@ -37,7 +44,15 @@ def check_enabled() -> None:
         )
 
 
-def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "") -> Path:
+def record(
+    path: str | Path,
+    runs: Sequence[Run],
+    *,
+    title: str,
+    text: str = "",
+    gaps: Mapping[str, np.ndarray] | None = None,
+    contacts: Sequence[float] = (),
+) -> Path:
     """Write runs into one ``.rrd`` file with its layout.
 
     A recording is for looking at; every row to the bit is in the file that the run writes. The
@@ -50,6 +65,8 @@ def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "")
         runs: One or several, on one timeline.
         title: Heading of the recording.
         text: Description in Markdown.
+        gaps: Distances between cranes by name [m], a number for each row of the first run.
+        contacts: Times at which contacts begin [s].
 
     Raises:
         OutOfRange: If there is no run, two share a name, or one has no rows or a value that is not
@@ -68,11 +85,12 @@ def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "")
     recording = rr.RecordingStream(_application(title, runs), send_properties=False)
     memory = recording.memory_recording()
     try:
-        scenes = _log_static(recording, runs, tables, title, utf8(text))
+        scenes = _log_static(recording, runs, tables, title, utf8(text), gaps=bool(gaps))
         for run, scene, columns in zip(runs, scenes, tables, strict=True):
             scene.move(run.trajectory)
             log_series(recording, run, columns)
         log_readout(recording, runs)
+        log_gaps(recording, runs[0].trajectory.t, gaps or {}, contacts)
     finally:  # also after Ctrl-C, or Rerun prints that it drops data
         content = memory.drain_as_bytes()
     with atomic_write(path) as draft:
@@ -217,9 +235,13 @@ def _log_static(
     tables: Sequence[Table],
     title: str,
     text: str,
+    *,
+    gaps: bool = False,
 ) -> list[Scene]:
     """Log layout, text and all that does not move; return the scene of each run."""
-    recording.send_blueprint(dashboard(runs, tables), make_active=True, make_default=True)
+    recording.send_blueprint(
+        dashboard(runs, tables, gaps=gaps), make_active=True, make_default=True
+    )
     recording.send_recording_name(title)
     document = rr.TextDocument(describe_runs(runs, title, text), media_type="text/markdown")
     recording.log("text", document, static=True)

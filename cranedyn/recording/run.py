@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import rerun as rr
+from scipy.spatial.transform import Rotation
 
 from cranedyn.checks import finite
 from cranedyn.data.trajectory import Trajectory
@@ -72,6 +73,7 @@ class Run:
         colour: Hex colour of payload, path and curves; empty for the next one of
             `cranedyn.plotting.style`.
         scenery: The surroundings; None for none.
+        heading: Rotation of the crane about its foot, from X towards Y [rad].
     """
 
     name: str
@@ -81,11 +83,16 @@ class Run:
     meshes: Path | None = None
     colour: str = ""
     scenery: Scenery | None = None
+    heading: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the offset and escape what UTF-8 cannot encode in the name."""
         finite("offset of a run", self.offset, (3,), unit="m")
         object.__setattr__(self, "name", utf8(self.name))
+
+    def to_scene(self, points: np.ndarray) -> np.ndarray:
+        """Return points in the frame of the crane [m], shape (..., 3), in that of the scene."""
+        return Rotation.from_euler("z", self.heading).apply(points) + self.offset
 
     def entity(self, *parts: str) -> str:
         """Return the path of an entity of this run."""

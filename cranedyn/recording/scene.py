@@ -21,12 +21,12 @@ from rerun.urdf import UrdfTree
 from scipy.spatial.transform import Rotation
 
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.bodies import point_paths
 from cranedyn.dynamics.pinocchio import payload_orientation, point_positions
 from cranedyn.errors import printable
 from cranedyn.model.crane import Crane
 from cranedyn.model.urdf import parse_urdf, skeleton
 from cranedyn.plotting.style import COLOURS, mixed, rgb
+from cranedyn.recording.hanging import CONTACT, rope_line, touching_points
 from cranedyn.recording.run import Run, Scenery, clock, colours, rows_every
 from cranedyn.recording.shapes import Shape, shapes
 
@@ -39,8 +39,7 @@ PATH_SECONDS = 4.0
 _FRAME_PERIOD, _PATH_PERIOD = 0.04, 0.1
 _PATH_POINTS = round(PATH_SECONDS / _PATH_PERIOD)
 _CABLE, _GREY = "#202020", "#8C8C8C"
-_CABLE_RADIUS, _PATH_RADIUS, _ARROW_RADIUS = 0.05, 0.16, 0.12
-_SAG_POINTS = 9
+_CABLE_RADIUS, _PATH_RADIUS, _ARROW_RADIUS, _CONTACT_RADIUS = 0.05, 0.16, 0.12, 0.2
 _ARROWS_BELOW_TROLLEY = 1.5
 _MAX_ARROW = 5.0
 _SOLID, _ZONE, _NEAR, _SWEPT = "#B9AE9B", "#CC3311", "#F22B05", "#0072B2"
@@ -123,7 +122,11 @@ class Scene:
             moves = np.append(True, np.diff(values) != 0)
             columns = urdf_joint.compute_transform_columns(values[moves].tolist(), clamp=False)
             self._send(t[moves], columns, "joints", joint.name)
-        self._send(t, rr.LineStrips3D.columns(strips=_cable(crane, q)), "scene", "cable")
+        self._send(t, rr.LineStrips3D.columns(strips=rope_line(crane, q)), "scene", "cable")
+        if trajectory.phase is not None:
+            touching = [touching_points(crane, trajectory, int(row)) for row in rows]
+            marks = rr.Points3D.columns(positions=np.concatenate([np.zeros((0, 3)), *touching]))
+            self._send(t, marks.partition([*map(len, touching)]), "scene", "contact")
         self._move_path(trajectory, t_start)
         self._move_setpoint(t, trajectory.setpoint[rows])
         if self._has_arrows:
@@ -139,7 +142,12 @@ class Scene:
     def _log_links(self) -> None:
         """Log the fixed joints and the shapes of all links, those of the payload in its colour."""
         run, look, log = self._run, self._look, self._recording.log
-        foot = rr.Transform3D(translation=run.offset, parent_frame="tf#/", child_frame=self._ground)
+        foot = rr.Transform3D(
+            translation=run.offset,
+            rotation=rr.RotationAxisAngle([0.0, 0.0, 1.0], radians=run.heading),
+            parent_frame="tf#/",
+            child_frame=self._ground,
+        )
         log(run.entity("joints", "ground"), foot, static=True)
         moving = {joint.name for joint in self._crane.layout.joints}
         for joint in self._tree.joints():
@@ -211,6 +219,8 @@ class Scene:
         setpoint = rr.LineStrips3D.from_fields(colors=rgb(_GREY), radii=size * _CABLE_RADIUS / 2)
         self._log(self._ground, cable, "cable")
         self._log(self._ground, path, "path")
+        contact = rr.Points3D.from_fields(colors=rgb(CONTACT), radii=size * _CONTACT_RADIUS)
+        self._log(self._ground, contact, "contact")
         self._log(self._ground, setpoint, "setpoint", "cable")
         if self._has_arrows:
             arrows = rr.Arrows3D.from_fields(
@@ -224,7 +234,7 @@ class Scene:
     def _move_path(self, trajectory: Trajectory, t_start: float) -> None:
         """Log the last positions of the payload, the newest first."""
         rows = rows_every(trajectory.t, _PATH_PERIOD)
-        payload = _cable(self._crane, trajectory.q[rows])[:, -1]
+        payload = rope_line(self._crane, trajectory.q[rows])[:, -1]
         new = np.flatnonzero(trajectory.t[rows] >= t_start)
         past = payload[np.clip(new[:, None] - np.arange(_PATH_POINTS), 0, None)]
         columns = rr.Points3D.columns(positions=past.reshape(-1, 3))
@@ -237,7 +247,7 @@ class Scene:
         crane, n = self._crane, int(np.count_nonzero(changes))
         q = np.tile(crane.start.q, (n, 1))
         q[:, crane.layout.drives] = setpoint[changes]
-        cable = _cable(crane, q)
+        cable = rope_line(crane, q)
         orientation = np.array([payload_orientation(crane, row) for row in q])
         origin = cable[:, -1] - Rotation.from_quat(orientation).apply(crane.payload.lever)
         columns = rr.Transform3D.columns(
@@ -312,20 +322,3 @@ def _largest(link_shapes: Sequence[Shape]) -> Shape:
     """Return the largest shape of the payload, its body; a cube where there is none."""
     default = Shape("box", (1.0, 1.0, 1.0))
     return max(link_shapes, key=lambda shape: math.prod(shape.size), default=default)
-
-
-def _cable(crane: Crane, q: np.ndarray) -> np.ndarray:
-    """Return pivot, hook if there is one, and payload in the world [m], shape (rows, points, 3); of
-    a rope that may go slack also points between that sag.
-    """
-    order = [*range(1, len(crane.points)), 0]
-    points = point_paths(crane, np.asarray(q))[:, order]
-    if (rope := crane.springs.rope) is None:
-        return points
-    top, end = points[:, :1], points[:, 1:2]
-    slack = np.maximum(-np.asarray(q)[:, rope.stretch], 0.0)
-    # A parabola of depth f over a chord d is longer than that by 8 f²/(3 d).
-    depth = np.sqrt(0.375 * slack * np.linalg.norm(end - top, axis=2)[:, 0])
-    u = np.linspace(0.0, 1.0, _SAG_POINTS)[:, None]
-    aside = (4.0 * u * (1.0 - u) * depth)[..., None].transpose(1, 0, 2) * [1.0, 0.0, 0.0]
-    return np.concatenate([top + u * (end - top) + aside, points[:, 2:]], axis=1)

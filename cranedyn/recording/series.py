@@ -7,7 +7,7 @@ All columns are fields of one component of one entity; an entity for each plot m
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -18,11 +18,14 @@ from rerun.blueprint.encodings import VisualizerComponentMapping
 
 from cranedyn.errors import printable
 from cranedyn.model.layout import Joint, Layout
-from cranedyn.plotting.style import colour_of, mixed, rgb
+from cranedyn.plotting.style import colour_of, mixed, rgb, run_colour
 from cranedyn.recording.run import Run, clock, colours, rows_every
 
 READOUT = "readout"
 """Entity of the table of coordinates."""
+
+GAPS = "gaps"
+"""Entity of distances between cranes, and of contacts."""
 
 _PERIOD, _READOUT_PERIOD, _JUMP = 0.02, 0.1, 0.01
 """Time between rows, and between tables of coordinates, that are recorded [s], and the share of its
@@ -157,6 +160,24 @@ def log_series(recording: rr.RecordingStream, run: Run, columns: Table) -> None:
     recording.send_columns(run.entity("numbers"), clock(t[kept]), component)
 
 
+def log_gaps(
+    recording: rr.RecordingStream,
+    t: np.ndarray,
+    gaps: Mapping[str, np.ndarray],
+    contacts: Sequence[float],
+) -> None:
+    """Log distances over time [m], shape (rows,) each, and points where contacts begin [s]."""
+    for i, (name, values) in enumerate(gaps.items()):
+        entity = rr.new_entity_path([GAPS, name])
+        line = rr.SeriesLines(colors=rgb(run_colour(i)), names=printable(name), widths=1.5)
+        recording.log(entity, line, static=True)
+        recording.send_columns(entity, clock(t), rr.Scalars.columns(scalars=values))
+    if len(contacts):
+        entity, zeros = f"{GAPS}/contacts", rr.Scalars.columns(scalars=np.zeros(len(contacts)))
+        recording.log(entity, rr.SeriesPoints(colors=[242, 43, 5], marker_sizes=6.0), static=True)
+        recording.send_columns(entity, clock(np.array(contacts)), zeros)
+
+
 def log_readout(recording: rr.RecordingStream, runs: Sequence[Run]) -> None:
     """Log the coordinates of all runs as one table in Markdown, ten times a second."""
     joints = {joint.symbol: joint for run in runs for joint in run.crane.layout.joints}
@@ -221,7 +242,7 @@ def time_series_view(
         origin="/",
         contents=[f"+ {path}" for path in overrides],
         overrides=overrides,
-        axis_x=rrb.TimeAxis(view_range=_time_range(runs)) if tables else None,
+        axis_x=rrb.TimeAxis(view_range=time_range(runs)) if tables else None,
         axis_y=rrb.ScalarAxis(range=_axis_range(curves, first.least_span)) if tables else None,
         plot_legend=rrb.PlotLegend(corner="RightTop"),
     )
@@ -253,7 +274,7 @@ def _line(curve: Curve, run: str, run_colour: str) -> rrb.visualizers.Visualizer
     ).visualizer(mappings=[source])
 
 
-def _time_range(runs: Sequence[Run]) -> rr.TimeRange:
+def time_range(runs: Sequence[Run]) -> rr.TimeRange:
     """Return the time from the first to the last row, and as much more as the legend hides; by
     default Rerun shows a minute.
     """

@@ -9,11 +9,12 @@ import numpy as np
 import pinocchio as pin
 from matplotlib.collections import PolyCollection
 from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
 
-from cranedyn.dynamics.pinocchio import point_positions
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import panels
+from cranedyn.recording.hanging import rope_line
 from cranedyn.recording.shapes import shapes
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ class Projection:
         turn: float = 0.0,
         rise: float = 0.0,
         offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        heading: float = 0.0,
         meshes: Path | None = None,
     ) -> None:
         """Read the shapes of the crane.
@@ -52,12 +54,14 @@ class Projection:
             turn: Angle by which the eye goes towards the tip of the jib [rad].
             rise: Angle by which it is raised [rad].
             offset: Position of the foot of the crane [m].
+            heading: Rotation of the crane about its foot [rad].
             meshes: Folder of the mesh files; None draws no meshes.
         """
         level = np.array([-np.cos(turn), -np.sin(turn), 0.0])
         eye = np.cos(rise) * level + [0.0, 0.0, np.sin(rise)]
         right = np.cross([0.0, 0.0, 1.0], level)
         self._axes, self._offset = np.array([right, np.cross(eye, right), eye]), np.array(offset)
+        self._turn = Rotation.from_euler("z", heading)
         self._crane, self._data = crane, crane.model.createData()
         self._links = {
             crane.model.getFrameId(link, pin.BODY): [(s.colour, s.hull_points()) for s in group]
@@ -66,9 +70,12 @@ class Projection:
         self._past: dict[int, tuple[np.ndarray, list[Outline]]] = {}
 
     def rope(self, q: np.ndarray) -> np.ndarray:
-        """Return pivot, hook if there is one, and payload on the picture [m], shape (points, 2)."""
-        # The payload comes first, and hangs last.
-        return self._project(np.roll(point_positions(self._crane, q), -1, axis=0))[:, :2]
+        """Return points of the rope, the payload last, on the picture [m], shape (points, 2)."""
+        return self.points(rope_line(self._crane, q[None])[0])
+
+    def points(self, places: np.ndarray) -> np.ndarray:
+        """Return places in the world [m], shape (n, 3), on the picture [m], shape (n, 2)."""
+        return self._project(places)[:, :2]
 
     def outlines(self, q: np.ndarray) -> list[Outline]:
         """Return the outlines of all shapes, the nearest last; those of links at rest are kept."""
@@ -84,7 +91,7 @@ class Projection:
         return sorted(result, key=lambda outline: outline.depth)
 
     def _project(self, points: np.ndarray) -> np.ndarray:
-        return np.asarray((points + self._offset) @ self._axes.T)
+        return np.asarray((self._turn.apply(points) + self._offset) @ self._axes.T)
 
     def _outline(self, colour: tuple[float, ...], points: np.ndarray) -> Outline | None:
         plane = self._project(points)

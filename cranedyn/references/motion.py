@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from cranedyn.checks import Shape, ShortRepr, finite, number
 from cranedyn.clocks import intervals
 from cranedyn.dynamics.joint_forces import JointForces
-from cranedyn.dynamics.pinocchio import inverse_dynamics
+from cranedyn.dynamics.scalars import rows
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
@@ -134,7 +135,9 @@ def hanging_reference(
 def motion_efforts(crane: Crane, motion: Motion) -> np.ndarray:
     """Return drive efforts that a motion costs, by inverse dynamics [N m or N], shape (rows, m)."""
     motion.check_fits("motion", crane.layout)
-    joint, model, data = JointForces.of(crane), crane.model, crane.data
-    rows = zip(motion.q, motion.v, motion.a, strict=True)
-    efforts = [inverse_dynamics(model, data, q, v, a, joint.effort(q, v)) for q, v, a in rows]
-    return np.array(efforts)[:, motion.drives]
+    states = zip(motion.q, motion.v, motion.a, strict=True)
+    forces = np.array([pin.rnea(crane.model, crane.data, *state) for state in states])
+    joint = JointForces.of(crane).effort(rows(motion.q), rows(motion.v))
+    for i in motion.drives:
+        forces[:, i] -= joint[i]
+    return forces[:, motion.drives]

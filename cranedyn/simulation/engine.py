@@ -6,9 +6,9 @@ This one steps by Pinocchio's algorithms. `cranedyn.compiled.engine` does the sa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -28,7 +28,7 @@ from cranedyn.dynamics.drives import (
 )
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange
-from cranedyn.interfaces import Drive, EngineName, Reference, State
+from cranedyn.interfaces import Drive, EngineName, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 
 _FLAGS = np.zeros(1), np.ones(1)
@@ -38,9 +38,6 @@ PHASE_CHANGES = 2
 
 _ROUND_OFF = 1e-15
 """Share of a step to which the instant of a change is found."""
-
-Extend = Callable[..., None]
-"""Adds rows to the log of a run, see `cranedyn.simulation.log.Log.extend`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +130,9 @@ class Actuation(NamedTuple):
         effort: Efforts exerted from this instant on, shape (m,).
         effort_before: Efforts exerted until this instant, shape (m,).
         force: External forces on the points in the world [N], shape (3 points,).
-        contacts: Work so far of all buffers and of the ground, and of impacts of the rope [J], and
-            the force of the buffers at the ends of the cable [N], shape (3,).
+        outside: Work so far of external forces, which the log computes, of all buffers and of the
+            ground, and of impacts of the rope [J], and the force of the buffers at the ends of the
+            cable [N], shape (4,).
         saturated: 1 if the command was beyond the largest rate of a converter, else 0, shape (1,).
     """
 
@@ -142,7 +140,7 @@ class Actuation(NamedTuple):
     effort: np.ndarray
     effort_before: np.ndarray
     force: np.ndarray
-    contacts: np.ndarray
+    outside: np.ndarray
     saturated: np.ndarray
 
 
@@ -180,10 +178,11 @@ class Engine:
             self._drives.reset(start)
 
     def run_ahead(
-        self, controller: object, reference: Reference, t_start: float, periods: int, extend: Extend
-    ) -> Iterator[int]:
-        """Log rows without the loop where an engine can, and yield how many rows there are; this
-        one cannot.
+        self, controller: object, reference: Reference, t_start: float, rows: np.ndarray
+    ) -> Iterator[tuple[int, bool]]:
+        """Write rows of the log, see `cranedyn.simulation.log.row_sections`, without the loop where
+        an engine can; this one cannot. Yield how many there are so far, and whether the model is
+        known to hold at all of them; where not, the log judges rows whose validity is NaN.
         """
         return iter(())
 
@@ -204,25 +203,35 @@ class Engine:
         if self._external is not None and (ground := self._external.ground) is not None:
             self._external.ground_effort = ground.effort(*state)
         acts = self._setting.buffers or rope or ground is not None
-        contacts = self._contacts() if acts else _NO_CONTACTS
+        outside = self._outside() if acts else _NOTHING_OUTSIDE
         if force is None:
             flat_force = self._no_force
         else:
             assert self._external is not None
             self._external.force, flat_force = force, force.ravel()
         needed, effort = drives.take_command(command, state)
-        saturated = _FLAGS[drives.saturated]
-        return Actuation(needed, effort, effort_before, flat_force, contacts, saturated)
+        self._actuation = Actuation(
+            needed, effort, effort_before, flat_force, outside, _FLAGS[drives.saturated]
+        )
+        return self._actuation
 
-    def _contacts(self) -> np.ndarray:
-        """Return the work of buffers and ground, that of impacts, and the force of the buffers of
-        the cable.
+    def row(self, setpoint: Setpoint) -> bytes:
+        """Return what the log keeps of the last command: positions of the setpoint, coordinates,
+        rates and what acts, see `cranedyn.simulation.log.row_sections`.
+        """
+        position = np.ascontiguousarray(setpoint.position, dtype=float)
+        parts: Any = (position, *self.state, *self._actuation)
+        return b"".join(parts)
+
+    def _outside(self) -> np.ndarray:
+        """Return zero, the work of buffers and ground, that of impacts, and the force of the
+        buffers of the cable.
         """
         hoist, push = self._setting.crane.layout.drive_of("hoist"), 0.0
         if self._setting.buffers and hoist is not None:
             assert self._external is not None and self._external.stops is not None
             push = float(self._external.stops.effort(*self.state)[hoist])
-        return np.array([self._buffer_work, self._impact_work, push])
+        return np.array([0.0, self._buffer_work, self._impact_work, push])
 
     def advance(self) -> State:
         """Step to the next control instant; return the state there."""
@@ -363,4 +372,4 @@ class Engine:
         return energies + crane.springs.energy(q.T) if crane.springs.any else energies
 
 
-_NO_CONTACTS = np.zeros(3)
+_NOTHING_OUTSIDE = np.zeros(4)

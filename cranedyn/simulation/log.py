@@ -5,6 +5,7 @@ ledger.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,8 @@ from cranedyn.dynamics.contact import ground_phases
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.validity import Bound, conditions, first_event, hoisting, valid
 from cranedyn.errors import OutOfRange, RunError
-from cranedyn.interfaces import Setpoint, State, Validity
-from cranedyn.simulation.engine import Actuation, Setting
+from cranedyn.interfaces import Validity
+from cranedyn.simulation.engine import Setting
 
 _CHUNK = 1000
 """Rows that are collected as bytes, then written and checked at once, which is faster than one by
@@ -32,7 +33,8 @@ Energies = Callable[[np.ndarray, np.ndarray], np.ndarray]
 class Log:
     """Rows at the control instants, checked for the validity of the model as they are written.
 
-    The columns are coordinates q, rates v, positions of the setpoint, and those of `Actuation`.
+    Attributes:
+        rows: The rows, see `row_sections`.
     """
 
     def __init__(self, setting: Setting, validity: Validity, t_start: float, rows: int) -> None:
@@ -58,62 +60,43 @@ class Log:
             raise OutOfRange("duration", f"{(rows - 1) * period:g}", f"{most}: {size}", "s")
         self._setting, self._crane, self._t_start = setting, crane, t_start
         self._validity = validity
-        n, m, points = crane.layout.n, crane.layout.m, len(crane.points)
-        widths = {"q": n, "v": n, "setpoint": m, "needed": m, "effort": m, "effort_before": m}
-        widths |= {"force": 3 * points, "contacts": 3, "saturated": 1}
-        self._columns = {name: np.empty((rows, width)) for name, width in widths.items()}
-        self._energy, self._valid = np.full(rows, np.nan), np.full(rows, np.nan)
-        self._written, self._checked, self._pending = 0, 0, list[bytes]()
-        self._most_pending = 1  # the first row is checked at once
+        sections = row_sections(crane.layout.n, crane.layout.m, len(crane.points))
+        ends = dict(zip(sections, accumulate(sections.values()), strict=True))
+        self.rows = np.empty((rows, ends["valid"]))
+        self._columns = {
+            name: self.rows[:, ends[name] - width : ends[name]] for name, width in sections.items()
+        }
+        self._valid = self._columns["valid"][:, 0]
+        self._ahead, self._written, self._checked, self._pending = 0, 0, 0, list[bytes]()
+        self._most_pending, self._holds = 1, True  # the first row is checked at once
 
     def __len__(self) -> int:
         """Return the number of rows so far."""
         return self._written + len(self._pending)
 
-    def append(self, state: State, setpoint: Setpoint, actuation: Actuation) -> None:
-        """Add a row.
+    def append(self, row: bytes) -> None:
+        """Add a row, see `cranedyn.simulation.engine.Engine.row`.
 
         Raises:
             RunError: As `check`.
         """
-        row: Any = (*state, np.ascontiguousarray(setpoint.position, dtype=float), *actuation)
-        pending = self._pending
-        pending.append(b"".join(row))
-        if len(pending) >= self._most_pending:
+        self._pending.append(row)
+        if len(self._pending) >= self._most_pending:
             self._most_pending = _CHUNK
             self.check()
 
-    def _write(self) -> None:
-        """Write the pending rows into the columns."""
-        rows = slice(self._written, len(self))
-        ends = np.cumsum([column.shape[1] for column in self._columns.values()])
-        pending = np.frombuffer(b"".join(self._pending)).reshape(-1, ends[-1])
-        blocks = np.split(pending, ends[:-1], axis=1)
-        for column, block in zip(self._columns.values(), blocks, strict=True):
-            column[rows] = block
-        self._written = rows.stop
-        self._pending.clear()
-
-    def extend(self, columns: Mapping[str, np.ndarray], energy: np.ndarray, *, valid: bool) -> None:
-        """Add many rows at once.
-
-        Args:
-            columns: The columns of the log by name, shape (rows, width) each; those that are
-                missing are zero.
-            energy: Mechanical energies [J], shape (rows,).
-            valid: Whether the model is known to hold at all of them, and the drives can follow.
+    def extend_to(self, rows: int, *, holds: bool) -> float:
+        """Take the first rows, which an engine has written as a whole, and return the time of the
+        last [s]; where the model does not hold at all of them they are checked.
 
         Raises:
             RunError: As `check`.
         """
-        rows = slice(self._written, self._written + len(energy))
-        for name, column in self._columns.items():
-            column[rows] = columns.get(name, 0.0)
-        self._energy[rows] = energy
-        if valid:
-            self._valid[rows] = 1.0
-        self._written = rows.stop
+        self._ahead = self._written = rows
+        if holds:
+            self._checked = rows
         self.check()
+        return self._t_start + (rows - 1) * self._setting.clocks.period
 
     def check(self) -> None:
         """Judge the rows that are not judged yet, and check that the model holds unless rows are
@@ -125,8 +108,8 @@ class Log:
         Raises:
             RunError: If the model does not hold at one of them, which is then the last of the log.
         """
-        rows = self._judge()
-        if self._validity != "mark" and not (self._valid[rows] == 1.0).all():
+        rows, self._holds = self._judge()
+        if self._validity != "mark" and not self._holds:
             motion = self._setting.drive == "motion"
             state_bounds = self._conditions(rows, needed=motion, rates=motion)
             if event := first_event(self._crane, state_bounds):
@@ -137,29 +120,40 @@ class Log:
                 raise RunError(message, t=t, joint=event.joint, value=event.value)
         self._checked = rows.stop
 
-    def _judge(self) -> slice:
-        """Set the validity of the rows that are not checked yet, and return these rows: 1 where the
-        model holds and the drives can follow, else 0.
+    def _judge(self) -> tuple[slice, bool]:
+        """Set the validity of the rows that are not checked yet, 1 where the model holds and the
+        drives can follow, else 0; return these rows, and whether it holds in all rows so far.
         """
-        self._write()
+        if self._pending:
+            rows = slice(self._written, len(self))
+            pending = np.frombuffer(b"".join(self._pending)).reshape(len(self._pending), -1)
+            self._valid[rows] = np.nan
+            self.rows[rows, : pending.shape[1]] = pending
+            self._written = rows.stop
+            if pending.shape[1] == self.rows.shape[1]:
+                self._ahead = rows.stop
+            self._pending.clear()
         rows = slice(self._checked, self._written)
+        if (self._valid[rows] == 1.0).all():
+            return rows, self._holds
         missing = rows.start + np.flatnonzero(np.isnan(self._valid[rows]))
-        if len(missing):
-            holds = valid(self._all_conditions(missing))
-            self._valid[missing] = holds & (self._columns["saturated"][missing, 0] == 0.0)
-        return rows
+        holds = valid(self._all_conditions(missing))
+        self._valid[missing] = holds & (self._columns["saturated"][missing, 0] == 0.0)
+        return rows, self._holds and bool((self._valid[rows] == 1.0).all())
 
     def _conditions(self, rows: slice | np.ndarray, *, needed: bool, rates: bool) -> list[Bound]:
         """Return the conditions under which the model holds in some rows."""
         column = {name: values[rows] for name, values in self._columns.items()}
+        contacts = self._setting.contacts
         return conditions(
             self._crane,
             column["q"],
             column["v"],
-            hoisting(self._crane, column["effort"]) + column["contacts"][:, 2],
+            hoisting(self._crane, column["effort"]) + column["outside"][:, 3],
             buffers=self._setting.buffers,
             needed=column["needed"] if needed else None,
             rates=rates,
+            level=0.0 if contacts is None else contacts.level,
         )
 
     def trajectory(
@@ -179,20 +173,19 @@ class Log:
             parameters: Parameters of the run.
             record: Record of the run; the reason why rows are not valid is added.
         """
-        self._judge()
-        rows, crane = self._written, self._crane
+        holds, rows, crane = self._judge()[1], self._written, self._crane
+        if self._ahead < rows:
+            self._balance(slice(self._ahead, rows), energies)
         column = {name: values[:rows] for name, values in self._columns.items()}
-        q, v, effort, force = (column[name] for name in ("q", "v", "effort", "force"))
-        middle = q - self._setting.lead * v
-        mean_effort = (effort[:-1] + column["effort_before"][1:]) / 2
-        work = _cumulated(mean_effort * np.diff(middle[:, crane.layout.drives], axis=0), rows)
-        joint, rope = JointForces.of(crane), crane.springs.rope is not None
-        phase, contacts = joint.phase(q.T, v.T) if rope else None, self._setting.contacts
-        if phase is not None and contacts is not None:
-            phase = ground_phases(crane, contacts, q, v, phase)
-        power = joint.dissipation(q.T, v.T)
-        valid = self._valid[:rows]
-        if (valid != 1.0).any():
+        q, v, force, outside = (column[name] for name in ("q", "v", "force", "outside"))
+        if self._setting.forces and force.any():
+            outside[:, 0] = self._work_of_forces(q, v, force)
+        rope, phase = crane.springs.rope is not None, None
+        if rope:
+            phase = JointForces.of(crane).phase(q.T, v.T)
+            if (contacts := self._setting.contacts) is not None:
+                phase = ground_phases(crane, contacts, q, v, phase)
+        if not holds:
             record = {**record, "not_valid": self._reason()}
         return Trajectory(
             t=self._t_start + self._setting.clocks.period * np.arange(rows),
@@ -200,28 +193,36 @@ class Log:
             v=v,
             setpoint=column["setpoint"],
             command=column["needed"],
-            effort=effort,
-            energy=self._energies(energies),
-            work=work,
-            dissipated=_cumulated((power[:-1] + power[1:]) / 2 * self._setting.clocks.period, rows),
+            effort=column["effort"],
+            energy=column["energy"][:, 0],
+            work=column["work"],
+            dissipated=column["dissipated"][:, 0],
             force=force,
-            outside=np.column_stack(
-                [self._work_of_forces(middle, force), column["contacts"][:, : 2 if rope else 1]]
-            ),
-            valid=valid,
+            outside=outside[:, : 3 if rope else 2],
+            valid=self._valid[:rows],
             phase=phase,
             columns=self._names,
             parameters=parameters,
             record=record,
         )
 
-    def _energies(self, energies: Energies) -> np.ndarray:
-        """Return the mechanical energy of each row [J], computed where it was not logged."""
-        energy = self._energy[: self._written].copy()
-        missing = np.flatnonzero(np.isnan(energy))
-        if len(missing):
-            energy[missing] = energies(self._columns["q"][missing], self._columns["v"][missing])
-        return energy
+    def _balance(self, rows: slice, energies: Energies) -> None:
+        """Write energy, work and dissipation into rows, after those of the row before."""
+        column = {name: values[rows] for name, values in self._columns.items()}
+        column["energy"][:, 0] = energies(column["q"], column["v"])
+        rows = slice(max(rows.start - 1, 0), rows.stop)
+        column = {name: values[rows] for name, values in self._columns.items()}
+        q, v, effort = column["q"], column["v"], column["effort"]
+        middle = (q - self._setting.lead * v)[:, self._crane.layout.drives]
+        mean_effort = (effort[:-1] + column["effort_before"][1:]) / 2
+        power = JointForces.of(self._crane).dissipation(q.T, v.T)[:, None]
+        steps = {
+            "work": mean_effort * np.diff(middle, axis=0),
+            "dissipated": (power[:-1] + power[1:]) / 2 * self._setting.clocks.period,
+        }
+        for name, each in steps.items():
+            first = column[name][:1] if self._ahead else np.zeros((1, each.shape[1]))
+            column[name][:] = np.cumsum(np.concatenate([first, each]), axis=0)
 
     def _reason(self) -> str:
         """Return why the first row that is not valid is not."""
@@ -236,14 +237,18 @@ class Log:
         drive = self._setting.drive
         return self._conditions(rows, needed=drive != "effort", rates=drive != "velocity")
 
-    def _work_of_forces(self, middle: np.ndarray, force: np.ndarray) -> np.ndarray:
+    def _work_of_forces(self, q: np.ndarray, v: np.ndarray, force: np.ndarray) -> np.ndarray:
         """Return the work of the external forces up to each row [J], shape (rows,)."""
-        if not force.any():
-            return np.zeros(len(force))
+        middle = q - self._setting.lead * v
         positions = point_paths(self._crane, middle).reshape(len(middle), -1)
-        return _cumulated((force[:-1] * np.diff(positions, axis=0)).sum(axis=1), len(force))
+        work = (force[:-1] * np.diff(positions, axis=0)).sum(axis=1)
+        return np.concatenate([[0.0], np.cumsum(work)])
 
 
-def _cumulated(steps: np.ndarray, rows: int) -> np.ndarray:
-    """Return the sum of the steps before each row, shape (rows, ...)."""
-    return np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)])[:rows]
+def row_sections(n: int, m: int, points: int) -> dict[str, int]:
+    """Return the width of each part of a row, in the order of memory, for numbers of joints, drives
+    and points of a crane: those of `Engine.row`, then the energy ledger and validity.
+    """
+    appended = {"setpoint": m, "q": n, "v": n, "needed": m, "effort": m, "effort_before": m}
+    appended |= {"force": 3 * points, "outside": 4, "saturated": 1}
+    return appended | {"energy": 1, "work": m, "dissipated": 1, "valid": 1}

@@ -9,6 +9,7 @@ import numpy as np
 
 from cranedyn.checks import as_array, finite
 from cranedyn.clocks import clocks
+from cranedyn.dynamics.contact import Ground
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange, RunError
@@ -41,6 +42,7 @@ class Stepper:
         drive: Drive | Converters = "effort",
         forces: bool = False,
         buffers: bool = False,
+        ground: Ground | None = None,
         integrator: Integrator = semi_implicit_euler,
         engine: EngineName | str = "pinocchio",
     ) -> None:
@@ -56,6 +58,7 @@ class Stepper:
                 followed as typical frequency converters, or these, do.
             forces: Whether external forces come with the commands.
             buffers: Whether buffers end the ranges of the drives; for drives that take efforts.
+            ground: Ground and platforms that the load may touch; None for none.
             integrator: The integrator.
             engine: "pinocchio"; "compiled" for code compiled for this crane; or the name of an
                 engine of another package, see `cranedyn.plugins`.
@@ -67,9 +70,8 @@ class Stepper:
         """
         clock = clocks(control_period, dt, control_period)
         self.crane, self._periods = crane, 0
-        self.setting = Setting.of(
-            crane, clock, drive, forces=forces, buffers=buffers, integrator=integrator
-        )
+        acting = {"forces": forces, "buffers": buffers}
+        self.setting = Setting.of(crane, clock, drive, integrator, **acting, ground=ground)
         self.engine = load_engine(engine)(self.setting, initial_state(crane, start))
 
     @property

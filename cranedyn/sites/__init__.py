@@ -16,8 +16,10 @@ Public names:
   positions in two boxes.
 * `brakes.Brakes` says where a crane may pass before it stands.
 * `supervisor.Supervisor` and `supervisor.Guard` reserve boxes and keep to them.
-* `simulate.simulate_site` steps all cranes by one clock, with late and lost messages.
+* `plan.plan_site` plans lifts in space and time; `plan.SitePlan` is proven slice by slice.
+* `simulate.simulate_site` steps all cranes by one clock, with late and lost messages; its run is
+  written as a table and as a recording.
 
-`proof.proven_apart` and `supervisor` state what is proven. A site has cranes and no other
-obstacles. A cycle of the supervisor takes longer than its period where many boxes are close.
+`proof.proven_apart`, `obstacles` and `supervisor` state what is proven. A cycle of the supervisor
+takes longer than its period where many boxes are close.
 """

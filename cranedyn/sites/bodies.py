@@ -10,14 +10,20 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import cache, cached_property
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.checks import number
+from cranedyn.compiled.binding import RowFunction
+from cranedyn.compiled.rows import compile_rows
 from cranedyn.errors import ModelError
 from cranedyn.model.crane import Crane
 from cranedyn.planning.bodies import shape_corners
 from cranedyn.planning.solids import rotation_z
+from cranedyn.sites.capsules import CAPSULE, JOINT, place, shifts
 
 _MOST, _GAIN, _CUTS = 5, 5.0, 5
 """Most capsules of a joint; volume that a cut of a group of shapes in two saves at least [m³]; cuts
@@ -64,6 +70,20 @@ class CraneBodies:
     hangs: np.ndarray
     radius: np.ndarray
 
+    @cached_property
+    def numbers(self) -> np.ndarray:
+        """All numbers of several cranes in rows: foot, joints, capsules, see
+        `cranedyn.sites.capsules.place`.
+        """
+        joints = self.rotation, self.translation, self.axis, self.revolute
+        capsules = self.joint, self.ends, self.depth, self.hangs, self.radius
+        count = len(self.foot)
+        blocks = [
+            np.concatenate([part.reshape(*part.shape[:2], -1) for part in parts], axis=2)
+            for parts in (joints, capsules)
+        ]
+        return np.hstack([block.reshape(count, -1) for block in (self.foot, *blocks)])
+
 
 @dataclass(frozen=True, eq=False)
 class PlacedCapsules:
@@ -72,17 +92,12 @@ class PlacedCapsules:
     Attributes:
         ends: Ends of the segments in the frame of the site [m], shape (N, 2, 3).
         radius: Radii, with the swing of rope and load [m], shape (N,).
-        moving: Points that the drives move as they move the segments [m], shape (N, 2, 3).
-        origin, axis: Origin [m] and axis of each joint, shape (N, k, 3).
-        lever: 1 for a joint that moves the capsule, else 0, shape (N, k).
+        motion: Upper bounds of the shift of any point by each joint [m], shape (N, k).
     """
 
     ends: np.ndarray
     radius: np.ndarray
-    moving: np.ndarray
-    origin: np.ndarray
-    axis: np.ndarray
-    lever: np.ndarray
+    motion: np.ndarray
 
 
 def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
@@ -94,7 +109,9 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
     Raises:
         ModelError: If it has no rope below two swing joints, has other joints besides drives from
             the foot to the rope, or shows a mesh or no load.
+        OutOfRange: If the heading is not finite.
     """
+    number("heading", heading, "rad")
     model, layout, winch = crane.model, crane.layout, crane.winch
     supports = [] if winch is None else model.supports[int(layout.drives[winch]) + 1].tolist()[1:]
     driven = [layout.joints[i - 1].driven for i in supports]
@@ -288,44 +305,22 @@ def place_capsules(
         swing: Largest angle of the rope from plumb [rad].
         rope: Direction of the rope, shape (N, 3); None for plumb.
     """
-    count = len(which)
-    middle = (low[:, :-1] + high[:, :-1]) / 2.0
-    rotation, point = bodies.foot[which, :, :3], bodies.foot[which, :, 3]
-    joint, at = bodies.joint[which, capsule], np.arange(count)
-    rotations, points, origins, axes = [rotation], [point], [], []
-    for k in range(middle.shape[1]):
-        point = point + (rotation @ bodies.translation[which, k][:, :, None])[:, :, 0]
-        rotation = rotation @ bodies.rotation[which, k]
-        local, turns = bodies.axis[which, k], bodies.revolute[which, k]
-        axis = (rotation @ local[:, :, None])[:, :, 0]
-        origins.append(point)
-        axes.append(axis)
-        point = point + axis * np.where(turns, 0.0, middle[:, k])[:, None]
-        rotation = rotation @ _rotations(local, np.where(turns, middle[:, k], 0.0))
-        rotations.append(rotation)
-        points.append(point)
-    rotation, point = np.array(rotations)[joint, at], np.array(points)[joint, at]
-    moving = bodies.ends[which, capsule] @ rotation.transpose(0, 2, 1) + point[:, None]
-    share, hangs = bodies.depth[which, capsule], bodies.hangs[which, capsule]
-    cable = np.stack([low[:, -1], high[:, -1], np.ones(count)], axis=1)
-    depth = (share @ cable[:, :, None])[:, :, 0]
-    direction = np.array([[0.0, 0.0, -1.0]]) if rope is None else rope
-    radius = bodies.radius[which, capsule]
-    cone = 2.0 * math.sin(swing / 2.0) * (depth[:, 1] + radius)
-    return PlacedCapsules(
-        ends=moving + depth[:, :, None] * direction[:, None],
-        radius=radius + np.where(hangs, cone, 0.0),
-        moving=moving,
-        origin=np.array(origins).transpose(1, 0, 2),
-        axis=np.array(axes).transpose(1, 0, 2),
-        lever=(joint[:, None] > np.arange(middle.shape[1])).astype(float),
-    )
+    joints = bodies.axis.shape[1]
+    cranes, own = np.split(bodies.numbers[which], [12 + JOINT * joints], axis=1)
+    own = own.reshape(len(which), -1, CAPSULE)[np.arange(len(which)), capsule]
+    rope = np.array([[0.0, 0.0, -1.0]]).repeat(len(which), 0) if rope is None else rope
+    cone = np.full((len(which), 1), 2.0 * math.sin(swing / 2.0))
+    placed = _placing(joints)(np.hstack([cranes, own, low, high, cone, rope]))
+    return PlacedCapsules(placed[:, :6].reshape(-1, 2, 3), placed[:, 6], placed[:, 7:])
 
 
-def _rotations(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Return rotations about unit axes, shape (N, 3), by angles [rad], shape (N,)."""
-    sine, cosine = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    cross = np.zeros((len(axis), 3, 3))
-    cross[:, [2, 0, 1], [1, 2, 0]] = axis
-    cross[:, [1, 2, 0], [2, 0, 1]] = -axis
-    return np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross)
+@cache
+def _placing(joints: int) -> RowFunction:
+    sizes = [12 + JOINT * joints, CAPSULE, joints + 1, joints + 1, 1, 3]
+
+    def placed(numbers: np.ndarray) -> list[Any]:
+        crane, own, low, high, cone, rope = np.split(numbers, np.cumsum(sizes)[:-1])
+        capsule = place(crane, own, low, high, cone[0], rope)
+        return [*capsule.ends.flat, capsule.radius, *shifts(capsule, low, high, rope)[1]]
+
+    return compile_rows(placed, sum(sizes), 7 + joints)

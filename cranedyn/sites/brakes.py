@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from cranedyn.checks import check_choice, finite, number
-from cranedyn.dynamics.converters import converters
+from cranedyn.dynamics.converters import DELAY, LAGS, ROUNDING, converters
 from cranedyn.model.crane import Crane
 
 BrakesName = Literal["converters", "gears"]
@@ -24,9 +24,12 @@ its highest gear it says 15 s; the angle of 24° that was measured then is 18° 
 formula for the angle, which contradicts it. Taken are the delay of the line, before which nothing
 need slow down, and the weakest of the decelerations."""
 
-REACTION = 0.8
-"""Reaction time [s] of the drives of `cranedyn.dynamics.converters`: a cycle of 0.1 s, the delay of
-the bus, the lag and the rounding of the ramp, three times over for the slew's lag."""
+CYCLE = 0.1
+"""Period of guards and supervisor [s]."""
+
+REACTION = CYCLE + DELAY + LAGS["slew"] + ROUNDING
+"""Reaction time [s] of the drives of `cranedyn.dynamics.converters`: a cycle, the delay of the bus,
+the lag of the slowest drive and the rounding of its ramp."""
 
 _TOLERANCES = {"rad": 2e-3, "m": 0.05}
 

@@ -1,12 +1,25 @@
 """Proof that cranes keep a distance wherever they are in intervals of their positions: branch and
-bound over products of intervals.
+bound over products of intervals, compiled.
 """
 
 from __future__ import annotations
 
-import numpy as np
+import math
+from collections.abc import Iterable
+from functools import cache, reduce
+from typing import Any
 
-from cranedyn.sites.bodies import CraneBodies, PlacedCapsules, place_capsules
+import numpy as np
+from llvmlite import ir
+
+from cranedyn.compiled.binding import RowFunction
+from cranedyn.compiled.code import DOUBLE, INTEGER, Code
+from cranedyn.compiled.machine import translate
+from cranedyn.compiled.rows import compile_rows
+from cranedyn.dynamics.scalars import array, chosen, flag, square_root
+from cranedyn.sites import capsules
+from cranedyn.sites.bodies import CraneBodies, PlacedCapsules
+from cranedyn.sites.capsules import CAPSULE, JOINT, Capsule
 
 ROUNDING = 1e-6
 """Deduction from every distance [m]: a thousand times the rounding errors of a site of 1e5 m."""
@@ -15,8 +28,9 @@ FINEST = 0.05
 """Motion of a capsule [m] below which intervals are not halved again: a pair that is closer to the
 required distance than this is not proven."""
 
-_MOST = 800
-"""Pairs of capsules that are examined before the proof fails."""
+MOST = 100
+"""Pairs of capsules with halved intervals that are examined before the proof of a pair of cranes
+fails."""
 
 
 def proven_apart(
@@ -48,147 +62,139 @@ def proven_apart(
         distance: Required distance [m].
         swing: Largest angle of the ropes from plumb [rad].
     """
-    apart = np.ones(len(first), dtype=bool)
-    required = distance + ROUNDING
-    pair, *work = _close_pairs(bodies, first, first_box, second, second_box, required, swing)
-    examined = 0
-    while len(pair):
-        examined += len(pair)
-        a, ca, box_a, b, cb, box_b = work
-        placed = (
-            place_capsules(bodies, a, ca, box_a[:, 0], box_a[:, 1], swing),
-            place_capsules(bodies, b, cb, box_b[:, 0], box_b[:, 1], swing),
-        )
-        separation, normal, gap = separations(*placed)
-        turns = bodies.revolute[a], bodies.revolute[b]
-        halves = tuple((box[:, 1, :-1] - box[:, 0, :-1]) / 2.0 for box in (box_a, box_b))
-        shifts = np.concatenate(
-            [_shifts(placed[i], turns[i], halves[i], normal) for i in (0, 1)], axis=1
-        )
-        total = shifts.sum(axis=1)
-        open_ = separation - total < required
-        hopeless = open_ & ((gap < required) | (total < FINEST))
-        apart[pair[hopeless]] = False
-        if examined > _MOST:
-            apart[pair[open_]] = False
-        keep = open_ & apart[pair]
-        pair, work = _halved(pair[keep], [item[keep] for item in work], shifts[keep])
-    return apart
-
-
-def _close_pairs(
-    bodies: CraneBodies,
-    first: np.ndarray,
-    first_box: np.ndarray,
-    second: np.ndarray,
-    second_box: np.ndarray,
-    required: float,
-    swing: float,
-) -> list[np.ndarray]:
-    """Return those pairs of capsules that balls around all that they sweep do not prove apart: pair
-    of cranes, crane, capsule and box of the first, and of the second.
-    """
-    capsules = bodies.radius.shape[1]
-    balls = []
-    for which, box in ((first, first_box), (second, second_box)):
-        crane, capsule = which.repeat(capsules), np.tile(np.arange(capsules), len(which))
-        boxes = box.repeat(capsules, axis=0)
-        placed = place_capsules(bodies, crane, capsule, boxes[:, 0], boxes[:, 1], swing)
-        half = (boxes[:, 1, :-1] - boxes[:, 0, :-1]) / 2.0
-        reach = placed.radius + _motion(placed, bodies.revolute[crane], half)
-        reach += np.linalg.norm(placed.ends[:, 1] - placed.ends[:, 0], axis=1) / 2.0
-        shape = len(which), capsules
-        balls.append((placed.ends.mean(axis=1).reshape(*shape, 3), reach.reshape(shape)))
-    (centre_a, reach_a), (centre_b, reach_b) = balls
-    gap = np.linalg.norm(centre_a[:, :, None] - centre_b[:, None], axis=3)
-    near = gap - reach_a[:, :, None] - reach_b[:, None] < required
-    pair, ca, cb = np.nonzero(near)
-    return [pair, first[pair], ca, first_box[pair], second[pair], cb, second_box[pair]]
-
-
-def _halved(
-    pair: np.ndarray, work: list[np.ndarray], shifts: np.ndarray
-) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return twice as many pairs of capsules, each with one interval halved."""
-    count, k = len(pair), shifts.shape[1] // 2
-    widest, rows = shifts.argmax(axis=1), np.arange(count)
-    parts = []
-    for upper in (False, True):
-        part = list(work)
-        for i, of_crane in ((2, widest < k), (5, widest >= k)):
-            box, mine, drive = work[i].copy(), rows[of_crane], widest[of_crane] % k
-            box[mine, 1 - upper, drive] = work[i][mine][:, :, drive].mean(axis=1)[
-                np.arange(len(mine)), np.arange(len(mine))
-            ]
-            part[i] = box
-        parts.append(part)
-    doubled = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
-    return np.concatenate([pair, pair]), doubled
+    numbers = np.array([[distance + ROUNDING, 2.0 * math.sin(swing / 2.0)]]).repeat(len(first), 0)
+    sides = [(first, first_box), (second, second_box)]
+    blocks = [
+        block
+        for which, box in sides
+        for block in (box.reshape(len(which), -1), bodies.numbers[which])
+    ]
+    prove = _compiled(bodies.axis.shape[1], bodies.radius.shape[1])
+    return prove(np.hstack([numbers, *blocks]))[:, 0] > 0.0
 
 
 def separations(a: PlacedCapsules, b: PlacedCapsules) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return separation [m], shape (N,), unit vector from the second to the first, shape (N, 3),
-    and an upper bound of the distance [m], shape (N,), of N pairs of capsules.
-
-    The separation is a lower bound of the distance whatever the unit vector is; along the
-    shortest connection of both segments it is the distance.
+    """Return separation [m], unit vector and upper bound of the distance [m] of N pairs of
+    capsules, shapes (N,), (N, 3) and (N,), see `cranedyn.sites.capsules.separation`.
     """
-    first, second = a.ends, b.ends
-    along_a, along_b = first[:, 1] - first[:, 0], second[:, 1] - second[:, 0]
-    offset = first[:, 0] - second[:, 0]
-    aa, bb = (np.maximum((u * u).sum(1), 1e-12) for u in (along_a, along_b))
-    ab, ao, bo = (along_a * along_b).sum(1), (along_a * offset).sum(1), (along_b * offset).sum(1)
-    parallel = np.maximum(aa * bb - ab * ab, 1e-12 * aa * bb)
-    s = np.clip((ab * bo - ao * bb) / parallel, 0.0, 1.0)
-    t = np.clip((ab * s + bo) / bb, 0.0, 1.0)
-    s = np.clip((ab * t - ao) / aa, 0.0, 1.0)
-    connection = offset + s[:, None] * along_a - t[:, None] * along_b
-    length = np.sqrt((connection * connection).sum(1))
-    normal = connection / np.maximum(length, 1e-12)[:, None]
-    low = (first @ normal[:, :, None])[:, :, 0].min(axis=1)
-    high = (second @ normal[:, :, None])[:, :, 0].max(axis=1)
-    radii = a.radius + b.radius
-    return low - high - radii, normal, length - radii
+    given = [block for x in (a, b) for block in (x.ends.reshape(-1, 6), x.radius[:, None])]
+    answers = _separating()(np.hstack(given))
+    return answers[:, 0], answers[:, 1:4], answers[:, 4]
 
 
-def _levers(placed: PlacedCapsules) -> np.ndarray:
-    """Return u × (x - o) of each joint and moving point [m], shape (N, k, 2, 3)."""
-    offset = placed.moving[:, None] - placed.origin[:, :, None]
-    u = placed.axis[:, :, None]
-    return np.stack(
-        [
-            u[..., 1] * offset[..., 2] - u[..., 2] * offset[..., 1],
-            u[..., 2] * offset[..., 0] - u[..., 0] * offset[..., 2],
-            u[..., 0] * offset[..., 1] - u[..., 1] * offset[..., 0],
-        ],
-        axis=-1,
-    )
+@cache
+def _separating() -> RowFunction:
+    def separated(numbers: np.ndarray) -> list[Any]:
+        ends, radius = [x[:6].reshape(2, 3) for x in numbers.reshape(2, 7)], numbers[6::7]
+        low, normal, gap = capsules.separation(ends[0], ends[1], radius[0] + radius[1])
+        return [low, *normal, gap]
+
+    return compile_rows(separated, 14, 5)
 
 
-def _motion(placed: PlacedCapsules, turns: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """Return an upper bound of the shift of any point in any direction [m], shape (N,)."""
-    radius = np.sqrt((_levers(placed) ** 2).sum(3)).max(axis=2)
-    total = np.zeros(len(half))
-    for k in reversed(range(half.shape[1])):
-        lever = np.where(turns[:, k], radius[:, k] + total, 1.0)
-        total = total + placed.lever[:, k] * half[:, k] * lever
-    return total
+@cache
+def _compiled(joints: int, count: int) -> RowFunction:
+    module = ir.Module()
+    _emit(Code(module, "rows", ["given", "count", "answers"], 1), joints, count)
+    return RowFunction(translate(module), "rows", 2 + 2 * _side(joints, count), 1)
 
 
-def _shifts(
-    placed: PlacedCapsules, turns: np.ndarray, half: np.ndarray, normal: np.ndarray
-) -> np.ndarray:
-    """Return upper bounds of the shift of any point along a normal by each joint [m], shape (N, k),
-    see `proven_apart`.
+def _side(joints: int, count: int) -> int:
+    """Return the number of numbers of a crane and its box."""
+    return 2 * (joints + 1) + 12 + JOINT * joints + CAPSULE * count
+
+
+def _emit(code: Code, joints: int, count: int) -> None:
+    """Emit the proof for rows.
+
+    All pairs of capsules that balls around what they sweep do not prove apart are put in a queue:
+    both capsules, lower and upper ends of the joints of both cranes. Of each one that a bound does
+    not prove the halves are appended.
     """
-    tangents = _levers(placed)
-    radius = np.sqrt((tangents**2).sum(3)).max(axis=2)
-    first = np.abs(tangents @ normal[:, None, :, None])[..., 0].max(axis=2)
-    sliding = np.abs((placed.axis * normal[:, None]).sum(2))
-    shifts, beyond = np.zeros_like(half), np.zeros(len(half))
-    for k in reversed(range(half.shape[1])):
-        h = half[:, k] * placed.lever[:, k]
-        turned = h * (first[:, k] + beyond) + h * h / 2.0 * radius[:, k]
-        shifts[:, k] = np.where(turns[:, k], turned, h * sliding[:, k])
-        beyond = beyond + h * np.where(turns[:, k], radius[:, k] + beyond, 1.0)
-    return shifts
+    given, build, side = code.argument["given"], code.builder, _side(joints, count)
+    ends, own = 2 * (joints + 1), 12 + JOINT * joints
+    item = 2 + 2 * ends
+    balls = build.alloca(DOUBLE, 8 * count)
+    queue = build.alloca(DOUBLE, item * (3 * count * count + 2 * MOST))
+    tail = build.alloca(INTEGER)
+
+    def numbers(pointer: ir.Value, first: ir.Value, size: int) -> np.ndarray:
+        return array([code.spread(pointer, code.plus(first, i)) for i in range(size)])
+
+    def put(pointer: ir.Value, first: ir.Value, values: Iterable[Any]) -> None:
+        for i, value in enumerate(values):
+            code.store(value, pointer, code.plus(first, i))
+
+    def length() -> ir.Value:
+        return build.load(tail)
+
+    with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
+        start = code.product(row, 2 + 2 * side)
+        required, cone = numbers(given, start, 2)
+        places = [code.plus(start, 2), code.plus(start, 2 + side)]
+
+        def placed(place: ir.Value, which: ir.Value, box: np.ndarray) -> Capsule:
+            crane = numbers(given, code.plus(place, ends), own)
+            first = build.add(code.plus(place, ends + own), code.product(which, CAPSULE))
+            capsule, plumb = numbers(given, first, CAPSULE), array([0.0, 0.0, -1.0])
+            return capsules.place(crane, capsule, box[0], box[1], cone, plumb)
+
+        for i, place in enumerate(places):
+            with code.loop(0, count) as which:
+                box = numbers(given, place, ends).reshape(2, -1)
+                capsule = placed(place, which, box)
+                along = 0.5 * (capsule.ends[1] - capsule.ends[0])
+                ways = capsules.shifts(capsule, box[0], box[1], array([0.0, 0.0, 0.0]))[1]
+                reach = capsule.radius + square_root(along @ along) + sum(ways[1:], ways[0])
+                ball = [*(capsule.ends[0] + along), reach]
+                put(balls, code.product(code.plus(which, i * count), 4), ball)
+        build.store(code.integer(0), tail)
+        with code.loop(0, count) as a, code.loop(0, count) as b:
+            one, other = (numbers(balls, code.product(i, 4), 4) for i in (a, code.plus(b, count)))
+            way, near = one[:3] - other[:3], one[3] + other[3] + required
+            with code.when(way @ way < near * near):
+                given_ends = [x for place in places for x in numbers(given, place, ends)]
+                put(
+                    queue,
+                    code.product(length(), item),
+                    [*map(code.from_integer, (a, b)), *given_ends],
+                )
+                build.store(code.plus(length(), 1), tail)
+        most = code.plus(length(), MOST)
+        code.store(1.0, code.argument["answers"], row)
+        with code.loop(0, length) as head:
+            entry = numbers(queue, code.product(head, item), item)
+            boxes = entry[2:].reshape(2, 2, -1)
+            pair = [
+                placed(places[i], build.fptosi(entry[i].register, INTEGER), boxes[i])
+                for i in (0, 1)
+            ]
+            radii = pair[0].radius + pair[1].radius
+            apart, normal, gap = capsules.separation(pair[0].ends, pair[1].ends, radii)
+            moves = [
+                move
+                for capsule, box in zip(pair, boxes, strict=True)
+                for move in capsules.shifts(capsule, box[0], box[1], normal)[0]
+            ]
+            total = sum(moves[1:], moves[0])
+            with code.when(apart - total < required):
+                late = build.icmp_signed(">=", head, most)
+                fails = code.either(gap < required, total < FINEST, late)
+                largest = reduce(lambda x, y: chosen(x > y, x, y), moves)
+                for upper in (0, 1):
+                    half, free = boxes.copy(), 1.0
+                    for i, move in enumerate(moves):
+                        crane, joint = divmod(i, joints)
+                        cut = free * flag(move >= largest, move)
+                        free, shift = free - cut, (0.5 - upper) * cut
+                        low, high = boxes[crane, :, joint]
+                        half[crane, 1 - upper, joint] += shift * (low - high)
+                    put(
+                        queue,
+                        code.product(code.plus(length(), upper), item),
+                        [*entry[:2], *half.flat],
+                    )
+                build.store(build.select(fails, code.integer(0), code.plus(length(), 2)), tail)
+                with code.when(fails):
+                    code.store(0.0, code.argument["answers"], row)
+    code.end()

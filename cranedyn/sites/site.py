@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,11 +13,16 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.checks import finite, number
+from cranedyn.disturbances.wind import Speed, wind
 from cranedyn.dynamics.converters import Converters
 from cranedyn.errors import DataError, OutOfRange, quoted
+from cranedyn.interfaces import Disturbance
+from cranedyn.lifting.chart import Chart
 from cranedyn.model.crane import Crane
+from cranedyn.planning.solids import Solid, rotation_z
 from cranedyn.sites.bodies import CraneBodies, PlacedCapsules, crane_bodies, place_capsules, stacked
 from cranedyn.sites.brakes import Brakes
+from cranedyn.sites.obstacles import Obstacles
 from cranedyn.sites.proof import proven_apart, separations
 
 DISTANCE, SWING = 1.0, 0.1
@@ -34,6 +41,7 @@ class Station:
         heading: Direction of the jib at zero slew, from X towards Y [rad].
         converters: Frequency converters of its drives.
         brakes: Its brakes at their weakest.
+        chart: Its load chart; None if unknown.
     """
 
     name: str
@@ -42,6 +50,7 @@ class Station:
     heading: float
     converters: Converters
     brakes: Brakes
+    chart: Chart | None = None
 
     def __post_init__(self) -> None:
         """Check that all drives have converters and brakes.
@@ -59,6 +68,11 @@ class Station:
     def bodies(self) -> CraneBodies:
         """Capsules around its shapes, in the frame of the site."""
         return crane_bodies(self.crane, np.asarray(self.foot, dtype=float), self.heading)
+
+    def in_crane_frame(self, solids: Sequence[Solid]) -> list[Solid]:
+        """Return solids of the site in the frame of the crane."""
+        turn = rotation_z(self.heading + math.pi / 2.0).T
+        return [solid.moved(turn, -turn @ np.asarray(self.foot)) for solid in solids]
 
     def rope(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the pivot [m], shape (3,), the direction of the rope, shape (3,), and the motion
@@ -79,6 +93,30 @@ class Station:
         return turn @ pivot + foot[:, 3], turn @ (rope / np.linalg.norm(rope)), turn @ motion
 
 
+@dataclass(frozen=True)
+class SiteWind:
+    """Wind that blows on the loads of all cranes.
+
+    Attributes:
+        speed: Speed over time [m/s], see `cranedyn.disturbances.wind`.
+        direction: Direction in which it blows, from X towards Y [rad].
+        area: Drag coefficient times area of each load [m²].
+    """
+
+    speed: Speed
+    direction: float = 0.0
+    area: float = 4.0
+
+    def on(self, station: Station) -> Disturbance:
+        """Return the forces on a crane.
+
+        Raises:
+            OutOfRange: If a number is not finite or the area is negative.
+        """
+        direction = self.direction - station.heading - math.pi / 2.0
+        return wind(station.crane, self.speed, direction=direction, payload_area=self.area)
+
+
 @dataclass(frozen=True, eq=False)
 class CraneSite:
     """Several cranes on a site, in a frame of its own: metres, Z up.
@@ -89,6 +127,8 @@ class CraneSite:
         ground: Height of the ground [m].
         distance: Required distance between parts of different cranes [m].
         swing: Largest angle of a rope from plumb [rad].
+        solids: Obstacles that all parts of cranes keep from, and zones that ropes and loads keep
+            out of.
     """
 
     name: str
@@ -96,13 +136,14 @@ class CraneSite:
     ground: float = 0.0
     distance: float = DISTANCE
     swing: float = SWING
+    solids: tuple[Solid, ...] = ()
 
     def __post_init__(self) -> None:
         """Check names and towers.
 
         Raises:
-            DataError: If there is no crane, two have one name, or two towers are nearer to each
-                other than the required distance.
+            DataError: If there is no crane, two have one name, two towers are nearer to each other
+                than the required distance, or a tower or a load at the start stands in an obstacle.
             OutOfRange: If the distance is not positive, or the swing not from 0 to 0.5.
         """
         number("height of the ground", self.ground, "m")
@@ -123,11 +164,21 @@ class CraneSite:
                     f"The towers of {' and '.join(names)} are {max(gap, 0.0):.2f} m apart; "
                     f"required is {self.distance:g} m."
                 )
+        for station in self.stations if self.solids else ():
+            load = station.rope(station.crane.start.q)
+            for solid in self.solids:
+                if any(solid.holds(point) for point in (np.asarray(station.foot), *load[:1])):
+                    raise DataError(f"{quoted(station.name)} stands in {quoted(solid.name)}.")
 
     @cached_property
     def bodies(self) -> CraneBodies:
         """Capsules of all cranes, `stacked`."""
         return stacked([station.bodies for station in self.stations])
+
+    @cached_property
+    def obstacles(self) -> Obstacles:
+        """The solids with what measures distances from them."""
+        return Obstacles(self.solids)
 
     def positions(self, station: int, values: np.ndarray) -> np.ndarray:
         """Return values of the drives of a crane, shape (..., m), in the columns of `bodies`."""
@@ -137,23 +188,41 @@ class CraneSite:
         chain[..., -1] = values[..., columns[-1]]
         return chain
 
-    def apart(self, station: int, box: np.ndarray, boxes: list[np.ndarray]) -> np.ndarray:
+    def apart(
+        self, station: int, box: np.ndarray, boxes: Sequence[np.ndarray | None]
+    ) -> np.ndarray:
         """Return whether a crane with its drives in a box, shape (2, m), is proven to keep the
-        required distance from each crane in its box, shape (cranes,); from itself it is.
+        required distance from each crane in its box, shape (cranes,); from one whose box is None it
+        is. At its own index: from all obstacles.
         """
-        others = [i for i in range(len(self.stations)) if i != station]
+        near = {i: other for i, other in enumerate(boxes) if i != station and other is not None}
+        others = list(near)
         apart = np.ones(len(self.stations), dtype=bool)
+        if self.solids:
+            apart[station] = self.obstacles.proven_clear(
+                self.bodies, station, self.positions(station, box), self.distance, self.swing
+            )
         if others:
             apart[others] = proven_apart(
                 self.bodies,
                 np.full(len(others), station),
                 np.array([self.positions(station, box)] * len(others)),
                 np.array(others),
-                np.array([self.positions(i, boxes[i]) for i in others]),
+                np.array([self.positions(i, other) for i, other in near.items()]),
                 self.distance,
                 self.swing,
             )
         return apart
+
+    def pair_apart(
+        self, a: int, box_a: np.ndarray, b: int, box_b: np.ndarray, distance: float
+    ) -> bool:
+        """Return whether two cranes in boxes, shape (2, m), are proven to keep a distance [m]."""
+        ends = [self.positions(i, box)[None] for i, box in ((a, box_a), (b, box_b))]
+        first, second = np.array([a]), np.array([b])
+        return bool(
+            proven_apart(self.bodies, first, ends[0], second, ends[1], distance, self.swing)[0]
+        )
 
     def _tower_gap(self, a: int, b: int) -> float:
         cranes, capsules = [], []

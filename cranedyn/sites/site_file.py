@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cranedyn.dynamics.converters import converters
+from cranedyn.dynamics.converters import ROUNDING, Converters, converters
 from cranedyn.errors import CraneError, quoted
+from cranedyn.lifting.chart import read_chart
+from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO
 from cranedyn.model.load import load_crane
-from cranedyn.planning.site_file import SiteTable, crane_values, read_fields
-from cranedyn.sites.brakes import REACTION, brakes
+from cranedyn.model.machines import read_machine
+from cranedyn.planning.site_file import SOLIDS, SiteTable, crane_values, read_fields, solids_of
+from cranedyn.sites.brakes import REACTION, Brakes, brakes
 from cranedyn.sites.site import DISTANCE, SWING, CraneSite, Station
 
 SITES = Path(__file__).parent / "examples"
@@ -22,7 +26,7 @@ SITES = Path(__file__).parent / "examples"
 EXAMPLES = ("two_towers", "four_towers", "luffing_between")
 """Names of the example sites."""
 
-_CRANE = ["name", "position", "heading", "model", "urdf", "values", "brakes", "reaction"]
+_FIELDS = "name position heading model machine urdf values drives brakes reaction chart".split()
 _MODELS = ("tower_crane", "luffing_crane")
 
 
@@ -31,12 +35,13 @@ def read_crane_site(path: str | Path) -> CraneSite:
 
     Raises:
         DataError: If it cannot be read, is no TOML, or a field is missing, unknown or out of its
-            range, with its line. Also if two cranes have one name, or towers overlap.
+            range, with its line. Also if two cranes or obstacles have one name, or towers overlap.
     """
     path = SITES / f"{path}.toml" if str(path) in EXAMPLES else Path(path)
-    top, lines = read_fields(path, ["ground", "distance", "swing", "crane"])
+    top, lines = read_fields(path, ["ground", "distance", "swing", "crane", *SOLIDS])
     ground = top.number("ground", 0.0)
-    entries = top.tables("crane", _CRANE, lines)
+    solids = tuple(solids_of(top, lines, ground))
+    entries = top.tables("crane", _FIELDS, lines)
     stations: list[Station] = []
     for entry in entries:
         stations.append(_station(entry, ground))
@@ -49,39 +54,92 @@ def read_crane_site(path: str | Path) -> CraneSite:
     name = top.text("name", path.stem)
     for count in range(1, len(stations) + 1):
         try:
-            site = CraneSite(name, tuple(stations[:count]), ground, distance, swing)
+            site = CraneSite(name, tuple(stations[:count]), ground, distance, swing, solids)
         except CraneError as error:
             entries[count - 1].fail("position", error)
     return site
 
 
 def _station(entry: SiteTable, ground: float) -> Station:
-    name = entry.text("name")
+    name, field = entry.text("name"), "name"
+    foot = np.array(entry.numbers("position", 3, default=[0.0, 0.0, ground]))
+    heading = entry.angle("heading", -math.pi / 2.0)
+    try:
+        field = next((key for key in ("urdf", "machine", "values") if key in entry.values), field)
+        crane, limits = _crane(entry)
+        limits |= _of_drives(entry, "drives", crane, ["rates", "accelerations"])
+        slopes = limits.get("accelerations", {}).items()
+        jerks = {symbol: value / ROUNDING for symbol, value in slopes}
+        drives = converters(crane, **limits, jerks=jerks)  # type: ignore[arg-type]
+        field = "brakes"
+        brake, drives = _brakes(entry, crane, drives)
+        field = "chart"
+        chart = read_chart(entry.file(field)) if field in entry.values else None
+        field = "urdf"
+        station = Station(name, crane, foot, heading, drives, brake, chart)
+        _ = station.bodies
+    except CraneError as error:
+        if str(error).startswith(f"{entry.path}, "):
+            raise
+        entry.fail(field, error)
+    return station
+
+
+def _crane(entry: SiteTable) -> tuple[Crane, dict[str, dict[str, float]]]:
+    """Return a crane, and accelerations of its drives that its machine states."""
     values: dict[str, Any] = entry.take("values", crane_values, {})
+    kinds = [key for key in ("model", "machine", "urdf") if key in entry.values]
+    if len(kinds) > 1:
+        entry.fail(kinds[1], f"{kinds[0]} is given, too; leave one out.")
+    if "urdf" in kinds:
+        if values:
+            entry.fail("values", "an own URDF has none; leave them out.")
+        urdf = entry.file("urdf")
+        if urdf.suffix == ".xacro":
+            entry.fail("urdf", "a xacro file runs code; expand it to a URDF.")
+        return load_crane(urdf), {}
+    if "machine" in kinds:
+        machine = entry.text("machine")
+        crane = load_crane(machine=machine, values=values)
+        return crane, {"accelerations": read_machine(machine).accelerations}
     model = entry.text("model", _MODELS[0])
     if model not in _MODELS:
         entry.fail("model", f"{quoted(model)} is not one of {', '.join(_MODELS)}.")
-    own = "urdf" in entry.values
-    if own and values:
-        entry.fail("values", "an own URDF has none; leave them out.")
-    urdf = entry.file("urdf") if own else XACRO.with_name(f"{model}.urdf.xacro")
-    if urdf.suffix == ".xacro" and own:
-        entry.fail("urdf", "a xacro file runs code; expand it to a URDF.")
-    key = "urdf" if own else "values" if values else "name"
-    try:
-        crane = load_crane(None if urdf == XACRO else urdf, values=values or None)
-        drives = converters(crane)
-        entry_brakes = brakes(
-            crane,
-            entry.text("brakes", "converters"),  # type: ignore[arg-type]
-            reaction=entry.number("reaction", REACTION, "s", "> 0"),
+    own = None if model == _MODELS[0] else XACRO.with_name(f"{model}.urdf.xacro")
+    return load_crane(own, values=values or None), {}
+
+
+def _brakes(entry: SiteTable, crane: Crane, drives: Converters) -> tuple[Brakes, Converters]:
+    """Return brakes, and converters that ramp no faster than brakes other than theirs stop."""
+    own = isinstance(entry.values.get("brakes"), dict)
+    kind: Any = "converters" if own else entry.text("brakes", "converters")
+    brake = brakes(crane, kind, reaction=entry.number("reaction", REACTION, "s", "> 0"))
+    if own:
+        slow = _of_drives(entry, "brakes", crane, ["decelerations"])["decelerations"]
+        brake = replace(brake, decelerations=np.array([*slow.values()]))
+        if (brake.decelerations > drives.accelerations).any():
+            entry.fail("brakes", "decelerations are more than the drives accelerate.")
+    elif kind == "converters":
+        weakest = np.minimum(brake.decelerations, 0.9 * drives.accelerations)
+        return replace(brake, decelerations=weakest), drives
+    slopes = np.minimum(drives.accelerations, brake.decelerations)
+    return brake, replace(drives, accelerations=slopes, jerks=slopes / ROUNDING)
+
+
+def _of_drives(
+    entry: SiteTable, field: str, crane: Crane, keys: list[str]
+) -> dict[str, dict[str, float]]:
+    """Return numbers of a table in a field, one for each drive by its symbol; angles in degrees."""
+    values = entry.values.get(field, {})
+    if not isinstance(values, dict):
+        entry.fail(field, f"it must be a table with {' and '.join(keys)}.")
+    table = SiteTable(entry.path, field, values, {"": entry.lines.get(field, 1)}, keys)
+    scale = [math.radians(1.0) if joint.unit == "rad" else 1.0 for joint in crane.layout.driven]
+    symbols = [joint.symbol for joint in crane.layout.driven]
+    return {
+        key: dict(
+            zip(symbols, np.multiply(scale, table.numbers(key, len(scale), "> 0")), strict=True)
         )
-        foot = np.array(entry.numbers("position", 3, default=[0.0, 0.0, ground]))
-        heading = entry.angle("heading", -math.pi / 2.0)
-        station = Station(name, crane, foot, heading, drives, entry_brakes)
-        _ = station.bodies
-    except CraneError as error:
-        if str(error).startswith(str(entry.path)):
-            raise
-        entry.fail("brakes" if "brakes" in str(error) else key, error)
-    return station
+        for key in keys
+        if key in values or field == "brakes"
+    }

@@ -24,11 +24,9 @@ import numpy as np
 from cranedyn.errors import DataError, quoted
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.sites.brakes import Brakes
+from cranedyn.sites.brakes import CYCLE, Brakes
+from cranedyn.sites.proof import proven_apart
 from cranedyn.sites.site import CraneSite, Station
-
-CYCLE = 0.1
-"""Period of guards and supervisor [s]."""
 
 PATIENCE = 0.5
 """Time after which a guard no longer waits for the answer to its request [s]."""
@@ -36,14 +34,24 @@ PATIENCE = 0.5
 HORIZON = 1.5
 """Time for which a crane asks in advance [s]: two lost or late answers and a cycle."""
 
-DAMPING = 0.15
-"""Damping ratio of the swing that guards add while it is more than a quarter of what is allowed."""
+DAMPING, DAMPED = 0.15, 0.95
+"""Damping ratio of the swing that guards add, and share of the largest swing from which they do:
+that to which the rope would swing if all drives braked."""
 
-GENTLE = 0.2
-"""Share of the largest swing by which a deceleration of a drive that a guard plans inclines the
-rope."""
+GENTLE = 0.95 / (4.0 * math.sqrt(2.0))
+"""Share of the largest swing by which an acceleration of a drive that a guard plans inclines the
+rope: two drives at right angles may speed up and brake at the worst times."""
 
-_SHARES = (1.0, 0.5, 0.25, 0.125)
+STUCK, PASSING = 20, 100
+"""Refused requests in a row after which a way out of a circle is sought, each time again, and
+requests of a crane without waiting after which the one that withdrew no longer lets it pass."""
+
+AHEAD, FARTHEST, CHECKED = (20.0, 5.0, 1.0), 30.0, 3
+"""Ways that a crane is let pass, the first that can be, and the longest way out, at full rate [s];
+ways out of each that are proven at most.
+"""
+
+_SHARES = (1.0, 0.5, 0.2)
 """Shares of an extension that are tried."""
 
 
@@ -68,11 +76,14 @@ class BoxGrant(NamedTuple):
         number: Number of the request.
         box: Box that the crane may keep to, shape (2, m).
         blocked_by: Names of cranes that keep it from all that it asked for.
+        target: Position of the drives to which it withdraws, shape (m,), to let another pass that
+            waits for it; None if it need not.
     """
 
     number: int
     box: np.ndarray
     blocked_by: tuple[str, ...]
+    target: np.ndarray | None = None
 
 
 class Guard:
@@ -84,6 +95,7 @@ class Guard:
         rates: Last rates that it passed on [rad/s or m/s], shape (m,).
         fault: Whether a measurement was out of its range; all drives then brake.
         blocked_by: Names of cranes that the last grant named.
+        target: Position to which the crane withdraws, whatever is commanded; None if it does not.
     """
 
     def __init__(self, station: Station, swing: float) -> None:
@@ -100,7 +112,9 @@ class Guard:
         self.box = self.brakes.tube(start, self.rates, self.rates)
         self.fault = False
         self.blocked_by: tuple[str, ...] = ()
+        self.target: np.ndarray | None = None
         self._number, self._asked_at, self._tube = 0, -math.inf, self.box
+        self._plan = station.rope(station.crane.start.q)[1][:2]
         self._lower, self._upper = (
             ends[layout.drives] for ends in (station.crane.lower, station.crane.upper)
         )
@@ -131,11 +145,14 @@ class Guard:
         if self.fault:
             self.rates = np.clip(0.0, self.rates - steps, self.rates + steps)
             return self.rates, None
-        amplitude = load_amplitude(self.station.crane, state)
-        if amplitude > self.swing / 2.0:
-            command = np.zeros_like(command)
-        if amplitude > self.swing / 4.0:
-            command = command + self._damping(state)
+        if self.target is not None:
+            way = self.target - position
+            command = np.sign(way) * brakes.largest_rate(np.abs(way) - slack)
+        swing, damping = self._swing(state)
+        if swing > DAMPED * self.swing:
+            slower = np.clip(command, np.minimum(self.rates, 0.0), np.maximum(self.rates, 0.0))
+            slower[self.station.crane.winch] = max(slower[self.station.crane.winch], 0.0)
+            command = np.clip(slower, self.rates - steps, self.rates + steps) + damping
         rates = np.clip(command, self.rates - steps, self.rates + steps)
         ahead = brakes.largest_rate(self.box[1] - position - slack)
         back = -brakes.largest_rate(position - self.box[0] - slack)
@@ -149,15 +166,16 @@ class Guard:
     def receive(self, grant: BoxGrant) -> None:
         """Take a grant that answers the last request; ignore any other."""
         if grant.number == self._number and self._asked_at > -math.inf:
-            self.box, self.blocked_by = grant.box, grant.blocked_by
+            self.box, self.blocked_by, self.target = grant.box, grant.blocked_by, grant.target
             self._asked_at = -math.inf
 
     def _request(self, t: float, position: np.ndarray, command: np.ndarray) -> BoxRequest:
         brakes = self.brakes
-        coming = brakes.tube(
-            position, np.minimum(command, self.rates), np.maximum(command, self.rates)
-        )
-        coming += HORIZON * np.array([np.minimum(command, 0.0), np.maximum(command, 0.0)])
+        change = brakes.decelerations * HORIZON
+        soon = np.clip(command, self.rates - change, self.rates + change)
+        low, high = np.minimum(soon, self.rates), np.maximum(soon, self.rates)
+        coming = brakes.tube(position, low, high)
+        coming += HORIZON * np.array([np.minimum(low, 0.0), np.maximum(high, 0.0)])
         low, high = np.minimum(coming[0], self._tube[0]), np.maximum(coming[1], self._tube[1])
         wanted = np.array(
             [np.maximum(low, self._lower - brakes.tolerances),
@@ -172,14 +190,25 @@ class Guard:
         wanted = np.array([np.minimum(wanted[0], self.box[0]), np.maximum(wanted[1], self.box[1])])
         return BoxRequest(self._number, self.box, wanted)
 
-    def _damping(self, state: State) -> np.ndarray:
-        """Return rates that take the pivot towards the load, 2 ζ ω times its distance in plan."""
-        station, crane = self.station, self.station.crane
+    def _swing(self, state: State) -> tuple[float, np.ndarray]:
+        """Return the largest angle of the rope [rad] if all drives brake now, and changes of rates
+        that damp it: those of the pivot are 2 ζ ω times those of the load's place from it in plan.
+
+        A drive that brakes within a acceleration of the pivot a from a rate of the pivot v adds an
+        amplitude of no more than 2 a/g, and no more than v/√(g l).
+        """
+        crane = self.station.crane
         assert crane.winch is not None
-        cable = float(state.q[crane.layout.drives[crane.winch]])
-        _, rope, motion = station.rope(state.q)
-        towards = 2.0 * DAMPING * math.sqrt(crane.gravity * cable) * rope[:2]
-        return np.linalg.pinv(motion[:2], rcond=1e-3) @ towards
+        cable = abs(float(state.q[crane.layout.drives[crane.winch]]))
+        fall = math.sqrt(crane.gravity * cable)
+        _, rope, motion = self.station.rope(state.q)
+        reach = np.linalg.norm(motion[:2], axis=0)
+        added = np.minimum(
+            2.0 * self.brakes.decelerations / crane.gravity, np.abs(self.rates) / fall
+        )
+        swing = load_amplitude(crane, state) + float(np.linalg.norm(reach * added))
+        change, self._plan = rope[:2] - self._plan, rope[:2]
+        return swing, np.linalg.pinv(motion[:2], rcond=1e-3) @ (2.0 * DAMPING * fall * change)
 
 
 def gentle(station: Station, swing: float) -> Brakes:
@@ -210,10 +239,15 @@ def load_amplitude(crane: Crane, state: State) -> float:
 class Supervisor:
     """The part of the supervision that all cranes share.
 
+    Right of way has the crane whose requests have been refused longest, then the first: no other is
+    granted what it has asked for. Where cranes wait for each other in a circle, the one with the
+    least right of way withdraws.
+
     Attributes:
         site: The site.
         boxes: Reserved box of each crane, shape (2, m) each.
         waits: Indices of the cranes for which each crane waits.
+        withdrawals: For each crane that withdraws, to where, and the crane that it lets pass.
     """
 
     def __init__(self, site: CraneSite, boxes: list[np.ndarray]) -> None:
@@ -224,9 +258,16 @@ class Supervisor:
         """
         self.site, self.boxes = site, [np.array(box) for box in boxes]
         self.waits: dict[int, frozenset[int]] = {i: frozenset() for i in range(len(boxes))}
-        self._numbers = [0] * len(boxes)
+        self.withdrawals: dict[int, tuple[np.ndarray, int]] = {}
+        self._numbers, self._refused = [0] * len(boxes), [0] * len(boxes)
+        self._free_since = [0] * len(boxes)
+        self._wanted = list(self.boxes)
         for i, box in enumerate(self.boxes):
-            if not (apart := site.apart(i, box, self.boxes)).all():
+            apart = site.apart(i, box, self.boxes)
+            if not apart[i]:
+                name = quoted(site.stations[i].name)
+                raise DataError(f"At the start {name} is not proven to keep from an obstacle.")
+            if not apart.all():
                 names = (quoted(site.stations[k].name) for k in (i, int(np.argmin(apart))))
                 raise DataError(
                     f"At the start {' and '.join(names)} are not proven to be "
@@ -244,37 +285,116 @@ class Supervisor:
         if request.number <= self._numbers[station] or not inside:
             return None
         self._numbers[station] = request.number
-        box, blocking = np.array(request.held), np.zeros(len(self.boxes), dtype=bool)
-        if (request.wanted != box).any():
-            apart = self.site.apart(station, request.wanted, self.boxes)
-            if apart.all():
-                box = np.array(request.wanted)
-            else:
-                blocking |= ~apart
-                box = self._extended(station, box, request.wanted)
-        self.boxes[station] = box
-        self.waits[station] = frozenset(np.nonzero(blocking)[0].tolist())
+        box, wanted, others = (
+            np.array(request.held),
+            np.array(request.wanted),
+            self._others(station),
+        )
+        apart = self.site.apart(station, wanted, others)
+        near = [None if free else other for free, other in zip(apart, others, strict=True)]
+        box = wanted if apart.all() else self._extended(station, box, wanted, near)
+        self.boxes[station], self._wanted[station] = box, wanted
+        short = np.abs(wanted - box) > self.site.stations[station].brakes.tolerances
+        blocking = ~apart
+        blocking[station] = False  # an obstacle is in the way
+        self.waits[station] = frozenset(np.nonzero(blocking)[0].tolist() if short.any() else ())
+        self._resolve(station)
+        waiting = self.waits[station] or station in self.withdrawals
+        self._refused[station] = self._refused[station] + 1 if waiting else 0
         names = tuple(self.site.stations[i].name for i in sorted(self.waits[station]))
-        return BoxGrant(request.number, box, names)
+        target, _ = self.withdrawals.get(station, (None, 0))
+        return BoxGrant(request.number, box, names, target)
 
-    def _extended(self, station: int, box: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    def _others(self, station: int) -> list[np.ndarray]:
+        """Return for each crane what another must keep apart from."""
+        rank = [(refused, -i) for i, refused in enumerate(self._refused)]
+        yields = [rank[i] > rank[station] and station not in self.withdrawals for i in self.waits]
+        return [(self._wanted if yields[i] else self.boxes)[i] for i in self.waits]
+
+    def _extended(
+        self, station: int, box: np.ndarray, wanted: np.ndarray, others: list[np.ndarray | None]
+    ) -> np.ndarray:
         for end, drive in zip(*np.nonzero(wanted != box), strict=True):
             for share in _SHARES:
                 larger = box.copy()
                 larger[end, drive] += share * (wanted - box)[end, drive]
                 slab = larger.copy()  # the rest is proven
                 slab[1 - end, drive] = box[end, drive]
-                if self.site.apart(station, slab, self.boxes).all():
+                if self.site.apart(station, slab, others).all():
                     box = larger
                     break
         return box
 
+    def _resolve(self, station: int) -> None:
+        """End withdrawals for a crane that has not waited for a while, and begin one if it waits in
+        a circle.
+        """
+        for loser, (_, winner) in list(self.withdrawals.items()):
+            if winner == station:
+                waits = loser in self.waits[winner]
+                self._free_since[loser] = 0 if waits else self._free_since[loser] + 1
+                if self._free_since[loser] > PASSING:
+                    del self.withdrawals[loser]
+        circle = self.deadlock()
+        if self._refused[station] % STUCK != STUCK - 1 or station not in circle:
+            return
+        for loser in sorted(circle, key=lambda i: (self._refused[i], -i)):
+            winner = circle[circle.index(loser) - 1]
+            if (target := self._way_out(loser, winner)) is not None:
+                self.withdrawals.pop(winner, None)
+                self.withdrawals[loser], self._free_since[loser] = (target, winner), 0
+                return
+
+    def _way_out(self, loser: int, winner: int) -> np.ndarray | None:
+        """Return the nearest position in time, by one drive, from where a crane lets another pass
+        as far as can be; None if there is none.
+        """
+        site, box, drives = self.site, self.boxes[loser], self._drives(loser)
+        ways = []
+        for drive, rate in enumerate(site.stations[loser].converters.rates):
+            for end in drives - box:
+                most = np.clip(end[drive], -FARTHEST * rate, FARTHEST * rate)
+                ways += [(abs(share * most) / rate, drive, share * most) for share in _SHARES]
+        ways.sort()
+        moved = np.array([box] * len(ways))
+        for k, (_, drive, way) in enumerate(ways):
+            moved[k, :, drive] += way
+        held, wanted, ends = self.boxes[winner], self._wanted[winner], self._drives(winner)
+        for ahead in AHEAD:
+            reach = ahead * site.stations[winner].converters.rates * np.sign(wanted - held)
+            passing = np.clip(
+                wanted + reach, np.minimum(ends[0], wanted[0]), np.maximum(ends[1], wanted[1])
+            )
+            lets_pass = proven_apart(
+                site.bodies,
+                np.full(len(ways), loser),
+                site.positions(loser, moved),
+                np.full(len(ways), winner),
+                site.positions(winner, np.array([passing] * len(ways))),
+                site.distance,
+                site.swing,
+            )
+            for place in moved[lets_pass][:CHECKED]:
+                swept = np.array([np.minimum(box[0], place[0]), np.maximum(box[1], place[1])])
+                if site.apart(loser, swept, self.boxes).all():
+                    return place.mean(axis=0)
+        return None
+
+    def _drives(self, station: int) -> np.ndarray:
+        """Return the ends of the ranges of the drives, shape (2, m)."""
+        crane = self.site.stations[station].crane
+        return np.array([crane.lower, crane.upper])[:, crane.layout.drives]
+
     def deadlock(self) -> tuple[int, ...]:
-        """Return the indices of cranes that wait for each other in a circle; empty if none do."""
-        for first in self.waits:
-            path = [first]
-            while (following := sorted(self.waits[path[-1]])) and following[0] not in path:
-                path.append(following[0])
-            if following:
-                return tuple(path[path.index(following[0]) :])
-        return ()
+        """Return the indices of cranes each of which waits for the next, and the last for the
+        first; empty if none do. A crane that withdraws waits for the one that it lets pass.
+        """
+        passed = {loser: {winner} for loser, (_, winner) in self.withdrawals.items()}
+        waits = {i: passed.get(i, self.waits[i]) for i in self.waits}
+        stuck = set(waits)
+        while free := {i for i in stuck if not waits[i] & stuck}:
+            stuck -= free
+        path = sorted(stuck)[:1]
+        while path and (following := min(waits[path[-1]] & stuck)) not in path:
+            path.append(following)
+        return tuple(path[path.index(following) :]) if path else ()

@@ -21,7 +21,9 @@ from benchmarks.timing import race, stretch
 from benchmarks.workload import Case, Contestant, Result, Run, plain
 from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.errors import CraneError, ModelError
+from cranedyn.interfaces import State
 from cranedyn.model.load import load_crane
+from cranedyn.simulation.simulate import simulate
 from tests.helpers import crane, extrapolated
 from tests.lagrangian import Lagrangian
 from tests.told import missing
@@ -191,11 +193,27 @@ def test_c_keeps_the_drives_within_their_limits() -> None:
     case = Case(crane(trolley_effort=500.0, slew_effort=1000.0))
     one = native.CONTESTANTS[0].prepare(case)
     start = case.starts(2)[1]
-    log = one(start[None], 0.5).log
-    assert log is not None
+    result = one(start[None], 0.5)
+    assert result.log is not None
+    log = result.log()
     assert (np.abs(log[:, 10:]).max(axis=0)[:2] == [1000.0, 500.0]).all()
     expected = plain(case, start, 0.5).log
-    assert_allclose(log[:, :10], expected[:, :10], atol=1e-13)  # rounding of 1000 steps
+    assert expected is not None
+    assert_allclose(log[:, :10], expected()[:, :10], atol=1e-13)  # rounding of 1000 steps
+
+
+@needs_compiler
+def test_c_with_a_whole_log_has_the_columns_of_a_run() -> None:
+    case = Case(crane(damp_slew=3e4, damp_swing=5e3))
+    start = case.starts(2)[1]
+    run = simulate(case.crane, case.controller, start=State(start[:5], start[5:]), duration=1.0)
+    result = native.CONTESTANTS[1].prepare(case)(start[None], 1.0)
+    assert result.log is not None
+    log = result.log().base
+    ours = (run.q, run.v, run.effort, run.setpoint, run.command, run.force, run.outside, run.energy)
+    expected = np.column_stack([*ours, run.work, run.dissipated, run.valid])
+    scale = np.maximum(np.abs(expected).max(axis=0), 1e-9)
+    assert_allclose(log / scale, expected / scale, atol=1e-12)  # rounding of 2000 steps
 
 
 @needs_compiler

@@ -27,6 +27,7 @@ def test_everybody_takes_part_but_slower_ways_of_our_own() -> None:
         "compiled closed loop",
         "compiled batch, 1 thread",
         "C by hand",
+        "C by hand, whole log",
         "C by hand, 1 thread",
     }
 

@@ -23,15 +23,17 @@ from tests.helpers import FAST, ROOT, python
 
 PAGES = {path.name: path.read_text(encoding="utf-8") for path in ROOT.glob("docs/*/*.md")}
 EXPORTERS = plugins.names("exporter")
-COMMANDS = dict.fromkeys(
-    command
-    for page in PAGES.values()
+COMMANDS = {
+    command: name
+    for name, page in PAGES.items()
     for command in re.findall(r"^cranedyn export (.+)$", page, re.MULTILINE)
-)
+}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("words", COMMANDS)
+@pytest.mark.parametrize(
+    "words", [command for command, page in COMMANDS.items() if page != "drive.md"]
+)
 def test_a_command_of_the_page_writes_what_it_says(
     words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -177,15 +179,17 @@ def test_what_cannot_be_exported_is_a_sentence_and_nothing_is_written(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("exporter", "name"), [("mjcf", "c.xml"), ("fmu", "c.fmu"), ("ros2", "c")])
+@pytest.mark.parametrize(
+    "name", "c fmu.fmu gazebo matlab.mat mjcf.xml page.html ros2 st.st".split()
+)
 def test_a_target_that_exists_stays_as_it_is(
-    exporter: str, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    target = tmp_path / name
+    exporter, target = name.partition(".")[0], tmp_path / name
     target.write_text("mine")
     assert main(["export", exporter, str(target)]) == 2
     there = f"error: Cannot write {target}: it is there already; name another, or remove it.\n"
-    assert capsys.readouterr().err == there
+    assert capsys.readouterr().err.endswith(there)
     assert target.read_text() == "mine"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -12,8 +13,10 @@ from numpy.testing import assert_allclose
 from cranedyn.bridges.joints import input_names, state_names
 from cranedyn.controllers.affine import affine_form
 from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
+from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import Converters, converters
+from cranedyn.dynamics.linearisation import held_states, sampled
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Drive, State
@@ -291,3 +294,24 @@ def test_a_feedback_with_integral_action_adds_up_what_is_left() -> None:
         expected = holding_effort(c, rest.q) - gain[:, :10] @ z - gain[:, 10] * (0.5 * k)
         found = controller(k * PERIOD, off, hold(c)(0.0))
         assert_allclose(found, expected, rtol=1e-12, atol=1e-9)  # round-off
+
+
+@pytest.mark.parametrize("period", [None, PERIOD])
+def test_a_taut_inextensible_rope_has_states_and_feedback_of_a_rigid_one(
+    period: float | None,
+) -> None:
+    rigid, taut = crane(), crane(rope_stiffness=math.inf, drum_inertia=1e-6)
+    systems = [to_control(c, control_period=period, dt=2e-3) for c in (rigid, taut)]
+    assert systems[1].state_labels == systems[0].state_labels
+    assert_allclose(systems[1].A, systems[0].A, rtol=1e-8, atol=1e-12)
+    assert_allclose(systems[1].B, systems[0].B, rtol=1e-8, atol=1e-15)
+    if period is None:
+        return
+    gains = [ct.dlqr(s, state_weight_of(rigid), effort_weight_of(rigid))[0] for s in systems]
+    fed = [from_control(c, k, c.start) for c, k in zip((rigid, taut), gains, strict=True)]
+    assert isinstance(fed[0], Tracking) and isinstance(fed[1], Tracking)
+    held = held_states(taut, taut.start)
+    assert not fed[1].gain[0][:, held].any()
+    assert_allclose(np.delete(fed[1].gain[0], held, axis=1), fed[0].gain[0], rtol=1e-6, atol=1e-2)
+    loop = sampled(taut, taut.start, dt=2e-3, control_period=period).closed(fed[1].gain[0])
+    assert np.abs(np.linalg.eigvals(loop)).max() < 1.0

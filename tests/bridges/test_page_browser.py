@@ -10,6 +10,7 @@ import math
 import shutil
 import subprocess
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -56,24 +57,44 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page of the tower crane with the exercise that needs no plan."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(page, "exercises", lambda *of: itertools.islice(exercises(*of), 1))
+        data = test_page.data_of("tower")
+        patch.setattr(page, "page_data", lambda *_: data)
         return page.export(tmp_path_factory.mktemp("page") / "crane.html", load_crane())
 
 
-@pytest.fixture(scope="module")
-def driver(file: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+def open_browser(profile: Path, *words: str) -> Any:
+    """Start Chromium without a window."""
     options = selenium.ChromeOptions()
     options.binary_location = CHROMIUM
-    for word in (*OPTIONS.split(), f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
+    for word in (*OPTIONS.split(), *words, f"--user-data-dir={profile}"):
         options.add_argument(word)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     driver = selenium.Chrome(options=options, service=selenium.ChromeService(DRIVER))
     driver.set_script_timeout(60)
+    return driver
+
+
+@pytest.fixture(scope="module")
+def driver(file: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    driver = open_browser(tmp_path_factory.mktemp("profile"))
     try:
         driver.get(file.as_uri())
         wait(driver, "page.state && page.state.t > 0")
         yield driver
     finally:
         driver.quit()
+
+
+def in_chromium(
+    driver: Any, file: Path, data: dict[str, Any], *requests: dict[str, Any]
+) -> list[dict[str, Any]]:
+    """Drive in Chromium, in a page without a picture."""
+    text = f"<script>{test_page.script()}\nconst data = {json.dumps(data)};</script>"
+    file.write_text(text, "utf-8")
+    driver.get(file.as_uri())
+    return driver.execute_async_script(
+        "const [requests, done] = arguments; drive(data, requests).then(done);", requests
+    )
 
 
 def wait(driver: Any, condition: str) -> None:
@@ -278,6 +299,28 @@ def test_a_wall_does_not_hide_the_load_that_is_followed(driver: Any) -> None:
 
 
 @browser
+def test_a_mesh_is_drawn(driver: Any) -> None:
+    without, drawn = driver.execute_script(
+        "const {scene, state: {q}, data: {crane}} = page, {gl, canvas} = scene, seen = [];"
+        "const look = {...page.look, night: false, view: 'side'};"
+        "const {joint, point} = crane.points[crane.points.length - 1];"
+        "const mesh = {kind: 'mesh', joint, colour: [1, 0, 0, 1], payload: true, size: [6, 6, 6],"
+        "  rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1], translation: point,"
+        "  vertices: [3, 0, -2, -2, 3, -2, -2, -3, -2, 0, 0, 3],"
+        "  triangles: [0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3]};"
+        "for (const shapes of [[], [mesh]]) {"
+        "  scene.crane = {...crane, shapes}; scene.build([]);"
+        "  scene.draw(q, look); scene._blend = 1; scene.draw(q, look);"
+        "  const pixel = new Uint8Array(4), scale = canvas.width / canvas.clientWidth;"
+        "  const [x, y] = scene.project(scene.load).map(place => place * scale);"
+        "  gl.readPixels(x + 4, canvas.height - y, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);"
+        "  seen.push([...pixel]); }"
+        "scene.crane = crane; page._build(); return seen"
+    )
+    assert drawn[0] > drawn[1] + 60 and abs(without[0] - without[1]) < 60, (without, drawn)
+
+
+@browser
 def test_a_picture_that_is_lost_comes_back(driver: Any) -> None:
     driver.execute_script(
         "window.lost = page.scene; const way = lost.gl.getExtension('WEBGL_lose_context');"
@@ -302,20 +345,11 @@ def test_the_types_of_the_scripts_hold() -> None:
 @browser
 @pytest.mark.slow
 def test_the_crane_of_a_browser_is_that_of_simulate(driver: Any, tmp_path: Path) -> None:
-    data = json.dumps(test_page.data_of("tower"))
-    html = tmp_path / "kernel.html"
-    html.write_text(f"<script>{test_page.script()}\nconst data = {data};</script>", "utf-8")
-    requests = [test_page.request(name, 1000) for name in test_page.ASSISTANCES]
     driver.execute_script("window.open()")
     first, second = driver.window_handles
     driver.switch_to.window(second)
     try:
-        driver.get(html.as_uri())
-        done = driver.execute_async_script(
-            "const [requests, done] = arguments; drive(data, requests).then(done);", requests
-        )
+        test_page.check_itinerary(partial(in_chromium, driver, tmp_path / "kernel.html"))
     finally:
         driver.close()
         driver.switch_to.window(first)
-    for name, end in zip(test_page.ASSISTANCES, done, strict=True):
-        test_page.check_same(end, test_page.in_python("tower", name, 1000), 1e-12)

@@ -28,10 +28,7 @@ def cranes(**rules: str) -> TowerCraneVectorEnv:
 
 
 def test_episodes_are_those_of_the_cranes_with_features_and_shaped_rewards() -> None:
-    env, same = (
-        vec_env(cranes(), features=lambda o: 2.0 * o, shaping=lambda r: r + 1.0),
-        cranes(),
-    )
+    env, same = (vec_env(cranes(), features=lambda o: 2.0 * o, shaping=lambda r: r + 1.0), cranes())
     env.seed(3)
     first, _ = same.reset(seed=3)
     assert (env.reset() == 2.0 * first).all()

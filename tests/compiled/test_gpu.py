@@ -199,9 +199,7 @@ def test_code_that_does_otherwise_on_the_gpu_is_refused(
     assert machine.calls.count("cuMemAlloc") == machine.calls.count("cuMemFree")
 
 
-def test_a_gpu_that_refuses_is_told_of_and_leaves_nothing_behind(
-    machine: SimpleNamespace,
-) -> None:
+def test_a_gpu_that_refuses_is_told_of_and_leaves_nothing_behind(machine: SimpleNamespace) -> None:
     machine.cuMemcpyHtoD = lambda *_: (SimpleNamespace(name="CUDA_ERROR_UNKNOWN"),)
     with pytest.raises(CraneError, match=r"The GPU refused cuMemcpyHtoD: CUDA_ERROR_UNKNOWN\."):
         simulate_batch(**CLOCK, **_whirling(), duration=0.01, device="cuda")

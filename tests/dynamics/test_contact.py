@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.contact import Ground, Platform, box_corners, box_load, standing
+from cranedyn.dynamics.contact import Ground, Hull, Platform, box_corners, box_load, standing
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import payload_position
@@ -158,17 +158,48 @@ def test_cranes_of_a_batch_touch_the_ground_each_on_its_own() -> None:
         assert np.allclose(end.q[row], run.q[-1], rtol=0.0, atol=1e-9)
 
 
+def test_a_load_without_restitution_stays_where_it_falls() -> None:
+    def highest(restitution: float) -> float:
+        ground = Ground(CORNERS, restitution=restitution, sink=SINK)
+        bottom = slid(1.0, ground=ground, start={"z": HEIGHT / 2.0 + 1.0})["z_m"] - HEIGHT / 2.0
+        return float(bottom[np.flatnonzero(bottom < 0.0)[0] :].max())
+
+    assert highest(0.0) < 0.0 < 0.01 < highest(0.2)
+
+
+@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
+def test_the_ground_is_at_any_height_and_a_hull_is_like_the_platform_of_its_corners(
+    engine: Any,
+) -> None:
+    if engine == "compiled":
+        pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+    low, box = -3.0, Platform((2.0, 0.0), (1.0, 2.0), -2.5, 0.2)
+    (x, y), corners = box.centre, [[a, b] for a in (-0.5, 0.5) for b in (-1.0, 1.0)]
+    turn = np.array([[math.cos(0.2), math.sin(0.2)], [-math.sin(0.2), math.cos(0.2)]])
+    hull = Hull([[*row, z] for row in np.array(corners) @ turn + [x, y] for z in (low, -2.5)])
+    start = {"z": low + HEIGHT / 2.0 + 0.1, "p": 0.1, "x_dot": 3.0}
+    runs = [
+        slid(0.6, engine=engine, start=start, ground=Ground(CORNERS, (support,), 0.1, height=low))
+        for support in (box, hull)
+    ]
+    assert runs[0]["z_m"].min() > low and runs[0]["x_m"].max() < 2.0
+    assert np.allclose(runs[0].q, runs[1].q, rtol=0.0, atol=1e-6)  # normals are rounded at 1e-9
+    assert all((run.valid == 1.0).all() for run in runs)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda: Ground(CORNERS, friction=-0.1), "friction"),
         (lambda: Ground(CORNERS, restitution=1.1), "restitution"),
-        (lambda: Ground(CORNERS, restitution=0.0), "restitution"),
+        (lambda: Ground(CORNERS, restitution=-0.1), "restitution"),
         (lambda: Ground(CORNERS, sink=0.0), "sink"),
+        (lambda: Hull([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]), "in a plane"),
+        (lambda: Hull([[0, 0, 0], [1, 0, math.nan]]), "corners of a hull"),
         (lambda: Ground(()), "points"),
         (lambda: Ground([[0.0, 1.0]]), "points"),
         (lambda: Platform((0.0, 0.0), (1.0, 0.0), 1.0), "size"),
-        (lambda: Platform((0.0, 0.0), (1.0, 1.0), 0.0), "height"),
+        (lambda: Ground(CORNERS, (Platform((0.0, 0.0), (1.0, 1.0), 2.0),), height=2.0), "height"),
         (
             lambda: Ground(
                 CORNERS, (Platform((0, 0), (2, 2), 1), Platform((2.3, 0), (2, 2), 1, 0.8))

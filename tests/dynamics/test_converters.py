@@ -133,14 +133,7 @@ def test_commands_are_late_by_the_delay_and_drives_go_on_until_they_are_heard(en
     c = crane()
     late = replace(only_lag(c, 0.1), delay=0.0175)  # 3.5 control periods: heard at the fourth
     start = c.state(x=12.0, l=10.0, x_dot=0.2)
-    run = simulate(
-        c,
-        told(0.0, 0.7, 0.0),
-        start=start,
-        duration=0.1,
-        drive=late,
-        engine=engine,
-    )
+    run = simulate(c, told(0.0, 0.7, 0.0), start=start, duration=0.1, drive=late, engine=engine)
     assert_allclose(run["x_dot_m_s"][:5], 0.2, rtol=1e-12)  # rounding
     assert run["x_dot_m_s"][5] > 0.2 + 0.5 * 0.5 * 5e-3 / 0.1
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from functools import cache
 from pathlib import Path
@@ -12,11 +13,12 @@ import pinocchio as pin
 import pytest
 from numpy.testing import assert_allclose
 
+from cranedyn import theory
 from cranedyn.controllers import Hold, hold_controller
 from cranedyn.data.trajectory import Trajectory, join, read
 from cranedyn.dynamics.drives import EffortDrives, MotionDrives
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
-from cranedyn.dynamics.linearisation import free_modes
+from cranedyn.dynamics.linearisation import free_modes, held_states, sampled
 from cranedyn.dynamics.pinocchio import holding_effort, linearise, payload_position, rope_tension
 from cranedyn.errors import CraneError, RunError
 from cranedyn.interfaces import State
@@ -160,6 +162,8 @@ def test_a_taut_rope_that_does_not_stretch_is_a_rigid_one() -> None:
     assert_allclose(ours[np.ix_(range(5), columns)], expected, rtol=1e-6, atol=1e-8)
     assert_allclose(by_effort[:5], theirs, rtol=1e-6, atol=1e-12)
     assert not ours[5].any()
+    held = held_states(crane, with_stretch)
+    assert held == [5, 11] and not sampled(crane, with_stretch).a[:, held].any()
     modes = [free_modes(c, c.start).frequencies for c in (crane, rigid)]
     assert_allclose(*modes, rtol=1e-12)
     runs = [run_of(c, s, 1.0) for c, s in ((crane, with_stretch), (rigid, state))]
@@ -250,3 +254,67 @@ def test_a_load_that_falls_beside_its_pivot_moves_as_on_a_tendon_of_mujoco(
     begin, end = (payload_position(crane, q) - pivot for q in (run.q[0], run.q[-1]))
     theirs = _mujoco(rope, begin, length, ROPES["elastic"] / length, dt)
     assert np.abs(end - theirs).max() < far
+
+
+def _exudyn(rope: float, length: float, start: float, speed: float, duration: float) -> Any:
+    """Return tension and depth below its pivot of a point load on a reeving system of springs that
+    pulls only, in 0.1 ms, from a depth [m] and a speed downward [m/s]; rope is EA [N].
+    """
+    exu = pytest.importorskip("exudyn", reason="extra peers (exudyn) is not installed")
+    items, dt = importlib.import_module("exudyn.itemInterface"), 1e-4
+    container = exu.SystemContainer()
+    system, down = container.AddSystem(), np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
+    node = system.AddNode(
+        items.NodeRigidBodyRxyz(
+            referenceCoordinates=(length * down).tolist(),
+            initialCoordinates=((start - length) * down).tolist(),
+            initialVelocities=(speed * down).tolist(),
+        )
+    )
+    load = items.ObjectRigidBody(nodeNumber=node, mass=1000.0, inertia=[1.0] * 3 + [0.0] * 3)
+    bodies = system.AddObject(items.ObjectGround()), system.AddObject(load)
+    ends = [system.AddMarker(items.MarkerBodyRigid(bodyNumber=body)) for body in bodies]
+    weight = (1000.0 * 9.80665 * down[:3]).tolist()
+    system.AddLoad(items.LoadForceVector(markerNumber=ends[1], loadVector=weight))
+    springs = items.ObjectConnectorReevingSystemSprings(
+        markerNumbers=ends,
+        sheavesAxes=exu.Vector3DList([[1.0, 0.0, 0.0]] * 2),
+        sheavesRadii=[0.0, 0.0],
+        referenceLength=length,
+        stiffnessPerLength=rope,
+        regularizationForce=1e-4,
+    )
+    of = {"objectNumber": system.AddObject(springs), "storeInternal": True}
+    kinds = exu.OutputVariableType
+    pull = system.AddSensor(items.SensorObject(**of, outputVariableType=kinds.ForceLocal))
+    way = system.AddSensor(items.SensorObject(**of, outputVariableType=kinds.Distance))
+    system.Assemble()
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.numberOfSteps = round(duration / dt)
+    settings.timeIntegration.endTime = duration
+    settings.solutionSettings.sensorsWritePeriod = dt
+    settings.solutionSettings.writeSolutionToFile = False
+    system.SolveDynamic(settings, solverType=exu.DynamicSolverType.RK44)
+    return system.GetSensorStoredData(pull)[:, 1], system.GetSensorStoredData(way)[:, 1]
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.parametrize("taken_up", [False, True])
+def test_a_load_that_falls_or_is_taken_up_pulls_and_bounces_as_on_a_rope_of_exudyn(
+    taken_up: bool,
+) -> None:
+    crane, length, ea = slack_crane("elastic"), 15.0, ROPES["elastic"]
+    weight, stiffness = 1000.0 * crane.gravity, ea / length
+    factor = theory.fall_factor(0.5, stiffness, weight)
+    stretch, speed = -0.5, 0.0
+    if taken_up:
+        stretch, speed = weight / stiffness, 2.0
+        factor = theory.pickup_factor(speed, math.sqrt(stiffness / 1000.0), crane.gravity)
+    pull, depth = _exudyn(ea, length, length + stretch, speed, 1.5)
+    start = crane.state(rope_stretch=stretch, rope_stretch_dot=speed)
+    run = run_of(crane, start, 1.5, dt=1e-4, integrator=rk4, engine="compiled")
+    assert pull.max() / weight == pytest.approx(factor, rel=2e-6)  # between rows, (ω dt)²/8
+    assert -1e-3 < pull.min() <= 0.0 and 1.0 in run["phase"]  # theirs is regularised by 1e-4 N
+    # Exudyn's steps do not end at an event: (ω dt)² of the speed
+    assert_allclose(depth[-1], length + run["rope_stretch_m"][-1], atol=2e-6)

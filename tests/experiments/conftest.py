@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import importlib
 import io
 import json
+import os
+import pickle
+import re
+import shutil
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import dataclass
@@ -69,10 +74,23 @@ def run_command(name: str, folder: Path, *argv: str) -> Ran:
 
 @pytest.fixture(scope="session")
 def ran(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Ran]:
-    """Runs an experiment with arguments when it is first asked for."""
-    return cache(
-        lambda name, *argv: run_command(name, tmp_path_factory.mktemp("out") / name, *argv)
-    )
+    """Runs an experiment with arguments when it is first asked for, once for all workers."""
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+    @cache
+    def run(name: str, *argv: str) -> Ran:
+        folder = shared / re.sub(r"[^\w.-]", "_", "_".join(["ran", name, *argv]))
+        with open(f"{folder}.lock", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not (folder / "ran").exists():
+                shutil.rmtree(folder, ignore_errors=True)
+                folder.mkdir()
+                done = run_command(name, folder / name, *argv)
+                (folder / "ran").write_bytes(pickle.dumps(done))
+        return pickle.loads((folder / "ran").read_bytes())
+
+    return run
 
 
 @pytest.fixture(scope="session")

@@ -25,15 +25,7 @@ from experiments.report import page
 from experiments.scenarios.moves import LIMITS, MOVES, SWINGING, RestToRest, Score
 from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, Perturbation, make
 from experiments.scenarios.shaping import joystick_move
-from experiments.scenarios.strategies import (
-    FASTEST,
-    FLAT,
-    MPC,
-    PAPER,
-    PD,
-    STRATEGIES,
-    TIME,
-)
+from experiments.scenarios.strategies import FASTEST, FLAT, MPC, PAPER, PD, STRATEGIES, TIME
 from tests.experiments.conftest import Ran
 from tests.helpers import FAST, ROOT
 from tests.told import missing
@@ -41,7 +33,7 @@ from tests.told import missing
 pytestmark = pytest.mark.slow
 
 TROLLEY, COMBINED = MOVES[0], MOVES[-1]
-COMPARED = ["spline alone", PD, PAPER, FLAT]
+COMPARED = ["spline alone", PD, FLAT]
 
 
 @pytest.fixture(scope="module")

@@ -13,13 +13,7 @@ from experiments.compare import claims, runs, tables
 from experiments.compare.runs import Results, StrategyResult
 from experiments.harness.document import read_document
 from experiments.harness.outcome import ResultTable
-from experiments.scenarios.moves import (
-    CLOSE,
-    MOVES,
-    SWINGING,
-    Score,
-    on_converters,
-)
+from experiments.scenarios.moves import CLOSE, MOVES, SWINGING, Score, on_converters
 from experiments.scenarios.perturbations import NOMINAL, UNOBSERVED
 from experiments.scenarios.strategies import (
     COMPILED_MPC,

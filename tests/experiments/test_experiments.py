@@ -354,11 +354,7 @@ BAD = [
     ("a1", "--set payload_mass:=nan", "payload_mass is nan kg; allowed is > 0"),
     ("a1", "--set payload_mas:=5", "There is no argument 'payload_mas'; there are payload_mass"),
     ("a1", "--set payload_mass=5", "'payload_mass=5' is not of the form name:=value"),
-    (
-        "a1",
-        "--out missing/out",
-        "Cannot make the folder missing/out: its parent",
-    ),
+    ("a1", "--out missing/out", "Cannot make the folder missing/out: its parent"),
     ("a1", "--out file", "Cannot write to file: it is not a folder"),
     ("a1", "--save x.mp4", "Cannot save the recording as x.mp4: the ending must be .rrd"),
     ("a1", "--save missing/x.rrd", "as missing/x.rrd: its folder does not exist"),

@@ -210,11 +210,7 @@ def test_a_swing_of_one_degree_taken_for_one_radian_is_told_by_what_the_drives_m
 @pytest.mark.parametrize(
     ("names", "drives", "sentence"),
     [
-        (
-            ["rope_colour"],
-            None,
-            "There is no parameter 'rope_colour'; there are delay, window",
-        ),
+        (["rope_colour"], None, "There is no parameter 'rope_colour'; there are delay, window"),
         (["x_lag"], None, "x_lag cannot be found: x_setpoint_m is not there"),
         (["l_lag"], None, "l_lag cannot be found: l_setpoint_m never moves"),
         (["x_stiffness"], "motion", "drives beside x_stiffness is motion; allowed is hold"),

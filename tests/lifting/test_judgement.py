@@ -42,9 +42,9 @@ Drawn = dict[str, np.ndarray]
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A lift in the open yard, judged by few lifts and gusts."""
+    """A lift beside a neighbour, judged by few lifts and gusts."""
     made = tmp_path_factory.mktemp("judged") / "out"
-    words = ["--lifts", "500", "--gusts", "2", "--out", str(made)]
+    words = ["--site", "neighbour", "--lifts", "500", "--gusts", "2", "--out", str(made)]
     assert lift_report.main(words) == 0
     return made
 
@@ -71,9 +71,7 @@ def test_the_page_begins_with_go_and_needs_no_other_file(folder: Path) -> None:
         assert re.search("python -m experiments|from|clause", said), one["title"]
 
 
-def test_numbers_of_the_page_are_made_again_from_the_run_that_lies_beside_it(
-    folder: Path,
-) -> None:
+def test_numbers_of_the_page_are_made_again_from_the_run_that_lies_beside_it(folder: Path) -> None:
     run = read(folder / "lift.parquet")
     crane = load_crane(from_record=folder / "lift.parquet")
     used, stops = assess_run(crane, run, CHART)

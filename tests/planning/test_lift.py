@@ -43,16 +43,7 @@ from cranedyn.planning.timing import STEP
 from cranedyn.references.limits import use
 from experiments import lift as experiment
 from tests.helpers import FAST, G, quickly
-from tests.planning.sites import (
-    LIMITS,
-    WALL,
-    certificate,
-    corners,
-    crane,
-    lift,
-    site,
-    with_wall,
-)
+from tests.planning.sites import LIMITS, WALL, certificate, corners, crane, lift, site, with_wall
 
 pytestmark = pytest.mark.slow
 
@@ -129,7 +120,7 @@ def test_a_lift_is_measured_against_the_shorter_way_round_whichever_way_it_goes(
 
 def test_a_lift_planned_after_another_is_the_same_to_the_last_bit() -> None:
     before = lift()
-    plan_lift(site(WALL, start=np.array([9.0, -12.0, 4.0])), LIMITS, crane=crane())
+    plan_lift(site(start=np.array([9.0, -12.0, 4.0])), LIMITS, crane=crane())
     again = plan_lift(site(WALL), LIMITS, crane=crane())
     np.testing.assert_array_equal(again.timed.motion.q, before.timed.motion.q)
 
@@ -157,11 +148,7 @@ def test_a_wall_moved_by_a_metre_into_the_plan_turns_its_certificate_red() -> No
 
 
 ROAD = prism(
-    "road",
-    np.array([[4.0, -16.0], [8.0, -16.0], [8.0, -13.2], [4.0, -13.2]]),
-    0.0,
-    10.0,
-    zone=True,
+    "road", np.array([[4.0, -16.0], [8.0, -16.0], [8.0, -13.2], [4.0, -13.2]]), 0.0, 10.0, zone=True
 )
 """Behind the start, nearer to the load there than the half metre that the wall keeps from it."""
 
@@ -405,20 +392,19 @@ outline = [[-8.0, -3.0], [-4.0, -3.0], [-4.0, 3.0]]
 """
 
 
-def test_the_experiment_leaves_tables_figures_runs_and_a_recording_with_the_site(
+def test_the_experiment_lifts_from_the_ground_and_leaves_tables_runs_and_a_recording(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     import rerun.chunk
 
-    (tmp_path / "yard.toml").write_text(SITE)
+    (tmp_path / "yard.toml").write_text(SITE.replace("-12.0, 4.0]", "-12.0]"))
     out = tmp_path / "out"
-    code = experiment.main(
-        ["--site", str(tmp_path / "yard.toml"), "--lifts=16", "--least-time", "--out", str(out)]
-    )
+    options = "--to 10 6 --lifts=16 --least-time --out".split()
+    code = experiment.main(["--site", str(tmp_path / "yard.toml"), *options, str(out)])
     text = capsys.readouterr().out
     assert code == 0, text
     assert {path.name for path in out.iterdir()} == {
-        *("result.json", "lift.rrd", "lift_yard.parquet"),
+        *("result.json", "lift.rrd", "lift_yard.parquet", "grounded_yard.parquet"),
         "least_time_yard.parquet",
         *(f"{figure}_yard.{kind}" for figure in ("site", "time") for kind in ("png", "svg")),
     }
@@ -430,6 +416,9 @@ def test_the_experiment_leaves_tables_figures_runs_and_a_recording_with_the_site
         "How long it took on this machine",
     ]
     assert all(claim["holds"] for claim in result["claims"])
+    phases = ["yard: Lift-off", "yard: Motion", "yard: Above its supports", "yard: Set-down"]
+    said = [claim["sentence"] for claim in result["claims"]]
+    assert all(any(sentence.startswith(phase) for sentence in said) for phase in phases)
     entities = {
         str(chunk.entity_path) for chunk in rerun.chunk.RrdReader(out / "lift.rrd").stream()
     }
@@ -443,6 +432,8 @@ def test_the_experiment_leaves_tables_figures_runs_and_a_recording_with_the_site
         ("--from 1 2 3", "--from is for one site; give one with --site"),
         ("--lifts -1", "lifts is -1"),
         ("--site yard.toml --from 14 -2 4", "is 0.00 m from wall"),
+        ("--site yard.toml --from 6 -12", "stands at one end and hangs at the other"),
+        ("--site yard.toml --from 6", "start of the load is an array of shape (1,)"),
     ],
 )
 def test_the_experiment_refuses_in_a_sentence_and_leaves_nothing(

@@ -30,16 +30,7 @@ from cranedyn.planning.search import best_on_grid
 from cranedyn.planning.solids import box
 from cranedyn.planning.timing import STEP, load_motion
 from cranedyn.references.flat import smoothstep
-from tests.planning.sites import (
-    LIMITS,
-    RATES,
-    WALL,
-    clearance,
-    corners,
-    crane,
-    load_corners,
-    site,
-)
+from tests.planning.sites import LIMITS, RATES, WALL, clearance, corners, crane, load_corners, site
 
 PLATE = box("plate", (13.4, 0.0), (6.0, 0.02, 20.0), 0.0)
 """Two centimetres thick, across the arc at 13.4 m that is the straight way of the drives."""

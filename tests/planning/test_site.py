@@ -145,6 +145,12 @@ def test_a_site_is_what_its_file_says(tmp_path: Path) -> None:
     assert a.vertices.min(axis=0).tolist() == [4.5, 5.0, 1.0]
     assert a.vertices.max(axis=0).tolist() == [5.5, 7.0, 4.0]
     np.testing.assert_allclose(np.ptp(b.vertices, axis=0), [2.0, 1.0, 3.0])
+    assert here.start is not None and here.start.tolist() == [1.0, 2.0, 3.0]
+    (tmp_path / "yard.toml").write_text(
+        WHOLE.replace("[1.0, 2.0, 3.0]\n[[box]]", "[1.0, 2.0]\n[[box]]", 1)
+    )
+    standing = read_site(tmp_path / "yard.toml").start
+    assert standing is not None and standing.tolist() == [1.0, 2.0]
     assert here.load is not None and np.ptp(here.load, axis=0).tolist() == [1.0, 2.0, 3.0]
 
 
@@ -386,10 +392,7 @@ def test_a_small_load_passes_through_the_opening_of_a_deck_but_not_of_its_hull(
     rooms = []
     for as_hulls in (False, True):
         here = site(
-            *read_ifc(path, as_hulls=as_hulls),
-            load=corners(0.4, 0.4, 0.4),
-            distance=0.1,
-            swing=0.0,
+            *read_ifc(path, as_hulls=as_hulls), load=corners(0.4, 0.4, 0.4), distance=0.1, swing=0.0
         )
         asked = Clearance(crane(), here)
         rooms.append(asked.margin(asked.q(asked.place(np.array([10.0, 0.0, 3.1])))))

@@ -147,10 +147,7 @@ def test_a_run_says_what_it_was_made_with() -> None:
         "drive": "effort",
         "engine": "pinocchio",
         "integrator": "semi-implicit Euler",
-    } | {
-        "gravity_m_s2": G,
-        "validity": "stop",
-    }
+    } | {"gravity_m_s2": G, "validity": "stop"}
     assert len(found) == 51
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cranedyn.controllers import hold_controller
+from cranedyn.dynamics.contact import Ground, box_corners, box_load, standing
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, OutOfRange, RunError
 from cranedyn.interfaces import State
@@ -144,3 +145,23 @@ def test_a_step_that_cannot_be_made_leaves_state_and_time() -> None:
     with pytest.raises(CraneError):
         stepper.step([-5e3, -4e3, 6e3])  # moves beyond all bounds within the period
     assert stepper.state is before and stepper.t == 0.0
+
+
+@ENGINE
+def test_a_load_stands_on_the_ground_of_a_stepper_as_in_simulate_and_in_a_copy(engine: Any) -> None:
+    sides = (1.5, 3.0, 1.2)
+    tower = crane(**box_load(1000.0, *sides), rope_stiffness=2e7, hoist_max=30.0)
+    ground = Ground(box_corners(*sides))
+    start = standing(tower, ground, tower.state(l=26.83))
+    common = {"start": start, "drive": "motion", "ground": ground, "engine": engine}
+    command = np.array([0.0, 0.3, -4.0])
+    stepper = Stepper(tower, **common)
+    stepper.step(command)
+    stepper.reset(start)
+    states = [stepper.reset(start)] + [stepper.step(command) for _ in range(20)]
+    copied = deepcopy(stepper)
+    ends = [[one.step(command) for _ in range(20)][-1] for one in (copied, stepper)]
+    run = simulate(tower, lambda t, state, _: command, duration=0.2, **common)
+    assert np.array_equal(run.q[:21], [state.q for state in states])
+    assert all(np.array_equal(run.q[-1], end.q) for end in ends)
+    assert run.phase is not None and run.phase[0] == 2.0 != run.phase[-1]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -16,7 +16,7 @@ from cranedyn.interfaces import State
 from cranedyn.planning.bodies import shape_corners
 from cranedyn.sites.bodies import place_capsules, segment_distance
 from cranedyn.sites.brakes import brakes
-from cranedyn.sites.proof import proven_apart, separations
+from cranedyn.sites.proof import proven_apart
 from cranedyn.sites.simulate import MessageChannel, SiteRun, simulate_site
 from cranedyn.sites.site import CraneSite, Station
 from cranedyn.sites.site_file import EXAMPLES, SITES, read_crane_site
@@ -73,36 +73,56 @@ def test_every_corner_of_every_shape_lies_in_a_capsule(name: str) -> None:
                 assert np.min(gaps, axis=0).max() <= 1e-6
 
 
+def coal_distance(site: CraneSite, cranes: list[int], values: list[np.ndarray]) -> float:
+    """Return the least distance of two cranes at positions [m], by coal."""
+    shapes = []
+    for i, value in zip(cranes, values, strict=True):
+        placed = capsules(site, i, value, value, site.swing)
+        shapes.append([])
+        for ends, radius in zip(placed.ends, placed.radius, strict=True):
+            along = ends[1] - ends[0]
+            turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), along)
+            length = float(np.linalg.norm(along))
+            turn = turn.toRotationMatrix() if length > 0.0 else np.eye(3)
+            place = coal.Transform3s(turn, ends.mean(axis=0))
+            shapes[-1].append((coal.Capsule(float(radius), length), place))
+    return min(
+        coal.distance(*one, *other, coal.DistanceRequest(), coal.DistanceResult())
+        for one, other in itertools.product(*shapes)
+    )
+
+
 @slow
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_no_sample_of_proven_boxes_is_nearer_than_the_required_distance(name: str) -> None:
-    site, rng, proven = site_of(name), np.random.default_rng(2), 0
+def test_no_sample_of_the_largest_proven_boxes_is_too_near_by_the_distances_of_coal(
+    name: str,
+) -> None:
+    site, rng, cut = site_of(name), np.random.default_rng(2), 0
     pairs = list(itertools.combinations(range(len(site.stations)), 2))
-    for _ in range(40):
-        a, b = pairs[rng.integers(len(pairs))]
-        boxes = []
-        for i in (a, b):
-            middle = draw(site.stations[i], rng)
-            half = rng.uniform(0.0, 1.0) * np.array([0.4, 0.1, 3.0])
-            boxes.append(np.array([middle - half, middle + half]))
-        apart = proven_apart(
-            site.bodies, np.array([a]), site.positions(a, boxes[0])[None],
-            np.array([b]), site.positions(b, boxes[1])[None], site.distance, site.swing,
-        )  # fmt: skip
-        proven += int(apart[0])
-        for _ in range(20 * int(apart[0])):
-            values = [rng.uniform(*box) for box in boxes]
-            one, other = (
-                capsules(site, i, value, value, site.swing)
-                for i, value in zip((a, b), values, strict=True)
+    for _ in range(6):
+        cranes = list(pairs[rng.integers(len(pairs))])
+        middles = [draw(site.stations[i], rng) for i in cranes]
+        halves = [rng.uniform(0.1, 1.0) * np.array([0.6, 0.1, 3.0]) for _ in cranes]
+
+        def boxes(share: float, middles=middles, halves=halves) -> list[np.ndarray]:
+            pairs = zip(middles, halves, strict=True)
+            return [np.array([middle - share * h, middle + share * h]) for middle, h in pairs]
+
+        def proven(share: float, cranes=cranes, boxes=boxes) -> bool:
+            ends = (site.positions(i, x)[None] for i, x in zip(cranes, boxes(share), strict=True))
+            (a, b), (first, second) = np.array(cranes)[:, None], ends
+            return proven_apart(site.bodies, a, first, b, second, site.distance, site.swing)[0]
+
+        low, high = 0.0, 5.0
+        for _ in range(10):
+            low, high = (
+                ((low + high) / 2, high) if proven((low + high) / 2) else (low, (low + high) / 2)
             )
-            rows = np.indices((len(one.radius), len(other.radius))).reshape(2, -1)
-            first, second = (
-                replace(item, ends=item.ends[row], radius=item.radius[row])
-                for item, row in zip((one, other), rows, strict=True)
-            )
-            assert separations(first, second)[2].min() >= site.distance
-    assert 0 < proven < 40
+        cut += 0.0 < low < 4.99
+        for _ in range(12 if low else 0):
+            corner = [rng.beta(0.2, 0.2, 3) * np.ptp(box, axis=0) + box[0] for box in boxes(low)]
+            assert coal_distance(site, cranes, corner) >= site.distance - 1e-5
+    assert cut
 
 
 def test_a_crane_stops_within_its_stopping_distance_and_no_rate_is_larger_than_that() -> None:
@@ -171,8 +191,8 @@ def test_without_a_supervisor_crossing_jibs_touch() -> None:
     site = site_of()
     rates = [np.array([0.05, 0.0, 0.0]), np.array([-0.05, 0.0, 0.0])]
     operators = [lambda t, states, rate=rate: rate for rate in rates]
-    assert simulate_site(site, operators, duration=90.0, supervised=False).contacts
-    assert not simulate_site(site, operators, duration=90.0).contacts
+    contacts = simulate_site(site, operators, duration=90.0, supervised=False).contacts
+    assert not simulate_site(site, operators, duration=contacts[0].t + 5.0).contacts
 
 
 @slow
@@ -195,6 +215,51 @@ def test_a_grant_for_an_older_request_is_ignored_and_a_fault_brakes() -> None:
     before = np.abs(guard.rates).max()
     rates, request = guard.step(1.1, broken, rate)
     assert guard.fault and request is None and np.abs(rates).max() < before
+
+
+@slow
+def test_of_cranes_that_wait_for_each_other_one_withdraws_to_where_the_other_can_pass() -> None:
+    site, rates = site_of(), [np.array([0.05, 0.0, 0.0]), np.array([-0.05, 0.0, 0.0])]
+    operators = [lambda t, states, rate=rate: rate for rate in rates]
+    run = simulate_site(site, operators, duration=90.0)
+    assert keeps(run) and run.deadlocks
+    q = [states[round(run.deadlocks[0][0] / 0.1), [0, 1, 4]] for states in run.states]
+    slack = [station.brakes.tolerances for station in site.stations]
+    boxes = [np.array([x - y, x + y]) for x, y in zip(q, slack, strict=True)]
+    ahead = [np.array([[0.0] * 3, [1.0, 0.0, 0.0]]), np.array([[-1.0, 0.0, 0.0], [0.0] * 3])]
+    supervisor = Supervisor(site, boxes)
+    for number in range(1, 30):
+        for i in (0, 1):
+            held = supervisor.boxes[i]
+            box = np.array([np.maximum(held[0], boxes[i][0]), np.minimum(held[1], boxes[i][1])])
+            grant = supervisor.receive(i, BoxRequest(number, box, box + ahead[i]))
+            assert grant is not None
+            if grant.target is not None:
+                there = np.array([grant.target - slack[i], grant.target + slack[i]])
+                others = [boxes[0] + ahead[0], boxes[1] + ahead[1]]
+                assert not site.apart(i, box, others).all()
+                assert site.apart(i, there, others).all()
+                assert supervisor.deadlock()
+                return
+    pytest.fail("Nobody withdraws.")
+
+
+@slow
+def test_a_crane_has_the_right_of_way_that_has_waited_longer() -> None:
+    site, rng = site_of("four_towers"), np.random.default_rng(3)
+    supervisor = Supervisor(site, [Guard(station, site.swing).box for station in site.stations])
+    wide = supervisor.boxes[0] + np.array([[-2.6, 0.0, 0.0], [0.0] * 3])
+    grant = supervisor.receive(0, BoxRequest(1, supervisor.boxes[0], wide))
+    assert grant is not None and grant.blocked_by == ("d",)
+    held = supervisor.boxes[3]
+    while True:
+        wanted = held + rng.uniform(0.0, [2.0, 10.0, 45.0]) * [[-1.0], [1.0]]
+        beside = [wide, *supervisor.boxes[1:]]
+        if site.apart(3, wanted, supervisor.boxes).all() and not site.apart(3, wanted, beside)[0]:
+            break
+    grant = supervisor.receive(3, BoxRequest(1, held, wanted))
+    assert grant is not None and grant.blocked_by == ("a",)
+    assert not (grant.box == wanted).all()
 
 
 @slow

@@ -113,7 +113,14 @@ def test_a_cluster_whose_workers_are_killed_ends_what_it_can_and_says_when_none_
             sweep(studies.squares, design, tmp_path / "b", scheduler=address)
 
         monkeypatch.setattr(cluster, "WORKERLESS", 60)
-        threading.Timer(0.5, lambda: _kill(scheduler)).start()
+        said = tmp_path / "scheduler.log"
+        clients = said.read_text().count("Receive client connection")
+
+        def kill_scheduler() -> None:
+            until(lambda: said.read_text().count("Receive client connection") > clients)
+            _kill(scheduler)
+
+        threading.Thread(target=kill_scheduler).start()
         with pytest.raises(CraneError, match=rf"The cluster at {address} failed or is gone"):
             sweep(studies.squares, design, tmp_path / "b", scheduler=address)
 
@@ -129,7 +136,7 @@ def test_a_case_that_kills_its_worker_is_bad_alone_on_a_cluster_too(
         sweep(studies.deadly, design, dead, chunk=2, scheduler=address)
         errors = results(dead)["error"].to_pylist()
         assert errors == [DIED if x == 3 else None for x in range(6)]
-        sweep(studies.stuck, design, late, chunk=2, scheduler=address, limit=3.0)
+        sweep(studies.stuck, design, late, chunk=1, scheduler=address, limit=3.0)
         errors = results(late)["error"].to_pylist()
         assert errors.pop(3).endswith("the case took longer than the 3 s that a case may.")
         assert errors == [None] * 5
@@ -141,8 +148,8 @@ def test_a_case_that_kills_its_worker_is_bad_alone_on_a_cluster_too(
 @pytest.mark.parametrize("hung", [False, True])
 def test_a_sweep_on_a_cluster_answers_ctrl_c_within_two_seconds(hung: bool, tmp_path: Path) -> None:
     folder, log = tmp_path / "sweep", tmp_path / "log"
-    with _cluster(tmp_path, SWEEP_LOG=str(log), SWEEP_PAUSE="0.2") as (address, (scheduler, *_)):
-        with sweeping(folder, log, 0.2, address) as process:
+    with _cluster(tmp_path, SWEEP_LOG=str(log), SWEEP_PAUSE="1.0") as (address, (scheduler, *_)):
+        with sweeping(folder, log, 1.0, address) as process:
             until(lambda: len(parts(folder)) >= 2)
             if hung:
                 scheduler.send_signal(signal.SIGSTOP)
@@ -306,7 +313,7 @@ def test_a_scheduler_that_is_not_there_is_reported_when_it_had_time_to_come(
     began = time.monotonic()
     with pytest.raises(CraneError, match=r"No Dask scheduler answers at tcp://127.*: it timed"):
         sweep(studies.squares, grid(x=range(4)), tmp_path, scheduler="tcp://127.0.0.1:1")
-    assert 0.5 < time.monotonic() - began < 5.0  # half a second of waiting, and the import of Dask
+    assert 0.5 < time.monotonic() - began < 25.0  # Dask itself would wait for 30 s
 
 
 def test_ctrl_c_is_answered_while_a_scheduler_keeps_silent(tmp_path: Path) -> None:

@@ -92,10 +92,13 @@ def test_every_csv_file_is_linked_from_a_page() -> None:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder to run a page in, beside the experiments, with no viewer."""
+    """A folder to run a page in, beside the experiments, with no viewer and no browser."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "experiments").symlink_to(ROOT / "experiments")
     monkeypatch.setattr(cd, "view", lambda run: None)
+    monkeypatch.setattr("webbrowser.open", lambda address: None)
+    # tests/bridges/test_page.py plans them
+    monkeypatch.setattr("cranedyn.bridges.page.exercises", lambda *_: [])
     return tmp_path
 
 

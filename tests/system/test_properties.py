@@ -271,7 +271,6 @@ def _ripple(c: Crane, run: Trajectory) -> np.ndarray:
     return dt**2 / 2.0 * (slope - (momentum * np.gradient(a, dt, axis=0)).sum(axis=1))
 
 
-@settings(max_examples=50)
 @given(cases(list(VARIANTS)), kinds)
 def test_without_damping_and_work_energy_changes_by_the_ripple_of_the_step_which_halves_with_it(
     case: Case, drive: str

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 from cranedyn.bridges.commissioning.words import ProcessImage, Word
@@ -12,7 +14,9 @@ from cranedyn.errors import CraneError
 try:
     from asyncua import Server, ua
     from asyncua.crypto.permission_rules import User, UserRole
+    from asyncua.crypto.uacrypto import load_certificate
     from asyncua.server.user_managers import UserManager
+    from cryptography.hazmat.primitives.serialization import Encoding
 except ModuleNotFoundError as error:
     raise CraneError(
         "OPC UA needs asyncua, which is not installed: pip install 'cranedyn[serve]'."
@@ -29,26 +33,27 @@ _KINDS = {
 
 
 class _OneUser(UserManager):
-    def __init__(self, user: str, password: str) -> None:
-        self._login = f"{user}\n{password}".encode()
+    def __init__(self, user: str, password: str, trusted: set[bytes] | None) -> None:
+        self._login, self._trusted = f"{user}\n{password}".encode(), trusted
 
     def get_user(
         self, iserver: Any, username: Any = None, password: Any = None, certificate: Any = None
     ) -> User | None:
         right = hmac.compare_digest(f"{username}\n{password}".encode(), self._login)
-        return User(UserRole.User, username) if right else None
+        known = self._trusted is None or certificate in self._trusted
+        return User(UserRole.User, username) if right and known else None
 
 
 async def serve_opcua(image: ProcessImage, host: str, port: int, security: Any = None) -> Server:
     """Return a server of the words as variables of the object Crane, which runs until its `stop`.
 
     Security is files of certificate and private key, user and password of clients, which then
-    encrypt; None lets in all.
+    encrypt, and their certificates, files or folders, None for any; without security all get in.
 
     Raises:
         CraneError: If it cannot listen at this address, or a file of the security cannot be read.
     """
-    server = Server(user_manager=_OneUser(*security[2:]) if security else None)
+    server = Server()
     await server.init()
     server.set_endpoint(f"opc.tcp://{f'[{host}]' if ':' in host else host}:{port}/")
     policy, token = "NoSecurity", "AnonymousIdentityToken"
@@ -57,6 +62,8 @@ async def serve_opcua(image: ProcessImage, host: str, port: int, security: Any =
         try:
             await server.load_certificate(security[0])
             await server.load_private_key(security[1])
+            trusted = security[4] and {await _encoded(file) for file in _files(security[4])}
+            server.iserver.user_manager = _OneUser(security[2], security[3], trusted)
         except (OSError, ValueError, TypeError) as error:
             raise CraneError(f"Certificate or key cannot be read: {error}.") from error
     server.set_security_policy([ua.SecurityPolicyType[policy]])
@@ -70,6 +77,15 @@ async def serve_opcua(image: ProcessImage, host: str, port: int, security: Any =
     except OSError as error:
         raise CraneError(f"OPC UA cannot listen at {host}:{port}; is the port taken?") from error
     return server
+
+
+def _files(paths: Iterable[Path]) -> list[Path]:
+    """Return files, those in folders among them."""
+    return [file for path in paths for file in (path.iterdir() if path.is_dir() else [path])]
+
+
+async def _encoded(file: Path) -> bytes:
+    return (await load_certificate(file)).public_bytes(Encoding.DER)
 
 
 async def _add_word(server: Server, crane: Any, image: ProcessImage, word: Word) -> None:

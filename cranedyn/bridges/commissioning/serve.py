@@ -46,23 +46,26 @@ def address(text: str) -> Address:
 
 
 def check_exposure(options: argparse.Namespace) -> Any:
-    """Return certificate, key, user and password of OPC UA, None for no security.
+    """Return certificate, key, user, password and trusted clients of OPC UA, None for no security.
 
     Raises:
         CraneError: If other machines would reach a server without what protects it.
     """
     login = options.certificate, options.key, options.user, os.environ.get(PASSWORD)
-    if options.opcua and not all(login) and (any(login[:3]) or options.opcua[0] not in LOCAL):
+    given, trust = any((*login[:3], options.trust)), options.trust
+    beyond = bool(options.opcua) and options.opcua[0] not in LOCAL
+    if options.opcua and (beyond or given) and not (all(login) and (trust or not beyond)):
         raise CraneError(
-            f"OPC UA at {options.opcua[0]} needs --certificate, --key, --user, and a password in "
-            f"the environment variable {PASSWORD}; only a server for this machine goes without."
+            f"OPC UA at {options.opcua[0]} needs --certificate, --key, --user, --trust, and a "
+            f"password in the environment variable {PASSWORD}; a server for this machine alone "
+            "goes without, or without --trust."
         )
     if options.modbus and options.modbus[0] not in LOCAL and not options.insecure_modbus:
         raise CraneError(
             f"Modbus has no security, so whoever reaches {options.modbus[0]} drives the crane; "
             "--insecure-modbus serves it there all the same."
         )
-    return login if all(login) else None
+    return (*login, trust) if all(login) else None
 
 
 @contextlib.contextmanager
@@ -171,6 +174,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "of the server; OPC UA beyond this machine needs it"
     add("--certificate", type=Path, metavar="FILE", help=text)
     add("--key", type=Path, metavar="FILE", help="private key of the certificate")
+    text = "certificates of clients, or folders of them; only these get in"
+    add("--trust", type=Path, nargs="+", metavar="PATH", help=text)
     add("--user", metavar="NAME", help=f"who may drive; the password is in {PASSWORD}")
     text = "serve Modbus beyond this machine, where whoever reaches it drives the crane"
     add("--insecure-modbus", action="store_true", help=text)

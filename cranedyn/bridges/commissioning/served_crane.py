@@ -125,7 +125,7 @@ class ServedCrane:
         force[0] = drag_force(AREA, wind - point_velocities(self.crane, self.state)[0])
         actuation = self._engine.apply_command(self._command, force)
         setpoint = Setpoint(self._setpoint, self._command, np.zeros_like(self._command))
-        self._log.append(self.state, setpoint, actuation)
+        self._log.append(self._engine.row(setpoint))
         if self.cycles % CHECKING == 0:
             self._log.check()
         self.state = self._engine.advance()

@@ -53,6 +53,7 @@ class Programme:
             weights.
         payload_errors: Errors of the payload's position [m] and rate [m/s] with equal weight.
         lead: Lead of the command of each drive [s], for velocity commands; else empty.
+        block: Number of stages that are linearised at once.
     """
 
     topology: Topology
@@ -71,12 +72,13 @@ class Programme:
     errors: tuple[float, ...]
     payload_errors: tuple[float, ...]
     lead: tuple[float, ...] = ()
+    block: int = 8
 
     @property
     def shape(self) -> HorizonShape:
         """Dimensions of the optimisation."""
         layout = self.topology.layout
-        return HorizonShape(2 * layout.n, layout.m, self.stages)
+        return HorizonShape(2 * layout.n, layout.m, self.stages, self.block)
 
     def offsets(self, lanes: int) -> MemoryOffsets:
         """Return the offsets of the sections in the memory of a group of lanes."""

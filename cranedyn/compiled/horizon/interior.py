@@ -64,11 +64,11 @@ class _Solve:
             self._report("flag", 0.0)
             barrier = self._reported("barrier")
             gap, residual = self.single.variables([barrier, 1.0])
-            with code.loop(0, _MOST) as count, code.when(self._reported("flag") < 0.5):
+            with code.loop(0, _MOST), code.when(self._reported("flag") < 0.5):
                 step = self._iterate(gap.get())
                 gap.set(self._move(step))
                 residual.set(residual.get() * (1.0 - step))
-                self._report("iterations", self.single.from_integer(count) + 1.0)
+                self._report("iterations", self._reported("iterations") + 1.0)
                 self._report("gap", gap.get())
                 self._report("open", residual.get())
                 done = code.both(gap.get() < _GAP * barrier, residual.get() < _OPEN)

@@ -10,9 +10,6 @@ from llvmlite import ir
 
 from cranedyn.compiled.code import DOUBLE, Code, Value, lane_type
 
-BLOCK = 8
-"""Stages that are linearised at once, one in each lane."""
-
 
 @dataclass(frozen=True)
 class HorizonShape:
@@ -25,11 +22,13 @@ class HorizonShape:
         states: Numbers of a state.
         inputs: Numbers of an input.
         stages: Number of stages of the horizon.
+        block: Number of stages that are linearised at once, one in each lane.
     """
 
     states: int
     inputs: int
     stages: int
+    block: int = 8
 
     @property
     def both(self) -> int:
@@ -49,7 +48,7 @@ class HorizonShape:
     @property
     def padded(self) -> int:
         """Number of stages in memory: whole blocks."""
-        return -(-self.stages // BLOCK) * BLOCK
+        return -(-self.stages // self.block) * self.block
 
     @property
     def common(self) -> dict[str, int]:
@@ -63,7 +62,8 @@ class HorizonShape:
         rows = {"weight": w, "start": 1}
         rows |= dict.fromkeys(("low", "high", "price", "least", "most"), 1)
         rows |= {"end": z, "end_gradient": 1, "togo": z, "product": w, "spill": 1}
-        return rows | {"goal": 1, "report": 1, "block": -(-BLOCK * self.entries // self.lanes)}
+        block = -(-self.block * self.entries // self.lanes)
+        return rows | {"goal": 1, "report": 1, "block": block}
 
     @property
     def stage(self) -> dict[str, int]:

@@ -1,9 +1,9 @@
 """Crane model over a horizon, in code: the traced equations of motion and their derivatives.
 
 The inputs are the accelerations of the drives, held over a stage; the efforts that they need are
-linear functions, used for effort limits and the tension of the rope. Stages are linearised eight at
-once, one in each lane. A stage is integrated by the exponential of its own linearisation, to fourth
-order in its length: exact for small motions (Hochbruck and Ostermann 2010, "Exponential
+linear functions, used for effort limits and the tension of the rope. Several stages are linearised
+at once, one in each lane. A stage is integrated by the exponential of its own linearisation, to
+fourth order in its length: exact for small motions (Hochbruck and Ostermann 2010, "Exponential
 integrators", §2.4).
 """
 
@@ -16,7 +16,7 @@ from llvmlite import ir
 
 from cranedyn.compiled.code import INTEGER, Code, Value
 from cranedyn.compiled.horizon.dual import constants, slopes, variables
-from cranedyn.compiled.horizon.memory import BLOCK, HorizonShape, LaneView, Work
+from cranedyn.compiled.horizon.memory import HorizonShape, LaneView, Work
 from cranedyn.dynamics.scalars import array, solve_linear
 from cranedyn.plant import rigid_body
 from cranedyn.plant.plant import Plant
@@ -174,12 +174,12 @@ def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) ->
     """Add the function `linearise`, from the nodes of all stages to their models; return the
     entries that are the same for every node, which the code does not write.
     """
-    work = Work(Code(module, "linearise", ["work"], BLOCK), shape)
+    work = Work(Code(module, "linearise", ["work"], shape.block), shape)
     code, layout = work.code, plant.topology.layout
     n, z = layout.n, shape.states
-    with code.loop(0, shape.padded // BLOCK) as block:
-        first = code.product(block, BLOCK)
-        stages = [work.stage(code.plus(first, lane)) for lane in range(BLOCK)]
+    with code.loop(0, shape.padded // shape.block) as block:
+        first = code.product(block, shape.block)
+        stages = [work.stage(code.plus(first, lane)) for lane in range(shape.block)]
         pointer = code.argument["work"]
         node = array(
             [
@@ -190,7 +190,7 @@ def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) ->
         entries = stage(plant, length, node[:n], node[n:z], node[z:])
         written = [entry for entry in entries if isinstance(entry[3], Value)]
         for row, (_, _, _, value) in enumerate(written):
-            code.store(value, code.argument["work"], BLOCK * row + shape.place("block"))
+            code.store(value, code.argument["work"], shape.block * row + shape.place("block"))
         _scatter(work, block, written)
     code.end()
     return [(*place, float(value)) for *place, value in entries if not isinstance(value, Value)]  # type: ignore[misc]
@@ -204,11 +204,11 @@ def _scatter(work: Work, block: ir.Value, written: Entries) -> None:
     kind = ir.ArrayType(INTEGER, len(offsets))
     table = ir.GlobalVariable(code.function.module, kind, "places")
     table.global_constant, table.initializer = True, ir.Constant(kind, offsets)
-    first = code.plus(code.product(block, BLOCK * shape.stride), shape.first)
+    first = code.plus(code.product(block, shape.block * shape.stride), shape.first)
     with code.loop(0, len(offsets)) as row:
-        source = code.plus(code.product(row, BLOCK), shape.place("block"))
+        source = code.plus(code.product(row, shape.block), shape.place("block"))
         offset = builder.load(builder.gep(table, [row], source_etype=INTEGER), typ=INTEGER)
         offset = builder.add(first, offset)
-        for lane in range(BLOCK):
+        for lane in range(shape.block):
             value = single.load(code.argument["work"], code.plus(source, lane))
             single.store(value, code.argument["work"], code.plus(offset, lane * shape.stride))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import csv
+import shutil
 import socket
 import subprocess
 import sys
@@ -217,7 +218,7 @@ def test_beyond_this_machine_opc_ua_needs_a_certificate_and_a_user_and_modbus_a_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.delenv(serve.PASSWORD, raising=False)
-    with pytest.raises(CraneError, match="--certificate, --key, --user, and a password"):
+    with pytest.raises(CraneError, match="--certificate, --key, --user, --trust, and a"):
         serve.check_exposure(options("--opcua", "0.0.0.0:4840"))
     with pytest.raises(CraneError, match="--certificate"):
         serve.check_exposure(options("--opcua", "127.0.0.1:4840", "--user", "anna"))
@@ -225,12 +226,19 @@ def test_beyond_this_machine_opc_ua_needs_a_certificate_and_a_user_and_modbus_a_
         serve.check_exposure(options("--modbus", "192.168.0.7:5020"))
     assert serve.check_exposure(options("--modbus", "0.0.0.0:502", "--insecure-modbus")) is None
     assert serve.check_exposure(options("--opcua", "localhost:4840", "--modbus", "::1:5")) is None
+    monkeypatch.setenv(serve.PASSWORD, "hoist")
+    words = ("--certificate", "c", "--key", "k", "--user", "anna")
+    assert serve.check_exposure(options("--opcua", "localhost:4840", *words))[-1] is None
+    with pytest.raises(CraneError, match="--trust"):
+        serve.check_exposure(options("--opcua", "0.0.0.0:4840", *words))
+    trusting = options("--opcua", "0.0.0.0:4840", *words, "--trust", "a", "b")
+    assert serve.check_exposure(trusting)[-1] == [Path("a"), Path("b")]
     for wrong in ("4840", "host:", "host:0", "host:70000", ":5020"):
         with pytest.raises(DataError, match="HOST:PORT"):
             serve.address(wrong)
 
 
-def test_with_a_certificate_only_the_user_with_the_password_gets_in(tmp_path: Path) -> None:
+def test_only_the_user_with_the_password_and_a_trusted_certificate_gets_in(tmp_path: Path) -> None:
     from asyncua.crypto.cert_gen import setup_self_signed_certificate
     from cryptography.x509.oid import ExtendedKeyUsageOID
 
@@ -239,6 +247,8 @@ def test_with_a_certificate_only_the_user_with_the_password_gets_in(tmp_path: Pa
     uri = "urn:freeopcua:python:server"
     asyncio.run(setup_self_signed_certificate(key, certificate, uri, HOST, uses, names))
     plant, place = ServedCrane(load_crane(), duration=1.0), (HOST, free_port())
+    other = tmp_path / "other_key.pem", tmp_path / "other.der"
+    asyncio.run(setup_self_signed_certificate(*other, uri, HOST, uses, names))
 
     async def enter(user: str | None, password: str, encrypted: bool = True) -> int:
         client = asyncua.Client(f"opc.tcp://{HOST}:{place[1]}/")
@@ -251,7 +261,13 @@ def test_with_a_certificate_only_the_user_with_the_password_gets_in(tmp_path: Pa
         async with client:
             return await node(client, "fault").read_value()
 
-    with serve.servers(plant, place, None, (certificate, key, "anna", "hoist")):
+    login = certificate, key, "anna", "hoist"
+    (trusted := tmp_path / "trusted").mkdir()
+    shutil.copy(other[1], trusted)
+    with serve.servers(plant, place, None, (*login, [trusted])):
+        with pytest.raises(Exception, match=r"(?i)denied|reject|token|identity"):
+            asyncio.run(enter("anna", "hoist"))
+    with serve.servers(plant, place, None, (*login, [trusted, certificate])):
         assert asyncio.run(enter("anna", "hoist")) == 0
         for login in (("anna", "hois"), ("ann", "hoist"), ("admin", ""), (None, "")):
             with pytest.raises(Exception, match=r"(?i)denied|reject|token|identity|policy"):
@@ -260,7 +276,7 @@ def test_with_a_certificate_only_the_user_with_the_password_gets_in(tmp_path: Pa
             asyncio.run(enter("anna", "hoist", encrypted=False))
     with (
         pytest.raises(CraneError, match="cannot be read"),
-        serve.servers(plant, place, None, (key, certificate, "anna", "hoist")),
+        serve.servers(plant, place, None, (key, certificate, "anna", "hoist", None)),
     ):
         pass
 
@@ -269,17 +285,8 @@ def test_the_command_keeps_the_clock_records_the_run_and_replaces_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, port = tmp_path / "run", free_port()
-    command = [
-        "serve",
-        "--modbus",
-        f"{HOST}:{port}",
-        "--duration",
-        "6",
-        "--speed",
-        "4",
-        "--out",
-        str(out),
-    ]
+    command = ["serve", "--modbus", f"{HOST}:{port}", *"--duration 6 --speed 4 --out".split()]
+    command.append(str(out))
     began = time.perf_counter()
     thread = threading.Thread(target=_drive_at, args=(port,))
     thread.start()

@@ -38,7 +38,11 @@ MODULES = [
         "theory data.trajectory dynamics.linearisation disturbances.wind lifting.loads "
         "lifting.chart lifting.factors lifting.wind lifting.wind_limit sweep recording "
         "recording.snapshot planning.site_file planning.lift planning.least_time "
-        "planning.certificate planning.perturbed compiled.fleet interfaces bridges.gymnasium"
+        "planning.certificate planning.perturbed compiled.fleet interfaces bridges.gymnasium "
+        "bridges.commissioning.words bridges.commissioning.served_crane bridges.matlab "
+        "bridges.commissioning.serve bridges.controller_block compiled.crane_block "
+        "sites.site_file sites.site sites.bodies sites.brakes sites.proof sites.obstacles "
+        "sites.supervisor sites.simulate sites.plan"
     ).split()
 ]
 """Modules that people import from."""
@@ -52,6 +56,7 @@ CALLS = {
         Stepper(crane, forces=True, engine='compiled').step(three, points)
         Ground(box_corners(2.0, 3.0, 1.0), friction=0.4, restitution=0.2, sink=0.002)
         Platform((10.0, 5.0), (2.0, 2.0), 1.0, 0.1)
+        Ground(points, (Hull(((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))),), height=-1.0)
         load_crane(**box_load(900.0, 2.0, 3.0, 1.0))
         simulate_batch(crane, law, still, start=start, duration=0.05, threads=1)
         simulate_batch(crane, law, duration=0.05, dt=5e-4, control_period=5e-3, record=2)
@@ -133,6 +138,15 @@ CALLS = {
         events(crane, trajectory)
         conditions(crane, trajectory.q, trajectory.v, trajectory.effort[:, 2])
         """,
+    "exports": """
+        controller_block(crane, tracking, control_period=5e-3, duration=2.0)
+        controller_block(crane, still_shaped, drive='effort', duration=1.0)
+        crane_block(crane, drive='motion', dt=1e-3)
+        linear_system(crane, start, drive='velocity', control_period=5e-3, dt=5e-4)
+        ServedCrane(crane, start=start, duration=0.5).cycle()
+        word_map(crane, converters(crane))
+        address('127.0.0.1:4840')
+        """,
     "theory": """
         point_period(10.0, 9.81)
         rigid_period(10.0, 9.81, 1000.0, 1.0)
@@ -177,6 +191,19 @@ CALLS = {
         record('new.rrd', [Run('r', crane, trajectory)], title='t')
         Live(crane, 'a', title='t', file='new.rrd').close()
         check_port(28431)
+        """,
+    "sites": """
+        read_crane_site('two_towers')
+        crane_bodies(crane, np.ones(3), 0.1)
+        brakes(crane, 'gears', reaction=1.0)
+        Brakes(1.0, three, three)
+        Station('a', crane, np.ones(3), 0.1, converters(crane), brakes(crane))
+        CraneSite('a yard', yard.stations, 0.0, 1.0, 0.1)
+        Supervisor(yard, reserved)
+        Guard(yard.stations[0], 0.1).step(0.1, start, three)
+        simulate_site(yard, [push, push], duration=0.2, dt=0.002, seed=1)
+        simulate_site(yard, [push, push], duration=0.1, channel=MessageChannel(0.1, 0.2))
+        simulate_site(yard, [push, push], duration=0.1, wind=SiteWind(steady(8.0), 0.3, 4.0))
         """,
     "lifting": """
         loads(crane, trajectory)
@@ -225,6 +252,9 @@ VALUES = {
     "motion.q": "motion.q*nan motion.q[1:] motion.q[:,1:] motion.q[:0] motion.q*1e300",
     "motion": "short elsewhere still",
     "t": "t[::-1] t[:0] t[:1] t*nan t[:,None] np.zeros(1200) np.full(1200,1e300) t.astype('f2')",
+    "reserved": "[reserved[0]]*2 [box*nan for box in reserved] "
+    "[box+[[-1e300],[1e300]] for box in reserved]",
+    "push": "(lambda*a:np.zeros(2)) (lambda*a:np.full(3,nan)) (lambda*a:np.full(3,1e300)) law",
     "points": "points[:1] points*nan points[0] points+1e300",
     "commands": "commands[:1] commands*nan commands[:,:1] commands+1e300 commands.astype(complex)",
     "trajectory": "trajectory.before(-1.0) trajectory.before(0.006)",
@@ -263,6 +293,7 @@ def namespace() -> dict[str, Any]:
         "elsewhere": "Motion(5e-3, *np.zeros((3, 9, 4)), np.array([0, 1]))",
         "tracking": "lqr(crane, short)",
         "limits": "Limits((0.1, 1.0, 1.0), (0.1, 0.5, 0.5))",
+        "still_shaped": "shaped(still, zv(), 5e-3)",
         "legs": "[Leg('out', x=12.0), Leg('back', x=float(start.q[1]))]",
         "trajectory": "simulate(crane, law, duration=0.1)",
         "carried": "loads(crane, trajectory)",
@@ -276,6 +307,9 @@ def namespace() -> dict[str, Any]:
         "points": "np.zeros((2, 3))",
         "commands": "np.zeros((3, 2))",
         "by_mass": "lambda by: with_longer_cable(crane, short, by)",
+        "yard": "read_crane_site('two_towers')",
+        "reserved": "[Guard(station, 0.1).box for station in yard.stations]",
+        "push": "lambda t, states: 0.01 * three",
         "model": "Model.of(Prior(), [Record.of(crane, {'t_s': t, 'phi_rad': 0.1 * np.sin(t)})], "
         "['phi_bias'])",
     }.items():

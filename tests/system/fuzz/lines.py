@@ -54,6 +54,8 @@ STARTERS = (
     "experiments.report._run",
     "cranedyn.recording.serve",
     "cranedyn.recording.open_viewer",
+    "cranedyn.bridges.commissioning.serve.servers",
+    "os.sched_setscheduler",
 )
 """Whatever starts another process; a command that comes there is interrupted."""
 
@@ -67,12 +69,13 @@ def commands() -> dict[str, Callable[[list[str]], int]]:
     names = [f"experiments.{module.name}" for module in pkgutil.iter_modules(experiments.__path__)]
     modules = [importlib.import_module(name) for name in names]
     mains = {module.__name__: module.main for module in modules if hasattr(module, "main")}
-    return mains | {"experiments.trial": _trial, "cranedyn.describe": _describe}
+    mains |= {f"cranedyn.{name}": partial(_command, name) for name in ("describe", "serve")}
+    return mains | {"experiments.trial": _trial}
 
 
-def _describe(argv: list[str]) -> int:
-    parser = cli._Parser(prog="describe")
-    cli._describe(parser)
+def _command(name: str, argv: list[str]) -> int:
+    parser = cli._Parser(prog=name)
+    cli.COMMANDS[name](parser)
     return command_line(lambda: cli._run(parser.parse_args(argv)))
 
 
@@ -132,7 +135,7 @@ def draw(command: str, rng: Random) -> tuple[bool, float, list[str]]:
         words += [_value(action, rng, odd) for _ in range(_count(action, rng))]
     if rng.random() < 0.03:
         words.append(rng.choice(["--no-such", "-x", "--", "extra", "", "\0", "--ou", "--g=1"]))
-    return rng.random() < 0.97, rng.uniform(0.5, 2.0), words
+    return rng.random() < 0.97, rng.uniform(0.2, 1.2), words
 
 
 def _count(action: argparse.Action, rng: Random) -> int:

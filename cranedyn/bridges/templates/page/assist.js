@@ -64,19 +64,9 @@ class Assistant {
     });
   }
 
-  /** Whether all drives can just stop before the ends of their ranges.
-   * @param {number[]} rates @param {ArrayLike<number>} q */
-  canStop(rates, q) {
-    return rates.every((rate, i) => {
-      const joint = this.data.joints[i], {lower, upper} = this.joints[joint];
-      return Math.abs(rate) <= this.stoppable(i, rate > 0 ? upper - q[joint] : q[joint] - lower, 1.5);
-    });
-  }
-
-  /** Rate from which a drive stops within a way. @param {number} i @param {number} way
-   * @param {number} caution Over the usual one. */
-  stoppable(i, way, caution = 1) {
-    const a = this.ramps * this.data.accelerations[i], delay = caution * this.data.reaction[i];
+  /** Rate from which a drive stops within a way. @param {number} i @param {number} way */
+  stoppable(i, way) {
+    const a = this.ramps * this.data.accelerations[i], delay = this.data.reaction[i];
     return a * (Math.sqrt(delay * delay + 2 * Math.max(way, 0) / a) - delay);
   }
 

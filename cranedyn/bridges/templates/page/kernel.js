@@ -2,9 +2,10 @@
 
 /**
  * @typedef {Object} KernelData
- * @property {Record<string, string>} modules WebAssembly by name, compressed.
- * @property {string} [horizon] Memory of the predictive controller before a run, compressed.
- * @property {number} [counts] Where that memory counts control instants [doubles].
+ * @property {string} module WebAssembly, compressed.
+ * @property {{module: string, memory: string, ratio: number, accelerations: number[]} | null} horizon
+ *   Predictive controller: its code and its memory before a run, compressed, control periods between
+ *   optimisations, and where in the memory the bounds of the accelerations stand [doubles].
  * @property {Record<string, number>} slots Slot of each argument of a call.
  * @property {Record<string, Record<string, number[]>>} sections First and last number of each
  *   section of each buffer.
@@ -28,40 +29,33 @@ async function unpack(text) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-/**
- * Compile the modules of a page.
- * @param {KernelData} data
- * @returns {Promise<{modules: Record<string, WebAssembly.Module>, horizon: Uint8Array}>}
- */
-async function compile(data) {
-  /** @type {Record<string, WebAssembly.Module>} */
-  const modules = {};
-  for (const [name, text] of Object.entries(data.modules)) {
-    modules[name] = await WebAssembly.compile(await unpack(text));
-  }
-  return {modules, horizon: data.horizon ? await unpack(data.horizon) : new Uint8Array()};
+/** Compile the code of a page. @param {KernelData} data */
+async function compile({module, horizon}) {
+  const texts = horizon ? [module, horizon.module] : [module];
+  return {
+    modules: await Promise.all(texts.map(async text => WebAssembly.compile(await unpack(text)))),
+    memory: horizon ? new Float64Array((await unpack(horizon.memory)).buffer) : new Float64Array(),
+  };
 }
 
 /** The compiled crane with its memory: advances by one control period for one command. */
 class Kernel {
   /** @param {KernelData} data @param {Awaited<ReturnType<typeof compile>>} code */
   constructor(data, code) {
-    const {sizes, slots} = data;
-    const doubles = Object.values(sizes).reduce((a, b) => a + b, 0) + Object.keys(slots).length;
-    const bytes = STACK_BYTES + 8 * (doubles + data.numbers.length) + code.horizon.length;
-    const memory = new WebAssembly.Memory({initial: Math.ceil(bytes / 65536)});
+    const {sizes, slots, drives} = data;
+    /** @type {Record<string, number>} */
+    const doubles = {...sizes, numbers: data.numbers.length, plan: code.memory.length,
+      query: data.state.length + drives.length + 2, answer: drives.length, call: Object.keys(slots).length};
+    const all = Object.values(doubles).reduce((a, b) => a + b, 0);
+    const memory = new WebAssembly.Memory({initial: Math.ceil((STACK_BYTES + 8 * all) / 65536)});
     let end = STACK_BYTES;
-    /** @param {number} n */
-    const take = n => {
-      end += 8 * n;
-      return new Float64Array(memory.buffer, end - 8 * n, n);
-    };
     /** @type {Record<string, Float64Array>} */
     const buffers = {};
-    for (const [name, n] of Object.entries(sizes)) buffers[name] = take(n);
-    buffers.numbers = take(data.numbers.length);
-    buffers.horizon = take(code.horizon.length / 8);
-    const call = take(Object.keys(slots).length);
+    for (const [name, n] of Object.entries(doubles)) {
+      buffers[name] = new Float64Array(memory.buffer, end, n);
+      end += 8 * n;
+    }
+    const {call, query} = buffers;
     const whole = new BigInt64Array(memory.buffer, call.byteOffset, call.length);
     for (const [name, buffer] of Object.entries(buffers)) {
       if (name in slots) whole[slots[name]] = BigInt(buffer.byteOffset);
@@ -88,22 +82,25 @@ class Kernel {
     this.numbers.set(data.numbers);
     this._state = buffers.state;
     this._queued = view("state", "unheard");
-    this._reference = view("state", "reference");
+    /** Rates of the drives after the ramps of their converters. */
+    this.reference = view("state", "reference");
     this.drives = data.drives;
     this.setState(data.state);
-    this._horizon = new Uint8Array(memory.buffer, buffers.horizon.byteOffset, code.horizon.length);
-    this._initial = code.horizon;
-    this._counts = data.counts;
     this._invalid = view("summary", "invalid");
-    this._address = call.byteOffset;
-    /** @type {Record<string, (address: number) => void>} */
-    this._run = {};
+    this._horizon = data.horizon;
+    this._initial = code.memory;
+    this._plan = buffers.plan;
+    this._query = query;
+    this._due = new BigInt64Array(memory.buffer, query.byteOffset + query.byteLength - 8, 1);
+    this._answer = buffers.answer;
+    this._fresh = true;
     const stack = new WebAssembly.Global({value: "i32", mutable: true}, STACK_BYTES);
     const env = {__linear_memory: memory, __stack_pointer: stack, fmin: Math.min, fmax: Math.max};
-    for (const [name, module] of Object.entries(code.modules)) {
-      const {run} = new WebAssembly.Instance(module, {env}).exports;
-      this._run[name] = /** @type {(address: number) => void} */ (run);
-    }
+    const exported = Object.assign({}, ...code.modules.map(module => new WebAssembly.Instance(module, {env}).exports));
+    /** @type {() => void} */
+    this._run = () => exported.run(call.byteOffset);
+    /** @type {() => void} */
+    this._instant = () => exported.instant(buffers.plan.byteOffset, query.byteOffset, buffers.answer.byteOffset);
   }
 
   /** Begin at a state, its drives at their rates. @param {number[]} state q and v. */
@@ -111,25 +108,43 @@ class Kernel {
     const rates = this.drives.map(joint => state[this.q.length + joint]);
     this._state.fill(0);
     this._state.set(state);
-    this._reference.set(rates);
+    this.reference.set(rates);
     this._queued.forEach((_, i) => { this._queued[i] = rates[i % rates.length]; });
   }
 
-  /** Forget what the predictive controller remembers; it goes on from a control instant. @param {number} k */
-  beginPlanning(k) {
-    this._horizon.set(this._initial);
-    const place = this._horizon.byteOffset + 8 * (this._counts ?? 0);
-    new BigInt64Array(this._horizon.buffer, place, 2).fill(BigInt(k));
+  /** Begin to plan afresh, with drives that accelerate a multiple of what is usual.
+   * @param {number} ramps */
+  beginPlanning(ramps) {
+    this._plan.set(this._initial);
+    this._fresh = true;
+    this.setRamps(ramps);
   }
 
-  /**
-   * Log the control instant, and advance by a control period.
-   * @param {boolean} planned Whether the predictive controller commands the drives.
-   * @returns {boolean} Whether the model held at the instant.
-   */
-  advance(planned) {
+  /** Plan with other accelerations from the next optimisation on. @param {number} ramps */
+  setRamps(ramps) {
+    for (const first of this._horizon?.accelerations ?? []) {
+      this.drives.forEach((_, i) => { this._plan[first + i] = ramps * this._initial[first + i]; });
+    }
+  }
+
+  /** Rates of the drives by which the predictive controller goes to the goal.
+   * @param {number} k Control instant. */
+  plan(k) {
+    const {q, v, _query, _due, _horizon} = this, n = q.length;
+    _query.set(q);
+    _query.set(v, n);
+    _query.set(this.goal, 2 * n);
+    _due[0] = BigInt(this._fresh || k % (_horizon?.ratio ?? 1) === 0);
+    this._fresh = false;
+    this._instant();
+    return Array.from(this._answer);
+  }
+
+  /** Log the control instant, and advance by a control period; return whether the model held at
+   * the instant. */
+  advance() {
     this._invalid[0] = Infinity;
-    this._run[planned ? "predictive" : "plain"](this._address);
+    this._run();
     return this._invalid[0] === Infinity;
   }
 }

@@ -361,7 +361,6 @@ class Page {
         [this.assist, this.stopped] = [state.assist, state.stopped];
         this.show();
       }
-      if (state.tripped && !before?.tripped) this.tell("Predictive control is off: a drive came near the end of its range.");
       if (!state.goal || state.t < (before?.t ?? 0)) this.look.aim = null;
       this.strips.push([state.t, ...this.data.crane.swings.slice(0, 2).map(i => state.q[i] * DEGREES),
         ...this.drives.map(({joint, rate}) => 100 * state.v[joint] / rate),

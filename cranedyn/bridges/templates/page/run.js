@@ -67,8 +67,6 @@ class Run {
     this.sticks = data.crane.drives.map(() => 0);
     this.assist = "none";
     this.stopped = false;
-    /** Whether predictive control, which knows no ends of ranges, was left near one. */
-    this.tripped = false;
     /** @type {Record<string, number>} */
     this.sliders = Object.fromEntries(data.sliders.map(slider => [slider.name, slider.value]));
     this.usual = {...this.sliders};
@@ -86,7 +84,7 @@ class Run {
     this._before = {effort: [0], middle: [0], power: 0, force: [0, 0, 0], load: [0, 0, 0]};
     this.assistant.begin(this.kernel.q, this.kernel.v);
     this.goTo(this.driven());
-    /** Where the commanded rates would have taken the drives. */
+    /** Where the ramps of the converters would have taken the drives. */
     this.asked = this.driven();
     this.setpoint = this.asked;
     /** @type {number | null} Tension of the rope [N]; null where it is not known. */
@@ -128,12 +126,10 @@ class Run {
     else if (kind === "task") this.begin(value);
     else if (kind === "assist") {
       this.assist = value;
-      this.tripped = false;
       this.assistant.begin(this.kernel.q, this.kernel.v);
-      this.vary();
       if (value === "predictive") {
         this.goTo(this.driven());
-        this.kernel.beginPlanning(this.k);
+        this.kernel.beginPlanning(this.assistant.ramps);
       }
     }
   }
@@ -161,11 +157,11 @@ class Run {
     this.vary();
   }
 
-  /** Give the crane the numbers of the sliders; predictive control plans with the usual ramps. */
+  /** Give the crane the numbers of the sliders. */
   vary() {
-    const {numbers, variations} = this.data.kernel, sliders = {...this.sliders};
-    if (this.assist === "predictive") sliders.ramp = this.usual.ramp;
+    const {sliders, data: {kernel: {numbers, variations}}} = this;
     this.assistant.ramps = sliders.ramp / this.usual.ramp;
+    this.kernel.setRamps(this.assistant.ramps);
     this.kernel.numbers.set(numbers.map((number, i) => Object.entries(variations).reduce(
       (sum, [slider, per]) => sum + (sliders[slider] - this.usual[slider]) * per[i], number)));
   }
@@ -198,24 +194,21 @@ class Run {
   /** Log a control instant and advance by a period; ends where the model ceases to hold. */
   advance() {
     const {kernel, crane} = this, {q, v} = kernel;
-    const rates = crane.drives.map(joint => v[joint]);
-    if (this.assist === "predictive" && !this.assistant.canStop(rates, q)) {
-      this.assist = "none"; // as where a limit switch of the automatic mode trips
-      this.tripped = true;
-    }
     const planned = this.assist === "predictive" && !this.stopped;
     const sticks = this.stopped ? this.sticks.map(() => 0) : this.sticks;
     const assist = this.stopped ? "none" : this.assist;
-    if (!planned) kernel.command.set(this.assistant.command(assist, sticks, q, v, this.cable));
+    kernel.command.set(planned ? this.assistant.limited(kernel.plan(this.k), q)
+      : this.assistant.command(assist, sticks, q, v, this.cable));
     this.look();
     const rope = this.points;
     this.state.force = this.blow(rope);
     const middle = crane.drives.map(i => q[i] - crane.lead * v[i]);
     const power = crane.damping.reduce((sum, d, i) => sum + d * v[i] * v[i], 0);
-    const {goal, command} = kernel, {period} = this.data.kernel;
-    this.setpoint = planned ? Array.from(goal) : this.asked;
-    this.valid = kernel.advance(planned);
-    this.asked = planned ? this.driven() : this.asked.map((x, i) => x + command[i] * period);
+    const {period} = this.data.kernel;
+    this.setpoint = this.asked;
+    const before = Array.from(kernel.reference);
+    this.valid = kernel.advance();
+    this.asked = this.asked.map((x, i) => x + (before[i] + kernel.reference[i]) / 2 * period);
     this.account(middle, power, rope);
     this.tension = crane.rope && crane.rope.damping * this.state.v[crane.drives[crane.rope.hoist]]
       - kernel.row.effort[crane.rope.hoist];

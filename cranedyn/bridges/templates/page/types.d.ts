@@ -67,7 +67,6 @@ interface State {
   ratio: number;
   /** Length to which the hoist goes [m]. */
   cable: number | null;
-  tripped: boolean;
   utilisation: number | null;
   event: {text: string} | null;
   replaying: boolean;

@@ -65,7 +65,7 @@ class Session {
       radius: Math.hypot(slew[0], slew[1]), rope_force: run.tension, energy: kernel.row.energy[0],
       work: run.work.reduce((a, b) => a + b, 0), assist: run.assist, stopped: run.stopped,
       goal: run.assist === "predictive" ? [...kernel.goal] : null, ratio: this.ratio,
-      cable: run.cable, tripped: run.tripped, utilisation: run.utilisation,
+      cable: run.cable, utilisation: run.utilisation,
       event: run.event === null ? null : {text: run.event}, replaying: this.waiting.length > 0,
       task: task && {name: task.name, time: task.time, largest_swing: task.largest, energy: task.energy,
         done: task.done},

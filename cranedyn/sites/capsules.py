@@ -1,0 +1,143 @@
+"""Where a capsule of a crane is, how far its joints shift it, and how far it is from another.
+
+Written once for floats and values of compiled code, see `cranedyn.dynamics.scalars`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cranedyn.dynamics.scalars import (
+    array,
+    chosen,
+    clipped,
+    cross_product,
+    flag,
+    magnitude,
+    square_root,
+)
+
+JOINT, CAPSULE = 16, 15
+"""Numbers of a joint and of a capsule."""
+
+
+class Capsule(NamedTuple):
+    """A capsule in the frame of the site.
+
+    Attributes:
+        ends: Ends of its segment [m], shape (2, 3).
+        radius: Its radius, with the swing of what hangs [m].
+        turns: 1 for each joint that turns it, else 0, shape (k,).
+        slides: Axis of each joint along which it slides, else 0, shape (k, 3).
+        tangents: u × (x - o) for each joint that turns it about u through o, with the ends x
+            without their depth below the pivot [m], else 0, shape (k, 2, 3).
+    """
+
+    ends: np.ndarray
+    radius: Any
+    turns: np.ndarray
+    slides: np.ndarray
+    tangents: np.ndarray
+
+
+def place(
+    crane: np.ndarray, capsule: np.ndarray, low: np.ndarray, high: np.ndarray, cone: Any, rope: Any
+) -> Capsule:
+    """Return a capsule in the middle of intervals of positions.
+
+    Args:
+        crane: Rotation and translation of the foot; rotation, translation, local axis, and whether
+            it turns, of each joint; shape (12 + k `JOINT`,).
+        capsule: Number of its joints, ends, depths, whether it hangs, and radius, shape
+            (`CAPSULE`,).
+        low: Lower ends of the intervals [rad or m], shape (k + 1,), the cable length last; what
+            hangs is swept over all lengths.
+        high: Upper ends.
+        cone: Way of a point on the rope by the largest swing, over its depth.
+        rope: Direction of the rope, shape (3,).
+    """
+    foot, joints, middle = crane[:12].reshape(3, 4), crane[12:].reshape(-1, JOINT), low + high
+    rotation, point = foot[:, :3], foot[:, 3]
+    frame, chain = (rotation, point), []
+    for k, (joint, position) in enumerate(zip(joints, 0.5 * middle[:-1], strict=True)):
+        origin = point + rotation @ joint[9:12]
+        rotation = rotation @ joint[:9].reshape(3, 3)
+        angle, axis = joint[15] * position, rotation @ joint[12:15]
+        point = origin + axis * (position - angle)
+        rotation = rotation @ _rotation(joint[12:15], angle)
+        moves = capsule[0] > float(k)
+        frame = (_where(moves, rotation, frame[0]), _where(moves, point, frame[1]))
+        moves = flag(moves, capsule[0])
+        chain.append((moves * joint[15], axis * (moves - moves * joint[15]), axis, origin))
+    moving = [frame[0] @ end + frame[1] for end in capsule[1:7].reshape(2, 3)]
+    depths = [depth @ array([low[-1], high[-1], 1.0]) for depth in capsule[7:13].reshape(2, 3)]
+    return Capsule(
+        ends=np.array([x + rope * depth for x, depth in zip(moving, depths, strict=True)]),
+        radius=capsule[14] + capsule[13] * cone * (depths[1] + capsule[14]),
+        turns=array([turns for turns, *_ in chain]),
+        slides=np.array([slide for _, slide, *_ in chain]),
+        tangents=np.array(
+            [[cross_product(u * turns, x - o) for x in moving] for turns, _, u, o in chain]
+        ),
+    )
+
+
+def shifts(
+    capsule: Capsule, low: np.ndarray, high: np.ndarray, normal: np.ndarray
+) -> tuple[list[Any], list[Any]]:
+    """Return upper bounds of the shift of any point [m] by each joint from the middle of its
+    interval, along a unit vector, see `cranedyn.sites.proof`, and in any direction, k numbers each.
+    """
+    along, ways, beyond = [], [], 0.0
+    for k in reversed(range(len(capsule.turns))):
+        h, slide, tangents = 0.5 * (high[k] - low[k]), capsule.slides[k], capsule.tangents[k]
+        lever = square_root(_largest([x @ x for x in tangents]))
+        first = _largest([magnitude(x @ normal) for x in tangents]) + magnitude(slide @ normal)
+        turned = capsule.turns[k] * beyond
+        along.append(h * (first + turned + 0.5 * h * lever))
+        ways.append(h * (lever + turned + square_root(slide @ slide)))
+        beyond = beyond + ways[-1]
+    return along[::-1], ways[::-1]
+
+
+def separation(first: np.ndarray, second: np.ndarray, radii: Any) -> tuple[Any, np.ndarray, Any]:
+    """Return separation [m], unit vector from the second to the first, shape (3,), and an upper
+    bound of the distance [m] of two capsules, from their ends [m], shape (2, 3) each, and the sum
+    of their radii [m].
+
+    The separation is a lower bound of the distance whatever the unit vector is; along the
+    shortest connection of both segments it is the distance.
+    """
+    a, b, offset = first[1] - first[0], second[1] - second[0], first[0] - second[0]
+    aa, bb, ab, ao, bo = a @ a + 1e-12, b @ b + 1e-12, a @ b, a @ offset, b @ offset
+    square = aa * bb
+    determinant = square - ab * ab
+    parallel = chosen(determinant > 1e-12 * square, determinant, 1e-12 * square)
+    s = clipped((ab * bo - ao * bb) / parallel, 0.0, 1.0)
+    t = clipped((ab * s + bo) / bb, 0.0, 1.0)
+    s = clipped((ab * t - ao) / aa, 0.0, 1.0)
+    connection = offset + a * s - b * t
+    length = square_root(connection @ connection)
+    normal = connection * (1.0 / (length + 1e-12))
+    low = -_largest([-(x @ normal) for x in first])
+    return low - _largest([x @ normal for x in second]) - radii, normal, length - radii
+
+
+def _largest(numbers: Sequence[Any]) -> Any:
+    a, b = numbers
+    return chosen(a > b, a, b)
+
+
+def _where(condition: Any, yes: np.ndarray, no: np.ndarray) -> np.ndarray:
+    numbers = [chosen(condition, a, b) for a, b in zip(yes.flat, no.flat, strict=True)]
+    return array(numbers).reshape(yes.shape)
+
+
+def _rotation(axis: np.ndarray, angle: Any) -> np.ndarray:
+    """Return the rotation about a unit axis by an angle [rad], after Rodrigues."""
+    x, y, z = axis
+    cross = array([0.0, -z, y, z, 0.0, -x, -y, x, 0.0]).reshape(3, 3)
+    return np.eye(3) + cross * np.sin(angle) + cross @ cross * (1.0 - np.cos(angle))

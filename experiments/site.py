@@ -1,0 +1,534 @@
+"""Cranes whose jibs overlap: contacts and lost time without protection, in zones, supervised.
+
+Operators lift loads between random places of all that their crane reaches; adversaries try to
+collide, over a network that loses messages.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import math
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.stats import binomtest
+
+from cranedyn.interfaces import State
+from cranedyn.sites.bodies import place_capsules
+from cranedyn.sites.proof import separations
+from cranedyn.sites.simulate import MessageChannel, SiteRun, simulate_site
+from cranedyn.sites.site import CraneSite
+from cranedyn.sites.site_file import EXAMPLES, read_crane_site
+from cranedyn.sites.supervisor import CYCLE, BoxRequest, Guard, Supervisor, gentle
+from experiments import harness
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+HOOKING, DAMPING = 20.0, 0.05
+"""Time to hook or unhook a load [s], and damping ratio of the swing by which an operator follows
+the load."""
+
+CARRIED, PLACED = 1.0, 0.8
+"""Cable length beyond the shortest while a load is carried, over lower jibs [m], and over the
+longest where it is put."""
+
+AT = {"rad": 4e-3, "m": 0.1}
+"""Distance from its goal at which a drive has arrived."""
+
+CHANNEL = MessageChannel(0.2, 0.3)
+"""Network of the adversaries: latency [s] and share of messages lost."""
+
+ZONE_STEPS = {"rad": math.radians(5.0), "m": 2.5}
+"""Steps by which static zones grow."""
+
+PERIOD_OF_PUSHES, PUSHES = 10.0, 12
+"""Time between pushes of an adversary [s], and their number before they repeat."""
+
+SPACING = 45.0
+"""Distance between eight towers in two rows [m], for the time of a cycle."""
+
+
+@dataclass
+class LiftOperator:
+    """A person who lifts loads from place to place, and follows a load that swings.
+
+    Attributes:
+        site: The site.
+        index: Index of the crane.
+        seed: Seed of the places.
+        zone: Box of positions outside of which it lifts nothing, shape (2, m).
+        finished: When each lift was finished [s].
+        left_out: Lifts that would have led out of the zone.
+    """
+
+    site: CraneSite
+    index: int
+    seed: int
+    zone: np.ndarray | None = None
+    finished: list[float] = field(default_factory=list)
+    left_out: int = 0
+
+    def __post_init__(self) -> None:
+        """Begin with nothing to do."""
+        self.station = self.site.stations[self.index]
+        layout = self.station.crane.layout
+        self._rng = np.random.default_rng(self.seed)
+        self._ramp = 0.75 * gentle(self.station, self.site.swing).decelerations
+        self._base, self._waits_until = np.zeros(layout.m), 0.0
+        self._at = np.array([AT[joint.unit] for joint in layout.driven])
+        self._legs: list[np.ndarray] = []
+
+    def places(self) -> np.ndarray:
+        """Return where the next lift begins and ends, shape (2, m)."""
+        low, high = reach(self.site, self.index)
+        while True:
+            drawn = self._rng.uniform(
+                low + 0.05 * (high - low), high - 0.05 * (high - low), (2, len(low))
+            )
+            drawn[:, self.station.crane.winch] = PLACED * high[self.station.crane.winch]
+            if self.zone is None or ((drawn >= self.zone[0]) & (drawn <= self.zone[1])).all():
+                return drawn
+            self.left_out += 1
+
+    def __call__(self, t: float, states: Sequence[State]) -> np.ndarray:
+        """Return the rates [rad/s or m/s], shape (m,)."""
+        state, drives = states[self.index], self.station.crane.layout.drives
+        q, v, winch = state.q[drives], state.v[drives], self.station.crane.winch
+        if not self._legs:
+            for place in self.places():
+                up, over = np.full_like(q, np.nan), place.copy()
+                up[winch] = over[winch] = reach(self.site, self.index)[0][winch] + CARRIED
+                self._legs += [up, over, place]
+        if t < self._waits_until:
+            return self._follow(np.zeros_like(q), state, v)
+        way = np.where(np.isnan(self._legs[0]), 0.0, self._legs[0] - q)
+        if (np.abs(way) < self._at).all() and (
+            np.abs(self._base) < 0.02 * self.station.converters.rates
+        ).all():
+            self._legs.pop(0)
+            if len(self._legs) % 3 == 0:
+                self._waits_until = t + HOOKING
+            if not self._legs:
+                self.finished.append(t)
+            return self._follow(np.zeros_like(q), state, v)
+        stops = np.sqrt(1.6 * self._ramp * np.maximum(np.abs(way) - 0.5 * np.abs(self._base), 0.0))
+        creeps = 0.15 * np.abs(way) * (np.abs(way) < 4.0 * self._at)
+        fastest = 0.9 * self.station.converters.rates
+        return self._follow(np.sign(way) * np.minimum(stops + creeps, fastest), state, v)
+
+    def _follow(self, wanted: np.ndarray, state: State, v: np.ndarray) -> np.ndarray:
+        crane = self.station.crane
+        near = np.clip(self._base, v - 2.0 * self._ramp, v + 2.0 * self._ramp)
+        step = self._ramp * CYCLE
+        self._base = np.clip(wanted, near - step, near + step)
+        cable = abs(float(state.q[crane.layout.drives[crane.winch]]))
+        _, rope, motion = self.station.rope(state.q)
+        towards = 2.0 * DAMPING * math.sqrt(crane.gravity * cable) * rope[:2]
+        return self._base + np.linalg.pinv(motion[:2], rcond=1e-3) @ towards
+
+
+@cache
+def reach(site: CraneSite, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lower and upper ends of what the drives of a crane reach, shape (m,) each; it
+    slews once around at most, and not through the tower of another.
+    """
+    station, bodies = site.stations[index], site.bodies
+    layout = station.crane.layout
+    slew = layout.drive_of("slew")
+    low, high = (ends[layout.drives].copy() for ends in (station.crane.lower, station.crane.upper))
+    low[slew], high[slew] = max(low[slew], -math.pi), min(high[slew], math.pi)
+    mine = np.nonzero(~bodies.hangs[index] & (bodies.joint[index] > 0))[0]
+    towers = np.argwhere((bodies.joint == 0) & (np.arange(len(site.stations)) != index)[:, None])
+    rows = np.array(list(itertools.product(mine, range(len(towers)))))
+
+    def free(angle: float) -> bool:
+        for ends in (low, high):
+            values = ends.copy()
+            values[slew] = angle
+            places = np.repeat(site.positions(index, values)[None], len(rows), axis=0)
+            own = place_capsules(
+                bodies, np.full(len(rows), index), rows[:, 0], places, places, site.swing
+            )
+            other = towers[rows[:, 1]]
+            still = place_capsules(bodies, other[:, 0], other[:, 1], 0 * places, 0 * places, 0.0)
+            if separations(own, still)[2].min() < 1.5 * site.distance:
+                return False
+        return True
+
+    for ends, way in ((low, -1.0), (high, 1.0)):
+        angles = np.arange(0.0, way * ends[slew], math.radians(1.0)) * way
+        ends[slew] = next((a for a in angles if not free(a)), ends[slew] + 0.0)
+    return low, high
+
+
+@dataclass
+class Adversary:
+    """An operator who tries to collide: a push of each drive for a while, again and again.
+
+    Attributes:
+        site: The site.
+        index: Index of the crane.
+        pushes: Shares of the largest rates, shape (`PUSHES`, m); NaN slews towards the nearest
+            other crane's load and takes the own load to its radius.
+    """
+
+    site: CraneSite
+    index: int
+    pushes: np.ndarray
+
+    def __call__(self, t: float, states: Sequence[State]) -> np.ndarray:
+        """Return the rates [rad/s or m/s], shape (m,)."""
+        push = self.pushes[int(t / PERIOD_OF_PUSHES) % len(self.pushes)]
+        if np.isnan(push).any():
+            push = np.where(np.isnan(push), self._towards(states), push)
+        return push * self.site.stations[self.index].converters.rates
+
+    def _towards(self, states: Sequence[State]) -> np.ndarray:
+        pivots = [
+            station.rope(state.q) for station, state in zip(self.site.stations, states, strict=True)
+        ]
+        pivot, _, motion = pivots[self.index]
+        offsets = [other - pivot for i, (other, *_) in enumerate(pivots) if i != self.index]
+        nearest = min(offsets, key=lambda offset: float(offset[:2] @ offset[:2]))
+        return np.sign(nearest[:2] @ motion[:2])
+
+
+class Shift(NamedTuple):
+    """A shift on a site: what it is protected by, its run, operators, and the share of time lost
+    [%].
+    """
+
+    site: str
+    protection: str
+    run: SiteRun
+    operators: list[LiftOperator]
+    lost: float
+
+    @property
+    def crane_minutes(self) -> float:
+        """Minutes of all cranes together."""
+        return len(self.operators) * self.run.t[-1] / 60.0
+
+    @property
+    def near(self) -> tuple[float, float, float]:
+        """Share of minutes in which a pair of cranes is nearer than required [%], and its 95 %
+        interval.
+        """
+        each = math.ceil(60.0 / CYCLE)
+        starts = range(0, len(self.run.t), each)
+        least = np.minimum.reduceat(self.run.distances, starts, axis=0)
+        low = int((least < self.run.site.distance).sum())
+        interval = binomtest(low, least.size).proportion_ci(0.95, "exact")
+        return 100.0 * low / least.size, 100.0 * interval.low, 100.0 * interval.high
+
+
+class Attack(NamedTuple):
+    """Runs of adversaries on a site: who they are, and what came of it."""
+
+    site: str
+    kind: str
+    runs: list[SiteRun]
+
+    @property
+    def crane_minutes(self) -> float:
+        """Minutes of all cranes together."""
+        return sum(len(run.states) * run.t[-1] / 60.0 for run in self.runs)
+
+    @property
+    def contacts(self) -> int:
+        """Number of contacts."""
+        return sum(len(run.contacts) for run in self.runs)
+
+
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
+    """Work and attack on each site."""
+    shifts, attacks = [], []
+    for name in options.site:
+        shifts += _shifts(name, 3600.0 * options.hours)
+        attacks += _attacks(name, 60.0 * options.minutes)
+    times, histories = supervisor_cycles(options.cycles)
+    return Outcome(
+        tables=[_shift_table(shifts), _attack_table(attacks), _cycle_table(times)],
+        claims=_claims(shifts, attacks, times),
+        figures={"invariant": _figure(histories)},
+    )
+
+
+@cache
+def _site(name: str) -> CraneSite:
+    return read_crane_site(name)
+
+
+def _shifts(name: str, duration: float) -> list[Shift]:
+    """Return a shift without protection, in static zones, and under the supervisor."""
+    site = _site(name)
+    results = []
+    free_times: list[list[float]] = []
+    for protection, zones in (("none", None), ("zones", static_zones(site)), ("supervisor", None)):
+        operators = [
+            LiftOperator(site, i, 100 + i, None if zones is None else zones[i])
+            for i in range(len(site.stations))
+        ]
+        run = simulate_site(
+            site, operators, duration=duration, supervised=protection == "supervisor"
+        )
+        if protection == "none":
+            free_times = [operator.finished for operator in operators]
+        lost = [
+            _lost(operator, free, duration)
+            for operator, free in zip(operators, free_times, strict=True)
+        ]
+        results.append(Shift(name, protection, run, operators, 100.0 * float(np.mean(lost))))
+    return results
+
+
+def _lost(operator: LiftOperator, free: list[float], duration: float) -> float:
+    """Return the share of its time that an operator loses: of lifts that are left out, or in which
+    the lifts that it has finished take longer than without protection.
+    """
+    done = min(len(operator.finished), len(free))
+    if operator.zone is not None:
+        return operator.left_out / max(operator.left_out + len(operator.finished), 1)
+    return 1.0 - free[done - 1] / operator.finished[done - 1] if done else 1.0
+
+
+@cache
+def static_zones(site: CraneSite) -> list[np.ndarray]:
+    """Return a box of positions for each crane, shape (2, m), all of them proven apart: in turn
+    each end of each drive is moved outwards by a step, until none can be.
+    """
+    zones = [Guard(station, site.swing).box for station in site.stations]
+    units = [[joint.unit for joint in station.crane.layout.driven] for station in site.stations]
+    ends = [np.array(reach(site, i)) for i in range(len(site.stations))]
+    for i, station in enumerate(site.stations):  # hoists at first
+        larger = zones[i].copy()
+        larger[:, station.crane.winch] = ends[i][:, station.crane.winch]
+        if site.apart(i, larger, zones).all():
+            zones[i] = larger
+    grown = True
+    while grown:
+        grown = False
+        for i, end in itertools.product(range(len(zones)), (0, 1)):
+            for drive, unit in enumerate(units[i]):
+                larger = zones[i].copy()
+                step = ZONE_STEPS[unit] * (2 * end - 1)
+                larger[end, drive] = np.clip(larger[end, drive] + step, *ends[i][:, drive])
+                moved = abs(larger[end, drive] - zones[i][end, drive]) > 1e-9
+                if moved and site.apart(i, larger, zones).all():
+                    zones[i], grown = larger, True
+    return zones
+
+
+def _attacks(name: str, duration: float) -> list[Attack]:
+    """Return attacks of a third of a duration [s] each: random, greedy, and optimised."""
+    site, rng = _site(name), np.random.default_rng(1)
+    shapes = [(PUSHES, station.crane.layout.m) for station in site.stations]
+    length = PERIOD_OF_PUSHES * PUSHES
+    count = max(1, round(duration / 3.0 / length))
+
+    def attack(pushes: Sequence[np.ndarray], seed: int) -> SiteRun:
+        operators = [Adversary(site, i, mine) for i, mine in enumerate(pushes)]
+        return simulate_site(site, operators, duration=length, channel=CHANNEL, seed=seed)
+
+    def drawn() -> list[np.ndarray]:
+        return [rng.integers(-1, 2, shape).astype(float) for shape in shapes]
+
+    greedy = []
+    for _ in range(count):
+        pushes = drawn()
+        for mine in pushes:
+            mine[rng.random(mine.shape) < 0.8] = np.nan
+        greedy.append(pushes)
+    # A random search: the best pushes, some of which are drawn anew.
+    best, least, found = drawn(), math.inf, []
+    for k in range(count):
+        trial = [
+            np.where(rng.random(old.shape) < 0.2, new, old)
+            for old, new in zip(best, drawn(), strict=True)
+        ]
+        found.append(attack(trial, k))
+        if found[-1].least_distance < least:
+            best, least = trial, found[-1].least_distance
+    return [
+        Attack(name, "random", [attack(drawn(), k) for k in range(count)]),
+        Attack(name, "greedy", [attack(pushes, k) for k, pushes in enumerate(greedy)]),
+        Attack(name, "optimised", found),
+    ]
+
+
+class History(NamedTuple):
+    """Slew of a crane [rad]: positions, and ends of its box, shape (cycles,) each."""
+
+    position: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+def supervisor_cycles(cycles: int) -> tuple[np.ndarray, list[History]]:
+    """Return the processor time of each cycle of a supervisor for eight cranes [s], shape
+    (cycles,), whose drives follow exactly, and the slews of the first two.
+    """
+    four = _site("four_towers")
+    stations = [
+        replace(
+            four.stations[i % 4],
+            name=str(i),
+            foot=np.array([SPACING * (i % 4), SPACING * (i // 4), 3.0 * i]),
+            heading=math.copysign(math.pi / 2.0, i - 3.5),
+        )
+        for i in range(8)
+    ]
+    site = CraneSite("eight towers", tuple(stations), swing=four.swing)
+    guards, rng = [Guard(station, site.swing) for station in stations], np.random.default_rng(0)
+    supervisor = Supervisor(site, [guard.box for guard in guards])
+    states = [State(*map(np.copy, station.crane.start)) for station in stations]
+    commands = [np.zeros(3)] * len(stations)
+    times, rows = np.zeros(cycles), []
+    for cycle in range(cycles):
+        requests: list[tuple[int, BoxRequest]] = []
+        for i, (guard, state, station) in enumerate(zip(guards, states, stations, strict=True)):
+            if cycle % 100 == 0:
+                commands[i] = rng.integers(-1, 2, 3) * station.converters.rates
+            rates, request = guard.step(cycle * CYCLE, state, commands[i])
+            drives = station.crane.layout.drives
+            state.q[drives] += rates * CYCLE
+            state.v[drives] = rates
+            if request is not None:
+                requests.append((i, request))
+        begin = time.process_time()
+        grants = [(i, supervisor.receive(i, request)) for i, request in requests]
+        times[cycle] = time.process_time() - begin
+        for i, grant in grants:
+            if grant is not None:
+                guards[i].receive(grant)
+        rows.append(
+            [(state.q[0], *guard.box[:, 0]) for guard, state in zip(guards, states, strict=True)]
+        )
+    return times, [History(*np.array(rows)[:, i].T) for i in (0, 1)]
+
+
+def _shift_table(shifts: Sequence[Shift]) -> ResultTable:
+    return make_table(
+        "Shifts of random lifts",
+        shifts,
+        ("site", "", lambda shift: shift.site),
+        ("protection", "", lambda shift: shift.protection),
+        ("time lost [%]", ".1f", lambda shift: shift.lost),
+        ("lifts", "d", lambda shift: sum(len(one.finished) for one in shift.operators)),
+        ("contacts", "d", lambda shift: len(shift.run.contacts)),
+        ("least distance [m]", ".2f", lambda shift: max(shift.run.least_distance, 0.0)),
+        ("minutes nearer than required [%]", ".2f", lambda shift: shift.near[0]),
+        ("from", ".2f", lambda shift: shift.near[1]),
+        ("to", ".2f", lambda shift: shift.near[2]),
+        ("left out", "d", lambda shift: sum(one.left_out for one in shift.operators)),
+        ("in a circle [%]", ".1f", lambda shift: 100.0 * _stuck(shift.run)),
+        ("crane-minutes", ".0f", lambda shift: shift.crane_minutes),
+        note="Minutes of pairs of cranes, with the 95 % interval of their share.",
+    )
+
+
+def _stuck(run: SiteRun) -> float:
+    """Return the share of cycles in which cranes wait for each other in a circle."""
+    return len(run.deadlocks) / len(run.t)
+
+
+def _attack_table(attacks: Sequence[Attack]) -> ResultTable:
+    return make_table(
+        "Adversaries",
+        attacks,
+        ("site", "", lambda attack: attack.site),
+        ("adversaries", "", lambda attack: attack.kind),
+        ("contacts", "d", lambda attack: attack.contacts),
+        ("least distance [m]", ".2f", lambda a: min(run.least_distance for run in a.runs)),
+        ("swing / largest", ".2f", lambda a: max(r.swing.max() / r.site.swing for r in a.runs)),
+        ("crane-minutes", ".0f", lambda attack: attack.crane_minutes),
+        note=f"Messages take {CHANNEL.latency:g} s, {100.0 * CHANNEL.loss:g} % are lost.",
+    )
+
+
+def _cycle_table(times: np.ndarray) -> ResultTable:
+    return make_table(
+        "Cycle of the supervisor, eight cranes",
+        [1e3 * times],
+        ("median [ms]", ".1f", lambda ms: float(np.median(ms))),
+        ("99 % [ms]", ".1f", lambda ms: float(np.quantile(ms, 0.99))),
+        ("most [ms]", ".1f", lambda ms: float(ms.max())),
+        ("cycles", "d", len),
+        note="Processor time.",
+    )
+
+
+def _claims(shifts: Sequence[Shift], attacks: Sequence[Attack], times: np.ndarray) -> list[Claim]:
+    guarded = [shift for shift in shifts if shift.protection == "supervisor"]
+    runs = [shift.run for shift in guarded] + [run for attack in attacks for run in attack.runs]
+    minutes = sum(shift.crane_minutes for shift in guarded)
+    minutes += sum(attack.crane_minutes for attack in attacks)
+    contacts = sum(len(run.contacts) for run in runs)
+    least = min(run.least_distance - run.site.distance for run in runs)
+    swing = max(float(run.swing.max() / run.site.swing) for run in runs)
+    outside = max(float(run.outside.max()) for run in runs)
+    lost = {(shift.site, shift.protection): shift.lost for shift in shifts}
+    sites = list(dict.fromkeys(shift.site for shift in shifts))
+    halved = [lost[site, "supervisor"] < lost[site, "zones"] / 2.0 for site in sites]
+    texts = [f"{lost[s, 'supervisor']:.0f} of {lost[s, 'zones']:.0f} %" for s in sites]
+    bare = sum(len(shift.run.contacts) for shift in shifts if shift.protection == "none")
+    return [
+        Claim(
+            f"Supervised cranes do not touch in {minutes:.0f} crane-minutes: at 95 % fewer than "
+            f"{3.0 / minutes:.2g} contacts a crane-minute, {3e6 / minutes:.0f} in 10⁶.",
+            contacts == 0,
+        ),
+        Claim(
+            f"They keep the required distance, ropes their largest swing ({100.0 * swing:.0f} % of "
+            "it), drives their boxes.",
+            least >= 0.0 and swing <= 1.0 and outside <= 0.0,
+        ),
+        Claim(f"Without protection they touch ({bare} contacts).", bare > 0 if shifts else None),
+        Claim(
+            f"The supervisor loses less than half the time of static zones: {', '.join(texts)}.",
+            all(halved),
+        ),
+        Claim(
+            f"A cycle for eight cranes takes less than 5 ms ({1e3 * times.max():.1f} ms at most).",
+            bool(times.max() < 5e-3),
+        ),
+    ]
+
+
+def _figure(histories: Sequence[History]) -> Figure:
+    """Draw the slews of two cranes in their boxes."""
+    from cranedyn.plotting.figures import panels
+
+    drawing, axes = panels(len(histories))
+    for axis, history, name in zip(axes, histories, "ab", strict=False):
+        t = CYCLE * np.arange(len(history.position))
+        low, high, slew = (np.degrees(x) for x in (history.low, history.high, history.position))
+        axis.fill_between(t, low, high, alpha=0.3, linewidth=0.0)
+        axis.plot(t, slew)
+        axis.set_ylabel(f"slew of {name} [°]")
+    axes[-1].set_xlabel("t [s]")
+    return drawing
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the experiment and return the exit code."""
+    parser = harness.parser("site", __doc__, recording=False, engines=("compiled",))
+    harness.add_setup(parser)
+    add = parser.add_argument
+    add("--site", choices=EXAMPLES, nargs="+", default=EXAMPLES, help="sites")
+    add("--hours", type=float, default=0.5, help="length of a shift [h]")
+    add("--minutes", type=float, default=12.0, help="time of all adversaries on a site [min]")
+    add("--cycles", type=int, default=1000, help="cycles of eight cranes")
+    return harness.run_experiment(parser, experiment, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

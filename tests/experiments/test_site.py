@@ -1,0 +1,30 @@
+"""Cranes that share a site."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments import site
+
+pytestmark = pytest.mark.long
+
+
+def test_supervised_cranes_do_not_touch_and_keep_distance_swing_and_boxes(tmp_path: Path) -> None:
+    arguments = "--site two_towers --hours 0.02 --minutes 6 --cycles 50 --out"
+    assert site.main([*arguments.split(), str(tmp_path)]) in (0, 1)
+    claims = json.loads((tmp_path / "result.json").read_text("utf-8"))["claims"]
+    assert [claim["holds"] for claim in claims[:2]] == [True, True]
+
+
+def test_zones_are_proven_apart_and_no_lift_in_them_leads_out() -> None:
+    crane_site = site.read_crane_site("two_towers")
+    zones = site.static_zones(crane_site)
+    assert crane_site.apart(0, zones[0], zones).all()
+    operator = site.LiftOperator(crane_site, 0, 1, zones[0])
+    places = np.array([operator.places() for _ in range(5)])
+    assert (places >= zones[0][0]).all() and (places <= zones[0][1]).all()
+    assert operator.left_out > 0

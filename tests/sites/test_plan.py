@@ -1,0 +1,225 @@
+"""Several cranes on one site: plans, obstacles, files, tables and recordings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cranedyn.data.trajectory import read_columns
+from cranedyn.disturbances.wind import steady
+from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.errors import CraneError, DataError
+from cranedyn.planning.solids import Solid, box, prism
+from cranedyn.recording import Run
+from cranedyn.sites import simulate as simulation
+from cranedyn.sites.plan import SLICE, SitePlan, _Schedule, plan_site
+from cranedyn.sites.simulate import SiteRun, simulate_site
+from cranedyn.sites.site import CraneSite, SiteWind
+from cranedyn.sites.site_file import read_crane_site
+from tests.helpers import ROOT
+
+slow = pytest.mark.slow
+
+GOALS = {"north": [-8.9, -6.7, 15.9], "south": [-36.4, -37.9, 30.1]}
+WALL = box("wall", [-20.0, 20.0], [4.0, 4.0, 30.0], 0.0)
+STREET = prism(
+    "street", np.array([[-40.0, 0.0], [-15.0, 0.0], [-15.0, 40.0], [-40.0, 40.0]]), 0.0, 60.0,
+    zone=True,
+)  # fmt: skip
+
+
+@cache
+def site_of() -> CraneSite:
+    return read_crane_site("two_towers")
+
+
+@cache
+def plan() -> SitePlan:
+    return plan_site(site_of(), [*GOALS.items()])
+
+
+def follow(plan: SitePlan, *, supervised: bool) -> SiteRun:
+    return simulate_site(
+        plan.site, plan.operators(), duration=plan.duration + 5.0, supervised=supervised
+    )
+
+
+def load(run: SiteRun, i: int, row: int) -> np.ndarray:
+    """Return the centre of a load in the frame of the site [m]."""
+    station = run.site.stations[i]
+    point = payload_position(station.crane, run.trajectories[i].q[row])
+    return station.bodies.foot[:, :3] @ point + station.bodies.foot[:, 3]
+
+
+@slow
+@pytest.mark.parametrize("supervised", [False, True])
+def test_planned_lifts_arrive_and_keep_the_distance_that_is_proven(supervised: bool) -> None:
+    assert plan().holds and plan().least < plan().duration  # one waits
+    run = follow(plan(), supervised=supervised)
+    pair = run.distances[:, 0]
+    rows = np.searchsorted(plan().t, run.t, "right") - 1
+    assert (pair >= plan().distances[rows, 0]).all() and not run.contacts
+    for i, station in enumerate(plan().site.stations):
+        assert np.linalg.norm(load(run, i, -1) - GOALS[station.name]) < 0.15  # 3 mrad of 50 m
+
+
+@slow
+def test_a_lift_that_waits_is_not_proven_half_a_second_earlier() -> None:
+    first, second = plan().lifts
+    schedule, alone = _Schedule(site_of(), {}), _Schedule(site_of(), {})
+    assert not schedule.add(first.crane, first.motion)
+    assert not alone.add(second.crane, second.motion)
+    early, theirs = alone._boxes[second.crane], schedule._boxes[first.crane]
+    for earlier, apart in ((0, True), (1, False)):
+        at_once = theirs[round(second.begin / SLICE) - earlier :][: len(early)]
+        mine = early[: len(at_once)]
+        assert schedule._apart(second.crane, mine, first.crane, at_once) is apart
+
+
+@slow
+@pytest.mark.parametrize(
+    ("lifts", "words"),
+    [
+        ([], "number of lifts"),
+        ([("west", [0.0, 0.0, 0.0])], "west"),
+        ([("north", [90.0, 0.0, 10.0])], "trolley radius"),
+        ([("north", [0.0, -27.0, 12.0]), ("south", [0.0, -27.0, 22.0])], "waits for"),
+    ],
+)
+def test_lifts_without_a_plan_are_refused_with_the_reason(lifts: list, words: str) -> None:
+    with pytest.raises(CraneError, match=words):
+        plan_site(site_of(), lifts)
+
+
+def test_bodies_that_pass_each_other_between_two_rows_are_told_from_those_that_meet() -> None:
+    for closest, apart in ((0.3, True), (0.05, False), (-0.3, False)):
+        gap = lambda share, least=closest: least + abs(2.0 * share - 1.0)  # noqa: E731
+        assert simulation._proven(gap, 2.0, 0.1, gap(0.0), gap(1.0)) is apart
+
+
+@slow
+@pytest.mark.parametrize("solid", [WALL, STREET])
+def test_a_supervised_crane_stops_before_an_obstacle_or_zone(solid: Solid) -> None:
+    site = replace(site_of(), solids=(solid,))
+    operators = [lambda t, states: np.array([0.05, 0.0, 0.2]), lambda t, states: np.zeros(3)]
+    free, kept = (
+        simulate_site(site, operators, duration=40.0, supervised=supervised)
+        for supervised in (False, True)
+    )
+    contact = free.contacts[0]
+    assert (contact.first, contact.second) == ("north", site.solids[0].name)
+    assert not kept.contacts and not kept.deadlocks
+    required = 0.0 if site.solids[0].zone else site.distance
+    assert kept.clearances[:, 0].min() >= required - 1e-3  # the rounding that a margin takes off
+    assert np.ptp(kept.trajectories[0].q[:, 0]) > 0.1
+
+
+@slow
+def test_wind_blows_all_loads_in_its_direction_on_the_site() -> None:
+    operators = [lambda t, states: np.zeros(3)] * 2
+    wind = SiteWind(steady(12.0), direction=0.7)
+    run = simulate_site(site_of(), operators, duration=4.0, supervised=False, wind=wind)
+    for i in (0, 1):
+        moved = load(run, i, 30) - load(run, i, 0)
+        assert np.arctan2(moved[1], moved[0]) == pytest.approx(0.7, abs=1e-2)  # a swing's curvature
+
+
+@slow
+def test_a_run_is_recorded_with_each_crane_at_its_place_and_written_as_one_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    site = replace(site_of(), solids=(WALL,))
+    operators = [lambda t, states: np.array([0.02, 0.1, 0.1])] * 2
+    run = simulate_site(site, operators, duration=2.0, supervised=False)
+    drawn: list[Run] = []
+    real = simulation.record
+
+    def record(path: Path, runs: list[Run], **rest: Any) -> Path:
+        drawn.extend(runs)
+        return real(path, runs, **rest)
+
+    monkeypatch.setattr(simulation, "record", record)
+    assert run.record(tmp_path / "site.rrd").stat().st_size > 10_000
+    for i, each in enumerate(drawn):
+        point = each.to_scene(payload_position(each.crane, each.trajectory.q[-1]))
+        assert np.allclose(point, load(run, i, -1), atol=1e-9)
+    scenery = drawn[0].scenery
+    assert scenery is not None
+    corners = drawn[0].to_scene(scenery.obstacles[0].vertices)
+    assert np.allclose(corners, WALL.vertices, atol=1e-9)
+    names = ["t_s", "south_gamma_rad", "north_x_passed_m_s", "north_south_distance_m"]
+    for ending in ("csv", "parquet"):
+        columns = read_columns(run.write(tmp_path / f"site.{ending}"), names)
+        assert np.array_equal(columns["north_south_distance_m"], run.distances[:, 0])
+        assert np.array_equal(columns["south_gamma_rad"], run.trajectories[1].q[:, 0])
+
+
+def test_the_site_file_of_the_how_to_is_read(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "howto" / "several_cranes.md").read_text("utf-8")
+    site = site_from(tmp_path, page.partition("```toml")[2].partition("```")[0])
+    assert [station.name for station in site.stations] == ["west", "east"] and site.solids
+
+
+HEAD = '[[crane]]\nname = "a"\n'
+
+
+def site_from(tmp_path: Path, text: str) -> CraneSite:
+    file = tmp_path / "site.toml"
+    file.write_text(text, "utf-8")
+    return read_crane_site(file)
+
+
+@slow
+def test_a_crane_of_a_site_has_its_own_machine_drives_brakes_and_chart(tmp_path: Path) -> None:
+    chart = "[[falls]]\ncount = 1\nradii = [10.0, 60.0]\nloads = [4000.0, 1000.0]\n"
+    (tmp_path / "chart.toml").write_text(f'name = "c"\nsource = "s"\n{chart}', "utf-8")
+    own = "drives = {rates = [4.0, 1.0, 0.8], accelerations = [1.0, 0.4, 0.5]}\n"
+    brakes = "brakes = {decelerations = [0.5, 0.3, 0.4]}\nreaction = 1.0\n"
+    hall = '[[box]]\nname = "hall"\ncentre = [30.0, 30.0]\nsize = [9.0, 9.0, 9.0]\n'
+    machine = '[[crane]]\nname = "b"\nposition = [90.0, 0.0, 0.0]\nmachine = "tower_hkcrc"\n'
+    site = site_from(tmp_path, HEAD + own + brakes + 'chart = "chart.toml"\n' + machine + hall)
+    first, second = site.stations
+    assert np.allclose(first.converters.rates, [np.radians(4.0), 1.0, 0.8])
+    assert np.allclose(first.brakes.decelerations, [np.radians(0.5), 0.3, 0.4])
+    assert first.chart is not None and first.brakes.reaction == 1.0
+    assert second.converters.accelerations[0] == pytest.approx(5.39e-3)  # that of the machine
+    assert second.brakes.decelerations[0] == pytest.approx(0.9 * 5.39e-3)
+    assert [solid.name for solid in site.solids] == ["hall"]
+    heavy = replace(first, chart=replace(first.chart, reevings=(
+        replace(first.chart.reevings[0], rated=np.array([10.0, 10.0])),)))  # fmt: skip
+    with pytest.raises(CraneError, match="load of a"):
+        plan_site(replace(site, stations=(heavy, second)), [("a", [0.0, -12.0, 10.0])])
+
+
+@slow
+@pytest.mark.parametrize("name", ["four_towers"])
+def test_drives_with_weak_gears_ramp_no_faster_than_their_brakes_stop(name: str) -> None:
+    third = read_crane_site(name).stations[2]
+    assert (third.converters.accelerations <= third.brakes.decelerations).all()
+
+
+@slow
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ('machine = "x"', r"line 3, \[crane\] machine"),
+        ('machine = "tower_hkcrc"\nmodel = "tower_crane"', r"line 3, \[crane\] machine: model is"),
+        ("drives = {rates = [1.0]}", r"line 3, \[drives\] rates"),
+        ("drives = 3", r"line 3, \[crane\] drives"),
+        ("brakes = {decelerations = [9.0, 9.0, 9.0]}", r"line 3, \[crane\] brakes: decelerations"),
+        ('chart = "none.toml"', r"line 3, \[crane\] chart: Cannot read"),
+        ('chart = "../c.toml"', r"line 3, \[crane\] chart: .*outside"),
+        ('[[box]]\nname = "b"\nsize = [1.0, 1.0, 0.0]', r"line 5, \[box\] size"),
+        ('[[mesh]]\nname = "b"\nfile = "b.stl"', r"line \d, \[mesh\]"),
+    ],
+)  # fmt: skip
+def test_a_bad_entry_of_a_site_is_refused_with_line_and_field(
+    tmp_path: Path, entry: str, words: str
+) -> None:
+    with pytest.raises(DataError, match=words):
+        site_from(tmp_path, f"{HEAD}{entry}\n")
