@@ -193,12 +193,12 @@ class CraneSite:
     ) -> np.ndarray:
         """Return whether a crane with its drives in a box, shape (2, m), is proven to keep the
         required distance from each crane in its box, shape (cranes,); from one whose box is None it
-        is. At its own index: from all obstacles.
+        is. At its own index: from all obstacles, unless its own box there is None.
         """
         near = {i: other for i, other in enumerate(boxes) if i != station and other is not None}
         others = list(near)
         apart = np.ones(len(self.stations), dtype=bool)
-        if self.solids:
+        if self.solids and boxes[station] is not None:
             apart[station] = self.obstacles.proven_clear(
                 self.bodies, station, self.positions(station, box), self.distance, self.swing
             )
