@@ -42,12 +42,12 @@ PROTOCOL = frozenset(
 """Public names that every module of a kind defines."""
 
 LIMITS = {
-    "lines of the core": (14_400, 10_000),
-    "lines of cranedyn": (44_600, 27_000),
-    "lines of experiments": (16_000, 11_000),
-    "lines of benchmarks": (3_700, 2_800),
-    "lines of tests": (38_300, 27_000),
-    "modules in cranedyn": (228, 150),
+    "lines of the core": (14_600, 10_000),
+    "lines of cranedyn": (46_400, 27_000),
+    "lines of experiments": (16_600, 11_000),
+    "lines of benchmarks": (3_800, 2_800),
+    "lines of tests": (39_200, 27_000),
+    "modules in cranedyn": (234, 150),
     "modules imported by simulate": (38, 25),
     "parameters of simulate": (9, 10),
     "body lines of simulate": (37, 40),
