@@ -521,7 +521,7 @@ cranedyn/planning/ground_lift.py
 + 0.0, omega
 * lift-off is bounded off-lead, too
 ? ground_lift::a_load_that_is_lifted_off_lead_and_set_down_beside_its_goal_has_no_certificate
-- if (run["phase"][off:moving] == OFF_LEAD).any()
+- if (run["phase"][:moving] == OFF_LEAD).any()
 + if False
 * a lift from the ground is only sampled
 ? ground_lift::a_post_that_no_measured_row_meets_is_found_between_the_rows
