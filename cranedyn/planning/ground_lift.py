@@ -216,7 +216,22 @@ def certify_ground_lift(
     begins = {name: round(t / motion.period) for name, t in lift.phases.items()}
     moving, down = begins["motion"], begins.get("set-down", len(run) - 1)
     swing, allowed = 1e3 * clearance.tilt(seen), 1e3 * clearance.site.swing
-    checks = [
+    checks: list[Check] = []
+    if "lift-off" in begins:
+        lifted = int(np.argmax(pull[:moving] >= 1.0))
+        most = _largest_pull(crane, motion, slice(lifted, moving))
+        bound = f"{most:.3f} by closed form"
+        if (run["phase"][:moving] == OFF_LEAD).any():
+            most, bound = math.nan, "without a bound: the load slides or leans while the rope pulls"
+        checks.append(
+            Check(
+                f"Lift-off: the rope pulls {pull[:moving].max():.3f} of the weight at most, "
+                f"{bound}; hanging, the load swings {swing[moving]:.2f} mrad, {allowed:.1f} "
+                "allowed.",
+                bool(pull[:moving].max() <= most and swing[moving] <= allowed),
+            )
+        )
+    checks += [
         Check(
             f"Motion: the load swings {swing[moving:down].max():.1f} mrad at most, {allowed:.1f} "
             f"allowed; the rope pulls {pull[moving:down].min():.3f} of the weight at least.",
@@ -224,20 +239,6 @@ def certify_ground_lift(
         ),
         _distance_check(lift, run, seen, (moving, down)),
     ]
-    if "lift-off" in begins:
-        lifted = int(np.argmax(pull[:moving] >= 1.0))
-        most = _largest_pull(crane, motion, slice(lifted, moving))
-        bound = f"{most:.3f} by closed form"
-        if (run["phase"][:moving] == OFF_LEAD).any():
-            most, bound = math.nan, "without a bound: the load slides or leans while the rope pulls"
-        checks[:0] = [
-            Check(
-                f"Lift-off: the rope pulls {pull[:moving].max():.3f} of the weight at most, "
-                f"{bound}; hanging, the load swings {swing[moving]:.2f} mrad, {allowed:.1f} "
-                "allowed.",
-                bool(pull[:moving].max() <= most and swing[moving] <= allowed),
-            )
-        ]
     if "set-down" in begins:
         touched = down + int(np.flatnonzero(pull[down:] < HANGS)[0])
         speed = float(run.v[touched, crane.layout.index("l")])
@@ -246,14 +247,14 @@ def certify_ground_lift(
         apart = float(np.linalg.norm(end[:2]))
         last = State(run.q[-1], run.v[-1])
         still = np.linalg.norm(point_velocities(crane, last)[0]) < STILL
-        checks += [
+        checks.append(
             Check(
                 f"Set-down: the load touches at {speed:.3f} m/s, {sink_rate:.3f} allowed; it "
                 f"stands {1e3 * apart:.1f} mm from its goal, {1e3 * OFF:g} allowed, below a slack "
                 "rope.",
                 bool(speed <= sink_rate and apart <= OFF and still and pull[-1] == 0.0),
             )
-        ]
+        )
     return run, checks
 
 
