@@ -16,11 +16,11 @@ from benchmarks.workload import DURATION, Case, Run
 from cranedyn.errors import CraneError
 
 
-def seconds(task: Callable[[], object]) -> float:
-    """Wall time of one call, since some tasks use several processors."""
-    before = time.perf_counter()
+def seconds(task: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
+    """Time of one call by a clock: wall time, since some tasks use several processors."""
+    before = clock()
     task()
-    return time.perf_counter() - before
+    return clock() - before
 
 
 def fresh(script: str, *arguments: str) -> str:
@@ -48,15 +48,18 @@ def fresh(script: str, *arguments: str) -> str:
 
 
 def race(
-    tasks: Sequence[Callable[[], object]], rounds: int, rng: np.random.Generator
+    tasks: Sequence[Callable[[], object]],
+    rounds: int,
+    rng: np.random.Generator,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> np.ndarray:
-    """Return the wall time of each task in each round [s], shape (tasks, rounds); the order is
-    shuffled in every round.
+    """Return the time of each task in each round by a clock [s], shape (tasks, rounds); the order
+    is shuffled in every round.
     """
     times = np.empty((len(tasks), rounds))
     for k in range(rounds):
         for i in rng.permutation(len(tasks)):
-            times[i, k] = seconds(tasks[i])
+            times[i, k] = seconds(tasks[i], clock)
     return times
 
 

@@ -164,20 +164,15 @@ def _result(
         None if point is None else np.array([number("coordinate", value, "m") for value in point])
         for point in (options.start, options.goal)
     )
-    ends = (site.start if start is None else start, site.goal if goal is None else goal)
-    stands = {len(end) == 2 for end in ends if end is not None}
-    if len(stands) == 2:
-        raise DataError(
-            f"{name}: the load stands at one end and hangs at the other; give two coordinates for "
-            "both ends or three."
-        )
     limits = site.limits or LIMITS
     lift = plan_lift(site, limits, start=start, goal=goal, crane=crane, period=setup.control_period)
     times.append(time.monotonic())
     certificate = certify(lift, dt=setup.dt, engine=setup.engine)
+    ends = (site.start if start is None else start, site.goal if goal is None else goal)
+    at_start, at_goal = (end is not None and len(end) == 2 for end in ends)
     grounded = None
-    if True in stands and certificate.holds:
-        whole_lift = from_ground(lift)
+    if (at_start or at_goal) and certificate.holds:
+        whole_lift = from_ground(lift, stands=(at_start, at_goal))
         grounded = (whole_lift, *certify_ground_lift(whole_lift, engine=setup.engine))
     times.append(time.monotonic())
     perturbed, least = None, None

@@ -531,8 +531,24 @@ cranedyn/planning/ground_lift.py
 + 0.0, omega
 * lift-off is bounded off-lead, too
 ? ground_lift::a_load_that_is_lifted_off_lead_and_set_down_beside_its_goal_has_no_certificate
-- if (run["phase"][off:moving] == OFF_LEAD).any()
+- if (run["phase"][:moving] == OFF_LEAD).any()
 + if False
+* a lift from the ground is only sampled
+? ground_lift::a_post_that_no_measured_row_meets_is_found_between_the_rows
+- not unproven and nearest.distance
++ nearest.distance
+* what stands close beside the load is its support, too
+? ground_lift::a_post_that_no_measured_row_meets_is_found_between_the_rows
+- pair.distance <= 0.0 < higher
++ pair.distance <= 1.0 < 1.0 + higher
+* a load that turns in its sling stays where it was
+? ground_lift::a_load_that_turns_in_its_sling_is_where_no_proof_was
+- (3.0 * lug + 2.0 * radius) * turned
++ 0.0 * turned
+* the hook of a strange crane is never turned
+? ground_lift::a_crane_of_a_strange_urdf_lifts_off_as_the_crane_of_this_project_does
+- pin.SE3(hook.T, np.zeros(3))
++ pin.SE3.Identity()
 cranedyn/planning/bodies.py
 * a rope has no width
 ? clearance::rope_and_trolley_keep_from_a_post_beside_them_by_what_the_urdf_draws

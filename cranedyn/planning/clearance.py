@@ -102,10 +102,12 @@ class Clearance:
     Attributes:
         crane: The crane.
         site: The site.
+        ignored: Names of obstacles that do not count.
     """
 
     crane: Crane
     site: Site
+    ignored: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         """Check that a place determines the crane.
@@ -129,7 +131,7 @@ class Clearance:
     @cached_property
     def solids(self) -> list[Solid]:
         """The obstacles in the frame of the crane."""
-        return self.site.seen_by_crane()
+        return [solid for solid in self.site.seen_by_crane() if solid.name not in self.ignored]
 
     @cached_property
     def bodies(self) -> CollisionBodies:
@@ -156,9 +158,16 @@ class Clearance:
 
     def with_more_distance(self, extra: float) -> Clearance:
         """Return the clearance for a required distance that is larger by an extra [m]."""
-        wider = Clearance(self.crane, replace(self.site, distance=self.site.distance + extra))
-        wider.__dict__["bodies"] = self.bodies
-        return wider
+        return self._changed(site=replace(self.site, distance=self.site.distance + extra))
+
+    def without(self, names: frozenset[str]) -> Clearance:
+        """Return the clearance from all obstacles but those of some names."""
+        return self._changed(ignored=self.ignored | names)
+
+    def _changed(self, **changes: Any) -> Clearance:
+        changed = replace(self, **changes)
+        changed.__dict__["bodies"] = self.bodies
+        return changed
 
     # --- places -----------------------------------------------------------------------------------
 
@@ -317,6 +326,7 @@ class Clearance:
     @cached_property
     def _fields(self) -> dict[str, Field]:
         level = self.site.ground - float(self.site.foot[2])
+        level_ground = coal.Halfspace(np.array([0.0, 0.0, 1.0]), level)
         solids, zones = (
             [
                 (solid.name, shape)
@@ -335,7 +345,7 @@ class Clearance:
             "tall solids": Field(named for named in solids if named[0] in tall),
             "solids and mast": Field([*solids, *((MAST, shape) for shape in self.bodies.mast)]),
             "zones": Field(zones),
-            "ground": Field([(GROUND, coal.Halfspace(np.array([0.0, 0.0, 1.0]), level))]),
+            "ground": Field([] if GROUND in self.ignored else [(GROUND, level_ground)]),
         }
 
     @cached_property

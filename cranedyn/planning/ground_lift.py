@@ -1,4 +1,4 @@
-"""Lift from the ground to the ground: lift-off before a planned lift, and set-down after it.
+"""Lift from the ground or to it: lift-off before a planned lift, and set-down after it.
 
 The controller is made for the crane of the plan, whose load hangs on a rigid rope. It is given the
 coordinates of that crane: direction and distance of the load from its pivot. While the rope does
@@ -8,25 +8,28 @@ not carry the load, it is given no swing, and the hoist exerts only the tension 
 from __future__ import annotations
 
 import math
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from cranedyn import theory
 from cranedyn.checks import number
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.contact import OFF_LEAD, Ground, Hull, box_corners, box_load, standing
+from cranedyn.dynamics.contact import OFF_LEAD, Ground, Hull, box_corners, standing
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import payload_position, point_velocities
-from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, EngineName, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from cranedyn.model.urdf import inertial_element, set_placement
 from cranedyn.planning.certificate import Check
-from cranedyn.planning.clearance import Clearance, Nearest
+from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.lift import Lift
+from cranedyn.planning.proof import unproven_row
 from cranedyn.planning.site import Site
 from cranedyn.references.flat import cruise
 from cranedyn.references.motion import Motion
@@ -43,8 +46,8 @@ HANGS, OFF, STILL = 0.9, 0.01, 1e-3
 """Tension over the weight from which on a load hangs; largest distance from the goal [m] and speed
 of the load [m/s] at the end."""
 
-_MEASURED = 20
-"""Rows between measurements of distances."""
+_DRUM = 5.0
+"""Mass of hoist drum and motor at the rope over that of the load, for a crane that gives none."""
 
 _DAMPED = 0.99
 """Largest damping ratio of the bounce that the bound of the pull counts on."""
@@ -82,15 +85,17 @@ def ground_of(
 
 @dataclass(frozen=True, eq=False)
 class GroundLift:
-    """A lift from the ground to the ground.
+    """A lift from the ground or to it.
 
     Attributes:
-        lift: The planned lift, whose start and goal hang above their supports.
+        lift: The planned lift, whose start and goal hang, above their supports where the load is
+            lifted off or set down.
         crane: Its crane with a rope that stretches and the load on its lug.
         ground: Ground and platforms.
         motion: Motion of the crane of the plan.
         controller: Controller of the crane of the plan.
-        phases: Time at which each phase begins [s], by name.
+        phases: Time at which each phase begins [s], by name: "motion", before it "lift-off" and
+            "pause", after it "set-down".
     """
 
     lift: Lift
@@ -134,28 +139,25 @@ def from_ground(
     rope_stiffness: float = 2e7,
     creep: float = 0.1,
     sink_rate: float = 0.1,
+    stands: tuple[bool, bool] = (True, True),
 ) -> GroundLift:
     """Return a lift that begins on the ground or obstacle below its start and ends on that below
     its goal.
 
     Args:
-        lift: The planned lift of a crane of this project; its load is a box.
-        rope_stiffness: EA of the rope [N].
+        lift: The planned lift; its load is a box.
+        rope_stiffness: EA of a fall of the rope [N].
         creep: Largest hoisting speed of the lift-off [m/s].
         sink_rate: Largest speed of the set-down [m/s].
+        stands: Whether the load stands at the start and at the goal; else it hangs there.
 
     Raises:
-        CraneError: If a number is not positive, or the crane has another URDF.
+        OutOfRange: If a number is not positive.
+        ModelError: If joints or links of the crane have names of those of a rope that stretches.
     """
     clearance, planned = lift.clearance, lift.timed.motion
-    if (arguments := lift.crane.record.get("arguments")) is None:
-        raise CraneError("A lift from the ground needs the tower crane of this project.")
-    sides = np.ptp(clearance.bodies.load, axis=0).tolist()
-    values = {**arguments, **box_load(lift.crane.payload_mass, *sides), "damp_sling": 300.0}
-    values |= {"rope_stiffness": rope_stiffness, "rope_damping": ROPE_DAMPING}
-    lowest = clearance.height - clearance.site.ground + float(clearance.site.foot[2])
-    values["hoist_max"] = max(lowest, float(arguments.get("hoist_max", 0.0)))
-    crane = load_crane(gravity=lift.crane.gravity, values=values)
+    number("EA of the rope", rope_stiffness, "N", "> 0")
+    crane, sides = _on_rope(clearance, rope_stiffness)
     ends = clearance.point(lift.ends), clearance.bodies.spread + clearance.site.distance
     ground = ground_of(clearance.site, box_corners(*sides), within=ends)
 
@@ -172,13 +174,15 @@ def from_ground(
             rows[order, :, planned.drives[2]] += way * cruise(t, duration, ramp, order)
         return rows
 
-    raised = lowered(0, "creep speed", creep)[:, ::-1] * np.array([1.0, -1.0, 1.0])[:, None, None]
-    pieces = {
-        "lift-off": raised,
-        "pause": np.repeat(raised[:, -1:], round(PAUSE / planned.period), axis=1),
-        "motion": np.stack([planned.q, planned.v, planned.a]),
-        "set-down": lowered(-1, "sink rate", sink_rate),
-    }
+    pieces: dict[str, np.ndarray] = {}
+    if stands[0]:
+        signs = np.array([1.0, -1.0, 1.0])[:, None, None]  # of q, v and a backward in time
+        raised = lowered(0, "creep speed", creep)[:, ::-1] * signs
+        pause = np.repeat(raised[:, -1:], round(PAUSE / planned.period), axis=1)
+        pieces |= {"lift-off": raised, "pause": pause}
+    pieces["motion"] = np.stack([planned.q, planned.v, planned.a])
+    if stands[1]:
+        pieces["set-down"] = lowered(-1, "sink rate", sink_rate)
     begins = planned.period * np.cumsum([0, *(rows.shape[1] for rows in pieces.values())])
     q, v, a = np.concatenate([*pieces.values()], axis=1)
     motion = Motion(planned.period, q, v, a, planned.drives)
@@ -189,17 +193,19 @@ def from_ground(
 def certify_ground_lift(
     lift: GroundLift, *, engine: EngineName = "compiled"
 ) -> tuple[Trajectory, list[Check]]:
-    """Simulate a lift from the ground to the ground, and check each phase.
+    """Simulate a lift from the ground or to it, and check each phase.
 
     Raises:
         RunError: If the simulation breaks off.
     """
     crane, clearance, motion = lift.crane, lift.lift.clearance, lift.motion
+    drives = motion(0.0).position
+    hangs = State(crane.hanging(_below(crane, drives).q), np.zeros(crane.layout.n))
     run = simulate(
         crane,
         lift.command,
         lift.setpoint,
-        start=_standing(crane, lift.ground, motion(0.0).position),
+        start=_standing(crane, lift.ground, drives) if "lift-off" in lift.phases else hangs,
         duration=motion.arrival,
         control_period=motion.period,
         engine=engine,
@@ -207,60 +213,168 @@ def certify_ground_lift(
     )
     pull = JointForces.of(crane).tension(run.q.T, run.v.T) / (crane.payload_mass * crane.gravity)
     seen = np.array([lift.seen(State(*row)).q for row in zip(run.q, run.v, strict=True)])
-    off, _, moving, down = (round(t / motion.period) for t in lift.phases.values())
+    begins = {name: round(t / motion.period) for name, t in lift.phases.items()}
+    moving, down = begins["motion"], begins.get("set-down", len(run) - 1)
     swing, allowed = 1e3 * clearance.tilt(seen), 1e3 * clearance.site.swing
-    nearest = min(
-        _nearest_beside_support(clearance, seen[rows], support)
-        for rows, support in ((slice(moving), 0), (slice(down, None), -1))
-    )
-    touched = down + int(np.flatnonzero(pull[down:] < HANGS)[0])
-    speed = float(run.v[touched, crane.layout.index("l")])
-    end = payload_position(crane, run.q[-1]) - clearance.point(lift.lift.ends[1])
-    apart = float(np.linalg.norm(end[:2]))
-    still = np.linalg.norm(point_velocities(crane, State(run.q[-1], run.v[-1]))[0]) < STILL
-    hoist = motion.drives[2]
-    lifted = off + int(np.argmax(pull[off:moving] >= 1.0))
-    most = _largest_pull(crane, motion, slice(lifted, moving))
-    bound = f"{most:.3f} by closed form"
-    if (run["phase"][off:moving] == OFF_LEAD).any():
-        most, bound = math.nan, "without a bound: the load slides or leans while the rope pulls"
-    sink_rate = float(motion.v[down:, hoist].max())
-    return run, [
-        Check(
-            f"Lift-off: the rope pulls {pull[:moving].max():.3f} of the weight at most, {bound}; "
-            f"hanging, the load swings {swing[moving]:.2f} mrad, {allowed:.1f} allowed.",
-            bool(pull[:moving].max() <= most and swing[moving] <= allowed),
-        ),
+    checks: list[Check] = []
+    if "lift-off" in begins:
+        lifted = int(np.argmax(pull[:moving] >= 1.0))
+        most = _largest_pull(crane, motion, slice(lifted, moving))
+        bound = f"{most:.3f} by closed form"
+        if (run["phase"][:moving] == OFF_LEAD).any():
+            most, bound = math.nan, "without a bound: the load slides or leans while the rope pulls"
+        checks.append(
+            Check(
+                f"Lift-off: the rope pulls {pull[:moving].max():.3f} of the weight at most, "
+                f"{bound}; hanging, the load swings {swing[moving]:.2f} mrad, {allowed:.1f} "
+                "allowed.",
+                bool(pull[:moving].max() <= most and swing[moving] <= allowed),
+            )
+        )
+    checks += [
         Check(
             f"Motion: the load swings {swing[moving:down].max():.1f} mrad at most, {allowed:.1f} "
             f"allowed; the rope pulls {pull[moving:down].min():.3f} of the weight at least.",
             bool(swing[moving:down].max() <= allowed and pull[moving:down].min() > 0.0),
         ),
-        Check(
-            f"Above its supports nothing that hangs comes nearer to another obstacle than "
-            f"{nearest.distance:.2f} m ({nearest.obstacle}), {clearance.site.distance:g} m "
-            "required.",
-            nearest.distance >= clearance.site.distance,
-        ),
-        Check(
-            f"Set-down: the load touches at {speed:.3f} m/s, {sink_rate:.3f} allowed; it stands "
-            f"{1e3 * apart:.1f} mm from its goal, {1e3 * OFF:g} allowed, below a slack rope.",
-            bool(speed <= sink_rate and apart <= OFF and still and pull[-1] == 0.0),
-        ),
+        _distance_check(lift, run, seen, (moving, down)),
     ]
+    if "set-down" in begins:
+        touched = down + int(np.flatnonzero(pull[down:] < HANGS)[0])
+        speed = float(run.v[touched, crane.layout.index("l")])
+        sink_rate = float(motion.v[down:, motion.drives[2]].max())
+        end = payload_position(crane, run.q[-1]) - clearance.point(lift.lift.ends[1])
+        apart = float(np.linalg.norm(end[:2]))
+        last = State(run.q[-1], run.v[-1])
+        still = np.linalg.norm(point_velocities(crane, last)[0]) < STILL
+        checks.append(
+            Check(
+                f"Set-down: the load touches at {speed:.3f} m/s, {sink_rate:.3f} allowed; it "
+                f"stands {1e3 * apart:.1f} mm from its goal, {1e3 * OFF:g} allowed, below a slack "
+                "rope.",
+                bool(speed <= sink_rate and apart <= OFF and still and pull[-1] == 0.0),
+            )
+        )
+    return run, checks
 
 
-def _nearest_beside_support(clearance: Clearance, q: np.ndarray, support: int) -> Nearest:
-    """Return the nearest pair of a body that hangs and an obstacle on which the load does not stand
-    in a row, of coordinates of all rows, shape (rows, n).
+def _distance_check(
+    lift: GroundLift, run: Trajectory, seen: np.ndarray, motion: tuple[int, int]
+) -> Check:
+    """Check that all that hangs keeps its distance, but from the supports that it stands on before
+    or after the rows of the motion.
+
+    The load is where the rope has it. Where it turns in its sling, it is off its seen attitude by
+    the angles of the sling and, with its centre, by their share in the seen swing.
     """
-    standing = clearance.distances(q[support], jib=False)
-    return min(
-        pair
-        for row in q[::_MEASURED]
-        for name, pair in clearance.distances(row, jib=False).items()
-        if standing[name].distance > 0.0
+    clearance, layout, lug = lift.lift.clearance, lift.crane.layout, _lug(lift.crane)
+    q, hoist = seen.copy(), lift.motion.drives[2]
+    assert lift.crane.springs.rope is not None
+    q[:, hoist] += run.q[:, lift.crane.springs.rope.stretch]
+    turned = np.abs(run.q[:, layout.at("sling_radial", "sling_tangential")]).sum(axis=1)
+    radius = clearance.bodies.below + float(np.linalg.norm(clearance.bodies.hook[1]))
+    aside = (3.0 * lug + 2.0 * radius) * turned
+    moving, down = motion
+    parts = (
+        (slice(moving + 1), _supports(clearance, q[0], hoist)),
+        (slice(moving, down + 1), frozenset[str]()),
+        (slice(down, None), _supports(clearance, q[-1], hoist)),
     )
+    least, unproven = [], []
+    for rows, supports in parts:
+        beside = clearance.without(supports)
+        least.append(beside.nearest(q[rows][beside.nearest_row(q[rows])]))
+        row = unproven_row(beside, q[rows], lift.motion.period, envelope=aside[rows])
+        unproven += [] if row is None else [float(run.t[rows][row])]
+    nearest, proof = min(least), "proven between all instants"
+    if unproven:
+        proof = f"not proven at t = {unproven[0]:.2f} s"
+    return Check(
+        "Above its supports nothing that hangs comes nearer to another obstacle than "
+        f"{nearest.distance:.2f} m ({nearest.obstacle}), {clearance.site.distance:g} m required; "
+        f"{proof}.",
+        not unproven and nearest.distance >= clearance.site.distance,
+    )
+
+
+def _supports(clearance: Clearance, q: np.ndarray, hoist: int) -> frozenset[str]:
+    """Return the obstacles on which the load stands at coordinates, shape (n,): what it touches a
+    little lower, but not a little higher.
+    """
+    lower, higher = (
+        clearance.distances(q + way * np.eye(len(q))[hoist], jib=False) for way in (SLACK, -SLACK)
+    )
+    return frozenset(
+        name for name, pair in lower.items() if pair.distance <= 0.0 < higher[name].distance
+    )
+
+
+def _on_rope(clearance: Clearance, rope_stiffness: float) -> tuple[Crane, list[float]]:
+    """Return the crane with its load, a box, on a lug below a rope that stretches and reaches the
+    ground; and the sides of the box [m], shape (3,).
+
+    Rope and sling have the names that they have in the crane of this project.
+    """
+    crane, site, model = clearance.crane, clearance.site, clearance.crane.model
+    robot, hoist = ET.fromstring(crane.urdf), clearance.joints.hoist
+    data = model.createData()
+    pin.forwardKinematics(model, data, np.zeros(model.nq))
+    hook = data.oMi[hoist + 1].rotation
+    sides = np.ptp(clearance.bodies.load @ hook.T, axis=0).tolist()
+    old = {frame.name for frame in model.frames if frame.parentJoint == hoist + 1}
+    for link in robot.iterfind("link"):
+        if link.get("name") in old and (inertial := link.find("inertial")) is not None:
+            link.remove(inertial)
+    arguments = {
+        "falls": 1.0,
+        "drum_inertia": model.armature[hoist] or _DRUM * crane.payload_mass,
+        **crane.record.get("arguments", {}),
+    }
+    joint = next(j for j in robot.iterfind("joint") if j.get("name") == model.names[hoist + 1])
+    child, limit, dynamics = (joint.find(tag) for tag in ("child", "limit", "dynamics"))
+    assert child is not None and limit is not None  # see check_urdf
+    dynamics = ET.SubElement(joint, "dynamics") if dynamics is None else dynamics
+    dynamics.set("armature", repr(float(arguments["drum_inertia"])))
+    lowest = clearance.height - site.ground + float(site.foot[2])
+    limit.set("upper", repr(max(lowest, float(crane.upper[hoist]))))
+    load, lug = child.get("link", ""), pin.SE3(np.eye(3), np.array([0.0, 0.0, sides[2] / 2.0]))
+    child.set("link", "rope_link")
+    ea = float(arguments["falls"]) * rope_stiffness
+    robot.extend(ET.fromstring(_ROPE.format(ea=ea, damping=ROPE_DAMPING, load=load)))
+    stretch, at_load = robot.findall("joint")[-4], robot.findall("joint")[-1]
+    set_placement(stretch, pin.SE3(hook.T, np.zeros(3)))
+    set_placement(at_load, lug.inverse() * pin.SE3(hook, np.zeros(3)))
+    box = pin.Inertia.FromBox(crane.payload_mass, *sides)
+    robot.findall("link")[-1].append(inertial_element(lug.actInv(box)))
+    record = {**crane.record, "payload": "sling_tangential_joint"}
+    record.pop("arguments", None)
+    record["urdf"] = ET.tostring(robot, encoding="unicode")
+    return load_crane(from_record={"crane": record}), sides
+
+
+_ROPE = """<robot>
+  <link name="rope_link"/>
+  <link name="lug_link"/>
+  <link name="sling_link"/>
+  <link name="payload_link"/>
+  <joint name="rope_stretch_joint" type="prismatic">
+    <parent link="rope_link"/> <child link="lug_link"/> <axis xyz="0 0 -1"/>
+    <limit lower="-1000" upper="5" effort="1e9" velocity="10"/> <dynamics damping="{damping}"/>
+  </joint>
+  <joint name="sling_radial_joint" type="revolute">
+    <parent link="lug_link"/> <child link="sling_link"/> <axis xyz="1 0 0"/>
+    <limit lower="-1.5" upper="1.5" effort="1e7" velocity="10"/> <dynamics damping="300"/>
+  </joint>
+  <joint name="sling_tangential_joint" type="revolute">
+    <parent link="sling_link"/> <child link="payload_link"/> <axis xyz="0 1 0"/>
+    <limit lower="-1.5" upper="1.5" effort="1e7" velocity="10"/> <dynamics damping="300"/>
+  </joint>
+  <joint name="load_joint" type="fixed">
+    <parent link="payload_link"/> <child link="{load}"/>
+  </joint>
+  <gazebo reference="rope_stretch_joint"><ropeStiffness>{ea}</ropeStiffness></gazebo>
+</robot>"""
+"""Rope that stretches, and load on a lug below it, in axes of the world."""
 
 
 def _largest_pull(crane: Crane, motion: Motion, rows: slice) -> float:
@@ -290,8 +404,13 @@ def _lug(crane: Crane) -> float:
     return -float(crane.payload.lever[2])
 
 
-def _standing(crane: Crane, ground: Ground, drives: np.ndarray) -> State:
-    """Return the state in which the load stands below the trolley, at a place of the plan."""
+def _below(crane: Crane, drives: np.ndarray) -> State:
+    """Return the state in which the load is below the trolley, at a place of the plan."""
     q = np.zeros(crane.layout.n)
     q[crane.layout.drives] = drives - [0.0, 0.0, _lug(crane)]
-    return standing(crane, ground, State(q, 0.0 * q))
+    return State(q, 0.0 * q)
+
+
+def _standing(crane: Crane, ground: Ground, drives: np.ndarray) -> State:
+    """Return the state in which the load stands below the trolley, at a place of the plan."""
+    return standing(crane, ground, _below(crane, drives))

@@ -297,7 +297,10 @@ def _is_proven(clearance: Clearance, slews: SlewRange, timed: TimedMotion) -> bo
     q, slew = motion.q, motion.q[:, clearance.joints.slew]
     inside = bool((q >= clearance.crane.lower).all() and (q <= clearance.crane.upper).all())
     turns = bool(slews.low <= slew.min() and slew.max() <= slews.high)
-    return inside and turns and unproven_row(clearance, q, motion.period, swinging=True) is None
+    if not (inside and turns):
+        return False
+    envelope = clearance.envelope(q[:, clearance.joints.hoist])
+    return unproven_row(clearance, q, motion.period, envelope=envelope) is None
 
 
 def _reason(

@@ -102,16 +102,21 @@ def unproven_parameter(
 
 
 def unproven_row(
-    clearance: Clearance, q: np.ndarray, period: float, *, swinging: bool = False
+    clearance: Clearance, q: np.ndarray, period: float, *, envelope: np.ndarray | float = 0.0
 ) -> int | None:
-    """Return a row of a motion about which it is not proven that all that hangs keeps its distance,
-    with its envelope where it is swinging; None if it does at all times.
+    """Return a row of a motion about which it is not proven that all that hangs keeps its distance;
+    None if it does at all times.
 
-    The motion is coordinates of all joints, shape (rows, n), a period [s] apart. Between two rows
-    no point moves farther than the difference of their coordinates says. Stretches of rows are
-    halved until the margin in their middle is more than that.
+    Between two rows no point moves farther than the difference of their coordinates says. Stretches
+    of rows are halved until the margin in their middle is more than that.
+
+    Args:
+        clearance: Crane and site.
+        q: Coordinates of all joints, shape (rows, n).
+        period: Time between rows [s].
+        envelope: How far a point that hangs may be from its place in each row [m], shape (rows,).
     """
-    envelope = clearance.envelope(q[:, clearance.joints.hoist]) * swinging
+    envelope = np.broadcast_to(envelope, len(q))
     before, after = (np.delete(q, end, axis=0) for end in (-1, 0))
     steps = clearance.displacement(before, after) + np.abs(np.diff(envelope))
     moved = np.concatenate([[0.0], np.cumsum(steps)])

@@ -149,7 +149,8 @@ def test_a_motion_is_proven_with_the_load_turned_by_the_jib_not_by_its_own_azimu
     post, so_far = Clearance(crane(), replace(asked.site, solids=(solid,))), motion.q[: row + 1]
     assert min(post.swing_margin(place) for place in places[: row + 1]) > CLOSE
     assert min(post.margin(q) for q in so_far) < 0.0
-    assert unproven_row(post, so_far, STEP, swinging=True) is not None
+    envelope = post.envelope(so_far[:, post.joints.hoist])
+    assert unproven_row(post, so_far, STEP, envelope=envelope) is not None
 
 
 def test_a_motion_that_rests_and_then_enters_a_wall_is_not_proven() -> None:
