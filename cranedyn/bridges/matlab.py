@@ -46,7 +46,6 @@ class LinearSystem(NamedTuple):
 def linear_system(
     crane: Crane,
     state: State | None = None,
-    *,
     effort: np.ndarray | None = None,
     drive: Drive = "effort",
     control_period: float | None = None,
@@ -105,25 +104,32 @@ def linear_system(
     return LinearSystem(a, b, c, names, inputs, selected, control_period or 0.0)
 
 
-def to_matlab(file: str | Path, crane: Crane, state: State | None = None, **options: Any) -> Path:
-    """Write A, B, C, D, Ts, the names and units of states, inputs and outputs, and the state z0.
-
-    Args:
-        file: New file, ending in .mat; MATLAB's `load` opens it.
-        crane: The crane.
-        state: State to linearise about; None for the start.
-        options: As `linear_system` takes them.
+def to_matlab(
+    file: str | Path,
+    crane: Crane,
+    state: State | None = None,
+    *,
+    effort: np.ndarray | None = None,
+    drive: Drive = "effort",
+    control_period: float | None = None,
+    dt: float = 5e-4,
+    outputs: Sequence[str] | None = None,
+    converters: Converters | None = None,
+) -> Path:
+    """Write A, B, C, D, Ts, the names and units of states, inputs and outputs, and the state z0 to
+    a new file, ending in .mat, which MATLAB's `load` opens. Other arguments: see `linear_system`.
 
     Raises:
         DataError: If the ending is not .mat, or the file exists or cannot be written.
         OutOfRange, UnknownName: As `linear_system`.
     """
-    file, system = Path(file), linear_system(crane, state, **options)
+    file = Path(file)
+    system = linear_system(crane, state, effort, drive, control_period, dt, outputs, converters)
     if file.suffix != ".mat":
         raise DataError(f"Cannot write {file}: the ending of a file for MATLAB must be .mat.")
     units = {joint.symbol: joint.unit for joint in crane.layout.joints}
     units |= {f"{symbol}_dot": f"{unit}/s" for symbol, unit in units.items()}
-    per = {"motion": "/s^2", "velocity": "/s"}.get(options.get("drive", "effort"))
+    per = {"motion": "/s^2", "velocity": "/s"}.get(drive)
     for joint, name in zip(crane.layout.driven, system.inputs, strict=True):
         units[name] = joint.effort_unit if per is None else joint.unit + per
     content: dict[str, Any] = {"A": system.a, "B": system.b, "C": system.c, "Ts": system.period}
@@ -149,5 +155,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
-    settings = {"drive": options.drive, "control_period": options.control_period}
-    return to_matlab(options.target, crane_from_options(options), **settings)
+    crane, period = crane_from_options(options), options.control_period
+    return to_matlab(options.target, crane, drive=options.drive, control_period=period)
