@@ -63,11 +63,11 @@ _TEMPLATES = Path(__file__).with_name("templates") / "page"
 
 
 class Visual(NamedTuple):
-    """A shape in its own frame, its joint, -1 for the world, and its place in the joint's frame."""
+    """A shape, its joint, -1 for the world, and its placement in the joint's frame."""
 
     joint: int
     shape: Shape
-    place: pin.SE3
+    placement: pin.SE3
 
 
 def export(
@@ -258,24 +258,24 @@ def _visuals(crane: Crane, load: np.ndarray | None, meshes: str | Path | None) -
             placed.append(Visual(int(frame.parentJoint) - 1, shape, frame.placement * own))
     boxes = [s for i, s, _ in placed if i == crane.payload.body and s.kind == "box"]
     largest = max(boxes, key=lambda shape: math.prod(shape.size), default=None)
-    for joint, shape, place in placed:
+    for joint, shape, placement in placed:
         if load is not None and shape is largest:
             centre = crane.payload.lever + (load.min(axis=0) + load.max(axis=0)) / 2.0
-            place = pin.SE3(np.eye(3), centre)
+            placement = pin.SE3(np.eye(3), centre)
             shape = replace(shape, size=tuple(np.ptp(load, axis=0).tolist()))
-        yield Visual(joint, shape, place)
+        yield Visual(joint, shape, placement)
 
 
 def _shape_data(crane: Crane, visuals: Sequence[Visual]) -> Iterator[dict[str, Any]]:
     meshes = _surfaces([shape.mesh for _, shape, _ in visuals if shape.kind == "mesh"])
-    for joint, shape, place in visuals:
+    for joint, shape, placement in visuals:
         surface = next(meshes) if shape.kind == "mesh" else {}
         yield surface | {
             "joint": joint,
             "kind": shape.kind,
             "size": [float(edge) for edge in shape.size],
-            "rotation": place.rotation.ravel().tolist(),
-            "translation": place.translation.tolist(),
+            "rotation": placement.rotation.ravel().tolist(),
+            "translation": placement.translation.tolist(),
             "colour": [float(c) for c in shape.colour],
             "payload": joint == crane.payload.body,
         }
@@ -316,8 +316,8 @@ def _load_box(crane: Crane, load: np.ndarray | None, visuals: Sequence[Visual]) 
     low, high = crane.payload.lever - 0.5, crane.payload.lever + 0.5
     if load is None:
         points = [
-            shape.hull_points() @ place.rotation.T + place.translation
-            for joint, shape, place in visuals
+            shape.hull_points() @ placement.rotation.T + placement.translation
+            for joint, shape, placement in visuals
             if joint == crane.payload.body
         ]
         if points:

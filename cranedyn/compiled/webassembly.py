@@ -39,46 +39,46 @@ def webassembly(module: ir.Module, *, simd: bool = True) -> bytes:
         for name, index in _functions(body)
     ]
     kept = [(kind, body) for kind, body in sections if kind != _CUSTOM]
-    place = sum(kind < _EXPORTS for kind, _ in kept)
-    kept.insert(place, (_EXPORTS, _leb(len(exports)) + b"".join(exports)))
+    position = sum(kind < _EXPORTS for kind, _ in kept)
+    kept.insert(position, (_EXPORTS, _leb(len(exports)) + b"".join(exports)))
     return object_file[:8] + b"".join(bytes([kind]) + _leb(len(body)) + body for kind, body in kept)
 
 
-def _sections(data: bytes, place: int) -> Iterator[tuple[int, bytes]]:
-    """Yield kind and content of each section from a place on."""
-    while place < len(data):
-        length, first = _read_leb(data, place + 1)
-        yield data[place], data[first : first + length]
-        place = first + length
+def _sections(data: bytes, position: int) -> Iterator[tuple[int, bytes]]:
+    """Yield kind and content of each section from a position on."""
+    while position < len(data):
+        length, first = _read_leb(data, position + 1)
+        yield data[position], data[first : first + length]
+        position = first + length
 
 
 def _functions(body: bytes) -> Iterator[tuple[str, int]]:
     """Yield name and index of each function in a custom section: those of the symbol table in the
     section "linking".
     """
-    title, place = _read_name(body, 0)
+    title, position = _read_name(body, 0)
     if title != "linking":
         return
-    _, place = _read_leb(body, place)  # version
-    for kind, table in _sections(body, place):
+    _, position = _read_leb(body, position)  # version
+    for kind, table in _sections(body, position):
         if kind == _SYMBOL_TABLE:
             yield from _defined_functions(table)
 
 
 def _defined_functions(table: bytes) -> Iterator[tuple[str, int]]:
-    count, place = _read_leb(table, 0)
+    count, position = _read_leb(table, 0)
     for _ in range(count):
-        kind = table[place]
-        flags, place = _read_leb(table, place + 1)
+        kind = table[position]
+        flags, position = _read_leb(table, position + 1)
         defined = not flags & _UNDEFINED
         if kind == _DATA:
-            _, place = _read_name(table, place)
+            _, position = _read_name(table, position)
             for _ in range(3 * defined):  # segment, offset and size
-                _, place = _read_leb(table, place)
+                _, position = _read_leb(table, position)
             continue
-        index, place = _read_leb(table, place)
+        index, position = _read_leb(table, position)
         if defined or flags & _EXPLICIT_NAME:
-            name, place = _read_name(table, place)
+            name, position = _read_name(table, position)
             if kind == _FUNCTION and defined:
                 yield name, index
 
@@ -87,8 +87,8 @@ def _name(text: str) -> bytes:
     return _leb(len(text)) + text.encode()
 
 
-def _read_name(data: bytes, place: int) -> tuple[str, int]:
-    length, first = _read_leb(data, place)
+def _read_name(data: bytes, position: int) -> tuple[str, int]:
+    length, first = _read_leb(data, position)
     return data[first : first + length].decode(), first + length
 
 
@@ -101,12 +101,12 @@ def _leb(number: int) -> bytes:
     return bytes([*out, number])
 
 
-def _read_leb(data: bytes, place: int) -> tuple[int, int]:
-    """Return an unsigned number in LEB128 and the place after it."""
+def _read_leb(data: bytes, position: int) -> tuple[int, int]:
+    """Return an unsigned number in LEB128 and the position after it."""
     number = shift = 0
     while True:
-        byte = data[place]
+        byte = data[position]
         number |= (byte & 127) << shift
-        place, shift = place + 1, shift + 7
+        position, shift = position + 1, shift + 7
         if byte < 128:
-            return number, place
+            return number, position

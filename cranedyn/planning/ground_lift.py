@@ -71,12 +71,12 @@ def ground_of(
         properties: Friction, restitution and sink, see `Ground`.
     """
 
-    def near(part: np.ndarray) -> bool:
+    def near(vertices: np.ndarray) -> bool:
         if within is None:
             return True
-        places, reach = within
-        low, high = part.min(axis=0)[:2] - reach, part.max(axis=0)[:2] + reach
-        return bool(((low < places[:, :2]) & (places[:, :2] < high)).all(axis=1).any())
+        centres, reach = within
+        low, high = vertices.min(axis=0)[:2] - reach, vertices.max(axis=0)[:2] + reach
+        return bool(((low < centres[:, :2]) & (centres[:, :2] < high)).all(axis=1).any())
 
     solids = (solid for solid in site.seen_by_crane() if not solid.zone)
     hulls = [Hull(part.tolist()) for solid in solids for part in solid.parts if near(part)]
@@ -165,13 +165,13 @@ def from_ground(
         """Return q, v and a of a set-down and a pause after it, shape (3, rows, 5)."""
         ramp = max(1.0, number(name, speed, "m/s", "> 0") / HOIST_ACCELERATION)
         stands = _standing(crane, ground, planned(planned.arrival * -place).position)
-        way = SLACK + float(stands.q[crane.layout.index("rope_stretch")])
-        duration = planned.period * math.ceil((way / speed + ramp) / planned.period)
+        travel = SLACK + float(stands.q[crane.layout.index("rope_stretch")])
+        duration = planned.period * math.ceil((travel / speed + ramp) / planned.period)
         t = np.arange(0.0, duration + PAUSE, planned.period)
         rows = np.zeros((3, len(t), planned.q.shape[1]))
         rows[0] = planned.q[place]
         for order in range(3):
-            rows[order, :, planned.drives[2]] += way * cruise(t, duration, ramp, order)
+            rows[order, :, planned.drives[2]] += travel * cruise(t, duration, ramp, order)
         return rows
 
     pieces: dict[str, np.ndarray] = {}
@@ -219,16 +219,17 @@ def certify_ground_lift(
     checks: list[Check] = []
     if "lift-off" in begins:
         lifted = int(np.argmax(pull[:moving] >= 1.0))
-        most = _largest_pull(crane, motion, slice(lifted, moving))
-        bound = f"{most:.3f} by closed form"
+        largest = _largest_pull(crane, motion, slice(lifted, moving))
+        bound = f"{largest:.3f} by closed form"
         if (run["phase"][:moving] == OFF_LEAD).any():
-            most, bound = math.nan, "without a bound: the load slides or leans while the rope pulls"
+            largest = math.nan
+            bound = "without a bound: the load slides or leans while the rope pulls"
         checks.append(
             Check(
                 f"Lift-off: the rope pulls {pull[:moving].max():.3f} of the weight at most, "
                 f"{bound}; hanging, the load swings {swing[moving]:.2f} mrad, {allowed:.1f} "
                 "allowed.",
-                bool(pull[:moving].max() <= most and swing[moving] <= allowed),
+                bool(pull[:moving].max() <= largest and swing[moving] <= allowed),
             )
         )
     checks += [
@@ -302,7 +303,7 @@ def _supports(clearance: Clearance, q: np.ndarray, hoist: int) -> frozenset[str]
     little lower, but not a little higher.
     """
     lower, higher = (
-        clearance.distances(q + way * np.eye(len(q))[hoist], jib=False) for way in (SLACK, -SLACK)
+        clearance.distances(q + ds * np.eye(len(q))[hoist], jib=False) for ds in (SLACK, -SLACK)
     )
     return frozenset(
         name for name, pair in lower.items() if pair.distance <= 0.0 < higher[name].distance
