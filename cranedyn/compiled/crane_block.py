@@ -16,35 +16,54 @@ from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.step import Step, StepState, check_rule
 from cranedyn.compiled.verify import compile_kernel
 from cranedyn.disturbances.wind import drag_force
+from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.dynamics.scalars import array
 from cranedyn.errors import ModelError
-from cranedyn.interfaces import DirectDrive
+from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
 from cranedyn.plant import rigid_body
 from cranedyn.plant.plant import Plant, Topology, numbers, plant
+
+COMMUNICATION = 10
+"""Physics steps from one usual change of the inputs to the next."""
+
+_TAKEN = {"effort": "efforts", "motion": "accelerations", "velocity": "rates"}
+
+_CONVERTER = {
+    "rate_limit": ("{}/s", "commands beyond are cut to it"),
+    "ramp": ("{}/s2", "largest acceleration of the ramp"),
+    "jerk": ("{}/s3", "largest jerk of the ramp"),
+    "lag": ("s", "time constant of the speed control"),
+    "resolution": ("{}/s", "to which commands are rounded"),
+}
+"""Units and descriptions of the numbers of a frequency converter, in the order of `Response`."""
 
 
 def crane_block(
     crane: Crane,
     *,
-    drive: DirectDrive = "effort",
+    drive: Drive = "effort",
     dt: float = 5e-4,
     integrator: Integrator = semi_implicit_euler,
+    converters: Converters | None = None,
     name: str = "crane",
 ) -> FunctionBlock:
     """Return a crane as a block: "outputs" computes accelerations, efforts, energy and validity at
     the state under the inputs, "step" the state a physics step later.
 
     Parameters are the mass of the load, the length of the cable beyond the coordinate of the hoist,
-    the damping of each joint, and a horizontal wind on the load.
+    the damping of each joint, a horizontal wind on the load, and with "velocity" the numbers of the
+    frequency converters. Their delay is rounded up to a multiple of `COMMUNICATION` physics steps.
 
     Args:
         crane: The crane.
-        drive: Whether inputs are efforts, or with "motion" accelerations, of the drives.
+        drive: Whether inputs are efforts, or with "motion" accelerations, or with "velocity" rates,
+            of the drives.
         dt: Physics step [s].
         integrator: The stepping rule.
+        converters: Frequency converters of "velocity"; None for typical ones.
         name: Name of the block.
 
     Raises:
@@ -52,32 +71,44 @@ def crane_block(
         ModelError: If the rope goes slack and taut within a step, or the code would not do what
             Pinocchio does.
     """
-    check_choice("drive", drive, DirectDrive)
+    check_choice("drive", drive, Drive)
     clocks(dt, dt, dt)
     check_rule(integrator)
-    if crane.springs.rope is not None and crane.springs.rope.inextensible:
+    if (rope := crane.springs.rope) and (rope.inextensible or integrator.smooth):
         raise ModelError(
-            "The rope does not stretch and may go slack, which a block cannot follow within a "
-            "step; give a finite rope_stiffness, or 0 for a rope that is always taut."
+            "The rope may go slack, which a block cannot follow within a step; give a finite "
+            "rope_stiffness and semi-implicit Euler, or 0 for a rope that is always taut."
         )
-    recipe = Recipe(1, drive, integrator, forces=True)
-    compile_kernel([crane], recipe)  # compares the same text with Pinocchio
+    response, delay, arrays = np.zeros(0), 0, {}
+    if (drives := fitting(crane, drive, converters)) is not None:
+        response = np.concatenate(drives.response)
+        delay = COMMUNICATION * drives.delay_steps(dt, COMMUNICATION * dt)
+        m = crane.layout.m
+        arrays = {"converters": np.zeros(3 * m), "waiting": np.zeros(max(delay, 1) * m)}
+    recipe = Recipe(1, drive, integrator, forces=True, delay_steps=0 if arrays else None)
+    compile_kernel([crane], recipe, response if arrays else None)  # compares it with Pinocchio
     names = VariableNames(crane, drive)
     block = FunctionBlock(
         name,
-        f"A crane whose drives take {'efforts' if drive == 'effort' else 'accelerations'}.",
+        f"A crane whose drives take {_TAKEN[drive]}.",
         dt,
-        _variables(crane, drive, names),
+        _variables(crane, drive, names, response, dt),
+        arrays,
+        last=max(2 * delay - 1, 1) if arrays else 0,
+        first=max(delay, 1),
         renamed={name: new for name, new in names.identifier.items() if name != new},
     )
 
     def outputs(code: BlockCode) -> Mapping[str, Any]:
         text = _Text(code, crane, drive, names)
-        command = text.plant.within(text.command)
+        command = text.followed(code, delay, dt, keep=False)
         a, effort, needed, _ = text.plant.driven(text.q, text.v, command, text.forces)
         hoist = crane.layout.drive_of("hoist")
         hoist_force = 0.0 if hoist is None else effort[hoist]
         conditions = text.plant.conditions(text.q, text.v, hoist_force, needed)
+        if text.plant.response is not None:
+            cuts = text.plant.response.cuts(text.command)
+            conditions += [code.chosen(cut, 1.0, 0.0) < 0.5 for cut in cuts]
         return {
             **dict(zip(names.accelerations, a, strict=True)),
             **dict(zip(names.efforts, effort, strict=True)),
@@ -87,7 +118,7 @@ def crane_block(
 
     def step(code: BlockCode) -> Mapping[str, Any]:
         text = _Text(code, crane, drive, names)
-        command = text.plant.within(text.command)
+        command = text.followed(code, delay, dt, keep=True)
         rule = Step(integrator, text.plant, command, text.forces, dt, 1.0, 1)
         q, v, *_ = rule.after(StepState(text.q, text.v, array([0.0, 0.0])))
         q = array([reading - offset for reading, offset in zip(q, text.offset, strict=True)])
@@ -115,17 +146,17 @@ class VariableNames:
     def __init__(self, crane: Crane, drive: str) -> None:
         layout = crane.layout
         symbols, driven = layout.symbols, [joint.symbol for joint in layout.driven]
-        efforts = [joint.effort_name for joint in layout.driven]
+        efforts, velocity = [joint.effort_name for joint in layout.driven], drive == "velocity"
+        rates = [f"{symbol}_{'dot' if velocity else 'ddot'}" for symbol in driven]
+        commands = efforts if drive == "effort" else rates
         groups = {
             "state": [*symbols, *(f"{symbol}_dot" for symbol in symbols)],
             "accelerations": [f"{symbol}_ddot" for symbol in symbols],
             "efforts": efforts,
-            "commands": [
-                f"{signal}_command"
-                for signal in (efforts if drive == "effort" else [f"{s}_ddot" for s in driven])
-            ],
+            "commands": [f"{signal}_command" for signal in commands],
             "forces": force_names(crane),
             "dampings": [f"{symbol}_damping" for symbol in symbols],
+            "converters": [f"{s}_{name}" for name in _CONVERTER if velocity for s in driven],
         }
         others = ["payload_mass", "cable_offset", "wind_x", "wind_y", "payload_area"]
         every = [*others, "energy", "valid", *(name for group in groups.values() for name in group)]
@@ -139,12 +170,16 @@ class VariableNames:
     commands: list[str]
     forces: list[str]
     dampings: list[str]
+    converters: list[str]
 
 
-def _variables(crane: Crane, drive: str, names: VariableNames) -> tuple[Variable, ...]:
+def _variables(
+    crane: Crane, drive: str, names: VariableNames, response: np.ndarray, dt: float
+) -> tuple[Variable, ...]:
     layout, free = crane.layout, np.full(crane.layout.n, np.inf)
     effort_units = [joint.effort_unit.replace(" ", ".") for joint in layout.driven]
-    command_units = [f"{joint.unit}/s2" for joint in layout.driven]
+    per = "/s" if drive == "velocity" else "/s2"
+    command_units = [f"{joint.unit}{per}" for joint in layout.driven]
     holding = np.zeros(layout.m)
     if drive == "effort":
         command_units, holding = effort_units, holding_effort(crane, crane.start.q)
@@ -164,6 +199,11 @@ def _variables(crane: Crane, drive: str, names: VariableNames) -> tuple[Variable
     ):
         unit = "N.m.s/rad" if joint.kind == "revolute" else "N.s/m"
         add(Variable(name, "parameter", unit, damping, 0.0, about="viscous damping"))
+    kinds = [(kind, joint) for kind in _CONVERTER for joint in layout.driven]
+    for name, (kind, joint), value in zip(names.converters, kinds, response.tolist(), strict=False):
+        low = {"lag": dt, "resolution": 0.0}.get(kind, 1e-9)
+        unit, about = _CONVERTER[kind]
+        add(Variable(name, "parameter", unit.format(joint.unit), value, low, about=about))
     for name in ("wind_x", "wind_y"):
         add(Variable(name, "parameter", "m/s", about="wind on the load in the world"))
     about = "drag coefficient times area of the load"
@@ -212,6 +252,34 @@ class _Text:
         drag = drag_force(code.get("payload_area"), air - moving)
         self.forces[span] = self.forces[span] + drag
 
+    def followed(self, code: BlockCode, delay: int, dt: float, *, keep: bool) -> np.ndarray:
+        """Return the command that the plant follows in a step: efforts within the limits,
+        accelerations, or reference rates of converters, whose memory then goes on if kept.
+        """
+        response, m, integer = self.plant.response, len(self.command), code.integer
+        if response is None:
+            return self.plant.within(self.command)
+        rates, compared = self.v[self.plant.topology.layout.drives], code.builder.icmp_signed
+        memory = array([code.element("converters", i) for i in range(3 * m)])
+        reference, slope, first = memory.reshape(3, m)
+        begins = compared("==", code.count, integer(0))
+        for values in (reference, first):
+            values[:] = [code.chosen(begins, *pair) for pair in zip(rates, values, strict=True)]
+        heard = sent = response.heard(self.command)
+        row = code.builder.srem(code.count, integer(max(delay, 1)))
+        places = [code.plus(code.product(row, m), i) for i in range(m)]
+        if delay:
+            early = compared("<", code.count, integer(delay))
+            waiting = [code.element("waiting", place) for place in places]
+            sent = [code.chosen(early, *pair) for pair in zip(first, waiting, strict=True)]
+        after, slopes = response.ramped(sent, reference, slope, rates, dt)
+        if keep:
+            for i, value in enumerate([*after, *slopes, *first]):
+                code.put("converters", i, value)
+            for place, value in zip(places, heard, strict=True):
+                code.put("waiting", place, value)
+        return array(after)
+
 
 def _plant(code: BlockCode, crane: Crane, drive: str, names: VariableNames) -> Plant:
     """Return the crane with its parameters in place of their numbers."""
@@ -228,4 +296,5 @@ def _plant(code: BlockCode, crane: Crane, drive: str, names: VariableNames) -> P
     (places,) = np.nonzero(numbers(damping) != usual)
     for i, name in zip(places.tolist(), names.dampings, strict=True):
         values[i] = code.get(name)
+    values += code.get_all(names.converters).tolist()
     return plant(Topology.of(crane), values, drive, buffers=False)
