@@ -846,7 +846,7 @@ cranedyn/compiled/crane_block.py
 + z[: layout.n] + 0.0 * self.offset
 * frequency converters in C answer a period too early
 ? c_code::a_crane_in_c_moves_as_in_simulate
-- code.element("waiting", place) for place in places
+- code.element("converters", place) for place in places
 + value for value in heard
 * frequency converters in C start from rest
 ? c_code::a_crane_in_c_moves_as_in_simulate

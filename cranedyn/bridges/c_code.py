@@ -41,8 +41,6 @@ sums in another order; in single precision that of 2,000 physics steps; of predi
 tolerance of an optimisation, whose last iteration round-off may decide."""
 
 _TEMPLATES = Path(__file__).with_name("templates")
-_LIVELY = 0.5
-"""Largest acceleration of a drive in this test [rad/s² or m/s²]."""
 
 
 @dataclass(frozen=True)
@@ -123,14 +121,12 @@ def crane_test(
     """Return a test of a crane's block: its state in a run of `simulate` under random commands."""
     block = crane_block(crane, drive=drive, dt=dt, integrator=integrator)
     rng, layout = np.random.default_rng(0), crane.layout
-    inputs = block.of_kind("input")
-    start = np.array([variable.start for variable in inputs])
-    commands = np.tile(start[: layout.m], (rows, 1))
+    inputs = np.tile([variable.start for variable in block.of_kind("input")], (rows, 1))
+    commands = inputs[:, : layout.m]
     inertia = np.diag(pin.crba(crane.model, crane.data, crane.start.q))[layout.drives]
-    size = _LIVELY * (inertia if drive == "effort" else np.ones(layout.m))
-    if drives := fitting(crane, drive, None):
-        size = drives.rates
-    commands += rng.uniform(-size, size, commands.shape)
+    drives = fitting(crane, drive, None)
+    size = drives.rates if drives else 0.5 * (inertia if drive == "effort" else np.ones(layout.m))
+    commands += rng.uniform(-size, size, (rows // 20, layout.m)).repeat(20, axis=0)
     period = COMMUNICATION * dt
     run = simulate(
         crane,
@@ -142,9 +138,8 @@ def crane_test(
         integrator=integrator,
         validity="mark",
     )
-    values = np.hstack([commands, np.zeros((rows, len(inputs) - layout.m))])
     names = [variable.name for variable in block.of_kind("state")]
-    return BlockTest(block, COMMUNICATION, values, names, np.hstack([run.q, run.v])[1:])
+    return BlockTest(block, COMMUNICATION, inputs, names, np.hstack([run.q, run.v])[1:])
 
 
 def _test_program(tests: Sequence[BlockTest], precision: Precision) -> str:
