@@ -20,6 +20,7 @@ from cranedyn.controllers import follow, hold_controller, lqr, paper_controller
 from cranedyn.controllers.damping import with_damping
 from cranedyn.controllers.velocity_command import as_velocity_command
 from cranedyn.disturbances.wind import steady, wind
+from cranedyn.dynamics.converters import converters
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, ModelError, OutOfRange
 from cranedyn.estimation import with_observer, with_sensor_model
@@ -107,6 +108,9 @@ def test_a_crane_in_c_moves_as_in_simulate(drive: Any, precision: Any, tmp_path:
     start = c.state(x=12.0, l=11.0, phi=0.1, theta_dot=0.05, x_dot=0.2)
     commands = np.random.default_rng(1).uniform(-1.0, 1.0, (steps // 40, 3)).repeat(40, axis=0)
     commands *= SCALE[drive]
+    drives = drive
+    if drive == "velocity":  # another ramp than the typical one
+        compiled.memory.x_ramp, drives = 0.2, converters(c, accelerations={"x": 0.2})
     commands[:, 2] -= 9810.0 if drive == "effort" else 0.0
     names = [variable.name for variable in block.of_kind("state")]
     for name, value in zip(names, np.concatenate(start).tolist(), strict=True):
@@ -116,7 +120,7 @@ def test_a_crane_in_c_moves_as_in_simulate(drive: Any, precision: Any, tmp_path:
         lambda t, state, setpoint: commands[min(round(t / 5e-3), steps - 1)],
         start=start,
         duration=steps * 5e-3,
-        drive=drive,
+        drive=drives,
         validity="mark",
     )
     found = []
@@ -132,7 +136,7 @@ def test_a_crane_in_c_moves_as_in_simulate(drive: Any, precision: Any, tmp_path:
     assert off < (1e-12 if precision == "double" else 4000 * 12 * 2.0**-24)
     relative = 1e-11 if precision == "double" else 1e-5
     assert np.allclose(np.array(found)[:, -1], run.energy[:-1], rtol=relative)
-    assert np.abs(np.diff(run.v[:, 1])).max() > 1e-3
+    assert np.ptp(run.v[:, 1]) > 0.03
 
 
 @pytest.mark.slow
