@@ -860,6 +860,14 @@ cranedyn/compiled/crane_block.py
 ? c_code::parameters_of_a_crane_in_c_are_those_of_another_crane
 - z[: layout.n] + self.offset
 + z[: layout.n] + 0.0 * self.offset
+* frequency converters in C answer a period too early
+? c_code::a_crane_in_c_moves_as_in_simulate
+- code.element("converters", place) for place in places
++ value for value in heard
+* frequency converters in C start from rest
+? c_code::a_crane_in_c_moves_as_in_simulate
+- begins = compared("==",
++ begins = compared("<",
 cranedyn/bridges/controller_block.py
 * the block of an observer corrects with the rates of a call before
 ? c_code::a_controller_in_c_commands_what_it_commands_in_python

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pinocchio as pin
@@ -23,9 +23,10 @@ from cranedyn.checks import check_choice
 from cranedyn.clocks import clocks
 from cranedyn.compiled.block import FunctionBlock
 from cranedyn.compiled.c_text import Precision, c_header, c_source
-from cranedyn.compiled.crane_block import crane_block
+from cranedyn.compiled.crane_block import COMMUNICATION, crane_block
+from cranedyn.dynamics.converters import fitting
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.interfaces import DirectDrive, Drive
+from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 from cranedyn.simulation.simulate import simulate
@@ -40,11 +41,6 @@ sums in another order; in single precision that of 2,000 physics steps; of predi
 tolerance of an optimisation, whose last iteration round-off may decide."""
 
 _TEMPLATES = Path(__file__).with_name("templates")
-_STEPS = 10
-"""Physics steps of the crane between two rows of its test."""
-
-_LIVELY = 0.5
-"""Largest acceleration of a drive in this test [rad/s² or m/s²]."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +80,7 @@ def export(
         crane: The crane.
         folder: New folder.
         controller: The controller, see `cranedyn.bridges.controller_block`; None for none.
-        drive: What the controller commands. The crane takes accelerations from a controller of
-            accelerations, and efforts otherwise.
+        drive: What the controller commands, and the crane takes.
         dt: Physics step [s].
         control_period: Time from one call of the controller to the next [s].
         duration: Time that tables of the controller cover [s].
@@ -99,8 +94,7 @@ def export(
     check_choice("precision", precision, Precision)
     clocks(control_period, dt, control_period)
     check_free(Path(folder))
-    kind: DirectDrive = "motion" if drive == "motion" else "effort"
-    tests = [crane_test(crane, kind, dt, integrator)]
+    tests = [crane_test(crane, drive, dt, integrator)]
     if controller is not None:
         block = controller_block(
             crane, controller, drive=drive, control_period=control_period, duration=duration
@@ -122,18 +116,18 @@ def export(
 
 
 def crane_test(
-    crane: Crane, drive: DirectDrive, dt: float, integrator: Integrator, rows: int = 200
+    crane: Crane, drive: Drive, dt: float, integrator: Integrator, rows: int = 200
 ) -> BlockTest:
     """Return a test of a crane's block: its state in a run of `simulate` under random commands."""
     block = crane_block(crane, drive=drive, dt=dt, integrator=integrator)
     rng, layout = np.random.default_rng(0), crane.layout
-    inputs = block.of_kind("input")
-    start = np.array([variable.start for variable in inputs])
-    commands = np.tile(start[: layout.m], (rows, 1))
+    inputs = np.tile([variable.start for variable in block.of_kind("input")], (rows, 1))
+    commands = inputs[:, : layout.m]
     inertia = np.diag(pin.crba(crane.model, crane.data, crane.start.q))[layout.drives]
-    size = _LIVELY * (inertia if drive == "effort" else np.ones(layout.m))
-    commands += rng.uniform(-size, size, commands.shape)
-    period = _STEPS * dt
+    drives = fitting(crane, drive, None)
+    size = drives.rates if drives else 0.5 * (inertia if drive == "effort" else np.ones(layout.m))
+    commands += rng.uniform(-size, size, (rows // 20, layout.m)).repeat(20, axis=0)
+    period = COMMUNICATION * dt
     run = simulate(
         crane,
         lambda t, state, setpoint: commands[min(round(t / period), rows - 1)],
@@ -144,9 +138,8 @@ def crane_test(
         integrator=integrator,
         validity="mark",
     )
-    values = np.hstack([commands, np.zeros((rows, len(inputs) - layout.m))])
     names = [variable.name for variable in block.of_kind("state")]
-    return BlockTest(block, _STEPS, values, names, np.hstack([run.q, run.v])[1:])
+    return BlockTest(block, COMMUNICATION, inputs, names, np.hstack([run.q, run.v])[1:])
 
 
 def _test_program(tests: Sequence[BlockTest], precision: Precision) -> str:
@@ -197,7 +190,10 @@ def _readme(tests: Sequence[BlockTest], precision: Precision) -> str:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the folder and the crane."""
     add = parser.add_argument
-    add("--controller", choices=CONTROLLERS, help="controller beside the crane")
+    either = parser.add_mutually_exclusive_group()
+    either.add_argument("--controller", choices=CONTROLLERS, help="controller beside the crane")
+    text = "what the drives of a crane without controller take (default effort)"
+    either.add_argument("--drive", choices=get_args(Drive), default="effort", help=text)
     add("--single", action="store_true", help="numbers in single precision")
     text = "time from one call of the controller to the next [s]"
     add("--period", type=float, default=5e-3, metavar="T", help=text)
@@ -207,7 +203,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its folder."""
     crane, controller = crane_from_options(options), None
-    drive: Drive = "effort"
+    drive: Drive = options.drive
     if options.controller is not None:
         drive, make = CONTROLLERS[options.controller]
         controller = make(crane, options.period)

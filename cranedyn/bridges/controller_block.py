@@ -427,10 +427,11 @@ def controller_block(
     control_period = float(number("control_period", control_period, "s", "> 0"))
     layout, driven = crane.layout, crane.layout.driven
     limits, holding = np.full(layout.m, np.inf), np.zeros(layout.m)
-    units = [f"{joint.unit}/s2" for joint in driven]
+    positions = [joint.unit for joint in driven]
+    rates, units = ([f"{unit}/{per}" for unit in positions] for per in ("s", "s2"))
     signals = [f"{name}_command" for name in input_names(crane, drive)]
     if isinstance(controller, Shaped):
-        units, holding = [joint.unit for joint in driven], crane.start.q[layout.drives]
+        units, holding = positions, crane.start.q[layout.drives]
         signals = [f"{joint.symbol}_shaped" for joint in driven]
     elif drive == "effort":
         limits, holding = crane.effort_limit, holding_effort(crane, crane.start.q)
@@ -438,33 +439,19 @@ def controller_block(
     elif drive == "velocity":
         drives = fitting(crane, drive, converters)
         assert drives is not None
-        limits, units = drives.rates, [f"{joint.unit}/s" for joint in driven]
-        signals = [f"{joint.symbol}_dot_command" for joint in driven]
+        limits, units, signals = drives.rates, rates, input_names(crane, drive)
     setting = ControlSetting(crane, signals, control_period, duration)
     part = controller_code(setting, controller)
     if 1 < len(setting.times) <= part.rows:
         raise OutOfRange("duration", duration, "longer: the tables still change at its end", "s")
     state_units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
-    start = np.concatenate(crane.start).tolist()
+    start = np.concatenate(crane.start)
+    several = Variable.several
     variables = [
-        *(
-            Variable(name, "input", unit, value, about="measured")
-            for name, unit, value in zip(setting.state, state_units, start, strict=True)
-        ),
-        *(
-            Variable(name, "input", joint.unit, start[i], about="setpoint")
-            for name, joint, i in zip(setting.setpoint, driven, layout.drives, strict=True)
-        ),
-        *(
-            Variable(name, "input", f"{joint.unit}/s", about="of the setpoint a period later")
-            for name, joint in zip(setting.rate, driven, strict=True)
-        ),
-        *(
-            Variable(name, "output", unit, value, -limit, limit)
-            for name, unit, value, limit in zip(
-                setting.command, units, holding.tolist(), limits.tolist(), strict=True
-            )
-        ),
+        *several(setting.state, "input", state_units, start, about="measured"),
+        *several(setting.setpoint, "input", positions, start[layout.drives], about="setpoint"),
+        *several(setting.rate, "input", rates, about="of the setpoint a period later"),
+        *several(setting.command, "output", units, holding, -limits, limits),
         *part.memory,
     ]
     first = part.repeats or part.rows - 1

@@ -115,7 +115,7 @@ def export(
     Args:
         crane: The crane.
         path: New file, ending in ``.fmu``.
-        drive: Drive mode, see `simulate`; a crane takes "effort" or "motion".
+        drive: Drive mode, see `simulate`. With "velocity" the unit is for co-simulation alone.
         dt: Physics step [s].
         integrator: The stepping rule.
         controller: The controller, see `cranedyn.bridges.controller_block`; None for the crane.
@@ -143,7 +143,7 @@ def export(
         if name not in PLATFORMS:
             raise UnknownName("platform", name, PLATFORMS)
     if controller is None:
-        block = crane_block(crane, drive=drive, dt=dt, integrator=integrator)  # type: ignore[arg-type]
+        block = crane_block(crane, drive=drive, dt=dt, integrator=integrator)
     else:
         block = controller_block(
             crane, controller, drive=drive, control_period=control_period, duration=duration
@@ -273,7 +273,7 @@ class _Unit:
             root.set("numberOfEventIndicators", "0")
         state = "FMUState" if self._version == 3 else "FMUstate"
         able = {f"canGetAndSet{state}": "true", f"canSerialize{state}": "true"}
-        kinds = {"ModelExchange": able} if self._moving else {}
+        kinds = {"ModelExchange": able} if self._moving and not self._block.arrays else {}
         if self._version == 3:
             able = able | {"fixedInternalStepSize": repr(self._block.period)}
         kinds["CoSimulation"] = able | {"canHandleVariableCommunicationStepSize": "true"}
@@ -414,6 +414,8 @@ _BASE = {
     "m/s": {"m": "1", "s": "-1"},
     "rad/s2": {"rad": "1", "s": "-2"},
     "m/s2": {"m": "1", "s": "-2"},
+    "rad/s3": {"rad": "1", "s": "-3"},
+    "m/s3": {"m": "1", "s": "-3"},
     "N": {"kg": "1", "m": "1", "s": "-2"},
     "N.m": {"kg": "1", "m": "2", "s": "-2"},
     "J": {"kg": "1", "m": "2", "s": "-2"},
@@ -452,7 +454,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the file and the crane."""
     add_option = parser.add_argument
     text = "what a crane's drives take (default: effort)"
-    add_option("--drive", choices=("effort", "motion"), help=text)
+    add_option("--drive", choices=get_args(Drive), help=text)
     text = "physics step of a crane [s] (default: 0.0005)"
     add_option("--dt", type=float, metavar="DT", help=text)
     add_option("--fmi", type=int, choices=(2, 3), default=3, help="version of FMI")

@@ -60,6 +60,15 @@ class Variable:
     upper: float = np.inf
     about: str = ""
 
+    @staticmethod
+    def several(
+        names: Sequence[str], kind: Kind, units: Any, *numbers: Any, about: str = ""
+    ) -> list[Variable]:
+        """Return variables whose units, starts and limits are one for all or one for each."""
+        numbers += (0.0, -np.inf, np.inf)[len(numbers) :]
+        columns = np.broadcast_arrays(np.array(names, dtype=object), kind, units, *numbers, about)
+        return [Variable(*row) for row in zip(*(x.tolist() for x in columns), strict=True)]
+
 
 @dataclass(frozen=True, eq=False)
 class FunctionBlock:

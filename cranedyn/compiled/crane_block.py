@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,35 +17,52 @@ from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.step import Step, StepState, check_rule
 from cranedyn.compiled.verify import compile_kernel
 from cranedyn.disturbances.wind import drag_force
+from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.dynamics.scalars import array
 from cranedyn.errors import ModelError
-from cranedyn.interfaces import DirectDrive
+from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
 from cranedyn.plant import rigid_body
 from cranedyn.plant.plant import Plant, Topology, numbers, plant
+
+COMMUNICATION = 10
+"""Physics steps from one usual change of the inputs to the next."""
+
+_CONVERTER = {
+    "rate_limit": ("{}/s", 1e-9, "commands beyond are cut to it"),
+    "ramp": ("{}/s2", 1e-9, "largest acceleration of the ramp"),
+    "jerk": ("{}/s3", 1e-9, "largest jerk of the ramp"),
+    "lag": ("s", None, "time constant of the speed control"),
+    "resolution": ("{}/s", 0.0, "to which commands are rounded"),
+}
+"""Units, lower limits and descriptions of the numbers of a frequency converter, in the order of
+`Response`; a lag is no less than the physics step."""
 
 
 def crane_block(
     crane: Crane,
     *,
-    drive: DirectDrive = "effort",
+    drive: Drive = "effort",
     dt: float = 5e-4,
     integrator: Integrator = semi_implicit_euler,
+    converters: Converters | None = None,
     name: str = "crane",
 ) -> FunctionBlock:
     """Return a crane as a block: "outputs" computes accelerations, efforts, energy and validity at
     the state under the inputs, "step" the state a physics step later.
 
     Parameters are the mass of the load, the length of the cable beyond the coordinate of the hoist,
-    the damping of each joint, and a horizontal wind on the load.
+    the damping of each joint, a horizontal wind on the load, and with "velocity" the numbers of the
+    frequency converters. Their delay is rounded up to a multiple of `COMMUNICATION` physics steps.
 
     Args:
         crane: The crane.
-        drive: Whether inputs are efforts, or with "motion" accelerations, of the drives.
+        drive: Inputs: "effort", or with "motion" accelerations, or with "velocity" rates.
         dt: Physics step [s].
         integrator: The stepping rule.
+        converters: Frequency converters of "velocity"; None for typical ones.
         name: Name of the block.
 
     Raises:
@@ -52,32 +70,43 @@ def crane_block(
         ModelError: If the rope goes slack and taut within a step, or the code would not do what
             Pinocchio does.
     """
-    check_choice("drive", drive, DirectDrive)
+    check_choice("drive", drive, Drive)
     clocks(dt, dt, dt)
     check_rule(integrator)
-    if crane.springs.rope is not None and crane.springs.rope.inextensible:
+    if (rope := crane.springs.rope) and (rope.inextensible or integrator.smooth):
         raise ModelError(
-            "The rope does not stretch and may go slack, which a block cannot follow within a "
-            "step; give a finite rope_stiffness, or 0 for a rope that is always taut."
+            "The rope may go slack, which a block cannot follow within a step; give a finite "
+            "rope_stiffness and semi-implicit Euler, or 0 for a rope that is always taut."
         )
-    recipe = Recipe(1, drive, integrator, forces=True)
-    compile_kernel([crane], recipe)  # compares the same text with Pinocchio
-    names = VariableNames(crane, drive)
+    response, delay, arrays = np.zeros(0), 0, {}
+    if (drives := fitting(crane, drive, converters)) is not None:
+        response = np.concatenate(drives.response)
+        delay = COMMUNICATION * drives.delay_steps(dt, COMMUNICATION * dt)
+        arrays = {"converters": np.zeros((3 + max(delay, 1)) * crane.layout.m)}
+    recipe = Recipe(1, drive, integrator, forces=True, delay_steps=0 if arrays else None)
+    compile_kernel([crane], recipe, response if arrays else None)  # compares it with Pinocchio
+    names, identifier = _names(crane, drive)
     block = FunctionBlock(
         name,
-        f"A crane whose drives take {'efforts' if drive == 'effort' else 'accelerations'}.",
+        f"A crane of drive mode {drive}.",
         dt,
-        _variables(crane, drive, names),
-        renamed={name: new for name, new in names.identifier.items() if name != new},
+        _variables(crane, drive, names, response, dt),
+        arrays,
+        last=max(2 * delay - 1, 1) if arrays else 0,
+        first=max(delay, 1),
+        renamed={name: new for name, new in identifier.items() if name != new},
     )
 
     def outputs(code: BlockCode) -> Mapping[str, Any]:
         text = _Text(code, crane, drive, names)
-        command = text.plant.within(text.command)
+        command = text.followed(code, delay, dt, keep=False)
         a, effort, needed, _ = text.plant.driven(text.q, text.v, command, text.forces)
         hoist = crane.layout.drive_of("hoist")
         hoist_force = 0.0 if hoist is None else effort[hoist]
         conditions = text.plant.conditions(text.q, text.v, hoist_force, needed)
+        if text.plant.response is not None:
+            cuts = text.plant.response.cuts(text.command)
+            conditions += [code.chosen(cut, 1.0, 0.0) < 0.5 for cut in cuts]
         return {
             **dict(zip(names.accelerations, a, strict=True)),
             **dict(zip(names.efforts, effort, strict=True)),
@@ -87,7 +116,7 @@ def crane_block(
 
     def step(code: BlockCode) -> Mapping[str, Any]:
         text = _Text(code, crane, drive, names)
-        command = text.plant.within(text.command)
+        command = text.followed(code, delay, dt, keep=True)
         rule = Step(integrator, text.plant, command, text.forces, dt, 1.0, 1)
         q, v, *_ = rule.after(StepState(text.q, text.v, array([0.0, 0.0])))
         q = array([reading - offset for reading, offset in zip(q, text.offset, strict=True)])
@@ -105,82 +134,61 @@ def force_names(crane: Crane) -> list[str]:
     return [f"{point}_force_{axis}" for point in crane.layout.points for axis in "xyz"]
 
 
-class VariableNames:
-    """Identifiers of the variables of a crane, by what they are: each a list.
-
-    Attributes:
-        identifier: Identifiers by the names of signals, see `cranedyn.model.layout`.
-    """
-
-    def __init__(self, crane: Crane, drive: str) -> None:
-        layout = crane.layout
-        symbols, driven = layout.symbols, [joint.symbol for joint in layout.driven]
-        efforts = [joint.effort_name for joint in layout.driven]
-        groups = {
-            "state": [*symbols, *(f"{symbol}_dot" for symbol in symbols)],
-            "accelerations": [f"{symbol}_ddot" for symbol in symbols],
-            "efforts": efforts,
-            "commands": [
-                f"{signal}_command"
-                for signal in (efforts if drive == "effort" else [f"{s}_ddot" for s in driven])
-            ],
-            "forces": force_names(crane),
-            "dampings": [f"{symbol}_damping" for symbol in symbols],
-        }
-        others = ["payload_mass", "cable_offset", "wind_x", "wind_y", "payload_area"]
-        every = [*others, "energy", "valid", *(name for group in groups.values() for name in group)]
-        self.identifier = identifiers(every)
-        for group, signals in groups.items():
-            setattr(self, group, [self.identifier[signal] for signal in signals])
-
-    state: list[str]
-    accelerations: list[str]
-    efforts: list[str]
-    commands: list[str]
-    forces: list[str]
-    dampings: list[str]
+def _names(crane: Crane, drive: str) -> tuple[SimpleNamespace, dict[str, str]]:
+    """Return lists of identifiers by what they are, and identifiers by the names of signals."""
+    layout, velocity = crane.layout, drive == "velocity"
+    symbols, driven = layout.symbols, [joint.symbol for joint in layout.driven]
+    efforts = [joint.effort_name for joint in layout.driven]
+    rates = [f"{symbol}_{'dot' if velocity else 'ddot'}" for symbol in driven]
+    groups = {
+        "state": [*symbols, *(f"{symbol}_dot" for symbol in symbols)],
+        "accelerations": [f"{symbol}_ddot" for symbol in symbols],
+        "efforts": efforts,
+        "commands": [f"{name}_command" for name in (efforts if drive == "effort" else rates)],
+        "forces": force_names(crane),
+        "dampings": [f"{symbol}_damping" for symbol in symbols],
+        "converters": [f"{s}_{name}" for name in _CONVERTER if velocity for s in driven],
+    }
+    others = ["payload_mass", "cable_offset", "wind_x", "wind_y", "payload_area"]
+    every = [*others, "energy", "valid", *(name for group in groups.values() for name in group)]
+    identifier = identifiers(every)
+    lists = {group: [identifier[name] for name in names] for group, names in groups.items()}
+    return SimpleNamespace(**lists), identifier
 
 
-def _variables(crane: Crane, drive: str, names: VariableNames) -> tuple[Variable, ...]:
-    layout, free = crane.layout, np.full(crane.layout.n, np.inf)
-    effort_units = [joint.effort_unit.replace(" ", ".") for joint in layout.driven]
-    command_units = [f"{joint.unit}/s2" for joint in layout.driven]
-    holding = np.zeros(layout.m)
+def _variables(
+    crane: Crane, drive: str, names: SimpleNamespace, response: np.ndarray, dt: float
+) -> tuple[Variable, ...]:
+    layout, add = crane.layout, Variable.several
+    efforts = [joint.effort_unit.replace(" ", ".") for joint in layout.driven]
+    per, holding = "/s" if drive == "velocity" else "/s2", np.zeros(layout.m)
+    units = [f"{joint.unit}{per}" for joint in layout.driven]
     if drive == "effort":
-        command_units, holding = effort_units, holding_effort(crane, crane.start.q)
-    variables = [
-        Variable(name, "input", unit, value, about="command of the drive")
-        for name, unit, value in zip(names.commands, command_units, holding.tolist(), strict=True)
-    ]
-    about = "external force in the world"
-    variables += [Variable(name, "input", "N", about=about) for name in names.forces]
-    add = variables.append
-    add(Variable("payload_mass", "parameter", "kg", crane.payload_mass, 1e-3, 1e9, "the load"))
+        units, holding = efforts, holding_effort(crane, crane.start.q)
+    found = add(names.commands, "input", units, holding, about="command of the drive")
+    found += add(names.forces, "input", "N", about="external force in the world")
+    mass = crane.payload_mass
+    found += add(["payload_mass"], "parameter", "kg", mass, 1e-3, 1e9, about="the load")
     if layout.has("hoist"):
         about = "cable beyond the coordinate of the hoist"
-        add(Variable("cable_offset", "parameter", "m", about=about))
-    for name, joint, damping in zip(
-        names.dampings, layout.joints, crane.damping.tolist(), strict=True
-    ):
-        unit = "N.m.s/rad" if joint.kind == "revolute" else "N.s/m"
-        add(Variable(name, "parameter", unit, damping, 0.0, about="viscous damping"))
-    for name in ("wind_x", "wind_y"):
-        add(Variable(name, "parameter", "m/s", about="wind on the load in the world"))
+        found += add(["cable_offset"], "parameter", "m", about=about)
+    units = ["N.m.s/rad" if joint.kind == "revolute" else "N.s/m" for joint in layout.joints]
+    found += add(names.dampings, "parameter", units, crane.damping, 0.0, about="viscous damping")
+    for i, (unit, low, about) in enumerate(_CONVERTER.values() if len(response) else ()):
+        part = slice(i * layout.m, (i + 1) * layout.m)
+        units, least = [unit.format(x.unit) for x in layout.driven], dt if low is None else low
+        found += add(names.converters[part], "parameter", units, response[part], least, about=about)
+    found += add(["wind_x", "wind_y"], "parameter", "m/s", about="wind on the load in the world")
     about = "drag coefficient times area of the load"
-    add(Variable("payload_area", "parameter", "m2", 0.0, 0.0, about=about))
-    units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
-    lows, highs = np.append(crane.lower, -free).tolist(), np.append(crane.upper, free).tolist()
-    starts = np.concatenate(crane.start).tolist()
-    for column in zip(names.state, units, starts, lows, highs, strict=True):
-        name, unit, start, low, high = column
-        add(Variable(name, "state", unit, start, low, high))
-    for name, unit in zip(names.accelerations, layout.units, strict=True):
-        add(Variable(name, "output", f"{unit}/s2"))
-    for name, unit in zip(names.efforts, effort_units, strict=True):
-        add(Variable(name, "output", unit, about="effort of the drive"))
-    add(Variable("energy", "output", "J", about="mechanical, zero of height at the ground"))
-    add(Variable("valid", "output", about="1 where the model holds, 0 where it does not"))
-    return tuple(variables)
+    found += add(["payload_area"], "parameter", "m2", 0.0, 0.0, about=about)
+    units, free = [*layout.units, *(f"{unit}/s" for unit in layout.units)], [np.inf] * layout.n
+    lows, highs = np.append(crane.lower, np.negative(free)), np.append(crane.upper, free)
+    found += add(names.state, "state", units, np.concatenate(crane.start), lows, highs)
+    found += add(names.accelerations, "output", [f"{unit}/s2" for unit in layout.units])
+    found += add(names.efforts, "output", efforts, about="effort of the drive")
+    found += add(["energy"], "output", "J", about="mechanical, zero of height at the ground")
+    found += add(["valid"], "output", "", about="1 where the model holds, 0 where it does not")
+    return tuple(found)
 
 
 class _Text:
@@ -194,7 +202,7 @@ class _Text:
         forces: External forces with wind [N], shape (3 points,).
     """
 
-    def __init__(self, code: BlockCode, crane: Crane, drive: str, names: VariableNames) -> None:
+    def __init__(self, code: BlockCode, crane: Crane, drive: str, names: SimpleNamespace) -> None:
         layout = crane.layout
         self.plant = _plant(code, crane, drive, names)
         z, self.offset = code.get_all(names.state), array([0.0] * layout.n)
@@ -212,8 +220,35 @@ class _Text:
         drag = drag_force(code.get("payload_area"), air - moving)
         self.forces[span] = self.forces[span] + drag
 
+    def followed(self, code: BlockCode, delay: int, dt: float, *, keep: bool) -> np.ndarray:
+        """Return the command that the plant follows in a step: efforts within the limits,
+        accelerations, or reference rates of converters, whose memory then goes on if kept.
+        """
+        response, m, integer = self.plant.response, len(self.command), code.integer
+        if response is None:
+            return self.plant.within(self.command)
+        rates, compared = self.v[self.plant.topology.layout.drives], code.builder.icmp_signed
+        memory = array([code.element("converters", i) for i in range(3 * m)])
+        reference, slope, first = memory.reshape(3, m)
+        begins = compared("==", code.count, integer(0))
+        for past in (reference, first):
+            past[:] = [code.chosen(begins, *pair) for pair in zip(rates, past, strict=True)]
+        heard = sent = response.heard(self.command)
+        row = code.builder.srem(code.count, integer(max(delay, 1)))
+        places = [code.plus(code.product(row, m), 3 * m + i) for i in range(m)]
+        if delay:
+            early = compared("<", code.count, integer(delay))
+            waiting = [code.element("converters", place) for place in places]
+            sent = [code.chosen(early, *pair) for pair in zip(first, waiting, strict=True)]
+        after, slopes = response.ramped(sent, reference, slope, rates, dt)
+        if keep:
+            values = [*after, *slopes, *first, *heard]
+            for place, value in zip([*range(3 * m), *places], values, strict=True):
+                code.put("converters", place, value)
+        return array(after)
 
-def _plant(code: BlockCode, crane: Crane, drive: str, names: VariableNames) -> Plant:
+
+def _plant(code: BlockCode, crane: Crane, drive: str, names: SimpleNamespace) -> Plant:
     """Return the crane with its parameters in place of their numbers."""
     usual = numbers(crane)
     values: list[Any] = usual.tolist()
@@ -228,4 +263,5 @@ def _plant(code: BlockCode, crane: Crane, drive: str, names: VariableNames) -> P
     (places,) = np.nonzero(numbers(damping) != usual)
     for i, name in zip(places.tolist(), names.dampings, strict=True):
         values[i] = code.get(name)
+    values += code.get_all(names.converters).tolist()
     return plant(Topology.of(crane), values, drive, buffers=False)

@@ -45,7 +45,7 @@ pytestmark = pytest.mark.skipif(
 
 PERIOD = 5e-3
 START = {"x_start": 12.0, "l_start": 11.0, "phi_start": 0.1, "theta_dot_start": 0.05}
-DRIVES: tuple[Drive, ...] = ("effort", "motion")
+DRIVES: tuple[Drive, ...] = ("effort", "motion", "velocity")
 
 
 def damped() -> Crane:
@@ -120,7 +120,7 @@ def test_fmpy_finds_no_fault_with_a_unit(units: dict[str, Path], drive: Drive) -
 
 def outputs(unit: Unit, c: Crane, drive: Drive, commands: np.ndarray) -> np.ndarray:
     """State, efforts and energy at each communication point, under commands; frees the unit."""
-    named = [f"{name}_command" for name in input_names(c, drive)]
+    named = [f"{name.removesuffix('_command')}_command" for name in input_names(c, drive)]
     rows = []
     for k, command in enumerate(commands):
         unit.set(**dict(zip(named, command.tolist(), strict=True)))
@@ -145,8 +145,12 @@ def test_a_unit_moves_as_simulate_does(
 ) -> None:
     c, steps = damped(), 1000 if engine == "compiled" else 200
     rng = np.random.default_rng(1)
-    scale = np.array([2e4, 1.5e3, 500.0]) if drive == "effort" else np.array([0.02, 0.3, 0.2])
-    commands = rng.uniform(-1.0, 1.0, (steps // 50, 3)).repeat(50, axis=0) * scale
+    scale = {
+        "effort": [2e4, 1.5e3, 500.0],
+        "motion": [0.02, 0.3, 0.2],
+        "velocity": [0.06, 1.0, 0.6],
+    }
+    commands = rng.uniform(-1.0, 1.0, (steps // 50, 3)).repeat(50, axis=0) * scale[drive]
     commands[:, 2] -= 9810.0 if drive == "effort" else 0.0
     push = (100.0, -50.0, 20.0, 10.0, 0.0, -5.0)
     forces = dict(zip(force_names(c), push, strict=True))
@@ -164,7 +168,8 @@ def test_a_unit_moves_as_simulate_does(
     check_same(
         outputs(Unit(units[drive], tmp_path).begin(**START, **forces), c, drive, commands), run
     )
-    assert drive == "motion" or (np.abs(commands[:, 1]) > 800.0).any()  # and was cut
+    assert drive != "effort" or (np.abs(commands[:, 1]) > 800.0).any()  # and was cut
+    assert drive != "velocity" or (np.abs(run.effort[:, 1]) > 799.0).any()  # and stalls
 
 
 @pytest.mark.slow
