@@ -14,7 +14,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
 
 from cranedyn.bridges.joints import input_names, state_names
 from cranedyn.bridges.programs import finite_form
@@ -297,6 +296,8 @@ class _PredictivePart(Part):
     def __init__(self, setting: ControlSetting, controller: Receding) -> None:
         _check_period(setting, controller.programme.period)
         programme = replace(controller.programme, block=1)
+        from llvmlite import ir
+
         if programme.rows:
             raise DataError(
                 "A predictive controller is exported to a setpoint, not along a motion."

@@ -276,10 +276,11 @@ def _distance_check(
     radius = clearance.bodies.below + float(np.linalg.norm(clearance.bodies.hook[1]))
     aside = (3.0 * lug + 2.0 * radius) * turned
     moving, down = motion
+    lifted, landed = (_supports(clearance, q[row], hoist) for row in (0, -1))
     parts = (
-        (slice(moving + 1), _supports(clearance, q[0], hoist)),
+        (slice(moving + 1), lifted),
         (slice(moving, down + 1), frozenset[str]()),
-        (slice(down, None), _supports(clearance, q[-1], hoist)),
+        (slice(down, None), landed),
     )
     least, unproven = [], []
     for rows, supports in parts:

@@ -29,7 +29,7 @@ class Capsule(NamedTuple):
 
     Attributes:
         ends: Ends of its segment [m], shape (2, 3).
-        radius: Its radius, with the swing of what hangs [m].
+        radius: Its radius, with the swing of rope and load [m].
         turns: 1 for each joint that turns it, else 0, shape (k,).
         slides: Axis of each joint along which it slides, else 0, shape (k, 3).
         tangents: u × (x - o) for each joint that turns it about u through o, with the ends x
@@ -53,8 +53,8 @@ def place(
             it turns, of each joint; shape (12 + k `JOINT`,).
         capsule: Number of its joints, ends, depths, whether it hangs, and radius, shape
             (`CAPSULE`,).
-        low: Lower ends of the intervals [rad or m], shape (k + 1,), the cable length last; what
-            hangs is swept over all lengths.
+        low: Lower ends of the intervals [rad or m], shape (k + 1,), the cable length last; rope
+            and load are swept over all lengths.
         high: Upper ends.
         cone: Way of a point on the rope by the largest swing, over its depth.
         rope: Direction of the rope, shape (3,).

@@ -361,7 +361,7 @@ def test_the_ledger_of_a_lowered_load_closes_and_does_not_if_the_work_forgets_th
     left, rounding = energy.lowered(setup, 15.0)
     assert left <= rounding < 1e-8
     monkeypatch.setattr(Setting, "lead", 0.0)
-    left, rounding = energy.lowered(setup, 15.0)
+    left, rounding = energy.lowered(harness.Setup(), 15.0)
     # half a step at the largest speed of a quintic of 1.5 m in 6 s, 15/8 of the mean, against the
     # weight; the drive yields and is slower
     most = setup.dt / 2.0 * 1000.0 * setup.gravity * 15.0 / 8.0 * 1.5 / 6.0
