@@ -38,6 +38,9 @@ DAMPING, DAMPED = 0.15, 0.95
 """Damping ratio of the swing that guards add, and share of the largest swing from which they do:
 that to which the rope would swing if all drives braked."""
 
+MOMENT = 0.01
+"""Time over which a guard extrapolates the motion of rope and pivot [s]."""
+
 GENTLE = 0.95 / (4.0 * math.sqrt(2.0))
 """Share of the largest swing by which an acceleration of a drive that a guard plans inclines the
 rope: two drives at right angles may speed up and brake at the worst times."""
@@ -114,7 +117,6 @@ class Guard:
         self.blocked_by: tuple[str, ...] = ()
         self.target: np.ndarray | None = None
         self._number, self._asked_at, self._tube = 0, -math.inf, self.box
-        self._plan = station.rope(station.crane.start.q)[1][:2]
         self._lower, self._upper = (
             ends[layout.drives] for ends in (station.crane.lower, station.crane.upper)
         )
@@ -194,21 +196,32 @@ class Guard:
         """Return the largest angle of the rope [rad] if all drives brake now, and changes of rates
         that damp it: those of the pivot are 2 ζ ω times those of the load's place from it in plan.
 
-        A drive that brakes within a acceleration of the pivot a from a rate of the pivot v adds an
-        amplitude of no more than 2 a/g, and no more than v/√(g l).
+        At constant rates the pivot has an acceleration b by turning, about which the rope swings
+        inclined by b/g. A drive that brakes within a acceleration of the pivot a from a rate of the
+        pivot v adds an amplitude of no more than 2 a/g, and no more than v/√(g l); b fades and adds
+        no more than b/g. Of a rope that is shortened from l to s, no amplitude grows by more than
+        (l/s)^1.5.
         """
-        crane = self.station.crane
-        assert crane.winch is not None
-        cable = abs(float(state.q[crane.layout.drives[crane.winch]]))
-        fall = math.sqrt(crane.gravity * cable)
-        _, rope, motion = self.station.rope(state.q)
-        reach = np.linalg.norm(motion[:2], axis=0)
-        added = np.minimum(
-            2.0 * self.brakes.decelerations / crane.gravity, np.abs(self.rates) / fall
+        crane, brakes = self.station.crane, self.brakes
+        winch, drives, gravity = crane.winch, crane.layout.drives, crane.gravity
+        assert winch is not None
+        cable = abs(float(state.q[drives[winch]]))
+        fall = math.sqrt(gravity * cable)
+        poses = [self.station.rope(state.q + k * MOMENT * state.v)[1:] for k in range(3)]
+        ropes, motions = (np.array([x[:2] for x in part]) for part in zip(*poses, strict=True))
+        inclined = np.diff(motions, axis=0) @ state.v[drives] / (-MOMENT * gravity)
+        away = ropes[:2] - inclined
+        change = (away[1] - away[0]) / MOMENT
+        reach = np.linalg.norm(motions[0], axis=0)
+        added = np.minimum(2.0 * brakes.decelerations / gravity, np.abs(self.rates) / fall)
+        swing = math.hypot(*away[0], *(change * (cable / fall))) + float(
+            np.linalg.norm(inclined[0]) + np.linalg.norm(reach * added)
         )
-        swing = load_amplitude(crane, state) + float(np.linalg.norm(reach * added))
-        change, self._plan = rope[:2] - self._plan, rope[:2]
-        return swing, np.linalg.pinv(motion[:2], rcond=1e-3) @ (2.0 * DAMPING * fall * change)
+        hoisted = np.minimum(np.minimum(self.rates, state.v[drives]), 0.0)
+        shortest = max(cable - brakes.stopping_distance(hoisted)[winch], self._lower[winch])
+        swing *= max(cable / shortest, 1.0) ** 1.5
+        damping = np.linalg.pinv(motions[0], rcond=1e-3) @ (2.0 * DAMPING * fall * CYCLE * change)
+        return swing, damping
 
 
 def gentle(station: Station, swing: float) -> Brakes:
@@ -224,16 +237,6 @@ def gentle(station: Station, swing: float) -> Brakes:
         reach = np.maximum(reach, np.linalg.norm(station.rope(q)[2][:2], axis=0))
     slow = np.minimum(brakes.decelerations, GENTLE * swing * crane.gravity / reach)
     return replace(brakes, decelerations=slow)
-
-
-def load_amplitude(crane: Crane, state: State) -> float:
-    """Return the amplitude that the swing of the load has by itself [rad]: √(φ² + φ̇² l/g) of both
-    angles together.
-    """
-    assert crane.winch is not None
-    cable = float(state.q[crane.layout.drives[crane.winch]])
-    angles, rates = crane.swing_angles(state.q), state.v[crane.swings]
-    return math.sqrt(float(angles @ angles + rates @ rates * (abs(cable) / crane.gravity)))
 
 
 class Supervisor:
