@@ -23,7 +23,6 @@ import numpy as np
 
 from cranedyn.errors import DataError, quoted
 from cranedyn.interfaces import State
-from cranedyn.model.crane import Crane
 from cranedyn.sites.brakes import CYCLE, Brakes
 from cranedyn.sites.proof import proven_apart
 from cranedyn.sites.site import CraneSite, Station
