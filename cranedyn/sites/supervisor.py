@@ -45,7 +45,7 @@ GENTLE = 0.95 / (4.0 * math.sqrt(2.0))
 rope: two drives at right angles may speed up and brake at the worst times."""
 
 STUCK, PASSING = 20, 100
-"""Refused requests in a row after which a way out of a circle is sought, each time again, and
+"""Refused requests in a row after which a way out of a circle is sought, one trial a cycle, and
 requests of a crane without waiting after which the one that withdrew no longer lets it pass."""
 
 AHEAD, FARTHEST, CHECKED = (20.0, 5.0, 1.0), 30.0, 3
@@ -256,13 +256,15 @@ class Supervisor:
         """Start with boxes that are proven apart.
 
         Raises:
-            DataError: If two are not.
+            DataError: If two are not, or there is not one for each crane.
         """
         self.site, self.boxes = site, [np.array(box) for box in boxes]
+        if len(boxes) != len(site.stations):
+            raise DataError(f"{len(boxes)} boxes are given for {len(site.stations)} cranes.")
         self.waits: dict[int, frozenset[int]] = {i: frozenset() for i in range(len(boxes))}
         self.withdrawals: dict[int, tuple[np.ndarray, int]] = {}
         self._numbers, self._refused = [0] * len(boxes), [0] * len(boxes)
-        self._free_since = [0] * len(boxes)
+        self._free_since, self._trial = [0] * len(boxes), -1
         self._wanted = list(self.boxes)
         for i, box in enumerate(self.boxes):
             apart = site.apart(i, box, self.boxes)
@@ -338,18 +340,20 @@ class Supervisor:
                 if self._free_since[loser] > PASSING:
                     del self.withdrawals[loser]
         circle = self.deadlock()
-        if self._refused[station] % STUCK != STUCK - 1 or station not in circle:
+        if station not in circle[:1] or self._refused[station] < STUCK:
             return
-        for loser in sorted(circle, key=lambda i: (self._refused[i], -i)):
-            winner = circle[circle.index(loser) - 1]
-            if (target := self._way_out(loser, winner)) is not None:
-                self.withdrawals.pop(winner, None)
-                self.withdrawals[loser], self._free_since[loser] = (target, winner), 0
-                return
+        self._trial += 1
+        trials = [*itertools.product(sorted(circle, key=lambda i: (self._refused[i], -i)), AHEAD)]
+        loser, ahead = trials[self._trial % len(trials)]
+        winner = circle[circle.index(loser) - 1]
+        if self._trial >= 0 and (target := self._way_out(loser, winner, ahead)) is not None:
+            self.withdrawals.pop(winner, None)
+            self.withdrawals[loser], self._free_since[loser] = (target, winner), 0
+            self._trial = -STUCK
 
-    def _way_out(self, loser: int, winner: int) -> np.ndarray | None:
+    def _way_out(self, loser: int, winner: int, ahead: float) -> np.ndarray | None:
         """Return the nearest position in time, by one drive, from where a crane lets another pass
-        as far as can be; None if there is none.
+        for a time at full rate [s]; None if there is none.
         """
         site, box, drives = self.site, self.boxes[loser], self._drives(loser)
         ways = []
@@ -362,24 +366,23 @@ class Supervisor:
         for k, (_, drive, way) in enumerate(ways):
             moved[k, :, drive] += way
         held, wanted, ends = self.boxes[winner], self._wanted[winner], self._drives(winner)
-        for ahead in AHEAD:
-            reach = ahead * site.stations[winner].converters.rates * np.sign(wanted - held)
-            passing = np.clip(
-                wanted + reach, np.minimum(ends[0], wanted[0]), np.maximum(ends[1], wanted[1])
-            )
-            lets_pass = proven_apart(
-                site.bodies,
-                np.full(len(ways), loser),
-                site.positions(loser, moved),
-                np.full(len(ways), winner),
-                site.positions(winner, np.array([passing] * len(ways))),
-                site.distance,
-                site.swing,
-            )
-            for place in moved[lets_pass][:CHECKED]:
-                swept = np.array([np.minimum(box[0], place[0]), np.maximum(box[1], place[1])])
-                if site.apart(loser, swept, self.boxes).all():
-                    return place.mean(axis=0)
+        reach = ahead * site.stations[winner].converters.rates * np.sign(wanted - held)
+        passing = np.clip(
+            wanted + reach, np.minimum(ends[0], wanted[0]), np.maximum(ends[1], wanted[1])
+        )
+        lets_pass = proven_apart(
+            site.bodies,
+            np.full(len(ways), loser),
+            site.positions(loser, moved),
+            np.full(len(ways), winner),
+            site.positions(winner, np.array([passing] * len(ways))),
+            site.distance,
+            site.swing,
+        )
+        for place in moved[lets_pass][:CHECKED]:
+            swept = np.array([np.minimum(box[0], place[0]), np.maximum(box[1], place[1])])
+            if site.apart(loser, swept, self.boxes).all():
+                return place.mean(axis=0)
         return None
 
     def _drives(self, station: int) -> np.ndarray:
