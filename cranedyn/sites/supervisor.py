@@ -23,7 +23,6 @@ import numpy as np
 
 from cranedyn.errors import DataError, quoted
 from cranedyn.interfaces import State
-from cranedyn.model.crane import Crane
 from cranedyn.sites.brakes import CYCLE, Brakes
 from cranedyn.sites.proof import proven_apart
 from cranedyn.sites.site import CraneSite, Station
@@ -38,12 +37,15 @@ DAMPING, DAMPED = 0.15, 0.95
 """Damping ratio of the swing that guards add, and share of the largest swing from which they do:
 that to which the rope would swing if all drives braked."""
 
+MOMENT = 0.01
+"""Time over which a guard extrapolates the motion of rope and pivot [s]."""
+
 GENTLE = 0.95 / (4.0 * math.sqrt(2.0))
 """Share of the largest swing by which an acceleration of a drive that a guard plans inclines the
 rope: two drives at right angles may speed up and brake at the worst times."""
 
 STUCK, PASSING = 20, 100
-"""Refused requests in a row after which a way out of a circle is sought, each time again, and
+"""Refused requests in a row after which a way out of a circle is sought, one trial a cycle, and
 requests of a crane without waiting after which the one that withdrew no longer lets it pass."""
 
 AHEAD, FARTHEST, CHECKED = (20.0, 5.0, 1.0), 30.0, 3
@@ -114,7 +116,6 @@ class Guard:
         self.blocked_by: tuple[str, ...] = ()
         self.target: np.ndarray | None = None
         self._number, self._asked_at, self._tube = 0, -math.inf, self.box
-        self._plan = station.rope(station.crane.start.q)[1][:2]
         self._lower, self._upper = (
             ends[layout.drives] for ends in (station.crane.lower, station.crane.upper)
         )
@@ -194,21 +195,32 @@ class Guard:
         """Return the largest angle of the rope [rad] if all drives brake now, and changes of rates
         that damp it: those of the pivot are 2 ζ ω times those of the load's place from it in plan.
 
-        A drive that brakes within a acceleration of the pivot a from a rate of the pivot v adds an
-        amplitude of no more than 2 a/g, and no more than v/√(g l).
+        At constant rates the pivot has an acceleration b by turning, about which the rope swings
+        inclined by b/g. A drive that brakes within a acceleration of the pivot a from a rate of the
+        pivot v adds an amplitude of no more than 2 a/g, and no more than v/√(g l); b fades and adds
+        no more than b/g. Of a rope that is shortened from l to s, no amplitude grows by more than
+        (l/s)^1.5.
         """
-        crane = self.station.crane
-        assert crane.winch is not None
-        cable = abs(float(state.q[crane.layout.drives[crane.winch]]))
-        fall = math.sqrt(crane.gravity * cable)
-        _, rope, motion = self.station.rope(state.q)
-        reach = np.linalg.norm(motion[:2], axis=0)
-        added = np.minimum(
-            2.0 * self.brakes.decelerations / crane.gravity, np.abs(self.rates) / fall
+        crane, brakes = self.station.crane, self.brakes
+        winch, drives, gravity = crane.winch, crane.layout.drives, crane.gravity
+        assert winch is not None
+        cable = abs(float(state.q[drives[winch]]))
+        fall = math.sqrt(gravity * cable)
+        poses = [self.station.rope(state.q + k * MOMENT * state.v)[1:] for k in range(3)]
+        ropes, motions = (np.array([x[:2] for x in part]) for part in zip(*poses, strict=True))
+        inclined = np.diff(motions, axis=0) @ state.v[drives] / (-MOMENT * gravity)
+        away = ropes[:2] - inclined
+        change = (away[1] - away[0]) / MOMENT
+        reach = np.linalg.norm(motions[0], axis=0)
+        added = np.minimum(2.0 * brakes.decelerations / gravity, np.abs(self.rates) / fall)
+        swing = math.hypot(*away[0], *(change * (cable / fall))) + float(
+            np.linalg.norm(inclined[0]) + np.linalg.norm(reach * added)
         )
-        swing = load_amplitude(crane, state) + float(np.linalg.norm(reach * added))
-        change, self._plan = rope[:2] - self._plan, rope[:2]
-        return swing, np.linalg.pinv(motion[:2], rcond=1e-3) @ (2.0 * DAMPING * fall * change)
+        hoisted = np.minimum(np.minimum(self.rates, state.v[drives]), 0.0)
+        shortest = max(cable - brakes.stopping_distance(hoisted)[winch], self._lower[winch])
+        swing *= max(cable / shortest, 1.0) ** 1.5
+        damping = np.linalg.pinv(motions[0], rcond=1e-3) @ (2.0 * DAMPING * fall * CYCLE * change)
+        return swing, damping
 
 
 def gentle(station: Station, swing: float) -> Brakes:
@@ -224,16 +236,6 @@ def gentle(station: Station, swing: float) -> Brakes:
         reach = np.maximum(reach, np.linalg.norm(station.rope(q)[2][:2], axis=0))
     slow = np.minimum(brakes.decelerations, GENTLE * swing * crane.gravity / reach)
     return replace(brakes, decelerations=slow)
-
-
-def load_amplitude(crane: Crane, state: State) -> float:
-    """Return the amplitude that the swing of the load has by itself [rad]: √(φ² + φ̇² l/g) of both
-    angles together.
-    """
-    assert crane.winch is not None
-    cable = float(state.q[crane.layout.drives[crane.winch]])
-    angles, rates = crane.swing_angles(state.q), state.v[crane.swings]
-    return math.sqrt(float(angles @ angles + rates @ rates * (abs(cable) / crane.gravity)))
 
 
 class Supervisor:
@@ -254,13 +256,15 @@ class Supervisor:
         """Start with boxes that are proven apart.
 
         Raises:
-            DataError: If two are not.
+            DataError: If two are not, or there is not one for each crane.
         """
         self.site, self.boxes = site, [np.array(box) for box in boxes]
+        if len(boxes) != len(site.stations):
+            raise DataError(f"{len(boxes)} boxes are given for {len(site.stations)} cranes.")
         self.waits: dict[int, frozenset[int]] = {i: frozenset() for i in range(len(boxes))}
         self.withdrawals: dict[int, tuple[np.ndarray, int]] = {}
         self._numbers, self._refused = [0] * len(boxes), [0] * len(boxes)
-        self._free_since = [0] * len(boxes)
+        self._free_since, self._trial = [0] * len(boxes), -1
         self._wanted = list(self.boxes)
         for i, box in enumerate(self.boxes):
             apart = site.apart(i, box, self.boxes)
@@ -336,18 +340,20 @@ class Supervisor:
                 if self._free_since[loser] > PASSING:
                     del self.withdrawals[loser]
         circle = self.deadlock()
-        if self._refused[station] % STUCK != STUCK - 1 or station not in circle:
+        if station not in circle[:1] or self._refused[station] < STUCK:
             return
-        for loser in sorted(circle, key=lambda i: (self._refused[i], -i)):
-            winner = circle[circle.index(loser) - 1]
-            if (target := self._way_out(loser, winner)) is not None:
-                self.withdrawals.pop(winner, None)
-                self.withdrawals[loser], self._free_since[loser] = (target, winner), 0
-                return
+        self._trial += 1
+        trials = [*itertools.product(sorted(circle, key=lambda i: (self._refused[i], -i)), AHEAD)]
+        loser, ahead = trials[self._trial % len(trials)]
+        winner = circle[circle.index(loser) - 1]
+        if self._trial >= 0 and (target := self._way_out(loser, winner, ahead)) is not None:
+            self.withdrawals.pop(winner, None)
+            self.withdrawals[loser], self._free_since[loser] = (target, winner), 0
+            self._trial = -STUCK
 
-    def _way_out(self, loser: int, winner: int) -> np.ndarray | None:
+    def _way_out(self, loser: int, winner: int, ahead: float) -> np.ndarray | None:
         """Return the nearest position in time, by one drive, from where a crane lets another pass
-        as far as can be; None if there is none.
+        for a time at full rate [s]; None if there is none.
         """
         site, box, drives = self.site, self.boxes[loser], self._drives(loser)
         ways = []
@@ -360,24 +366,23 @@ class Supervisor:
         for k, (_, drive, way) in enumerate(ways):
             moved[k, :, drive] += way
         held, wanted, ends = self.boxes[winner], self._wanted[winner], self._drives(winner)
-        for ahead in AHEAD:
-            reach = ahead * site.stations[winner].converters.rates * np.sign(wanted - held)
-            passing = np.clip(
-                wanted + reach, np.minimum(ends[0], wanted[0]), np.maximum(ends[1], wanted[1])
-            )
-            lets_pass = proven_apart(
-                site.bodies,
-                np.full(len(ways), loser),
-                site.positions(loser, moved),
-                np.full(len(ways), winner),
-                site.positions(winner, np.array([passing] * len(ways))),
-                site.distance,
-                site.swing,
-            )
-            for place in moved[lets_pass][:CHECKED]:
-                swept = np.array([np.minimum(box[0], place[0]), np.maximum(box[1], place[1])])
-                if site.apart(loser, swept, self.boxes).all():
-                    return place.mean(axis=0)
+        reach = ahead * site.stations[winner].converters.rates * np.sign(wanted - held)
+        passing = np.clip(
+            wanted + reach, np.minimum(ends[0], wanted[0]), np.maximum(ends[1], wanted[1])
+        )
+        lets_pass = proven_apart(
+            site.bodies,
+            np.full(len(ways), loser),
+            site.positions(loser, moved),
+            np.full(len(ways), winner),
+            site.positions(winner, np.array([passing] * len(ways))),
+            site.distance,
+            site.swing,
+        )
+        for place in moved[lets_pass][:CHECKED]:
+            swept = np.array([np.minimum(box[0], place[0]), np.maximum(box[1], place[1])])
+            if site.apart(loser, swept, self.boxes).all():
+                return place.mean(axis=0)
         return None
 
     def _drives(self, station: int) -> np.ndarray:
