@@ -410,7 +410,10 @@ def supervisor_cycles(cycles: int) -> tuple[np.ndarray, list[History]]:
             if grant is not None:
                 guards[i].receive(grant)
         rows.append(
-            [(state.q[0], *guard.box[:, 0]) for guard, state in zip(guards, states, strict=True)]
+            [
+                (*state.q[drives[:1]], *guard.box[:, 0])
+                for guard, state in zip(guards, states, strict=True)
+            ]
         )
     return times, [History(*np.array(rows)[:, i].T) for i in (0, 1)]
 
