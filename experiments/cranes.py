@@ -19,13 +19,13 @@ STUDIES = (modes, rope, agreement, control, pendulum, robots)
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run all cranes: frequencies, ropes, agreement, control, the double pendulum, and robots."""
-    update, parts = setup.reporter.count("parts", len(STUDIES)), list[Outcome]()
-    for part in STUDIES:
-        parts.append(part.study(setup))
-        update(len(parts))
+    update, outcomes = setup.reporter.count("parts", len(STUDIES)), list[Outcome]()
+    for study in STUDIES:
+        outcomes.append(study.study(setup))
+        update(len(outcomes))
     return Outcome(
-        tables=[table for part in parts for table in part.tables],
-        claims=[claim for part in parts for claim in part.claims],
+        tables=[table for outcome in outcomes for table in outcome.tables],
+        claims=[claim for outcome in outcomes for claim in outcome.claims],
         parameters={
             "swing_rad": control.SWING,
             "way_m": control.WAY,
@@ -34,8 +34,10 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             "duration_s": agreement.DURATION,
             "engine": setup.engine,
         },
-        trajectories={name: run for part in parts for name, run in part.trajectories.items()},
-        recording=[run for part in parts for run in part.recording],
+        trajectories={
+            name: run for outcome in outcomes for name, run in outcome.trajectories.items()
+        },
+        recording=[run for outcome in outcomes for run in outcome.recording],
     )
 
 

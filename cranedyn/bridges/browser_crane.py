@@ -119,17 +119,17 @@ _ASSISTANCES = {
 
 def assistances(crane: Crane) -> list[dict[str, str]]:
     """Return the assistances that a crane can have."""
-    known = set(_ASSISTANCES)
+    assistances = set(_ASSISTANCES)
     if not len(crane.swings):
-        known &= {"none"}
+        assistances &= {"none"}
     if not is_tower(crane):
-        known -= {"yielding"}
+        assistances -= {"yielding"}
     if crane.springs.any:
-        known -= {"predictive"}
+        assistances -= {"predictive"}
     return [
         {"name": name, "label": label, "text": text}
         for name, (label, text) in _ASSISTANCES.items()
-        if name in known
+        if name in assistances
     ]
 
 

@@ -442,8 +442,8 @@ def controller_block(
         assert drives is not None
         limits, units, signals = drives.rates, rates, input_names(crane, drive)
     setting = ControlSetting(crane, signals, control_period, duration)
-    part = controller_code(setting, controller)
-    if 1 < len(setting.times) <= part.rows:
+    law = controller_code(setting, controller)
+    if 1 < len(setting.times) <= law.rows:
         raise OutOfRange("duration", duration, "longer: the tables still change at its end", "s")
     state_units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
     start = np.concatenate(crane.start)
@@ -453,24 +453,24 @@ def controller_block(
         *several(setting.setpoint, "input", positions, start[layout.drives], about="setpoint"),
         *several(setting.rate, "input", rates, about="of the setpoint a period later"),
         *several(setting.command, "output", units, holding, -limits, limits),
-        *part.memory,
+        *law.memory,
     ]
-    first = part.repeats or part.rows - 1
+    first = law.repeats or law.rows - 1
     block = FunctionBlock(
         name,
-        part.about,
+        law.about,
         control_period,
         tuple(variables),
-        part.arrays,
-        part.tables,
-        last=2 * part.repeats - 1 if part.repeats else first,
+        law.arrays,
+        law.tables,
+        last=2 * law.repeats - 1 if law.repeats else first,
         first=first,
         renamed={signal: new for signal, new in setting.identifier.items() if signal != new},
-        routines=part.routines,
+        routines=law.routines,
     )
 
     def step(code: BlockCode) -> Mapping[str, Any]:
-        command, memory = part.emit(code, code.get_all(setting.state))
+        command, memory = law.emit(code, code.get_all(setting.state))
         return {**dict(zip(setting.command, command, strict=True)), **memory}
 
     block.emit("step", step)

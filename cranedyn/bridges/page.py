@@ -107,7 +107,7 @@ def export(
 def page_html(crane: Crane, *options: Any) -> str:
     """Return the page as HTML, see `page_data`."""
     data = json.dumps(page_data(crane, *options), separators=(",", ":"), allow_nan=False)
-    parts = {
+    sections = {
         "style": _template("style.css"),
         "data": data.replace("<", "\\u003c"),
         "kernel": "\n".join(
@@ -118,8 +118,8 @@ def page_html(crane: Crane, *options: Any) -> str:
         ),
     }
     text = _template("page.html")
-    for name, part in parts.items():
-        text = text.replace(f"{{{{{name}}}}}", part)
+    for name, content in sections.items():
+        text = text.replace(f"{{{{{name}}}}}", content)
     return text
 
 
@@ -140,9 +140,9 @@ def page_data(
     sliders, cranes, responses = variations(crane, drives)
     with ThreadPoolExecutor(1) as thread:  # LLVM leaves Python to the planner
         kernel = thread.submit(kernel_data, crane, drives, sliders, cranes, responses)
-        given = _exercises(crane, drives, site)
-    if site is not None and given:
-        crane = replace(crane, start=given[0].start)
+        planned = _exercises(crane, drives, site)
+    if site is not None and planned:
+        crane = replace(crane, start=planned[0].start)
     turn, foot = (np.eye(3), np.zeros(3)) if site is None else _frame(site)
     obstacles = [] if site is None else [solid.moved(turn, foot) for solid in site.solids]
     load = None if site is None else site.load
@@ -166,7 +166,7 @@ def page_data(
         "drag": 0.25 * AIR_DENSITY * DRAG * (wide + deep) * tall,
         "site": None if site is None else {"name": site.name, "solids": _solids_data(obstacles)},
         "parts": [part for solid in obstacles for part in _parts(solid)],
-        "tasks": list(_tasks(given, turn, foot)),
+        "tasks": list(_tasks(planned, turn, foot)),
         "colours": {name: COLOURS.get(name, "#8A8A8A") for name in (*layout.symbols, "setpoint")},
         "control_period": PERIOD,
     }
@@ -358,10 +358,10 @@ def _exercises(crane: Crane, drives: Converters, site: Site | None) -> list[Exer
 
 
 def _tasks(
-    given: Sequence[Exercise], turn: np.ndarray, foot: np.ndarray
+    exercises: Sequence[Exercise], turn: np.ndarray, foot: np.ndarray
 ) -> Iterator[dict[str, Any]]:
     """Yield exercises in the frame of the crane."""
-    for exercise in given:
+    for exercise in exercises:
         solids = [solid.moved(turn, foot) for solid in exercise.solids]
         goal = exercise.goal
         yield {

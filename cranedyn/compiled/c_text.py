@@ -44,8 +44,8 @@ class _C(Language):
         return f"{self.name}_{name}[{index}]" if table else f"self->{name}[{index}]"
 
     def chosen(self, condition: Expression, yes: Expression, no: Expression) -> Expression:
-        parts = [part.within(CHOICE, right=True) for part in (condition, yes, no)]
-        return Expression("{} ? {} : {}".format(*parts), CHOICE)
+        operands = [part.within(CHOICE, right=True) for part in (condition, yes, no)]
+        return Expression("{} ? {} : {}".format(*operands), CHOICE)
 
     def call(self, function: str, operand: Expression) -> Expression:
         return Expression(f"{self.name}_{function}({operand.text})", ATOM)
@@ -125,11 +125,11 @@ def c_source(block: FunctionBlock, precision: Precision = "double") -> str:
 
 
 def _comment(variable: Variable) -> str:
-    parts = [f"[{variable.unit}]"] if variable.unit else []
-    parts += [variable.about] if variable.about else []
+    notes = [f"[{variable.unit}]"] if variable.unit else []
+    notes += [variable.about] if variable.about else []
     if math.isfinite(variable.lower) or math.isfinite(variable.upper):
-        parts.append(f"{variable.lower:.9g} to {variable.upper:.9g}")
-    return f" /* {', '.join(parts)} */" if parts else ""
+        notes.append(f"{variable.lower:.9g} to {variable.upper:.9g}")
+    return f" /* {', '.join(notes)} */" if notes else ""
 
 
 def _rows(numbers: Sequence[str]) -> list[str]:
