@@ -438,6 +438,10 @@ cranedyn/compiled/engine.py
 ? compiled::a_stepping_rule_without_code_is_refused_before_anything_is_asked_whatever_its_name
 - check_rule(setting.integrator)
 +
+* a diverged block is repeated instant by instant
+? compiled::a_run_that_diverges_late_is_repeated_only_from_there
+- ahead = int(np.argmin((v * v).sum(axis=1) < DIVERGED**2))
++ ahead = 0
 * what a compiled loop integrated is forgotten
 ? compiled::a_run_of_many_blocks_is_the_same
 - if hasattr(controller, "resume"):
@@ -788,8 +792,12 @@ cranedyn/recording/shapes.py
 cranedyn/bridges/task.py
 * the drives of an environment brake as if steps had no length
 ? gymnasium::drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges
-- self._most * (t - self._dt) * rate
-+ self._most * t * rate
+- self._most * (period - dt)
++ self._most * period
+* an environment whose episode has ended shows how the old one ended
+? gymnasium::next_step_and_same_step_are_followed_by_the_next_episode_as_gymnasium_says
+- observations[ended] = self.task.observe(ended)
++
 cranedyn/bridges/ros2.py
 * the first command in ROS is no effort at all
 ? ros2::the_efforts_before_the_first_command_hold_the_crane_where_it_starts

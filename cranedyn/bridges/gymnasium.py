@@ -137,7 +137,7 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
             fresh = self._ended.copy()
             self._begin(fresh)
             reward[fresh], over[fresh], truncated[fresh] = 0.0, False, False
-            observations = self.task.observe()
+            observations[fresh] = self.task.observe(fresh)
         infos: dict[str, Any] = {
             "distance": self.task.goal_distance,
             "_distance": np.ones(self.num_envs, dtype=bool),
@@ -145,10 +145,10 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         self._ended = over | truncated
         if self._mode is AutoresetMode.SAME_STEP and self._ended.any():
             ended = self._ended.copy()
-            final = {"final_obs": observations, "final_info": dict(infos)}
+            final = {"final_obs": observations.copy(), "final_info": dict(infos)}
             infos |= {**final, "_final_obs": ended, "_final_info": ended}
             self._begin(ended)
-            observations = self.task.observe()
+            observations[ended] = self.task.observe(ended)
         return observations, reward, over, truncated, infos
 
     def _begin(self, mask: np.ndarray, **initial: Any) -> None:

@@ -27,9 +27,9 @@ LIMITS = Limits(rates=(0.0838, 1.583, 1.0), accelerations=(0.02, 0.4, 0.4))
 """Slew and trolley rates of a large crane (0.8 rpm, 95 m/min), 60 m/min of hoisting; accelerations
 ours."""
 
-_AT_ONCE = 16_384
+_AT_ONCE = 4096
 """Number of cranes up to which threads share the steps only: other work is so short that threads
-would wait for the lock of the interpreter."""
+would wait for the lock of the interpreter. Arrays of more would not stay in the cache."""
 
 ACTIONS = ("velocity", "acceleration")
 
@@ -174,7 +174,7 @@ class SwingTask:
             MissingRole, ModelError: If the cranes are no tower cranes of five joints.
             OutOfRange: If a rule has not one number for each drive, or as `Fleet`.
         """
-        self.rules, self._dt = rules, dt
+        self.rules = rules
         self.fleet = Fleet(
             cranes, count, dt=dt, control_period=period, forces=rules.wind > 0.0, threads=threads
         )
@@ -186,6 +186,8 @@ class SwingTask:
         limits = [rules.limits.for_crane(crane) for crane in self.fleet.cranes]
         self._rates = np.min([limit.rates for limit in limits], axis=0)[:, None]
         self._most = np.asarray(limits[0].accelerations)[:, None]
+        self._change, self._twice = self._most * period, 2.0 * self._most
+        self._lead, self._half = self._most * (period - dt), 0.5 * self._most * (period + dt)
         self._reach = layout.for_drives("reach", rules.reach, "", ">= 0")[:, None]
         low, high = (
             np.array([getattr(crane, end)[layout.drives] for crane in self.fleet.cranes])
@@ -200,6 +202,10 @@ class SwingTask:
                 [end.tolist() for end in self._range],
                 "wider than 0.1 rad or m",
             )
+        ends = np.stack([self._twice * self._upper, -self._twice * self._lower])
+        self._room, self._sign = self._half**2 + ends, np.array([-1.0, 1.0])[:, None, None]
+        n, passive, ends = layout.n, layout.passive, self.tower[[1, -1]]
+        self._observed = np.concatenate([n + layout.drives, passive, n + passive, ends]).tolist()
         self._gravity, self._kind = first.gravity, np.zeros(count, dtype=int)
         self._force = np.zeros((count, 3 * len(layout.points)))
         self.goal_distance = self.distance(self.fleet.z, self.goal)
@@ -255,7 +261,8 @@ class SwingTask:
             # The force is that on a load at rest: its own velocity is neglected.
             self._force[rows, :2] = drag_force(self.rules.payload_area, wind)
             self.fleet.push(rows, self._force[rows])
-        self.goal_distance = self.distance(self.fleet.z, self.goal)
+        self.goal_distance = self.goal_distance.copy()
+        self.goal_distance[rows] = self.distance(self.fleet.z[:, rows], self.goal[:, rows])
 
     def crane_of(self, index: int) -> Crane:
         """Return the crane of this episode, by its index."""
@@ -278,8 +285,8 @@ class SwingTask:
             OutOfRange: If an action is no number from -1 to 1.
         """
         checked, n = finite("action", action, self.goal.shape), self.fleet.count
-        if not (np.abs(checked) <= 1.0).all():
-            raise OutOfRange("action", float(checked[np.abs(checked) > 1.0][0]), "-1 to 1")
+        if (beyond := np.abs(checked) > 1.0).any():
+            raise OutOfRange("action", float(checked[beyond][0]), "-1 to 1")
         reward, over, self.goal_distance = np.empty(n), np.empty(n, dtype=bool), np.empty(n)
         observations = np.empty((n, len(OBSERVED)), dtype=np.float32)
 
@@ -292,36 +299,28 @@ class SwingTask:
             lost = -self.fleet.control_period * np.log10(1.0 + distance / _CLOSE)
             reward[columns] = np.where(over[columns], PENALTY, lost)
             self.goal_distance[columns] = distance
-            observations[columns] = self.observation(z, goal)
+            self.observation(z, goal, observations[columns])
 
         if n <= _AT_ONCE:
             work(slice(n), self.fleet.step)
         else:
-            chunks, advance = self.fleet.chunks, self.fleet.advance
-            self.fleet.spread(lambda i: work(chunks[i], partial(advance, i)))
+            self.fleet.spread(lambda i: work(self.fleet.chunks[i], partial(self.fleet.advance, i)))
         return reward, over, observations
 
     def accelerations(self, action: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Return the accelerations of the drives for actions from -1 to 1 at states, shape (3,
         n).
         """
-        drives, t = self.layout.drives, self.fleet.control_period
+        drives, t, most = self.layout.drives, self.fleet.control_period, self._change
         position, rate = z[drives], z[self.layout.n + drives]
-        if self.rules.action == "velocity":
-            faster = rate + np.minimum(
-                np.maximum(action * self._rates - rate, -self._most * t), self._most * t
-            )
-        else:
-            faster = rate + action * self._most * t
+        velocity = self.rules.action == "velocity"
+        change = action * self._rates - rate if velocity else action * self._most * t
+        faster = rate + np.minimum(np.maximum(change, -most), most)
         # w after the period must let a drive stop within its room: w²/(2a) + (w + rate) t/2 + (w -
         # rate) dt/2 = room, where the last term is what semi-implicit Euler goes farther.
-        distance = 2.0 * self._most * position + self._most * (t - self._dt) * rate
-        half = 0.5 * self._most * (t + self._dt)
-        above = half * half + 2.0 * self._most * self._upper - distance
-        below = half * half - 2.0 * self._most * self._lower + distance
-        top = np.minimum(np.sqrt(np.maximum(above, 0.0)) - half, self._rates)
-        bottom = np.maximum(half - np.sqrt(np.maximum(below, 0.0)), -self._rates)
-        return (np.minimum(np.maximum(faster, bottom), top) - rate) / t
+        room = self._room + self._sign * (self._twice * position + self._lead * rate)
+        up, down = np.minimum(np.sqrt(np.maximum(room, 0.0)) - self._half, self._rates)
+        return (np.minimum(np.maximum(faster, -down), up) - rate) / t
 
     def distance(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """Return how far from its goal each load would come if its drives stopped at once [m]:
@@ -335,19 +334,17 @@ class SwingTask:
         )
         return np.sqrt(np.square(off).sum(axis=0)) + length * np.sqrt(swing.sum(axis=0))
 
-    def observe(self) -> np.ndarray:
-        """Return the observations now, see `OBSERVED`, in single precision, shape (n, 12)."""
-        return self.observation(self.fleet.z, self.goal)
+    def observe(self, which: Any = slice(None)) -> np.ndarray:
+        """Return observations of some cranes or of all now, see `OBSERVED`, in single precision."""
+        return self.observation(self.fleet.z[:, which], self.goal[:, which])
 
-    def observation(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """Return the observations at states with goals, a column each, shape (n, 12)."""
-        n, drives, passive = self.layout.n, self.layout.drives, self.layout.passive
-        observations = np.empty((z.shape[1], len(OBSERVED)), dtype=np.float32)
-        observations[:, :3] = (goal - z[drives]).T
-        observations[:, 3:6] = z[n + drives].T
-        observations[:, 6:8], observations[:, 8:10] = z[passive].T, z[n + passive].T
-        observations[:, 10], observations[:, 11] = z[self._trolley], z[self._hoist]
-        return observations
+    def observation(self, z: np.ndarray, goal: np.ndarray, out: Any = None) -> np.ndarray:
+        """Return the observations at states with goals, a column each, shape (n, 12), in `out`."""
+        out = np.empty((z.shape[1], len(OBSERVED)), dtype=np.float32) if out is None else out
+        out[:, :3] = (goal - z[self.layout.drives]).T
+        for i, row in enumerate(self._observed, 3):
+            out[:, i] = z[row]
+        return out
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the least and largest observations, in single precision, shape (12,) each; a swing

@@ -29,6 +29,7 @@ from cranedyn.errors import Misshapen
 from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.references.tabulated import tabulated
 from cranedyn.simulation.engine import Actuation, Engine, Setting
+from cranedyn.simulation.stepper import DIVERGED
 
 if TYPE_CHECKING:
     from cranedyn.compiled.horizon.control import Programme
@@ -179,8 +180,8 @@ class CompiledEngine(Engine):
         """Write rows under a controller that is affine in the state, block by block, see
         `Engine.run_ahead`.
 
-        A block with a number that is not finite or a diverged state is discarded; the caller then
-        runs it instant by instant.
+        A block with a number that is not finite or a diverged state is repeated up to the row
+        before; from there the caller goes on instant by instant.
 
         Raises:
             Misshapen: If an array of the controller's affine form or of the reference has another
@@ -195,7 +196,7 @@ class CompiledEngine(Engine):
         if predictive is not None and predictive.programme.drive != self._setting.drive:
             return
         ahead = max(1, min(_BLOCK, _STEPS // clocks.steps))
-        while first < len(rows):
+        while ahead and first < len(rows):
             block = rows[first : first + ahead]
             times = read_only(t_start + clocks.period * np.arange(first, first + len(block)))
             try:
@@ -211,8 +212,12 @@ class CompiledEngine(Engine):
                 common = None
             if predictive is not None:
                 self._horizon = predictive.resume_memory(float(times[0]))
-            if common is None or not self._run(common, setpoint, block, len(rows) - 1 - first):
+            if common is None or common.lacking():
                 break
+            if not self._run(common, setpoint, block, len(rows) - 1 - first):
+                v = block[:, slices(self._sizes.row)["v"]]
+                ahead = int(np.argmin((v * v).sum(axis=1) < DIVERGED**2))
+                continue
             if predictive is not None:
                 predictive.advance_to(float(times[-1]))
             if hasattr(controller, "resume"):
@@ -225,8 +230,6 @@ class CompiledEngine(Engine):
         """Write a block of rows up to an instant that no steps follow; return False and restore the
         state if a number is not finite or a joint moves too fast.
         """
-        if form.lacking():
-            return False
         before = self._memory.copy()
         predictive = None if self._horizon is None else self._horizon.copy()
         integral = bool(form.integral_gain.any())

@@ -20,6 +20,7 @@ from scipy.integrate import solve_ivp
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
 
+from cranedyn.compiled.engine import CompiledEngine
 from cranedyn.controllers import follow, hold_controller, lqr
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
@@ -456,6 +457,22 @@ def test_a_run_that_diverges_ends_alike() -> None:
     assert failure.trajectory is not None
     assert len(failure.trajectory) == round(failure.t / 5e-3)
     assert all(np.isfinite(getattr(failure.trajectory, name)).all() for name in QUANTITIES)
+
+
+def test_a_run_that_diverges_late_is_repeated_only_from_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    c, calls = crane(hoist_effort=1e12), list[int]()
+    slowly = hold_controller(c, damping=(1e6, 5e4, 4.1e5))
+    apply = CompiledEngine.apply_command
+    monkeypatch.setattr(CompiledEngine, "apply_command", lambda *a: calls.append(1) or apply(*a))
+    with pytest.raises(RunError, match="diverged") as caught:
+        simulate(
+            c, slowly, start=c.state(l_dot=0.1), duration=5.0, validity="mark", engine="compiled"
+        )
+    assert caught.value.trajectory is not None
+    assert len(caught.value.trajectory) > 300
+    assert len(calls) < 3
 
 
 def _after(t0: float, action: Callable[[], np.ndarray]) -> Callable[[], Controller]:
