@@ -187,7 +187,7 @@ def plan_lift(
         straight = straight_time(ends, limits)
         shortest = min((lift.timed.motion.arrival for lift in lifts), default=math.inf)
         if straight < shortest:
-            lifts += _ways(clearance, ends, slews, limits, shortest, ramp, period)
+            lifts += _ways(clearance, ends, slews, limits, ramp, period, shortest)
     if not lifts:
         raise NoWay(_reason(clearance, first, last, slews, np.array(limits.rates)))
     return min(lifts, key=lambda lift: lift.timed.motion.arrival)
@@ -262,9 +262,9 @@ def _ways(
     ends: np.ndarray,
     slews: SlewRange,
     limits: Limits,
-    shortest: float,
     ramp: float,
     period: float,
+    shortest: float = math.inf,
 ) -> Iterator[Lift]:
     """Yield lifts between two places with margins of `EXTRA`, until one is fast enough; those that
     last longer than the shortest so far [s] may be left out.
