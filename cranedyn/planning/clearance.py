@@ -23,7 +23,7 @@ from cranedyn.checks import within
 from cranedyn.errors import quoted
 from cranedyn.model.crane import Crane
 from cranedyn.planning.bodies import CollisionBodies, collision_bodies
-from cranedyn.planning.fields import Body, Field, Placed, rope
+from cranedyn.planning.fields import Body, Field, Placed
 from cranedyn.planning.site import Site
 from cranedyn.planning.solids import Solid, hull
 
@@ -349,19 +349,21 @@ class Clearance:
         }
 
     @cached_property
-    def _hanging(self) -> list[tuple[str, Body | None, float, list[Field]]]:
-        """Bodies that hang, None for the rope, with their inflation and what they keep from."""
-        shapes: dict[str, tuple[Any, ...]] = {"load": (hull(self.bodies.load), None)}
+    def _hanging(self) -> list[tuple[str, Body, list[Field]]]:
+        """Bodies that hang and what they keep from."""
+        shapes: dict[str, tuple[Any, ...]] = {
+            "load": (hull(self.bodies.load), None),
+            "rope": (coal.Capsule(self.bodies.falls, 1.0), None),
+        }
         for name, (centre, size) in (("trolley", self.bodies.trolley), ("hook", self.bodies.hook)):
             shapes[name] = coal.Box(size), coal.Transform3s(np.eye(3), centre)
         hanging = []
         for name, variant, kinds in _KEEPS_FROM:
             inflated = self.site.distance if variant == "inflated" else 0.0
-            shape, within = shapes.get(name, (None, None))
-            body = None if shape is None else Body(shape, inflated, within)
+            shape, within = shapes[name]
             fields = [self._fields[kind] for kind in kinds if len(self._fields[kind])]
             if fields:
-                hanging.append((name, body, inflated, fields))
+                hanging.append((name, Body(shape, inflated, within), fields))
         return hanging
 
     @cached_property
@@ -388,14 +390,15 @@ class Clearance:
         return margins[0] - ROUNDING, margins[1] - ROUNDING
 
     def _placed(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
-        """Yield each body that hangs with the obstacles that it must keep away from."""
+        """Yield each body that hangs with the obstacles that it must keep away from; it stays at its
+        place until one of this clearance is placed again.
+        """
         trolley, load = self._frames(q, self.joints.trolley, self.joints.hoist)
         length = float(q[self.joints.hoist]) + self._above
-        for name, body, inflated, fields in self._hanging:
-            if body is None:
-                moving = rope(load, self.bodies.falls, length, inflated)
-            else:
-                moving = body.put(trolley if name == "trolley" else load)
+        for name, body, fields in self._hanging:
+            if name == "rope":
+                body.stretch(length)
+            moving = body.put(trolley if name == "trolley" else load)
             for field in fields:
                 yield name, field, moving
 

@@ -5,6 +5,7 @@ al. 2024).
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
@@ -31,8 +32,8 @@ class Placed(NamedTuple):
         return coal.CollisionObject(shape, self.moving.getTransform())
 
 
-class Body:
-    """A shape that moves, inflated by a distance on all sides; threads may share it.
+class Body(threading.local):
+    """A shape that moves, inflated by a distance on all sides; each thread has one of its own.
 
     Inflation is by coal's swept-sphere radius, which both its bounding boxes and its distances
     respect; its broad phase ignores the `security_margin` of a request.
@@ -51,8 +52,8 @@ class Body:
         """Inflate a shape by a distance [m], at a place within the frame that it moves with."""
         self.inflated, self.shape = inflated, shape.clone()
         self.shape.setSweptSphereRadius(inflated)
-        self.shape.computeLocalAABB()
         self._within = within or coal.Transform3s()
+        self._placed = Placed(coal.CollisionObject(self.shape), inflated)
 
     @property
     def radius(self) -> float:
@@ -61,19 +62,16 @@ class Body:
         return float(np.linalg.norm(centre[:2])) + float(self.shape.aabb_radius)
 
     def put(self, frame: coal.Transform3s) -> Placed:
-        """Return the body with the frame that it moves with at a place."""
-        moving = coal.CollisionObject(self.shape, frame * self._within, False)
-        return Placed(moving, self.inflated)
+        """Return the body, moved with the frame that it moves with to a place."""
+        self._placed.moving.setTransform(frame * self._within)
+        self._placed.moving.computeAABB()
+        return self._placed
 
-
-def rope(frame: coal.Transform3s, radius: float, length: float, inflated: float) -> Placed:
-    """Return a rope of a radius and a length [m] from the origin of a frame up along its Z axis,
-    inflated by a distance [m].
-    """
-    shape = coal.Capsule(radius, length)
-    shape.setSweptSphereRadius(inflated)
-    middle = frame.getTranslation() + frame.getRotation()[:, 2] * (length / 2.0)
-    return Placed(coal.CollisionObject(shape, frame.getRotation(), middle), inflated)
+    def stretch(self, length: float) -> None:
+        """Let a capsule reach from the origin of its frame to a length [m] along its Z axis."""
+        self.shape.halfLength = length / 2.0
+        self.shape.computeLocalAABB()
+        self._within.setTranslation(np.array([0.0, 0.0, length / 2.0]))
 
 
 class Field:

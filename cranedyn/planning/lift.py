@@ -185,8 +185,9 @@ def plan_lift(
     lifts: list[Lift] = []
     for ends in _turns(first, last, slews):
         straight = straight_time(ends, limits)
-        if all(straight < lift.timed.motion.arrival for lift in lifts):
-            lifts += _ways(clearance, ends, slews, limits, ramp, period)
+        shortest = min((lift.timed.motion.arrival for lift in lifts), default=math.inf)
+        if straight < shortest:
+            lifts += _ways(clearance, ends, slews, limits, ramp, period, shortest)
     if not lifts:
         raise NoWay(_reason(clearance, first, last, slews, np.array(limits.rates)))
     return min(lifts, key=lambda lift: lift.timed.motion.arrival)
@@ -263,8 +264,11 @@ def _ways(
     limits: Limits,
     ramp: float,
     period: float,
+    shortest: float = math.inf,
 ) -> Iterator[Lift]:
-    """Yield lifts between two places with margins of `EXTRA`, until one is fast enough."""
+    """Yield lifts between two places with margins of `EXTRA`, until one is fast enough; those that
+    last longer than the shortest so far [s] may be left out.
+    """
     end_margin = min(clearance.swing_margin(end) for end in ends)
     bounds, rates = _bounds(clearance, ends, slews), np.array(limits.rates)
     if not ((bounds[0] <= ends).all() and (ends <= bounds[1]).all()):
@@ -281,9 +285,12 @@ def _ways(
             path = rounded_path(wider, points, rates)
             if path is None:
                 continue
-            motion = timed(clearance, path, limits, proven, ramp=ramp, period=period)
+            motion = timed(
+                clearance, path, limits, proven, within=shortest, ramp=ramp, period=period
+            )
             if motion is None:
                 continue
+            shortest = min(shortest, motion.motion.arrival)
             yield Lift(clearance, limits, ends, slews, path, motion)
             if motion.motion.arrival < _FAST * straight_time(ends, limits):
                 return

@@ -355,16 +355,18 @@ def _least(
 
     Where a lift differs from planned coordinates, shape (rows, n), by less than their margins [m],
     shape (rows,), that difference gives the bound. Elsewhere distances are measured in the recorded
-    rows, less the way between these.
+    rows, less the way between these, and bound those of the rows around by the way to them.
     """
     between = clearance.displacement(batch.q[:, :-1, :], batch.q[:, 1:, :]) / 2.0
+    moved = np.pad(np.cumsum(2.0 * between, axis=1), ((0, 0), (1, 0)))
     step = np.maximum(np.pad(between, ((0, 0), (1, 0))), np.pad(between, ((0, 0), (0, 1))))
     at_least = margins - clearance.displacement(planned, batch.q) - step
     distances = np.full(len(batch.q), np.nan)
     for i in np.flatnonzero(np.isfinite(at_least).all(axis=1) & ~np.isfinite(batch.valid_until)):
         bounds, measured = at_least[i], set[int]()
         while (k := int(np.argmin(bounds))) not in measured and bounds[k] < 0.0:
-            bounds[k] = clearance.margin(batch.q[i, k]) - step[i, k]
+            margin = clearance.margin(batch.q[i, k])
+            bounds = np.maximum(bounds, margin - np.abs(moved[i] - moved[i, k]) - step[i])
             measured.add(k)
         distances[i] = bounds[k] + clearance.site.distance
     return distances

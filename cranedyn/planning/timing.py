@@ -93,6 +93,7 @@ def timed(
     limits: Limits,
     proven: Callable[[TimedMotion], bool],
     *,
+    within: float = math.inf,
     ramp: float = RAMP,
     period: float = 5e-3,
 ) -> TimedMotion | None:
@@ -108,6 +109,7 @@ def timed(
         limits: Rates and accelerations of the drives.
         proven: Function that says whether a motion is proven free; where it is not, slower ones are
             tried.
+        within: Duration [s] from which on a motion is of no use.
         ramp: Time in which a drive may reach its limit of acceleration [s].
         period: Time between rows of the motion [s].
 
@@ -124,25 +126,34 @@ def timed(
     bound = float(_fastest(path, Bounds(rates, accelerations, math.inf))[0][-1])
     for slower in _SLOWER:
         best: TimedMotion | None = None
+        too_long = True
         for average in _AVERAGES:
             across = crane.gravity * math.tan(clearance.site.swing) / slower
             bounds = Bounds(rates, accelerations / slower, across)
             for round_ in range(_ROUNDS):
                 drive_positions = _averaged(*_fastest(path, bounds), average)
                 duration = STEP * (len(drive_positions) - 1)
-                if round_ > 1 and best is not None and duration >= best.motion.arrival - STEP:
+                longest = within if best is None else min(within, best.motion.arrival)
+                if round_ > 1 and duration >= longest - STEP:
                     break
                 motion = load_motion(clearance, drive_positions, STEP)
                 shares = limit_shares(clearance, motion, limits, ramp)
                 candidate = TimedMotion(drive_positions, motion, bound, shares)
                 if max(shares.values()) <= _KEPT:
                     if not proven(candidate):
+                        too_long = False
                         break
                     if best is None or motion.arrival < best.motion.arrival:
                         best = candidate
+                elif duration >= longest:
+                    break  # it lasts longer still once it keeps its limits
                 bounds = _fitted(bounds, shares, slower)
+            else:
+                too_long = False
         if best is not None:
             return replace(best, motion=load_motion(clearance, best.places, period))
+        if too_long:
+            break
     return None
 
 

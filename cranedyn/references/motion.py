@@ -135,8 +135,8 @@ def hanging_reference(
 def motion_efforts(crane: Crane, motion: Motion) -> np.ndarray:
     """Return drive efforts that a motion costs, by inverse dynamics [N m or N], shape (rows, m)."""
     motion.check_fits("motion", crane.layout)
-    states = zip(motion.q, motion.v, motion.a, strict=True)
-    forces = np.array([pin.rnea(crane.model, crane.data, *state) for state in states])
+    columns = (table.T for table in (motion.q, motion.v, motion.a))
+    forces = pin.rneaInParallel(1, pin.ModelPool(crane.model, 1), *columns).T
     joint = JointForces.of(crane).effort(rows(motion.q), rows(motion.v))
     for i in motion.drives:
         forces[:, i] -= joint[i]
