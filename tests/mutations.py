@@ -625,6 +625,14 @@ cranedyn/recording/run.py
 - return Rotation.from_euler("z", self.heading).apply(points)
 + return Rotation.from_euler("z", 0.0 * self.heading).apply(points)
 cranedyn/sites/supervisor.py
+* no swing grows where the rope is hoisted
+? sites::no_rope_swings_beyond_its_envelope_while_slow_drives_hoist_turn_and_slide
+- swing *= max(cable / shortest, 1.0) ** 1.5
++ swing *= 1.0
+* turning and sliding at constant rates incline no rope
+? sites::no_rope_swings_beyond_its_envelope_while_slow_drives_hoist_turn_and_slide
+- / (-MOMENT * gravity)
++ / (-1e9 * gravity)
 * a late grant is taken for the last
 ? sites::a_grant_for_an_older_request_is_ignored_and_a_fault_brakes
 - if grant.number == self._number and

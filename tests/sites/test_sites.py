@@ -178,6 +178,22 @@ def test_wild_operators_keep_to_boxes_and_swing_with_half_of_the_messages_lost(n
 
 
 @slow
+@pytest.mark.parametrize(("seed", "duration"), [(10, 40.0), (5, 80.0)])
+def test_no_rope_swings_beyond_its_envelope_while_slow_drives_hoist_turn_and_slide(
+    tmp_path: Path, seed: int, duration: float
+) -> None:
+    text = (SITES / "two_towers.toml").read_text("utf-8")
+    slow_drives = "drives = {accelerations = [1.0, 0.3, 0.3]}"
+    file = tmp_path / "site.toml"
+    file.write_text(text.replace('brakes = "converters"', slow_drives), "utf-8")
+    site = read_crane_site(file)
+    operators = [Wild(station, seed + 10 * i) for i, station in enumerate(site.stations)]
+    run = simulate_site(site, operators, duration=duration, channel=MessageChannel(0.1, 0.1))
+    assert keeps(run)
+    assert run.swing.max() > 0.5 * site.swing
+
+
+@slow
 def test_cranes_that_hear_nothing_stay_in_their_first_box() -> None:
     run = wild_run("two_towers", 0.0, 1.0)
     assert keeps(run)
@@ -269,6 +285,8 @@ def test_boxes_that_overlap_at_the_start_are_refused() -> None:
     boxes = [Guard(station, site.swing).box + wider for station in site.stations]
     with pytest.raises(DataError, match="At the start"):
         Supervisor(site, boxes)
+    with pytest.raises(DataError, match="1 boxes are given for 2 cranes"):
+        Supervisor(site, boxes[:1])
 
 
 @slow
