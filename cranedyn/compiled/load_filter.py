@@ -41,7 +41,7 @@ class CompiledLoadFilter(LoadFilter):
         """Compile the step, once for equal cranes, periods, sensors and noise."""
         crane, period, sensors, *noise = plain.source
         super().__init__(crane, period, sensors, plain.mean, plain.covariance, *noise)
-        arrays = [item.tobytes() for item in (numbers(crane), *noise)]
+        arrays = [values.tobytes() for values in (numbers(crane), *noise)]
         key = (Topology.of(crane), period, sensors, *arrays)
         if key not in _CODES and len(_CODES) >= 16:
             _CODES.clear()
