@@ -22,7 +22,7 @@ def full(crane: Crane, drives: np.ndarray) -> np.ndarray:
     """Return the numbers of the drives, shape (m,), among those of all joints, shape (n,): zero for
     the passive ones.
     """
-    among = np.zeros(crane.layout.n)
+    among = np.zeros(crane.layout.n, np.asarray(drives).dtype)
     among[crane.layout.drives] = drives
     return among
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
@@ -41,14 +40,6 @@ LOAD_STD, CABLE_STD = 0.5, 0.1
 and once as a share of the reading."""
 
 
-class Row(NamedTuple):
-    """A motion at an instant: coordinates, rates and accelerations, shape (n,) each."""
-
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-
-
 class CableFamily:
     """The same move on cables of three lengths, and a parabola through the three motions.
 
@@ -64,13 +55,13 @@ class CableFamily:
         # q, v and a as planned, their first and their second derivatives, a row for each
         self._table = np.concatenate([plan, first, second], axis=1)
 
-    def planned(self, k: int) -> Row:
-        """Return the planned motion at a row."""
-        return Row(*self._at(k)[:3])
+    def planned(self, k: int) -> np.ndarray:
+        """Return q, v and a of the planned motion at a row, shape (3, n)."""
+        return self._at(k)[:3]
 
-    def row(self, k: int, offset: float, share: float) -> Row:
-        """Return the motion on a cable of length (1 + share) reading + offset, at a row; the chain
-        rule covers a length that changes on the way.
+    def row(self, k: int, offset: float, share: float) -> np.ndarray:
+        """Return q, v and a on a cable of length (1 + share) reading + offset, at a row, shape (3,
+        n); the chain rule covers a length that changes on the way.
         """
         table = self._at(k)
         length, rate, acceleration = (share * table[:3, self._hoist]).tolist()
@@ -81,7 +72,7 @@ class CableFamily:
             [0.0, 1.0, 0.0, rate, beyond, 0.0, rate * beyond, half, 0.0],
             [0.0, 0.0, 1.0, acceleration, 2.0 * rate, beyond, turned, 2.0 * rate * beyond, half],
         ]
-        return Row(*(by_cable @ table))
+        return by_cable @ table
 
     def _at(self, k: int) -> np.ndarray:
         return self._table[min(k, len(self._table) - 1)]
@@ -130,25 +121,24 @@ class LoadEstimateController(ShortRepr):
         else:
             check_next_call(t, self._t, self.period)
             if len(self._since) > self.delay:
-                self.filter.predict(self._since.popleft())
-                self.filter.correct(state)
+                self.filter.step(self._since.popleft(), state)
         now = self.filter.state
         for effort in self._since:
             now = self.filter.advanced(now, effort, self.period)
         self.estimate, self._t = now, t
         row = min(max(round(t / self.period), 0), len(self.efforts) - 1)
         planned, adapted = self.family.planned(row), self.family.row(row, *self.filter.cable)
-        equivalent = State(now.q - adapted.q + planned.q, now.v - adapted.v + planned.v)
+        equivalent = State(*(np.array(now) - adapted[:2] + planned[:2]))
         command = np.asarray(self.controller(t, equivalent, setpoint), dtype=float)
         command = command + self._cost(adapted) - self.efforts[row]
         self._since.append(command.clip(-self.effort_limit, self.effort_limit))
         return command
 
-    def _cost(self, row: Row) -> np.ndarray:
+    def _cost(self, row: np.ndarray) -> np.ndarray:
         """Return the drive efforts that a motion costs with the estimated load, shape (m,)."""
         crane = self.filter.crane
-        joint = JointForces.of(crane).effort(row.q, row.v)
-        needed = inverse_dynamics(crane.model, crane.data, *row, joint)
+        joint = JointForces.of(crane).effort(*row[:2])
+        needed = inverse_dynamics(crane.model, crane.data, row[0], row[1], row[2], joint)
         return needed[crane.layout.drives]
 
 

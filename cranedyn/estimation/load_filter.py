@@ -5,6 +5,7 @@ its cable from the reading of the hoist's encoder.
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
 from typing import Literal
 
 import numpy as np
@@ -13,12 +14,8 @@ import pinocchio as pin
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import by_state_and_force, full
-from cranedyn.estimation.observer import (
-    corrected_covariance,
-    kalman_gain,
-    load_lapack,
-    process_noise,
-)
+from cranedyn.dynamics.scalars import clipped
+from cranedyn.estimation.observer import corrected_covariance, kalman_gain, process_noise
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 
@@ -47,8 +44,10 @@ class LoadFilter:
     wrong estimate (Newton: l̈ = F/m + g). The cable is l = (1 + share) reading +
     offset. The mean is predicted by RK4 on the full model, the covariance by its derivatives
     (Jazwinski 1970, Stochastic Processes and Filtering Theory, §8.3), and kept in Joseph's form.
+    Both are written for any kind of number, see `cranedyn.compiled.load_filter`.
 
     Attributes:
+        source: Planned crane, period, sensors, disturbance and noise.
         crane: The crane with the estimated load.
         mean: Estimate of w, shape (2 n + 3,).
         covariance: Covariance of its error, shape (2 n + 3, 2 n + 3).
@@ -65,7 +64,8 @@ class LoadFilter:
         disturbance: np.ndarray,
         noise: np.ndarray,
     ) -> None:
-        load_lapack()
+        import_module("scipy.linalg.lapack")  # takes tenths of a second, which no period has
+        self.source = crane, period, sensors, disturbance, noise
         self.crane = replace(crane, model=crane.model.copy())
         self.mean, self.covariance, self.sensors = mean, covariance, sensors
         self._period, self._noise = period, noise
@@ -75,13 +75,8 @@ class LoadFilter:
         self._body = crane.payload.body + 1
         self._load = self.crane.model.inertias[self._body]  # a view into the model
         self._planned = self._load.mass
-        # Model of the planned load alone, as a point: efforts are linear in the mass of a body.
-        self._alone = crane.model.copy()
-        for body in range(1, self._alone.njoints):
-            self._alone.inertias[body] = pin.Inertia.Zero()
-        self._alone.inertias[self._body] = pin.Inertia(
-            self._planned, self._load.lever, np.zeros((3, 3))
-        )
+        alone = pin.Inertia(self._planned, self._load.lever, np.zeros((3, 3)))
+        self._alone = alone.toDynamicParameters()  # of the planned load as a point
         n = self._n
         self._identity = np.eye(2 * n + 3)
         self._added = np.zeros((2 * n + 3, 2 * n + 3))
@@ -106,16 +101,21 @@ class LoadFilter:
         """Offset [m] and share of l = (1 + share) reading + offset."""
         return float(self.mean[-2]), float(self.mean[-1])
 
+    def step(self, effort: np.ndarray, reading: State) -> None:
+        """Predict as `predict`, then correct as `correct`."""
+        self.predict(effort)
+        self.correct(reading)
+
     def predict(self, effort: np.ndarray) -> None:
         """Predict mean and covariance over one control period under efforts of the drives [N m or
         N], shape (m,).
         """
         n, h = self._n, self._period
-        before, step = self.state, np.zeros_like(self.covariance)
-        by_state, inverse_mass = by_state_and_force(self.crane, before, effort)
+        before, step = self.state, 0.0 * self._identity
+        by_state, by_load = self._linearised(before, effort)
         step[:n, n : 2 * n] = h * self._identity[:n, :n]
         step[n : 2 * n, : 2 * n] = h * by_state
-        step[n : 2 * n, -3] = h * (inverse_mass @ self._spared(before))
+        step[n : 2 * n, -3] = h * by_load
         over = self._identity + step + step @ step / 2.0
         self.mean = np.concatenate([*self.advanced(before, effort, h), self.mean[-3:]])
         self.covariance = over @ self.covariance @ over.T + self._added
@@ -124,14 +124,13 @@ class LoadFilter:
         """Return the state after a time [s] under efforts, by one step of RK4 with the estimated
         load.
         """
-        model, data, (q, v) = self.crane.model, self._data, state
         tau = full(self.crane, effort)
 
         def acceleration(q: np.ndarray, u: np.ndarray) -> np.ndarray:
             v = u / time
-            return time * time * pin.aba(model, data, q, v, tau + self._joint.effort(q, v))
+            return time * time * self._acceleration(q, v, tau + self._joint.effort(q, v))
 
-        q, u = rk4.rule(acceleration, np.add, np.add, q, time * v, 1)
+        q, u = rk4.rule(acceleration, np.add, np.add, state.q, time * state.v, 1)
         return State(q, u / time)
 
     def correct(self, reading: State) -> None:
@@ -141,18 +140,14 @@ class LoadFilter:
         cross = by @ self.covariance
         gain = kalman_gain(cross, cross @ by.T + self._noise)
         self.mean = self.mean + gain @ innovation
-        self.mean[-3] = min(max(self.mean[-3], 1.0 / HEAVIEST), 1.0 / LIGHTEST)
+        self.mean[-3] = clipped(self.mean[-3], 1.0 / HEAVIEST, 1.0 / LIGHTEST)
         self.covariance = corrected_covariance(self.covariance, by, gain, self._noise)
         self._believe()
 
     def _measured(self, reading: State) -> np.ndarray:
         direct = np.concatenate(reading)[self._direct]
-        return np.concatenate([direct, self._turning(reading)]) if self.sensors == "imu" else direct
-
-    def _turning(self, state: State) -> np.ndarray:
-        """Return the rates at a gyroscope on the load [rad/s], shape (3,), in its frame."""
-        pin.forwardKinematics(self.crane.model, self._data, *state)
-        return np.array(self._data.v[self._body].angular)
+        rates = self._turning(reading)[0] if self.sensors == "imu" else direct[:0]
+        return np.concatenate([direct, rates])
 
     def _expected(self, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the expected measurements and their derivatives by w."""
@@ -167,22 +162,33 @@ class LoadFilter:
         by[read, -1] = -values[read] / scale
         if self.sensors != "imu":
             return values[self._direct], by[self._direct]
-        model, data, state = self.crane.model, self._data, State(*mean[: 2 * n].reshape(2, -1))
-        pin.computeForwardKinematicsDerivatives(model, data, *state, np.zeros(n))
+        rates, slopes = self._turning(State(*mean[: 2 * n].reshape(2, -1)))
+        turning = np.hstack([slopes, self._identity[:3, 2 * n :]])
+        return np.concatenate([values[self._direct], rates]), np.vstack([by[self._direct], turning])
+
+    def _acceleration(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """Return the accelerations under generalized forces with the estimated load."""
+        return pin.aba(self.crane.model, self._data, q, v, tau)
+
+    def _linearised(self, state: State, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the derivatives of the accelerations by the state, shape (n, 2 n), and by 1/load,
+        shape (n,). The force of the load alone is linear in its mass.
+        """
+        by_state, inverse_mass = by_state_and_force(self.crane, state, effort)
+        crane, columns = self.crane, slice(10 * self._body - 10, 10 * self._body)
+        regressor = pin.computeJointTorqueRegressor(crane.model, self._data, *state, crane.data.ddq)
+        cost = regressor[:, columns] @ self._alone
+        return by_state, inverse_mass @ cost / self.mean[-3] ** 2
+
+    def _turning(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rates at a gyroscope on the load in its frame [rad/s], shape (3,), and their
+        derivatives by the state, shape (3, 2 n).
+        """
+        model, data = self.crane.model, self._data
+        pin.computeForwardKinematicsDerivatives(model, data, *state, np.zeros(self._n))
         frame = pin.ReferenceFrame.LOCAL
         by_q, by_v = pin.getJointVelocityDerivatives(model, data, self._body, frame)
-        turning = np.hstack([by_q[3:], by_v[3:], np.zeros((3, 3))])
-        return (
-            np.concatenate([values[self._direct], self._turning(state)]),
-            np.vstack([by[self._direct], turning]),
-        )
-
-    def _spared(self, state: State) -> np.ndarray:
-        """Return the decrease of generalized force per unit of 1/load at the accelerations of
-        `by_state_and_force`, shape (n,); the force of the load alone is linear in its mass.
-        """
-        cost = pin.rnea(self._alone, self._data, *state, self.crane.data.ddq)
-        return cost / self.mean[-3] ** 2
+        return np.array(data.v[self._body].angular), np.hstack([by_q[3:], by_v[3:]])
 
     def _believe(self) -> None:
         """Set the load of the crane to that of the mean; its rotational inertia stays."""

@@ -16,6 +16,7 @@ import numpy as np
 from cranedyn.checks import ShortRepr, number, whole
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.lqr import Linearised, linearised
+from cranedyn.dynamics.scalars import solve_linear
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import Controller, Setpoint, State
@@ -75,6 +76,8 @@ def kalman_gain(cross: np.ndarray, spread: np.ndarray) -> np.ndarray:
     Raises:
         CraneError: If the covariance of the measurements is not positive definite.
     """
+    if spread.dtype == object:
+        return solve_linear(spread, cross).T
     # LAPACK itself: for so few numbers NumPy's checks take longer than the solution
     from scipy.linalg.lapack import dposv
 
@@ -135,13 +138,6 @@ def check_next_call(t: float, previous: float, period: float) -> None:
         )
 
 
-def load_lapack() -> None:
-    """Import SciPy's LAPACK when an observer is made: it takes some tenths of a second, which no
-    control period has.
-    """
-    import_module("scipy.linalg.lapack")
-
-
 @dataclass(eq=False, repr=False)
 class ObserverController(ShortRepr):
     """A controller that acts on an estimate of the state. It remembers: make one for each run.
@@ -182,7 +178,7 @@ class ObserverController(ShortRepr):
 
     def __post_init__(self) -> None:
         """Begin without deviation and correction."""
-        load_lapack()
+        import_module("scipy.linalg.lapack")  # takes tenths of a second, which no period has
         unknowns = len(self.covariance)
         self._by = np.eye(unknowns)[self.measured]
         self.gain, self._deviation = np.zeros((unknowns, len(self.measured))), np.zeros(unknowns)

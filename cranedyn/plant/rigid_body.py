@@ -298,6 +298,12 @@ def point_velocity(
     return array(velocity)
 
 
+def angular_velocity(tree: Bodies, poses: Sequence[Frame], body: int, v: np.ndarray) -> np.ndarray:
+    """Return the angular velocity of a body in the frame of its joint [rad/s], shape (3,)."""
+    zero, axes = array([0.0] * 3), np.eye(3).tolist()
+    return array([_exerted(tree, poses, body, zero, array(axis)) @ v for axis in axes])
+
+
 def lost_digits(mass: np.ndarray) -> float:
     """Return the relative difference to expect between two solutions with a mass matrix: 1000
     roundings for each unit of its condition number.

@@ -15,7 +15,7 @@ from cranedyn.controllers.affine import Affine, Stateful, affine_form
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import cosine_gust, steady, wind
 from cranedyn.errors import CraneError
-from cranedyn.estimation.load_estimate import with_load_estimate
+from cranedyn.estimation.load_estimate import LoadEstimateController, with_load_estimate
 from cranedyn.estimation.observer import with_observer
 from cranedyn.estimation.sensor_model import noise_of, with_sensor_model
 from cranedyn.interfaces import Controller, Disturbance, Setpoint, State
@@ -194,6 +194,10 @@ def make(
                 controller, setup.crane, plan.motion, sensors=perturbation.observer
             )
         )
+        if setup.engine == "compiled" and isinstance(controller, LoadEstimateController):
+            from cranedyn.compiled.load_filter import compile_load_estimate
+
+            controller = compile_load_estimate(controller)
     if perturbation.noise or perturbation.delay:
         noise = perturbation.noise * noise_of(crane)
         controller = with_sensor_model(
