@@ -137,6 +137,7 @@ def motion_efforts(crane: Crane, motion: Motion) -> np.ndarray:
     motion.check_fits("motion", crane.layout)
     columns = (table.T for table in (motion.q, motion.v, motion.a))
     forces = pin.rneaInParallel(1, pin.ModelPool(crane.model, 1), *columns).T
+    forces = forces.reshape(motion.q.shape)  # of one row Pinocchio returns a vector
     joint = JointForces.of(crane).effort(rows(motion.q), rows(motion.v))
     for i in motion.drives:
         forces[:, i] -= joint[i]

@@ -4,6 +4,7 @@ prints, its files are whole or not there.
 
 from __future__ import annotations
 
+import csv
 import re
 import shlex
 from dataclasses import replace
@@ -63,14 +64,10 @@ def test_the_table_of_the_page_is_what_the_benchmark_prints() -> None:
     made = bridges.exporter_table()
     # A browser, MATLAB and a PLC are tested beside their exporters.
     assert {row[0] for row in made.rows} == set(EXPORTERS) - {"matlab", "page", "st"}
-    for shown in made.shown():
-        exporter, *_, compared, apart, _ = shown
-        assert re.search(
-            rf"^\| {exporter} \| \d+ \| \d+ \| {re.escape(compared)} \| {re.escape(apart)} \| "
-            r"[\d-]+ \|$",
-            PAGES["speed.md"],
-            re.MULTILINE,
-        )
+    with open(ROOT / "docs/results/bridges_exporters_on_this_machine.csv", newline="") as file:
+        told = {exporter: values for exporter, *values in csv.reader(file)}
+    for exporter, *_, compared, apart, _ in made.shown():
+        assert told[exporter][2:4] == [compared, apart]
     # Gazebo's step; the others round.
     assert max(float(row[4]) for row in made.rows if isinstance(row[4], float)) < 1e-4
 
