@@ -24,7 +24,6 @@ import numpy as np
 from cranedyn.errors import DataError, quoted
 from cranedyn.interfaces import State
 from cranedyn.sites.brakes import CYCLE, Brakes
-from cranedyn.sites.proof import proven_apart
 from cranedyn.sites.site import CraneSite, Station
 
 PATIENCE = 0.5
@@ -370,16 +369,8 @@ class Supervisor:
         passing = np.clip(
             wanted + reach, np.minimum(ends[0], wanted[0]), np.maximum(ends[1], wanted[1])
         )
-        lets_pass = proven_apart(
-            site.bodies,
-            np.full(len(ways), loser),
-            site.positions(loser, moved),
-            np.full(len(ways), winner),
-            site.positions(winner, np.array([passing] * len(ways))),
-            site.distance,
-            site.swing,
-        )
-        for place in moved[lets_pass][:CHECKED]:
+        free = (x for x in moved if site.pair_apart(loser, x, winner, passing, site.distance))
+        for place in itertools.islice(free, CHECKED):
             swept = np.array([np.minimum(box[0], place[0]), np.maximum(box[1], place[1])])
             if site.apart(loser, swept, self.boxes).all():
                 return place.mean(axis=0)
