@@ -650,6 +650,11 @@ cranedyn/sites/supervisor.py
 ? sites::wild_operators_keep_to_boxes_and_swing_with_half_of_the_messages_lost
 - ahead = brakes.largest_rate(self.box[1] - position - slack)
 + ahead = brakes.largest_rate(self.box[1] - position + rates * brakes.reaction)
+cranedyn/planning/timing.py
+* a way is timed to the end whatever is shorter
+? lift::a_way_that_takes_longer_than_another_is_given_up
+- longest = within if best is None
++ longest = math.inf if best is None
 cranedyn/planning/perturbed.py
 * lifts with other delays run at once
 ? lift::lifts_that_run_at_once_share_load_and_delay_and_none_is_lost
@@ -657,8 +662,12 @@ cranedyn/planning/perturbed.py
 + kinds = np.stack([drawn["load"], drawn["load"]])
 * perturbed lifts jump from row to row
 ? lift::a_lift_that_passes_a_plate_between_two_rows_kept_is_near_to_it
-- bounds[k] = clearance.margin(batch.q[i, k]) - step[i, k]
-+ bounds[k] = clearance.margin(batch.q[i, k])
+- margin - np.abs(moved[i] - moved[i, k]) - step[i]
++ margin - np.abs(moved[i] - moved[i, k])
+* a distance measured in one row holds in all
+? lift::rows_beside_a_measured_one_are_bounded_by_the_way_to_them
+- margin - np.abs(moved[i] - moved[i, k])
++ margin - 0.0 * np.abs(moved[i] - moved[i, k])
 * a load that hangs in the wind leans against it
 ? lift::the_wind_at_the_start_leans_the_load_to_its_lee_and_meets_its_broad_side
 - start[:, joints.tangential_swing] = -np.arctan2(

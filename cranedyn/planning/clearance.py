@@ -390,8 +390,8 @@ class Clearance:
         return margins[0] - ROUNDING, margins[1] - ROUNDING
 
     def _placed(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
-        """Yield each body that hangs with the obstacles that it must keep away from; it stays there
-        until one of this clearance is placed again.
+        """Yield each body that hangs with the obstacles that it must keep away from. It stays at
+        its place until it is placed again.
         """
         trolley, load = self._frames(q, self.joints.trolley, self.joints.hoist)
         length = float(q[self.joints.hoist]) + self._above

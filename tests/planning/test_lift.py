@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,7 +24,7 @@ from cranedyn.planning.bodies import neighbour
 from cranedyn.planning.certificate import ARRIVAL_SWING, Certificate, certify, controller_of
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import straight_time
-from cranedyn.planning.lift import RESERVE, NoWay, _ways, plan_lift
+from cranedyn.planning.lift import RESERVE, NoWay, _is_proven, _ways, plan_lift
 from cranedyn.planning.perturbed import (
     HOIST_INTEGRAL,
     Perturbed,
@@ -39,7 +40,7 @@ from cranedyn.planning.perturbed import (
 )
 from cranedyn.planning.proof import Line, unproven_parameter, unproven_row
 from cranedyn.planning.solids import body, box, prism
-from cranedyn.planning.timing import STEP
+from cranedyn.planning.timing import STEP, timed
 from cranedyn.references.limits import use
 from experiments import lift as experiment
 from tests.helpers import FAST, G, quickly
@@ -343,6 +344,30 @@ def test_a_lift_that_passes_a_plate_between_two_rows_kept_is_near_to_it() -> Non
     batch = SimpleNamespace(q=q, valid_until=np.array([math.inf]))
     (least,) = _least(asked, q[0], rooms, batch)  # type: ignore[arg-type]
     assert least <= 0.0
+
+
+def test_rows_beside_a_measured_one_are_bounded_by_the_way_to_them() -> None:
+    asked = Clearance(crane(), site(WALL))
+    q = np.array([asked.q(np.array([gamma, 13.4, 22.0])) for gamma in np.linspace(0.5, 1.6, 60)])
+    half = asked.displacement(q[:-1], q[1:]) / 2.0
+    steps = np.maximum(np.append(0.0, half), np.append(half, 0.0))
+    least = min(asked.margin(row) - step for row, step in zip(q, steps, strict=True))
+    batch = SimpleNamespace(q=q[None], valid_until=np.array([math.inf]))
+    (bound,) = _least(asked, q, np.full(len(q), -9.0), batch)  # type: ignore[arg-type]
+    assert least < 0.0
+    assert bound == pytest.approx(least + asked.site.distance, abs=1e-9)
+
+
+def test_a_way_that_takes_longer_than_another_is_given_up() -> None:
+    made = lift()
+    proven = partial(_is_proven, made.clearance, made.slews)
+    arrival = made.timed.motion.arrival
+    same, longer = (
+        timed(made.clearance, made.path, made.limits, proven, within=within)
+        for within in (arrival + 1.0, 0.5 * arrival)
+    )
+    assert same is not None and longer is None
+    np.testing.assert_array_equal(same.motion.q, made.timed.motion.q)
 
 
 def test_the_wind_at_the_start_leans_the_load_to_its_lee_and_meets_its_broad_side() -> None:
