@@ -43,10 +43,10 @@ PROTOCOL = frozenset(
 
 LIMITS = {
     "lines of the core": (14_600, 10_000),
-    "lines of cranedyn": (46_400, 27_000),
+    "lines of cranedyn": (46_700, 27_000),
     "lines of experiments": (16_600, 11_000),
-    "lines of benchmarks": (3_800, 2_800),
-    "lines of tests": (39_200, 27_000),
+    "lines of benchmarks": (3_900, 2_800),
+    "lines of tests": (39_500, 27_000),
     "modules in cranedyn": (234, 150),
     "modules imported by simulate": (38, 25),
     "parameters of simulate": (9, 10),
