@@ -820,6 +820,7 @@ cranedyn/bridges/task.py
 ? gymnasium::drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges
 - self._most * (period - dt)
 + self._most * period
+cranedyn/bridges/gymnasium.py
 * an environment whose episode has ended shows how the old one ended
 ? gymnasium::next_step_and_same_step_are_followed_by_the_next_episode_as_gymnasium_says
 - observations[ended] = self.task.observe(ended)
