@@ -526,7 +526,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = harness.parser("site", __doc__, recording=False, engines=("compiled",))
     harness.add_setup(parser)
     add = parser.add_argument
-    add("--site", choices=EXAMPLES, nargs="+", default=EXAMPLES, help="sites")
+    add("--site", choices=EXAMPLES, nargs="+", metavar="NAME", default=EXAMPLES, help="sites")
     add("--hours", type=float, default=0.4, help="length of a shift [h]")
     add("--minutes", type=float, default=12.0, help="time of all adversaries on a site [min]")
     add("--cycles", type=int, default=1000, help="cycles of eight cranes")
