@@ -54,8 +54,9 @@ up a shorter cable."""
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page of the tower crane with the exercise that needs no plan."""
+    data = test_page.data_of("tower")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(page, "page_data", lambda *_: test_page.data_of("tower"))
+        patch.setattr(page, "page_data", lambda *_: data)
         return page.export(tmp_path_factory.mktemp("page") / "crane.html", load_crane())
 
 

@@ -170,7 +170,7 @@ def test_code_that_is_part_of_a_cycle_is_freed_in_the_right_order() -> None:
 def test_code_that_nobody_needs_any_more_leaves_no_memory_behind() -> None:
     def made(i: int) -> None:
         _machine.__wrapped__(1, lambda code, x: [np.sin(np.array([x + float(i)]))[0]])
-        gc.collect()  # of cycles, which are many here
+        gc.collect(1)  # of young cycles, which are many here
 
     for i in range(50):
         made(i)
