@@ -245,7 +245,7 @@ def test_the_lesson_compares_a_period_with_the_closed_form(driver: Any) -> None:
 def test_what_was_driven_is_saved_with_its_crane_and_replays(driver: Any) -> None:
     driver.execute_script("page.act('Digit1'); page.act('Backspace')")
     press(driver, "KeyW")
-    wait(driver, "page.state.v[1] > 0.1 && page.state.t < 30")
+    wait(driver, "page.state.v[1] > 0.1 && page.state.t > 3 && page.state.t < 30")
     press(driver, "KeyW", "keyup")
     inputs, table = driver.execute_async_script(
         "const done = arguments[0], texts = []; download = async (name, blob) => {"
