@@ -233,8 +233,8 @@ cranedyn/dynamics/integrators.py
 cranedyn/simulation/log.py
 * work is counted with the positions that run ahead of the velocities
 ? simulate::under_a_constant_force_the_ledger_closes_to_rounding
-- middle = q - self._setting.lead * v
-+ middle = q
+- middle = (q - self._setting.lead * v)[:, self._crane.layout.drives]
++ middle = q[:, self._crane.layout.drives]
 cranedyn/dynamics/validity.py
 * the rope may push
 ? validity::a_buffer_at_the_shortest_cable_stops_the_hook_block_but_cannot_push_the_load
