@@ -227,7 +227,8 @@ def box_load(mass: float, width: float, length: float, height: float) -> dict[st
     its top; its sides are as for `box_corners`.
     """
     across, along, up = (2.0 * x for x in box_corners(width, length, height)[-1])
-    xx, yy, zz = along**2 + up**2, across**2 + up**2, across**2 + along**2
+    x, y, z = across * across, along * along, up * up
+    xx, yy, zz = y + z, x + z, x + y
     inertia = {
         f"payload_i{axis}": mass * x / 12.0 for axis, x in (("xx", xx), ("yy", yy), ("zz", zz))
     }

@@ -226,16 +226,17 @@ def _interrupted(cut: bool) -> Iterator[None]:
     with ExitStack() as stack:
         for name in STARTERS:
             stack.enter_context(patch(name, side_effect=KeyboardInterrupt))
-        for name in ("append", "extend") if cut else ():
+        for name in ("append", "extend_to") if cut else ():
             stack.enter_context(patch.object(Log, name, _cut(getattr(Log, name))))
         yield
 
 
-def _cut(write: Callable[..., None]) -> Callable[..., None]:
-    def cut(log: Log, *row: Any, **options: Any) -> None:
-        write(log, *row, **options)
+def _cut(write: Callable[..., Any]) -> Callable[..., Any]:
+    def cut(log: Log, *row: Any, **options: Any) -> Any:
+        written = write(log, *row, **options)
         if len(log) >= _ROWS:
             raise KeyboardInterrupt
+        return written
 
     return cut
 
