@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cranedyn.checks import as_array
 from cranedyn.errors import DataError, quoted
 from cranedyn.interfaces import State
 from cranedyn.sites.brakes import CYCLE, Brakes
@@ -132,8 +133,12 @@ class Guard:
             t: Time of the crane's own clock [s].
             state: Its state as measured.
             command: Rates that operator or plan command, shape (m,).
+
+        Raises:
+            Misshapen: If the command has another shape.
         """
         brakes, drives = self.brakes, self.station.crane.layout.drives
+        command = as_array("command", command, drives.shape)
         position, velocity = state.q[drives], state.v[drives]
         slack = brakes.tolerances
         self.fault = not bool(
