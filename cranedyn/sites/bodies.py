@@ -306,11 +306,11 @@ def place_capsules(
         rope: Direction of the rope, shape (N, 3); None for plumb.
     """
     joints = bodies.axis.shape[1]
-    cranes, own = np.split(bodies.numbers[which], [12 + JOINT * joints], axis=1)
-    own = own.reshape(len(which), -1, CAPSULE)[np.arange(len(which)), capsule]
+    cranes, capsules = np.split(bodies.numbers[which], [12 + JOINT * joints], axis=1)
+    capsules = capsules.reshape(len(which), -1, CAPSULE)[np.arange(len(which)), capsule]
     rope = np.array([[0.0, 0.0, -1.0]]).repeat(len(which), 0) if rope is None else rope
     cone = np.full((len(which), 1), 2.0 * math.sin(swing / 2.0))
-    placed = _placing(joints)(np.hstack([cranes, own, low, high, cone, rope]))
+    placed = _placing(joints)(np.hstack([cranes, capsules, low, high, cone, rope]))
     return PlacedCapsules(placed[:, :6].reshape(-1, 2, 3), placed[:, 6], placed[:, 7:])
 
 
@@ -319,8 +319,8 @@ def _placing(joints: int) -> RowFunction:
     sizes = [12 + JOINT * joints, CAPSULE, joints + 1, joints + 1, 1, 3]
 
     def placed(numbers: np.ndarray) -> list[Any]:
-        crane, own, low, high, cone, rope = np.split(numbers, np.cumsum(sizes)[:-1])
-        capsule = place(crane, own, low, high, cone[0], rope)
+        crane, local, low, high, cone, rope = np.split(numbers, np.cumsum(sizes)[:-1])
+        capsule = place(crane, local, low, high, cone[0], rope)
         return [*capsule.ends.flat, capsule.radius, *shifts(capsule, low, high, rope)[1]]
 
     return compile_rows(placed, sum(sizes), 7 + joints)

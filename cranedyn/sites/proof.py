@@ -77,8 +77,8 @@ def separations(a: PlacedCapsules, b: PlacedCapsules) -> tuple[np.ndarray, np.nd
     """Return separation [m], unit vector and upper bound of the distance [m] of N pairs of
     capsules, shapes (N,), (N, 3) and (N,), see `cranedyn.sites.capsules.separation`.
     """
-    given = [block for x in (a, b) for block in (x.ends.reshape(-1, 6), x.radius[:, None])]
-    answers = _separating()(np.hstack(given))
+    rows = [block for x in (a, b) for block in (x.ends.reshape(-1, 6), x.radius[:, None])]
+    answers = _separating()(np.hstack(rows))
     return answers[:, 0], answers[:, 1:4], answers[:, 4]
 
 
@@ -111,8 +111,8 @@ def _emit(code: Code, joints: int, count: int) -> None:
     both capsules, lower and upper ends of the joints of both cranes. Of each one that a bound does
     not prove the halves are appended.
     """
-    given, build, side = code.argument["given"], code.builder, _side(joints, count)
-    ends, own = 2 * (joints + 1), 12 + JOINT * joints
+    inputs, build, side = code.argument["given"], code.builder, _side(joints, count)
+    ends, size = 2 * (joints + 1), 12 + JOINT * joints
     item = 2 + 2 * ends
     balls = build.alloca(DOUBLE, 8 * count)
     queue = build.alloca(DOUBLE, item * (3 * count * count + 2 * MOST))
@@ -130,19 +130,19 @@ def _emit(code: Code, joints: int, count: int) -> None:
 
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
         start = code.product(row, 2 + 2 * side)
-        required, cone = numbers(given, start, 2)
-        places = [code.plus(start, 2), code.plus(start, 2 + side)]
+        required, cone = numbers(inputs, start, 2)
+        offsets = [code.plus(start, 2), code.plus(start, 2 + side)]
 
-        def placed(place: ir.Value, which: ir.Value, box: np.ndarray) -> Capsule:
-            crane = numbers(given, code.plus(place, ends), own)
-            first = build.add(code.plus(place, ends + own), code.product(which, CAPSULE))
-            capsule, plumb = numbers(given, first, CAPSULE), array([0.0, 0.0, -1.0])
+        def placed(offset: ir.Value, which: ir.Value, box: np.ndarray) -> Capsule:
+            crane = numbers(inputs, code.plus(offset, ends), size)
+            first = build.add(code.plus(offset, ends + size), code.product(which, CAPSULE))
+            capsule, plumb = numbers(inputs, first, CAPSULE), array([0.0, 0.0, -1.0])
             return capsules.place(crane, capsule, box[0], box[1], cone, plumb)
 
-        for i, place in enumerate(places):
+        for i, offset in enumerate(offsets):
             with code.loop(0, count) as which:
-                box = numbers(given, place, ends).reshape(2, -1)
-                capsule = placed(place, which, box)
+                box = numbers(inputs, offset, ends).reshape(2, -1)
+                capsule = placed(offset, which, box)
                 along = 0.5 * (capsule.ends[1] - capsule.ends[0])
                 ways = capsules.shifts(capsule, box[0], box[1], array([0.0, 0.0, 0.0]))[1]
                 reach = capsule.radius + square_root(along @ along) + sum(ways[1:], ways[0])
@@ -151,22 +151,22 @@ def _emit(code: Code, joints: int, count: int) -> None:
         build.store(code.integer(0), tail)
         with code.loop(0, count) as a, code.loop(0, count) as b:
             one, other = (numbers(balls, code.product(i, 4), 4) for i in (a, code.plus(b, count)))
-            way, near = one[:3] - other[:3], one[3] + other[3] + required
-            with code.when(way @ way < near * near):
-                given_ends = [x for place in places for x in numbers(given, place, ends)]
+            delta, near = one[:3] - other[:3], one[3] + other[3] + required
+            with code.when(delta @ delta < near * near):
+                crane_ends = [x for offset in offsets for x in numbers(inputs, offset, ends)]
                 put(
                     queue,
                     code.product(length(), item),
-                    [*map(code.from_integer, (a, b)), *given_ends],
+                    [*map(code.from_integer, (a, b)), *crane_ends],
                 )
                 build.store(code.plus(length(), 1), tail)
-        most = code.plus(length(), MOST)
+        limit = code.plus(length(), MOST)
         code.store(1.0, code.argument["answers"], row)
         with code.loop(0, length) as head:
             entry = numbers(queue, code.product(head, item), item)
             boxes = entry[2:].reshape(2, 2, -1)
             pair = [
-                placed(places[i], build.fptosi(entry[i].register, INTEGER), boxes[i])
+                placed(offsets[i], build.fptosi(entry[i].register, INTEGER), boxes[i])
                 for i in (0, 1)
             ]
             radii = pair[0].radius + pair[1].radius
@@ -178,7 +178,7 @@ def _emit(code: Code, joints: int, count: int) -> None:
             ]
             total = sum(moves[1:], moves[0])
             with code.when(apart - total < required):
-                late = build.icmp_signed(">=", head, most)
+                late = build.icmp_signed(">=", head, limit)
                 fails = code.either(gap < required, total < FINEST, late)
                 largest = reduce(lambda x, y: chosen(x > y, x, y), moves)
                 for upper in (0, 1):

@@ -126,8 +126,8 @@ class Guard:
         """Return the rates for the drives [rad/s or m/s], shape (m,), and a request if one is due.
 
         A rate is the commanded one, as far as its stopping distance ends inside of the box and it
-        changes by no more than the brakes can take back. From a quarter of the allowed swing on the
-        drives damp it; while it is more than half of it, they follow no command.
+        changes by no more than the brakes can take back. Where braking now would swing the rope by
+        more than `DAMPED` of what is allowed, no drive speeds up and the drives damp the swing.
 
         Args:
             t: Time of the crane's own clock [s].
@@ -151,8 +151,8 @@ class Guard:
             self.rates = np.clip(0.0, self.rates - steps, self.rates + steps)
             return self.rates, None
         if self.target is not None:
-            way = self.target - position
-            command = np.sign(way) * brakes.largest_rate(np.abs(way) - slack)
+            distance = self.target - position
+            command = np.sign(distance) * brakes.largest_rate(np.abs(distance) - slack)
         swing, damping = self._swing(state)
         if swing > DAMPED * self.swing:
             slower = np.clip(command, np.minimum(self.rates, 0.0), np.maximum(self.rates, 0.0))
@@ -293,13 +293,10 @@ class Supervisor:
         if request.number <= self._numbers[station] or not inside:
             return None
         self._numbers[station] = request.number
-        box, wanted, others = (
-            np.array(request.held),
-            np.array(request.wanted),
-            self._others(station),
-        )
-        apart = self.site.apart(station, wanted, others)
-        near = [None if free else other for free, other in zip(apart, others, strict=True)]
+        box, wanted = np.array(request.held), np.array(request.wanted)
+        boxes = self._others(station)
+        apart = self.site.apart(station, wanted, boxes)
+        near = [None if free else other for free, other in zip(apart, boxes, strict=True)]
         box = wanted if apart.all() else self._extended(station, box, wanted, near)
         self.boxes[station], self._wanted[station] = box, wanted
         short = np.abs(wanted - box) > self.site.stations[station].brakes.tolerances
@@ -360,25 +357,25 @@ class Supervisor:
         for a time at full rate [s]; None if there is none.
         """
         site, box, drives = self.site, self.boxes[loser], self._drives(loser)
-        ways = []
+        shifts = []
         for drive, rate in enumerate(site.stations[loser].converters.rates):
             for end in drives - box:
-                most = np.clip(end[drive], -FARTHEST * rate, FARTHEST * rate)
-                ways += [(abs(share * most) / rate, drive, share * most) for share in _SHARES]
-        ways.sort()
-        moved = np.array([box] * len(ways))
-        for k, (_, drive, way) in enumerate(ways):
-            moved[k, :, drive] += way
+                shift = np.clip(end[drive], -FARTHEST * rate, FARTHEST * rate)
+                shifts += [(abs(share * shift) / rate, drive, share * shift) for share in _SHARES]
+        shifts.sort()
+        moved = np.array([box] * len(shifts))
+        for k, (_, drive, shift) in enumerate(shifts):
+            moved[k, :, drive] += shift
         held, wanted, ends = self.boxes[winner], self._wanted[winner], self._drives(winner)
         reach = ahead * site.stations[winner].converters.rates * np.sign(wanted - held)
         passing = np.clip(
             wanted + reach, np.minimum(ends[0], wanted[0]), np.maximum(ends[1], wanted[1])
         )
         free = (x for x in moved if site.pair_apart(loser, x, winner, passing, site.distance))
-        for place in itertools.islice(free, CHECKED):
-            swept = np.array([np.minimum(box[0], place[0]), np.maximum(box[1], place[1])])
+        for refuge in itertools.islice(free, CHECKED):
+            swept = np.array([np.minimum(box[0], refuge[0]), np.maximum(box[1], refuge[1])])
             if site.apart(loser, swept, self.boxes).all():
-                return place.mean(axis=0)
+                return refuge.mean(axis=0)
         return None
 
     def _drives(self, station: int) -> np.ndarray:
