@@ -226,7 +226,7 @@ SUBJECTS = {
     "Mechanics": "validate 40 s, mass_ratio 20 s, linear_vs_full 25 s, cranes 1 min",
     "Control": "b1 25 s, compare 10 min, observer 1 min, margins 2 min, sweep 3 min",
     "Lifts": "lift 4 min, lift_report 3 min, lift_benchmark 5 min, factors 1 min, liftoff 20 s",
-    "Sites": "site 5 min",
+    "Sites": "site 3 min",
     "Identification": "identify 1 min, measured 1 min",
 }
 """Experiments by subject, each with about the time that it takes on two processors."""
