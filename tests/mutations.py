@@ -165,15 +165,20 @@ cranedyn/theory.py
 ? reeving::each_sheave_passes_on_its_share_of_the_pull[0.9-4]
 - return math.expm1(falls * loss) / (falls * math.expm1(loss))
 + return 1.0
+cranedyn/model/springs.py
+* springs are counted in seconds where time is counted in steps
+? cranes::forces_in_steps_are_the_same_forces
+- self.stiffness * force,
++ self.stiffness,
+* two falls pull less the longer they are twisted
+? slack::XX
+- np.sin(q[self.yaw])
++ np.sin(2.0 * q[self.yaw]) / 2.0
 cranedyn/dynamics/joint_forces.py
 * a slack rope keeps its strain energy
 ? cranes::a_load_thrown_up_is_free_until_its_rope_is_taut_again[pinocchio-3000.0]
 - damper = self.tension(q, v) - stiffness * self.rope.strain(q)
 + damper = self.damping[stretch] * v[stretch]
-* springs are counted in seconds where time is counted in steps
-? cranes::forces_in_steps_are_the_same_forces
-- Springs(stiffness * force, rest, scaled)
-+ Springs(stiffness, rest, scaled)
 cranedyn/simulation/engine.py
 * a step is a thousandth too long
 ? simulate::the_loop_is_sample_hold_velocities_positions

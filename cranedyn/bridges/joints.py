@@ -69,18 +69,22 @@ def urdf_element(crane: Crane) -> ET.Element:
     programs take a very short axis for none.
 
     Raises:
-        ModelError: If it has a rope whose stiffness changes with its length.
+        ModelError: If it has a rope or two falls, whose stiffness changes with their length.
     """
     robot = parse_urdf(crane.urdf, "the crane")
     for link in robot.iterfind("link"):
         for body in [*link.iterfind("visual"), *link.iterfind("collision")]:
             if body.find("geometry/mesh") is not None:  # a file of its own
                 link.remove(body)
-    if next(robot.iter("ropeStiffness"), None) is not None:
-        raise ModelError(
-            "The crane has a rope that stretches; no format that is exported knows a stiffness "
-            "that changes with the length."
-        )
+    for tag, what in (
+        ("ropeStiffness", "rope that stretches"),
+        ("fallSpacing", "load on two falls"),
+    ):
+        if next(robot.iter(tag), None) is not None:
+            raise ModelError(
+                f"The crane has a {what}; no format that is exported knows a stiffness that "
+                "changes with the length."
+            )
     for axis in robot.iter("axis"):
         if xyz := axis.get("xyz"):
             numbers = vector(xyz).tolist()
