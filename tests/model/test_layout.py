@@ -75,11 +75,8 @@ def test_rows_and_what_a_layout_says_are_no_such_numbers(fine: str) -> None:
 def test_a_joint_that_is_driven_here_and_passive_there_is_refused(
     loaded: Callable[..., Crane],
 ) -> None:
-    with pytest.raises(
-        ModelError,
-        match=r"<ros2_control> that drives move .*, the argument says yaw_joint, "
-        r"swing_radial_joint; leave one out",
-    ):
+    words = r"<ros2_control> that drives move .*, the argument says yaw_joint, swing_r.*; leave one"
+    with pytest.raises(ModelError, match=words):
         loaded(driven=["yaw_joint", "swing_radial_joint"])
     with pytest.raises(CraneError, match="hook_joint"):
         loaded(('<joint name="hoist_joint">', '<joint name="hook_joint">'))
@@ -88,29 +85,20 @@ def test_a_joint_that_is_driven_here_and_passive_there_is_refused(
         driven=["yaw_joint", "trolley_joint", "swing_radial_joint", "hoist_joint"],
     )
     assert powered.layout.m == 4
-    with pytest.raises(
-        ModelError,
-        match="made for drives of slew, trolley and hoist; in this one they move slew, trolley, "
-        "radial_swing, hoist",
-    ):
+    words = "trolley and hoist; in this one they move slew, trolley, radial_swing, hoist"
+    with pytest.raises(ModelError, match=words):
         flat(powered, powered.start, powered.state(x=12.0), 10.0)
 
 
 def test_a_urdf_without_drives_says_what_to_do(loaded: Callable[..., Crane]) -> None:
-    with pytest.raises(
-        ModelError,
-        match=r"command interface in <ros2_control>; say which joints drives move by "
-        r"load_crane\(driven=",
-    ):
+    with pytest.raises(ModelError, match=r"say which joints drives move by load_crane\(driven="):
         loaded(("ros2_control", "unknown"))
     with pytest.raises(UnknownName, match="moving joint 'winch'"):
         loaded(("ros2_control", "unknown"), driven=["winch"])
 
 
 def test_roles_are_named_once_and_known(loaded: Callable[..., Crane]) -> None:
-    with pytest.raises(
-        ModelError, match="joint yaw_joint is given two roles, slew and trolley; allowed is one"
-    ):
+    with pytest.raises(ModelError, match="yaw_joint is given two roles, slew and trolley; allowed"):
         loaded(joints={"slew": "yaw_joint", "trolley": "yaw_joint"})
     with pytest.raises(UnknownName, match="no role 'boom'; there are slew, trolley"):
         loaded(joints={"boom": "yaw_joint"})
