@@ -179,7 +179,7 @@ cranedyn/model/springs.py
 - effort[falls.length] + falls.energy(q) / q[falls.length]
 + effort[falls.length]
 * two falls are as far from their middle as from each other
-? springs::the_period_is_that_of_two_inextensible_falls_but_for_what_is_left_out[0.01]
+? springs::the_period_is_that_of_two_falls_but_for_what_is_left_out[0.01]
 - (0.5 * spacing) ** 2
 + spacing**2
 * two falls carry the hook only

@@ -50,7 +50,7 @@ class Bifilar(NamedTuple):
     That is the lift but for a share a² (1 - cos ψ)/(2 l²) of it, so small yaws are exact. The
     tension is the weight at rest: a load that the hoist accelerates by a_l upward has a yaw
     stiffness that is larger by a share a_l/g. The kinetic energy of the lift is left out, a share
-    m a⁴ sin² ψ/(I l²) of that of the yaw with inertia I.
+    m a⁴ sin² ψ/(I l²) of that of the yaw with inertia I. The load tilts as on one rope.
 
     Attributes:
         yaw: Index of the passive coordinate ψ.

@@ -46,16 +46,14 @@ def test_a_lane_of_a_batch_yaws_as_its_crane_does_alone() -> None:
     varied = {"fall_spacing": np.array([1.0, 2.0, 3.0]), "payload_mass": np.array([5e2, 1e3, 2e3])}
     cranes = load_cranes(**varied, phi=0.2, theta=0.0, load_yaw=0.9)
     batch = batches.simulate_batch(cranes, [hold_controller(c) for c in cranes], duration=1.0)
-    for i, c in enumerate(cranes):
+    for c, end in zip(cranes, batch.end.q, strict=True):
         start = c.state(phi=0.2, load_yaw=0.9)
         alone = simulate(c, hold_controller(c), start=start, duration=1.0)
-        assert_allclose(batch.end.q[i], alone.q[-1], rtol=0, atol=1e-12)
+        assert_allclose(end, alone.q[-1], rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("amplitude", [0.01, 0.5, 1.0])
-def test_the_period_is_that_of_two_inextensible_falls_but_for_what_is_left_out(
-    amplitude: float,
-) -> None:
+def test_the_period_is_that_of_two_falls_but_for_what_is_left_out(amplitude: float) -> None:
     """The energy of real falls gives the period by an integral over sin(ψ/2) = s sin u."""
     mass, inertia, a, length, s = 1000.0, 500.0, 1.0, 6.0, math.sin(amplitude / 2.0)
     c = crane(**FALLS)
