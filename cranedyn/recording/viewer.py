@@ -93,15 +93,15 @@ def check_recording(path: str | Path) -> Path:
     return path
 
 
-def check_display() -> None:
+def check_display(instead: str = _INSTEAD) -> None:
     """Return if a window can be opened.
 
     Raises:
-        CraneError: If there is no display.
+        CraneError: If there is no display; the message says what to do instead.
     """
     displays = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if sys.platform == "linux" and not displays:
-        raise CraneError(f"There is no display to open a window on; {_INSTEAD}.")
+        raise CraneError(f"There is no display to open a window on; {instead}.")
 
 
 def check_port(port: int) -> None:
@@ -135,9 +135,11 @@ def open_viewer(path: str | Path | None = None) -> str:
         CraneError: If there is no display, or the viewer cannot be started.
     """
     files = [] if path is None else [str(check_recording(path).resolve())]
-    check_display()
+    shown = f"cranedyn view {path} --serve shows the recording in a browser"
+    instead = _INSTEAD if path is None else shown
+    check_display(instead)
     port = free_port()
-    hint = f"Instead, {_INSTEAD}."
+    hint = f"Instead, {instead}."
     start(*files, "--port", str(port), ports=[port], hint=hint, detached=True)
     return data_address(port)
 
