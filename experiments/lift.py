@@ -95,7 +95,11 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     from cranedyn.recording import Run
 
     count = whole("lifts", options.lifts, 0)
-    results = [_result(setup, name, site, options, count) for name, site in _sites(options)]
+    sites, results = _sites(options), list[SiteResult]()
+    update = setup.reporter.count("sites", len(sites))
+    for name, site in sites:
+        results.append(_result(setup, name, site, options, count))
+        update(len(results))
     certified = [result for result in results if result.certificate.holds]
     figures = {f"site_{result.name}": site_views(result.certificate) for result in certified}
     for result in certified:

@@ -106,6 +106,11 @@ class Perturbed:
         """Number of lifts that came closer than required, or failed."""
         return int(np.count_nonzero(~(self.least >= self.required)))
 
+    @property
+    def broken_off(self) -> int:
+        """Number of lifts in which a joint left its range or the rope was slack."""
+        return int(np.count_nonzero(np.isnan(self.least)))
+
     def interval(self) -> tuple[float, float]:
         """Return the confidence interval of the probability of a failure, by Clopper and Pearson
         (1934).

@@ -125,7 +125,7 @@ def run(options: argparse.Namespace) -> Path:
     if options.urdf is not None or options.machine is not None:
         raise DataError(
             "--urdf and --machine have no effect here: the runs are those of this project's crane; "
-            "from Python, export takes any program."
+            "cranedyn export ros2 takes any crane, export in Python any program."
         )
     setup = Setup(options.gravity, parse_values(options.values))
     return export(
