@@ -97,7 +97,7 @@ def check_display(path: str | Path = "FILE.rrd") -> None:
     """Return if a window can be opened for a recording.
 
     Raises:
-        CraneError: If there is no display.
+        CraneError: If there is no display; the message says what to do instead.
     """
     displays = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if sys.platform == "linux" and not displays:
