@@ -138,6 +138,9 @@ def test_every_line_of_a_tutorial_runs(page: Path, folder: Path) -> None:
         if language == "python":
             exec(compile(block, page.name, "exec", dont_inherit=True), scope)
             continue
+        if language == "toml":
+            (folder / "yard.toml").write_text(block)
+            continue
         for words in map(shlex.split, block.splitlines()):
             if words[0] == "cranedyn":
                 assert main(words[1:]) == 0
