@@ -135,8 +135,7 @@ def open_viewer(path: str | Path | None = None) -> str:
         CraneError: If there is no display, or the viewer cannot be started.
     """
     files = [] if path is None else [str(check_recording(path).resolve())]
-    shown = f"cranedyn view {path} --serve shows the recording in a browser"
-    instead = _INSTEAD if path is None else shown
+    instead = _INSTEAD if path is None else f"cranedyn view {path} --serve shows it in a browser"
     check_display(instead)
     port = free_port()
     hint = f"Instead, {instead}."
