@@ -673,6 +673,10 @@ cranedyn/planning/timing.py
 - longest = within if best is None
 + longest = math.inf if best is None
 cranedyn/planning/perturbed.py
+* a lift that broke off is not counted as such
+? lift::a_lift_that_failed_counts_as_one_that_came_too_near
+- np.count_nonzero(np.isnan(self.least))
++ np.count_nonzero(np.isinf(self.least))
 * lifts with other delays run at once
 ? lift::lifts_that_run_at_once_share_load_and_delay_and_none_is_lost
 - kinds = np.stack([drawn["load"], drawn["late_s"]])
@@ -875,6 +879,11 @@ cranedyn/bridges/mcap.py
 ? mcap::a_command_that_a_drive_cuts_is_told_as_it_was_given
 - "effort": run.command[k].tolist()
 + "effort": run.effort[k].tolist()
+cranedyn/model/options.py
+* the record of a run does not say which crane it was
+? mcap::the_command_writes_a_run_with_the_crane_that_its_record_names
+- if record and not named
++ if record and named
 cranedyn/bridges/fmi_unit.h
 * a unit forgets that its model ceased to hold
 ? fmi::a_unit_says_once_the_model_no_longer_holds
