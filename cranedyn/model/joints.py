@@ -177,7 +177,7 @@ def driven_joints(
         raise ModelError(
             f"{path} gives no joint a command interface in <ros2_control>; say which joints drives "
             "move by load_crane(driven=[...]), or --driven. If the hook hangs on a rigid joint, "
-            "--swing puts a rope above it."
+            "swing=True, or --swing, puts a rope above it."
         )
     return declared or {*(driven or ())}
 
