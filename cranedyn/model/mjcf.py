@@ -32,6 +32,9 @@ _NUMBERS = frozenset(
 _ABSENT = ("frictionloss", "stiffness")
 """Properties of joints that are not carried over."""
 
+_LIGHT = {"pos": "0 0 0", "mass": "1e-6", "diaginertia": "1e-9 1e-9 1e-9"}
+"""Body between two joints of one body [kg, kg m²]: other programs drop a link without."""
+
 _REACH = {"prismatic": 1e3, "revolute": math.pi}
 """Range to either side of a joint without one [m or rad]."""
 
@@ -83,6 +86,8 @@ def _moving(element: ET.Element, notes: list[str]) -> ET.Element:
     copy = innermost = ET.Element(element.tag, element.attrib)
     for i, joint in enumerate(_single_joints(element, notes)):
         if i:
+            ET.SubElement(innermost, "inertial", _LIGHT)
+            notes.append(f"A body of {_LIGHT['mass']} kg is above {joint.get('name')}.")
             innermost = ET.SubElement(innermost, "body", name=f"{joint.get('name')}_body")
         innermost.append(joint)
     for child in element:
