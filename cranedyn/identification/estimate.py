@@ -101,31 +101,18 @@ class Estimate:
         )
 
     @cached_property
-    def explained(self) -> tuple[np.ndarray, ...]:
-        """Share of the variance of each channel of each record that the model explains; 1 of one
-        that does not vary.
-        """
-        shares = []
-        for i, residual in enumerate(self.residuals):
-            variation = self.model.measured(i).var(axis=1)
-            varied = np.where(variation > 0.0, variation, np.inf)
-            shares.append(1.0 - np.mean(residual**2, axis=1) / varied)
-        return tuple(shares)
-
-    @property
     def least_explained(self) -> tuple[float, str]:
         """Least share of the variance of a swing that the model explains, and its column with its
         record.
         """
-        model = self.model
-        return min(
-            (float(share), f"{channel.column} of {record.name}")
-            for record, channels, shares in zip(
-                model.records, model.channels, self.explained, strict=True
-            )
-            for channel, share in zip(channels, shares, strict=True)
-            if channel.kind == "swing"
-        )
+        model, shares = self.model, []
+        for i, record in enumerate(model.records):
+            rows = zip(model.channels[i], self.residuals[i], model.measured(i), strict=True)
+            for channel, residual, measured in rows:
+                if channel.kind == "swing":
+                    share = 1.0 - float(np.mean(residual**2) / (np.var(measured) or np.inf))
+                    shares.append((share, f"{channel.column} of {record.name}"))
+        return min(shares)
 
     @cached_property
     def at_bound(self) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.identification import Estimate, Model, Preflight, Twin, identify, preflight, twin_of
-from cranedyn.identification.parameters import MEANINGS, Parameter
+from cranedyn.identification.parameters import MEANINGS, Parameter, parameter
 from cranedyn.identification.preflight import Advice
 from experiments.harness import Column, ResultTable, Setup, finite_or_none, make_table
 from experiments.identify.trial import Trial
@@ -56,14 +56,13 @@ def values_table(result: Identification, subject: str, truth: Mapping[str, float
     """Return the values with their intervals, beside the prior and the truth."""
     estimate = result.estimate
 
-    def off(parameter: Parameter) -> float | None:
-        name = parameter.name
-        return estimate.intervals[name][0] - truth[name] if name in truth else None
+    def off(p: Parameter) -> float | None:
+        return estimate.intervals[p.name][0] - truth[p.name] if p.name in truth else None
 
     columns: list[Column] = [
         ("what", "", lambda p: p.name),
         ("unit", "", lambda p: p.unit),
-        ("believed", ".6g", lambda p: p.start),
+        ("believed", ".6g", lambda p: parameter(estimate.model.prior, p.name).start),
         ("found", ".6g", lambda p: estimate.intervals[p.name][0]),
         ("±", ".2g", lambda p: finite_or_none(estimate.intervals[p.name][1])),
     ]

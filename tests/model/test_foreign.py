@@ -244,11 +244,10 @@ def test_mjcf_is_read_and_moves_as_mujoco_moves_it(tmp_path: Path) -> None:
     text.find("compiler").set("inertiafromgeom", "auto")
     light = '<inertial pos="0 0 0" mass="1e-6" diaginertia="1e-9 1e-9 1e-9"/>'
     joint = '<joint name="s{}" axis="{}" damping="0.5"/>'
-    content = ET.tostring(text, encoding="unicode")
+    content = ET.tostring(text, encoding="unicode").replace("</worldbody>", "</body></worldbody>")
     for old, new in (
         ('<body name="rope">', f"<body>{light}{joint.format('x', '1 0 0')}<body>"),
         ('<joint name="swivel" type="ball" damping="0.5" />', joint.format("y", "0 1 0")),
-        ("</worldbody>", "</body></worldbody>"),
     ):
         content = content.replace(old, new)
     model = mujoco.MjModel.from_xml_string(content)
