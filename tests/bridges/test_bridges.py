@@ -189,8 +189,10 @@ def test_a_target_that_exists_stays_as_it_is(
     assert target.read_text() == "mine"
 
 
-def test_a_crane_with_a_rope_that_stretches_is_refused() -> None:
+def test_a_crane_with_a_rope_that_stretches_or_with_two_falls_is_refused() -> None:
     tag = '<gazebo reference="hoist_joint"><ropeStiffness>1e6</ropeStiffness></gazebo></robot>'
     text = load_crane().urdf.replace("</robot>", tag)
     with pytest.raises(CraneError, match="has a rope that stretches"):
         urdf_element(replace(load_crane(), urdf_source=lambda: text))
+    with pytest.raises(CraneError, match="has a load on two falls"):
+        urdf_element(load_crane(fall_spacing=2.0))
