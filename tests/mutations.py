@@ -803,6 +803,10 @@ experiments/measured/effects.py
 ? measured::gravity_of_all_records_is_that_of_one_offset
 - np.sqrt(beyond * variance[0, 0])
 + np.sqrt(variance[0, 0])
+* a rail does not tilt
+? measured::drag_centring_and_tilt_are_found_in_a_record_that_has_them
+- bias + tilt * self.way[i]
++ bias
 experiments/measured/drive.py
 * friction at rest is that in motion
 ? measured::stribecks_friction_is_told_from_dry_friction

@@ -226,7 +226,7 @@ def test_a_bag_of_ros_1_with_names_of_its_own_is_analysed(packed: Any, tmp_path:
     [
         ({}, "", "has no joint swing_radial_joint, but shoulder, elbow; say which is phi by "),
         ({}, "--joints phi=shoulder", "has no joint hoist_joint, but shoulder, elbow; say which"),
-        ({}, "--joints phi", "phi among --joints is not of the form l=NAME, each coordinate once."),
+        ({}, "--joints phi", "phi of --joints is not of the form NAME=VALUE, each name once."),
         ({}, "--joints psi=elbow", "There is no coordinate 'psi'; there are gamma, x, phi, theta"),
         ({"stopped": True}, "--joints phi=shoulder l=elbow", "some of them the same; allowed are"),
         (
