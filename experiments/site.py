@@ -429,7 +429,7 @@ def _shift_table(shifts: Sequence[Shift]) -> ResultTable:
         ("95 %: from", ".2f", lambda shift: shift.near[1]),
         ("to", ".2f", lambda shift: shift.near[2]),
         ("lifts left out", "d", lambda shift: sum(one.left_out for one in shift.operators)),
-        ("in a deadlock [%]", ".1f", lambda shift: 100.0 * _stuck(shift.run)),
+        ("in a deadlock [%]", ".1f", lambda one: 100.0 * len(one.run.deadlocks) / len(one.run.t)),
         ("crane-minutes", ".0f", lambda shift: shift.crane_minutes),
         note="Minutes are counted for each pair of cranes; from and to bound their share.",
     )
