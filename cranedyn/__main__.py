@@ -166,11 +166,9 @@ def _recorded(options: argparse.Namespace) -> Path:
     if options.film:
         film(options.film, runs)
         return options.film
-    folder = Path("out/view")
-    with lock_folder(folder):
-        file = folder / f"{options.file.stem}.rrd"
-        recording.record(file, runs, title=options.file.stem)
-    return file
+    file = Path("out/view", options.file.stem).with_suffix(".rrd")
+    with lock_folder(file.parent):
+        return recording.record(file, runs, title=options.file.stem)
 
 
 def _describe(parser: _Parser) -> None:
@@ -264,6 +262,8 @@ def _export(parser: _Parser) -> None:
 
 
 def _exporter(parser: _Parser, name: str) -> None:
+    from cranedyn.bridges.target import check_free
+
     exporter = plugins.load("exporter", name)
     parser.example += f" {getattr(exporter, 'EXAMPLE', exporter.TARGET)}"
     add, text = parser.add_argument, "where to write; it must not be there yet"
@@ -272,6 +272,7 @@ def _exporter(parser: _Parser, name: str) -> None:
     exporter.add_arguments(parser)
 
     def run(options: argparse.Namespace) -> int:
+        check_free(options.target)
         print(f"Written to {exporter.run(options)}.")
         return 0
 
@@ -284,16 +285,16 @@ def _drive(parser: _Parser) -> None:
     Example: cranedyn drive --set payload_mass:=2000
     """
     from cranedyn.bridges import page
-    from cranedyn.data.files import lock_folder, write_text
+    from cranedyn.data.files import lock_folder
 
     _add_crane(parser)
     page.add_arguments(parser)
 
     def run(options: argparse.Namespace) -> int:
-        folder = Path("out/drive")
-        with lock_folder(folder):
-            file = folder / "crane.html"
-            write_text(file, page.page_html(*page.page_arguments(options)))
+        options.target = file = Path("out/drive/crane.html")
+        with lock_folder(file.parent):
+            file.unlink(missing_ok=True)
+            page.run(options)
         print(f"The crane is in {file}. It needs no network; copy it where you like.")
         webbrowser.open(file.absolute().as_uri())
         return 0
