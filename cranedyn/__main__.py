@@ -149,17 +149,13 @@ def _recorded(options: argparse.Namespace) -> Path:
     from cranedyn.data.files import lock_folder
     from cranedyn.data.trajectory import read
     from cranedyn.errors import DataError
-    from cranedyn.model.load import load_crane
-    from cranedyn.model.options import load_options
+    from cranedyn.model.options import crane_of_run
     from cranedyn.recording.film import check_film, film
 
     if options.film:
         check_film(options.film)
     trajectory = read(options.file)
-    if trajectory.record:
-        crane = load_crane(from_record=trajectory.record)
-    else:
-        crane = load_crane(**load_options(options))
+    crane = crane_of_run(options, trajectory.record)
     if trajectory.columns["q"] != crane.layout.columns()["q"]:
         raise DataError(f"{options.file} is no run of this crane; its coordinates are other ones.")
     runs = [recording.Run(options.file.stem, crane, trajectory)]
@@ -172,7 +168,7 @@ def _recorded(options: argparse.Namespace) -> Path:
 
 
 def _describe(parser: _Parser) -> None:
-    """Print the joints of a crane, or write its plain URDF.
+    """Print the joints of a crane, and write its plain URDF.
 
     Example: cranedyn describe payload_mass:=2000 -o crane.urdf
     """
@@ -191,10 +187,9 @@ def _describe(parser: _Parser) -> None:
 def _write_description(options: argparse.Namespace) -> int:
     from cranedyn.data.files import write_text
     from cranedyn.errors import DataError
-    from cranedyn.model.description import arguments, describe
-    from cranedyn.model.load import load_crane
+    from cranedyn.model.description import arguments
     from cranedyn.model.machines import machine_names, read_machine
-    from cranedyn.model.options import load_options
+    from cranedyn.model.options import crane_from_options
 
     for flag in ("list", "machines"):
         if getattr(options, flag) and (options.values or options.output):
@@ -207,17 +202,10 @@ def _write_description(options: argparse.Namespace) -> int:
         for machine in map(read_machine, machine_names()):
             print(f"{machine.name:19} {machine.title} ({machine.source})")
         return 0
-    settings = load_options(options)
-    if options.urdf is None and options.machine is None:
-        urdf = describe(values=settings["values"])
-        if not options.output:
-            sys.stdout.write(urdf)
-    else:
-        crane = load_crane(**settings)
-        urdf = crane.urdf
-        print(crane)
+    crane = crane_from_options(options)
     if options.output:
-        write_text(options.output, urdf)
+        write_text(options.output, crane.urdf)
+    print(crane)
     return 0
 
 
