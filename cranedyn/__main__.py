@@ -297,21 +297,21 @@ def _serve(parser: _Parser) -> None:
     """
     from cranedyn.bridges.commissioning import serve
 
-    _add_crane(parser.common)
+    _add_crane(parser)
     serve.add_arguments(parser)
     parser.set_defaults(run=serve.run)
 
 
-def _add_crane(parser: argparse._ActionsContainer) -> None:
-    """Add the options that name a crane, its gravity and its numbers."""
+def _add_crane(parser: _Parser) -> None:
+    """Add the common options that name a crane, its gravity and its numbers."""
     from cranedyn.model.crane import STANDARD_GRAVITY
     from cranedyn.model.description import add_values
     from cranedyn.model.options import add_crane_options
 
-    add_crane_options(parser)
+    add_crane_options(parser.common)
     text, default = "gravity of the world [m/s²]", STANDARD_GRAVITY
-    parser.add_argument("--gravity", type=float, default=default, metavar="G", help=text)
-    add_values(parser, "numbers of the crane")
+    parser.common.add_argument("--gravity", type=float, default=default, metavar="G", help=text)
+    add_values(parser.common, "numbers of the crane")
 
 
 COMMANDS: dict[str, Callable[[_Parser], None]] = {
