@@ -1030,6 +1030,16 @@ cranedyn/command.py
 ? help::help_is_a_screen_that_begins_with_an_example_which_parses
 - action.help = argparse.SUPPRESS
 + action.help = action.help
+cranedyn/__main__.py
+* an exporter computes before it refuses a target
+? page::a_bad_target_is_refused_before_anything_is_said
+- check_free(options.target)
++ pass
+experiments/harness/run.py
+* an outcome without a run says nothing of its recording
+? experiments::tables_are_printed_with_title_and_note_and_kept_with_all_digits
+- picture += "; no run to record"
++ pass
 experiments/harness/outcome.py
 * what holds stands before what is not judged
 ? terminal::a_screen_has_24_lines_the_failed_claim_whole_and_says_what_is_left_out

@@ -205,7 +205,7 @@ def _wind(limit: WindLimit, source_note: str) -> Table:
             float(worst["clearance"][i]),
         ]
         broken = [name for name in limit.allowed if not limit.kept(name)[i]]
-        beyond = "fails" if failed else ", ".join(broken) or "all kept"
+        beyond = "fails" if failed else ", ".join(broken) or "none"
         shown: Row = [None, None, None] if failed else values
         rows.append([speed, wind.wind_pressure(speed), *shown, beyond])
     columns = [

@@ -60,14 +60,14 @@ def values_table(result: Identification, subject: str, truth: Mapping[str, float
         return estimate.intervals[p.name][0] - truth[p.name] if p.name in truth else None
 
     columns: list[Column] = [
-        ("what", "", lambda p: p.name),
+        ("parameter", "", lambda p: p.name),
         ("unit", "", lambda p: p.unit),
-        ("believed", ".6g", lambda p: parameter(estimate.model.prior, p.name).start),
-        ("found", ".6g", lambda p: estimate.intervals[p.name][0]),
+        ("prior", ".6g", lambda p: parameter(estimate.model.prior, p.name).start),
+        ("estimate", ".6g", lambda p: estimate.intervals[p.name][0]),
         ("±", ".2g", lambda p: finite_or_none(estimate.intervals[p.name][1])),
     ]
     if truth:
-        columns += [("true", ".6g", lambda p: truth.get(p.name)), ("off", "+.2g", off)]
+        columns += [("true", ".6g", lambda p: truth.get(p.name)), ("error", "+.2g", off)]
     kinds = dict.fromkeys(p.kind for p in estimate.model.own if p.kind in MEANINGS)
     meanings = "; ".join(f"{kind}: {MEANINGS[kind]}" for kind in kinds)
     note = f"±: half the 95 % interval. {meanings[:1].upper()}{meanings[1:]}" + "." * bool(meanings)
@@ -98,8 +98,8 @@ def _residual_table(result: Identification, subject: str) -> ResultTable:
         ("column", "", lambda row: row[1].column),
         ("rows", "d", lambda row: len(row[2])),
         ("recorded, std", ".3g", lambda row: float(np.std(row[3]))),
-        ("left, RMS", ".3g", lambda row: float(np.sqrt(np.mean(row[2] ** 2)))),
-        ("left, most", ".3g", lambda row: float(np.abs(row[2]).max())),
+        ("residual, RMS", ".3g", lambda row: float(np.sqrt(np.mean(row[2] ** 2)))),
+        ("residual, largest", ".3g", lambda row: float(np.abs(row[2]).max())),
         ("white", "", lambda row: "yes" if row[4] else "no"),
         note="White: by Ljung and Box at 0.1 %. If a column is not, the model lacks something, and "
         "intervals are widened to those of correlated errors.",
@@ -113,7 +113,7 @@ def doubts(result: Identification, subject: str) -> list[ResultTable]:
     pairs += [(f"{name}, next to nothing", None) for name in judged.blind]
     pairs_table = ResultTable(
         _titled("What these records cannot tell", subject),
-        [("what", ""), ("correlation", "+.3f")],
+        [("parameter", ""), ("correlation", "+.3f")],
         pairs or [("nothing: all parameters are told apart", None)],
     )
     if not judged.advice:

@@ -56,7 +56,7 @@ def study(bench: Bench) -> tuple[ResultTable, list[Claim], int]:
     table = make_table(
         "Ropes that go slack",
         results,
-        ("oracle", "", lambda c: f"{c.name} [{c.unit}]".removesuffix(" []")),
+        ("quantity", "", lambda c: f"{c.name} [{c.unit}]".removesuffix(" []")),
         ("closed form", ".10g", lambda c: c.closed),
         (f"dt = {1000 * DT:g} ms", ".7g", lambda c: c.simulated),
         ("error", "+.0e>1e-9", lambda c: c.error),
