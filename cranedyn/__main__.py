@@ -7,7 +7,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-import tempfile
 import webbrowser
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -147,6 +146,7 @@ def _show(parser: _Parser, options: argparse.Namespace) -> int:
 def _recorded(options: argparse.Namespace) -> Path:
     """Write the recording or the film of a run, and return its file."""
     from cranedyn import recording
+    from cranedyn.data.files import lock_folder
     from cranedyn.data.trajectory import read
     from cranedyn.errors import DataError
     from cranedyn.model.options import crane_of_run
@@ -162,13 +162,15 @@ def _recorded(options: argparse.Namespace) -> Path:
     if options.film:
         film(options.film, runs)
         return options.film
-    file = Path(tempfile.mkdtemp(prefix="cranedyn-")) / f"{options.file.stem}.rrd"
-    recording.record(file, runs, title=options.file.stem)
+    folder = Path("out/view")
+    with lock_folder(folder):
+        file = folder / f"{options.file.stem}.rrd"
+        recording.record(file, runs, title=options.file.stem)
     return file
 
 
 def _describe(parser: _Parser) -> None:
-    """Print the joints of a crane, or write its plain URDF.
+    """Print the joints of a crane, and write its plain URDF.
 
     Example: cranedyn describe payload_mass:=2000 -o crane.urdf
     """
@@ -250,18 +252,11 @@ def _export(parser: _Parser) -> None:
 
 
 def _exporter(parser: _Parser, name: str) -> None:
-    from cranedyn.model.crane import STANDARD_GRAVITY
-    from cranedyn.model.description import add_values
-    from cranedyn.model.options import add_crane_options
-
     exporter = plugins.load("exporter", name)
     parser.example += f" {getattr(exporter, 'EXAMPLE', exporter.TARGET)}"
     add, text = parser.add_argument, "where to write; it must not be there yet"
     add("target", type=Path, metavar=exporter.TARGET, help=text)
-    add_crane_options(parser)
-    text, default = "gravity of the world [m/s²]", STANDARD_GRAVITY
-    add("--gravity", type=float, default=default, metavar="G", help=text)
-    add_values(parser, "numbers of the crane")
+    _add_crane(parser)
     exporter.add_arguments(parser)
 
     def run(options: argparse.Namespace) -> int:
@@ -277,19 +272,18 @@ def _drive(parser: _Parser) -> None:
     Example: cranedyn drive --set payload_mass:=2000
     """
     from cranedyn.bridges import page
-    from cranedyn.model.description import add_values
-    from cranedyn.model.options import add_crane_options
+    from cranedyn.data.files import lock_folder, write_text
 
-    add_crane_options(parser)
-    parser.add_argument("--gravity", type=float, metavar="G", help="gravity of the world [m/s²]")
-    add_values(parser, "numbers of the crane")
+    _add_crane(parser)
     page.add_arguments(parser)
 
     def run(options: argparse.Namespace) -> int:
-        options.target = Path(tempfile.mkdtemp(prefix="cranedyn-")) / "crane.html"
-        file = page.run(options)
+        folder = Path("out/drive")
+        with lock_folder(folder):
+            file = folder / "crane.html"
+            write_text(file, page.page_html(*page.page_arguments(options)))
         print(f"The crane is in {file}. It needs no network; copy it where you like.")
-        webbrowser.open(file.as_uri())
+        webbrowser.open(file.absolute().as_uri())
         return 0
 
     parser.set_defaults(run=run)
@@ -301,14 +295,22 @@ def _serve(parser: _Parser) -> None:
     Example: cranedyn serve --opcua 127.0.0.1:4840 --map words.csv
     """
     from cranedyn.bridges.commissioning import serve
+
+    _add_crane(parser.common)
+    serve.add_arguments(parser)
+    parser.set_defaults(run=serve.run)
+
+
+def _add_crane(parser: argparse._ActionsContainer) -> None:
+    """Add the options that name a crane, its gravity and its numbers."""
+    from cranedyn.model.crane import STANDARD_GRAVITY
     from cranedyn.model.description import add_values
     from cranedyn.model.options import add_crane_options
 
-    serve.add_arguments(parser)
-    add_crane_options(parser.common)
-    parser.common.add_argument("--gravity", type=float, metavar="G", help="of the world [m/s²]")
-    add_values(parser.common, "numbers of the crane")
-    parser.set_defaults(run=serve.run)
+    add_crane_options(parser)
+    text, default = "gravity of the world [m/s²]", STANDARD_GRAVITY
+    parser.add_argument("--gravity", type=float, default=default, metavar="G", help=text)
+    add_values(parser, "numbers of the crane")
 
 
 COMMANDS: dict[str, Callable[[_Parser], None]] = {

@@ -425,13 +425,13 @@ def _shift_table(shifts: Sequence[Shift]) -> ResultTable:
         ("lifts", "d", lambda shift: sum(len(one.finished) for one in shift.operators)),
         ("contacts", "d", lambda shift: len(shift.run.contacts)),
         ("least distance [m]", ".2f", lambda shift: max(shift.run.least_distance, 0.0)),
-        ("minutes nearer than required [%]", ".2f", lambda shift: shift.near[0]),
-        ("from", ".2f", lambda shift: shift.near[1]),
+        ("minutes below required distance [%]", ".2f", lambda shift: shift.near[0]),
+        ("95 %: from", ".2f", lambda shift: shift.near[1]),
         ("to", ".2f", lambda shift: shift.near[2]),
-        ("left out", "d", lambda shift: sum(one.left_out for one in shift.operators)),
-        ("in a circle [%]", ".1f", lambda s: 100.0 * len(s.run.deadlocks) / len(s.run.t)),
+        ("lifts left out", "d", lambda shift: sum(one.left_out for one in shift.operators)),
+        ("in a deadlock [%]", ".1f", lambda shift: 100.0 * _stuck(shift.run)),
         ("crane-minutes", ".0f", lambda shift: shift.crane_minutes),
-        note="Minutes of pairs of cranes, with the 95 % interval of their share.",
+        note="Minutes are counted for each pair of cranes; from and to bound their share.",
     )
 
 
@@ -475,7 +475,7 @@ def _claims(
     lost = {(shift.site, shift.protection): shift.lost for shift in shifts}
     sites = list(dict.fromkeys(shift.site for shift in shifts))
     halved = [lost[site, "supervisor"] < lost[site, "zones"] / 2.0 for site in sites]
-    texts = [f"{lost[s, 'supervisor']:.0f} of {lost[s, 'zones']:.0f} %" for s in sites]
+    texts = [f"{round(lost[s, 'supervisor'])} of {lost[s, 'zones']:.0f} %" for s in sites]
     bare = sum(len(shift.run.contacts) for shift in shifts if shift.protection == "none")
     return [
         Claim(
@@ -488,7 +488,7 @@ def _claims(
             "it), drives their boxes.",
             least >= 0.0 and swing <= 1.0 and outside <= 0.0,
         ),
-        Claim(f"Without protection they touch ({bare} contacts).", bare > 0 if ours else None),
+        Claim(f"Without protection they touch (contacts: {bare}).", bare > 0 if ours else None),
         Claim(
             f"The supervisor loses less than half the time of static zones: {', '.join(texts)}.",
             all(halved) if ours else None,

@@ -13,7 +13,6 @@ import cranedyn as cd
 from cranedyn import __main__ as face
 from cranedyn import plugins
 from experiments import a1
-from experiments.harness import arguments
 from tests.helpers import ROOT, python
 
 NAMES = {
@@ -96,15 +95,6 @@ def test_what_the_command_refuses_is_a_sentence_and_exit_code_2(
         code = stop.code
     assert code == 2
     assert sentence in capsys.readouterr().err.splitlines()[-1]
-
-
-def test_an_installed_experiment_says_how_it_is_reached_there(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    assert arguments.command_name("a1") == "python -m experiments.a1"
-    inside = Path("/site/cranedyn/_bundled/experiments/harness/arguments.py")
-    monkeypatch.setattr(arguments, "__file__", str(inside))
-    assert arguments.command_name("a1") == "python -m cranedyn run a1"
 
 
 def test_the_wheel_brings_one_top_level_package_and_a_command() -> None:

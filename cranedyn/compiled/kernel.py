@@ -136,7 +136,7 @@ def kernel(source: KernelSource) -> Kernel:
     module = build_module(source)
     if source.recipe.threads:
         emit_lane_loop(module)
-    return Kernel(source, translate(module), set())
+    return Kernel(source, translate(module, inlining=source.recipe.lanes > 1), set())
 
 
 def build_module(source: KernelSource) -> ir.Module:

@@ -45,15 +45,16 @@ class Machine:
         return self._known[name]
 
 
-def translate(module: ir.Module) -> Machine:
+def translate(module: ir.Module, *, inlining: bool = False) -> Machine:
     """Optimise a module for this processor and translate it; its memory is freed with the
-    functions. Higher levels take a third longer and make straight-line code no faster.
+    functions. Higher levels take a third longer and make straight-line code no faster; inlining
+    takes longer, too, and pays for code of many lanes only.
     """
     # The global context would keep every constant for ever.
     context, target = binding.create_context(), _target()
     context._owned = True
     code = binding.parse_assembly(str(module), context)
-    _optimise(code, target, speed_level=1)
+    _optimise(code, target, speed_level=1, inlining=inlining)
     engine = binding.create_mcjit_compiler(code, target)
     engine.finalize_object()
     return Machine(engine, context)
@@ -96,12 +97,14 @@ def _cross(
     return target, binding.parse_assembly(str(module), binding.create_context())
 
 
-def _optimise(code: Any, target: Any, speed_level: int = 2) -> None:
+def _optimise(code: Any, target: Any, speed_level: int = 2, *, inlining: bool = True) -> None:
     options = binding.create_pipeline_tuning_options(speed_level=speed_level)
     passes = binding.create_pass_builder(target, options)
-    manager = passes.getModulePassManager()
+    manager = passes.getModulePassManager() if inlining else passes.getFunctionPassManager()
+    bodies = [function for function in code.functions if not function.is_declaration]
     try:
-        manager.run(code, passes)
+        for part in [code] if inlining else bodies:
+            manager.run(part, passes)
     finally:
         # An empty method of llvmlite's ObjectRef hides this one, and half a megabyte would stay
         # behind for each module.

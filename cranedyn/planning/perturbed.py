@@ -339,11 +339,11 @@ def _forces(lift: Lift, drawn: dict[str, np.ndarray], times: np.ndarray) -> np.n
     force = np.zeros((len(drawn["load"]), len(times), 3 * len(lift.crane.points)))
     for i, row in enumerate(zip(*(drawn[name] for name in names), strict=True)):
         steady, rise, start, duration, direction = row
-        speed = np.full(len(times), steady)
-        gust = slice(*np.searchsorted(times, (start, start + duration)))
-        speed[gust] += rise * gust_shape(times[gust], start, duration)
         along = np.array([[math.cos(direction)], [math.sin(direction)]])
-        force[i, :, :2] = drag_force(area, (along * speed - across).T)
+        relative = along * steady - across
+        gust = slice(*np.searchsorted(times, (start, start + duration)))
+        relative[:, gust] += along * (rise * gust_shape(times[gust], start, duration))
+        force[i, :, :2] = drag_force(area, relative.T)
     return force
 
 

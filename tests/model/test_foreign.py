@@ -293,7 +293,7 @@ def test_describe_says_what_was_assumed(tmp_path: Path, capsys: pytest.CaptureFi
     assert "of --role is not of the form" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("exporter", ["mjcf", "ros2", "fmu"])
+@pytest.mark.parametrize("exporter", ["mjcf", "ros2", "fmu", "gazebo"])
 def test_a_crane_that_was_given_a_swing_is_exported(tmp_path: Path, exporter: str) -> None:
     from cranedyn.__main__ import main
 
