@@ -156,10 +156,11 @@ def emit_plan(module: ir.Module, programme: Programme) -> list[tuple[str, int, i
     name of the row, its number, lane, value.
     """
     shape, layout = programme.shape, programme.topology.layout
-    riccati.emit(module, shape)
-    interior.emit(module, shape)
     crane = plant(programme.topology, list(programme.numbers), "motion", False)
     constants = model.emit(module, shape, crane, programme.length)
+    zeros = {(name, row, lane) for name, row, lane, value in constants if value == 0.0}
+    riccati.emit(module, shape, zeros)
+    interior.emit(module, shape)
     if programme.errors:
         errors = np.reshape(programme.errors, (2, layout.n))
         model.emit_weights(module, shape, crane, errors, np.array(programme.payload_errors))

@@ -8,6 +8,7 @@ and Rawlings 1998, "Application of interior-point methods to model predictive co
 
 from __future__ import annotations
 
+from collections.abc import Set
 from functools import reduce
 from operator import add
 from typing import Any
@@ -28,15 +29,20 @@ from cranedyn.compiled.horizon.memory import (
 )
 
 
-def emit(module: ir.Module, shape: HorizonShape) -> None:
-    """Add the functions `end`, `factor` and `sweep`, which work on the memory of an optimisation.
+Zeros = Set[tuple[str, int, int]]
+"""Entries of a stage by name of the row, its number, and lane."""
+
+
+def emit(module: ir.Module, shape: HorizonShape, zeros: Zeros = frozenset()) -> None:
+    """Add the functions `end`, `factor` and `sweep`, which work on the memory of an optimisation;
+    zeros are the entries that are zero in every stage.
 
     end: the cost-to-go beyond the horizon, as that of a horizon as long again on which the last
     stage's model stays and nothing is bounded. factor: the feedback of every stage under its
     curvature. sweep: states, inputs and what else is bounded under the stages' slopes.
     """
-    _emit_end(Work(Code(module, "end", ["work"], shape.lanes), shape))
-    _emit_factor(Work(Code(module, "factor", ["work"], shape.lanes), shape))
+    _emit_end(Work(Code(module, "end", ["work"], shape.lanes), shape), zeros)
+    _emit_factor(Work(Code(module, "factor", ["work"], shape.lanes), shape), zeros)
     _emit_sweep(Work(Code(module, "sweep", ["work"], shape.lanes), shape))
 
 
@@ -45,32 +51,33 @@ def call(code: Code, name: str) -> None:
     code.builder.call(code.function.module.globals[name], [code.argument["work"]])
 
 
-def _emit_end(work: Work) -> None:
+def _emit_end(work: Work, zeros: Zeros) -> None:
     code, shape, common = work.code, work.shape, work.common
     for i in range(shape.states):
         common.put("togo", common.get("weight", i) * mask(code, shape.states), i)
     last = work.stage(shape.stages - 1)
     with code.loop(0, shape.stages):
-        _eliminate(work, last, bounded=False, gain_rows=None)
+        _eliminate(work, last, zeros, bounded=False, gain_rows=None)
     for i in range(shape.states):
         common.put("end", common.get("togo", i) * mask(code, shape.states), i)
     code.end()
 
 
-def _emit_factor(work: Work) -> None:
+def _emit_factor(work: Work, zeros: Zeros) -> None:
     code, shape, common = work.code, work.shape, work.common
     for i in range(shape.states):
         common.put("togo", common.get("end", i), i)
     with code.loop(0, shape.stages) as count:
         rows = work.stage(code.builder.sub(code.integer(shape.stages - 1), count))
-        carried = [common.get("togo", j) * rows.every("shift", 0, j) for j in range(shape.states)]
-        rows.put("carried", total(carried))
-        _eliminate(work, rows, bounded=True, gain_rows=rows)
+        moved = [j for j in range(shape.states) if ("shift", 0, j) not in zeros]
+        carried = [common.get("togo", j) * rows.every("shift", 0, j) for j in moved]
+        rows.put("carried", total(carried) if carried else 0.0)
+        _eliminate(work, rows, zeros, bounded=True, gain_rows=rows)
     code.end()
 
 
 def _eliminate(
-    work: Work, stage: MemoryRows, *, bounded: bool, gain_rows: MemoryRows | None
+    work: Work, stage: MemoryRows, zeros: Zeros, *, bounded: bool, gain_rows: MemoryRows | None
 ) -> None:
     """Replace the cost-to-go of the state after a stage by that of the state before it."""
     code, shape, common = work.code, work.shape, work.common
@@ -82,8 +89,12 @@ def _eliminate(
     weighted = [stage.every("curve", 0, w + i) * extra[i] for i in range(len(extra))]
     rows = []
     for r in range(w):
-        terms = [stage.every("forward", i, r) * product[i] for i in range(z)]
-        terms += [stage.every("extra", i, r) * weighted[i] for i in range(len(extra))]
+        terms = [
+            stage.every(name, i, r) * factor[i]
+            for name, factor in (("forward", product), ("extra", weighted))
+            for i in range(len(factor))
+            if (name, i, r) not in zeros
+        ]
         terms.append(common.get("weight", r))
         if curve is not None:
             terms.append(curve * unit(code, r))
