@@ -95,7 +95,11 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     from cranedyn.recording import Run
 
     count = whole("lifts", options.lifts, 0)
-    results = [_result(setup, name, site, options, count) for name, site in _sites(options)]
+    sites, results = _sites(options), list[SiteResult]()
+    update = setup.reporter.count("sites", len(sites))
+    for name, site in sites:
+        results.append(_result(setup, name, site, options, count))
+        update(len(results))
     certified = [result for result in results if result.certificate.holds]
     figures = {f"site_{result.name}": site_views(result.certificate) for result in certified}
     for result in certified:
@@ -177,7 +181,7 @@ def _result(
     times.append(time.monotonic())
     perturbed, least = None, None
     if count and certificate.holds:
-        perturbed = perturb(certificate, count, dt=2.0 * setup.dt)
+        perturbed = perturb(certificate, count, dt=max(setup.dt, setup.control_period / 2.0))
     times.append(time.monotonic())
     if options.least_time and certificate.holds:
         least = certify_in_least_time(lift, setup.dt, setup.engine)

@@ -268,8 +268,9 @@ def _met(setup: Setup, mapped: MarginMap, points: int) -> tuple[ResultTable, lis
     loop = margins_at(setup, LQR, equilibrium)
     if not loop.drives:
         raise OutOfRange("the full-model LQR", "unstable", "stable, for margins to be met")
-    drive = int(np.argmin([margin.late for margin in loop.drives]))
-    stronger, periods = loop.drives[drive].stronger, loop.drives[drive].late / setup.control_period
+    drive = int(np.argmin([margin.delay for margin in loop.drives]))
+    stronger = loop.drives[drive].upper_gain
+    periods = loop.drives[drive].delay / setup.control_period
     name = setup.crane.layout.driven[drive].effort_name
     last = math.ceil(periods) - 1
     delays, factors = [last, last + 1], [0.98 * stronger, 1.02 * stronger]

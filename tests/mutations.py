@@ -156,6 +156,10 @@ cranedyn/compiled/step.py
 - _TRIES = 10
 + _TRIES = 1
 cranedyn/plant/plant.py
+* a load on two falls yaws freely in code
+? springs::a_lane_of_a_batch_yaws_as_its_crane_does_alone
+- falls._replace(stiffness=yaw_stiffness[0])
++ falls._replace(stiffness=0.0 * yaw_stiffness[0])
 * an impact in code is elastic
 ? slack::a_load_falls_freely_until_the_rope_catches_it_and_then_hangs[compiled]
 - change[stretch] = -v[stretch]
@@ -165,15 +169,28 @@ cranedyn/theory.py
 ? reeving::each_sheave_passes_on_its_share_of_the_pull[0.9-4]
 - return math.expm1(falls * loss) / (falls * math.expm1(loss))
 + return 1.0
+cranedyn/model/springs.py
+* springs are counted in seconds where time is counted in steps
+? cranes::forces_in_steps_are_the_same_forces
+- self.stiffness * force,
++ self.stiffness,
+* two falls do not pull the hoist harder while the load yaws
+? cranes::springs_push_down_their_energy_and_the_tangent_is_how_they_do
+- effort[falls.length] + falls.energy(q) / q[falls.length]
++ effort[falls.length]
+* two falls are as far from their middle as from each other
+? springs::the_period_is_that_of_two_falls_but_for_what_is_left_out[0.01]
+- (0.5 * spacing) ** 2
++ spacing**2
+* two falls carry the hook only
+? springs::a_hook_on_two_falls_is_where_it_hangs_on_one
+- for body in list(model.subtrees[i + 1])
++ for body in [i + 1]
 cranedyn/dynamics/joint_forces.py
 * a slack rope keeps its strain energy
 ? cranes::a_load_thrown_up_is_free_until_its_rope_is_taut_again[pinocchio-3000.0]
 - damper = self.tension(q, v) - stiffness * self.rope.strain(q)
 + damper = self.damping[stretch] * v[stretch]
-* springs are counted in seconds where time is counted in steps
-? cranes::forces_in_steps_are_the_same_forces
-- Springs(stiffness * force, rest, scaled)
-+ Springs(stiffness, rest, scaled)
 cranedyn/simulation/engine.py
 * a step is a thousandth too long
 ? simulate::the_loop_is_sample_hold_velocities_positions

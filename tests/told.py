@@ -60,7 +60,7 @@ def _of_a1(result: Result) -> Told:
     article, budget = result.table("Free swing beside"), result.table("Error budget")
     periods = [abs(row["diff [%]"]) for row in result.table("Predicted")]
     stiff, soft = f"{max(periods[:4]):.4f} %", f"{periods[4]:.4f} %"
-    readme = [f"period within {stiff} of its prediction"]
+    readme = [f"period within {max(periods):.4f} % of its prediction"]
     causes = [
         "payload inertia",
         "dummy inertia",

@@ -95,13 +95,17 @@ def export(
         ModelError: If the code would not do what Pinocchio does.
     """
     file = Path(file)
-    if file.suffix != ".html":
-        raise DataError(f"Cannot write {file}: the ending of a page must be .html.")
-    check_free(file)
+    _check_file(file)
     text = page_html(crane, site, chart, meshes)
     with new_file(file) as draft:
         draft.write_text(text, "utf-8")
     return file
+
+
+def _check_file(file: Path) -> None:
+    if file.suffix != ".html":
+        raise DataError(f"Cannot write {file}: the ending of a page must be .html.")
+    check_free(file)
 
 
 def page_html(crane: Crane, *options: Any) -> str:
@@ -406,19 +410,23 @@ def _first_nonzero(rows: np.ndarray) -> np.ndarray:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the file and the crane."""
-    parser.add_argument(
-        "--site", metavar="FILE", default=None, help="obstacles about the crane, a .toml file"
-    )
+    parser.add_argument("--site", metavar="FILE", help="obstacles about the crane, a .toml file")
     parser.add_argument("--chart", metavar="FILE", help="its load chart, a .toml file")
     parser.add_argument("--meshes", metavar="FOLDER", help="of its mesh files; else sticks")
 
 
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
-    print("Compiling the crane and planning its exercises, some seconds ...", file=sys.stderr)
+    _check_file(options.target)
+    crane, site, chart, meshes = page_arguments(options)
+    return export(options.target, crane, site=site, chart=chart, meshes=meshes)
+
+
+def page_arguments(options: argparse.Namespace) -> tuple[Crane, Site | None, Falls | None, Any]:
+    """Return the arguments of `page_html` that the command line describes."""
+    print("Compiling the crane and planning exercises, up to half a minute ...", file=sys.stderr)
     site = None if options.site is None else read_site(options.site)
     if site is not None:
         options.values = [*(f"{k}:={v}" for k, v in site.crane.items()), *options.values]
     chart = None if options.chart is None else read_chart(options.chart).on()
-    crane = crane_from_options(options)
-    return export(options.target, crane, site=site, chart=chart, meshes=options.meshes)
+    return crane_from_options(options), site, chart, options.meshes

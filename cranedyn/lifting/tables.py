@@ -248,8 +248,9 @@ def _robustness(analysis: LiftAnalysis, perturbed: Perturbed, source_note: str) 
     a_minute = 60.0 * count / max(analysis.perturbed_seconds, 1e-9)
     rows: list[Row] = [
         ["lifts", f"{count}"],
-        ["below required clearance, or failed", f"{perturbed.failures}"],
-        ["probability of that, 95 % [%]", f"{100.0 * low:.3f} to {100.0 * high:.3f}"],
+        ["below required clearance", f"{perturbed.failures - perturbed.broken_off}"],
+        ["out of a drive's range, or rope slack", f"{perturbed.broken_off}"],
+        ["probability of either, 95 % [%]", f"{100.0 * low:.3f} to {100.0 * high:.3f}"],
         ["least distance [m]", f"{distances.min():.2f}" if len(distances) else "-"],
         ["swing after, at most [mrad]", f"{1e3 * float(perturbed.swing.max()):.1f}"],
         ["lifts a minute on this machine", f"{a_minute:,.0f}"],

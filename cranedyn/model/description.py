@@ -54,6 +54,8 @@ class CraneValues(TypedDict, total=False):
     rope_stiffness: float  # N
     falls: float
     rope_damping: float  # N s/m
+    fall_spacing: float  # m
+    damp_yaw: float  # N m s/rad
     drum_inertia: float  # kg
     tower_twist_stiffness: float  # N m/rad
     slew_drive_inertia: float  # kg m^2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from typing import Any
 
 from cranedyn.errors import DataError
@@ -57,6 +58,12 @@ def load_options(options: argparse.Namespace) -> dict[str, Any]:
 def crane_from_options(options: argparse.Namespace) -> Crane:
     """Load the crane that the command line names."""
     return load_crane(**load_options(options))
+
+
+def crane_of_run(options: argparse.Namespace, record: Mapping[str, Any]) -> Crane:
+    """Load the crane that the command line names; if none, that of the record of a run."""
+    named = options.urdf is not None or options.machine is not None or options.values
+    return load_crane(from_record=record) if record and not named else crane_from_options(options)
 
 
 def _pairs(option: str, texts: list[str]) -> dict[str, str]:

@@ -66,7 +66,7 @@ class ScheduledLift(NamedTuple):
     end: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SitePlan:
     """Lifts of several cranes with their certificate.
 
@@ -87,6 +87,12 @@ class SitePlan:
     distances: np.ndarray
     duration: float
     least: float
+
+    def __repr__(self) -> str:
+        return (
+            f"Plan of {len(self.lifts)} lifts in {self.duration:.1f} s, {self.least:.1f} s at "
+            f"least; cranes {'' if self.holds else 'not '}proven {self.site.distance:g} m apart"
+        )
 
     @property
     def holds(self) -> bool:

@@ -71,7 +71,7 @@ class SiteContact(NamedTuple):
     second_body: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SiteRun:
     """A simulated site, rows a `CYCLE` apart.
 
@@ -103,6 +103,12 @@ class SiteRun:
     swing: np.ndarray
     outside: np.ndarray
     deadlocks: tuple[tuple[float, tuple[int, ...]], ...]
+
+    def __repr__(self) -> str:
+        return (
+            f"Run of {len(self.trajectories)} cranes for {self.t[-1]:.1f} s: {len(self.contacts)} "
+            f"contacts, least distance {self.least_distance:.2f} m"
+        )
 
     @property
     def states(self) -> list[np.ndarray]:

@@ -155,6 +155,16 @@ def test_the_command_writes_a_trajectory_of_an_experiment(tmp_path: Path, run: T
     assert bags.read_joint_states(file, ["l_m"])["l_m"].tolist() == short["l_m"].tolist()
 
 
+def test_the_command_takes_the_crane_that_the_record_of_a_run_names(tmp_path: Path) -> None:
+    crane = load_crane(machine="gantry_cosys")
+    run = simulate(crane, hold_controller(crane), duration=0.02)
+    trajectory = str(run.write(tmp_path / "a.parquet"))
+    assert main(["export", "mcap", str(tmp_path / "a.mcap"), "--trajectory", trajectory]) == 0
+    with AnyReader([tmp_path / "a.mcap"]) as reader:
+        texts = [raw for one, _, raw in reader.messages() if one.topic == "/robot_description"]
+    assert b'robot name="overhead_crane"' in texts[0]
+
+
 # --- recordings of ROS analysed -------------------------------------------------------------------
 
 
