@@ -41,7 +41,7 @@ def random(rng: np.random.Generator, tight: float, shape: HorizonShape) -> Horiz
 def made(shape: HorizonShape) -> Machine:
     """The solver's code."""
     module = ir.Module()
-    riccati.emit(module, shape)
+    riccati.emit(module, shape, {})
     interior.emit(module, shape)
     return translate(module)
 

@@ -158,8 +158,7 @@ def emit_plan(module: ir.Module, programme: Programme) -> list[tuple[str, int, i
     shape, layout = programme.shape, programme.topology.layout
     crane = plant(programme.topology, list(programme.numbers), "motion", False)
     constants = model.emit(module, shape, crane, programme.length)
-    zeros = {(name, row, lane) for name, row, lane, value in constants if value == 0.0}
-    riccati.emit(module, shape, zeros)
+    riccati.emit(module, shape, {entry[:3]: entry[3] for entry in constants})
     interior.emit(module, shape)
     if programme.errors:
         errors = np.reshape(programme.errors, (2, layout.n))
