@@ -108,7 +108,7 @@ def program(
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the folder and the crane."""
     add = parser.add_argument
-    text = "what to run: a1 (default), a2, a3, swing or move; another crane swings"
+    text = "a1 (default), a2, a3, move or swing (another crane)"
     add("--experiment", metavar="RUN", help=text)
     text = f"cable length of a1 and swing [m] (default {_LENGTH:g})"
     add("--length", type=float, metavar="L", help=text)
