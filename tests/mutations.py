@@ -389,6 +389,11 @@ cranedyn/compiled/horizon/control.py
 ? horizon::a_load_of_another_mass_ends_where_it_shall_since_what_disturbs_is_estimated
 - crane.answer(q, v, acceleration - estimate, None)
 + crane.answer(q, v, acceleration, None)
+cranedyn/compiled/horizon/memory.py
+* what is the same in every stage is left out of the recursion
+? horizon::it_never_commands_a_slack_rope_however_fast_the_hoist_may_be[motion]
+- return self._constants[name, row, lane]
++ return 0.0
 cranedyn/plant/rigid_body.py
 * the Coriolis term of the recursions has the wrong sign
 ? compiled::a_run_of_many_blocks_is_the_same
