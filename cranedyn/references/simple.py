@@ -10,12 +10,15 @@ import numpy as np
 import scipy
 
 from cranedyn.checks import finite, number, read_only, short_repr
-from cranedyn.errors import OutOfRange
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 from cranedyn.references.motion import Motion
 from cranedyn.references.tabulated import as_setpoint, tabulated
+
+_BLOCK = 100
+"""Control instants for which a reference is asked at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +53,10 @@ def hold(crane: Crane, state: State | None = None) -> Reference:
     return Still(Setpoint(q[crane.layout.drives], zero, zero))
 
 
-def checked(reference: Reference, layout: Layout) -> Reference:
+def checked(reference: Reference, layout: Layout, t_start: float, period: float) -> Reference:
     """Return a reference for a crane of a layout that checks its setpoints, see `as_setpoint`;
-    those of `Still`, which cannot change, only once.
+    those of `Still`, which cannot change, only once. It is for control instants, a period apart
+    from a start on [s]: a method `at` is asked for a block of them.
 
     Raises:
         OutOfRange: If it is a `Motion` of another crane.
@@ -66,7 +70,20 @@ def checked(reference: Reference, layout: Layout) -> Reference:
     def checked_reference(t: float) -> Setpoint:
         return as_setpoint(reference(t), (layout.m,))
 
-    return checked_reference
+    first, block = 0, list[Setpoint]()
+
+    def from_block(t: float) -> Setpoint:
+        nonlocal first, block
+        k = round((t - t_start) / period)
+        if not first <= k < first + len(block):
+            times = t_start + period * np.arange(k, k + _BLOCK)
+            try:
+                first, block = k, list(map(Setpoint, *tabulated(reference, times, layout.m)))
+            except CraneError:  # perhaps of an instant that the run does not reach
+                return checked_reference(t)
+        return block[k - first]
+
+    return from_block if hasattr(reference, "at") else checked_reference
 
 
 @dataclass(frozen=True, eq=False)
