@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -15,7 +17,7 @@ from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 from cranedyn.references.motion import Motion
-from cranedyn.references.tabulated import as_setpoint, tabulated
+from cranedyn.references.tabulated import Tabulating, as_setpoint, tabulated
 
 _BLOCK = 100
 """Control instants for which a reference is asked at once."""
@@ -70,24 +72,23 @@ def checked(reference: Reference, layout: Layout, t_start: float, period: float)
     def checked_reference(t: float) -> Setpoint:
         return as_setpoint(reference(t), (layout.m,))
 
-    first, block = 0, list[Setpoint]()
+    @lru_cache(maxsize=1)
+    def block(first: int) -> list[Setpoint]:
+        times = t_start + period * np.arange(first, first + _BLOCK)
+        with suppress(CraneError):  # perhaps of an instant that the run does not reach
+            return list(map(Setpoint, *tabulated(reference, times, layout.m)))
+        return []
 
     def from_block(t: float) -> Setpoint:
-        nonlocal first, block
         k = round((t - t_start) / period)
-        if not first <= k < first + len(block):
-            times = t_start + period * np.arange(k, k + _BLOCK)
-            try:
-                first, block = k, list(map(Setpoint, *tabulated(reference, times, layout.m)))
-            except CraneError:  # perhaps of an instant that the run does not reach
-                return checked_reference(t)
-        return block[k - first]
+        rows = block(k - k % _BLOCK)
+        return rows[k % _BLOCK] if rows else checked_reference(t)
 
     return from_block if hasattr(reference, "at") else checked_reference
 
 
 @dataclass(frozen=True, eq=False)
-class Pulse:
+class Pulse(Tabulating):
     """A reference and a rectangular pulse.
 
     Attributes:
@@ -100,13 +101,6 @@ class Pulse:
     step: np.ndarray
     first: float
     last: float
-
-    def __call__(self, t: float) -> Setpoint:
-        """Return the setpoint at a time [s]."""
-        setpoint = as_setpoint(self.base(t), self.step.shape)
-        if not self.first <= t < self.last:
-            return setpoint
-        return setpoint._replace(position=setpoint.position + self.step)
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (n, m) each."""
@@ -141,7 +135,7 @@ def pulse(
 
 
 @dataclass(frozen=True, eq=False)
-class Ramp:
+class Ramp(Tabulating):
     """A reference and a move at constant speed.
 
     Attributes:
@@ -154,15 +148,6 @@ class Ramp:
     rates: np.ndarray
     first: float
     last: float
-
-    def __call__(self, t: float) -> Setpoint:
-        """Return the setpoint at a time [s]."""
-        setpoint = as_setpoint(self.base(t), self.rates.shape)
-        if t < self.first:
-            return setpoint
-        elapsed = min(t, self.last) - self.first
-        moved = setpoint._replace(position=setpoint.position + elapsed * self.rates)
-        return moved._replace(velocity=setpoint.velocity + self.rates) if t < self.last else moved
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (n, m) each."""
@@ -203,7 +188,7 @@ acceleration."""
 
 
 @dataclass(frozen=True, eq=False)
-class Spline:
+class Spline(Tabulating):
     """A reference of one quintic for each drive and each section, at rest at every waypoint; before
     and after it stands still.
 
@@ -233,11 +218,6 @@ class Spline:
     def arrival(self) -> float:
         """When the last waypoint is reached [s]."""
         return float(self.times[-1])
-
-    def __call__(self, t: float) -> Setpoint:
-        """Return the setpoint at a time [s]."""
-        inside = min(max(t, self.times[0]), self.times[-1])
-        return Setpoint(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (n, m) each."""
