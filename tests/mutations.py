@@ -250,6 +250,11 @@ cranedyn/controllers/integral.py
 ? controllers::an_integrator_goes_by_the_period_of_its_loop
 - integral = self.integral + error * self._elapsed
 + integral = self.integral + error * self.tracking.period
+cranedyn/references/simple.py
+* instants of a block are those of the first block
+? references::many_times_at_once_are_setpoint_as_each_by_itself
+- rows = block(k - k % _BLOCK)
++ rows = block(0)
 cranedyn/references/tabulated.py
 * a table is read at the row before
 ? controllers::between_rows_tracking_goes_on_straight_lines
@@ -655,6 +660,10 @@ cranedyn/planning/timing.py
 ? lift::a_way_that_takes_longer_than_another_is_given_up
 - longest = within if best is None
 + longest = math.inf if best is None
+* an average that is too long with its first law ends the search for a motion
+? lift::a_way_that_takes_longer_than_another_is_given_up
+- _TOO_LONG = 1.12
++ _TOO_LONG = 0.5
 cranedyn/planning/perturbed.py
 * lifts with other delays run at once
 ? lift::lifts_that_run_at_once_share_load_and_delay_and_none_is_lost
