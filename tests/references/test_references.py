@@ -50,6 +50,8 @@ def _plan(start: State, goal: State) -> Motion:
     return hanging_reference(CRANE, spline(CRANE, start, [goal.q[CRANE.layout.drives]], [2.0]), 2.0)
 
 
+WAYS = [Leg("out and up", x=13.0, l=8.0), Leg("back", x=12.0, l=9.0)]
+THERE_AND_BACK = itinerary(CRANE, START, WAYS, rates=(0.1, 0.5, 0.4), dwell=0.5)
 LEGS = tour(CRANE, [Leg("out", x=12.0), Leg("in", x=10.0)], _plan, dwell=0.5)
 
 
@@ -69,13 +71,7 @@ LEGS = tour(CRANE, [Leg("out", x=12.0), Leg("in", x=10.0)], _plan, dwell=0.5)
         shaped(PUSHES, ei(), 1.3),
         shaped_hoisting(CRANE, PUSHES, zv(), 5.0),
         LEGS,
-        itinerary(
-            CRANE,
-            START,
-            [Leg("out and up", x=13.0, l=8.0), Leg("back", x=12.0, l=9.0)],
-            rates=(0.1, 0.5, 0.4),
-            dwell=0.3,
-        ),
+        THERE_AND_BACK,
     ],
     ids="hold,pulse,ramp,ramp on a function,spline,motion,operator,nobody,shaped,shaped hoisting,"
     "tour,itinerary".split(","),
@@ -139,16 +135,7 @@ CUT_SHORT = (
 """Its velocity jumps within the rows."""
 
 ENDLESS: dict[str, tuple[Reference, float]] = {
-    "itinerary": (
-        itinerary(
-            CRANE,
-            START,
-            [Leg("out and up", x=13.0, l=8.0), Leg("back", x=12.0, l=9.0)],
-            rates=(0.1, 0.5, 0.4),
-            dwell=0.5,
-        ),
-        0.0,
-    ),
+    "itinerary": (THERE_AND_BACK, 0.0),
     "tour": (LEGS, 5e-3),
 }
 
