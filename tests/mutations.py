@@ -267,6 +267,11 @@ cranedyn/controllers/integral.py
 ? controllers::an_integrator_goes_by_the_period_of_its_loop
 - integral = self.integral + error * self._elapsed
 + integral = self.integral + error * self.tracking.period
+cranedyn/references/simple.py
+* instants of a block are those of the first block
+? references::many_times_at_once_are_setpoint_as_each_by_itself
+- rows = block(k - k % _BLOCK)
++ rows = block(0)
 cranedyn/references/tabulated.py
 * a table is read at the row before
 ? controllers::between_rows_tracking_goes_on_straight_lines
@@ -677,6 +682,10 @@ cranedyn/planning/timing.py
 ? lift::a_way_that_takes_longer_than_another_is_given_up
 - longest = within if best is None
 + longest = math.inf if best is None
+* an average that is too long with its first law ends the search for a motion
+? lift::a_way_that_takes_longer_than_another_is_given_up
+- _TOO_LONG = 1.12
++ _TOO_LONG = 0.5
 cranedyn/planning/perturbed.py
 * a lift that broke off is not counted as such
 ? lift::a_lift_that_failed_counts_as_one_that_came_too_near
