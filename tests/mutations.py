@@ -396,7 +396,7 @@ cranedyn/compiled/horizon/control.py
 + crane.answer(q, v, acceleration, None)
 cranedyn/compiled/horizon/memory.py
 * what is the same in every stage is left out of the recursion
-? horizon::it_never_commands_a_slack_rope_however_fast_the_hoist_may_be[motion]
+? horizon::along_a_motion_nothing_is_left_at_its_end
 - return self._constants[name, row, lane]
 + return 0.0
 cranedyn/plant/rigid_body.py
