@@ -673,6 +673,10 @@ cranedyn/planning/timing.py
 - longest = within if best is None
 + longest = math.inf if best is None
 cranedyn/planning/perturbed.py
+* a lift that broke off is not counted as such
+? lift::a_lift_that_failed_counts_as_one_that_came_too_near
+- np.count_nonzero(np.isnan(self.least))
++ np.count_nonzero(np.isinf(self.least))
 * lifts with other delays run at once
 ? lift::lifts_that_run_at_once_share_load_and_delay_and_none_is_lost
 - kinds = np.stack([drawn["load"], drawn["late_s"]])
@@ -799,6 +803,10 @@ experiments/measured/effects.py
 ? measured::gravity_of_all_records_is_that_of_one_offset
 - np.sqrt(beyond * variance[0, 0])
 + np.sqrt(variance[0, 0])
+* a rail does not tilt
+? measured::drag_centring_and_tilt_are_found_in_a_record_that_has_them
+- bias + tilt * self.way[i]
++ bias
 experiments/measured/drive.py
 * friction at rest is that in motion
 ? measured::stribecks_friction_is_told_from_dry_friction
@@ -875,6 +883,11 @@ cranedyn/bridges/mcap.py
 ? mcap::a_command_that_a_drive_cuts_is_told_as_it_was_given
 - "effort": run.command[k].tolist()
 + "effort": run.effort[k].tolist()
+cranedyn/model/options.py
+* the record of a run does not say which crane it was
+? mcap::the_command_writes_a_run_with_the_crane_that_its_record_names
+- if record and not named
++ if record and named
 cranedyn/bridges/fmi_unit.h
 * a unit forgets that its model ceased to hold
 ? fmi::a_unit_says_once_the_model_no_longer_holds

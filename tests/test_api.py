@@ -76,12 +76,6 @@ def test_run_hands_all_arguments_to_the_experiment_and_its_code_back(
     assert given == [["--gravity", "9.8", "--out", "there"]]
 
 
-@pytest.mark.slow
-def test_describe_prints_the_crane(capsys: pytest.CaptureFixture[str]) -> None:
-    assert face.main(["describe", "payload_mass:=2000"]) == 0
-    assert "payload of 2000 kg" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [

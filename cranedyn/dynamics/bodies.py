@@ -103,31 +103,12 @@ def bodies(model: pin.Model) -> Bodies:
             )
         joint_data = joint.createData()
         joint.calc(joint_data, neutral)
-        rows.append(
-            (
-                placement.rotation,
-                placement.translation,
-                joint_data.S.reshape(2, 3),
-                body.mass,
-                body.lever,
-                body.inertia,
-            )
-        )
-    rotation, translation, axis, mass, lever, inertia = (
-        np.array(column, dtype=float) for column in zip(*rows, strict=True)
-    )
+        place, axis = (placement.rotation, placement.translation), joint_data.S.reshape(2, 3)
+        rows.append((*place, axis, body.mass, body.lever, body.inertia))
+    columns = [np.array(column, dtype=float) for column in zip(*rows, strict=True)]
     parents = [model.parents[i] - 1 for i in range(1, model.njoints)]
-    return Bodies(
-        parents,
-        rotation,
-        translation,
-        axis,
-        mass,
-        lever,
-        inertia,
-        model.armature.copy(),
-        model.gravity.linear.copy(),
-    )
+    columns += [model.armature.copy(), model.gravity.linear.copy()]
+    return Bodies(parents, *columns)
 
 
 @once_per_crane
