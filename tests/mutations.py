@@ -267,6 +267,11 @@ cranedyn/controllers/integral.py
 ? controllers::an_integrator_goes_by_the_period_of_its_loop
 - integral = self.integral + error * self._elapsed
 + integral = self.integral + error * self.tracking.period
+cranedyn/references/simple.py
+* instants of a block are those of the first block
+? references::many_times_at_once_are_setpoint_as_each_by_itself
+- rows = block(k - k % _BLOCK)
++ rows = block(0)
 cranedyn/references/tabulated.py
 * a table is read at the row before
 ? controllers::between_rows_tracking_goes_on_straight_lines
@@ -389,6 +394,11 @@ cranedyn/compiled/horizon/control.py
 ? horizon::a_load_of_another_mass_ends_where_it_shall_since_what_disturbs_is_estimated
 - crane.answer(q, v, acceleration - estimate, None)
 + crane.answer(q, v, acceleration, None)
+cranedyn/compiled/horizon/memory.py
+* what is the same in every stage is left out of the recursion
+? horizon::it_never_commands_a_slack_rope_however_fast_the_hoist_may_be[motion]
+- return self._constants[name, row, lane]
++ return 0.0
 cranedyn/plant/rigid_body.py
 * the Coriolis term of the recursions has the wrong sign
 ? compiled::a_run_of_many_blocks_is_the_same
@@ -672,6 +682,10 @@ cranedyn/planning/timing.py
 ? lift::a_way_that_takes_longer_than_another_is_given_up
 - longest = within if best is None
 + longest = math.inf if best is None
+* an average that is too long with its first law ends the search for a motion
+? lift::a_way_that_takes_longer_than_another_is_given_up
+- _TOO_LONG = 1.12
++ _TOO_LONG = 0.5
 cranedyn/planning/perturbed.py
 * a lift that broke off is not counted as such
 ? lift::a_lift_that_failed_counts_as_one_that_came_too_near
