@@ -15,7 +15,7 @@ from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 from cranedyn.references.motion import Motion
-from cranedyn.references.tabulated import as_setpoint, tabulated
+from cranedyn.references.tabulated import Tabulating, as_setpoint, tabulated
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +186,7 @@ acceleration."""
 
 
 @dataclass(frozen=True, eq=False)
-class Spline:
+class Spline(Tabulating):
     """A reference of one quintic for each drive and each section, at rest at every waypoint; before
     and after it stands still.
 
@@ -217,11 +217,6 @@ class Spline:
         """When the last waypoint is reached [s]."""
         return float(self.times[-1])
 
-    def __call__(self, t: float) -> Setpoint:
-        """Return the setpoint at a time [s]."""
-        inside = min(max(t, self.times[0]), self.times[-1])
-        return Setpoint(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
-
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (n, m) each."""
         inside = np.clip(times, self.times[0], self.times[-1])
@@ -250,18 +245,17 @@ def spline(
             number is not finite or not positive.
     """
     if not len(waypoints) or len(waypoints) != len(durations):
-        raise OutOfRange(
-            "number of durations",
-            len(durations),
-            f"that of the waypoints, {len(waypoints)}, and one at least",
-        )
-    points = [crane.layout.as_state("start", start).q[crane.layout.drives]]
-    for waypoint in waypoints:
-        points.append(crane.layout.for_drives("waypoint", waypoint))
+        allowed = f"that of the waypoints, {len(waypoints)}, and one at least"
+        raise OutOfRange("number of durations", len(durations), allowed)
+    points = _points(crane, start, waypoints)
     steps = [number("duration of a section", duration, "s", "> 0") for duration in durations]
-    return Spline(
-        number("departure", at, "s") + np.concatenate([[0.0], np.cumsum(steps)]), np.array(points)
-    )
+    return Spline(number("departure", at, "s") + np.cumsum([0.0, *steps]), points)
+
+
+def _points(crane: Crane, start: State, waypoints: Sequence[Sequence[float]]) -> np.ndarray:
+    """Return the positions of the drives at a start and at waypoints, shape (1 + k, m)."""
+    first = crane.layout.as_state("start", start).q[crane.layout.drives]
+    return np.array([first, *(crane.layout.for_drives("waypoint", point) for point in waypoints)])
 
 
 def shortest(
@@ -287,11 +281,7 @@ def shortest(
     """
     v = np.minimum(crane.layout.for_drives("rate limit", rates, "/s", "> 0"), crane.rate_limit)
     a = crane.layout.for_drives("acceleration limit", accelerations, "/s²", "> 0")
-    points = [
-        crane.layout.as_state("start", start).q[crane.layout.drives],
-        *(crane.layout.for_drives("waypoint", waypoint) for waypoint in waypoints),
-    ]
-    paths = np.abs(np.diff(points, axis=0))
+    paths = np.abs(np.diff(_points(crane, start, waypoints), axis=0))
     return [
         float(max((PEAK_RATE * path / v).max(), np.sqrt(PEAK_ACCELERATION * path / a).max()))
         for path in paths
