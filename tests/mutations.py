@@ -79,20 +79,20 @@ urdf/tower_crane.urdf.xacro
 + <xacro:payload_inertial/>
 cranedyn/dynamics/drives.py
 * Coriolis and centrifugal forces are missing
-? simulate::the_loop_is_sample_hold_velocities_positions
+? simulate::the_plain_loop_of_the_example_does_the_same_to_round_off
 - pin.aba(self.model, self._data, q, v, tau
 + pin.aba(self.model, self._data, q, 0.0 * v, tau
 * joint damping is ignored
-? simulate::the_loop_is_sample_hold_velocities_positions
+? simulate::the_plain_loop_of_the_example_does_the_same_to_round_off
 - tau = self._tau - self._damping * v
 + tau = 1.0 * self._tau
 * a command acts one control period late
-? simulate::the_loop_is_sample_hold_velocities_positions
+? simulate::the_plain_loop_of_the_example_does_the_same_to_round_off
 - self._tau[self._layout.drives] = self._effort
 + self._tau[self._layout.drives] = getattr(self, '_before', self._effort)
 +         self._before = self._effort
 * the limits of the drives are not kept
-? simulate::the_loop_is_sample_hold_velocities_positions
+? simulate::efforts_beyond_the_limits_are_cut_and_the_log_shows_it
 - np.minimum(np.maximum(command, self._least), self._largest)
 + 1.0 * command
 cranedyn/dynamics/pinocchio.py
@@ -193,11 +193,11 @@ cranedyn/dynamics/joint_forces.py
 + damper = self.damping[stretch] * v[stretch]
 cranedyn/simulation/engine.py
 * a step is a thousandth too long
-? simulate::the_loop_is_sample_hold_velocities_positions
+? simulate::the_plain_loop_of_the_example_does_the_same_to_round_off
 - np.full(setting.crane.layout.n, setting.clocks.dt)
 + np.full(setting.crane.layout.n, 1.001 * setting.clocks.dt)
 * a command is held one step too long
-? simulate::the_loop_is_sample_hold_velocities_positions
+? simulate::the_plain_loop_of_the_example_does_the_same_to_round_off
 - q, v = self._steps(q, v, self._setting.clocks.steps)
 + q, v = self._steps(q, v, self._setting.clocks.steps + 1)
 * the load feels nothing of the buffer at the shortest cable

@@ -164,26 +164,19 @@ def _solvable() -> Iterator[None]:
         with np.errstate(all="ignore"):
             yield
     except (np.linalg.LinAlgError, ValueError) as error:
+        reason = str(error).strip().partition("\n")[0].rstrip(".")
         raise CraneError(
             "There is no linear-quadratic regulator for this crane: its masses, dampings, gravity "
-            "or control period make numbers that "
-            "differ too much for double precision "
-            f"({str(error).strip().partition(chr(10))[0].rstrip('.')})."
+            f"or control period make numbers that differ too much for double precision ({reason})."
         ) from error
 
 
 def _check(name: str, weight: np.ndarray, *, definite: bool) -> None:
     threshold = np.nextafter(0, 1) if definite else -1e-9 * np.abs(weight).max()
-    if (
-        not np.isfinite(weight).all()
-        or not np.allclose(weight, weight.T)
-        or scipy.linalg.eigvalsh(weight).min() < threshold
-    ):
-        raise OutOfRange(
-            name,
-            weight.tolist(),
-            "symmetric and positive " + ("definite" if definite else "semidefinite"),
-        )
+    symmetric = np.isfinite(weight).all() and np.allclose(weight, weight.T)
+    if not symmetric or scipy.linalg.eigvalsh(weight).min() < threshold:
+        allowed = "symmetric and positive " + ("definite" if definite else "semidefinite")
+        raise OutOfRange(name, weight.tolist(), allowed)
 
 
 ERROR = {

@@ -75,11 +75,8 @@ class Bodies:
 def blank(parents: Sequence[int]) -> Bodies:
     """Return a tree whose numbers are all zero."""
     n = len(parents)
-    rotation, translation, axis, mass, lever, inertia, armature, gravity = (
-        np.zeros(shape)
-        for shape in ((n, 3, 3), (n, 3), (n, 2, 3), (n,), (n, 3), (n, 3, 3), (n,), (3,))
-    )
-    return Bodies(parents, rotation, translation, axis, mass, lever, inertia, armature, gravity)
+    shapes = (n, 3, 3), (n, 3), (n, 2, 3), (n,), (n, 3), (n, 3, 3), (n,), (3,)
+    return Bodies(parents, *map(np.zeros, shapes))
 
 
 def bodies(model: pin.Model) -> Bodies:
@@ -103,12 +100,11 @@ def bodies(model: pin.Model) -> Bodies:
             )
         joint_data = joint.createData()
         joint.calc(joint_data, neutral)
-        place, axis = (placement.rotation, placement.translation), joint_data.S.reshape(2, 3)
-        rows.append((*place, axis, body.mass, body.lever, body.inertia))
+        frame = placement.rotation, placement.translation, joint_data.S.reshape(2, 3)
+        rows.append((*frame, body.mass, body.lever, body.inertia))
     columns = [np.array(column, dtype=float) for column in zip(*rows, strict=True)]
-    parents = [model.parents[i] - 1 for i in range(1, model.njoints)]
     columns += [model.armature.copy(), model.gravity.linear.copy()]
-    return Bodies(parents, *columns)
+    return Bodies([model.parents[i] - 1 for i in range(1, model.njoints)], *columns)
 
 
 @once_per_crane

@@ -48,9 +48,6 @@ _ITERATIONS = 20
 """Steps in which a load on a rope that leans is put on the ground; each leaves 1 - cos of the lean
 of the error."""
 
-_START_DEPTH = 5.0
-"""Static sinks that a load may be in the ground at the start; on one corner it is at four."""
-
 Vector = Sequence[Any] | np.ndarray
 """Three numbers, or three arrays of them."""
 
@@ -340,17 +337,6 @@ class Contacts(NamedTuple):
             deepest = nearest
         assert deepest is not None
         return deepest
-
-    def check_start(self, position: Vector, weight: float) -> None:
-        """Check that points at a position [m] of a load of a weight [N] are not in the ground.
-
-        Raises:
-            OutOfRange: If one is deeper than five static sinks.
-        """
-        depth, most = float(np.max(self.depth(position)[0])), _START_DEPTH * weight / 4.0
-        if depth > most / self.stiffness:
-            allowed = f"{most / self.stiffness:g} at most, above it the load stands"
-            raise OutOfRange("depth of the load in the ground at the start", depth, allowed, "m")
 
     def reaction(
         self, position: Vector, velocity: Vector, anchor: Vector

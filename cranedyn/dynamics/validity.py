@@ -32,7 +32,7 @@ class Bound(NamedTuple):
     Attributes:
         joint: Index of the joint concerned among the coordinates.
         value: Bounded quantity [rad, m or N].
-        low, high: The bounds; None for none.
+        low, high: The bounds; no upper one where that is None.
         strict: Whether the bound itself is excluded.
         words: Message of a violation, without its time.
     """
@@ -47,12 +47,8 @@ class Bound(NamedTuple):
     @property
     def conditions(self) -> list[Any]:
         """Comparisons that must be true."""
-        above = (
-            []
-            if self.low is None
-            else [self.value > self.low if self.strict else self.value >= self.low]
-        )
-        return above if self.high is None else [*above, self.value <= self.high]
+        above = self.value > self.low if self.strict else self.value >= self.low
+        return [above] if self.high is None else [above, self.value <= self.high]
 
     @property
     def holds(self) -> np.ndarray:
@@ -107,14 +103,8 @@ def bounds(
             "rope_stiffness = inf"
         )
         yield Bound(layout.role("hoist", "The rope"), tension, 0.0, None, True, slack)
-    yield Bound(
-        layout.n - 1,
-        height,
-        level,
-        None,
-        False,
-        "the payload is at a height of {value:.6g} m, below the ground",
-    )
+    message = "the payload is at a height of {value:.6g} m, below the ground"
+    yield Bound(layout.n - 1, height, level, None, False, message)
 
 
 _ROUND_OFF = 1.0 + 1e-9
@@ -135,27 +125,17 @@ def drive_bounds(
             them by themselves.
     """
     for i, joint in enumerate(layout.driven):
-        index, name = int(layout.drives[i]), joint.name
+        index, checks = int(layout.drives[i]), list[tuple[Any, Any, str, str, str]]()
         if needed is not None:
-            yield Bound(
-                index,
-                needed[i],
-                -(effort_limit[i] * _ROUND_OFF),
-                effort_limit[i] * _ROUND_OFF,
-                False,
-                f"{name} would need {{value:.6g}} {joint.effort_unit}, its drive has {{low:.6g}} "
-                f"to {{high:.6g}} {joint.effort_unit}",
-            )
+            checks.append((needed[i], effort_limit[i], "would need", "has", joint.effort_unit))
         if rate_limit is not None:
-            yield Bound(
-                index,
-                v[index],
-                -(rate_limit[i] * _ROUND_OFF),
-                rate_limit[i] * _ROUND_OFF,
-                False,
-                f"{name} moves at {{value:.6g}} {joint.unit}/s, its drive at {{low:.6g}} to "
-                f"{{high:.6g}} {joint.unit}/s",
+            checks.append((v[index], rate_limit[i], "moves at", "at", f"{joint.unit}/s"))
+        for value, largest, verb, ability, unit in checks:
+            limit = largest * _ROUND_OFF
+            message = (
+                f"{{value:.6g}} {unit}, its drive {ability} {{low:.6g}} to {{high:.6g}} {unit}"
             )
+            yield Bound(index, value, -limit, limit, False, f"{joint.name} {verb} {message}")
 
 
 class Event(NamedTuple):
@@ -275,12 +255,8 @@ def _beginnings(crane: Crane, bound: Bound, holds: np.ndarray) -> list[Event]:
     rows = np.flatnonzero(~holds & np.concatenate([[True], holds[:-1]]))
     name = crane.layout.joints[bound.joint].name
     values = np.broadcast_to(bound.value, holds.shape)
+    words = bound.words.format
     return [
-        Event(
-            int(row),
-            name,
-            float(values[row]),
-            bound.words.format(value=values[row], low=bound.low, high=bound.high),
-        )
-        for row in rows
+        Event(int(row), name, float(x), words(value=x, low=bound.low, high=bound.high))
+        for row, x in zip(rows, values[rows], strict=True)
     ]

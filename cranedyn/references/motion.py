@@ -59,9 +59,8 @@ class Motion(ShortRepr):
             raise OutOfRange("motion", "one of no row", "one row or more")
         drives, n = finite("drives of a motion", self.drives, ("m",)).tolist(), self.q.shape[1]
         if len({*drives} & {*range(n)}) < max(1, len(drives)):
-            raise OutOfRange(
-                "drives of a motion", drives, f"different whole numbers from 0 to {n - 1}"
-            )
+            allowed = f"different whole numbers from 0 to {n - 1}"
+            raise OutOfRange("drives of a motion", drives, allowed)
         object.__setattr__(self, "drives", np.array(drives, dtype=int))
 
     def check_fits(self, name: str, layout: Layout) -> None:

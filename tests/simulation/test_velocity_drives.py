@@ -23,7 +23,6 @@ from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold, pulse, ramp
 from cranedyn.simulation.simulate import simulate
-from cranedyn.simulation.stepper import Stepper
 from tests.helpers import crane
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
@@ -119,20 +118,6 @@ def test_a_batch_hears_with_one_delay_and_gets_as_many_converters_as_cranes() ->
         simulate_batch(c, law, converters=[converters(c), converters(c, delay=0.04)], **how)
     with pytest.raises(CraneError, match="number of starts is 2; allowed is 3"):
         simulate_batch(c, law, converters=[converters(c)] * 3, **how)
-
-
-@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
-def test_a_stepper_makes_the_same_steps(engine: Any) -> None:
-    c = crane()
-    told = np.array([0.02, 0.5, -0.3])
-    run = simulate(
-        c, lambda *now: told, start=start(), duration=0.5, drive="velocity", engine=engine
-    )
-    stepper = Stepper(c, start=start(), drive="velocity", engine=engine)
-    for _ in range(2):
-        states = [stepper.step(told) for _ in range(100)]
-        assert_allclose(states[-1].q, run.q[-1], rtol=0.0, atol=1e-14)
-        stepper.reset(start())
 
 
 def test_the_ledger_of_energy_closes_the_better_the_finer_the_step() -> None:
