@@ -450,8 +450,8 @@ cranedyn/plant/plant.py
 + effort = 0.0 * v
 * compiled forces act on the wrong body
 ? compiled::disturbances_that_are_no_forces_end_both_runs_in_the_same_words
-- ExternalForce(body, lever, force) for body
-+ ExternalForce(min(body, 3), lever, force) for body
+- map(ExternalForce._make, acting)
++ (ExternalForce(min(body, 3), lever, force) for body, lever, force in acting)
 * compiled buffers push outwards
 ? compiled::both_engines_record_the_same
 - effort[drives] + self.stops.effort(q, v)
@@ -895,8 +895,8 @@ cranedyn/bridges/mcap.py
 + reliability: 1, durability: 2
 * a recording tells what acted as what was commanded
 ? mcap::a_command_that_a_drive_cuts_is_told_as_it_was_given
-- "effort": run.command[k].tolist()
-+ "effort": run.effort[k].tolist()
+- np.empty(0), run.command[k])
++ np.empty(0), run.effort[k])
 cranedyn/model/options.py
 * the record of a run does not say which crane it was
 ? mcap::the_command_writes_a_run_with_the_crane_that_its_record_names

@@ -53,6 +53,11 @@ class Bodies:
         """Return the number of joints."""
         return len(self.parents)
 
+    def path(self, body: int) -> list[int]:
+        """Return the rows of the joints from the world to a body."""
+        parent = self.parents[body]
+        return [*(self.path(parent) if parent >= 0 else ()), body]
+
     def numbers(self) -> np.ndarray:
         """Return all numbers in a row."""
         return np.concatenate([getattr(self, field.name).ravel() for field in fields(self)[1:]])
@@ -128,11 +133,8 @@ def height(
         point: In the joint's frame [m], shape (3,).
         upwards: Unit vector of the world along which height is measured.
     """
-    chain = [body]
-    while (parent := tree.parents[chain[-1]]) >= 0:
-        chain.append(parent)
     up, altitude = array(upwards), 0.0
-    for i in reversed(chain):
+    for i in tree.path(body):
         altitude, up = altitude + up @ tree.translation[i], tree.rotation[i].T @ up
         (along, about), coordinate = tree.axis[i], q[i : i + 1]
         altitude = altitude + up @ (along * coordinate)

@@ -17,7 +17,7 @@ from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.converters import Response, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops, tension_from_hoist_force
 from cranedyn.dynamics.scalars import array, chosen, clipped, flag, solve_linear
-from cranedyn.dynamics.validity import bounds, drive_bounds
+from cranedyn.dynamics.validity import bounds
 from cranedyn.model.crane import Crane, once_per_crane
 from cranedyn.model.layout import Layout
 from cranedyn.model.springs import Bifilar, Rope, Springs
@@ -189,14 +189,9 @@ class Plant:
         """
         drives, rope = self.topology.layout.drives, self.joint.rope
         frames = rigid_body.frames(self.tree, q)
-        acting = zip(
-            self.topology.bodies,
-            self.levers,
-            [] if forces is None else forces.reshape(-1, 3),
-            strict=forces is not None,
-        )
-        external = [ExternalForce(body, lever, force) for body, lever, force in acting]
-        external += reactions
+        pushes: Any = [] if forces is None else forces.reshape(-1, 3)
+        acting = zip(self.topology.bodies, self.levers, pushes, strict=forces is not None)
+        external = [*map(ExternalForce._make, acting), *reactions]
         effort = self.joint.effort(q, v)
         if self.buffers:
             effort[drives] = effort[drives] + self.stops.effort(q, v)
@@ -343,27 +338,20 @@ class Plant:
         layout = self.topology.layout
         tension = tension_from_hoist_force(layout, self.joint, q, v, hoist_force)
         above = height(self.tree, q, self.topology.bodies[0], self.levers[0])
-        state_bounds = [
-            *bounds(
-                layout,
-                self.lower,
-                self.upper,
-                q,
-                self.swing_angles(q),
-                tension,
-                above,
-                buffers=self.buffers,
-                rope=self.topology.rope,
-                level=0.0 if self.contacts is None else self.contacts.level,
-            ),
-            *drive_bounds(
-                layout,
-                None if self.drive == "effort" else needed,
-                self.effort_limit,
-                v,
-                None if self.drive == "velocity" else self.rate_limit,
-            ),
-        ]
+        state_bounds = bounds(
+            layout,
+            self,
+            q,
+            v,
+            self.swing_angles(q),
+            tension,
+            above,
+            buffers=self.buffers,
+            needed=None if self.drive == "effort" else needed,
+            rates=self.drive != "velocity",
+            rope=self.topology.rope,
+            level=0.0 if self.contacts is None else self.contacts.level,
+        )
         return [condition for bound in state_bounds for condition in bound.conditions]
 
     def within(self, command: np.ndarray) -> np.ndarray:

@@ -82,14 +82,12 @@ class Motion(ShortRepr):
     def __call__(self, t: float) -> Setpoint:
         """Return the setpoint of the drives at a time [s]."""
         row, share = locate(t, self.period, len(self.q))
-        position, velocity, acceleration = (
+        position, *derivatives = (
             interpolate(samples, row, share)[self.drives] for samples in (self.q, self.v, self.a)
         )
-        return (
-            Setpoint(position, velocity, acceleration)
-            if self._moves(t)
-            else Setpoint(position, 0.0 * position, 0.0 * position)
-        )
+        if not self._moves(t):
+            derivatives = [0.0 * position, 0.0 * position]
+        return Setpoint(position, *derivatives)
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (rows, m) each."""

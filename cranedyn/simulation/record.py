@@ -55,19 +55,18 @@ class RunRecord:
     """Record of a run, taken before it begins."""
 
     def __init__(
-        self, setting: Setting, engine: str, validity: str, controller: object, **actors: object
+        self,
+        setting: Setting,
+        engine: str,
+        validity: str,
+        controller: object,
+        reference: object = None,
+        disturbance: object = None,
+        ground: object = None,
     ) -> None:
-        """Note the crane, what moves it, and versions.
-
-        Args:
-            setting: Settings of the run.
-            engine: Name of the engine.
-            validity: What the run does where the model ceases to hold.
-            controller: The controller.
-            actors: Reference, disturbance and ground by name; None for those that are missing.
-        """
         crane, self._controller = setting.crane, controller
-        actors = {"controller": controller, **actors, "converters": setting.converters}
+        actors = {"controller": controller, "reference": reference, "disturbance": disturbance}
+        actors |= {"ground": ground, "converters": setting.converters}
         self._parameters: dict[str, float | str] = {
             "dt_s": setting.clocks.dt,
             "control_period_s": setting.clocks.period,

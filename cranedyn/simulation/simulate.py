@@ -130,8 +130,7 @@ def simulate(
     reference = hold(crane, moving.state) if reference is None else reference
     setpoint_at = checked(reference, layout, t_start, control_period)
     log = Log(setting, validity, t_start, clock.periods + 1)
-    actors = {"reference": reference, "disturbance": disturbance, "ground": ground}
-    record = RunRecord(setting, engine, validity, controller, **actors)
+    record = RunRecord(setting, engine, validity, controller, reference, disturbance, ground)
     if hasattr(controller, "begin_run"):  # looking for a protocol takes ten times as long
         controller.begin_run(t_start, control_period)
     try:

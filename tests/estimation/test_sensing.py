@@ -230,17 +230,6 @@ def test_a_swing_that_no_sensor_sees_is_known_to_a_hundredth_after_two_seconds(
     assert compared.swing(2.0) < 5e-4
 
 
-@pytest.mark.slow
-def test_without_a_swing_sensor_the_combined_move_ends_as_still_as_with_one() -> None:
-    motion, start = combined(crane()), crane().state(**REST)
-    run = quickly(
-        crane(), with_observer(tracked(), crane(), motion), motion, start=start, duration=40.0
-    )
-    # the plan is exact but to first order in the hoisting, which the filter takes for 1e-4 rad of
-    # swing; 20 s after it the LQR has brought that down by a hundred at least
-    assert residual(run) < 1e-6
-
-
 @pytest.mark.parametrize("delay", [0, 10])
 @pytest.mark.slow
 def test_noisy_and_late_sensors_of_the_drives_alone_still_end_the_move_below_a_milliradian(
