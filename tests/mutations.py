@@ -180,8 +180,8 @@ cranedyn/model/springs.py
 + effort[falls.length]
 * two falls are as far from their middle as from each other
 ? springs::the_period_is_that_of_two_falls_but_for_what_is_left_out[0.01]
-- (0.5 * spacing) ** 2
-+ spacing**2
+- (0.5 * falls.spacing) ** 2
++ falls.spacing**2
 * two falls carry the hook only
 ? springs::a_hook_on_two_falls_is_where_it_hangs_on_one
 - for body in list(model.subtrees[i + 1])

@@ -20,6 +20,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,15 +49,26 @@ _ITERATIONS = 20
 """Steps in which a load on a rope that leans is put on the ground; each leaves 1 - cos of the lean
 of the error."""
 
+_BEHIND, _COVERED = 1e-6, 0.1
+"""Distance behind a face at which another support covers it [m], and depth below other faces up to
+which no point leaves a support through a covered face [m]."""
+
 Vector = Sequence[Any] | np.ndarray
 """Three numbers, or three arrays of them."""
 
 
 class Face(NamedTuple):
-    """Points with normal · p <= offset [m], in the world."""
+    """Points with normal · p <= offset [m], in the world.
+
+    Attributes:
+        normal: Unit vector out of the body.
+        offset: Distance from the origin [m].
+        neighbours: Supports, by their indices, that begin behind a part of it.
+    """
 
     normal: tuple[float, float, float]
     offset: float
+    neighbours: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -108,7 +120,7 @@ class Platform:
                 for platform in (self, other)
                 for side, size in zip(platform.faces[1::2], platform.size, strict=True)
             )
-            for normal, _ in (*self.faces[1:], *other.faces[1:])
+            for normal, *_ in (*self.faces[1:], *other.faces[1:])
         )
 
 
@@ -196,7 +208,7 @@ class Ground:
         return Contacts(
             crane.payload.body,
             tuple(map(tuple, points.tolist())),
-            ((Face((0.0, 0.0, 1.0), level),), *bodies),
+            ((Face((0.0, 0.0, 1.0), level),), *_with_neighbours(bodies)),
             mass * omega**2,
             2.0 * damping_ratio(max(self.restitution, _DEAD)) * mass * omega,
             2.0 * mass * omega,
@@ -323,20 +335,35 @@ class Contacts(NamedTuple):
 
     def depth(self, position: Vector) -> tuple[Any, Vector]:
         """Return the depth of a point in the support in which it is deepest [m], negative outside
-        of all, and the normal of the nearest face there.
+        of all, and the normal of the nearest face there that no other support covers.
         """
         deepest: tuple[Any, Vector] | None = None
         for faces in self.supports:
             nearest: tuple[Any, Vector] | None = None
-            for normal, offset in faces:
+            for normal, offset, neighbours in faces:
                 face = (offset - _dot(normal, position), normal)
-                nearest = face if nearest is None else _choose(face[0] < nearest[0], face, nearest)
+                way = face[0]
+                if neighbours:
+                    ways = zip(position, normal, strict=True)
+                    exit_point = [x + (face[0] + _BEHIND) * n for x, n in ways]
+                    for k in neighbours:
+                        covered = self._depth_in(k, exit_point) > 0.0
+                        way = chosen(covered, face[0] + _COVERED, way)
+                if nearest is None:
+                    nearest, shortest = face, way
+                    continue
+                nearest = _choose(way < shortest, face, nearest)
+                shortest = chosen(way < shortest, way, shortest)
             assert nearest is not None
             if deepest is not None:
                 nearest = _choose(nearest[0] > deepest[0], nearest, deepest)
             deepest = nearest
         assert deepest is not None
         return deepest
+
+    def _depth_in(self, support: int, position: Vector) -> Any:
+        depths = (f.offset - _dot(f.normal, position) for f in self.supports[support])
+        return reduce(lambda a, b: chosen(a < b, a, b), depths)
 
     def reaction(
         self, position: Vector, velocity: Vector, anchor: Vector
@@ -370,6 +397,29 @@ class Contacts(NamedTuple):
             for p, h, a in zip(position, held, anchor, strict=True)
         ]
         return [load * n + f for n, f in zip(normal, friction, strict=True)], moved
+
+
+def _with_neighbours(supports: Sequence[tuple[Face, ...]]) -> list[tuple[Face, ...]]:
+    """Return supports whose faces know the supports behind them; the ground comes before all."""
+    from scipy.optimize import linprog  # takes long to import, and few runs need it
+
+    def radius(*faces: Face) -> float:
+        """Return the radius of the largest ball within faces [m], 1 m at most."""
+        planes = [[*face.normal, 1.0] for face in faces]
+        bounds = [(None, None)] * 3 + [(None, 1.0)]
+        return -float(linprog([0, 0, 0, -1], planes, [f.offset for f in faces], bounds=bounds).fun)
+
+    def behind(face: Face, body: tuple[Face, ...], others: list[int]) -> tuple[int, ...]:
+        (x, y, z), sides = face.normal, [f for f in body if f is not face]
+        beyond = Face((-x, -y, -z), -face.offset)
+        return tuple(k + 1 for k in others if radius(beyond, *sides, *supports[k]) > _BEHIND)
+
+    bodies = []
+    for body in supports:
+        others = [k for k, other in enumerate(supports) if other is not body]
+        others = [k for k in others if radius(*body, *supports[k]) > -_BEHIND]
+        bodies.append(tuple(face._replace(neighbours=behind(face, body, others)) for face in body))
+    return bodies
 
 
 def _dot(a: Vector, b: Vector) -> Any:

@@ -18,6 +18,7 @@ from cranedyn.dynamics.scalars import clipped
 from cranedyn.estimation.observer import corrected_covariance, kalman_gain, process_noise
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
+from cranedyn.model.springs import Springs
 
 Sensors = Literal["drives", "swing", "imu"]
 """Sensors: encoders of the drives alone; with the angles of the swings; or with the rates of a
@@ -178,6 +179,10 @@ class LoadFilter:
         crane, columns = self.crane, slice(10 * self._body - 10, 10 * self._body)
         regressor = pin.computeJointTorqueRegressor(crane.model, self._data, *state, crane.data.ddq)
         cost = regressor[:, columns] @ self._alone
+        if (falls := crane.springs.bifilar) is not None:
+            pull = self._planned * crane.gravity * (0.5 * falls.spacing) ** 2
+            none = np.zeros(self._n)
+            cost -= Springs(none, none, bifilar=falls._replace(stiffness=pull)).effort(state.q)
         return by_state, inverse_mass @ cost / self.mean[-3] ** 2
 
     def _turning(self, state: State) -> tuple[np.ndarray, np.ndarray]:
@@ -193,3 +198,6 @@ class LoadFilter:
     def _believe(self) -> None:
         """Set the load of the crane to that of the mean; its rotational inertia stays."""
         self._load.mass = self._planned / self.mean[-3]
+        if self.crane.springs.bifilar is not None:
+            self.crane = replace(self.crane)  # two falls carry the new load
+            self._joint = JointForces.of(self.crane)

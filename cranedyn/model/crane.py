@@ -98,7 +98,8 @@ class Crane:
     _scratch: _Scratch = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Create scratch memory."""
+        """Load the falls of the rope with the model's weight, and create scratch memory."""
+        object.__setattr__(self, "springs", self.springs.carrying(self.model))
         object.__setattr__(self, "_scratch", _Scratch(self.model))
 
     @property

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -111,6 +111,15 @@ class Springs:
             falls and falls._replace(stiffness=falls.stiffness * force),
         )
 
+    def carrying(self, model: pin.Model) -> Springs:
+        """Return the same with two falls that carry what hangs on them in a model."""
+        if (falls := self.bifilar) is None:
+            return self
+        mass = sum(model.inertias[body].mass for body in list(model.subtrees[falls.yaw + 1]))
+        weight = -float(model.gravity.linear[2]) * mass
+        stiffness = weight * (0.5 * falls.spacing) ** 2
+        return replace(self, bifilar=falls._replace(stiffness=stiffness))
+
     def free(self, joints: np.ndarray) -> np.ndarray:
         """Return the joints, by their indices, that move while the rope is taut."""
         rope = self.rope
@@ -204,9 +213,7 @@ def read_springs(robot: ET.Element, layout: Layout, model: pin.Model, path: Path
                 raise ModelError(f"{path} gives the spacing of two falls to {name}; {must}.")
             length = layout.role("hoist", "A load on two falls")
             spacing = number(f"spacing of the falls at {name}", text, "m", "> 0")
-            mass = sum(model.inertias[body].mass for body in list(model.subtrees[i + 1]))
-            weight = -float(model.gravity.linear[2]) * mass
-            falls = Bifilar(i, length, weight * (0.5 * spacing) ** 2, spacing)
+            falls = Bifilar(i, length, 0.0, spacing)
         elif joint.driven or joint.kind != "prismatic":
             raise ModelError(
                 f"{path} gives the rope's stretch to {name}; it must be a passive prismatic joint."

@@ -215,6 +215,22 @@ def test_bad_input_is_a_sentence(make: Any, message: str) -> None:
         make()
 
 
+@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
+def test_a_box_stands_and_slides_on_a_seam_of_two_platforms_as_on_one(engine: Any) -> None:
+    if engine == "compiled":
+        pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+    seam = WIDTH / 2.0  # below the corners of a box that stands in the middle
+    one = (Platform((0.0, 0.0), (8.0, 4.0), 2.0),)
+    two = tuple(Platform((seam + x, 0.0), (8.0, 4.0), 2.0) for x in (-4.0, 4.0))
+    for speed in (0.0, 1.0):
+        start = {"x": -speed, "x_dot": speed, "z": 2.0 + HEIGHT / 2.0 - SINK}
+        whole, parts = (
+            slid(1.5, start=start, ground=Ground(CORNERS, tops, 0.05, sink=SINK), engine=engine)
+            for tops in (one, two)
+        )
+        assert np.allclose(parts.q, whole.q, rtol=0.0, atol=1e-9)
+
+
 def test_platforms_side_by_side_do_not_overlap() -> None:
     pair = Platform((0.0, 0.0), (2.0, 2.0), 1.0), Platform((2.5, 0.0), (2.0, 2.0), 1.0, 0.785)
     assert len(Ground(CORNERS, pair).platforms) == 2

@@ -14,7 +14,7 @@ import pytest
 
 from cranedyn.controllers import hold_controller, lqr
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.pinocchio import holding_effort, prescribed_acceleration
+from cranedyn.dynamics.pinocchio import holding_effort, linearise, prescribed_acceleration
 from cranedyn.errors import CraneError, MissingRole
 from cranedyn.estimation import with_load_estimate, with_observer, with_sensor_model
 from cranedyn.estimation.load_estimate import CableFamily, LoadEstimateController
@@ -400,3 +400,22 @@ def test_a_motion_on_another_cable_is_that_of_a_tower_crane() -> None:
     bridge = load_crane(ROOT / "urdf" / "overhead_crane.urdf.xacro")
     with pytest.raises(MissingRole, match="A motion on another cable"):
         with_longer_cable(bridge, at_rest(bridge, x=10.0), 1.0)
+
+
+def test_the_estimated_load_hangs_on_two_falls_as_that_of_a_crane_does() -> None:
+    light, heavy = (crane(fall_spacing=2.0, payload_mass=mass) for mass in (1000.0, 1500.0))
+    (q, _), n, effort = heavy.state(load_yaw=0.8, phi=0.1), heavy.layout.n, np.ones(3)
+    state, noise = State(q, np.full(n, 0.1)), np.eye(n + len(heavy.swings))
+
+    def estimated(load: float) -> LoadFilter:
+        mean = np.concatenate([*state, [1.0 / load, 0.0, 0.0]])
+        return LoadFilter(light, 5e-3, "drives", mean, np.eye(2 * n + 3), np.ones(n), noise)
+
+    def accelerations(load: float) -> np.ndarray:
+        return (estimated(load).advanced(state, effort, 1e-6).v - state.v) / 1e-6
+
+    by_state, by_load = estimated(1.5)._linearised(state, effort)
+    exact_by_state, _ = linearise(heavy, state, effort)
+    assert np.allclose(by_state, exact_by_state, rtol=0.0, atol=1e-9)
+    slope = (accelerations(1.5 * (1.0 - 1e-3)) - accelerations(1.5 * (1.0 + 1e-3))) * 1.5 / 2e-3
+    assert np.allclose(by_load, slope, rtol=0.0, atol=1e-4)  # O(1e-6) of second differences

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -77,6 +78,12 @@ def test_the_period_is_that_of_two_falls_but_for_what_is_left_out(amplitude: flo
     rising = mass * a**4 * math.sin(amplitude) ** 2 / (inertia * length**2)
     left_out = 4.0 * quad(time, 0.0, math.pi / 2.0 - 1e-6)[0] / period - 1.0
     assert abs(left_out) < 0.5 * (lift + rising) + 1e-5  # the integral's end
+
+
+def test_two_falls_carry_the_load_that_replaces_that_of_the_crane() -> None:
+    light, heavy = crane(**FALLS), crane(**FALLS, payload_mass=2500.0)
+    changed = replace(light, model=heavy.model).springs.bifilar
+    assert changed.stiffness == heavy.springs.bifilar.stiffness != light.springs.bifilar.stiffness
 
 
 def test_a_hook_on_two_falls_is_where_it_hangs_on_one() -> None:
