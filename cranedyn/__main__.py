@@ -162,11 +162,9 @@ def _recorded(options: argparse.Namespace) -> Path:
     if options.film:
         film(options.film, runs)
         return options.film
-    folder = Path("out/view")
-    with lock_folder(folder):
-        file = folder / f"{options.file.stem}.rrd"
-        recording.record(file, runs, title=options.file.stem)
-    return file
+    file = Path("out/view", options.file.stem).with_suffix(".rrd")
+    with lock_folder(file.parent):
+        return recording.record(file, runs, title=options.file.stem)
 
 
 def _describe(parser: _Parser) -> None:
@@ -252,6 +250,8 @@ def _export(parser: _Parser) -> None:
 
 
 def _exporter(parser: _Parser, name: str) -> None:
+    from cranedyn.bridges.target import check_free
+
     exporter = plugins.load("exporter", name)
     parser.example += f" {getattr(exporter, 'EXAMPLE', exporter.TARGET)}"
     add, text = parser.add_argument, "where to write; it must not be there yet"
@@ -260,6 +260,7 @@ def _exporter(parser: _Parser, name: str) -> None:
     exporter.add_arguments(parser)
 
     def run(options: argparse.Namespace) -> int:
+        check_free(options.target)
         print(f"Written to {exporter.run(options)}.")
         return 0
 
@@ -272,16 +273,16 @@ def _drive(parser: _Parser) -> None:
     Example: cranedyn drive --set payload_mass:=2000
     """
     from cranedyn.bridges import page
-    from cranedyn.data.files import lock_folder, write_text
+    from cranedyn.data.files import lock_folder
 
     _add_crane(parser)
     page.add_arguments(parser)
 
     def run(options: argparse.Namespace) -> int:
-        folder = Path("out/drive")
-        with lock_folder(folder):
-            file = folder / "crane.html"
-            write_text(file, page.page_html(*page.page_arguments(options)))
+        options.target = file = Path("out/drive/crane.html")
+        with lock_folder(file.parent):
+            file.unlink(missing_ok=True)
+            page.run(options)
         print(f"The crane is in {file}. It needs no network; copy it where you like.")
         webbrowser.open(file.absolute().as_uri())
         return 0
@@ -296,21 +297,21 @@ def _serve(parser: _Parser) -> None:
     """
     from cranedyn.bridges.commissioning import serve
 
-    _add_crane(parser.common)
+    _add_crane(parser)
     serve.add_arguments(parser)
     parser.set_defaults(run=serve.run)
 
 
-def _add_crane(parser: argparse._ActionsContainer) -> None:
-    """Add the options that name a crane, its gravity and its numbers."""
+def _add_crane(parser: _Parser) -> None:
+    """Add the common options that name a crane, its gravity and its numbers."""
     from cranedyn.model.crane import STANDARD_GRAVITY
     from cranedyn.model.description import add_values
     from cranedyn.model.options import add_crane_options
 
-    add_crane_options(parser)
+    add_crane_options(parser.common)
     text, default = "gravity of the world [m/s²]", STANDARD_GRAVITY
-    parser.add_argument("--gravity", type=float, default=default, metavar="G", help=text)
-    add_values(parser, "numbers of the crane")
+    parser.common.add_argument("--gravity", type=float, default=default, metavar="G", help=text)
+    add_values(parser.common, "numbers of the crane")
 
 
 COMMANDS: dict[str, Callable[[_Parser], None]] = {

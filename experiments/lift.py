@@ -228,9 +228,6 @@ def _certified(results: Sequence[SiteResult]) -> harness.ResultTable:
 
 
 def _perturbed(results: Sequence[SiteResult]) -> harness.ResultTable:
-    def percent(perturbed: Perturbed, bound: int) -> float:
-        return 100.0 * perturbed.interval()[bound]
-
     return harness.make_table(
         "Perturbed lifts",
         [(result.name, result.perturbed) for result in results],
@@ -238,8 +235,8 @@ def _perturbed(results: Sequence[SiteResult]) -> harness.ResultTable:
         ("lifts", "d", lambda r: len(r[1].least)),
         ("below required clearance", "d", lambda r: r[1].failures),
         ("%", ".2f", lambda r: 100.0 * (r[1].failures / len(r[1].least))),
-        ("from %", ".3f", lambda r: percent(r[1], 0)),
-        ("to %", ".3f", lambda r: percent(r[1], 1)),
+        ("from %", ".3f", lambda r: 100.0 * r[1].interval()[0]),
+        ("to %", ".3f", lambda r: 100.0 * r[1].interval()[1]),
         ("least [m]", ".2f", lambda r: float(np.nanmin(r[1].least))),
         ("swing after [mrad]", ".1f", lambda r: 1e3 * float(r[1].swing.max())),
         note=f"From, to: {100 * CONFIDENCE:g} % interval of the probability (Clopper and Pearson). "

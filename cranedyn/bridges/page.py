@@ -94,17 +94,13 @@ def export(
         ModelError: If the code would not do what Pinocchio does.
     """
     file = Path(file)
-    _check_file(file)
+    if file.suffix != ".html":
+        raise DataError(f"Cannot write {file}: the ending of a page must be .html.")
+    check_free(file)
     text = page_html(crane, site, chart, meshes)
     with new_file(file) as draft:
         draft.write_text(text, "utf-8")
     return file
-
-
-def _check_file(file: Path) -> None:
-    if file.suffix != ".html":
-        raise DataError(f"Cannot write {file}: the ending of a page must be .html.")
-    check_free(file)
 
 
 def page_html(crane: Crane, *options: Any) -> str:
@@ -408,16 +404,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
-    _check_file(options.target)
-    crane, site, chart, meshes = page_arguments(options)
-    return export(options.target, crane, site=site, chart=chart, meshes=meshes)
-
-
-def page_arguments(options: argparse.Namespace) -> tuple[Crane, Site | None, Falls | None, Any]:
-    """Return the arguments of `page_html` that the command line describes."""
     print("Compiling the crane and planning exercises, up to half a minute ...", file=sys.stderr)
     site = None if options.site is None else read_site(options.site)
     if site is not None:
         options.values = [*(f"{k}:={v}" for k, v in site.crane.items()), *options.values]
     chart = None if options.chart is None else read_chart(options.chart).on()
-    return crane_from_options(options), site, chart, options.meshes
+    crane = crane_from_options(options)
+    return export(options.target, crane, site=site, chart=chart, meshes=options.meshes)

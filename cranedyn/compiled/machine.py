@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import sys
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any
 
 from llvmlite import binding, ir
@@ -69,7 +68,6 @@ def object_code(module: ir.Module, triple: str, features: str = "") -> bytes:
         features: LLVM's names of features of its processor, such as "+simd128".
     """
     target, code = _cross(module, triple, features=features)
-    _optimise(code, target)
     return target.emit_object(code)
 
 
@@ -82,19 +80,20 @@ def assembly(module: ir.Module, triple: str, processor: str) -> str:
         processor: LLVM's name of the oldest processor to run it, such as "sm_75".
     """
     target, code = _cross(module, triple, processor)
-    _optimise(code, target)
     return target.emit_assembly(code)
 
 
 def _cross(
     module: ir.Module, triple: str, processor: str = "", features: str = ""
 ) -> tuple[Any, Any]:
-    """Return a target machine of another platform, and the module as code for it."""
+    """Return a target machine of another platform, and the module as optimised code for it."""
     binding.initialize_all_targets()
     binding.initialize_all_asmprinters()
     target = binding.Target.from_triple(triple).create_target_machine(processor, features, opt=3)
     module.triple, module.data_layout = triple, str(target.target_data)
-    return target, binding.parse_assembly(str(module), binding.create_context())
+    code = binding.parse_assembly(str(module), binding.create_context())
+    _optimise(code, target)
+    return target, code
 
 
 def _optimise(code: Any, target: Any, speed_level: int = 2, *, inlining: bool = True) -> None:
@@ -112,16 +111,11 @@ def _optimise(code: Any, target: Any, speed_level: int = 2, *, inlining: bool = 
         manager.detach()
 
 
-@cache
-def _initialised() -> Any:
-    binding.initialize_native_target()
-    binding.initialize_native_asmprinter()
-    return binding.Target.from_default_triple()
-
-
 def _target() -> Any:
     """Return a target machine for this processor; each engine takes ownership of one."""
-    return _initialised().create_target_machine(
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    return binding.Target.from_default_triple().create_target_machine(
         cpu=binding.get_host_cpu_name(),
         features=binding.get_host_cpu_features().flatten(),
         opt=1,

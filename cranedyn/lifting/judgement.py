@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -152,10 +151,8 @@ def judge(
     except OutOfRange as error:
         chart_error = str(error)
     wind = perturbed = None
-    started = time.monotonic()
     if certificate.holds and requirements.lifts:
         perturbed = perturb(certificate, requirements.lifts, dt=2.0 * dt)
-    seconds = time.monotonic() - started
     progress(2)
     if certificate.holds and used is not None and requirements.gusts:
         wind = wind_limit(
@@ -178,7 +175,6 @@ def judge(
         chart_error=chart_error,
         wind=wind,
         perturbed=perturbed,
-        perturbed_seconds=seconds,
         hoisting=hoisting,
         drive=drive,
     )

@@ -8,7 +8,7 @@ import io
 import os
 import re
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -214,7 +214,9 @@ def _expand(
         return str(package_folder(name, path, packages))
 
     try:
-        with _LOCK, contextlib.redirect_stderr(io.StringIO()), _package_finder(find):
+        with _LOCK, contextlib.redirect_stderr(io.StringIO()), contextlib.ExitStack() as after:
+            after.callback(setattr, substitution_args, "_eval_find", substitution_args._eval_find)
+            substitution_args._eval_find = find  # asks ROS otherwise
             # Xacro moves this node from document to document. An interruption meanwhile would leave
             # it in none, and every later expansion would fail.
             xacro._empty_text_node = minidom.Document().createTextNode("\n\n")
@@ -324,16 +326,6 @@ def _twin_arguments(path: str) -> dict[str, str]:
             f"{path} says no arguments of this crane; allowed is a twin that identify wrote."
         ) from None
     return {str(name): repr(value) for name, value in values.items()}
-
-
-@contextlib.contextmanager
-def _package_finder(find: Callable[[str], str]) -> Iterator[None]:
-    """Let xacro find packages by a function instead of by ROS."""
-    ros, substitution_args._eval_find = substitution_args._eval_find, find
-    try:
-        yield
-    finally:
-        substitution_args._eval_find = ros
 
 
 def _parse(path: str | Path) -> minidom.Document:

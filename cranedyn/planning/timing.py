@@ -51,7 +51,7 @@ _LONGEST = 1e5
 _ROUNDS, _KEPT, _MORE = 6, 1.0 + 1e-6, 2.0
 """Rounds of fitting bounds, share of a limit that is kept, largest change of a bound in a round."""
 
-_TOO_LONG = 1.05
+_TOO_LONG = 1.12
 """Duration over the longest of use from which on no further round makes a motion short enough."""
 
 _PADDING = 8

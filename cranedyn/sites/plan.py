@@ -89,10 +89,8 @@ class SitePlan:
     least: float
 
     def __repr__(self) -> str:
-        return (
-            f"Plan of {len(self.lifts)} lifts in {self.duration:.1f} s, {self.least:.1f} s at "
-            f"least; cranes {'' if self.holds else 'not '}proven {self.site.distance:g} m apart"
-        )
+        proven = "proven" if self.holds else "not proven"
+        return f"Plan of {len(self.lifts)} lifts in {self.duration:.1f} s, cranes {proven} apart"
 
     @property
     def holds(self) -> bool:

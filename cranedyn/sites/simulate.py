@@ -105,10 +105,7 @@ class SiteRun:
     deadlocks: tuple[tuple[float, tuple[int, ...]], ...]
 
     def __repr__(self) -> str:
-        return (
-            f"Run of {len(self.trajectories)} cranes for {self.t[-1]:.1f} s: {len(self.contacts)} "
-            f"contacts, least distance {self.least_distance:.2f} m"
-        )
+        return f"Run: {len(self.contacts)} contacts, least distance {self.least_distance:.2f} m"
 
     @property
     def states(self) -> list[np.ndarray]:

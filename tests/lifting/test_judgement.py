@@ -130,7 +130,7 @@ def small(**changes: object) -> LiftAnalysis:
     carried = loads(made.lift.crane, made.run, base=site.base, arms=site.arms)
     used, _ = assess_run(made.lift.crane, made.run, CHART)
     required = Requirements(lifts=0, gusts=0)
-    case = LiftAnalysis(site, CHART, 2, required, made, carried, used, "", None, None, 0.0)
+    case = LiftAnalysis(site, CHART, 2, required, made, carried, used, "", None, None)
     return replace(case, **changes)  # type: ignore[arg-type]
 
 

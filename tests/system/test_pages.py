@@ -137,6 +137,9 @@ def test_every_line_of_a_tutorial_runs(page: Path, folder: Path) -> None:
         if language == "python":
             exec(compile(block, page.name, "exec", dont_inherit=True), scope)
             continue
+        if language == "toml":
+            (folder / "yard.toml").write_text(block)
+            continue
         for _, *words in map(shlex.split, block.splitlines()):
             # a lift without the masses of its crane is no go, exit code 1
             assert main(words) == int("lift_report" in words)

@@ -46,7 +46,7 @@ def test_the_readme_tells_of_lifts_and_twins_what_the_results_do() -> None:
         "identify_the_trial_positions*_what_the_records_say.csv"
     )
     row = next(csv.DictReader(table.open(encoding="utf-8")))
-    assert row["what"] == "l_offset"
+    assert row["parameter"] == "l_offset"
     told.append(f"a cable offset of {row['true']} m, identified to ± {row['±']} m")
     assert missing(told, "README.md") == []
 
