@@ -902,6 +902,21 @@ cranedyn/model/options.py
 ? mcap::the_command_writes_a_run_with_the_crane_that_its_record_names
 - if record and not named
 + if record and named
+cranedyn/references/simple.py
+* a spline has its rates for accelerations
+? references::positions_are_the_integrals_of_velocities_and_these_of_accelerations
+- curve.derivative(), curve.derivative(2)
++ curve.derivative(), curve.derivative()
+cranedyn/estimation/mpc.py
+* swings may be nine times their bound
+? mpc::a_swing_beyond_its_bound_is_no_contradiction_and_is_brought_within
+- np.full(len(crane.swings), swing)
++ np.full(len(crane.swings), 9.0 * swing)
+cranedyn/dynamics/joint_forces.py
+* a rope that is pushed seems to pull
+? dynamics::a_falling_load_leaves_the_rope_slack
+- joint.damping[i] * v[i] - hoist
++ abs(joint.damping[i] * v[i] - hoist)
 cranedyn/bridges/fmi_unit.h
 * a unit forgets that its model ceased to hold
 ? fmi::a_unit_says_once_the_model_no_longer_holds
