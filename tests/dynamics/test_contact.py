@@ -14,6 +14,7 @@ from cranedyn.dynamics.contact import Ground, Hull, Platform, box_corners, box_l
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError
 from cranedyn.simulation.simulate import simulate
 from experiments.oracles.bench import MASS, Bench, check_oracle, locked, point_crane
@@ -185,6 +186,10 @@ def test_the_ground_is_at_any_height_and_a_hull_is_like_the_platform_of_its_corn
     assert runs[0]["z_m"].min() > low and runs[0]["x_m"].max() < 2.0
     assert np.allclose(runs[0].q, runs[1].q, rtol=0.0, atol=1e-6)  # normals are rounded at 1e-9
     assert all((run.valid == 1.0).all() for run in runs)
+    leaves = slid(
+        0.05, engine=engine, start=start | {"x": 99.9}, ground=Ground(CORNERS, height=low)
+    )
+    assert [event.joint for event in events(free_box(), leaves)] == ["x"]
 
 
 @pytest.mark.parametrize(
