@@ -6,7 +6,7 @@ import bz2
 import math
 import struct
 from array import array
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from io import BytesIO
@@ -152,8 +152,13 @@ def _columns(path: Path, columns: Sequence[str], names: Mapping[str, str]) -> di
 
 def _states(path: Path) -> Iterator[tuple[int, Any]]:
     """Yield the joint states of a file in their order, each with its time of logging [ns]."""
-    source = partial(_mcap_messages if path.suffix == ".mcap" else _bag_messages, path)
-    topics, decode = sorted({topic for topic, *_ in source()}), _decoder(path)
+    from rosbags.typesys import Stores, get_typestore
+
+    mcap = path.suffix == ".mcap"
+    source = partial(_mcap_messages if mcap else _bag_messages, path)
+    typestore = get_typestore(Stores.ROS2_HUMBLE if mcap else Stores.ROS1_NOETIC)
+    decode = typestore.deserialize_cdr if mcap else typestore.deserialize_ros1
+    topics = sorted({topic for topic, *_ in source()})
     if TOPIC not in topics and len(topics) != 1:
         names = ", ".join(map(quoted, topics)) or "none"
         raise DataError(
@@ -161,7 +166,7 @@ def _states(path: Path) -> Iterator[tuple[int, Any]]:
         )
     for topic, time, raw in source():
         if topic == (TOPIC if TOPIC in topics else topics[0]):
-            yield time, decode(raw)
+            yield time, decode(raw, TYPE)  # by the standard definition of JointState
 
 
 def _value(path: Path, message: Any, k: int, column: str, names: Mapping[str, str]) -> float:
@@ -184,17 +189,6 @@ def _value(path: Path, message: Any, k: int, column: str, names: Mapping[str, st
     if not math.isfinite(value := float(numbers[i])):
         raise DataError(f"{path}: {kind} of {joint} is not finite in its message {k}.")
     return value
-
-
-def _decoder(path: Path) -> Callable[[bytes], Any]:
-    """Return a function that decodes a message, by the standard definition of JointState."""
-    from rosbags.typesys import Stores, get_typestore
-
-    if path.suffix == ".mcap":
-        typestore = get_typestore(Stores.ROS2_HUMBLE)
-        return lambda raw: typestore.deserialize_cdr(raw, TYPE)
-    typestore = get_typestore(Stores.ROS1_NOETIC)
-    return lambda raw: typestore.deserialize_ros1(raw, TYPE)
 
 
 def _mcap_messages(path: Path) -> Iterator[Raw]:

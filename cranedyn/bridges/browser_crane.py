@@ -20,6 +20,7 @@ from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.dynamics.pinocchio import holding_effort, linearise
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
+from cranedyn.model.layout import ROLES
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
 
@@ -92,9 +93,9 @@ def _heavier(crane: Crane, factor: float) -> Crane:
     return replace(crane, model=model)
 
 
-def usual_rates(drives: Converters) -> np.ndarray:
-    """Return the rates at full stick: those of the drives less what they have in reserve."""
-    return drives.rates / HEADROOM
+def usual_limits(drives: Converters) -> Limits:
+    """Return the limits at full stick: those of the drives less what rates have in reserve."""
+    return Limits((drives.rates / HEADROOM).tolist(), drives.accelerations.tolist())
 
 
 def _cable(crane: Crane) -> float:
@@ -135,21 +136,18 @@ def assistances(crane: Crane) -> list[dict[str, str]]:
 
 def is_tower(crane: Crane) -> bool:
     """Return whether a crane has the five joints of a tower crane and no other."""
-    roles = ("slew", "trolley", "radial_swing", "tangential_swing", "hoist")
-    return crane.layout.has(*roles) and crane.layout.n == len(roles)
+    return crane.layout.has(*ROLES) and crane.layout.n == len(ROLES)
 
 
 def assist_data(crane: Crane, drives: Converters) -> dict[str, Any]:
     """Return what the assistances need to know of a crane, for JSON."""
-    layout, response = (
-        crane.layout,
-        drives.lags + drives.delay + drives.accelerations / drives.jerks,
-    )
+    layout, limits = crane.layout, usual_limits(drives)
+    response = drives.lags + drives.delay + drives.accelerations / drives.jerks
     hoist = layout.drive_of("hoist")
     lengths = _rows(crane, "hoist", _LENGTHS)
     data: dict[str, Any] = {
-        "rates": usual_rates(drives).tolist(),
-        "accelerations": drives.accelerations.tolist(),
+        "rates": list(limits.rates),
+        "accelerations": list(limits.accelerations),
         "reaction": (2.0 * response).tolist(),  # twice, or the end would be overshot
         "joints": layout.drives.tolist(),
         "hoist": -1 if hoist is None else hoist,
@@ -199,7 +197,6 @@ def swing_period(crane: Crane, q: np.ndarray) -> float:
         return 1.0
     passive = crane.layout.passive
     mass = pin.crba(crane.model, crane.data, q)
-    mass = np.triu(mass) + np.triu(mass, 1).T
     by_state = linearise(crane, State(q, np.zeros(len(q))), holding_effort(crane, q))[0]
     stiffness = -(mass @ by_state[:, : len(q)])[np.ix_(passive, passive)]
     squares = np.linalg.eigvals(np.linalg.solve(mass[np.ix_(passive, passive)], stiffness)).real
@@ -294,10 +291,9 @@ def goal_controller(crane: Crane, drives: Converters) -> Receding:
     from cranedyn.compiled.horizon.receding import receding
 
     swing = swing_period(crane, crane.start.q)
-    limits = Limits(usual_rates(drives).tolist(), drives.accelerations.tolist())
     return receding(
         crane,
-        limits,
+        usual_limits(drives),
         drive="velocity",
         converters=drives,
         period=whole_periods(swing / 75.0, PERIOD),

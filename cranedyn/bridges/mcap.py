@@ -137,20 +137,13 @@ def _messages(crane: Crane, robot: ET.Element, run: Trajectory) -> Iterator[Mess
     yield "/tf_static", times[0], {"transforms": [frame.at(times[0], 0.0) for frame in fixed]}
     last_frame = -np.inf
     for k, time in enumerate(times):
-        state = {
-            "name": names,
-            "position": run.q[k].tolist(),
-            "velocity": run.v[k].tolist(),
-            "effort": efforts[k].tolist(),
-        }
-        yield "/joint_states", time, {"header": _header(time), **state}
-        setpoint = {
-            "name": drives,
-            "position": run.setpoint[k].tolist(),
-            "velocity": [],
-            "effort": run.command[k].tolist(),
-        }
-        yield "/joint_setpoints", time, {"header": _header(time), **setpoint}
+        for topic, joint_names, *columns in (
+            ("/joint_states", names, run.q[k], run.v[k], efforts[k]),
+            ("/joint_setpoints", drives, run.setpoint[k], np.empty(0), run.command[k]),
+        ):
+            fields = zip(("position", "velocity", "effort"), columns, strict=True)
+            numbers = {field: column.tolist() for field, column in fields}
+            yield topic, time, {"header": _header(time), "name": joint_names, **numbers}
         if run.t[k] > last_frame + FRAME_PERIOD - 1e-9:
             last_frame = run.t[k]
             values = zip(frames, run.q[k].tolist(), strict=True)

@@ -110,10 +110,8 @@ class _Tree:
 
     def grow(self, world: ET.Element) -> None:
         """Attach the root, or the children of a root of the name world, to the world."""
-        if self.root == "world":
-            self._fill(world, self.root)
-        else:
-            self._fill(add(world, "body", name=self.root), self.root)
+        body = world if self.root == "world" else add(world, "body", name=self.root)
+        self._fill(body, self.root)
 
     def _fill(self, body: ET.Element, link: str) -> None:
         for visual in self.links[link].iterfind("visual"):

@@ -30,7 +30,7 @@ from cranedyn.bridges.browser_crane import (
     is_tower,
     kernel_data,
     swing_period,
-    usual_rates,
+    usual_limits,
     variations,
 )
 from cranedyn.bridges.exercises import SWING, Exercise, exercises, lift_exercise
@@ -48,7 +48,6 @@ from cranedyn.planning.site_file import read_site
 from cranedyn.planning.solids import Solid
 from cranedyn.plotting.style import COLOURS
 from cranedyn.recording.shapes import Shape, shapes
-from cranedyn.references.limits import Limits
 
 TARGET = "FILE"
 EXAMPLE = "crane.html"
@@ -110,12 +109,8 @@ def page_html(crane: Crane, *options: Any) -> str:
     sections = {
         "style": _template("style.css"),
         "data": data.replace("<", "\\u003c"),
-        "kernel": "\n".join(
-            _template(f"{name}.js") for name in ("kinematics", "kernel", "assist", "run", "worker")
-        ),
-        "page": "\n".join(
-            _template(f"{name}.js") for name in ("kinematics", "scene", "input", "page")
-        ),
+        "kernel": _template("kinematics.js", "kernel.js", "assist.js", "run.js", "worker.js"),
+        "page": _template("kinematics.js", "scene.js", "input.js", "page.js"),
     }
     text = _template("page.html")
     for name, content in sections.items():
@@ -123,8 +118,8 @@ def page_html(crane: Crane, *options: Any) -> str:
     return text
 
 
-def _template(name: str) -> str:
-    return (_TEMPLATES / name).read_text("utf-8")
+def _template(*names: str) -> str:
+    return "\n".join((_TEMPLATES / name).read_text("utf-8") for name in names)
 
 
 def page_data(
@@ -188,7 +183,7 @@ def _cable(crane: Crane) -> Iterator[Slider]:
 
 def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
     layout, model, tree = crane.layout, crane.model, bodies(crane.model)
-    joints = []
+    joints, limits = [], usual_limits(drives)
     for i, joint in enumerate(layout.joints):
         placement = model.jointPlacements[i + 1]
         joints.append(
@@ -217,8 +212,8 @@ def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
     return {
         "joints": joints,
         "drives": layout.drives.tolist(),
-        "rates": usual_rates(drives).tolist(),
-        "accelerations": drives.accelerations.tolist(),
+        "rates": list(limits.rates),
+        "accelerations": list(limits.accelerations),
         "efforts": [_finite(limit) for limit in crane.effort_limit],
         "start": crane.start.q.tolist(),
         "points": [
@@ -350,7 +345,7 @@ def _exercises(crane: Crane, drives: Converters, site: Site | None) -> list[Exer
     """Return the exercises for a tower crane; on a site only its lift."""
     if not is_tower(crane):
         return []
-    limits = Limits(usual_rates(drives).tolist(), drives.accelerations.tolist())
+    limits = usual_limits(drives)
     if site is None:
         return list(exercises(crane, limits))
     lift = lift_exercise(crane, limits, site)
@@ -390,18 +385,14 @@ def _parts(solid: Solid) -> Iterator[dict[str, Any]]:
             for a, b in zip(triangle, np.roll(triangle, 1), strict=True)
         ]
         directions = np.array([edge / np.linalg.norm(edge) for edge in edges])
-        directions *= np.where(_first_nonzero(directions) < 0.0, -1.0, 1.0)[:, None]
+        first = (np.abs(directions) > 1e-9).argmax(axis=1)[:, None]  # that is not zero
+        directions *= np.where(np.take_along_axis(directions, first, axis=1) < 0.0, -1.0, 1.0)
         yield {
             "name": solid.name,
             "corners": corners[hull.vertices].tolist(),
             "faces": [[*normal, -offset] for *normal, offset in faces.tolist()],
             "edges": np.unique(directions.round(9), axis=0).tolist(),
         }
-
-
-def _first_nonzero(rows: np.ndarray) -> np.ndarray:
-    """Return the first number of each row that is not zero."""
-    return rows[np.arange(len(rows)), (np.abs(rows) > 1e-9).argmax(axis=1)]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.bridges.browser_crane import swing_period
+from cranedyn.bridges.browser_crane import swing_period, usual_limits
 from cranedyn.clocks import whole_periods
 from cranedyn.compiled.horizon.receding import receding
 from cranedyn.controllers.affine import Affine, at_drives
@@ -18,12 +18,11 @@ from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import lqr
 from cranedyn.controllers.paper import HOIST
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.dynamics.converters import HEADROOM, converters
+from cranedyn.dynamics.converters import converters
 from cranedyn.estimation.observer import with_observer
 from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold
-from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
 from cranedyn.references.shaped import shaped, zv
 
@@ -73,13 +72,8 @@ def _observer(crane: Crane, period: float) -> Any:
     return with_observer(_lqr(crane, period), crane, _at_rest(crane, period))
 
 
-def _limits(crane: Crane) -> Limits:
-    drives = converters(crane)
-    return Limits((drives.rates / HEADROOM).tolist(), drives.accelerations.tolist())
-
-
 def _yielding(crane: Crane, period: float) -> Any:
-    options: dict[str, Any] = {"limits": _limits(crane), "control_period": period}
+    options: dict[str, Any] = {"limits": usual_limits(converters(crane)), "control_period": period}
     return with_damping(crane, hold(crane), recovery=0.2, **options)
 
 
@@ -89,7 +83,8 @@ def _shaper(crane: Crane, period: float) -> Any:
 
 def _predictive(crane: Crane, period: float) -> Any:
     stage = whole_periods(0.6, period)
-    return receding(crane, _limits(crane), control_period=period, stages=20, stage=stage)
+    limits = usual_limits(converters(crane))
+    return receding(crane, limits, control_period=period, stages=20, stage=stage)
 
 
 CONTROLLERS: dict[str, tuple[Drive, Callable[[Crane, float], Any]]] = {

@@ -100,7 +100,7 @@ def crane_block(
     def outputs(code: BlockCode) -> Mapping[str, Any]:
         text = _Text(code, crane, drive, names)
         command = text.followed(code, delay, dt, keep=False)
-        a, effort, needed, _ = text.plant.driven(text.q, text.v, command, text.forces)
+        a, effort, needed, _ = text.plant.answer(text.q, text.v, command, text.forces)
         hoist = crane.layout.drive_of("hoist")
         hoist_force = 0.0 if hoist is None else effort[hoist]
         conditions = text.plant.conditions(text.q, text.v, hoist_force, needed)

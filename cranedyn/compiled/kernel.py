@@ -352,7 +352,7 @@ class _Loop:
                 acted = self._forces(code.builder.sub(instant, code.integer(1)))
                 before = self.plant.answer(q, v, self._get("reference"), acted, reactions)[1]
             next_reference = array(self._next_reference(effort, v)[0])
-            _, effort, command, _ = self.plant.driven(q, v, next_reference, forces, reactions)
+            _, effort, command, _ = self.plant.answer(q, v, next_reference, forces, reactions)
         if recipe.drive == "motion":
             acted = self._forces(code.builder.sub(instant, code.integer(1)))
             before = self.plant.answer(q, v, before, acted, reactions)[1]

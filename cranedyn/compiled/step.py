@@ -129,7 +129,7 @@ class Step:
         pulls = []
 
         def acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-            answer = plant.driven(q, v, self.command, self.forces, self.reactions)
+            answer = plant.answer(q, v, self.command, self.forces, self.reactions)
             pulls.append(answer.pull)
             return answer.acceleration
 
@@ -303,7 +303,7 @@ class Step:
         end, lasts = joint.pull(trial.q, trial.v), code.both(False)
         if rope.inextensible:
             plant = self._with_rope(taut)
-            end = plant.driven(trial.q, trial.v, self.command, self.forces, self.reactions).pull
+            end = plant.answer(trial.q, trial.v, self.command, self.forces, self.reactions).pull
             lasts = code.both(taut, *(pull > 0.0 for pull in pulls))
         at_start = code.call("llvm.maxnum", margin(pulls[0], start), 0.0)
         return trial, at_start, margin(end, trial), lasts

@@ -60,29 +60,21 @@ class Affine:
         """
 
         def part(name: str, *shape: int | str) -> np.ndarray:
-            checked = as_array(f"{name} in the common form of {owner}", getattr(self, name), shape)
+            title = f"{name} in the common form of {owner}"
+            checked = as_array(title, getattr(self, name), shape)
             if isinstance(shape[0], str) and not 0 < len(checked) <= instants:
-                raise Misshapen(
-                    f"{name} in the common form of {owner}",
-                    f"an array of {len(checked)} rows",
-                    f"one of 1 to {instants}",
-                )
+                rows = f"an array of {len(checked)} rows"
+                raise Misshapen(title, rows, f"one of 1 to {instants}")
             return checked
 
-        feed_forward = part("feed_forward", "rows", drives)
-        setpoint = part("setpoint", "rows", width)
-        gain = part("gain", len(feed_forward), drives, width)
-        limit = part("limit", drives)
+        feed_forward, limit = part("feed_forward", "rows", drives), part("limit", drives)
         if np.isnan(limit).any():
-            raise Misshapen(
-                f"limit in the common form of {owner}",
-                "an array that holds nan",
-                "numbers, inf for none",
-            )
+            name = f"limit in the common form of {owner}"
+            raise Misshapen(name, "an array that holds nan", "numbers, inf for none")
         return Affine(
             feed_forward,
-            gain,
-            setpoint,
+            part("gain", len(feed_forward), drives, width),
+            part("setpoint", "rows", width),
             part("target", "rows", drives),
             part("integral_gain", drives),
             limit,
@@ -132,11 +124,8 @@ def affine_form(
     owner = type(controller).__name__
     form = cast(AffineController, controller).affine(read_only(times), read_only(positions))
     if form is not None and not isinstance(form, Affine):
-        raise Misshapen(
-            f"the common form of {owner}",
-            type(form).__name__,
-            "an Affine, or None where it is not affine",
-        )
+        allowed = "an Affine, or None where it is not affine"
+        raise Misshapen(f"the common form of {owner}", type(form).__name__, allowed)
     return None if form is None else form.fitting(owner, len(times), positions.shape[1], width)
 
 

@@ -20,14 +20,9 @@ class DampingController(ShortRepr):
     """Drives that yield to the swing, see `with_damping`.
 
     Attributes:
-        crane: The crane.
-        reference: Its velocity is the command, looked up one control period ahead.
-        ratio: ζ, the share of critical damping that the swing gets.
-        recovery: Share of the distance from the reference's position that is corrected per second
-            [1/s].
+        crane, reference, ratio, recovery, control_period: Arguments of `with_damping`.
         rates: Largest of the drives [rad/s or m/s], shape (m,).
         accelerations: Largest of the drives [rad/s² or m/s²], shape (m,).
-        control_period: Time between control instants [s].
     """
 
     crane: Crane

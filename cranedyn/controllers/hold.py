@@ -67,16 +67,9 @@ class Hold(ShortRepr):
         for name in ("stiffness", "damping", "feed_forward"):
             gains = as_array(name, getattr(self, name), (self.crane.layout.m,))
             object.__setattr__(self, name, gains)
-        columns = (
-            values.tolist()
-            for values in (
-                self.crane.layout.drives,
-                self.feed_forward,
-                self.stiffness,
-                self.damping,
-            )
-        )
-        object.__setattr__(self, "_plain", tuple(zip(count(), *columns, strict=False)))
+        columns = self.crane.layout.drives, self.feed_forward, self.stiffness, self.damping
+        plain = zip(count(), *(column.tolist() for column in columns), strict=False)
+        object.__setattr__(self, "_plain", tuple(plain))
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return efforts [N m or N], shape (m,)."""
@@ -130,14 +123,10 @@ def hold_controller(
         heavy = DAMPING.get(role, math.inf) * _PERIOD <= inertia
         stiff.append(STIFFNESS[role] if heavy else FREQUENCY**2 * inertia)
         damped.append(DAMPING[role] if heavy else 2.0 * FREQUENCY * inertia)
-    k_p, k_d = (
-        _gains(crane, *gains)
-        for gains in (("stiffness", stiffness, stiff), ("damping", damping, damped))
-    )
     return Hold(
         crane,
-        k_p,
-        k_d,
+        _gains(crane, "stiffness", stiffness, stiff),
+        _gains(crane, "damping", damping, damped),
         np.array([_weight(crane, joint, gravity) for joint in crane.layout.drives.tolist()]),
     )
 
@@ -153,17 +142,11 @@ def _gains(crane: Crane, name: str, gains: Gains, usual: list[float]) -> np.ndar
 
 def _weight(crane: Crane, joint: int, gravity: float) -> float:
     """Return the effort that holds the weight on a drive [N m or N]."""
-    kind, (_, _, up) = crane.layout.joints[joint].kind, crane.layout.joints[joint].axis
+    model, kind = crane.model, crane.layout.joints[joint].kind
+    up = crane.layout.joints[joint].axis[2]
     if kind == "prismatic":
-        return (
-            up
-            * gravity
-            * sum(crane.model.inertias[i].mass for i in crane.model.subtrees[joint + 1])
-        )
+        return up * gravity * sum(model.inertias[i].mass for i in model.subtrees[joint + 1])
     if abs(up) == 1.0:
         return 0.0
-    return (
-        float(pin.computeGeneralizedGravity(crane.model, crane.data, crane.start.q)[joint])
-        * gravity
-        / crane.gravity
-    )
+    weight = pin.computeGeneralizedGravity(model, crane.data, crane.start.q)[joint]
+    return float(weight) * gravity / crane.gravity

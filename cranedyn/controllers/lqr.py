@@ -122,17 +122,12 @@ def riccati(
     a, b = finite("a", a, (n, nz, nz)), finite("b", b, (n, nz, nu))
     if not n:
         raise OutOfRange("a", short_repr(a), "one instant or more")
-    state_weight = as_array("state weight", state_weight, (nz, nz))
-    effort_weight = as_array("effort weight", effort_weight, (nu, nu))
-    _check("state weight", state_weight, definite=False)
-    _check("effort weight", effort_weight, definite=True)
+    state_weight = _weight("state weight", state_weight, nz, definite=False)
+    effort_weight = _weight("effort weight", effort_weight, nu, definite=True)
     if final_weight is None:
         final_weight = stationary(a[-1], b[-1], state_weight, effort_weight)
-    final_weight = as_array("final weight", final_weight, (nz, nz))
-    _check("final weight", final_weight, definite=False)
-    gain = np.empty((len(a), b.shape[2], a.shape[1]))
-    cost = np.empty((len(a) + 1, *final_weight.shape))
-    cost[-1] = final_weight
+    gain, cost = np.empty((n, nu, nz)), np.empty((n + 1, nz, nz))
+    cost[-1] = _weight("final weight", final_weight, nz, definite=False)
     with _solvable():
         for k in range(len(a) - 1, -1, -1):
             input_cost = b[k].T @ cost[k + 1]
@@ -164,26 +159,22 @@ def _solvable() -> Iterator[None]:
         with np.errstate(all="ignore"):
             yield
     except (np.linalg.LinAlgError, ValueError) as error:
+        reason = str(error).strip().partition("\n")[0].rstrip(".")
         raise CraneError(
             "There is no linear-quadratic regulator for this crane: its masses, dampings, gravity "
-            "or control period make numbers that "
-            "differ too much for double precision "
-            f"({str(error).strip().partition(chr(10))[0].rstrip('.')})."
+            f"or control period make numbers that differ too much for double precision ({reason})."
         ) from error
 
 
-def _check(name: str, weight: np.ndarray, *, definite: bool) -> None:
+def _weight(name: str, value: np.ndarray, size: int, *, definite: bool) -> np.ndarray:
+    """Return a weight, checked, shape (size, size)."""
+    weight = as_array(name, value, (size, size))
     threshold = np.nextafter(0, 1) if definite else -1e-9 * np.abs(weight).max()
-    if (
-        not np.isfinite(weight).all()
-        or not np.allclose(weight, weight.T)
-        or scipy.linalg.eigvalsh(weight).min() < threshold
-    ):
-        raise OutOfRange(
-            name,
-            weight.tolist(),
-            "symmetric and positive " + ("definite" if definite else "semidefinite"),
-        )
+    symmetric = np.isfinite(weight).all() and np.allclose(weight, weight.T)
+    if not symmetric or scipy.linalg.eigvalsh(weight).min() < threshold:
+        allowed = "symmetric and positive " + ("definite" if definite else "semidefinite")
+        raise OutOfRange(name, weight.tolist(), allowed)
+    return weight
 
 
 ERROR = {

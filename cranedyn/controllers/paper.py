@@ -83,25 +83,18 @@ def paper_controller(
     mass, trolley, n = crane.payload_mass, crane.trolley_mass, len(motion.q)
     radius, length = motion.q[:, trolley_joint], motion.q[:, cable]
     inertia = crane.slewing_inertia + trolley * radius**2
-    joints = crane.layout.n
+    joints, rows = crane.layout.n, range(0, n, every)
     gain = np.zeros((n, crane.layout.m, 2 * joints))
     drive = {role: crane.layout.drive_of(role) for role in ("slew", "trolley", "hoist")}
-    gain[:, drive["trolley"], [trolley_joint, joints + trolley_joint, radial, joints + radial]] = (
-        _plane_gains(
-            [trolley_plane(mass, trolley, length[k], gravity) for k in range(0, n, every)],
-            TROLLEY_WEIGHTS,
-            motion.period,
-            n,
-            every,
+    along = [trolley_plane(mass, trolley, length[k], gravity) for k in rows]
+    across = [slew_plane(mass, inertia[k], radius[k], length[k], gravity) for k in rows]
+    for role, driven, swing, planes, weights in (
+        ("trolley", trolley_joint, radial, along, TROLLEY_WEIGHTS),
+        ("slew", slew, tangential, across, SLEW_WEIGHTS),
+    ):
+        gain[:, drive[role], [driven, joints + driven, swing, joints + swing]] = _plane_gains(
+            planes, weights, motion.period, n, every
         )
-    )
-    gain[:, drive["slew"], [slew, joints + slew, tangential, joints + tangential]] = _plane_gains(
-        [slew_plane(mass, inertia[k], radius[k], length[k], gravity) for k in range(0, n, every)],
-        SLEW_WEIGHTS,
-        motion.period,
-        n,
-        every,
-    )
     gain[:, drive["hoist"], [cable, joints + cable]] = hoist[0], hoist[2]
     feed_forward = np.stack(
         [

@@ -192,7 +192,7 @@ def as_velocity_command(
         return _tracking(crane, controller, lead)[0]
     if isinstance(controller, HoistIntegral):
         tracking, rates_per_effort = _tracking(crane, controller.tracking, lead)
-        hoist = int(np.flatnonzero(crane.layout.along("l"))[0])
+        hoist = crane.layout.drive_of("hoist")
         return replace(
             controller,
             tracking=tracking,
@@ -202,10 +202,8 @@ def as_velocity_command(
     if isinstance(controller, Follow):
         return FollowVelocityCommand(crane, controller.reference, lead)
     if isinstance(controller, DampingController):
-        settings = {
-            field.name: getattr(controller, field.name) for field in fields(DampingController)
-        }
-        return DampingVelocityCommand(**settings)
+        names = [field.name for field in fields(DampingController)]
+        return DampingVelocityCommand(*(getattr(controller, name) for name in names))
     return VelocityCommand(crane, controller, drive, lead.total)
 
 

@@ -64,7 +64,6 @@ def parse_sources(arguments: Iterable[str]) -> dict[str, Source]:
         if column in sources:
             raise DataError(f"The column {column} is given twice; leave one out.")
         _factor(column, source)
-        _factor(column, source)
         sources[column] = source
     return sources
 
@@ -117,9 +116,8 @@ def read_external(
 
 def _factor(column: str, source: Source) -> float:
     """Return the factor from the unit of a source to the unit of our column."""
-    endings = sorted(_FACTORS, key=len, reverse=True)
-    ending = next((unit for unit in endings if column.endswith(f"_{unit}")), "")
+    ending = max((unit for unit in _FACTORS if column.endswith(f"_{unit}")), key=len, default="")
     factors = _FACTORS.get(ending, {})
     if source.unit and source.unit not in factors:
         raise UnknownName(f"unit of {column}", source.unit, factors or ["none"])
-    return factors[source.unit] if source.unit else 1.0
+    return factors.get(source.unit, 1.0)

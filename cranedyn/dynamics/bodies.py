@@ -53,6 +53,11 @@ class Bodies:
         """Return the number of joints."""
         return len(self.parents)
 
+    def path(self, body: int) -> list[int]:
+        """Return the rows of the joints from the world to a body."""
+        parent = self.parents[body]
+        return [*(self.path(parent) if parent >= 0 else ()), body]
+
     def numbers(self) -> np.ndarray:
         """Return all numbers in a row."""
         return np.concatenate([getattr(self, field.name).ravel() for field in fields(self)[1:]])
@@ -75,11 +80,8 @@ class Bodies:
 def blank(parents: Sequence[int]) -> Bodies:
     """Return a tree whose numbers are all zero."""
     n = len(parents)
-    rotation, translation, axis, mass, lever, inertia, armature, gravity = (
-        np.zeros(shape)
-        for shape in ((n, 3, 3), (n, 3), (n, 2, 3), (n,), (n, 3), (n, 3, 3), (n,), (3,))
-    )
-    return Bodies(parents, rotation, translation, axis, mass, lever, inertia, armature, gravity)
+    shapes = (n, 3, 3), (n, 3), (n, 2, 3), (n,), (n, 3), (n, 3, 3), (n,), (3,)
+    return Bodies(parents, *map(np.zeros, shapes))
 
 
 def bodies(model: pin.Model) -> Bodies:
@@ -103,12 +105,11 @@ def bodies(model: pin.Model) -> Bodies:
             )
         joint_data = joint.createData()
         joint.calc(joint_data, neutral)
-        place, axis = (placement.rotation, placement.translation), joint_data.S.reshape(2, 3)
-        rows.append((*place, axis, body.mass, body.lever, body.inertia))
+        frame = placement.rotation, placement.translation, joint_data.S.reshape(2, 3)
+        rows.append((*frame, body.mass, body.lever, body.inertia))
     columns = [np.array(column, dtype=float) for column in zip(*rows, strict=True)]
-    parents = [model.parents[i] - 1 for i in range(1, model.njoints)]
     columns += [model.armature.copy(), model.gravity.linear.copy()]
-    return Bodies(parents, *columns)
+    return Bodies([model.parents[i] - 1 for i in range(1, model.njoints)], *columns)
 
 
 @once_per_crane
@@ -132,11 +133,8 @@ def height(
         point: In the joint's frame [m], shape (3,).
         upwards: Unit vector of the world along which height is measured.
     """
-    chain = [body]
-    while (parent := tree.parents[chain[-1]]) >= 0:
-        chain.append(parent)
     up, altitude = array(upwards), 0.0
-    for i in reversed(chain):
+    for i in tree.path(body):
         altitude, up = altitude + up @ tree.translation[i], tree.rotation[i].T @ up
         (along, about), coordinate = tree.axis[i], q[i : i + 1]
         altitude = altitude + up @ (along * coordinate)

@@ -53,9 +53,6 @@ _BEHIND, _COVERED = 1e-6, 0.1
 """Distance behind a face at which another support covers it [m], and depth below other faces up to
 which no point leaves a support through a covered face [m]."""
 
-_START_DEPTH = 5.0
-"""Static sinks that a load may be in the ground at the start; on one corner it is at four."""
-
 Vector = Sequence[Any] | np.ndarray
 """Three numbers, or three arrays of them."""
 
@@ -367,17 +364,6 @@ class Contacts(NamedTuple):
     def _depth_in(self, support: int, position: Vector) -> Any:
         depths = (f.offset - _dot(f.normal, position) for f in self.supports[support])
         return reduce(lambda a, b: chosen(a < b, a, b), depths)
-
-    def check_start(self, position: Vector, weight: float) -> None:
-        """Check that points at a position [m] of a load of a weight [N] are not in the ground.
-
-        Raises:
-            OutOfRange: If one is deeper than five static sinks.
-        """
-        depth, most = float(np.max(self.depth(position)[0])), _START_DEPTH * weight / 4.0
-        if depth > most / self.stiffness:
-            allowed = f"{most / self.stiffness:g} at most, above it the load stands"
-            raise OutOfRange("depth of the load in the ground at the start", depth, allowed, "m")
 
     def reaction(
         self, position: Vector, velocity: Vector, anchor: Vector

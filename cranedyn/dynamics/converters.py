@@ -174,11 +174,7 @@ def within_efforts(
         chosen(saturated[i] > 0.5, goal[i], clipped(effort[i], -limit, limit))
         for i, limit in enumerate(limits)
     ]
-    return gained, _like(target, cut), needed
-
-
-def _like(template: np.ndarray, values: list[Any]) -> np.ndarray:
-    return array(values) if template.dtype == object else np.array(values)
+    return gained, array(cut) if target.dtype == object else np.array(cut), needed
 
 
 def saturate_acceleration(
@@ -206,7 +202,7 @@ def saturate_acceleration(
         would need, shape (m,) each.
     """
     inertia, resisting_drives = mass[np.ix_(drives, drives)], resisting[drives]
-    a = np.zeros_like(resisting) if resisting.dtype != object else array([0.0] * len(resisting))
+    a = np.array([0.0] * len(resisting), dtype=resisting.dtype)
     if not len(passive):
         a[drives], effort, needed = within_efforts(inertia, resisting_drives, target, limits)
         return a, effort, needed
@@ -245,12 +241,12 @@ class Converters:
         m = np.size(self.rates)
         for field in fields(self)[:-1]:
             name, values = f"{field.name} of converters", getattr(self, field.name)
-            array = finite(name, values, (m,)).astype(float)
+            column = finite(name, values, (m,)).astype(float)
             allowed = ">= 0" if field.name == "resolutions" else "> 0"
-            for value in array.tolist():
+            for value in column.tolist():
                 number(name, value, "", allowed)
-            array.flags.writeable = False
-            object.__setattr__(self, field.name, array)
+            column.flags.writeable = False
+            object.__setattr__(self, field.name, column)
         number("delay of converters", self.delay, "s", ">= 0")
 
     @property

@@ -26,6 +26,9 @@ from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane, Point
 
+_START_DEPTH = 5.0
+"""Static sinks that a load may be in the ground at the start; on one corner it is at four."""
+
 
 def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Return the force of the buffers at the ends of the cable, with the sign of the hoist's [N].
@@ -69,10 +72,14 @@ class GroundForces:
         """Return anchors of a load at a start, shape (3, points).
 
         Raises:
-            OutOfRange: If it is in the ground.
+            OutOfRange: If it is deeper in the ground than five static sinks.
         """
         anchors = self._motion(*start)[0]
-        self.contacts.check_start(anchors, self._weight)
+        depth = float(np.max(self.contacts.depth(anchors)[0]))
+        most = _START_DEPTH * self._weight / 4.0 / self.contacts.stiffness
+        if depth > most:
+            allowed = f"{most:g} at most, above it the load stands"
+            raise OutOfRange("depth of the load in the ground at the start", depth, allowed, "m")
         return anchors
 
     def touches(self, q: np.ndarray) -> bool:
@@ -151,6 +158,19 @@ class _Drives:
     def begin_step(self, v: np.ndarray) -> None:
         """Prepare for a physics step from rates v, shape (n,)."""
 
+    def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Take a command of the drives for the time until the next one.
+
+        Args:
+            command: Efforts [N m or N], accelerations [rad/s² or m/s²] or rates [rad/s or m/s], as
+                the kind of drives takes them, shape (m,).
+            state: The state of the crane.
+
+        Returns:
+            The effort needed and the effort exerted [N m or N], shape (m,) each.
+        """
+        raise NotImplementedError
+
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return accelerations of all joints, shape (n,)."""
         raise NotImplementedError
@@ -228,15 +248,7 @@ class EffortDrives(_Drives):
         self._damping, self._rigid = self._joint.damping, self._joint.springs is None
 
     def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Hold a command until the next one.
-
-        Args:
-            command: Efforts of the drives [N m or N], shape (m,).
-            state: The state of the crane.
-
-        Returns:
-            The effort needed and the effort exerted [N m or N], shape (m,) each.
-        """
+        """Hold efforts until the next command."""
         self._effort = np.minimum(np.maximum(command, self._least), self._largest)
         self._tau[self._layout.drives] = self._effort
         return command, self._effort
@@ -265,15 +277,7 @@ class MotionDrives(_Drives):
         self._command = np.zeros(crane.layout.n)
 
     def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Hold a command until the next one.
-
-        Args:
-            command: Accelerations of the drives [rad/s² or m/s²], shape (m,).
-            state: The state of the crane.
-
-        Returns:
-            The effort needed and the effort exerted, which are the same [N m or N], shape (m,)
-            each.
+        """Hold accelerations until the next command; the effort needed is exerted.
 
         Raises:
             OutOfRange: If that effort is not finite.
@@ -281,10 +285,11 @@ class MotionDrives(_Drives):
         self._command[self._layout.drives] = command
         effort = self.effort(state)
         if not np.isfinite(effort).all():
-            units = ", ".join(joint.effort_unit for joint in self._layout.driven)
-            raise OutOfRange(
-                "effort that the motion costs", effort.tolist(), "finite numbers", units
+            name, units = (
+                "effort that the motion costs",
+                [j.effort_unit for j in self._layout.driven],
             )
+            raise OutOfRange(name, effort.tolist(), "finite numbers", ", ".join(units))
         return effort, effort
 
     def effort(self, state: State) -> np.ndarray:
@@ -340,15 +345,7 @@ class VelocityDrives(_Drives):
         self._heard = self._reference
 
     def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Queue a command until it is heard.
-
-        Args:
-            command: Rates of the drives [rad/s or m/s], shape (m,).
-            state: The state of the crane.
-
-        Returns:
-            The effort needed and the effort exerted [N m or N], shape (m,) each.
-        """
+        """Queue rates until they are heard."""
         self.saturated = any(self._response.cuts(command.tolist()))
         queue = [*self._queue, np.array(self._response.heard(command.tolist()))]
         self._heard, self._queue = queue[0], queue[1:]
@@ -399,7 +396,6 @@ class VelocityDrives(_Drives):
         effort = needed = forces[drives]
         if not (np.abs(needed) <= self._limit).all():
             mass = pin.crba(model, data, q)
-            mass = np.triu(mass) + np.triu(mass, 1).T
             bias = inverse_dynamics(model, data, q, v, np.zeros(len(v)), joint, external)
             a, effort, needed = saturate_acceleration(
                 mass, bias, target[drives], self._limit, drives, self._free

@@ -228,12 +228,10 @@ def free_modes(crane: Crane, state: State) -> FreeModes:
     free, data = crane.springs.free(crane.layout.passive), crane.data
     block = np.ix_(free, free)
     stiffness = rest_stiffness(crane.model, data, crane.springs, q)[block]
-    mass = np.triu(pin.crba(crane.model, data, q))
-    mass = (mass + np.triu(mass, 1).T)[block]
+    mass = pin.crba(crane.model, data, q)[block]
     if not (np.isfinite(stiffness).all() and np.isfinite(mass).all()):
-        raise OutOfRange(
-            "state", q.tolist(), "one at which gravity, springs and masses have finite effects"
-        )
+        allowed = "one at which gravity, springs and masses have finite effects"
+        raise OutOfRange("state", q.tolist(), allowed)
     try:
         squares, shapes = scipy.linalg.eigh((stiffness + stiffness.T) / 2.0, mass)
     except np.linalg.LinAlgError:
@@ -294,8 +292,7 @@ def swing_mode(loop: np.ndarray, period: float, coordinate: int) -> Mode:
     shares = np.where(rates.imag > 1e-3, share, 0.0)
     i = int(np.argmax(shares))
     if not shares[i] > 0.0:
-        raise OutOfRange(
-            "loop", "one in which this coordinate does not oscillate", "one in which it does"
-        )
+        given = "one in which this coordinate does not oscillate"
+        raise OutOfRange("loop", given, "one in which it does")
     scale = vectors[coordinate, i]
     return Mode(complex(rates[i]), vectors[:, i] / scale, np.linalg.inv(vectors)[i] * scale)

@@ -52,16 +52,10 @@ def prescribed_acceleration(
     Returns:
         Accelerations, shape (n,), and efforts [N m or N], shape (m,).
     """
-    joint = JointForces.of(crane).effort(*state)
-    a = follow_drives(
-        crane.model,
-        crane.data,
-        *state,
-        full(crane, drive_acceleration),
-        joint,
-        crane.layout.passive,
-    )
-    return a, inverse_dynamics(crane.model, crane.data, *state, a, joint)[crane.layout.drives]
+    joint, layout = JointForces.of(crane).effort(*state), crane.layout
+    a = full(crane, drive_acceleration)
+    a = follow_drives(crane.model, crane.data, *state, a, joint, layout.passive)
+    return a, inverse_dynamics(crane.model, crane.data, *state, a, joint)[layout.drives]
 
 
 def follow_drives(
@@ -107,8 +101,7 @@ def follow_drives(
         solved[i] = (m12 * open_j - m22 * open_i) / determinant
         solved[j] = (m12 * open_i - m11 * open_j) / determinant
         return solved
-    upper = np.triu(mass[np.ix_(passive, passive)])
-    passive_mass = upper + np.triu(upper, 1).T
+    passive_mass = mass[np.ix_(passive, passive)]
     if not (np.isfinite(passive_mass).all() and np.linalg.eigvalsh(passive_mass)[0] > 0.0):
         raise _no_inertia(*passive_mass.diagonal().tolist())
     solved[passive] = -np.linalg.solve(passive_mass, still_open[passive])
@@ -117,12 +110,8 @@ def follow_drives(
 
 def _no_inertia(*inertias: float) -> OutOfRange:
     values = " and ".join(f"{inertia:g}" for inertia in inertias)
-    return OutOfRange(
-        "inertia against swing",
-        values,
-        "> 0; a load without rotational inertia needs a cable",
-        "kg m²",
-    )
+    allowed = "> 0; a load without rotational inertia needs a cable"
+    return OutOfRange("inertia against swing", values, allowed, "kg m²")
 
 
 def inverse_dynamics(
@@ -308,8 +297,7 @@ def _by_state_and_force_when_taut(
     stiffness, damping = JointForces.of(crane).tangent(*state)
     resisting = np.hstack([data.dtau_dq + stiffness, data.dtau_dv + np.diag(damping)])
     free, inverse_mass = crane.springs.free(np.arange(n)), np.zeros((n, n))
-    mass = np.triu(data.M) + np.triu(data.M, 1).T
-    inverse_mass[np.ix_(free, free)] = np.linalg.inv(mass[np.ix_(free, free)])
+    inverse_mass[np.ix_(free, free)] = np.linalg.inv(data.M[np.ix_(free, free)])
     by_state = -inverse_mass @ resisting
     by_state[:, [stretch, n + stretch]] = 0.0
     return by_state, inverse_mass

@@ -32,7 +32,7 @@ class Bound(NamedTuple):
     Attributes:
         joint: Index of the joint concerned among the coordinates.
         value: Bounded quantity [rad, m or N].
-        low, high: The bounds; None for none.
+        low, high: The bounds; no upper one where that is None.
         strict: Whether the bound itself is excluded.
         words: Message of a violation, without its time.
     """
@@ -47,12 +47,8 @@ class Bound(NamedTuple):
     @property
     def conditions(self) -> list[Any]:
         """Comparisons that must be true."""
-        above = (
-            []
-            if self.low is None
-            else [self.value > self.low if self.strict else self.value >= self.low]
-        )
-        return above if self.high is None else [*above, self.value <= self.high]
+        above = self.value > self.low if self.strict else self.value >= self.low
+        return [above] if self.high is None else [above, self.value <= self.high]
 
     @property
     def holds(self) -> np.ndarray:
@@ -60,31 +56,37 @@ class Bound(NamedTuple):
         return reduce(and_, self.conditions)
 
 
+_ROUND_OFF = 1.0 + 1e-9
+
+
 def bounds(
     layout: Layout,
-    lower: np.ndarray,
-    upper: np.ndarray,
+    limits: Any,
     q: np.ndarray,
+    v: np.ndarray,
     swings: Mapping[int, Any],
     tension: Any,
     height: Any,
     *,
     buffers: bool,
-    rope: Sequence[int] | None = None,
-    level: float = 0.0,
+    needed: Any,
+    rates: bool,
+    rope: Sequence[int] | None,
+    level: float,
 ) -> Iterator[Bound]:
     """Yield the conditions that a state must meet, in any kind of number.
 
     Args:
         layout: Joints of the crane.
-        lower: Lower ends of their ranges [rad or m], shape (n,).
-        upper: Upper ends, shape (n,).
+        limits: The crane, or its plant: ranges of the joints and limits of the drives.
         q: Coordinates, n numbers.
+        v: Their rates, n numbers.
         swings: Swing angles from where the load hangs [rad], by index among the coordinates.
         tension: Tension of the rope [N]; None without a hoist.
         height: Height of the payload [m].
-        buffers: Whether buffers end the ranges of the drives, so that leaving them a little is
-            allowed.
+        buffers: See `conditions`.
+        needed: See `conditions`, m numbers.
+        rates: See `conditions`.
         rope: Indices of the stretch and of the length of a rope that may go slack; None for one
             that may not.
         level: Height of the ground [m].
@@ -97,7 +99,7 @@ def bounds(
         if not joint.driven and joint.kind == "revolute":
             yield Bound(i, swings.get(i, q[i]), -math.pi / 2, math.pi / 2, False, message)
         if not (joint.driven and buffers):
-            yield Bound(i, q[i], lower[i], upper[i], False, message)
+            yield Bound(i, q[i], limits.lower[i], limits.upper[i], False, message)
     if rope is not None:
         distance = q[rope[0]] + q[rope[1]]
         yield Bound(rope[0], distance, 0.0, None, True, "the load is {value:.6g} m below its pivot")
@@ -107,55 +109,21 @@ def bounds(
             "rope_stiffness = inf"
         )
         yield Bound(layout.role("hoist", "The rope"), tension, 0.0, None, True, slack)
-    yield Bound(
-        layout.n - 1,
-        height,
-        level,
-        None,
-        False,
-        "the payload is at a height of {value:.6g} m, below the ground",
-    )
-
-
-_ROUND_OFF = 1.0 + 1e-9
-
-
-def drive_bounds(
-    layout: Layout, needed: Any, effort_limit: Any, v: Any, rate_limit: Any
-) -> Iterator[Bound]:
-    """Yield the limits of the drives that a state must keep.
-
-    Args:
-        layout: Joints of the crane.
-        needed: Efforts needed to follow a motion or a rate [N m or N], m numbers; None for drives
-            that take efforts.
-        effort_limit: Largest efforts, m numbers.
-        v: Rates of the joints, n numbers.
-        rate_limit: Largest rates of the drives, m numbers, inf for none; None for drives that keep
-            them by themselves.
-    """
+    message = "the payload is at a height of {value:.6g} m, below the ground"
+    yield Bound(layout.n - 1, height, level, None, False, message)
     for i, joint in enumerate(layout.driven):
-        index, name = int(layout.drives[i]), joint.name
+        index, checks = int(layout.drives[i]), list[tuple[Any, Any, str, str, str]]()
         if needed is not None:
-            yield Bound(
-                index,
-                needed[i],
-                -(effort_limit[i] * _ROUND_OFF),
-                effort_limit[i] * _ROUND_OFF,
-                False,
-                f"{name} would need {{value:.6g}} {joint.effort_unit}, its drive has {{low:.6g}} "
-                f"to {{high:.6g}} {joint.effort_unit}",
+            largest = limits.effort_limit[i]
+            checks.append((needed[i], largest, "would need", "has", joint.effort_unit))
+        if rates:
+            checks.append((v[index], limits.rate_limit[i], "moves at", "at", f"{joint.unit}/s"))
+        for value, largest, verb, ability, unit in checks:
+            limit = largest * _ROUND_OFF
+            message = (
+                f"{{value:.6g}} {unit}, its drive {ability} {{low:.6g}} to {{high:.6g}} {unit}"
             )
-        if rate_limit is not None:
-            yield Bound(
-                index,
-                v[index],
-                -(rate_limit[i] * _ROUND_OFF),
-                rate_limit[i] * _ROUND_OFF,
-                False,
-                f"{name} moves at {{value:.6g}} {joint.unit}/s, its drive at {{low:.6g}} to "
-                f"{{high:.6g}} {joint.unit}/s",
-            )
+            yield Bound(index, value, -limit, limit, False, f"{joint.name} {verb} {message}")
 
 
 class Event(NamedTuple):
@@ -211,22 +179,22 @@ def conditions(
     swings = dict(zip(crane.swings.tolist(), crane.swing_angles(q).T, strict=True))
     if needed is not None:
         needed = as_array("needed", needed, (len(q), crane.layout.m)).T
-    limits = crane.rate_limit if rates else None
-    return [
-        *bounds(
+    return list(
+        bounds(
             crane.layout,
-            crane.lower,
-            crane.upper,
+            crane,
             q.T,
+            v.T,
             swings,
             tension,
             height,
             buffers=buffers,
+            needed=needed,
+            rates=rates,
             rope=crane.springs.rope and crane.springs.rope[:2],
             level=level,
-        ),
-        *drive_bounds(crane.layout, needed, crane.effort_limit, v.T, limits),
-    ]
+        )
+    )
 
 
 def valid(state_bounds: Sequence[Bound]) -> np.ndarray:
@@ -276,12 +244,8 @@ def _beginnings(crane: Crane, bound: Bound, holds: np.ndarray) -> list[Event]:
     rows = np.flatnonzero(~holds & np.concatenate([[True], holds[:-1]]))
     name = crane.layout.joints[bound.joint].name
     values = np.broadcast_to(bound.value, holds.shape)
+    words = bound.words.format
     return [
-        Event(
-            int(row),
-            name,
-            float(values[row]),
-            bound.words.format(value=values[row], low=bound.low, high=bound.high),
-        )
-        for row in rows
+        Event(int(row), name, float(x), words(value=x, low=bound.low, high=bound.high))
+        for row, x in zip(rows, values[rows], strict=True)
     ]

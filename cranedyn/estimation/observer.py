@@ -191,7 +191,12 @@ class ObserverController(ShortRepr):
         """
         row = self.model.row(t)
         if self.estimate is None:
-            self._check_row(t)
+            rows = t / self.model.period
+            if rows < len(self.model.setpoint) - 1 and abs(rows - round(rows)) > SAME_PERIOD:
+                raise CraneError(
+                    f"This observer is first asked for t = {t:g} s; its motion has rows every "
+                    f"{self.model.period:g} s only."
+                )
             if self.start is not None:
                 self._deviation = self.start - self.model.setpoint[row]
             self._correct(row, state)
@@ -210,14 +215,6 @@ class ObserverController(ShortRepr):
         )
         self._t = t
         return command
-
-    def _check_row(self, t: float) -> None:
-        rows = t / self.model.period
-        if rows < len(self.model.setpoint) - 1 and abs(rows - round(rows)) > SAME_PERIOD:
-            raise CraneError(
-                f"This observer is first asked for t = {t:g} s; its motion has rows every "
-                f"{self.model.period:g} s only."
-            )
 
     def _predict(self) -> None:
         row, correction = self._since.popleft()

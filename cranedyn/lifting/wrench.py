@@ -94,7 +94,7 @@ class Moving:
         outside = None
         if acting:
             outside = rows(as_array("force", force, (len(q), 3 * len(crane.points))))
-        caused, _ = crane_plant.answer(rows(q), rows(v), rows(effort), outside)
+        caused = crane_plant.answer(rows(q), rows(v), rows(effort), outside)[0]
         external = [] if outside is None else list(outside.reshape(-1, 3))
         points = zip(topology.bodies, crane_plant.levers, external, strict=acting)
         tree = bodies(crane.model)  # that of the plant counts masses with their parents

@@ -116,22 +116,12 @@ def load_cranes(urdf: str | Path | None = None, **values: Any) -> Cranes:
         raise OutOfRange("arrays of values", lengths, "one or more of one length")
     for name, array in arrays.items():
         finite(name, array, shapes[name])
-    arguments = {
-        "urdf": urdf,
-        **{
-            name: value
-            for name, value in values.items()
-            if name in parameters and name not in arrays
-        },
-    }
+    of_start = {name: value for name, value in values.items() if name not in parameters}
     varied = {name: array for name, array in arrays.items() if name in parameters}
-    rows, base = _numbers(arguments, varied, next(iter(shapes.values()))[0])
-    start = _start(
-        base,
-        rows[:, -base.layout.n :],
-        {name: value for name, value in values.items() if name not in parameters},
-    )
-    return Cranes(base, arguments, varied, rows[:, : -base.layout.n], start)
+    shared = {n: value for n, value in values.items() if n not in {**of_start, **varied}}
+    rows, base = _numbers({"urdf": urdf, **shared}, varied, next(iter(shapes.values()))[0])
+    start = _start(base, rows[:, -base.layout.n :], of_start)
+    return Cranes(base, {"urdf": urdf, **shared}, varied, rows[:, : -base.layout.n], start)
 
 
 def _arguments(urdf: str | Path | None) -> list[str]:

@@ -17,7 +17,7 @@ from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.converters import Response, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops, tension_from_hoist_force
 from cranedyn.dynamics.scalars import array, chosen, clipped, flag, solve_linear
-from cranedyn.dynamics.validity import bounds, drive_bounds
+from cranedyn.dynamics.validity import bounds
 from cranedyn.model.crane import Crane, once_per_crane
 from cranedyn.model.layout import Layout
 from cranedyn.model.springs import Bifilar, Rope, Springs
@@ -56,10 +56,13 @@ class Topology:
     def of(crane: Crane) -> Topology:
         """Return the topology of a crane."""
         parents = tuple(int(parent) - 1 for parent in list(crane.model.parents)[1:])
-        hoist = crane.layout.role("hoist", "") if crane.layout.has("hoist") else None
-        swings = tuple(
-            (int(i), hoist is not None and int(i) in _above(parents, hoist)) for i in crane.swings
-        )
+        above, joint = set[int](), -1
+        if crane.layout.has("hoist"):
+            joint = crane.layout.role("hoist", "")
+        while joint >= 0:
+            joint = parents[joint]
+            above.add(joint)
+        swings = tuple((i, i in above) for i in crane.swings.tolist())
         rope, falls = crane.springs.rope, crane.springs.bifilar
         bodies = tuple(point.body for point in crane.points)
         return Topology(
@@ -71,14 +74,6 @@ class Topology:
             None if rope is None else (rope.stretch, rope.length, rope.inextensible),
             None if falls is None else (falls.yaw, falls.length),
         )
-
-
-def _above(parents: Sequence[int], joint: int) -> list[int]:
-    """Return the joints between the world and a joint."""
-    ancestors = []
-    while (joint := parents[joint]) >= 0:
-        ancestors.append(joint)
-    return ancestors
 
 
 class Units(NamedTuple):
@@ -181,8 +176,8 @@ class Plant:
         command: np.ndarray,
         forces: np.ndarray | None,
         reactions: Sequence[ExternalForce] = (),
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return accelerations and efforts under a command at a state.
+    ) -> Answer:
+        """Return the answer to a command at a state.
 
         Args:
             q: Coordinates, shape (n,).
@@ -191,33 +186,12 @@ class Plant:
                 shape (m,).
             forces: From outside on the points in the world [N], shape (3 points,); None for none.
             reactions: Those of the ground, see `ground_reactions`.
-
-        Returns:
-            Accelerations, shape (n,), and efforts of the drives, shape (m,).
-        """
-        return self.driven(q, v, command, forces, reactions)[:2]
-
-    def driven(
-        self,
-        q: np.ndarray,
-        v: np.ndarray,
-        command: np.ndarray,
-        forces: np.ndarray | None,
-        reactions: Sequence[ExternalForce] = (),
-    ) -> Answer:
-        """Return what `answer` returns, the efforts that the drives would need to follow the
-        command, and the pull of the rope.
         """
         drives, rope = self.topology.layout.drives, self.joint.rope
         frames = rigid_body.frames(self.tree, q)
-        acting = zip(
-            self.topology.bodies,
-            self.levers,
-            [] if forces is None else forces.reshape(-1, 3),
-            strict=forces is not None,
-        )
-        external = [ExternalForce(body, lever, force) for body, lever, force in acting]
-        external += reactions
+        pushes: Any = [] if forces is None else forces.reshape(-1, 3)
+        acting = zip(self.topology.bodies, self.levers, pushes, strict=forces is not None)
+        external = [*map(ExternalForce._make, acting), *reactions]
         effort = self.joint.effort(q, v)
         if self.buffers:
             effort[drives] = effort[drives] + self.stops.effort(q, v)
@@ -241,7 +215,7 @@ class Plant:
         v: np.ndarray,
         command: np.ndarray,
     ) -> Answer:
-        """Return `driven` for a rope that holds its stretch where it is taut."""
+        """Return `answer` for a rope that holds its stretch where it is taut."""
         taut, pull = self.joint.taut, None
         if taut is None or isinstance(taut, bool):
             still = self._solved(mass, resisting, v, command, stretch)
@@ -364,27 +338,20 @@ class Plant:
         layout = self.topology.layout
         tension = tension_from_hoist_force(layout, self.joint, q, v, hoist_force)
         above = height(self.tree, q, self.topology.bodies[0], self.levers[0])
-        state_bounds = [
-            *bounds(
-                layout,
-                self.lower,
-                self.upper,
-                q,
-                self.swing_angles(q),
-                tension,
-                above,
-                buffers=self.buffers,
-                rope=self.topology.rope,
-                level=0.0 if self.contacts is None else self.contacts.level,
-            ),
-            *drive_bounds(
-                layout,
-                None if self.drive == "effort" else needed,
-                self.effort_limit,
-                v,
-                None if self.drive == "velocity" else self.rate_limit,
-            ),
-        ]
+        state_bounds = bounds(
+            layout,
+            self,
+            q,
+            v,
+            self.swing_angles(q),
+            tension,
+            above,
+            buffers=self.buffers,
+            needed=None if self.drive == "effort" else needed,
+            rates=self.drive != "velocity",
+            rope=self.topology.rope,
+            level=0.0 if self.contacts is None else self.contacts.level,
+        )
         return [condition for bound in state_bounds for condition in bound.conditions]
 
     def within(self, command: np.ndarray) -> np.ndarray:
@@ -398,9 +365,8 @@ class Plant:
     def energy(self, q: np.ndarray, v: np.ndarray) -> Any:
         """Return the mechanical energy with that of springs [J], zero of height at the ground."""
         frames = rigid_body.frames(self.tree, q)
-        rigid = 0.5 * (
-            v @ (rigid_body.mass_matrix(self.tree, frames) @ v)
-        ) + rigid_body.potential_energy(self.tree, frames)
+        rigid = 0.5 * (v @ (rigid_body.mass_matrix(self.tree, frames) @ v))
+        rigid = rigid + rigid_body.potential_energy(self.tree, frames)
         return rigid if self.joint.springs is None else rigid + self.joint.springs.energy(q)
 
     @property
@@ -475,12 +441,8 @@ def _arms(crane: Crane) -> np.ndarray:
     data = crane.model.createData()
     pin.forwardKinematics(crane.model, data, np.zeros(crane.layout.n))
     payload = data.oMi[crane.payload.body + 1].act(crane.payload.lever)
-    return np.array(
-        [
-            float(np.linalg.norm(payload - data.oMi[swing + 1].translation))
-            for swing in crane.swings.tolist()
-        ]
-    )
+    pivots = [data.oMi[swing + 1].translation for swing in crane.swings.tolist()]
+    return np.array([float(np.linalg.norm(payload - pivot)) for pivot in pivots])
 
 
 def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) -> Plant:
@@ -495,8 +457,7 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
         response = Response(*np.split(array(values[-count:]), len(Response._fields)))
         values = values[:-count]
     tree = blank(topology.parents)
-    count = len(tree.numbers())
-    swings = len(topology.swings)
+    count, swings = len(tree.numbers()), len(topology.swings)
     falls = topology.bifilar and Bifilar(*topology.bifilar, 0.0)
     joint_counts = [n, n, n, 1, int(falls is not None), n, n, m, m]
     counts = [*joint_counts, 3 * len(topology.bodies), swings, swings, swings * m, m, m]

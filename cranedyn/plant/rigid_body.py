@@ -120,12 +120,9 @@ def point_motions(
         body: The row of the body.
         points: In the joint's frame [m], shape (3,) each.
     """
-    chain = [body]
-    while (parent := tree.parents[chain[-1]]) >= 0:
-        chain.append(parent)
     zero = array([0.0] * 3)
     turn, place, speed, spin = array(np.eye(3).ravel().tolist()).reshape(3, 3), zero, zero, zero
-    for i in reversed(chain):
+    for i in tree.path(body):
         (along, about), rate, (rotation, origin) = tree.axis[i], v[i : i + 1], poses[i]
         arm = turn @ origin
         speed = speed + cross_product(spin, arm) + turn @ (tree.rotation[i] @ (along * rate))
@@ -309,11 +306,10 @@ def lost_digits(mass: np.ndarray) -> float:
     roundings for each unit of its condition number.
 
     Args:
-        mass: The matrix, or its upper triangle, in numbers; it is scaled to a unit diagonal first.
+        mass: The matrix in numbers; it is scaled to a unit diagonal first.
     """
-    full = np.triu(mass) + np.triu(mass, 1).T
-    root = np.sqrt(np.diag(full))
-    return float(1e3 * np.finfo(float).eps * np.linalg.cond(full / root / root[:, None]))
+    root = np.sqrt(np.diag(mass))
+    return float(1e3 * np.finfo(float).eps * np.linalg.cond(mass / root / root[:, None]))
 
 
 def disagreement(computed: np.ndarray, expected: np.ndarray, mass: np.ndarray) -> float:
@@ -323,7 +319,7 @@ def disagreement(computed: np.ndarray, expected: np.ndarray, mass: np.ndarray) -
     Args:
         computed: One state or the same in each row, shape (n,) or (m, n).
         expected: By Pinocchio, shape (n,).
-        mass: The mass matrix there, or its upper triangle, shape (n, n).
+        mass: The mass matrix there, shape (n, n).
     """
     off = float(np.abs(computed - expected).max() / np.abs(expected).max())
     return 0.0 if off <= _AGREEMENT or off <= lost_digits(mass) else off
@@ -342,10 +338,7 @@ def potential_energy(tree: Bodies, poses: Sequence[Frame]) -> Any:
 
 def into(tree: Bodies, poses: Sequence[Frame], body: int, vector: np.ndarray) -> np.ndarray:
     """Return a vector of the world in the frame of a joint, shape (3,)."""
-    chain = [body]
-    while (parent := tree.parents[chain[-1]]) >= 0:
-        chain.append(parent)
-    for i in reversed(chain):
+    for i in tree.path(body):
         vector = poses[i].rotation.T @ vector
     return vector
 

@@ -96,18 +96,12 @@ def flat(
         number(f"l at the {end}", state.q[hoist], "m", "> 0")
     inertia = (crane.payload_inertia[0, 0] + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass
     height = float(pivot_position(crane, start.q)[2])
-    ends = np.array(
-        [
-            (s.q[slew], s.q[trolley], height - s.q[hoist] - inertia / s.q[hoist])
-            for s in (start, goal)
-        ]
-    )
+    q = np.array([start.q, goal.q])
+    below = height - q[:, hoist] - inertia / q[:, hoist]
+    ends = np.column_stack([q[:, slew], q[:, trolley], below])
     stride = max(1, math.ceil(_CLOSEST / period - 1e-9))  # rows from one sample to the next
-    t = (
-        period
-        * stride
-        * np.arange(-_MARGIN, math.ceil(duration / (period * stride) - 1e-9) + 1 + _MARGIN)
-    )
+    samples = math.ceil(duration / (period * stride) - 1e-9) + 1
+    t = period * stride * np.arange(-_MARGIN, samples + _MARGIN)
     share, speed, growth = (
         smoothstep(t / duration, order) / duration**order
         if ramp is None
@@ -132,12 +126,8 @@ def flat(
         + (displacement[2] * growth + crane.gravity)[:, None] * up
     )
     if rope[:, 2].min() <= 0.0:
-        raise OutOfRange(
-            "duration",
-            duration,
-            "longer: the payload would fall faster than gravity and slacken the rope",
-            "s",
-        )
+        allowed = "longer: the payload would fall faster than gravity and slacken the rope"
+        raise OutOfRange("duration", duration, allowed, "s")
     q = recover(path, rope / np.linalg.norm(rope, axis=1)[:, None], height, inertia)
     curve = scipy.interpolate.make_interp_spline(t, q, k=7)
     rows = period * np.arange(last + 1)

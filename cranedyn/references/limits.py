@@ -38,9 +38,8 @@ class Limits:
         for kind, per in (("rate", "s"), ("acceleration", "s²")):
             values = getattr(self, f"{kind}s")
             if np.ndim(values) != 1 or np.shape(values) != np.shape(self.rates):
-                raise OutOfRange(
-                    f"{kind} limits", values, "one number for each drive", f"per {per}"
-                )
+                allowed = "one number for each drive"
+                raise OutOfRange(f"{kind} limits", values, allowed, f"per {per}")
             values = tuple(number(f"{kind} limit", value, f"per {per}", "> 0") for value in values)
             object.__setattr__(self, f"{kind}s", values)
 
@@ -100,9 +99,8 @@ def fastest(crane: Crane, plan: Callable[[float], Motion], limits: Limits) -> fl
     while (over := excess(high)) > 0.0:
         low, high = high, 2.0 * high
         if high > _LONGEST:
-            raise OutOfRange(
-                "limits of the drives",
-                limits,
-                f"such that some duration up to {_LONGEST:g} s keeps them, not {over:g} beyond",
+            allowed = (
+                f"such that some duration up to {_LONGEST:g} s keeps them, not {over:g} beyond"
             )
+            raise OutOfRange("limits of the drives", limits, allowed)
     return float(scipy.optimize.brentq(lambda t: min(excess(t), 1e3), low, high, xtol=1e-3)) + 1e-3

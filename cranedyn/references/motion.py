@@ -59,9 +59,8 @@ class Motion(ShortRepr):
             raise OutOfRange("motion", "one of no row", "one row or more")
         drives, n = finite("drives of a motion", self.drives, ("m",)).tolist(), self.q.shape[1]
         if len({*drives} & {*range(n)}) < max(1, len(drives)):
-            raise OutOfRange(
-                "drives of a motion", drives, f"different whole numbers from 0 to {n - 1}"
-            )
+            allowed = f"different whole numbers from 0 to {n - 1}"
+            raise OutOfRange("drives of a motion", drives, allowed)
         object.__setattr__(self, "drives", np.array(drives, dtype=int))
 
     def check_fits(self, name: str, layout: Layout) -> None:
@@ -83,14 +82,12 @@ class Motion(ShortRepr):
     def __call__(self, t: float) -> Setpoint:
         """Return the setpoint of the drives at a time [s]."""
         row, share = locate(t, self.period, len(self.q))
-        position, velocity, acceleration = (
+        position, *derivatives = (
             interpolate(samples, row, share)[self.drives] for samples in (self.q, self.v, self.a)
         )
-        return (
-            Setpoint(position, velocity, acceleration)
-            if self._moves(t)
-            else Setpoint(position, 0.0 * position, 0.0 * position)
-        )
+        if not self._moves(t):
+            derivatives = [0.0 * position, 0.0 * position]
+        return Setpoint(position, *derivatives)
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (rows, m) each."""

@@ -247,18 +247,17 @@ def spline(
             number is not finite or not positive.
     """
     if not len(waypoints) or len(waypoints) != len(durations):
-        raise OutOfRange(
-            "number of durations",
-            len(durations),
-            f"that of the waypoints, {len(waypoints)}, and one at least",
-        )
-    points = [crane.layout.as_state("start", start).q[crane.layout.drives]]
-    for waypoint in waypoints:
-        points.append(crane.layout.for_drives("waypoint", waypoint))
+        allowed = f"that of the waypoints, {len(waypoints)}, and one at least"
+        raise OutOfRange("number of durations", len(durations), allowed)
+    points = _points(crane, start, waypoints)
     steps = [number("duration of a section", duration, "s", "> 0") for duration in durations]
-    return Spline(
-        number("departure", at, "s") + np.concatenate([[0.0], np.cumsum(steps)]), np.array(points)
-    )
+    return Spline(number("departure", at, "s") + np.cumsum([0.0, *steps]), points)
+
+
+def _points(crane: Crane, start: State, waypoints: Sequence[Sequence[float]]) -> np.ndarray:
+    """Return the positions of the drives at a start and at waypoints, shape (1 + k, m)."""
+    first = crane.layout.as_state("start", start).q[crane.layout.drives]
+    return np.array([first, *(crane.layout.for_drives("waypoint", point) for point in waypoints)])
 
 
 def shortest(
@@ -284,11 +283,7 @@ def shortest(
     """
     v = np.minimum(crane.layout.for_drives("rate limit", rates, "/s", "> 0"), crane.rate_limit)
     a = crane.layout.for_drives("acceleration limit", accelerations, "/s²", "> 0")
-    points = [
-        crane.layout.as_state("start", start).q[crane.layout.drives],
-        *(crane.layout.for_drives("waypoint", waypoint) for waypoint in waypoints),
-    ]
-    paths = np.abs(np.diff(points, axis=0))
+    paths = np.abs(np.diff(_points(crane, start, waypoints), axis=0))
     return [
         float(max((PEAK_RATE * path / v).max(), np.sqrt(PEAK_ACCELERATION * path / a).max()))
         for path in paths

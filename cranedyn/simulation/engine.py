@@ -83,8 +83,7 @@ class Setting:
             OutOfRange: If there is no such kind of drives, buffers are for drives that take no
                 efforts, or there is not one converter for each drive.
         """
-        converters = drive if isinstance(drive, Converters) else None
-        kind = "velocity" if isinstance(drive, Converters) else drive
+        kind, converters = ("velocity", drive) if isinstance(drive, Converters) else (drive, None)
         check_choice("drive", kind, Drive)
         if buffers and kind != "effort":
             raise OutOfRange("buffers", "True", "False where the drives take no efforts")
@@ -303,11 +302,8 @@ class Engine:
         motion. Where the load touches the ground, or such a drive is beyond its range, before or
         after that, small semi-implicit steps replace it.
         """
-        external, clocks, integrator = (
-            self._external,
-            self._setting.clocks,
-            self._setting.integrator,
-        )
+        external, setting = self._external, self._setting
+        clocks, integrator = setting.clocks, setting.integrator
         assert external is not None
         stops, ground = external.stops, external.ground
         works = self._buffer_work, self._impact_work
@@ -331,7 +327,7 @@ class Engine:
         stops, ground = self._external.stops, self._external.ground
         if ground is not None and ground.touches(q):
             return True
-        return self._setting.integrator.smooth and stops is not None and self._beyond(q)
+        return self._setting.integrator.smooth and stops is not None and any(stops.beyond(q))
 
     def _step_and_count(
         self, q: np.ndarray, v: np.ndarray, integrator: Integrator, dt: float
@@ -351,11 +347,6 @@ class Engine:
             self._buffer_work += float(external.ground_effort @ moved)
             external.ground.anchors = external.ground.moved
         return q, v
-
-    def _beyond(self, q: np.ndarray) -> bool:
-        crane = self._setting.crane
-        drives = crane.layout.drives
-        return bool((q < crane.lower)[drives].any() or (q > crane.upper)[drives].any())
 
     def energies(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return mechanical energies [J], with zero height at the ground, shape (rows,).

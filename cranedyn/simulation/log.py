@@ -54,10 +54,9 @@ class Log:
         row_size = 2 * 8 * sum(map(len, self._names.values()))
         if rows * row_size > _MEMORY:
             most = f"{(_MEMORY / row_size - 1) * period:.3g} s at most"
-            size = (
-                f"its {rows} rows would take {rows * row_size / 1e9:.3g} GB of {_MEMORY / 1e9:g} GB"
-            )
-            raise OutOfRange("duration", f"{(rows - 1) * period:g}", f"{most}: {size}", "s")
+            size = f"{rows * row_size / 1e9:.3g} GB of {_MEMORY / 1e9:g} GB"
+            allowed = f"{most}: its {rows} rows would take {size}"
+            raise OutOfRange("duration", f"{(rows - 1) * period:g}", allowed, "s")
         self._setting, self._crane, self._t_start = setting, crane, t_start
         self._validity = validity
         sections = row_sections(crane.layout.n, crane.layout.m, len(crane.points))

@@ -9,8 +9,7 @@ import math
 import platform
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from functools import cache
-from typing import Any, Protocol, cast
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -27,18 +26,23 @@ _SHORT = 64
 
 _DEEPEST = 6
 
-
-class Noting(Protocol):
-    """A controller that adds notes to the record of a run."""
-
-    def notes(self) -> Mapping[str, Any]:
-        """Return notes of the run, as values of JSON."""
+VERSIONS = {
+    "python": platform.python_version(),
+    "cranedyn": __version__,
+    "pin": pin.__version__,
+    "numpy": np.__version__,
+    "scipy": scipy.__version__,
+}
+"""Versions of the programs, as they say them: to look through what is installed would take as long
+as a crane."""
 
 
 def controller_notes(controller: object, depth: int = 0) -> dict[str, Any]:
-    """Return the notes of a controller, or of the controllers within it."""
-    if hasattr(controller, "notes"):  # looking for a protocol takes ten times as long
-        return dict(cast(Noting, controller).notes())
+    """Return what a method `notes` of a controller, or of the controllers within it, adds to the
+    record of a run, as values of JSON.
+    """
+    if notes := getattr(controller, "notes", None):
+        return dict(notes())
     if depth >= _DEEPEST or not is_dataclass(controller) or isinstance(controller, type | Crane):
         return {}
     inner = (getattr(controller, field.name, None) for field in fields(controller))
@@ -56,61 +60,33 @@ class RunRecord:
         engine: str,
         validity: str,
         controller: object,
-        reference: object,
-        disturbance: object,
+        reference: object = None,
+        disturbance: object = None,
         ground: object = None,
     ) -> None:
-        self._controller = controller
+        crane, self._controller = setting.crane, controller
+        actors = {"controller": controller, "reference": reference, "disturbance": disturbance}
+        actors |= {"ground": ground, "converters": setting.converters}
         self._parameters: dict[str, float | str] = {
             "dt_s": setting.clocks.dt,
             "control_period_s": setting.clocks.period,
-            "gravity_m_s2": setting.crane.gravity,
+            "gravity_m_s2": crane.gravity,
             "drive": setting.drive,
             "engine": engine,
             "integrator": setting.integrator.name,
             "validity": validity,
         }
-        self._record = run_record(
-            setting.crane,
-            controller=controller,
-            reference=reference,
-            disturbance=disturbance,
-            ground=ground,
-            converters=setting.converters,
-        )
+        self._record = {
+            "crane": dict(crane.record),
+            **{name: json_value(actor) for name, actor in actors.items() if actor is not None},
+            "versions": dict(VERSIONS),
+        }
 
     def trajectory(self, log: Log, engine: Engine) -> Trajectory:
         """Return a log as a trajectory that carries this record, with the controller's notes."""
         notes = controller_notes(self._controller)
         record = self._record | ({"notes": notes} if notes else {})
         return log.trajectory(engine.energies, self._parameters, record)
-
-
-def run_record(crane: Crane, **actors: object) -> dict[str, Any]:
-    """Return the record of a run: the crane, what moves it, and versions.
-
-    Args:
-        crane: The crane.
-        actors: Controller, reference, disturbance and so on by name; None for those that are
-            missing.
-    """
-    return {
-        "crane": dict(crane.record),
-        **{name: json_value(actor) for name, actor in actors.items() if actor is not None},
-        "versions": dict(_versions()),
-    }
-
-
-@cache
-def _versions() -> tuple[tuple[str, str], ...]:
-    # they say it themselves: to look through what is installed would take as long as a crane
-    return (
-        ("python", platform.python_version()),
-        ("cranedyn", __version__),
-        ("pin", pin.__version__),
-        ("numpy", np.__version__),
-        ("scipy", scipy.__version__),
-    )
 
 
 def json_value(value: object, depth: int = 0) -> Any:

@@ -109,16 +109,13 @@ class Stepper:
             OutOfRange: If a shape is wrong, or a force is given to a stepper without forces.
             RunError: If a command is not finite, or the crane moves beyond all bounds.
         """
-        check_bounded(self.crane.layout, self.t, self.engine.state)
-        if force is not None and not self.setting.forces:
-            raise OutOfRange("force", "given", "none, unless the stepper is made with forces=True")
         layout = self.crane.layout
-        self.engine.apply_command(
-            as_command(command, self.t, layout),
-            as_force(np.zeros((len(layout.points), 3)) if force is None else force, layout)
-            if self.setting.forces
-            else None,
-        )
+        check_bounded(layout, self.t, self.engine.state)
+        if self.setting.forces:
+            force = as_force(np.zeros((len(layout.points), 3)) if force is None else force, layout)
+        elif force is not None:
+            raise OutOfRange("force", "given", "none, unless the stepper is made with forces=True")
+        self.engine.apply_command(as_command(command, self.t, layout), force)
         state = self.engine.advance()
         self._periods += 1
         return state

@@ -323,7 +323,7 @@ class _SiteCrane:
         setting = Setting.of(self.crane, clock, drives, rule, forces=forces, buffers=False)
         self.engine = load_engine(engine)(setting, initial_state(self.crane, None))
         self.log = Log(setting, "mark", 0.0, rows)
-        self.record = RunRecord(setting, engine, "mark", operator, None, self._wind, None)
+        self.record = RunRecord(setting, engine, "mark", operator, disturbance=self._wind)
 
     def command(self, t: float, states: Sequence[State]) -> np.ndarray:
         """Return the rates that the operator commands, shape (m,)."""

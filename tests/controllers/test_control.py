@@ -66,21 +66,6 @@ def test_a_spline_is_at_rest_at_every_waypoint_and_passes_through_it() -> None:
         np.testing.assert_allclose([setpoint.velocity, setpoint.acceleration], 0.0, atol=1e-12)
 
 
-def test_rates_of_a_spline_are_the_derivatives_of_its_position() -> None:
-    reference = spline(crane(), crane().state(x=10.0, l=15.0), [(0.6, 20.0, 10.0)], [20.0])
-    h = 1e-4
-    for t in (2.0, 7.3, 19.0):
-        before, now, after = (reference(t + s) for s in (-h, 0.0, h))
-        # central differences: h² times the third derivative, below 1e-8 here, and rounding 1e-15/h²
-        # of the second
-        np.testing.assert_allclose(
-            (after.position - before.position) / (2 * h), now.velocity, atol=1e-7
-        )
-        np.testing.assert_allclose(
-            (after.velocity - before.velocity) / (2 * h), now.acceleration, atol=1e-7
-        )
-
-
 def test_the_shortest_spline_reaches_a_limit_and_exceeds_none() -> None:
     start = crane().state(x=10.0, l=15.0)
     rates, accelerations = (0.08, 0.8, 0.8), (0.02, 0.3, 0.4)
@@ -92,36 +77,6 @@ def test_the_shortest_spline_reaches_a_limit_and_exceeds_none() -> None:
             (np.abs(setpoint.acceleration).max(axis=0) / accelerations).max(),
         )
         assert use == pytest.approx(1.0, abs=1e-6)  # 4001 samples meet the peak within 1e-7
-
-
-@pytest.mark.parametrize(("duration", "degrees"), [(10.0, 10.687330), (15.0, 1.395181)])
-def test_a_quintic_move_leaves_the_swing_of_the_closed_form(
-    duration: float, degrees: float
-) -> None:
-    # A thousandth of the published 10 m, so that the swing is small and everything linear; dt and
-    # control period are halved away.
-    way = 0.01
-    point = big_crane()
-    start = point.state(x=10.0, l=20.0)
-    reference = spline(point, start, [(0.0, 10.0 + way, 20.0)], [duration])
-
-    def left(dt: float) -> float:
-        run = quickly(
-            point,
-            follow(point, reference, dt),
-            reference,
-            start=start,
-            duration=duration + 20.0,
-            dt=dt,
-            control_period=dt,
-            drive="motion",
-        )
-        return swing_left(run["phi_rad"][run.t >= duration])
-
-    extrapolated = 2.0 * left(2.5e-3) - left(5e-3)
-    # second order in dt is left: (ω dt)² = 3e-6; the top of the swing is met by samples within (ω
-    # dt)²/8
-    assert math.degrees(extrapolated) * 10.0 / way == pytest.approx(degrees, rel=2e-5)
 
 
 # --- flat paths -----------------------------------------------------------------------------------
@@ -395,25 +350,6 @@ def test_a_shaper_for_a_moving_cable_keeps_the_way_and_leaves_less_than_one_for_
 
 
 # --- the operator ---------------------------------------------------------------------------------
-
-
-def test_an_operators_push_is_a_trapezoid_within_the_limit() -> None:
-    start = crane().state(x=10.0)
-    reference = joystick(
-        crane(),
-        start,
-        [JoystickPulse("x", 0.8, 1.0, 5.0), JoystickPulse("x", -0.8, 8.0, 1.0)],
-        accelerations=(0.02, 0.4, 0.4),
-    )
-    assert reference(4.0).velocity[1] == pytest.approx(0.8)
-    # A trapezoid covers rate times hold.
-    assert reference(8.0).position[1] == pytest.approx(10.0 + 0.8 * 5.0)
-    assert reference(20.0).velocity[1] == pytest.approx(0.0)
-    # held for 1 s, the acceleration of 0.4 reaches 0.4 m/s and covers 0.4 m
-    assert reference(20.0).position[1] == pytest.approx(14.0 - 0.4)
-    t = np.linspace(0.0, 12.0, 1201)
-    velocity = np.array([reference(s).velocity[1] for s in t])
-    assert np.abs(np.diff(velocity) / np.diff(t)).max() <= 0.4 + 1e-9
 
 
 @pytest.mark.slow

@@ -184,14 +184,6 @@ def test_positions_of_points_in_many_rows_are_pinocchios() -> None:
     assert_allclose(point_paths(crane(), q), expected, atol=1e-13)  # rounding, as above
 
 
-def test_a_rope_that_would_have_to_push_stops_the_run() -> None:
-    with pytest.raises(
-        RunError, match=r"At t = 0 s the rope would have to push, its tension is -1 N"
-    ) as caught:
-        simulate(crane(), constant(0.0, 0.0, 1.0), duration=1.0)
-    assert caught.value.joint == "hoist_joint"
-
-
 def test_a_load_on_the_ground_stops_the_run_when_it_gets_there() -> None:
     low = crane(pivot_height=27.0, hoist_max=30.0)
     start = low.state(l=26.0)
@@ -214,9 +206,9 @@ def test_no_row_escapes_the_look_at_validity(where: int) -> None:
     def slack_once(t: float, *_: object) -> np.ndarray:
         return np.array([0.0, 0.0, 5.0 if round(t / 5e-3) == where else -1000.0 * G])
 
-    with pytest.raises(RunError, match="the rope would have to push") as caught:
+    with pytest.raises(RunError, match="rope would have to push, its tension is -5 N") as caught:
         simulate(crane(), slack_once, duration=10.0)
-    assert caught.value.trajectory is not None
+    assert caught.value.joint == "hoist_joint" and caught.value.trajectory is not None
     assert len(caught.value.trajectory) == where + 1
 
 

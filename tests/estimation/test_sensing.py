@@ -230,30 +230,6 @@ def test_a_swing_that_no_sensor_sees_is_known_to_a_hundredth_after_two_seconds(
     assert compared.swing(2.0) < 5e-4
 
 
-@pytest.mark.slow
-def test_without_a_swing_sensor_the_combined_move_ends_as_still_as_with_one() -> None:
-    motion, start = combined(crane()), crane().state(**REST)
-    run = quickly(
-        crane(), with_observer(tracked(), crane(), motion), motion, start=start, duration=40.0
-    )
-    # the plan is exact but to first order in the hoisting, which the filter takes for 1e-4 rad of
-    # swing; 20 s after it the LQR has brought that down by a hundred at least
-    assert residual(run) < 1e-6
-
-
-@pytest.mark.parametrize("swing", ["phi", "theta"])
-@pytest.mark.slow
-def test_an_initial_swing_is_damped_almost_as_well_as_with_a_sensor(swing: str) -> None:
-    motion, start = combined(crane()), crane().state(**REST, **{swing: 0.1})
-    controller = tracked()
-    left = [
-        residual(quickly(crane(), with_or_without, motion, start=start, duration=40.0))
-        for with_or_without in (with_observer(controller, crane(), motion), controller)
-    ]
-    # the swing grows known in half a second of the 40: what is left may differ by a quarter
-    assert left[0] < 1.25 * left[1]
-
-
 @pytest.mark.parametrize("delay", [0, 10])
 @pytest.mark.slow
 def test_noisy_and_late_sensors_of_the_drives_alone_still_end_the_move_below_a_milliradian(

@@ -31,21 +31,18 @@ def _answers(c: Crane, drive: str, q: np.ndarray, v: np.ndarray) -> list[list[np
     force = np.tile([300.0, -200.0, 100.0], len(c.points))
     scaled, units = whole.in_steps(DT)
     found: list[list[Any]] = [
-        list(whole.answer(q, v, array(command.tolist()), array(force.tolist()))),
+        list(whole.answer(q, v, array(command.tolist()), array(force.tolist()))[:2]),
         list(
             scaled.answer(
                 q,
                 v * units.time,
                 array((command * units.command).tolist()),
                 array((force * units.force).tolist()),
-            )
+            )[:2]
         ),
     ]
     found[1][0] = found[1][0] / units.time**2
-    if drive != "effort":
-        found[1][1] = found[1][1] / units.force
-    else:
-        found[1][1] = found[1][1] / units.command
+    found[1][1] = found[1][1] / (units.command if drive == "effort" else units.force)
     return [[part.astype(float) for part in one] for one in found]
 
 

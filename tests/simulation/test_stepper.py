@@ -24,11 +24,14 @@ VARIANTS: list[dict[str, Any]] = [
     {"drive": "motion"},
     {"buffers": True},
     {"integrator": rk4, "dt": 5e-3},
+    {"drive": "velocity"},
 ]
 
 
 @ENGINE
-@pytest.mark.parametrize("variant", VARIANTS, ids=["effort", "motion", "buffers", "RK4"])
+@pytest.mark.parametrize(
+    "variant", VARIANTS, ids=["effort", "motion", "buffers", "RK4", "velocity"]
+)
 def test_a_loop_of_ones_own_goes_through_the_states_of_simulate_to_the_bit(
     engine: Any, variant: dict[str, Any]
 ) -> None:
@@ -37,6 +40,7 @@ def test_a_loop_of_ones_own_goes_through_the_states_of_simulate_to_the_bit(
     commands = {
         "effort": lambda t, state: controller(t, state, setpoint),
         "motion": lambda t, state: np.array([0.01, 0.1, -0.05]),
+        "velocity": lambda t, state: np.array([0.02, 0.5, -0.3]),
     }
     command = commands[variant.get("drive", "effort")]
     stepper = Stepper(crane(), start=start, engine=engine, **variant)
@@ -80,7 +84,7 @@ def test_a_force_acts_for_the_period_with_which_it_comes(engine: Any) -> None:
 
 
 @ENGINE
-@pytest.mark.parametrize("variant", [*VARIANTS, {"drive": "velocity"}])
+@pytest.mark.parametrize("variant", VARIANTS)
 def test_a_copy_goes_on_by_itself_from_where_the_original_was(
     engine: Any, variant: dict[str, Any]
 ) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import hmac
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +61,9 @@ async def serve_opcua(image: ProcessImage, host: str, port: int, security: Any =
         try:
             await server.load_certificate(security[0])
             await server.load_private_key(security[1])
-            trusted = security[4] and {await _encoded(file) for file in _files(security[4])}
+            paths = security[4]
+            files = [f for p in paths or () for f in (p.iterdir() if p.is_dir() else [p])]
+            trusted = paths and {await _encoded(file) for file in files}
             server.iserver.user_manager = _OneUser(security[2], security[3], trusted)
         except (OSError, ValueError, TypeError) as error:
             raise CraneError(f"Certificate or key cannot be read: {error}.") from error
@@ -77,11 +78,6 @@ async def serve_opcua(image: ProcessImage, host: str, port: int, security: Any =
     except OSError as error:
         raise CraneError(f"OPC UA cannot listen at {host}:{port}; is the port taken?") from error
     return server
-
-
-def _files(paths: Iterable[Path]) -> list[Path]:
-    """Return files, those in folders among them."""
-    return [file for path in paths for file in (path.iterdir() if path.is_dir() else [path])]
 
 
 async def _encoded(file: Path) -> bytes:

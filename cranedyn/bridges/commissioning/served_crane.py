@@ -84,7 +84,7 @@ class ServedCrane:
         self.fault, self.cycles, self.events = 0, 0, list[tuple[float, str]]()
         self.image = w.ProcessImage(w.word_map(crane, self._drive))
         self._log = Log(setting, "stop", 0.0, setting.clocks.periods + 1)
-        self._record = RunRecord(setting, "compiled", "stop", self, None, None)
+        self._record = RunRecord(setting, "compiled", "stop", self)
         layout = self._layout = crane.layout
         self._hoist, self._symbols = layout.drive_of("hoist"), [j.symbol for j in layout.driven]
         self._counts = np.array([w.COUNT[joint.unit] for joint in layout.driven])

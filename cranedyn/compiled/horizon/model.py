@@ -50,7 +50,7 @@ def crane_derivatives(
     """Linearise a crane under accelerations of its drives, in any kind of number."""
     layout = plant.topology.layout
     n, m, drives, passive = layout.n, layout.m, layout.drives, layout.passive
-    a, effort = plant.answer(q, v, u, None)
+    a, effort = plant.answer(q, v, u, None)[:2]
     q_dual, moving = variables(q, v)
     placements = rigid_body.frames(plant.tree, q_dual)
     forces = rigid_body.tree_inverse_dynamics(

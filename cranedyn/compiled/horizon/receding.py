@@ -198,7 +198,7 @@ class Receding(ShortRepr):
         return self._memory[self.programme.offsets(1).work :].copy()
 
     def notes(self) -> dict[str, object]:
-        """Return notes for a run, see `cranedyn.simulation.record.Noting`."""
+        """Return notes for a run, see `cranedyn.simulation.record.controller_notes`."""
         notes: dict[str, object] = {"failed_optimisations": int(self.marks.failures)}
         if refusals := int(self.refusals(self._memory, 1)[0]):
             joints = self.programme.topology.layout.joints
