@@ -184,8 +184,8 @@ cranedyn/model/springs.py
 + falls.spacing**2
 * two falls carry the hook only
 ? springs::a_hook_on_two_falls_is_where_it_hangs_on_one
-- for body in list(model.subtrees[i + 1])
-+ for body in [i + 1]
+- for body in list(model.subtrees[falls.yaw + 1])
++ for body in [falls.yaw + 1]
 cranedyn/dynamics/joint_forces.py
 * a slack rope keeps its strain energy
 ? cranes::a_load_thrown_up_is_free_until_its_rope_is_taut_again[pinocchio-3000.0]
