@@ -237,6 +237,15 @@ cranedyn/dynamics/contact.py
 ? contact::a_box_is_stopped_by_the_side_of_a_platform_and_stands_on_its_top
 - return (Face((0.0, 0.0, 1.0), self.height), *sides)
 + return (Face((0.0, 0.0, 1.0), self.height),)
+* a load falls into the seam of two platforms
+? contact::a_box_stands_and_slides_on_a_seam_of_two_platforms_as_on_one
+- chosen(covered, face[0] + _COVERED, way)
++ way
+cranedyn/model/crane.py
+* two falls carry nothing
+? springs::two_falls_carry_the_load_that_replaces_that_of_the_crane
+- self.springs.carrying(self.model)
++ self.springs
 cranedyn/dynamics/integrators.py
 * explicit Euler takes the place of semi-implicit
 ? integrator::the_energy_of_a_large_swing_ripples_but_does_not_drift

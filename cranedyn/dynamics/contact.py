@@ -111,22 +111,10 @@ class Platform:
         ]
         return (Face((0.0, 0.0, 1.0), self.height), *sides)
 
-    def overlaps(self, other: Platform) -> bool:
-        """Return whether the plans of two platforms overlap, by their separating axes."""
-        return all(
-            abs(np.dot(normal[:2], np.subtract(other.centre, self.centre)))
-            < sum(
-                abs(np.dot(normal, side.normal)) * size / 2.0
-                for platform in (self, other)
-                for side, size in zip(platform.faces[1::2], platform.size, strict=True)
-            )
-            for normal, *_ in (*self.faces[1:], *other.faces[1:])
-        )
-
 
 @dataclass(frozen=True)
 class Hull:
-    """The convex hull of corners, such as a part of an obstacle; hulls may overlap.
+    """The convex hull of corners, such as a part of an obstacle.
 
     Attributes:
         corners: Corners in the world [m], shape (n, 3).
@@ -159,7 +147,7 @@ class Ground:
     Attributes:
         points: Points of the load from its centre of mass, in the frame of its joint [m], shape
             (n, 3), such as `box_corners`.
-        platforms: Platforms on it, which do not overlap, and hulls.
+        platforms: Platforms on it and hulls.
         friction: Coefficient of dry friction.
         restitution: Speed after over speed before an impact of all points at once, without gravity,
             0 to 1. Up to 0.05 it counts as 0.05: a load that falls by 1 m then stays down.
@@ -167,7 +155,7 @@ class Ground:
         height: Height of the ground in the world [m].
 
     Raises:
-        OutOfRange: If a number is out of its range, platforms overlap, or one is below the ground.
+        OutOfRange: If a number is out of its range, or a platform below the ground.
     """
 
     points: Sequence[Sequence[float]]
@@ -188,13 +176,9 @@ class Ground:
         within("coefficient of restitution", self.restitution, 0.0, 1.0, "")
         within("static sink of the load", self.sink, *_SINKS, "m")
         level = number("height of the ground", self.height, "m")
-        boxes = [platform for platform in self.platforms if isinstance(platform, Platform)]
-        for box in boxes:
-            number("height of a platform above the ground", box.height - level, "m", "> 0")
-        for first, second in itertools.combinations(boxes, 2):
-            if first.overlaps(second):
-                centres = f"at {first.centre} and {second.centre}"
-                raise OutOfRange("platforms", centres, "platforms that do not overlap", "m")
+        for body in self.platforms:
+            if isinstance(body, Platform):
+                number("height of a platform above the ground", body.height - level, "m", "> 0")
 
     def contacts(self, crane: Crane) -> Contacts:
         """Return the contacts of the load of a crane: masses and gravity give the stiffness."""

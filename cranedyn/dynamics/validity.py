@@ -212,7 +212,7 @@ def events(crane: Crane, run: Trajectory) -> list[Event]:
     """Return the beginning of every stretch in which the model does not hold, ordered by time."""
     buffers = run.parameters.get("validity") == "buffers"
     hoist = hoisting(crane, run.effort) + (cable_buffers(crane, run.q, run.v) if buffers else 0.0)
-    drive = run.parameters.get("drive")
+    drive, ground = run.parameters.get("drive"), run.record.get("ground", {})
     state_bounds = conditions(
         crane,
         run.q,
@@ -221,6 +221,7 @@ def events(crane: Crane, run: Trajectory) -> list[Event]:
         buffers=buffers,
         needed=run.command if drive in ("motion", "velocity") else None,
         rates=drive in ("motion", "effort"),
+        level=ground.get("height", 0.0),
     )
     beginnings = (
         _beginnings(crane, bound, bound.holds | (run.valid == 1.0)) for bound in state_bounds

@@ -14,6 +14,7 @@ from cranedyn.dynamics.contact import Ground, Hull, Platform, box_corners, box_l
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError
 from cranedyn.simulation.simulate import simulate
 from experiments.oracles.bench import MASS, Bench, check_oracle, locked, point_crane
@@ -185,6 +186,10 @@ def test_the_ground_is_at_any_height_and_a_hull_is_like_the_platform_of_its_corn
     assert runs[0]["z_m"].min() > low and runs[0]["x_m"].max() < 2.0
     assert np.allclose(runs[0].q, runs[1].q, rtol=0.0, atol=1e-6)  # normals are rounded at 1e-9
     assert all((run.valid == 1.0).all() for run in runs)
+    leaves = slid(
+        0.05, engine=engine, start=start | {"x": 99.9}, ground=Ground(CORNERS, height=low)
+    )
+    assert [event.joint for event in events(free_box(), leaves)] == ["x"]
 
 
 @pytest.mark.parametrize(
@@ -200,12 +205,6 @@ def test_the_ground_is_at_any_height_and_a_hull_is_like_the_platform_of_its_corn
         (lambda: Ground([[0.0, 1.0]]), "points"),
         (lambda: Platform((0.0, 0.0), (1.0, 0.0), 1.0), "size"),
         (lambda: Ground(CORNERS, (Platform((0.0, 0.0), (1.0, 1.0), 2.0),), height=2.0), "height"),
-        (
-            lambda: Ground(
-                CORNERS, (Platform((0, 0), (2, 2), 1), Platform((2.3, 0), (2, 2), 1, 0.8))
-            ),
-            "overlap",
-        ),
         (lambda: slid(0.1, start={"z": 0.9}), "in the ground"),
         (lambda: standing(crane(), Ground(CORNERS), crane().start), "stretches"),
     ],
@@ -221,16 +220,11 @@ def test_a_box_stands_and_slides_on_a_seam_of_two_platforms_as_on_one(engine: An
         pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
     seam = WIDTH / 2.0  # below the corners of a box that stands in the middle
     one = (Platform((0.0, 0.0), (8.0, 4.0), 2.0),)
-    two = tuple(Platform((seam + x, 0.0), (8.0, 4.0), 2.0) for x in (-4.0, 4.0))
-    for speed in (0.0, 1.0):
+    for speed, overlap in ((0.0, 0.0), (1.0, 0.0), (1.0, 1e-3), (0.0, 0.5)):
+        two = [Platform((seam + x, 0.0), (8.0 + overlap, 4.0), 2.0) for x in (-4.0, 4.0)]
         start = {"x": -speed, "x_dot": speed, "z": 2.0 + HEIGHT / 2.0 - SINK}
         whole, parts = (
             slid(1.5, start=start, ground=Ground(CORNERS, tops, 0.05, sink=SINK), engine=engine)
             for tops in (one, two)
         )
         assert np.allclose(parts.q, whole.q, rtol=0.0, atol=1e-9)
-
-
-def test_platforms_side_by_side_do_not_overlap() -> None:
-    pair = Platform((0.0, 0.0), (2.0, 2.0), 1.0), Platform((2.5, 0.0), (2.0, 2.0), 1.0, 0.785)
-    assert len(Ground(CORNERS, pair).platforms) == 2
