@@ -21,11 +21,13 @@ from scipy.stats import binomtest
 
 from cranedyn.interfaces import State
 from cranedyn.sites.bodies import place_capsules
+from cranedyn.sites.brakes import CYCLE
+from cranedyn.sites.guard import BoxRequest, Guard, gentle
 from cranedyn.sites.proof import separations
 from cranedyn.sites.simulate import MessageChannel, SiteRun, simulate_site
 from cranedyn.sites.site import CraneSite
 from cranedyn.sites.site_file import EXAMPLES, read_crane_site
-from cranedyn.sites.supervisor import CYCLE, BoxRequest, Guard, Supervisor, gentle
+from cranedyn.sites.supervisor import Supervisor
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 

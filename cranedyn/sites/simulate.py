@@ -27,9 +27,10 @@ from cranedyn.simulation.record import RunRecord
 from cranedyn.simulation.stepper import as_command, as_force, check_bounded, initial_state
 from cranedyn.sites.bodies import PlacedCapsules, place_capsules
 from cranedyn.sites.brakes import CYCLE
+from cranedyn.sites.guard import Guard
 from cranedyn.sites.proof import separations
 from cranedyn.sites.site import CraneSite, SiteWind, Station
-from cranedyn.sites.supervisor import Guard, Supervisor
+from cranedyn.sites.supervisor import Supervisor
 
 SiteOperator = Callable[[float, Sequence[State]], np.ndarray]
 """Rates of the drives of one crane [rad/s or m/s], shape (m,), at a time [s] and states of all."""
