@@ -82,6 +82,46 @@ def separations(a: PlacedCapsules, b: PlacedCapsules) -> tuple[np.ndarray, np.nd
     return answers[:, 0], answers[:, 1:4], answers[:, 4]
 
 
+def least_distances(
+    first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Return the least distance of two cranes in rows [m], shape (rows,), each given by the ends of
+    its n capsules [m], shape (rows, n, 2, 3), and their radii [m], shape (n,).
+    """
+    sides = []
+    for ends, radius in (first, second):
+        shape = (*ends.shape[:2], 1)
+        radii = np.broadcast_to(radius[:, None], shape)
+        sides.append(
+            np.concatenate([ends.reshape(*shape[:2], 6), radii], axis=2).reshape(shape[0], -1)
+        )
+    return _least_separating(len(first[1]), len(second[1]))(np.hstack(sides))[:, 0]
+
+
+@cache
+def _least_separating(first: int, second: int) -> RowFunction:
+    module = ir.Module()
+    code = Code(module, "rows", ["given", "count", "answers"], 1)
+    inputs, width = code.argument["given"], 7 * (first + second)
+    (least,) = code.variables([0.0])
+
+    def capsule(start: ir.Value, which: ir.Value) -> np.ndarray:
+        place = code.builder.add(start, code.product(which, 7))
+        return array([code.spread(inputs, code.plus(place, i)) for i in range(7)])
+
+    with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
+        start = code.product(row, width)
+        least.set(1e300)
+        with code.loop(0, first) as a, code.loop(0, second) as b:
+            one, other = capsule(start, a), capsule(start, code.plus(b, first))
+            ends = (x[:6].reshape(2, 3) for x in (one, other))
+            gap = capsules.separation(*ends, one[6] + other[6])[2]
+            least.set(chosen(gap < least.get(), gap, least.get()))
+        code.store(least.get(), code.argument["answers"], row)
+    code.end()
+    return RowFunction(translate(module), "rows", width, 1)
+
+
 @cache
 def _separating() -> RowFunction:
     def separated(numbers: np.ndarray) -> list[Any]:
