@@ -51,8 +51,9 @@ CHANNEL = MessageChannel(0.2, 0.3)
 ZONE_STEPS = {"rad": math.radians(5.0), "m": 2.5}
 """Steps by which static zones grow."""
 
-PERIOD_OF_PUSHES, PUSHES = 10.0, 12
-"""Time between pushes of an adversary [s], and their number before they repeat."""
+PERIOD_OF_PUSHES, PUSHES, LOOK = 10.0, 12, 0.5
+"""Time between pushes of an adversary [s], their number before they repeat, and time after which it
+looks where the others are [s]."""
 
 SPACING = 45.0
 """Distance between eight towers in two rows [m], for the time of a cycle."""
@@ -185,12 +186,15 @@ class Adversary:
     site: CraneSite
     index: int
     pushes: np.ndarray
+    _looks_at: float = 0.0
 
     def __call__(self, t: float, states: Sequence[State]) -> np.ndarray:
         """Return the rates [rad/s or m/s], shape (m,)."""
         push = self.pushes[int(t / PERIOD_OF_PUSHES) % len(self.pushes)]
         if np.isnan(push).any():
-            push = np.where(np.isnan(push), self._towards(states), push)
+            if t >= self._looks_at:
+                self._signs, self._looks_at = self._towards(states), t + LOOK
+            push = np.where(np.isnan(push), self._signs, push)
         return push * self.site.stations[self.index].converters.rates
 
     def _towards(self, states: Sequence[State]) -> np.ndarray:
@@ -233,21 +237,39 @@ class Shift(NamedTuple):
 
 
 class Attack(NamedTuple):
-    """Runs of adversaries on a site: who they are, and what came of it."""
+    """Runs of adversaries on a site.
+
+    Attributes:
+        site: Name of the site.
+        kind: Kind of adversaries.
+        crane_minutes: Minutes of all cranes together.
+        contacts: Number of contacts.
+        least: Least distance beyond the required one [m].
+        swing: Largest swing over the largest allowed.
+        outside: Largest way of a drive out of its box [rad or m]; negative inside.
+    """
 
     site: str
     kind: str
-    runs: list[SiteRun]
+    crane_minutes: float
+    contacts: int
+    least: float
+    swing: float
+    outside: float
 
-    @property
-    def crane_minutes(self) -> float:
-        """Minutes of all cranes together."""
-        return sum(len(run.states) * run.t[-1] / 60.0 for run in self.runs)
+    @classmethod
+    def of(cls, site: str, kind: str, run: SiteRun) -> Attack:
+        """Return what came of a run."""
+        minutes = len(run.states) * run.t[-1] / 60.0
+        swing, outside = float(run.swing.max() / run.site.swing), float(run.outside.max())
+        least = run.least_distance - run.site.distance
+        return cls(site, kind, minutes, len(run.contacts), least, swing, outside)
 
-    @property
-    def contacts(self) -> int:
-        """Number of contacts."""
-        return sum(len(run.contacts) for run in self.runs)
+    @classmethod
+    def all_of(cls, runs: Sequence[Attack]) -> Attack:
+        """Return runs of one kind on one site as one."""
+        (site, *_), (kind, *_), minutes, contacts, least, swing, outside = zip(*runs, strict=True)
+        return cls(site, kind, sum(minutes), sum(contacts), min(least), max(swing), max(outside))
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
@@ -255,7 +277,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     shifts, attacks = [], []
     for name in options.site:
         shifts += _shifts(name, 3600.0 * options.hours)
-        attacks += _attacks(name, 60.0 * options.minutes)
+        attacks += attacks_on(name, 60.0 * options.minutes, options.seed)
     times, histories = supervisor_cycles(options.cycles)
     return Outcome(
         tables=[_shift_table(shifts), _attack_table(attacks), _cycle_table(times)],
@@ -329,41 +351,34 @@ def static_zones(site: CraneSite) -> list[np.ndarray]:
     return zones
 
 
-def _attacks(name: str, duration: float) -> list[Attack]:
+def attacks_on(name: str, duration: float, seed: int) -> list[Attack]:
     """Return attacks of a third of a duration [s] each: random, greedy, and optimised."""
-    site, rng = _site(name), np.random.default_rng(1)
+    site, rng = _site(name), np.random.default_rng(seed)
     shapes = [(PUSHES, station.crane.layout.m) for station in site.stations]
     length = PERIOD_OF_PUSHES * PUSHES
-    count = max(1, round(duration / 3.0 / length))
+    results: dict[str, list[Attack]] = {"random": [], "greedy": [], "optimised": []}
 
-    def attack(pushes: Sequence[np.ndarray], seed: int) -> SiteRun:
+    def attack(kind: str, pushes: Sequence[np.ndarray]) -> float:
         operators = [Adversary(site, i, mine) for i, mine in enumerate(pushes)]
-        return simulate_site(site, operators, duration=length, channel=CHANNEL, seed=seed)
+        losses = int(rng.integers(2**32))
+        run = simulate_site(site, operators, duration=length, channel=CHANNEL, seed=losses)
+        results[kind].append(Attack.of(name, kind, run))
+        return results[kind][-1].least
 
     def drawn() -> list[np.ndarray]:
         return [rng.integers(-1, 2, shape).astype(float) for shape in shapes]
 
-    greedy = []
-    for _ in range(count):
-        pushes = drawn()
-        for mine in pushes:
-            mine[rng.random(mine.shape) < 0.8] = np.nan
-        greedy.append(pushes)
-    # A random search: the best pushes, some of which are drawn anew.
-    best, least, found = drawn(), math.inf, []
-    for k in range(count):
-        trial = [
-            np.where(rng.random(old.shape) < 0.2, new, old)
-            for old, new in zip(best, drawn(), strict=True)
-        ]
-        found.append(attack(trial, k))
-        if found[-1].least_distance < least:
-            best, least = trial, found[-1].least_distance
-    return [
-        Attack(name, "random", [attack(drawn(), k) for k in range(count)]),
-        Attack(name, "greedy", [attack(pushes, k) for k, pushes in enumerate(greedy)]),
-        Attack(name, "optimised", found),
-    ]
+    best, least = drawn(), math.inf
+    for _ in range(max(1, round(duration / 3.0 / length))):
+        attack("random", drawn())
+        greedy = [np.where(rng.random(x.shape) < 0.8, np.nan, x) for x in drawn()]
+        attack("greedy", greedy)
+        # A random search: the best pushes, some of which are drawn anew.
+        pairs = zip(best, drawn(), strict=True)
+        trial = [np.where(rng.random(old.shape) < 0.2, new, old) for old, new in pairs]
+        if (distance := attack("optimised", trial)) < least:
+            best, least = trial, distance
+    return [Attack.all_of(runs) for runs in results.values()]
 
 
 class History(NamedTuple):
@@ -452,8 +467,8 @@ def _attack_table(attacks: Sequence[Attack]) -> ResultTable:
         ("site", "", lambda attack: attack.site),
         ("adversaries", "", lambda attack: attack.kind),
         ("contacts", "d", lambda attack: attack.contacts),
-        ("least distance [m]", ".2f", lambda a: min(run.least_distance for run in a.runs)),
-        ("swing / largest", ".2f", lambda a: max(r.swing.max() / r.site.swing for r in a.runs)),
+        ("beyond required distance [m]", ".2f", lambda attack: attack.least),
+        ("swing / largest", ".2f", lambda attack: attack.swing),
         ("crane-minutes", ".0f", lambda attack: attack.crane_minutes),
         note=f"Messages take {CHANNEL.latency:g} s, {100.0 * CHANNEL.loss:g} % are lost.",
     )
@@ -473,13 +488,8 @@ def _cycle_table(times: np.ndarray) -> ResultTable:
 
 def _claims(shifts: Sequence[Shift], attacks: Sequence[Attack], times: np.ndarray) -> list[Claim]:
     guarded = [shift for shift in shifts if shift.protection == "supervisor"]
-    runs = [shift.run for shift in guarded] + [run for attack in attacks for run in attack.runs]
-    minutes = sum(shift.crane_minutes for shift in guarded)
-    minutes += sum(attack.crane_minutes for attack in attacks)
-    contacts = sum(len(run.contacts) for run in runs)
-    least = min(run.least_distance - run.site.distance for run in runs)
-    swing = max(float(run.swing.max() / run.site.swing) for run in runs)
-    outside = max(float(run.outside.max()) for run in runs)
+    runs = [*attacks, *(Attack.of(shift.site, "lifts", shift.run) for shift in guarded)]
+    minutes, contacts, least, swing, outside = Attack.all_of(runs)[2:]
     lost = {(shift.site, shift.protection): shift.lost for shift in shifts}
     sites = list(dict.fromkeys(shift.site for shift in shifts))
     halved = [lost[site, "supervisor"] < lost[site, "zones"] / 2.0 for site in sites]
@@ -531,6 +541,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--site", choices=EXAMPLES, nargs="+", metavar="NAME", default=EXAMPLES, help="sites")
     add("--hours", type=float, default=0.4, help="length of a shift [h]")
     add("--minutes", type=float, default=12.0, help="time of all adversaries on a site [min]")
+    add("--seed", type=int, default=1, help="seed of the adversaries")
     add("--cycles", type=int, default=1000, help="cycles of eight cranes")
     return harness.run_experiment(parser, experiment, argv)
 

@@ -220,12 +220,18 @@ class _Crane(NamedTuple):
         return np.array([position - back, position + ahead])
 
     def largest_rates(
-        self, slopes: np.ndarray, box: np.ndarray, position: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the largest rates to the lower and the upper ends of a box, shape (m,) each."""
-        ways = np.array([position - box[0], box[1] - position]) - self.slack
-        back, ahead = _rates(_most(ways, 0.0), self.reaction, slopes)
-        return back, ahead
+        self, slopes: np.ndarray, box: np.ndarray, position: Any, rates: Any, velocity: Any
+    ) -> np.ndarray:
+        """Return the largest rates to the lower and the upper ends of a box, shape (2, m).
+
+        Drives that lag behind their commands by the reaction time still go on at what they have or
+        had been commanded, and stop from there: so they end in the box, and slow down by no more
+        than the decelerations.
+        """
+        ways = _most(np.array([position - box[0], box[1] - position]) - self.slack, 0.0)
+        speeds = np.array([-_least(rates, velocity), _most(rates, velocity)])
+        left = _most(ways - _most(speeds, 0.0) * self.reaction, 0.0)
+        return _least(_rates(ways, self.reaction, slopes), _rates(left, 0.0, slopes))
 
     def swings_to(
         self,
@@ -298,7 +304,7 @@ def _guarding(
             larger = box.copy()
             larger[:, drive] = granted[:, drive]
             gentler, _ = crane.planned(larger)
-            back, ahead = crane.largest_rates(gentler, larger, position)
+            back, ahead = crane.largest_rates(gentler, larger, position, rates, velocity)
             spare = _most(gentler - slopes, _least(rates + back, ahead - rates))
             fits = reduce(_least, spare) > -ROUNDING
             box, slopes = _where(fits, larger, box), _where(fits, gentler, slopes)
@@ -315,7 +321,7 @@ def _guarding(
         slower[crane.winch] = _most(slower[crane.winch], 0.0)
         slower = _clip(slower, rates - change, rates + change) + damping
         command = _where(swing > DAMPED * crane.swing, slower, command)
-        back, ahead = crane.largest_rates(slopes, box, position)
+        back, ahead = crane.largest_rates(slopes, box, position, rates, velocity)
         rates = _clip(_clip(command, rates - change, rates + change), -back, ahead)
         tube = crane.tube(slopes, position, _least(rates, velocity), _most(rates, velocity))
         answer = [*rates, *box.flat]
