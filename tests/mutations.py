@@ -633,23 +633,23 @@ cranedyn/recording/run.py
 ? plan::a_run_is_recorded_with_each_crane_at_its_place_and_written_as_one_table
 - return Rotation.from_euler("z", self.heading).apply(points)
 + return Rotation.from_euler("z", 0.0 * self.heading).apply(points)
-cranedyn/sites/supervisor.py
+cranedyn/sites/guard.py
 * no swing grows where the rope is hoisted
 ? sites::no_rope_swings_beyond_its_envelope_while_slow_drives_hoist_turn_and_slide
-- swing *= max(cable / shortest, 1.0) ** 1.5
-+ swing *= 1.0
+- return swing * growth * square_root(growth), damping
++ return swing, damping
 * turning and sliding at constant rates incline no rope
 ? sites::no_rope_swings_beyond_its_envelope_while_slow_drives_hoist_turn_and_slide
-- / (-MOMENT * gravity)
-+ / (-1e9 * gravity)
+- / (MOMENT * self.gravity)
++ / (1e9 * self.gravity)
 * a late grant is taken for the last
 ? sites::a_grant_for_an_older_request_is_ignored_and_a_fault_brakes
 - if grant.number == self._number and
 + if grant.number >= 0 and
-* the reaction time is left out
+* what a drive does before it follows is left out
 ? sites::wild_operators_keep_to_boxes_and_swing_with_half_of_the_messages_lost
-- ahead = brakes.largest_rate(self.box[1] - position - slack)
-+ ahead = brakes.largest_rate(self.box[1] - position + rates * brakes.reaction)
+- left = _most(ways - _most(speeds, 0.0) * self.reaction, 0.0)
++ left = ways
 cranedyn/planning/timing.py
 * a way is timed to the end whatever is shorter
 ? lift::a_way_that_takes_longer_than_another_is_given_up

@@ -99,7 +99,7 @@ def rope_pose(
     return pivot, chain[-1][0] @ crane[-3:], np.array(motion)
 
 
-def reach(crane: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[Any]:
+def pivot_motions(crane: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[Any]:
     """Return upper bounds of the motion of a pivot by each of k joints [m/rad or m/m], wherever in
     intervals they stand, see `rope_pose`.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import replace
-from functools import cache, partial, reduce
+from functools import cache, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from cranedyn.compiled.rows import compile_rows
 from cranedyn.dynamics.scalars import array, chosen, square_root
 from cranedyn.interfaces import State
 from cranedyn.sites.brakes import CYCLE, Brakes, largest_rate, stopping_distance
-from cranedyn.sites.capsules import JOINT, reach, rope_pose
+from cranedyn.sites.capsules import JOINT, pivot_motions, rope_pose
 from cranedyn.sites.site import Station
 
 PATIENCE = 0.5
@@ -163,7 +163,8 @@ def gentle(station: Station, swing: float) -> Brakes:
     low, high = (ends[crane.layout.drives][columns] for ends in (crane.lower, crane.upper))
     slow = np.array(brakes.decelerations)
     slow[columns] = np.minimum(
-        slow[columns], GENTLE * swing * crane.gravity / np.array(reach(station.ropes[0], low, high))
+        slow[columns],
+        GENTLE * swing * crane.gravity / np.array(pivot_motions(station.ropes[0], low, high)),
     )
     return replace(brakes, decelerations=slow)
 
@@ -174,9 +175,9 @@ _most = np.frompyfunc(lambda a, b: chosen(a > b, a, b), 2, 1)
 _where = np.frompyfunc(chosen, 3, 1)
 
 
-@partial(np.frompyfunc, nin=3, nout=1)
-def _toward(off: Any, rate: Any, command: Any) -> Any:
-    return chosen(abs(off) < FARTHEST, chosen(off > 0.0, rate, -rate), command)
+_toward = np.frompyfunc(
+    lambda way, rate: chosen(way > 0.0, rate, -rate), 2, 1
+)  # a comparison of two arrays of objects is true
 
 
 def _clip(value: Any, low: Any, high: Any) -> Any:
@@ -209,7 +210,7 @@ class _Crane(NamedTuple):
         shape (m,) each.
         """
         reaches, largest = 0.0 * self.slopes + 1e-6, GENTLE * self.swing * self.gravity
-        reaches[self.chain] = reach(self.rope, *box[:, self.chain])
+        reaches[self.chain] = pivot_motions(self.rope, *box[:, self.chain])
         slopes = _least(self.slopes, 1.0 / reaches * largest)
         return slopes, reaches
 
@@ -294,7 +295,9 @@ def _guarding(
         rope, limits, slack, slopes, lower, upper, q, v, command, rates, *boxes, target = np.split(
             numbers, np.cumsum(sizes)[:-1]
         )
-        crane = _Crane(rope, *limits, slack, slopes, [*columns[:-1]], columns[-1])
+        reaction, gravity, largest = limits
+        chain, winch = [*columns[:-1]], columns[-1]
+        crane = _Crane(rope, reaction, gravity, largest, slack, slopes, chain, winch)
         position, velocity = q[[*drives]], v[[*drives]]
         box, granted = np.array(boxes).reshape(2, 2, m)
         slopes, _ = crane.planned(box)
@@ -310,7 +313,7 @@ def _guarding(
             box, slopes = _where(fits, larger, box), _where(fits, gentler, slopes)
         off = target - position
         way = _rates(_most(abs(off) - slack, 0.0), crane.reaction, slopes)
-        command = _toward(off, way, command)
+        command = _where(abs(off[0]) < FARTHEST, _toward(off, way), command)
         moments = [q + k * MOMENT * v for k in range(3)]
         links = [drives[i] for i in crane.chain]
         poses = [rope_pose(rope, x[links], x[[*swings]]) for x in moments]

@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,7 +28,7 @@ from cranedyn.simulation.stepper import as_command, as_force, check_bounded, ini
 from cranedyn.sites.bodies import PlacedCapsules, place_capsules, rope_poses
 from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.guard import Guard
-from cranedyn.sites.proof import least_distances, separations
+from cranedyn.sites.proof import least_distances
 from cranedyn.sites.site import CraneSite, SiteWind, Station
 from cranedyn.sites.supervisor import Supervisor
 
@@ -391,30 +391,32 @@ class _Watch:
         return placed.ends.reshape(rows, count, 2, 3)
 
     def _least(self, i: int, j: int, ends: Sequence[np.ndarray]) -> np.ndarray:
-        if j < 0 and not self._site.solids:
+        if j >= 0:
+            return least_distances(*(self._placed(k, ends[k]) for k in (i, j)))
+        if not self._site.solids:
             return np.full(len(ends[i]), np.inf)
-        if j < 0:
-            rows = zip(*ends, strict=True)
-            return np.array([self._gaps(i, j, row).min() for row in rows])
-        return least_distances(*((ends[k], self._site.stations[k].bodies.radius) for k in (i, j)))
+        return np.array([self._gaps(i, j, row).min() for row in zip(*ends, strict=True)])
+
+    def _placed(self, i: int, ends: np.ndarray) -> PlacedCapsules:
+        radius = np.broadcast_to(self._site.stations[i].bodies.radius, ends.shape[:-2])
+        return PlacedCapsules(ends, radius, np.zeros(0))
 
     def _gaps(self, i: int, j: int, ends: Sequence[np.ndarray]) -> np.ndarray:
         """Return gaps of all capsules of a group at an instant [m]: of the first with the first of
         the other crane, with its second, and so on.
         """
-        bodies = [station.bodies for station in self._site.stations]
-        if j < 0:
-            capsules = zip(
-                ends[i], bodies[i].radius.tolist(), bodies[i].hangs.tolist(), strict=True
+        if j >= 0:
+            one, other = (self._placed(k, ends[k]) for k in (i, j))
+            pairs = np.indices((len(one.ends), len(other.ends))).reshape(2, -1)
+            return least_distances(
+                *(
+                    replace(x, ends=x.ends[k], radius=x.radius[k])
+                    for x, k in zip((one, other), pairs, strict=True)
+                )
             )
-            margins = self._site.obstacles.margins
-            return np.array([margins(*part, hangs=hangs)[j] for *part, hangs in capsules])
-        pairs = np.indices((len(ends[i]), len(ends[j]))).reshape(2, -1)
-        placed = (
-            PlacedCapsules(ends[k][row], bodies[k].radius[row], np.zeros((len(row), 0)))
-            for k, row in zip((i, j), pairs, strict=True)
-        )
-        return separations(*placed)[2]
+        bodies, margins = self._site.stations[i].bodies, self._site.obstacles.margins
+        columns = zip(ends[i], bodies.radius.tolist(), bodies.hangs.tolist(), strict=True)
+        return np.array([margins(*part, hangs=hangs)[j] for *part, hangs in columns])
 
     def _contact(
         self, t: float, i: int, j: int, before: Sequence[np.ndarray], after: Sequence[np.ndarray]

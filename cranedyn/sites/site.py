@@ -29,7 +29,7 @@ from cranedyn.sites.bodies import (
 )
 from cranedyn.sites.brakes import Brakes
 from cranedyn.sites.obstacles import Obstacles
-from cranedyn.sites.proof import proven_apart, separations
+from cranedyn.sites.proof import least_distances, proven_apart
 
 DISTANCE, SWING = 1.0, 0.1
 """Required distance between cranes [m] and largest swing of their ropes from plumb [rad] of a site
@@ -246,4 +246,4 @@ class CraneSite:
             place_capsules(self.bodies, crane[row], tower[row], still, still, 0.0)
             for crane, tower, row in zip(cranes, capsules, rows, strict=True)
         ]
-        return float(separations(*placed)[0].min(initial=np.inf))
+        return float(least_distances(*placed).min(initial=np.inf))

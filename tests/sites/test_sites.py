@@ -161,9 +161,11 @@ def wild_run(name: str, latency: float = 0.1, loss: float = 0.1) -> SiteRun:
 
 
 def keeps(run: SiteRun) -> bool:
-    """Return whether all ropes and boxes of a run keep what the invariant says."""
+    """Return whether all ropes and boxes of a run keep what the invariant says; measured without
+    errors, drives leave most of their tolerance to spare.
+    """
     return bool(
-        run.outside.max() <= 0.0
+        run.outside.max() <= -1e-3
         and run.swing.max() <= run.site.swing
         and run.least_distance >= run.site.distance
         and not run.contacts
