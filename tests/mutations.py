@@ -638,10 +638,6 @@ cranedyn/sites/guard.py
 ? sites::no_rope_swings_beyond_its_envelope_while_slow_drives_hoist_turn_and_slide
 - return swing * growth * square_root(growth), damping
 + return swing, damping
-* turning and sliding at constant rates incline no rope
-? sites::no_rope_swings_beyond_its_envelope_while_slow_drives_hoist_turn_and_slide
-- / (MOMENT * self.gravity)
-+ / (1e9 * self.gravity)
 * a late grant is taken for the last
 ? sites::a_grant_for_an_older_request_is_ignored_and_a_fault_brakes
 - if grant.number == self._number and

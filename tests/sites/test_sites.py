@@ -173,25 +173,30 @@ def keeps(run: SiteRun) -> bool:
 
 
 @slow
-@pytest.mark.parametrize("name", ["two_towers", "luffing_between"])
-def test_wild_operators_keep_to_boxes_and_swing_with_half_of_the_messages_lost(name: str) -> None:
-    run = wild_run(name, 0.2, 0.5)
+@pytest.mark.parametrize(
+    ("name", "latency", "loss"),
+    [("two_towers", 0.2, 0.5), ("luffing_between", 0.2, 0.5), ("two_towers", 0.0, 0.0)],
+)
+def test_wild_operators_keep_to_boxes_and_swing_with_half_of_the_messages_lost(
+    name: str, latency: float, loss: float
+) -> None:
+    run = wild_run(name, latency, loss)
     assert keeps(run)
     assert min(np.abs(np.diff(states[:, 0])).sum() for states in run.states) > 0.2
 
 
 @slow
-@pytest.mark.parametrize(("seed", "duration"), [(10, 40.0), (5, 80.0)])
+@pytest.mark.parametrize(("seed", "hoist"), [(13, 0.3), (54, 0.6)])
 def test_no_rope_swings_beyond_its_envelope_while_slow_drives_hoist_turn_and_slide(
-    tmp_path: Path, seed: int, duration: float
+    tmp_path: Path, seed: int, hoist: float
 ) -> None:
     text = (SITES / "two_towers.toml").read_text("utf-8")
-    slow_drives = "drives = {accelerations = [1.0, 0.3, 0.3]}"
+    slow_drives = f"drives = {{accelerations = [1.0, 0.3, {hoist}]}}"
     file = tmp_path / "site.toml"
     file.write_text(text.replace('brakes = "converters"', slow_drives), "utf-8")
     site = read_crane_site(file)
     operators = [Wild(station, seed + 10 * i) for i, station in enumerate(site.stations)]
-    run = simulate_site(site, operators, duration=duration, channel=MessageChannel(0.1, 0.1))
+    run = simulate_site(site, operators, duration=80.0, channel=MessageChannel(0.1, 0.1))
     assert keeps(run)
     assert run.swing.max() > 0.5 * site.swing
 
@@ -226,13 +231,14 @@ def test_a_grant_for_an_older_request_is_ignored_and_a_fault_brakes() -> None:
     _, second = guard.step(1.0, state, -rate)
     assert second is not None and late is not None and second.number == 2
     guard.receive(late)
-    assert (guard.box == second.held).all()
+    _, third = guard.step(1.1, state, -rate)
+    assert third is None and (guard.box == second.held).all()  # it still waits
     assert supervisor.receive(0, first) is None
     outside = second.held + np.array([[-1.0], [1.0]])
     assert supervisor.receive(0, BoxRequest(9, outside, outside)) is None
     broken = State(np.full_like(state.q, np.nan), state.v)
     guard.rates = 0.1 * rate
-    rates, request = guard.step(1.1, broken, rate)
+    rates, request = guard.step(1.2, broken, rate)
     assert guard.fault and request is None and (np.abs(rates) < 0.1 * rate).all()
 
 
