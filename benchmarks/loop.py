@@ -7,11 +7,13 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
 
+from benchmarks.timing import race
 from cranedyn.controllers import hold_controller
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
@@ -35,26 +37,16 @@ def plain_swing(crane: Crane) -> None:
     simulate(crane, hold_controller(crane), start=crane.state(phi=0.1), duration=DURATION)
 
 
-def processor_time(task: Callable[[Crane], None], crane: Crane) -> float:
-    """Return the processor time of one call [s]."""
-    before = time.process_time()
-    task(crane)
-    return time.process_time() - before
-
-
 def measure_loop(rounds: int) -> tuple[float, float, float]:
     """Return steps a second of bare calls and of the plain loop, and their ratio.
 
     The shortest time of each counts: it is the same work every time, and whatever else the machine
     does only adds to it.
     """
-    crane = load_crane()
-    pairs = [
-        (processor_time(bare_calls, crane), processor_time(plain_swing, crane))
-        for _ in range(rounds)
-    ]
-    bare_rate, plain_rate = (STEPS / min(column) for column in zip(*pairs, strict=True))
-    return bare_rate, plain_rate, plain_rate / bare_rate
+    crane, rng = load_crane(), np.random.default_rng(0)
+    tasks = [partial(task, crane) for task in (bare_calls, plain_swing)]
+    rates = STEPS / race(tasks, rounds, rng, time.process_time).min(axis=1)
+    return float(rates[0]), float(rates[1]), float(rates[1] / rates[0])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -65,10 +57,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     bare_rate, plain_rate, ratio = measure_loop(max(options.rounds, 1))
     print(f"pin.aba from Python    {bare_rate:10,.0f} calls/s")
-    print(
-        f"plain loop, all of it  {plain_rate:10,.0f} steps/s, {plain_rate * DURATION / STEPS:.0f} "
-        "times real time"
-    )
+    real = plain_rate * DURATION / STEPS
+    print(f"plain loop, all of it  {plain_rate:10,.0f} steps/s, {real:.0f} times real time")
     print(f"ratio                  {ratio:10.3f} (asked for {options.least:g})")
     return 0 if ratio >= options.least else 1
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-import tempfile
 import webbrowser
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -147,32 +146,29 @@ def _show(parser: _Parser, options: argparse.Namespace) -> int:
 def _recorded(options: argparse.Namespace) -> Path:
     """Write the recording or the film of a run, and return its file."""
     from cranedyn import recording
+    from cranedyn.data.files import lock_folder
     from cranedyn.data.trajectory import read
     from cranedyn.errors import DataError
-    from cranedyn.model.load import load_crane
-    from cranedyn.model.options import load_options
+    from cranedyn.model.options import crane_of_run
     from cranedyn.recording.film import check_film, film
 
     if options.film:
         check_film(options.film)
     trajectory = read(options.file)
-    if trajectory.record:
-        crane = load_crane(from_record=trajectory.record)
-    else:
-        crane = load_crane(**load_options(options))
+    crane = crane_of_run(options, trajectory.record)
     if trajectory.columns["q"] != crane.layout.columns()["q"]:
         raise DataError(f"{options.file} is no run of this crane; its coordinates are other ones.")
     runs = [recording.Run(options.file.stem, crane, trajectory)]
     if options.film:
         film(options.film, runs)
         return options.film
-    file = Path(tempfile.mkdtemp(prefix="cranedyn-")) / f"{options.file.stem}.rrd"
-    recording.record(file, runs, title=options.file.stem)
-    return file
+    file = Path("out/view", options.file.stem).with_suffix(".rrd")
+    with lock_folder(file.parent):
+        return recording.record(file, runs, title=options.file.stem)
 
 
 def _describe(parser: _Parser) -> None:
-    """Print the joints of a crane, or write its plain URDF.
+    """Print the joints of a crane, and write its plain URDF.
 
     Example: cranedyn describe payload_mass:=2000 -o crane.urdf
     """
@@ -191,10 +187,9 @@ def _describe(parser: _Parser) -> None:
 def _write_description(options: argparse.Namespace) -> int:
     from cranedyn.data.files import write_text
     from cranedyn.errors import DataError
-    from cranedyn.model.description import arguments, describe
-    from cranedyn.model.load import load_crane
+    from cranedyn.model.description import arguments
     from cranedyn.model.machines import machine_names, read_machine
-    from cranedyn.model.options import load_options
+    from cranedyn.model.options import crane_from_options
 
     for flag in ("list", "machines"):
         if getattr(options, flag) and (options.values or options.output):
@@ -207,17 +202,10 @@ def _write_description(options: argparse.Namespace) -> int:
         for machine in map(read_machine, machine_names()):
             print(f"{machine.name:19} {machine.title} ({machine.source})")
         return 0
-    settings = load_options(options)
-    if options.urdf is None and options.machine is None:
-        urdf = describe(values=settings["values"])
-        if not options.output:
-            sys.stdout.write(urdf)
-    else:
-        crane = load_crane(**settings)
-        urdf = crane.urdf
-        print(crane)
+    crane = crane_from_options(options)
     if options.output:
-        write_text(options.output, urdf)
+        write_text(options.output, crane.urdf)
+    print(crane)
     return 0
 
 
@@ -262,21 +250,17 @@ def _export(parser: _Parser) -> None:
 
 
 def _exporter(parser: _Parser, name: str) -> None:
-    from cranedyn.model.crane import STANDARD_GRAVITY
-    from cranedyn.model.description import add_values
-    from cranedyn.model.options import add_crane_options
+    from cranedyn.bridges.target import check_free
 
     exporter = plugins.load("exporter", name)
     parser.example += f" {getattr(exporter, 'EXAMPLE', exporter.TARGET)}"
     add, text = parser.add_argument, "where to write; it must not be there yet"
     add("target", type=Path, metavar=exporter.TARGET, help=text)
-    add_crane_options(parser)
-    text, default = "gravity of the world [m/s²]", STANDARD_GRAVITY
-    add("--gravity", type=float, default=default, metavar="G", help=text)
-    add_values(parser, "numbers of the crane")
+    _add_crane(parser)
     exporter.add_arguments(parser)
 
     def run(options: argparse.Namespace) -> int:
+        check_free(options.target)
         print(f"Written to {exporter.run(options)}.")
         return 0
 
@@ -289,19 +273,18 @@ def _drive(parser: _Parser) -> None:
     Example: cranedyn drive --set payload_mass:=2000
     """
     from cranedyn.bridges import page
-    from cranedyn.model.description import add_values
-    from cranedyn.model.options import add_crane_options
+    from cranedyn.data.files import lock_folder
 
-    add_crane_options(parser)
-    parser.add_argument("--gravity", type=float, metavar="G", help="gravity of the world [m/s²]")
-    add_values(parser, "numbers of the crane")
+    _add_crane(parser)
     page.add_arguments(parser)
 
     def run(options: argparse.Namespace) -> int:
-        options.target = Path(tempfile.mkdtemp(prefix="cranedyn-")) / "crane.html"
-        file = page.run(options)
+        options.target = file = Path("out/drive/crane.html")
+        with lock_folder(file.parent):
+            file.unlink(missing_ok=True)
+            page.run(options)
         print(f"The crane is in {file}. It needs no network; copy it where you like.")
-        webbrowser.open(file.as_uri())
+        webbrowser.open(file.absolute().as_uri())
         return 0
 
     parser.set_defaults(run=run)
@@ -313,14 +296,22 @@ def _serve(parser: _Parser) -> None:
     Example: cranedyn serve --opcua 127.0.0.1:4840 --map words.csv
     """
     from cranedyn.bridges.commissioning import serve
+
+    _add_crane(parser)
+    serve.add_arguments(parser)
+    parser.set_defaults(run=serve.run)
+
+
+def _add_crane(parser: _Parser) -> None:
+    """Add the common options that name a crane, its gravity and its numbers."""
+    from cranedyn.model.crane import STANDARD_GRAVITY
     from cranedyn.model.description import add_values
     from cranedyn.model.options import add_crane_options
 
-    serve.add_arguments(parser)
     add_crane_options(parser.common)
-    parser.common.add_argument("--gravity", type=float, metavar="G", help="of the world [m/s²]")
+    text, default = "gravity of the world [m/s²]", STANDARD_GRAVITY
+    parser.common.add_argument("--gravity", type=float, default=default, metavar="G", help=text)
     add_values(parser.common, "numbers of the crane")
-    parser.set_defaults(run=serve.run)
 
 
 COMMANDS: dict[str, Callable[[_Parser], None]] = {

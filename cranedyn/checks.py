@@ -74,6 +74,8 @@ def whole(name: str, value: object, minimum: int, unit: str = "") -> int:
     Raises:
         OutOfRange: If it is not whole, less, or larger than `sys.maxsize`.
     """
+    if type(value) is int and minimum <= value <= sys.maxsize:  # quick
+        return value
     if isinstance(value, bool) or not isinstance(value, Integral) or value < minimum:
         raise OutOfRange(name, value, f"a whole number >= {minimum}", unit)
     if int(value) > sys.maxsize:
@@ -110,9 +112,10 @@ def as_array(name: str, value: Any, *shapes: Shape, meaning: str = "") -> np.nda
     except ValueError:  # rows of different lengths
         array = np.asarray(None)
     allowed = f"shape {' or '.join(_format_shape(shape) for shape in shapes)}"
-    if array.dtype.kind not in "iuf" or np.ma.is_masked(value):
+    masked = "numpy.ma" in sys.modules and np.ma.is_masked(value)  # its import takes long
+    if array.dtype.kind not in "iuf" or masked:
         kind = f"one of {array.dtype}" if array.shape else type(value).__name__
-        kind = "one with masked numbers" if np.ma.is_masked(value) else kind
+        kind = "one with masked numbers" if masked else kind
         given = f"no array of numbers but {kind}"
         raise Misshapen(name, given, meaning or f"an array of {allowed}")
     if not any(_matches(array.shape, shape) for shape in shapes):

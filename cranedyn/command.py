@@ -51,7 +51,7 @@ class Parser(argparse.ArgumentParser):
     @cached_property
     def common(self) -> argparse._ArgumentGroup:
         """Group of options that --help leaves out and --help-all shows."""
-        text = "show this help and the common options, and exit"
+        text = "show this help with the common options, such as those of the crane"
         self.add_argument("--help-all", action="help", help=text)
         return self.add_argument_group("common options")
 

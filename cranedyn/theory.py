@@ -419,6 +419,24 @@ def double_pendulum(
 
 
 @_finite
+def bifilar(
+    mass: float, inertia: float, half_spacing: float, length: float, gravity: float
+) -> tuple[float, float]:
+    """Return the frequencies of small sways and yaws of a load on two parallel falls [rad/s]:
+    √(g/h) and √(m g a²/(I h)).
+
+    Args:
+        mass: m of the load [kg].
+        inertia: I about the vertical through its centre [kg m²].
+        half_spacing: a, half the distance of the falls [m].
+        length: h of the falls [m].
+        gravity: g [m/s²].
+    """
+    sway = math.sqrt(gravity / length)
+    return sway, sway * half_spacing * math.sqrt(mass / inertia)
+
+
+@_finite
 def rope_bounce(stiffness: float, length: float, mass: float) -> float:
     """Return the frequency of a load that bounces on a rope whose drum stands still [rad/s]: √(k/m)
     with k = EA/l of the cable, without its own mass.

@@ -81,7 +81,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     rows, earlier_files = show.dwells.rows, [file.name for file in show.record.parts]
     tables = [_table(rows, options.control, float(run.t[0]), earlier_files)]
     claims = _bare(setup, tour, show.dwells) if rows and options.control == "none" else []
-    runs = {"demo" if bare is None else f"with {options.control}": run}
+    runs = {"demo" if bare is None else f"control {options.control}": run}
     trajectories = {"demo": run}
     if bare is not None and (before := bare.run(float(run.t[-1]))) is not None:
         trajectories["demo_before"] = before

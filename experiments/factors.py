@@ -52,8 +52,8 @@ def _derived(factors: Sequence[Compared]) -> ResultTable:
         ("factor", "", lambda d: d.name),
         ("simulated", "", lambda d: d.origin),
         ("formula", ".6f", lambda d: d.formula),
-        ("found", ".6f", lambda d: d.other),
-        ("relative", "+.1e", lambda d: d.difference),
+        ("result", ".6f", lambda d: d.other),
+        ("relative difference", "+.1e", lambda d: d.difference),
         note="Pick-up: by an elastic hoist at 0.5 m/s. Release: of a part of the load, slowly in "
         "0.6034 periods. Braking: of a trolley by a constant force, of the worst duration, and of "
         "a slew. Pushes: at constant acceleration. Gust: sudden and lasting.",

@@ -95,7 +95,11 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     from cranedyn.recording import Run
 
     count = whole("lifts", options.lifts, 0)
-    results = [_result(setup, name, site, options, count) for name, site in _sites(options)]
+    sites, results = _sites(options), list[SiteResult]()
+    update = setup.reporter.count("sites", len(sites))
+    for name, site in sites:
+        results.append(_result(setup, name, site, options, count))
+        update(len(results))
     certified = [result for result in results if result.certificate.holds]
     figures = {f"site_{result.name}": site_views(result.certificate) for result in certified}
     for result in certified:
@@ -177,7 +181,7 @@ def _result(
     times.append(time.monotonic())
     perturbed, least = None, None
     if count and certificate.holds:
-        perturbed = perturb(certificate, count, dt=2.0 * setup.dt)
+        perturbed = perturb(certificate, count, dt=max(setup.dt, setup.control_period / 2.0))
     times.append(time.monotonic())
     if options.least_time and certificate.holds:
         least = certify_in_least_time(lift, setup.dt, setup.engine)
@@ -224,9 +228,6 @@ def _certified(results: Sequence[SiteResult]) -> harness.ResultTable:
 
 
 def _perturbed(results: Sequence[SiteResult]) -> harness.ResultTable:
-    def percent(perturbed: Perturbed, bound: int) -> float:
-        return 100.0 * perturbed.interval()[bound]
-
     return harness.make_table(
         "Perturbed lifts",
         [(result.name, result.perturbed) for result in results],
@@ -234,8 +235,8 @@ def _perturbed(results: Sequence[SiteResult]) -> harness.ResultTable:
         ("lifts", "d", lambda r: len(r[1].least)),
         ("below required clearance", "d", lambda r: r[1].failures),
         ("%", ".2f", lambda r: 100.0 * (r[1].failures / len(r[1].least))),
-        ("from %", ".3f", lambda r: percent(r[1], 0)),
-        ("to %", ".3f", lambda r: percent(r[1], 1)),
+        ("from %", ".3f", lambda r: 100.0 * r[1].interval()[0]),
+        ("to %", ".3f", lambda r: 100.0 * r[1].interval()[1]),
         ("least [m]", ".2f", lambda r: float(np.nanmin(r[1].least))),
         ("swing after [mrad]", ".1f", lambda r: 1e3 * float(r[1].swing.max())),
         note=f"From, to: {100 * CONFIDENCE:g} % interval of the probability (Clopper and Pearson). "

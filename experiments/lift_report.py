@@ -60,6 +60,7 @@ def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
         period=setup.control_period,
         dt=setup.dt,
         engine=setup.engine,
+        progress=setup.reporter.count("plan, perturbed lifts, wind", 3),
     )
 
 

@@ -244,9 +244,9 @@ def _table(maps: Mapping[str, MarginMap], points: int, note: str) -> ResultTable
         (*head, partial(least, name=name, scale=scale, item=item))
         for header, form, name, scale in (
             ("damping [%]", ".3g", "damping", 100.0),
-            ("stronger", ".3g", "stronger", 1.0),
-            ("weaker", ".3f", "weaker", 1.0),
-            ("late [ms]", ".1f", "late", 1e3),
+            ("upper gain margin", ".3g", "stronger", 1.0),
+            ("lower gain margin", ".3f", "weaker", 1.0),
+            ("delay margin [ms]", ".1f", "late", 1e3),
         )
         for item, head in enumerate(((header, form), ("at x [m]", "g"), ("l [m]", "g")))
     ]
@@ -255,8 +255,8 @@ def _table(maps: Mapping[str, MarginMap], points: int, note: str) -> ResultTable
         maps,
         ("strategy", "", str),
         *columns,
-        note="Damping: of the least damped mode. Stronger, weaker: factor on the effort of one "
-        f"drive at which the loop becomes unstable; late: delay of its commands.{note}",
+        note="Damping: of the least damped mode. Gain margin: factor on the effort of one drive at "
+        f"which the loop becomes unstable; delay margin: delay of its commands.{note}",
     )
 
 
@@ -268,8 +268,9 @@ def _met(setup: Setup, mapped: MarginMap, points: int) -> tuple[ResultTable, lis
     loop = margins_at(setup, LQR, equilibrium)
     if not loop.drives:
         raise OutOfRange("the full-model LQR", "unstable", "stable, for margins to be met")
-    drive = int(np.argmin([margin.late for margin in loop.drives]))
-    stronger, periods = loop.drives[drive].stronger, loop.drives[drive].late / setup.control_period
+    drive = int(np.argmin([margin.delay for margin in loop.drives]))
+    stronger = loop.drives[drive].upper_gain
+    periods = loop.drives[drive].delay / setup.control_period
     name = setup.crane.layout.driven[drive].effort_name
     last = math.ceil(periods) - 1
     delays, factors = [last, last + 1], [0.98 * stronger, 1.02 * stronger]
@@ -278,14 +279,14 @@ def _met(setup: Setup, mapped: MarginMap, points: int) -> tuple[ResultTable, lis
     rows = [
         (f"{name} {kind}", *map(finite_or_none, (limit, below, growth, beyond, growth_there)))
         for kind, limit, (below, beyond), (growth, growth_there) in (
-            ("late [periods]", periods, delays, late),
-            ("stronger [times]", stronger, factors, strong),
+            ("delay [periods]", periods, delays, late),
+            ("gain [times]", stronger, factors, strong),
         )
     ]
-    heads = ("predicted", ".4g"), ("below it", ".4g"), ("growth", ".3g")
+    heads = ("predicted", ".4g"), ("simulated below", ".4g"), ("growth", ".3g")
     table = ResultTable(
-        f"Met in simulation at x = {radii[j]:g} m, l = {cables[i]:g} m",
-        [("full-model LQR", ""), *heads, ("beyond it", ".4g"), ("growth there", ".3g")],
+        f"Margins simulated at x = {radii[j]:g} m, l = {cables[i]:g} m",
+        [("full-model LQR", ""), *heads, ("simulated above", ".4g"), ("its growth", ".3g")],
         rows,
         "Growth: largest deviation of that drive in the last quarter of "
         f"{WATCHED:g} s over that in the second; a dash where the run breaks off.",
@@ -332,7 +333,7 @@ def _figure(radii: np.ndarray, cables: np.ndarray, maps: Mapping[str, MarginMap]
     cable.
     """
     figure, panes = panels(len(maps), 2, height=1.8, sharex=True, sharey=True)
-    shown = ("least damping [% of critical]", "damping", 100.0), ("delay borne [ms]", "late", 1e3)
+    shown = ("least damping [% of critical]", "damping", 100.0), ("delay margin [ms]", "late", 1e3)
     for column, (title, name, scale) in enumerate(shown):
         values = {strategy: scale * margins[name] for strategy, margins in maps.items()}
         norm = LogNorm(

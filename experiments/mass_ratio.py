@@ -175,8 +175,8 @@ def _links_table(
         ("load/link", ".0e", lambda m: crane.payload_mass / m if m else None),
         ("T [s]", ".8f", lambda m: periods[m]),
         ("compound pendulum [s]", ".8f", lambda m: expected[m]),
-        ("relative", "+.1e", lambda m: periods[m] / expected[m] - 1),
-        ("against no links", "+.1e", lambda m: periods[m] / periods[0.0] - 1),
+        ("relative error", "+.1e", lambda m: periods[m] / expected[m] - 1),
+        ("relative to no links", "+.1e", lambda m: periods[m] / periods[0.0] - 1),
         note="The article's engine diverged at 1 kg.",
     )
 

@@ -113,7 +113,7 @@ def _table(swings: Cases) -> ResultTable:
         for load, cable in grid
     ]
     return make_table(
-        "Swing at the arrival, flat + LQR, load and cable not told [mrad]",
+        "Swing at the arrival, flat + LQR, load and cable unknown [mrad]",
         dict.fromkeys((sensors, kind) for sensors, kind, *_ in swings),
         ("sensors, cable off by", "", ", ".join),
         *columns,

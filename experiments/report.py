@@ -9,9 +9,8 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from datetime import date
 from html import escape
 from importlib.util import find_spec
@@ -37,6 +36,7 @@ from cranedyn.interfaces import EngineName
 from cranedyn.plotting.html import IMAGE_TYPES, STYLE, image_address, mark_html, table_html
 from experiments import harness
 from experiments.catalogue import EXPERIMENTS, Entry
+from experiments.harness.document import naming_result
 
 PLAIN = "a1 a2 a3 energy gazebo mass_ratio validate".split()
 """Experiments that test Pinocchio's algorithms, and therefore run by them."""
@@ -82,30 +82,10 @@ def page(folders: Sequence[Path]) -> str:
     """
     results, sections = [], []
     for folder in folders:
-        with _naming(folder / "result.json"):
+        with naming_result(folder / "result.json"):
             results.append(read_result(folder))
             sections.append(_section(folder, results[-1]))
     return _PAGE.substitute(_first(results), style=STYLE, sections="\n".join(sections))
-
-
-@contextmanager
-def _naming(file: Path) -> Iterator[None]:
-    """Name the file in errors about what it holds.
-
-    Raises:
-        DataError: If it cannot be read, or is not the result of an experiment.
-    """
-    try:
-        yield
-    except json.JSONDecodeError as error:
-        raise DataError(f"Cannot read {file}: it is not JSON.") from error
-    except OSError as error:
-        raise DataError(f"Cannot read {error.filename}: {error.strerror}.") from error
-    except (LookupError, TypeError, AttributeError, ValueError, RecursionError) as error:
-        raise DataError(
-            f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: "
-            f"{error})."
-        ) from error
 
 
 def _first(results: Sequence[dict[str, Any]]) -> dict[str, object]:
@@ -168,7 +148,7 @@ def read_result(folder: Path) -> dict[str, Any]:
         DataError: If there is none.
     """
     file = folder / "result.json"
-    with _naming(file):
+    with naming_result(file):
         result = parse_json(read_text(file))
         _check_set(folder, result["files"])
         words = (result[name] for name in ("experiment", "about", "command", "machine"))
@@ -214,10 +194,11 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
     if strange := set(result["figures"]) - set(result["files"]):
         raise ValueError(f"its figures {sorted(strange)} are not among its files")
     figures = "".join(
-        f'<figure id="{name}-{escape(Path(file).stem)}">'
-        f"{figure_html(folder, best_figure(file, result['files']))}"
-        f"<figcaption>{escape(entry.caption(Path(file).stem))}</figcaption></figure>"
+        f'<figure id="{name}-{escape(stem)}">'
+        f"{figure_html(folder, f'{stem}.svg' if f'{stem}.svg' in result['files'] else file)}"
+        f"<figcaption>{escape(entry.caption(stem))}</figcaption></figure>"
         for file in result["figures"]
+        for stem in [Path(file).stem]
     )
     versions = ", ".join(
         f"{package} {version}" for package, version in result["versions"].items() if version
@@ -242,12 +223,6 @@ def _table(entry: dict[str, Any]) -> str:
     table = harness.ResultTable.of(entry)
     columns = [(header, not form) for header, form in table.columns]
     return table_html(table.title, columns, table.shown(), table.note)
-
-
-def best_figure(name: str, files: Mapping[str, str]) -> str:
-    """Return the vector file of a figure if there is one."""
-    drawing = f"{Path(name).stem}.svg"
-    return drawing if drawing in files else name
 
 
 def figure_html(folder: Path, name: str) -> str:

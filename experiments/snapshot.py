@@ -13,13 +13,11 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.progress import Progress
-
 from cranedyn.checks import number
 from cranedyn.command import Parser, command
 from cranedyn.data.files import atomic_write_set, lock_folder
 from cranedyn.recording.snapshot import animate, snapshot
+from experiments.harness.progress import reporting
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -61,24 +59,18 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _write(options: argparse.Namespace) -> list[Path]:
     paths: list[Path] = []
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("pictures", total=None)
-
-        def progress(count: int) -> None:
-            bar.update(task, completed=count, description=f"{count} pictures")
-
-        how: Any = {
-            "size": tuple(options.size),
-            "dashboard": options.view == "dashboard",
-            "progress": progress,
-        }
+    how: Any = {"size": tuple(options.size), "dashboard": options.view == "dashboard"}
+    with reporting() as reporter:
+        if options.times:
+            how["progress"] = reporter.count("pictures", len(options.times))
+            paths += snapshot(options.recording, options.times, options.out, **how)
         if options.gif:
             start, end, file = options.gif
             span = number("START", start, "s"), number("END", end, "s")
+            how["progress"] = reporter.count(
+                "moving picture", round((span[1] - span[0]) * options.fps)
+            )
             paths.append(animate(options.recording, span, file, fps=options.fps, **how))
-        if options.times:
-            paths[:0] = snapshot(options.recording, options.times, options.out, **how)
     return paths
 
 

@@ -17,7 +17,6 @@ from cranedyn.sweep import Design, cross, grid, sweep
 from cranedyn.sweep.cluster import tls
 from cranedyn.sweep.design import check_memory
 from experiments import harness
-from experiments.harness.swept import columns_swept
 from experiments.scenarios.robustness import DRAWN, IDEAL, SWEPT, drawn, robustness
 from experiments.sweep_results import (
     CABLES,
@@ -82,7 +81,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         limit=options.limit,
         progress=setup.reporter.sweep("cases"),
     )
-    columns = columns_swept(folder)
+    columns = harness.swept_columns(folder)
     parameters = replace(setup, validity="mark").parameters() | {
         "drive": options.drive,
         "cases": end.cases,

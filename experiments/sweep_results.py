@@ -65,7 +65,7 @@ def grid_table(columns: Columns, drive: str) -> ResultTable:
         by_strategy(columns).items(),
         ("strategy", "", lambda s: s[0]),
         ("cases", ",d", lambda s: len(s[1]["case"])),
-        ("bad", "d", lambda s: int(np.isnan(s[1]["residual_swing_rad"]).sum())),
+        ("failed", "d", lambda s: int(np.isnan(s[1]["residual_swing_rad"]).sum())),
         ("median [mrad]", ".3g", lambda s: quantile(s[1], 0.5)),
         ("95 % below [mrad]", ".3g", lambda s: quantile(s[1], 0.95)),
         ("worst [mrad]", ".3g", lambda s: quantile(s[1], 1.0)),

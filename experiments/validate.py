@@ -111,12 +111,12 @@ def oracle_table(title: str, checks: Sequence[OracleCheck]) -> ResultTable:
     return make_table(
         title,
         checks,
-        ("oracle", "", lambda c: f"{c.oracle.name} [{c.oracle.unit}]".removesuffix(" []")),
+        ("quantity", "", lambda c: f"{c.oracle.name} [{c.oracle.unit}]".removesuffix(" []")),
         ("closed form", ".10g", lambda c: c.oracle.closed),
         (f"dt = {1000 * checks[0].steps[-1]:g} ms", ".7g>1e-11", lambda c: c.values[-1]),
         ("error", "+.1e>1e-11", lambda c: c.error),
-        ("of the step", "+.1e>1e-11", lambda c: c.of_step),
-        ("rest within", ".0e", lambda c: c.allowed),
+        ("error of the step", "+.1e>1e-11", lambda c: c.of_step),
+        ("remainder below", ".0e", lambda c: c.allowed),
         ("order", ".2f", lambda c: c.order),
     )
 

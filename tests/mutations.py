@@ -156,6 +156,10 @@ cranedyn/compiled/step.py
 - _TRIES = 10
 + _TRIES = 1
 cranedyn/plant/plant.py
+* a load on two falls yaws freely in code
+? springs::a_lane_of_a_batch_yaws_as_its_crane_does_alone
+- falls._replace(stiffness=yaw_stiffness[0])
++ falls._replace(stiffness=0.0 * yaw_stiffness[0])
 * an impact in code is elastic
 ? slack::a_load_falls_freely_until_the_rope_catches_it_and_then_hangs[compiled]
 - change[stretch] = -v[stretch]
@@ -165,15 +169,28 @@ cranedyn/theory.py
 ? reeving::each_sheave_passes_on_its_share_of_the_pull[0.9-4]
 - return math.expm1(falls * loss) / (falls * math.expm1(loss))
 + return 1.0
+cranedyn/model/springs.py
+* springs are counted in seconds where time is counted in steps
+? cranes::forces_in_steps_are_the_same_forces
+- self.stiffness * force,
++ self.stiffness,
+* two falls do not pull the hoist harder while the load yaws
+? cranes::springs_push_down_their_energy_and_the_tangent_is_how_they_do
+- effort[falls.length] + falls.energy(q) / q[falls.length]
++ effort[falls.length]
+* two falls are as far from their middle as from each other
+? springs::the_period_is_that_of_two_falls_but_for_what_is_left_out[0.01]
+- (0.5 * spacing) ** 2
++ spacing**2
+* two falls carry the hook only
+? springs::a_hook_on_two_falls_is_where_it_hangs_on_one
+- for body in list(model.subtrees[i + 1])
++ for body in [i + 1]
 cranedyn/dynamics/joint_forces.py
 * a slack rope keeps its strain energy
 ? cranes::a_load_thrown_up_is_free_until_its_rope_is_taut_again[pinocchio-3000.0]
 - damper = self.tension(q, v) - stiffness * self.rope.strain(q)
 + damper = self.damping[stretch] * v[stretch]
-* springs are counted in seconds where time is counted in steps
-? cranes::forces_in_steps_are_the_same_forces
-- Springs(stiffness * force, rest, scaled)
-+ Springs(stiffness, rest, scaled)
 cranedyn/simulation/engine.py
 * a step is a thousandth too long
 ? simulate::the_loop_is_sample_hold_velocities_positions
@@ -250,6 +267,11 @@ cranedyn/controllers/integral.py
 ? controllers::an_integrator_goes_by_the_period_of_its_loop
 - integral = self.integral + error * self._elapsed
 + integral = self.integral + error * self.tracking.period
+cranedyn/references/simple.py
+* instants of a block are those of the first block
+? references::many_times_at_once_are_setpoint_as_each_by_itself
+- rows = block(k - k % _BLOCK)
++ rows = block(0)
 cranedyn/references/tabulated.py
 * a table is read at the row before
 ? controllers::between_rows_tracking_goes_on_straight_lines
@@ -372,6 +394,11 @@ cranedyn/compiled/horizon/control.py
 ? horizon::a_load_of_another_mass_ends_where_it_shall_since_what_disturbs_is_estimated
 - crane.answer(q, v, acceleration - estimate, None)
 + crane.answer(q, v, acceleration, None)
+cranedyn/compiled/horizon/memory.py
+* what is the same in every stage is left out of the recursion
+? horizon::along_a_motion_nothing_is_left_at_its_end
+- return self._constants[name, row, lane]
++ return 0.0
 cranedyn/plant/rigid_body.py
 * the Coriolis term of the recursions has the wrong sign
 ? compiled::a_run_of_many_blocks_is_the_same
@@ -651,7 +678,15 @@ cranedyn/planning/timing.py
 ? lift::a_way_that_takes_longer_than_another_is_given_up
 - longest = within if best is None
 + longest = math.inf if best is None
+* an average that is too long with its first law ends the search for a motion
+? lift::a_way_that_takes_longer_than_another_is_given_up
+- _TOO_LONG = 1.12
++ _TOO_LONG = 0.5
 cranedyn/planning/perturbed.py
+* a lift that broke off is not counted as such
+? lift::a_lift_that_failed_counts_as_one_that_came_too_near
+- np.count_nonzero(np.isnan(self.least))
++ np.count_nonzero(np.isinf(self.least))
 * lifts with other delays run at once
 ? lift::lifts_that_run_at_once_share_load_and_delay_and_none_is_lost
 - kinds = np.stack([drawn["load"], drawn["late_s"]])
@@ -778,6 +813,10 @@ experiments/measured/effects.py
 ? measured::gravity_of_all_records_is_that_of_one_offset
 - np.sqrt(beyond * variance[0, 0])
 + np.sqrt(variance[0, 0])
+* a rail does not tilt
+? measured::drag_centring_and_tilt_are_found_in_a_record_that_has_them
+- bias + tilt * self.way[i]
++ bias
 experiments/measured/drive.py
 * friction at rest is that in motion
 ? measured::stribecks_friction_is_told_from_dry_friction
@@ -806,6 +845,11 @@ cranedyn/sweep/folder.py
 ? sweep_integrity::a_damaged_part_is_named_and_computed_again
 - if not is_whole(content):
 + if False:
+cranedyn/recording/viewer.py
+* without a display nobody reads which file a browser shows
+? viewer::without_a_display_the_viewer_points_to_serving_the_file
+- check_display(*files)
++ check_display()
 cranedyn/recording/shapes.py
 * a mesh may lie anywhere
 ? meshes::a_mesh_that_cannot_be_drawn_is_refused
@@ -849,6 +893,11 @@ cranedyn/bridges/mcap.py
 ? mcap::a_command_that_a_drive_cuts_is_told_as_it_was_given
 - "effort": run.command[k].tolist()
 + "effort": run.effort[k].tolist()
+cranedyn/model/options.py
+* the record of a run does not say which crane it was
+? mcap::the_command_writes_a_run_with_the_crane_that_its_record_names
+- if record and not named
++ if record and named
 cranedyn/bridges/fmi_unit.h
 * a unit forgets that its model ceased to hold
 ? fmi::a_unit_says_once_the_model_no_longer_holds
@@ -991,6 +1040,16 @@ cranedyn/command.py
 ? help::help_is_a_screen_that_begins_with_an_example_which_parses
 - action.help = argparse.SUPPRESS
 + action.help = action.help
+cranedyn/__main__.py
+* an exporter computes before it refuses a target
+? page::a_bad_target_is_refused_before_anything_is_said
+- check_free(options.target)
++ pass
+experiments/harness/run.py
+* an outcome without a run says nothing of its recording
+? experiments::tables_are_printed_with_title_and_note_and_kept_with_all_digits
+- picture += "; no run to record"
++ pass
 experiments/harness/outcome.py
 * what holds stands before what is not judged
 ? terminal::a_screen_has_24_lines_the_failed_claim_whole_and_says_what_is_left_out

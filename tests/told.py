@@ -60,7 +60,7 @@ def _of_a1(result: Result) -> Told:
     article, budget = result.table("Free swing beside"), result.table("Error budget")
     periods = [abs(row["diff [%]"]) for row in result.table("Predicted")]
     stiff, soft = f"{max(periods[:4]):.4f} %", f"{periods[4]:.4f} %"
-    readme = [f"period within {stiff} of its prediction"]
+    readme = [f"period within {max(periods):.4f} % of its prediction"]
     causes = [
         "payload inertia",
         "dummy inertia",
@@ -130,7 +130,7 @@ def _of_energy(result: Result) -> Told:
         result.table("Damping of the swing joints"),
         [row["at most [J]"] for row in result.table("What the ledger")],
     )
-    most = damped[1]["open, at most [J]"]
+    most = damped[1]["unexplained, at most [J]"]
     findings = [
         f"open by {most:.2f} J at most",
         f"({steps[0]:.2f}, {steps[1]:.2f} and {steps[2]:.2f} J at 1, 0.5 and 0.25 ms)",

@@ -64,23 +64,29 @@ class ExportedJoint(Joint):
     holding: float
 
 
-def urdf_element(crane: Crane) -> ET.Element:
-    """Return the crane's URDF as XML, without comments and meshes, its axes of length one: other
-    programs take a very short axis for none.
+def urdf_element(crane: Crane, *, keep_package_meshes: bool = False) -> ET.Element:
+    """Return the crane's URDF as XML, without comments, and without meshes except those of ROS
+    packages on demand, its axes of length one: other programs take a very short axis for none.
 
     Raises:
-        ModelError: If it has a rope whose stiffness changes with its length.
+        ModelError: If it has a rope or two falls, whose stiffness changes with their length.
     """
     robot = parse_urdf(crane.urdf, "the crane")
     for link in robot.iterfind("link"):
         for body in [*link.iterfind("visual"), *link.iterfind("collision")]:
-            if body.find("geometry/mesh") is not None:  # a file of its own
-                link.remove(body)
-    if next(robot.iter("ropeStiffness"), None) is not None:
-        raise ModelError(
-            "The crane has a rope that stretches; no format that is exported knows a stiffness "
-            "that changes with the length."
-        )
+            mesh = body.find("geometry/mesh")
+            package_mesh = mesh is not None and mesh.get("filename", "").startswith("package://")
+            if mesh is not None and not (keep_package_meshes and package_mesh):
+                link.remove(body)  # a file of its own
+    for tag, what in (
+        ("ropeStiffness", "rope that stretches"),
+        ("fallSpacing", "load on two falls"),
+    ):
+        if next(robot.iter(tag), None) is not None:
+            raise ModelError(
+                f"The crane has a {what}; no format that is exported knows a stiffness that "
+                "changes with the length."
+            )
     for axis in robot.iter("axis"):
         if xyz := axis.get("xyz"):
             numbers = vector(xyz).tolist()

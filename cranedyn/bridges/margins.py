@@ -46,14 +46,15 @@ class Margin(NamedTuple):
     """Margins of a drive, the others unchanged.
 
     Attributes:
-        stronger: Least factor above one on its effort at which the loop is unstable; inf for none.
-        weaker: Largest such factor below one; 0 for none.
-        late: Delay of its commands at which the loop is unstable [s]; inf for none.
+        upper_gain: Gain margin: least factor above one on its effort at which the loop is
+            unstable; inf for none.
+        lower_gain: Largest such factor below one; 0 for none.
+        delay: Delay margin: delay of its commands at which the loop is unstable [s]; inf for none.
     """
 
-    stronger: float
-    weaker: float
-    late: float
+    upper_gain: float
+    lower_gain: float
+    delay: float
 
 
 class Margins(NamedTuple):
@@ -62,12 +63,12 @@ class Margins(NamedTuple):
     Attributes:
         damping: Least share of critical damping of a mode, -Re s/|s|: 1 where nothing oscillates,
             negative where one grows.
-        slowest: Largest growth rate of a mode [1/s], negative where it is stable.
+        growth_rate: Largest growth rate of a mode [1/s], negative where it is stable.
         drives: Margins of each drive; empty where the loop is unstable.
     """
 
     damping: float
-    slowest: float
+    growth_rate: float
     drives: tuple[Margin, ...]
 
     @property
@@ -76,14 +77,14 @@ class Margins(NamedTuple):
         if not self.drives:
             return Margin(1.0, 1.0, 0.0)
         return Margin(
-            min(d.stronger for d in self.drives),
-            max(d.weaker for d in self.drives),
-            min(d.late for d in self.drives),
+            min(d.upper_gain for d in self.drives),
+            max(d.lower_gain for d in self.drives),
+            min(d.delay for d in self.drives),
         )
 
 
 def regulator(
-    crane: Crane, controller: Controller, rest: State, *, t: float, period: float
+    crane: Crane, controller: Controller, rest: State, *, t: float = 0.0, period: float
 ) -> Regulator:
     """Return the linear form of an affine controller about a rest at a time [s]; its integrals are
     states.
@@ -159,10 +160,10 @@ def margins(plant: Sampled, law: Regulator) -> Margins:
     sizes = np.abs(rates)
     shares = np.divide(-rates.real, sizes, out=np.zeros(len(rates)), where=sizes > 0.0)
     damping = float(shares.min())
-    slowest = float(rates.real.max())
-    if not slowest < 0.0:
-        return Margins(damping, slowest, ())
-    return Margins(damping, slowest, tuple(_margin(plant, law, i) for i in everything))
+    growth_rate = float(rates.real.max())
+    if not growth_rate < 0.0:
+        return Margins(damping, growth_rate, ())
+    return Margins(damping, growth_rate, tuple(_margin(plant, law, i) for i in everything))
 
 
 def _closed(plant: Sampled, law: Regulator, drives: range | list[int]) -> np.ndarray:
@@ -198,14 +199,14 @@ def _margin(plant: Sampled, law: Regulator, drive: int) -> Margin:
     on_grid = at(grid)
     gains = 1.0 / np.abs(at(zeros(lambda values: np.angle(-values), on_grid.real[:-1] <= 0.0)))
     crossings = zeros(lambda values: np.abs(values) - 1.0)
-    late = np.mod(np.angle(-at(crossings)), 2.0 * math.pi) / crossings
+    delay = np.mod(np.angle(-at(crossings)), 2.0 * math.pi) / crossings
     # at half of the sampling rate a loop is real, so it may cross there, too
     end = float(response(np.array([-1.0]))[0].real)
     gains = np.append(gains, [-1.0 / end] if end < 0.0 else [])
     return Margin(
         float(min(gains[gains > 1.0], default=math.inf)),
         float(max(gains[gains < 1.0], default=0.0)),
-        float(min(late, default=math.inf)),
+        float(min(delay, default=math.inf)),
     )
 
 

@@ -25,7 +25,7 @@ from cranedyn.bridges.target import new_file
 from cranedyn.data.trajectory import Trajectory, read
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.model.crane import Crane
-from cranedyn.model.options import crane_from_options
+from cranedyn.model.options import crane_of_run
 
 TARGET = "FILE"
 EXAMPLE = "run.mcap --trajectory out/a1/a1_l5.parquet"
@@ -87,7 +87,7 @@ def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
     Raises:
         DataError: If the extra ``mcap`` is not installed, the ending is not .mcap, or the file
             exists or cannot be written.
-        ModelError: If the crane has a mesh or a rope that stretches.
+        ModelError: If the crane has a rope that stretches.
         OutOfRange: If the run has no row, or begins before time 0.
     """
     check_installed()
@@ -202,4 +202,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
     check_installed()
-    return export(options.target, crane_from_options(options), read(options.trajectory))
+    trajectory = read(options.trajectory)
+    return export(options.target, crane_of_run(options, trajectory.record), trajectory)

@@ -406,16 +406,14 @@ def _first_nonzero(rows: np.ndarray) -> np.ndarray:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the file and the crane."""
-    parser.add_argument(
-        "--site", metavar="FILE", default=None, help="obstacles about the crane, a .toml file"
-    )
+    parser.add_argument("--site", metavar="FILE", help="obstacles about the crane, a .toml file")
     parser.add_argument("--chart", metavar="FILE", help="its load chart, a .toml file")
     parser.add_argument("--meshes", metavar="FOLDER", help="of its mesh files; else sticks")
 
 
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
-    print("Compiling the crane and planning its exercises, some seconds ...", file=sys.stderr)
+    print("Compiling the crane and planning exercises, up to half a minute ...", file=sys.stderr)
     site = None if options.site is None else read_site(options.site)
     if site is not None:
         options.values = [*(f"{k}:={v}" for k, v in site.crane.items()), *options.values]

@@ -63,8 +63,8 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
 
     Only the drives have command interfaces; the passive joints have states, position and velocity,
     so that nothing overwrites their swing. Initial values put every joint into its range and let
-    each drive exert, until its first command, the effort that holds the crane there. No comment
-    and no mesh is in the URDF; gravity acts on all links.
+    each drive exert, until its first command, the effort that holds the crane there. The URDF has
+    no comments, and of meshes those of ROS packages; gravity acts on all links.
 
     Args:
         folder: New folder.
@@ -75,8 +75,8 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
 
     Raises:
         DataError: If the folder exists or cannot be written, or ROS does not allow the name.
-        ModelError: If the crane has a link without mass or inertia, a joint with an armature, a
-            mesh, or a rope that stretches.
+        ModelError: If the crane has a link without mass or inertia, a joint with an armature, or
+            a rope that stretches.
         OutOfRange: If the step is not positive.
     """
     folder = Path(folder)
@@ -88,7 +88,7 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
             "single underlines."
         )
     number("dt", dt, "s", "> 0")
-    robot = anchor_to_world(urdf_element(crane), "ROS")
+    robot = anchor_to_world(urdf_element(crane, keep_package_meshes=True), "ROS")
     check_inertias(crane, robot, "Gazebo")
     moving = joints(crane, robot)
     for tag in robot.findall("ros2_control"):

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 _BLOCK, _STEPS = 20_000, 1_000_000
 """Largest numbers of control instants, and of physics steps, in a block."""
 
+_frozen, _new_tuple = np.frombuffer, tuple.__new__
+
 
 class CompiledEngine(Engine):
     """Engine that steps by compiled code, which also computes what acts at control instants.
@@ -144,7 +146,7 @@ class CompiledEngine(Engine):
 
     def apply_command(self, command: np.ndarray, force: np.ndarray | None = None) -> Actuation:
         """As `Engine.apply_command`; the arrays of the answer change at the next command."""
-        self._command[:] = command
+        self._command[...] = command
         if force is not None:
             self._force[0] = self._force[1]
             self._force[1] = force.ravel()
@@ -159,19 +161,17 @@ class CompiledEngine(Engine):
 
     def row(self, setpoint: Setpoint) -> bytes:
         """Return a row as `Engine.row`, with energy ledger and validity."""
-        position: Any = np.ascontiguousarray(setpoint.position, dtype=float)
-        return b"".join((position, self._acting))
+        return setpoint.position.tobytes() + self._acting.tobytes()
 
     def advance(self) -> State:
         """Advance as `Engine.advance`."""
-        assert self._calls is not None
-        self._calls[1]()
+        self._calls[1]()  # type: ignore[index]  # a command was applied
         return self._read_state()
 
     def _read_state(self) -> State:
         # what State(q, v) makes in twice the time, of copies that cannot be written to
-        arrays = np.frombuffer(self._position.tobytes()), np.frombuffer(self._rate.tobytes())
-        self.state = state = tuple.__new__(State, arrays)
+        arrays = _frozen(self._position.tobytes()), _frozen(self._rate.tobytes())
+        self.state = state = _new_tuple(State, arrays)
         return state
 
     def run_ahead(

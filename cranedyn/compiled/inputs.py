@@ -273,12 +273,8 @@ def common_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
             joints = ", ".join(joint.name for joint in crane.layout.joints)
             raise OutOfRange("joints of a crane", joints, "those of the first crane of the batch")
         if Topology.of(crane) != first:
-            stretch = None if crane.springs.rope is None else crane.springs.rope.stretch
-            joints = ", ".join(
-                joint.name
-                for i, joint in enumerate(crane.layout.joints)
-                if crane.springs.stiffness[i] or i == stretch
-            )
+            sprung = zip(crane.layout.joints, crane.springs.elastic, strict=True)
+            joints = ", ".join(joint.name for joint, elastic in sprung if elastic)
             name = "joints of a crane with springs"
             raise OutOfRange(name, joints or "none", "those of the first crane of the batch")
     return first.layout

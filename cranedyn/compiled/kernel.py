@@ -12,10 +12,10 @@ from llvmlite import ir
 
 from cranedyn.compiled.angles import SHORTER, all_within
 from cranedyn.compiled.code import INTEGER, Code, StackVariable, Value
-from cranedyn.compiled.layout import CALL, SLOTS, TURNS, BufferLayout, Sections, size, slices
+from cranedyn.compiled.layout import SLOTS, TURNS, BufferLayout, Sections, size, slices
 from cranedyn.compiled.machine import Machine, translate
 from cranedyn.compiled.step import Step, StepState
-from cranedyn.compiled.threads import THREAD, emit_lane_loop
+from cranedyn.compiled.threads import KINDS, THREAD, emit_lane_loop
 from cranedyn.controllers.affine import integrated_command
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.integrators import Integrator
@@ -136,7 +136,7 @@ def kernel(source: KernelSource) -> Kernel:
     module = build_module(source)
     if source.recipe.threads:
         emit_lane_loop(module)
-    return Kernel(source, translate(module), set())
+    return Kernel(source, translate(module, inlining=source.recipe.lanes > 1), set())
 
 
 def build_module(source: KernelSource) -> ir.Module:
@@ -186,11 +186,8 @@ class _Loop:
 
     def __init__(self, code: Code, source: KernelSource) -> None:
         self.code, self.recipe, self.sizes = code, source.recipe, source.sizes
-        self.call_values = {
-            name: code.load_one(code.argument["call"], SLOTS[name], kind)
-            for kind, names in CALL.items()
-            for name in names
-        }
+        call = code.argument["call"]
+        self.call_values = {name: code.load_one(call, SLOTS[name], KINDS[name]) for name in SLOTS}
         self.dt = code.from_double(self.call_values["dt"])
         self.period = code.from_double(self.call_values["period"])
         self.plant = source.plant(code, self.call_values["numbers"])

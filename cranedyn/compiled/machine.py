@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import sys
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any
 
 from llvmlite import binding, ir
@@ -45,15 +44,16 @@ class Machine:
         return self._known[name]
 
 
-def translate(module: ir.Module) -> Machine:
+def translate(module: ir.Module, *, inlining: bool = False) -> Machine:
     """Optimise a module for this processor and translate it; its memory is freed with the
-    functions. Higher levels take a third longer and make straight-line code no faster.
+    functions. Higher levels take a third longer and make straight-line code no faster; inlining
+    takes longer, too, and pays for code of many lanes only.
     """
     # The global context would keep every constant for ever.
     context, target = binding.create_context(), _target()
     context._owned = True
     code = binding.parse_assembly(str(module), context)
-    _optimise(code, target, speed_level=1)
+    _optimise(code, target, speed_level=1, inlining=inlining)
     engine = binding.create_mcjit_compiler(code, target)
     engine.finalize_object()
     return Machine(engine, context)
@@ -68,7 +68,6 @@ def object_code(module: ir.Module, triple: str, features: str = "") -> bytes:
         features: LLVM's names of features of its processor, such as "+simd128".
     """
     target, code = _cross(module, triple, features=features)
-    _optimise(code, target)
     return target.emit_object(code)
 
 
@@ -81,27 +80,30 @@ def assembly(module: ir.Module, triple: str, processor: str) -> str:
         processor: LLVM's name of the oldest processor to run it, such as "sm_75".
     """
     target, code = _cross(module, triple, processor)
-    _optimise(code, target)
     return target.emit_assembly(code)
 
 
 def _cross(
     module: ir.Module, triple: str, processor: str = "", features: str = ""
 ) -> tuple[Any, Any]:
-    """Return a target machine of another platform, and the module as code for it."""
+    """Return a target machine of another platform, and the module as optimised code for it."""
     binding.initialize_all_targets()
     binding.initialize_all_asmprinters()
     target = binding.Target.from_triple(triple).create_target_machine(processor, features, opt=3)
     module.triple, module.data_layout = triple, str(target.target_data)
-    return target, binding.parse_assembly(str(module), binding.create_context())
+    code = binding.parse_assembly(str(module), binding.create_context())
+    _optimise(code, target)
+    return target, code
 
 
-def _optimise(code: Any, target: Any, speed_level: int = 2) -> None:
+def _optimise(code: Any, target: Any, speed_level: int = 2, *, inlining: bool = True) -> None:
     options = binding.create_pipeline_tuning_options(speed_level=speed_level)
     passes = binding.create_pass_builder(target, options)
-    manager = passes.getModulePassManager()
+    manager = passes.getModulePassManager() if inlining else passes.getFunctionPassManager()
+    bodies = [function for function in code.functions if not function.is_declaration]
     try:
-        manager.run(code, passes)
+        for part in [code] if inlining else bodies:
+            manager.run(part, passes)
     finally:
         # An empty method of llvmlite's ObjectRef hides this one, and half a megabyte would stay
         # behind for each module.
@@ -109,16 +111,11 @@ def _optimise(code: Any, target: Any, speed_level: int = 2) -> None:
         manager.detach()
 
 
-@cache
-def _initialised() -> Any:
-    binding.initialize_native_target()
-    binding.initialize_native_asmprinter()
-    return binding.Target.from_default_triple()
-
-
 def _target() -> Any:
     """Return a target machine for this processor; each engine takes ownership of one."""
-    return _initialised().create_target_machine(
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    return binding.Target.from_default_triple().create_target_machine(
         cpu=binding.get_host_cpu_name(),
         features=binding.get_host_cpu_features().flatten(),
         opt=1,

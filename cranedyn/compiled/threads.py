@@ -85,9 +85,8 @@ def _thread(module: ir.Module, builder: ir.IRBuilder) -> ir.Value:
 
     def special(name: str) -> ir.Value:
         full = f"llvm.nvvm.read.ptx.sreg.{name}.x"
-        function = module.globals.get(full) or ir.Function(
-            module, ir.FunctionType(_INDEX, []), full
-        )
+        kind = ir.FunctionType(_INDEX, [])
+        function = module.globals.get(full) or ir.Function(module, kind, full)
         return builder.zext(builder.call(function, []), INTEGER)
 
     return builder.add(builder.mul(special("ctaid"), special("ntid")), special("tid"))

@@ -81,13 +81,14 @@ class Hold(ShortRepr):
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return efforts [N m or N], shape (m,)."""
         q, v, aims = state.q.tolist(), state.v.tolist(), setpoint.position.tolist()
-        plain, efforts = self._plain, []  # type: ignore[attr-defined]
+        plain = self._plain  # type: ignore[attr-defined]
         if len(aims) != len(plain):
             as_array("position of the setpoint", setpoint.position, (len(plain),))
+        efforts = np.empty(len(plain))
         for drive, joint, always, k_p, k_d in plain:
             # A loop over plain numbers is quicker than a comprehension or NumPy of so few.
-            efforts.append(always + k_p * (aims[drive] - q[joint]) - k_d * v[joint])
-        return np.array(efforts)
+            efforts[drive] = always + k_p * (aims[drive] - q[joint]) - k_d * v[joint]
+        return efforts
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
         """Return the affine form, see `cranedyn.controllers.affine`."""

@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from cranedyn.dynamics.scalars import array, cross_product, is_zero, rows
 from cranedyn.errors import ModelError
-from cranedyn.model.crane import Crane, once_per_crane
+from cranedyn.model.crane import Crane, Point, once_per_crane
 
 _UP = (0.0, 0.0, 1.0)
 
@@ -103,31 +103,12 @@ def bodies(model: pin.Model) -> Bodies:
             )
         joint_data = joint.createData()
         joint.calc(joint_data, neutral)
-        rows.append(
-            (
-                placement.rotation,
-                placement.translation,
-                joint_data.S.reshape(2, 3),
-                body.mass,
-                body.lever,
-                body.inertia,
-            )
-        )
-    rotation, translation, axis, mass, lever, inertia = (
-        np.array(column, dtype=float) for column in zip(*rows, strict=True)
-    )
+        place, axis = (placement.rotation, placement.translation), joint_data.S.reshape(2, 3)
+        rows.append((*place, axis, body.mass, body.lever, body.inertia))
+    columns = [np.array(column, dtype=float) for column in zip(*rows, strict=True)]
     parents = [model.parents[i] - 1 for i in range(1, model.njoints)]
-    return Bodies(
-        parents,
-        rotation,
-        translation,
-        axis,
-        mass,
-        lever,
-        inertia,
-        model.armature.copy(),
-        model.gravity.linear.copy(),
-    )
+    columns += [model.armature.copy(), model.gravity.linear.copy()]
+    return Bodies(parents, *columns)
 
 
 @once_per_crane
@@ -176,13 +157,13 @@ def heights(
     return np.broadcast_to(np.asarray(altitude, dtype=float), len(q))
 
 
-def point_paths(crane: Crane, q: np.ndarray) -> np.ndarray:
-    """Return the positions of a crane's points in the world [m] at many coordinates, shape (rows,
-    n): shape (rows, points, 3).
+def point_paths(crane: Crane, q: np.ndarray, points: Sequence[Point] = ()) -> np.ndarray:
+    """Return the positions of points in the world [m], of all points on which forces act if none
+    are given, at many coordinates, shape (rows, n): shape (rows, points, 3).
     """
     tree = numeric_bodies(crane)
     axes = [
-        [heights(tree, q, body, lever, axis) for _, body, lever in crane.points]
+        [heights(tree, q, body, lever, axis) for _, body, lever in points or crane.points]
         for axis in np.eye(3).tolist()
     ]
     return np.array(axes).T

@@ -50,11 +50,7 @@ class JointForces:
         Forces scale like dt², damping like dt.
         """
         damping, force = self.damping * (dt / mass), dt * dt / mass
-        if self.springs is None:
-            return JointForces(damping, None, self.taut)
-        stiffness, rest, rope = self.springs.stiffness, self.springs.rest, self.springs.rope
-        scaled = None if rope is None else rope._replace(stiffness=rope.stiffness * force)
-        return JointForces(damping, Springs(stiffness * force, rest, scaled), self.taut)
+        return JointForces(damping, self.springs and self.springs.in_units(force), self.taut)
 
     def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return generalized forces at coordinates q and rates v, shape (n,)."""

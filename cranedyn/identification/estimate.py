@@ -50,26 +50,24 @@ class Estimate:
     white: tuple[np.ndarray, ...]
     evaluations: int
 
-    def _index(self, name: str) -> int:
-        names = [p.name for p in self.model.own]
-        if name not in names:
-            raise UnknownName("parameter", name, names)
-        return names.index(name)
-
     def value(self, name: str) -> float:
         """Return the estimate of a parameter of the crane, in its unit.
 
         Raises:
             UnknownName: If it was not estimated.
         """
-        return float(self.values[self._index(name)])
+        return self._interval(name)[0]
 
     def margin(self, name: str) -> float:
         """Return half the width of the 95 % confidence interval of a parameter of the crane; inf
         where the records do not determine it.
         """
-        i = self._index(name)
-        return self.factor * float(np.sqrt(self.covariance[i, i]))
+        return self._interval(name)[1]
+
+    def _interval(self, name: str) -> tuple[float, float]:
+        if name not in self.intervals:
+            raise UnknownName("parameter", name, self.intervals)
+        return self.intervals[name]
 
     @cached_property
     def factor(self) -> float:
@@ -77,10 +75,12 @@ class Estimate:
         rows = sum(residual.size for residual in self.residuals)
         return float(student.ppf(0.5 + CONFIDENCE / 2.0, max(rows - len(self.values), 1)))
 
-    @property
+    @cached_property
     def intervals(self) -> dict[str, tuple[float, float]]:
         """Values and half widths of all parameters of the crane, by name."""
-        return {p.name: (self.value(p.name), self.margin(p.name)) for p in self.model.own}
+        margins = (self.factor * np.sqrt(np.diag(self.covariance))).tolist()
+        ends = zip(self.model.own, self.values.tolist(), margins, strict=False)
+        return {p.name: (value, margin) for p, value, margin in ends}
 
     @property
     def arguments(self) -> dict[str, float]:
@@ -101,31 +101,18 @@ class Estimate:
         )
 
     @cached_property
-    def explained(self) -> tuple[np.ndarray, ...]:
-        """Share of the variance of each channel of each record that the model explains; 1 of one
-        that does not vary.
-        """
-        shares = []
-        for i, residual in enumerate(self.residuals):
-            variation = self.model.measured(i).var(axis=1)
-            varied = np.where(variation > 0.0, variation, np.inf)
-            shares.append(1.0 - np.mean(residual**2, axis=1) / varied)
-        return tuple(shares)
-
-    @property
     def least_explained(self) -> tuple[float, str]:
         """Least share of the variance of a swing that the model explains, and its column with its
         record.
         """
-        model = self.model
-        return min(
-            (float(share), f"{channel.column} of {record.name}")
-            for record, channels, shares in zip(
-                model.records, model.channels, self.explained, strict=True
-            )
-            for channel, share in zip(channels, shares, strict=True)
-            if channel.kind == "swing"
-        )
+        model, shares = self.model, []
+        for i, record in enumerate(model.records):
+            rows = zip(model.channels[i], self.residuals[i], model.measured(i), strict=True)
+            for channel, residual, measured in rows:
+                if channel.kind == "swing":
+                    share = 1.0 - float(np.mean(residual**2) / (np.var(measured) or np.inf))
+                    shares.append((share, f"{channel.column} of {record.name}"))
+        return min(shares)
 
     @cached_property
     def at_bound(self) -> tuple[str, ...]:

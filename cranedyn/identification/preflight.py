@@ -67,7 +67,13 @@ class Preflight:
     correlation: np.ndarray
     alike: tuple[ParameterPair, ...]
     blind: tuple[str, ...]
-    advice: tuple[Advice, ...]
+    advice: tuple[Advice, ...] = ()
+
+    @property
+    def doubtful(self) -> tuple[str, ...]:
+        """Names of all parameters in `alike` and `blind`."""
+        paired = [name for pair in self.alike for name in (pair.first, pair.second)]
+        return tuple(dict.fromkeys([*paired, *self.blind]))
 
 
 def preflight(model: Model, estimate: Estimate | None = None) -> Preflight:
@@ -94,19 +100,16 @@ def preflight(model: Model, estimate: Estimate | None = None) -> Preflight:
         for p, margin, value in zip(model.parameters, margins, values.tolist(), strict=False)
         if margin > (0.25 * (p.high - p.low) if np.isfinite(p.high - p.low) else abs(value))
     )
-    inseparable = [name for pair in alike for name in (pair.first, pair.second)]
-    doubtful = [names.index(name) for name in dict.fromkeys([*inseparable, *blind])]
+    result = Preflight(dict(zip(names, margins.tolist(), strict=True)), correlation, alike, blind)
     advice = []
-    for move, record in propose_records(model, values) if doubtful else ():
+    for move, record in propose_records(model, values) if result.doubtful else ():
         reduced, rho = _spread(current + _further_information(model, record, values, noise))
         pairs = [abs(rho[names.index(pair.first), names.index(pair.second)]) for pair in alike]
         advice.append(
             Advice(move, dict(zip(names, reduced.tolist(), strict=True)), max(pairs, default=0.0))
         )
-    advice.sort(key=lambda entry: sum(np.log([entry.margins[names[i]] for i in doubtful])))
-    return Preflight(
-        dict(zip(names, margins.tolist(), strict=True)), correlation, alike, blind, tuple(advice)
-    )
+    advice.sort(key=lambda entry: sum(np.log([entry.margins[name] for name in result.doubtful])))
+    return replace(result, advice=tuple(advice))
 
 
 def information(model: Model, values: np.ndarray, noise: Sequence[np.ndarray]) -> np.ndarray:

@@ -109,46 +109,35 @@ class Prior:
         return self.load()
 
     @cached_property
+    def _declared(self) -> dict[str, Argument]:
+        """Numeric arguments of the description by name."""
+        path = XACRO if self.urdf is None else Path(self.urdf)
+        declared = arguments(path) if path.suffix == ".xacro" else {}
+        return {name: argument for name, argument in declared.items() if argument.allowed}
+
+    @cached_property
     def arguments(self) -> dict[str, Argument]:
         """Numeric arguments of the description by name, and gravity; of a description without
         arguments the damping of each passive joint, such as damp_phi.
         """
-        path = XACRO if self.urdf is None else Path(self.urdf)
-        declared = arguments(path) if path.suffix == ".xacro" else {}
-        numbers = {name: argument for name, argument in declared.items() if argument.allowed}
-        dampings = {} if numbers else self._dampings
-        return {
-            "gravity": Argument("", "m/s²", "> 0", "gravity of the world"),
-            **numbers,
-            **dampings,
-        }
-
-    @cached_property
-    def _dampings(self) -> dict[str, Argument]:
-        """Viscous damping of each passive joint as an argument, by name."""
-        crane = self.load()
-        return {
-            f"damp_{crane.layout.symbols[i]}": Argument(
-                repr(float(crane.damping[i])), f"{crane.layout.joints[i].effort_unit} s", ">= 0",
-                f"damping of {crane.layout.joints[i].name}",
-            )
-            for i in crane.layout.passive.tolist()
-        }  # fmt: skip
+        found = {"gravity": Argument("", "m/s²", "> 0", "gravity of the world"), **self._declared}
+        for i in () if self._declared else self.crane.layout.passive.tolist():
+            joint, damping = self.crane.layout.joints[i], float(self.crane.damping[i])
+            unit, meaning = f"{joint.effort_unit} s", f"damping of {joint.name}"
+            found[f"damp_{joint.symbol}"] = Argument(repr(damping), unit, ">= 0", meaning)
+        return found
 
     def load(self, **values: float) -> Crane:
         """Load the crane with some values changed, gravity among them."""
         merged = {**self.values, **values}
         gravity = float(merged.pop("gravity", self.gravity))  # type: ignore[arg-type]
-        damped = {
-            name: merged.pop(name) for name in values if name in self.__dict__.get("_dampings", {})
-        }
+        plain = not self._declared
+        damped = {name: merged.pop(name) for name in values if plain and name.startswith("damp_")}
         crane = load_crane(self.urdf, gravity=gravity, values=merged, **self.loading)
-        if not damped:
-            return crane
         damping = crane.damping.copy()
         for name, value in damped.items():
             damping[crane.layout.index(name.removeprefix("damp_"))] = value
-        return replace(crane, damping=damping)
+        return replace(crane, damping=damping) if damped else crane
 
     def family(self, first: Mapping[str, float], second: Mapping[str, float]) -> Family:
         """Return the cranes of this description, see `Family`; cached."""

@@ -21,7 +21,6 @@ from cranedyn.identification.sampling import is_irregular, samples, smooth
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Joint
 from cranedyn.model.springs import rest_stiffness
-from cranedyn.theory import point_period
 
 PERIODS, ROWS = 2.0, 40
 """Least length of a record: periods of the swing, and rows."""
@@ -93,7 +92,7 @@ class Record:
         mask = (t >= since - 1e-9) & (t <= until + 1e-9)
         t, recorded = t[mask], {key: values[mask] for key, values in recorded.items()}
         dead = _check_swings(name, crane, recorded)
-        _check_length(name, crane, t, recorded)
+        _check_length(cls(name, crane, t, recorded))
         recorded = {key: values for key, values in recorded.items() if key not in dead}
         notes = [f"{name}: {key} never moves and is left out." for key in dead]
         t, recorded, resolution, remarks = _resample(crane, t, recorded)
@@ -298,12 +297,11 @@ def _check_rates(record: Record) -> None:
             )
 
 
-def _check_length(
-    name: str, crane: Crane, t: np.ndarray, columns: Mapping[str, np.ndarray]
-) -> None:
+def _check_length(record: Record) -> None:
+    name, t = record.name, record.t
     if len(t) < ROWS:
         raise DataError(f"{name} has {len(t)} rows to go by; allowed are {ROWS} or more.")
-    period = _rough_period(crane, columns)
+    period = record.swing_period if math.isfinite(record.swing_period) else 0.0
     if t[-1] - t[0] < PERIODS * period:
         raise DataError(
             f"{name} lasts {t[-1] - t[0]:.3g} s; allowed is {PERIODS * period:.3g} s or more, "
@@ -316,14 +314,3 @@ def _check_length(
             f"{name}: t_s goes from {t[worst]:g} to {t[worst + 1]:g} s at row {worst + 2}, a gap "
             f"or a clock that jumps; allowed is {allowed:.3g} s."
         )
-
-
-def _rough_period(crane: Crane, columns: Mapping[str, np.ndarray]) -> float:
-    """Return the period of a pendulum of the recorded cable's length [s]; 0 without a winch."""
-    winch = crane.winch
-    if winch is None:
-        return 0.0
-    column = crane.layout.driven[winch].columns[0]
-    start = crane.start.q[crane.layout.drives[winch]]
-    length = max(float(np.mean(columns[column])) if column in columns else float(start), 0.1)
-    return float(point_period(length, crane.gravity))

@@ -67,7 +67,6 @@ class LiftAnalysis:
         wind: Wind limit; None if the chart does not reach, the plan does not hold, or no gusts were
             required.
         perturbed: Perturbed lifts; None if the plan does not hold or none were required.
-        perturbed_seconds: Time that simulating the perturbed lifts took [s].
         hoisting: Hoisting class of the crane.
         drive: Class of its hoist drive.
     """
@@ -82,7 +81,6 @@ class LiftAnalysis:
     chart_error: str
     wind: WindLimit | None
     perturbed: Perturbed | None
-    perturbed_seconds: float
     hoisting: HoistingClass = "HC2"
     drive: DriveClass = "HD4"
 

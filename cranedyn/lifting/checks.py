@@ -119,14 +119,15 @@ def wind_borne(analysis: LiftAnalysis) -> Check:
 
 
 def perturbed_lifts(analysis: LiftAnalysis) -> Check:
-    """Check the probability that a perturbed lift comes closer than the required distance."""
+    """Check the probability that a perturbed lift comes too close or breaks off."""
     required, perturbed = analysis.requirements, analysis.perturbed
     if perturbed is None:
         return Check("No perturbed lifts were simulated.", required.lifts == 0)
     _, high = perturbed.interval()
     return Check(
-        f"Of {len(perturbed.least)} perturbed lifts {perturbed.failures} come nearer than "
-        f"{analysis.site.distance:g} m: a probability of {100.0 * high:.2f} % at most, "
+        f"Of {len(perturbed.least)} perturbed lifts {perturbed.failures - perturbed.broken_off} "
+        f"come nearer than {analysis.site.distance:g} m, and {perturbed.broken_off} take a drive "
+        f"out of its range or slacken the rope: a probability of {100.0 * high:.2f} % at most, "
         f"with {100.0 * CONFIDENCE:g} % confidence; {100.0 * required.risk:g} % allowed.",
         high <= required.risk,
     )

@@ -2,7 +2,7 @@
 
 None of the standards was before us: what is said of EN 1991-3, EN 13001, FEM 1.001 and the
 Australian ones is read second hand, in texts that quote them. Which of them are mechanics, and
-exact, `python -m experiments.factors` derives by simulation.
+exact, `cranedyn run factors` derives by simulation.
 """
 
 from __future__ import annotations

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -111,6 +110,7 @@ def judge(
     period: float = 5e-3,
     dt: float = 5e-4,
     engine: EngineName = "compiled",
+    progress: Callable[[int], None] = lambda done: None,
 ) -> Judgement:
     """Plan a lift, certify it, and check all that is required of it.
 
@@ -128,6 +128,7 @@ def judge(
         period: Control period [s].
         dt: Physics step [s]; twice as much in perturbed lifts and in wind.
         engine: Engine of the certificate's simulation.
+        progress: Called after each of three stages: plan, perturbed lifts, wind.
 
     Raises:
         NoWay: If no way is found for the lift.
@@ -142,6 +143,7 @@ def judge(
     reeving = chart.on(falls)
     crane = crane_of(site) if crane is None else crane
     certificate = certify(plan_lift(site, limits, crane=crane, period=period), dt=dt, engine=engine)
+    progress(1)
     run_loads = loads(crane, certificate.run, base=site.base, arms=site.arms)
     used, chart_error = None, ""
     try:
@@ -149,10 +151,9 @@ def judge(
     except OutOfRange as error:
         chart_error = str(error)
     wind = perturbed = None
-    started = time.monotonic()
     if certificate.holds and requirements.lifts:
         perturbed = perturb(certificate, requirements.lifts, dt=2.0 * dt)
-    seconds = time.monotonic() - started
+    progress(2)
     if certificate.holds and used is not None and requirements.gusts:
         wind = wind_limit(
             certificate,
@@ -162,6 +163,7 @@ def judge(
             count=requirements.gusts,
             dt=2.0 * dt,
         )
+    progress(3)
     analysis = LiftAnalysis(
         site=site,
         chart=chart,
@@ -173,7 +175,6 @@ def judge(
         chart_error=chart_error,
         wind=wind,
         perturbed=perturbed,
-        perturbed_seconds=seconds,
         hoisting=hoisting,
         drive=drive,
     )

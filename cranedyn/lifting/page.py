@@ -148,8 +148,8 @@ def _limits_and_command(command: str) -> str:
     )
     return (
         f"<section><h2>What these numbers do not say</h2><ul>{limits}</ul></section>"
-        f"<section><h2>Again</h2><p>{source_note} of the factors: <code>python -m "
-        "experiments.factors</code>. The experiment keeps the run and its loads beside the page "
+        f"<section><h2>Again</h2><p>{source_note} of the factors: <code>cranedyn "
+        "run factors</code>. The experiment keeps the run and its loads beside the page "
         "as CSV and Parquet."
         f'</p><p class="note">python {platform.python_version()}, {versions}; '
         f"{platform.system()} {platform.machine()}</p></section>"

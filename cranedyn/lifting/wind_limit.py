@@ -180,8 +180,7 @@ def _limits(rows: np.ndarray, allowed: Mapping[str, float]) -> WindLimit:
     worst = {}
     for column, name in enumerate(allowed, 4):
         extreme = np.min if name == "clearance" else np.max
-        values = [extreme(rows[rows[:, 0] == speed, column]) for speed in speeds]
-        worst[name] = np.array(values)
+        worst[name] = np.array([extreme(rows[rows[:, 0] == speed, column]) for speed in speeds])
     return WindLimit(speeds, worst, allowed, len(rows))
 
 

@@ -192,9 +192,8 @@ class Crane:
         """Indices of the swings among the coordinates: passive revolute joints without a spring."""
         joints = self.layout.joints
         passive = self.layout.passive.tolist()
-        swings = [
-            i for i in passive if joints[i].kind == "revolute" and not self.springs.stiffness[i]
-        ]
+        elastic = self.springs.elastic
+        swings = [i for i in passive if joints[i].kind == "revolute" and not elastic[i]]
         return np.array(swings, dtype=int)
 
     def swing_angles(self, q: np.ndarray) -> np.ndarray:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TypedDict
-from unittest.mock import patch
 from xml.dom import Node, minidom
 
 import xacro
@@ -55,6 +54,8 @@ class CraneValues(TypedDict, total=False):
     rope_stiffness: float  # N
     falls: float
     rope_damping: float  # N s/m
+    fall_spacing: float  # m
+    damp_yaw: float  # N m s/rad
     drum_inertia: float  # kg
     tower_twist_stiffness: float  # N m/rad
     slew_drive_inertia: float  # kg m^2
@@ -213,11 +214,9 @@ def _expand(
         return str(package_folder(name, path, packages))
 
     try:
-        with (
-            _LOCK,
-            contextlib.redirect_stderr(io.StringIO()),
-            patch.object(substitution_args, "_eval_find", find),  # asks ROS otherwise
-        ):
+        with _LOCK, contextlib.redirect_stderr(io.StringIO()), contextlib.ExitStack() as after:
+            after.callback(setattr, substitution_args, "_eval_find", substitution_args._eval_find)
+            substitution_args._eval_find = find  # asks ROS otherwise
             # Xacro moves this node from document to document. An interruption meanwhile would leave
             # it in none, and every later expansion would fail.
             xacro._empty_text_node = minidom.Document().createTextNode("\n\n")

@@ -177,7 +177,7 @@ def driven_joints(
         raise ModelError(
             f"{path} gives no joint a command interface in <ros2_control>; say which joints drives "
             "move by load_crane(driven=[...]), or --driven. If the hook hangs on a rigid joint, "
-            "--swing puts a rope above it."
+            "swing=True, or --swing, puts a rope above it."
         )
     return declared or {*(driven or ())}
 
@@ -305,7 +305,7 @@ def force_points(model: pin.Model, joints: Sequence[Joint], payload: int) -> tup
     """Return the points on which external forces act.
 
     They are the payload, the pivot of the first passive revolute joint, and the hook if the payload
-    hangs below the joint of the role hoist and the stretch of its rope.
+    hangs below the joint of the role hoist and the stretch or yaw of its rope.
     """
 
     def centre(name: str, joint: int) -> Point:
@@ -318,7 +318,8 @@ def force_points(model: pin.Model, joints: Sequence[Joint], payload: int) -> tup
     if "hoist" in roles:
         hook = roles.index("hoist")
         below = joints[hook + 1] if hook < payload else joints[hook]
-        hook += not below.driven and below.kind == "prismatic"  # the stretch of the rope
+        # the stretch of the rope, or the yaw on two falls
+        hook += not below.driven and abs(below.axis[2]) >= ALIGNED
         if hook != payload:
             points.append(centre("hook", hook))
     return tuple(points)

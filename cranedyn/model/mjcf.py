@@ -32,6 +32,9 @@ _NUMBERS = frozenset(
 _ABSENT = ("frictionloss", "stiffness")
 """Properties of joints that are not carried over."""
 
+_LIGHT = {"pos": "0 0 0", "mass": "1e-6", "diaginertia": "1e-9 1e-9 1e-9"}
+"""Body between two joints of one body [kg, kg m²]: other programs drop a link without."""
+
 _REACH = {"prismatic": 1e3, "revolute": math.pi}
 """Range to either side of a joint without one [m or rad]."""
 
@@ -83,6 +86,8 @@ def _moving(element: ET.Element, notes: list[str]) -> ET.Element:
     copy = innermost = ET.Element(element.tag, element.attrib)
     for i, joint in enumerate(_single_joints(element, notes)):
         if i:
+            ET.SubElement(innermost, "inertial", _LIGHT)
+            notes.append(f"A body of {_LIGHT['mass']} kg is above {joint.get('name')}.")
             innermost = ET.SubElement(innermost, "body", name=f"{joint.get('name')}_body")
         innermost.append(joint)
     for child in element:
@@ -128,21 +133,25 @@ def _as_urdf(model: pin.Model, driven: set[str], notes: list[str], path: Path) -
     control = ET.SubElement(robot, "ros2_control", name="drives", type="system")
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
-    for i in range(1, model.njoints):
-        name, joint = model.names[i], model.joints[i]
+    for i, name in enumerate(list(model.names)[1:], start=1):
+        joint = model.joints[i]
         if (joint.nq, joint.nv) != (1, 1):
             raise ModelError(
                 f"{path} has {quoted(name)}, which moves in {joint.nv} directions; allowed are "
                 "slide, hinge and ball joints."
             )
         jacobian = pin.getJointJacobian(model, data, i, pin.LOCAL).reshape(6, model.nv)
-        column = jacobian[:, joint.idx_v]
-        kind = "prismatic" if np.linalg.norm(column[3:]) < 0.5 else "revolute"
-        axis = column[:3] if kind == "prismatic" else column[3:]
-        parent = "world" if model.parents[i] == 0 else f"{model.names[model.parents[i]]}_link"
-        _add_joint(robot, name, kind, parent, model.jointPlacements[i], axis)
-        element = robot[-1]
-        _add_limits(element, kind, model, joint.idx_q, joint.idx_v, name in driven, notes)
+        linear, angular = jacobian[:3, i - 1], jacobian[3:, i - 1]
+        kind, axis = (
+            ("revolute", angular) if np.linalg.norm(angular) > 0.5 else ("prismatic", linear)
+        )
+        element = ET.SubElement(robot, "joint", name=name, type=kind)
+        above = model.parents[i]
+        ET.SubElement(element, "parent", link=f"{model.names[above]}_link" if above else "world")
+        ET.SubElement(element, "child", link=f"{name}_link")
+        set_placement(element, model.jointPlacements[i])
+        ET.SubElement(element, "axis", xyz=numbers_text(axis))
+        _add_limits(element, model, i - 1, name in driven, notes)
         link = ET.SubElement(robot, "link", name=f"{name}_link")
         link.append(inertial_element(model.inertias[i]))
         if name in driven:
@@ -151,40 +160,20 @@ def _as_urdf(model: pin.Model, driven: set[str], notes: list[str], path: Path) -
     return robot
 
 
-def _add_joint(
-    robot: ET.Element, name: str, kind: str, parent: str, placement: pin.SE3, axis: np.ndarray
-) -> None:
-    element = ET.SubElement(robot, "joint", name=name, type=kind)
-    ET.SubElement(element, "parent", link=parent)
-    ET.SubElement(element, "child", link=f"{name}_link")
-    set_placement(element, placement)
-    ET.SubElement(element, "axis", xyz=numbers_text(axis))
-
-
 def _add_limits(
-    element: ET.Element,
-    kind: str,
-    model: pin.Model,
-    q: int,
-    v: int,
-    driven: bool,
-    notes: list[str],
+    element: ET.Element, model: pin.Model, i: int, driven: bool, notes: list[str]
 ) -> None:
-    name = element.get("name", "")
-    low, high = float(model.lowerPositionLimit[q]), float(model.upperPositionLimit[q])
+    name, kind = element.get("name", ""), element.get("type", "")
+    low, high = float(model.lowerPositionLimit[i]), float(model.upperPositionLimit[i])
     if not (math.isfinite(low) and math.isfinite(high)):
         low, high = -_REACH[kind], _REACH[kind]
         unit = "m" if kind == "prismatic" else "rad"
         notes.append(f"{name} has no range; {low:g} to {high:g} {unit} are taken.")
-    effort = float(model.effortLimit[v])
+    effort = float(model.effortLimit[i])
     if driven and not math.isfinite(effort):
         notes.append(f"{name} has no largest effort; {_EFFORT:g} are taken.")
-    limits = {
-        "lower": low,
-        "upper": high,
-        "effort": min(effort, _EFFORT),
-        "velocity": NO_RATE_LIMIT,
-    }
-    ET.SubElement(element, "limit", {key: repr(value) for key, value in limits.items()})
-    dynamics = {"damping": model.damping[v], "armature": model.armature[v]}
-    ET.SubElement(element, "dynamics", {key: repr(float(value)) for key, value in dynamics.items()})
+    effort = min(effort, _EFFORT)
+    limits = {"lower": low, "upper": high, "effort": effort, "velocity": NO_RATE_LIMIT}
+    dynamics = {"damping": float(model.damping[i]), "armature": float(model.armature[i])}
+    for tag, numbers in (("limit", limits), ("dynamics", dynamics)):
+        ET.SubElement(element, tag, {key: repr(value) for key, value in numbers.items()})

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from cranedyn.errors import DataError
+from cranedyn.errors import DataError, quoted
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
 from cranedyn.model.load import load_crane
@@ -48,9 +49,9 @@ def load_options(options: argparse.Namespace) -> dict[str, Any]:
     if options.swing is not None:
         arguments["swing"] = parse_values(options.swing) or True
     if options.role is not None:
-        arguments["joints"] = _pairs("role", options.role)
+        arguments["joints"] = parse_pairs("role", options.role)
     if options.package is not None:
-        arguments["packages"] = _pairs("package", options.package)
+        arguments["packages"] = parse_pairs("package", options.package)
     return arguments
 
 
@@ -59,11 +60,23 @@ def crane_from_options(options: argparse.Namespace) -> Crane:
     return load_crane(**load_options(options))
 
 
-def _pairs(option: str, texts: list[str]) -> dict[str, str]:
-    pairs = {}
+def crane_of_run(options: argparse.Namespace, record: Mapping[str, Any]) -> Crane:
+    """Load the crane that the command line names; if none, that of the record of a run."""
+    named = options.urdf is not None or options.machine is not None or options.values
+    return load_crane(from_record=record) if record and not named else crane_from_options(options)
+
+
+def parse_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
+    """Return values by name from the texts of an option, such as ``l=hoist``.
+
+    Raises:
+        DataError: If a text has another form, or a name comes twice.
+    """
+    pairs: dict[str, str] = {}
     for text in texts:
-        name, mark, value = text.partition("=")
-        if not mark:
-            raise DataError(f"{text!r} of --{option} is not of the form NAME=VALUE.")
+        name, _, value = text.partition("=")
+        if not (name and value) or name in pairs:
+            form = "is not of the form NAME=VALUE, each name once"
+            raise DataError(f"{quoted(text)} of --{option} {form}.")
         pairs[name] = value
     return pairs

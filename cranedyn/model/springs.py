@@ -16,9 +16,9 @@ import pinocchio as pin
 
 from cranedyn.checks import number
 from cranedyn.errors import ModelError, UnknownName
-from cranedyn.model.layout import Layout
+from cranedyn.model.layout import ALIGNED, Layout
 
-_TAGS = ("springStiffness", "springReference", "ropeStiffness")
+_TAGS = ("springStiffness", "springReference", "ropeStiffness", "fallSpacing")
 
 
 class Rope(NamedTuple):
@@ -43,24 +43,73 @@ class Rope(NamedTuple):
         return 0.5 * (strain + abs(strain))
 
 
+class Bifilar(NamedTuple):
+    """Two parallel falls at half spacing a on which a load of weight W yaws by ψ: falls of length l
+    lift it by a² (1 - cos ψ)/l, which is its potential energy over W.
+
+    That is the lift but for a share a² (1 - cos ψ)/(2 l²) of it, so small yaws are exact. The
+    tension is the weight at rest: a load that the hoist accelerates by a_l upward has a yaw
+    stiffness that is larger by a share a_l/g. The kinetic energy of the lift is left out, a share
+    m a⁴ sin² ψ/(I l²) of that of the yaw with inertia I. The load tilts as on one rope.
+
+    Attributes:
+        yaw: Index of the passive coordinate ψ.
+        length: Index of the coordinate that is the cable length l.
+        stiffness: W a² [N m²], yaw stiffness times length.
+        spacing: Distance 2 a of the falls [m], above and below.
+    """
+
+    yaw: int
+    length: int
+    stiffness: Any
+    spacing: float = 0.0
+
+    def energy(self, q: np.ndarray) -> Any:
+        """Return the potential energy of the lift [J]."""
+        return self.stiffness * (1.0 - np.cos(q[self.yaw])) / q[self.length]
+
+    def torque(self, q: np.ndarray) -> Any:
+        """Return the torque against the yaw [N m]."""
+        return self.stiffness * np.sin(q[self.yaw]) / q[self.length]
+
+
 @dataclass(frozen=True, eq=False)
 class Springs:
-    """A linear spring in each joint, and an elastic rope.
+    """A linear spring in each joint, an elastic rope, and two falls that resist yaw.
 
     Attributes:
         stiffness: Stiffness of each joint [N m/rad or N/m], shape (n,); 0 for none.
         rest: Coordinates at which the springs are slack [rad or m], shape (n,).
         rope: The rope; None if it does not stretch.
+        bifilar: The two falls; None if the load hangs on a single line.
     """
 
     stiffness: np.ndarray
     rest: np.ndarray
     rope: Rope | None = None
+    bifilar: Bifilar | None = None
+
+    @cached_property
+    def elastic(self) -> np.ndarray:
+        """Whether each joint is held by a spring, the rope or two falls, shape (n,)."""
+        elastic = self.stiffness != 0.0
+        elastic[[part[0] for part in (self.rope, self.bifilar) if part]] = True
+        return elastic
 
     @cached_property
     def any(self) -> bool:
         """Whether there is any spring."""
-        return self.rope is not None or bool(np.any(self.stiffness != 0.0))
+        return bool(self.elastic.any())
+
+    def in_units(self, force: Any) -> Springs:
+        """Return the same with forces in a unit that a newton has `force` of."""
+        rope, falls = self.rope, self.bifilar
+        return Springs(
+            self.stiffness * force,
+            self.rest,
+            rope and rope._replace(stiffness=rope.stiffness * force),
+            falls and falls._replace(stiffness=falls.stiffness * force),
+        )
 
     def free(self, joints: np.ndarray) -> np.ndarray:
         """Return the joints, by their indices, that move while the rope is taut."""
@@ -77,6 +126,9 @@ class Springs:
             strain = self.rope.strain(q)
             effort[stretch] = effort[stretch] - stiffness * strain
             effort[length] = effort[length] + 0.5 * stiffness * strain * strain
+        if (falls := self.bifilar) is not None:
+            effort[falls.yaw] = effort[falls.yaw] - falls.torque(q)
+            effort[falls.length] = effort[falls.length] + falls.energy(q) / q[falls.length]
         return effort
 
     def energy(self, q: np.ndarray) -> Any:
@@ -88,6 +140,8 @@ class Springs:
         if self.rope is not None:
             strain = self.rope.strain(q)
             energy = energy + 0.5 * self.rope.stiffness * strain * strain * q[self.rope.length]
+        if self.bifilar is not None:
+            energy = energy + self.bifilar.energy(q)
         return energy
 
     def tangent(self, q: np.ndarray) -> np.ndarray:
@@ -100,23 +154,30 @@ class Springs:
             tangent[length, length] += per_length * strain * strain
             tangent[s, length] -= per_length * strain
             tangent[length, s] -= per_length * strain
+        if (falls := self.bifilar) is not None:
+            yaw, length, stiffness, _ = falls
+            tangent[yaw, yaw] += stiffness * np.cos(q[yaw]) / q[length]
+            tangent[length, length] += 2.0 * falls.energy(q) / q[length] ** 2
+            tangent[[yaw, length], [length, yaw]] -= falls.torque(q) / q[length]
         return tangent
 
 
-def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
-    """Read springs from a URDF.
+def read_springs(robot: ET.Element, layout: Layout, model: pin.Model, path: Path) -> Springs:
+    """Read springs from a URDF and its model.
 
     Springs stand in the tags of Gazebo, ``<springStiffness>`` and ``<springReference>``. The rope
     is in a tag of this project, ``<ropeStiffness>``: EA [N], inf for an inextensible rope, at the
-    joint that is the stretch of the rope, whose length is the joint in the role hoist.
+    joint that is the stretch of the rope, whose length is the joint in the role hoist. So are two
+    falls of this length, ``<fallSpacing>``: their distance [m], at the joint about which all that
+    hangs on them yaws.
 
     Raises:
         UnknownName: If a spring is at no moving joint.
         ModelError: If a tag is given twice, or the stretch of the rope is no passive prismatic
-            joint.
+            joint, or the yaw no passive joint about the vertical, or there are both.
         OutOfRange: If a number is not finite, or a stiffness negative.
     """
-    stiffness, rest_angles, rope = np.zeros(layout.n), np.zeros(layout.n), None
+    stiffness, rest_angles, rope, falls = np.zeros(layout.n), np.zeros(layout.n), None, None
     names = [joint.name for joint in layout.joints]
     elements = [
         (block.get("reference", ""), tag)
@@ -137,6 +198,15 @@ def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
             stiffness[i] = number(f"spring stiffness of {name}", text, unit, ">= 0")
         elif tag.tag == "springReference":
             rest_angles[i] = number(f"rest position of the spring of {name}", text, joint.unit)
+        elif tag.tag == "fallSpacing":
+            if joint.driven or joint.kind != "revolute" or abs(joint.axis[2]) < ALIGNED:
+                must = "it must be a passive revolute joint about the rope"
+                raise ModelError(f"{path} gives the spacing of two falls to {name}; {must}.")
+            length = layout.role("hoist", "A load on two falls")
+            spacing = number(f"spacing of the falls at {name}", text, "m", "> 0")
+            mass = sum(model.inertias[body].mass for body in list(model.subtrees[i + 1]))
+            weight = -float(model.gravity.linear[2]) * mass
+            falls = Bifilar(i, length, weight * (0.5 * spacing) ** 2, spacing)
         elif joint.driven or joint.kind != "prismatic":
             raise ModelError(
                 f"{path} gives the rope's stretch to {name}; it must be a passive prismatic joint."
@@ -146,7 +216,12 @@ def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
             rigid = text == "inf"
             ea = 0.0 if rigid else number(f"EA of the rope at {name}", text, "N", "> 0")
             rope = Rope(i, length, ea, rigid)
-    return Springs(stiffness, rest_angles, rope)
+    if rope and falls:
+        raise ModelError(
+            f"{path} has two falls and a rope that stretches or may go slack; allowed is one of "
+            "both (rope_stiffness or fall_spacing 0)."
+        )
+    return Springs(stiffness, rest_angles, rope, falls)
 
 
 _ITERATIONS, _LEAST_STEP = 50, 1e-13

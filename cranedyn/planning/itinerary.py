@@ -140,10 +140,6 @@ class Tour(Timetable):
 
     motion: Motion
 
-    def __call__(self, t: float) -> Setpoint:
-        """Return the setpoint of the drives at a time [s]."""
-        return self.motion(t % self.duration)
-
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (n, m) each."""
         return self.motion.at(times % self.duration)

@@ -106,6 +106,11 @@ class Perturbed:
         """Number of lifts that came closer than required, or failed."""
         return int(np.count_nonzero(~(self.least >= self.required)))
 
+    @property
+    def broken_off(self) -> int:
+        """Number of lifts in which a joint left its range or the rope was slack."""
+        return int(np.count_nonzero(np.isnan(self.least)))
+
     def interval(self) -> tuple[float, float]:
         """Return the confidence interval of the probability of a failure, by Clopper and Pearson
         (1934).
@@ -334,11 +339,11 @@ def _forces(lift: Lift, drawn: dict[str, np.ndarray], times: np.ndarray) -> np.n
     force = np.zeros((len(drawn["load"]), len(times), 3 * len(lift.crane.points)))
     for i, row in enumerate(zip(*(drawn[name] for name in names), strict=True)):
         steady, rise, start, duration, direction = row
-        speed = np.full(len(times), steady)
-        gust = slice(*np.searchsorted(times, (start, start + duration)))
-        speed[gust] += rise * gust_shape(times[gust], start, duration)
         along = np.array([[math.cos(direction)], [math.sin(direction)]])
-        force[i, :, :2] = drag_force(area, (along * speed - across).T)
+        relative = along * steady - across
+        gust = slice(*np.searchsorted(times, (start, start + duration)))
+        relative[:, gust] += along * (rise * gust_shape(times[gust], start, duration))
+        force[i, :, :2] = drag_force(area, relative.T)
     return force
 
 

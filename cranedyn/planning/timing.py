@@ -51,6 +51,9 @@ _LONGEST = 1e5
 _ROUNDS, _KEPT, _MORE = 6, 1.0 + 1e-6, 2.0
 """Rounds of fitting bounds, share of a limit that is kept, largest change of a bound in a round."""
 
+_TOO_LONG = 1.12
+"""Duration over the longest of use from which on no further round makes a motion short enough."""
+
 _PADDING = 8
 """Samples at rest before and after a motion."""
 
@@ -123,22 +126,24 @@ def timed(
     number("ramp", ramp, "s", "> 0")
     crane = clearance.crane
     rates, accelerations = np.array(limits.rates), np.array(limits.accelerations)
-    bound = float(_fastest(path, Bounds(rates, accelerations, math.inf))[0][-1])
     for slower in _SLOWER:
         best: TimedMotion | None = None
         too_long = True
+        across = crane.gravity * math.tan(clearance.site.swing) / slower
+        first_bounds = Bounds(rates, accelerations / slower, across)
+        first_law = _fastest(path, first_bounds)
         for average in _AVERAGES:
-            across = crane.gravity * math.tan(clearance.site.swing) / slower
-            bounds = Bounds(rates, accelerations / slower, across)
+            bounds = first_bounds
             for round_ in range(_ROUNDS):
-                drive_positions = _averaged(*_fastest(path, bounds), average)
+                law = _fastest(path, bounds) if round_ else first_law
+                drive_positions = _averaged(*law, average)
                 duration = STEP * (len(drive_positions) - 1)
                 longest = within if best is None else min(within, best.motion.arrival)
-                if round_ > 1 and duration >= longest - STEP:
+                if duration >= (longest - STEP if round_ > 1 else _TOO_LONG * longest):
                     break
                 motion = load_motion(clearance, drive_positions, STEP)
                 shares = limit_shares(clearance, motion, limits, ramp)
-                candidate = TimedMotion(drive_positions, motion, bound, shares)
+                candidate = TimedMotion(drive_positions, motion, math.nan, shares)
                 if max(shares.values()) <= _KEPT:
                     if not proven(candidate):
                         too_long = False
@@ -151,7 +156,8 @@ def timed(
             else:
                 too_long = False
         if best is not None:
-            return replace(best, motion=load_motion(clearance, best.places, period))
+            bound = float(_fastest(path, Bounds(rates, accelerations, math.inf))[0][-1])
+            return replace(best, motion=load_motion(clearance, best.places, period), bound=bound)
         if too_long:
             break
     return None

@@ -20,7 +20,7 @@ from cranedyn.dynamics.scalars import array, chosen, clipped, flag, solve_linear
 from cranedyn.dynamics.validity import bounds, drive_bounds
 from cranedyn.model.crane import Crane, once_per_crane
 from cranedyn.model.layout import Layout
-from cranedyn.model.springs import Rope, Springs
+from cranedyn.model.springs import Bifilar, Rope, Springs
 from cranedyn.plant import rigid_body
 from cranedyn.plant.rigid_body import ExternalForce
 
@@ -40,6 +40,7 @@ class Topology:
         springs: Whether anything is elastic.
         rope: Stretch and length of a rope that may go slack, and whether it is inextensible; None
             if there is none.
+        bifilar: Yaw and length of two falls; None for a single line.
     """
 
     parents: tuple[int, ...]
@@ -48,6 +49,7 @@ class Topology:
     swings: tuple[tuple[int, bool], ...]
     springs: bool
     rope: tuple[int, int, bool] | None
+    bifilar: tuple[int, int] | None
 
     @staticmethod
     @once_per_crane
@@ -58,7 +60,7 @@ class Topology:
         swings = tuple(
             (int(i), hoist is not None and int(i) in _above(parents, hoist)) for i in crane.swings
         )
-        rope = crane.springs.rope
+        rope, falls = crane.springs.rope, crane.springs.bifilar
         bodies = tuple(point.body for point in crane.points)
         return Topology(
             parents,
@@ -67,6 +69,7 @@ class Topology:
             swings,
             crane.springs.any,
             None if rope is None else (rope.stretch, rope.length, rope.inextensible),
+            None if falls is None else (falls.yaw, falls.length),
         )
 
 
@@ -442,7 +445,7 @@ class Plant:
 def numbers(crane: Crane) -> np.ndarray:
     """Return all numbers of a crane in a row, in the order of `plant`, read-only."""
     tree, springs, stops = bodies(crane.model), crane.springs, Stops.of(crane)
-    rope = springs.rope
+    rope, falls = springs.rope, springs.bifilar
     levers = np.concatenate([point.lever for point in crane.points])
     values = (
         tree.numbers(),
@@ -450,6 +453,7 @@ def numbers(crane: Crane) -> np.ndarray:
         springs.stiffness,
         springs.rest,
         [0.0 if rope is None else rope.stiffness],
+        [] if falls is None else [falls.stiffness],
         crane.lower,
         crane.upper,
         crane.effort_limit,
@@ -493,13 +497,16 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
     tree = blank(topology.parents)
     count = len(tree.numbers())
     swings = len(topology.swings)
-    counts = [n, n, n, 1, n, n, m, m, 3 * len(topology.bodies), swings, swings, swings * m, m, m]
+    falls = topology.bifilar and Bifilar(*topology.bifilar, 0.0)
+    joint_counts = [n, n, n, 1, int(falls is not None), n, n, m, m]
+    counts = [*joint_counts, 3 * len(topology.bodies), swings, swings, swings * m, m, m]
     groups = np.split(array(values[count:]), np.cumsum(counts)[:-1])
     (
         damping,
         stiffness,
         rest,
         ea,
+        yaw_stiffness,
         lower,
         upper,
         effort_limit,
@@ -515,7 +522,8 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
     if topology.rope is not None:
         stretch, length, inextensible = topology.rope
         rope = Rope(stretch, length, ea[0], inextensible)
-    springs = Springs(stiffness, rest, rope) if topology.springs else None
+    falls = falls and falls._replace(stiffness=yaw_stiffness[0])
+    springs = Springs(stiffness, rest, rope, falls) if topology.springs else None
     stops = Stops(
         layout.drives, lower[layout.drives], upper[layout.drives], stop_stiffness, stop_damping
     )

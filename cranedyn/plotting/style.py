@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from cycler import cycler
+
 COLOURS = {
     "gamma": "#0072B2",
     "x": "#D55E00",
@@ -41,6 +43,7 @@ where there is one run."""
 RC: Any = {
     "font.sans-serif": ["DejaVu Sans", "Verdana"],
     "font.size": 11.0,
+    "axes.prop_cycle": cycler(color=_FURTHER_COLOURS),
     "axes.grid": True,
     "grid.color": "#DDDDDD",
     "axes.spines.top": False,

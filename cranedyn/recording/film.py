@@ -46,14 +46,14 @@ def check_film(path: str | Path) -> Path:
 
 
 def film(
-    path: str | Path, runs: Sequence[Run], *, progress: Callable[[int], object] | None = None
+    path: str | Path, runs: Sequence[Run], *, progress: Callable[[float], object] | None = None
 ) -> Path:
     """Write runs as a film in real time: the cranes beside their swing, with numbers.
 
     Args:
         path: The ``.mp4`` file.
         runs: One or several, on one clock.
-        progress: Called after each picture with the number of pictures so far.
+        progress: Called after each picture with its time in the film [s].
 
     Raises:
         OutOfRange: If there is no run, or one has no rows.
@@ -76,7 +76,7 @@ def film(
             picture = av.VideoFrame.from_ndarray(stage.picture(first + i / RATE), format="rgb24")
             container.mux(stream.encode(picture))
             if progress is not None:
-                progress(i + 1)
+                progress(i / RATE)
         container.mux(stream.encode(None))
     return path
 
@@ -126,10 +126,11 @@ class _Stage:
             size=9,
             animated=True,
         )
-        self._cursor = swing.axvline(first, color="#404040", lw=1.0, animated=True)
-        self._axes, self._canvas = (scene, swing), FigureCanvasAgg(figure)
         low, high = swing.get_ylim()
-        swing.set_ylim(low, high + (0.15 + 0.05 * len(runs)) * (high - low))
+        swing.set_ylim(low, high + (room := 0.15 + 0.05 * len(runs)) * (high - low))
+        style: Any = {"color": "#404040", "lw": 1.0, "animated": True}
+        self._cursor = swing.axvline(first, ymax=1.0 / (1.0 + room), **style)
+        self._axes, self._canvas = (scene, swing), FigureCanvasAgg(figure)
         corners = [
             corner
             for run, projection in self._runs

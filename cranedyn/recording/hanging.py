@@ -8,7 +8,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.bodies import point_paths
 from cranedyn.dynamics.contact import ON_GROUND
 from cranedyn.dynamics.pinocchio import body_points
-from cranedyn.model.crane import Crane
+from cranedyn.model.crane import Crane, Point
 
 CONTACT = "#F22B05"
 """Colour of marks where a load touches."""
@@ -20,10 +20,18 @@ marked where it touches [m]."""
 
 def rope_line(crane: Crane, q: np.ndarray) -> np.ndarray:
     """Return pivot, hook if there is one, and payload in the world [m], shape (rows, points, 3), at
-    coordinates of shape (rows, n); of a rope that may go slack also points between that sag.
+    coordinates of shape (rows, n); of a rope that may go slack also points between that sag, of two
+    falls their ends.
     """
     order = [*range(1, len(crane.points)), 0]
     points = point_paths(crane, np.asarray(q))[:, order]
+    if (falls := crane.springs.bifilar) is not None:
+        above, a = crane.model.parents[falls.yaw + 1] - 1, 0.5 * falls.spacing
+        ends = ((falls.yaw, -a), (above, -a), (above, a), (falls.yaw, a), (falls.yaw, 0.0))
+        corners = [Point("", body, np.array([0.0, aside, 0.0])) for body, aside in ends]
+        path = point_paths(crane, np.asarray(q), corners)
+        path[:, 1:3] += points[:, :1] - path[:, 4:]  # from the lower ends up to the pivot
+        return np.concatenate([path[:, 4:], path, points[:, 1:]], axis=1)
     if (rope := crane.springs.rope) is None:
         return points
     top, end = points[:, :1], points[:, 1:2]

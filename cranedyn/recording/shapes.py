@@ -94,19 +94,13 @@ def shapes(urdf: str, folder: str | Path | None = None) -> dict[str, list[Shape]
         for material in robot.iter("material")
         if (color := material.find("color")) is not None
     }
-    visuals = {
-        link.get("name", ""): [
-            shape
-            for visual in link.iterfind("visual")
-            if (shape := _shape(visual, materials, folder)) is not None
-        ]
-        for link in robot.iterfind("link")
-    }
-    hidden = {
-        link.get("name", "")
-        for link in robot.iterfind("link")
-        if not visuals[link.get("name", "")] and link.find("visual/geometry/mesh") is not None
-    }
+    visuals, hidden = dict[str, list[Shape]](), set[str]()
+    for link in robot.iterfind("link"):
+        name = link.get("name", "")
+        drawn = (_shape(visual, materials, folder) for visual in link.iterfind("visual"))
+        visuals[name] = [shape for shape in drawn if shape is not None]
+        if not visuals[name] and link.find("visual/geometry/mesh") is not None:
+            hidden.add(name)
     return visuals | (_sticks(robot, hidden) if hidden else {})
 
 

@@ -28,7 +28,7 @@ from cranedyn.recording.process import HOST, end, free_port, is_free, start
 from cranedyn.recording.record import record
 from cranedyn.recording.run import Run
 
-_INSTEAD = "write the recording with --save, or look at it in a browser with --serve"
+_INSTEAD = "--serve shows a recording in a browser, as in cranedyn view {} --serve"
 
 _POLICY = (
     "default-src 'self' data: blob:; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; "
@@ -93,15 +93,15 @@ def check_recording(path: str | Path) -> Path:
     return path
 
 
-def check_display() -> None:
-    """Return if a window can be opened.
+def check_display(path: str | Path = "FILE.rrd") -> None:
+    """Return if a window can be opened for a recording.
 
     Raises:
-        CraneError: If there is no display.
+        CraneError: If there is no display; the message says what to do instead.
     """
     displays = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if sys.platform == "linux" and not displays:
-        raise CraneError(f"There is no display to open a window on; {_INSTEAD}.")
+        raise CraneError(f"There is no display to open a window on; {_INSTEAD.format(path)}.")
 
 
 def check_port(port: int) -> None:
@@ -135,9 +135,9 @@ def open_viewer(path: str | Path | None = None) -> str:
         CraneError: If there is no display, or the viewer cannot be started.
     """
     files = [] if path is None else [str(check_recording(path).resolve())]
-    check_display()
+    check_display(*files)
     port = free_port()
-    hint = f"Instead, {_INSTEAD}."
+    hint = f"Instead, {_INSTEAD.format(*files, 'FILE.rrd')}."
     start(*files, "--port", str(port), ports=[port], hint=hint, detached=True)
     return data_address(port)
 

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy
 
 from cranedyn.checks import finite, number, read_only, short_repr
-from cranedyn.errors import OutOfRange
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 from cranedyn.references.motion import Motion
-from cranedyn.references.tabulated import as_setpoint, tabulated
+from cranedyn.references.tabulated import Tabulating, as_setpoint, tabulated
+
+_BLOCK = 100
+"""Control instants for which a reference is asked at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +55,10 @@ def hold(crane: Crane, state: State | None = None) -> Reference:
     return Still(Setpoint(q[crane.layout.drives], zero, zero))
 
 
-def checked(reference: Reference, layout: Layout) -> Reference:
+def checked(reference: Reference, layout: Layout, t_start: float, period: float) -> Reference:
     """Return a reference for a crane of a layout that checks its setpoints, see `as_setpoint`;
-    those of `Still`, which cannot change, only once.
+    those of `Still`, which cannot change, only once. It is for control instants, a period apart
+    from a start on [s]: a method `at` is asked for a block of them.
 
     Raises:
         OutOfRange: If it is a `Motion` of another crane.
@@ -66,11 +72,23 @@ def checked(reference: Reference, layout: Layout) -> Reference:
     def checked_reference(t: float) -> Setpoint:
         return as_setpoint(reference(t), (layout.m,))
 
-    return checked_reference
+    @lru_cache(maxsize=1)
+    def block(first: int) -> list[Setpoint]:
+        times = t_start + period * np.arange(first, first + _BLOCK)
+        with suppress(CraneError):  # perhaps of an instant that the run does not reach
+            return list(map(Setpoint, *tabulated(reference, times, layout.m)))
+        return []
+
+    def from_block(t: float) -> Setpoint:
+        k = round((t - t_start) / period)
+        rows = block(k - k % _BLOCK)
+        return rows[k % _BLOCK] if rows else checked_reference(t)
+
+    return from_block if hasattr(reference, "at") else checked_reference
 
 
 @dataclass(frozen=True, eq=False)
-class Pulse:
+class Pulse(Tabulating):
     """A reference and a rectangular pulse.
 
     Attributes:
@@ -83,13 +101,6 @@ class Pulse:
     step: np.ndarray
     first: float
     last: float
-
-    def __call__(self, t: float) -> Setpoint:
-        """Return the setpoint at a time [s]."""
-        setpoint = as_setpoint(self.base(t), self.step.shape)
-        if not self.first <= t < self.last:
-            return setpoint
-        return setpoint._replace(position=setpoint.position + self.step)
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (n, m) each."""
@@ -124,7 +135,7 @@ def pulse(
 
 
 @dataclass(frozen=True, eq=False)
-class Ramp:
+class Ramp(Tabulating):
     """A reference and a move at constant speed.
 
     Attributes:
@@ -137,15 +148,6 @@ class Ramp:
     rates: np.ndarray
     first: float
     last: float
-
-    def __call__(self, t: float) -> Setpoint:
-        """Return the setpoint at a time [s]."""
-        setpoint = as_setpoint(self.base(t), self.rates.shape)
-        if t < self.first:
-            return setpoint
-        elapsed = min(t, self.last) - self.first
-        moved = setpoint._replace(position=setpoint.position + elapsed * self.rates)
-        return moved._replace(velocity=setpoint.velocity + self.rates) if t < self.last else moved
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (n, m) each."""
@@ -186,7 +188,7 @@ acceleration."""
 
 
 @dataclass(frozen=True, eq=False)
-class Spline:
+class Spline(Tabulating):
     """A reference of one quintic for each drive and each section, at rest at every waypoint; before
     and after it stands still.
 
@@ -216,11 +218,6 @@ class Spline:
     def arrival(self) -> float:
         """When the last waypoint is reached [s]."""
         return float(self.times[-1])
-
-    def __call__(self, t: float) -> Setpoint:
-        """Return the setpoint at a time [s]."""
-        inside = min(max(t, self.times[0]), self.times[-1])
-        return Setpoint(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (n, m) each."""

@@ -128,7 +128,7 @@ def simulate(
     moving = load_engine(engine)(setting, initial_state(crane, start))
     layout, monitors = crane.layout, settings["monitors"]
     reference = hold(crane, moving.state) if reference is None else reference
-    setpoint_at = checked(reference, layout)
+    setpoint_at = checked(reference, layout, t_start, control_period)
     log = Log(setting, validity, t_start, clock.periods + 1)
     record = RunRecord(setting, engine, validity, controller, reference, disturbance, ground)
     if hasattr(controller, "begin_run"):  # looking for a protocol takes ten times as long

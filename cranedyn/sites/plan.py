@@ -67,7 +67,7 @@ class ScheduledLift(NamedTuple):
     end: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SitePlan:
     """Lifts of several cranes with their certificate.
 
@@ -88,6 +88,10 @@ class SitePlan:
     distances: np.ndarray
     duration: float
     least: float
+
+    def __repr__(self) -> str:
+        proven = "proven" if self.holds else "not proven"
+        return f"Plan of {len(self.lifts)} lifts in {self.duration:.1f} s, cranes {proven} apart"
 
     @property
     def holds(self) -> bool:

@@ -75,7 +75,7 @@ class SiteContact(NamedTuple):
     second_body: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SiteRun:
     """A simulated site, rows a `CYCLE` apart.
 
@@ -107,6 +107,9 @@ class SiteRun:
     swing: np.ndarray
     outside: np.ndarray
     deadlocks: tuple[tuple[float, tuple[int, ...]], ...]
+
+    def __repr__(self) -> str:
+        return f"Run: {len(self.contacts)} contacts, least distance {self.least_distance:.2f} m"
 
     @property
     def states(self) -> list[np.ndarray]:

@@ -106,12 +106,12 @@ def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Iterat
     for column, values in differences.items():
         yield _published_claim(setup, column, values)
     yield Claim(
-        f"The budget explains every period to the second order of its parts (at most {budget}).",
+        f"Periods are explained within {budget}: the second order of the budget's parts.",
         setup.judged(explained),
     )
     yield Claim(
-        "Predicted and simulated period agree, but for the effect of a finite swing A on the "
-        f"compliance of the trolley, A² of it (at most {finite}).",
+        f"Periods are predicted within {finite}: the effect of a finite swing A on the compliance "
+        "of the trolley, A² of it.",
         agree if small else None,
     )
 
@@ -119,7 +119,7 @@ def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Iterat
 def _published_claim(setup: Setup, column: str, differences: Sequence[float]) -> Claim:
     allowed = ROUNDING[column] + GAIN_RESIDUAL[column]
     unit = {"error": "percentage points", "amplitude": "rad"}.get(column, "")
-    sentence = f"Every published {column} agrees within {allowed:.2g} {unit}".rstrip()
+    sentence = f"Published {column}s agree within {allowed:.2g} {unit}".rstrip()
     if not differences:
         return Claim(f"{sentence} (none was run).", None)
     worst = max(map(abs, differences))

@@ -132,8 +132,9 @@ def run(
     half_period = math.pi * math.sqrt(length / STANDARD_GRAVITY)
     still = hold(crane, start)
     reference = pulse(crane, still, "x", swing * length / 2.0, at=PULSE_AT, width=half_period)
+    label = f"l = {length:g} m" + ", other gains" * (stiffness is not None)
     trajectory = setup.simulate(
-        crane, controller, reference, start=start, duration=DURATION, label=f"l = {length:g} m"
+        crane, controller, reference, start=start, duration=DURATION, label=label
     )
     late = trajectory.since(FIT_FROM)
     fit = fit_swing(late.t, late["phi_rad"])

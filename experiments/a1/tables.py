@@ -31,7 +31,7 @@ def article_table(crane: Crane, cases: Sequence[SwingCase]) -> ResultTable:
         ("error less art.", "+.3f", lambda c: _less(100 * c.error, c.published.point)),
         ("rigid [%]", "+.3f", lambda c: 100 * (c.fit.period / _rigid(crane, c.length) - 1)),
         ("rigid art.", "+.2f", lambda c: c.published.rigid),
-        note="Errors against point and rigid pendulum (payload inertia alone) in standard gravity, "
+        note="error: T against 2π√(l/g), rigid: against a rigid pendulum, both in standard gravity "
         "as published; the article's world had 9.8 m/s² (--gravity 9.8).",
     )
 

@@ -192,7 +192,7 @@ def _dampings(
         ("closed form, fixed pivot [J]", ".2f", lambda a: expected[a[0]]),
         ("dissipated [J]", ".3f", lambda a: float(a[1].dissipated[-1])),
         ("drives [J]", "+.2f", lambda a: float(a[1].work[-1].sum())),
-        ("open, at most [J]", ".2f", lambda a: float(np.abs(a[1].unexplained).max())),
+        ("unexplained, at most [J]", ".2f", lambda a: float(np.abs(a[1].unexplained).max())),
         note="The closed form has no drives; the work of the hoist is the difference. The "
         "article was left with 19.3 J.",
     )

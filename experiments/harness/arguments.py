@@ -16,11 +16,8 @@ from experiments.catalogue import example
 
 
 def command_name(name: str) -> str:
-    """Return how the command line of an experiment begins: in a checkout, or in an installed
-    package.
-    """
-    bundled = Path(__file__).parents[2].name == "_bundled"
-    return f"python -m cranedyn run {name}" if bundled else f"python -m experiments.{name}"
+    """Return how the command line of an experiment begins."""
+    return f"cranedyn run {name}"
 
 
 def parser(

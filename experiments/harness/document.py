@@ -11,11 +11,13 @@ from __future__ import annotations
 import argparse
 import csv
 import io
+import json
 import math
 import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -230,6 +232,26 @@ def last_digit(value: float, form: str) -> float:
     return max(10.0 ** (exponent - digits + (match[2] == "g")), resolution(form))
 
 
+@contextmanager
+def naming_result(file: Path) -> Iterator[None]:
+    """Name the file in errors about what it holds.
+
+    Raises:
+        DataError: If it cannot be read, or is not the result of an experiment.
+    """
+    try:
+        yield
+    except json.JSONDecodeError as error:
+        raise DataError(f"Cannot read {file}: it is not JSON.") from error
+    except OSError as error:
+        raise DataError(f"Cannot read {error.filename}: {error.strerror}.") from error
+    except (LookupError, TypeError, AttributeError, ValueError, RecursionError) as error:
+        raise DataError(
+            f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: "
+            f"{error})."
+        ) from error
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Compare documents with stored results; exit code 0 if they agree, 1 if not, 2 for bad
     arguments.
@@ -259,24 +281,15 @@ def _main(options: argparse.Namespace) -> int:
                     "not looked at."
                 )
                 continue
-            document, tables = read_document(path, name), _stored(file)
+            document = read_document(path, name)
+            with naming_result(file):
+                tables = [ResultTable.of(one) for one in parse_json(read_text(file))["tables"]]
             stale += document.stale(tables)
             if options.write:
                 document.write(tables)
     verb = "were" if options.write else "are"
     print(*stale, f"{len(stale)} cells or rows {verb} stale.", sep="\n")
     return FAILED if stale and not options.write else 0
-
-
-def _stored(file: Path) -> list[ResultTable]:
-    text = read_text(file)
-    try:
-        return [ResultTable.of(table) for table in parse_json(text)["tables"]]
-    except (LookupError, TypeError, ValueError, RecursionError) as error:
-        raise DataError(
-            f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: "
-            f"{error})."
-        ) from error
 
 
 if __name__ == "__main__":

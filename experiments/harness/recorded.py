@@ -12,7 +12,8 @@ import numpy as np
 from cranedyn.bridges import bags
 from cranedyn.command import Parser
 from cranedyn.data.external import parse_sources, read_external
-from cranedyn.errors import CraneError, DataError, quoted
+from cranedyn.errors import CraneError, DataError
+from cranedyn.model.options import parse_pairs
 from cranedyn.sweep import results
 from experiments.harness.arguments import add_condition, add_mode
 
@@ -98,7 +99,7 @@ def _read(file: str, columns: Sequence[str], options: argparse.Namespace) -> dic
             than half a second apart.
     """
     if Path(file).suffix in bags.ENDINGS:
-        data = bags.read_joint_states(file, columns, parse_joints(options.joints))
+        data = bags.read_joint_states(file, columns, parse_pairs("joints", options.joints))
     else:
         data = read_external(file, columns, parse_sources(options.columns))
     for name, values in data.items():
@@ -115,23 +116,6 @@ def _read(file: str, columns: Sequence[str], options: argparse.Namespace) -> dic
             "row."
         )
     return data
-
-
-def parse_joints(pairs: Sequence[str]) -> dict[str, str]:
-    """Return the names of joints by coordinate, from pairs such as ``l=hoist``.
-
-    Raises:
-        DataError: If a pair has another form, or a coordinate comes twice.
-    """
-    names: dict[str, str] = {}
-    for pair in pairs:
-        symbol, _, name = pair.partition("=")
-        if not name or symbol in names:
-            raise DataError(
-                f"{quoted(pair)} among --joints is not of the form l=NAME, each coordinate once."
-            )
-        names[symbol] = name
-    return names
 
 
 def swept_columns(folder: Path) -> dict[str, np.ndarray]:

@@ -148,7 +148,10 @@ def _record(outcome: Outcome, options: argparse.Namespace) -> None:
     title = f"Experiment {options.experiment}"
     record(options.recording, outcome.recording, title=title, text=text)
     if options.film:
-        film(options.film, outcome.recording)
+        ends = [run.trajectory.t[row] for run in outcome.recording for row in (0, -1)]
+        with reporting() as reporter:
+            show_time = reporter.run("film", float(max(ends) - min(ends)))
+            film(options.film, outcome.recording, progress=show_time)
 
 
 def _pointers(outcome: Outcome, options: argparse.Namespace, left_out: str) -> str:
@@ -161,6 +164,8 @@ def _pointers(outcome: Outcome, options: argparse.Namespace, left_out: str) -> s
         again = shlex.join([*options.argv, "--all"])
         commands.append(f"{command_name(options.experiment)} {again}  # {left_out} more")
     nexts = [f"{lead}{line}" for lead, line in zip(("Next: ", " " * 6), commands, strict=False)]
+    if hasattr(options, "port") and not (outcome.recording or options.live):
+        picture += "; no run to record"
     return "\n".join([f"Written to {options.folder}{picture}.", *nexts])
 
 

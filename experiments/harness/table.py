@@ -15,8 +15,7 @@ FORMAT = re.compile(r"([+-]?,?(?:\.\d\d?)?[a-z%]?)(?:>(1e-\d\d?|0\.0{0,5}1|1))?"
 make a long text of a short number.
 
 A resolution is a power of ten at the end, as in ``.3g>0.1``: no digit below it is shown, and a
-smaller number is "< 0.1". It is for columns in which rounding decides what is smaller, as
-``python -m tests.determined`` measures."""
+smaller number is "< 0.1". It is for columns in which rounding decides what is smaller."""
 
 
 def resolution(form: str) -> float:

@@ -16,10 +16,9 @@ from cranedyn.identification.parameters import Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import add_values
 from cranedyn.model.machines import read_machine
-from cranedyn.model.options import add_crane_options, load_options
+from cranedyn.model.options import add_crane_options, load_options, parse_pairs
 from experiments import gazebo, harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup
-from experiments.harness.recorded import parse_joints
 from experiments.identify.coverage import PLANTS, covered
 from experiments.identify.figures import beside, correlations
 from experiments.identify.tables import (
@@ -86,7 +85,7 @@ def files(options: argparse.Namespace, setup: Setup, prior: Prior) -> Outcome:
             file,
             prior.crane,
             sources=sources,
-            joints=parse_joints(options.joints),
+            joints=parse_pairs("joints", options.joints),
             since=options.since,
             until=options.until,
         )

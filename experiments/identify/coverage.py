@@ -224,7 +224,7 @@ def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
         ),
         Claim("No crane failed.", end.errors == 0),
     ]
-    columns = [("what", ""), ("held", "d"), ("%", ".1f"), ("±, mean", ".3g"), ("off, std", ".3g")]
+    columns = [("parameter", ""), ("held", "d"), ("%", ".1f"), ("±, mean", ".3g"), ("std", ".3g")]
     note = (
         f"Exact intervals hold in {low} to {high} with {100 * (1 - 2 * _TAIL):g} % certainty. "
         f"Records are made by {'MuJoCo' if plant == 'mujoco' else '`simulate`'}, with efforts as "

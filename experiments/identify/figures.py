@@ -37,7 +37,12 @@ def beside(estimate: Estimate, index: int) -> Figure:
         wave.legend(loc="upper right", fontsize=9)
         residual.plot(t, 1e3 * off, color=_LINES["left"], linewidth=0.7)
         residual.set(xlabel="time [s]", ylabel=f"recorded less twin [m{channel.unit}]")
-        _spectra(spectrum, record.interval, t, measured[c], off)
+        frequency, *densities = spectra(record.interval, t, measured[c], off)
+        for density, (name, colour) in zip(densities, _LINES.items(), strict=True):
+            amplitude = np.sqrt(np.maximum(density, 1e-300))
+            spectrum.loglog(frequency, amplitude, color=colour, linewidth=0.9, label=name)
+        spectrum.set(xlabel="frequency [Hz]", ylabel="rad/√Hz")
+        spectrum.legend(loc="lower left", fontsize=9)
     figure.suptitle(record.name)
     return figure
 
@@ -54,17 +59,6 @@ def spectra(
         for values in (measured, off)
     ]
     return densities[0][0][1:], densities[0][1][1:], densities[1][1][1:]
-
-
-def _spectra(
-    ax: object, interval: float, t: np.ndarray, measured: np.ndarray, off: np.ndarray
-) -> None:
-    frequency, recorded, residual = spectra(interval, t, measured, off)
-    for values, name in ((recorded, "recorded"), (residual, "left")):
-        floor = np.maximum(values, 1e-300)
-        ax.loglog(frequency, np.sqrt(floor), color=_LINES[name], linewidth=0.9, label=name)  # type: ignore[attr-defined]
-    ax.set(xlabel="frequency [Hz]", ylabel="rad/√Hz")  # type: ignore[attr-defined]
-    ax.legend(loc="lower left", fontsize=9)  # type: ignore[attr-defined]
 
 
 def correlations(names: list[str], correlation: np.ndarray) -> Figure:

@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from cranedyn.identification import Estimate, Model, Preflight, Twin, identify, preflight, twin_of
-from cranedyn.identification.parameters import MEANINGS, Parameter
+from cranedyn.identification.parameters import MEANINGS, Parameter, parameter
+from cranedyn.identification.preflight import Advice
 from experiments.harness import Column, ResultTable, Setup, finite_or_none, make_table
 from experiments.identify.trial import Trial
 
@@ -56,19 +56,18 @@ def values_table(result: Identification, subject: str, truth: Mapping[str, float
     """Return the values with their intervals, beside the prior and the truth."""
     estimate = result.estimate
 
-    def off(parameter: Parameter) -> float | None:
-        name = parameter.name
-        return estimate.intervals[name][0] - truth[name] if name in truth else None
+    def off(p: Parameter) -> float | None:
+        return estimate.intervals[p.name][0] - truth[p.name] if p.name in truth else None
 
     columns: list[Column] = [
-        ("what", "", lambda p: p.name),
+        ("parameter", "", lambda p: p.name),
         ("unit", "", lambda p: p.unit),
-        ("believed", ".6g", lambda p: p.start),
-        ("found", ".6g", lambda p: estimate.intervals[p.name][0]),
+        ("prior", ".6g", lambda p: parameter(estimate.model.prior, p.name).start),
+        ("estimate", ".6g", lambda p: estimate.intervals[p.name][0]),
         ("±", ".2g", lambda p: finite_or_none(estimate.intervals[p.name][1])),
     ]
     if truth:
-        columns += [("true", ".6g", lambda p: truth.get(p.name)), ("off", "+.2g", off)]
+        columns += [("true", ".6g", lambda p: truth.get(p.name)), ("error", "+.2g", off)]
     kinds = dict.fromkeys(p.kind for p in estimate.model.own if p.kind in MEANINGS)
     meanings = "; ".join(f"{kind}: {MEANINGS[kind]}" for kind in kinds)
     note = f"±: half the 95 % interval. {meanings[:1].upper()}{meanings[1:]}" + "." * bool(meanings)
@@ -99,8 +98,8 @@ def _residual_table(result: Identification, subject: str) -> ResultTable:
         ("column", "", lambda row: row[1].column),
         ("rows", "d", lambda row: len(row[2])),
         ("recorded, std", ".3g", lambda row: float(np.std(row[3]))),
-        ("left, RMS", ".3g", lambda row: float(np.sqrt(np.mean(row[2] ** 2)))),
-        ("left, most", ".3g", lambda row: float(np.abs(row[2]).max())),
+        ("residual, RMS", ".3g", lambda row: float(np.sqrt(np.mean(row[2] ** 2)))),
+        ("residual, largest", ".3g", lambda row: float(np.abs(row[2]).max())),
         ("white", "", lambda row: "yes" if row[4] else "no"),
         note="White: by Ljung and Box at 0.1 %. If a column is not, the model lacks something, and "
         "intervals are widened to those of correlated errors.",
@@ -110,37 +109,27 @@ def _residual_table(result: Identification, subject: str) -> ResultTable:
 def doubts(result: Identification, subject: str) -> list[ResultTable]:
     """Return what records cannot tell, and which moves would."""
     judged = result.judged
-    pairs = [
-        *(
-            (f"{pair.first} from {pair.second}", finite_or_none(pair.correlation))
-            for pair in judged.alike
-        ),
-        *((f"{name}, next to nothing", None) for name in judged.blind),
-    ]
+    pairs = [(f"{p.first} from {p.second}", finite_or_none(p.correlation)) for p in judged.alike]
+    pairs += [(f"{name}, next to nothing", None) for name in judged.blind]
     pairs_table = ResultTable(
         _titled("What these records cannot tell", subject),
-        [("what", ""), ("correlation", "+.3f")],
+        [("parameter", ""), ("correlation", "+.3f")],
         pairs or [("nothing: all parameters are told apart", None)],
     )
     if not judged.advice:
         return [pairs_table]
-    doubtful = dict.fromkeys(
-        [*(name for pair in judged.alike for name in (pair.first, pair.second)), *judged.blind]
-    )
 
-    def margin(move: tuple[str, Mapping[str, float], float], name: str) -> float | None:
-        return finite_or_none(move[1][name])
+    def margin(name: str) -> Column:
+        return f"± {name}", ".2g", lambda advice: finite_or_none(advice.margins[name])
 
-    moves = [(advice.move, advice.margins, advice.correlation) for advice in judged.advice]
     worst = max((abs(pair.correlation) for pair in judged.alike), default=0.0)
-    moves.insert(0, ("none", judged.margins, worst))
-    columns: list[Column] = [(f"± {name}", ".2g", partial(margin, name=name)) for name in doubtful]
+    columns = [margin(name) for name in judged.doubtful]
     if judged.alike:
-        columns.append(("correlation", ".3f", lambda move: move[2]))
+        columns.append(("correlation", ".3f", lambda advice: advice.correlation))
     moves_table = make_table(
         _titled("Moves that would tell", subject),
-        moves,
-        ("a further record", "", lambda move: move[0]),
+        [Advice("none", judged.margins, worst), *judged.advice],
+        ("a further record", "", lambda advice: advice.move),
         *columns,
         note="Half intervals that a further record would leave together with these, the best "
         "first.",

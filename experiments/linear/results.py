@@ -34,7 +34,7 @@ def errors_table(site: SiteCrane, cases: Sequence[LinearCase]) -> ResultTable:
         f"{site.name}: error of Eqs. (8), (10) over the largest swing",
         cases,
         ("move", "", lambda c: c.job.name),
-        ("takes [s]", ".1f", lambda c: c.job.arrival),
+        ("duration [s]", ".1f", lambda c: c.job.arrival),
         ("swing [°]", ".2f", lambda c: math.degrees(c.paper.swing)),
         ("φ rms [%]", ".1f", lambda c: 100.0 * c.paper.phi),
         ("θ rms [%]", ".1f", lambda c: 100.0 * c.paper.theta),

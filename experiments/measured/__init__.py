@@ -66,18 +66,18 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             "The records have no licence and are no part of this project. Clone them into a folder "
             f"DIR: {commands} then add --data DIR."
         )
-    singles: list[Single] = []
-    drives: list[Log] = []
+    singles, drives, count = list[Single](), list[Log](), 0
     for source in SOURCES:
         folder = Path(options.data) / source.folder
         if folder.is_dir():
             logs: list[tuple[str, Log]] = list(source.read(folder))
-            drives += [columns for _, columns in logs if "x_command" in columns]
+            drives += [columns for _, columns in logs if np.any(columns.get("x_command", 0.0))]
             singles += _identified(source, logs, setup)
+            count += len(logs)
     if not singles:
         names = " nor ".join(dict.fromkeys(source.folder for source in SOURCES))
         raise DataError(f"{options.data} holds neither {names}.")
-    return _outcome(singles, drives)
+    return _outcome(singles, drives, count)
 
 
 def _identified(source: PublicRecords, logs: list[tuple[str, Log]], setup: Setup) -> list[Single]:
@@ -131,7 +131,7 @@ def _held_out(estimate: Estimate, others: Sequence[Estimate]) -> float | None:
     return float(np.sqrt(np.mean(error**2)) / np.std(measured))
 
 
-def _outcome(singles: Sequence[Single], drives: Sequence[Log]) -> Outcome:
+def _outcome(singles: Sequence[Single], drives: Sequence[Log], count: int) -> Outcome:
     shares = {
         name: min(s.estimate.least_explained for s in singles if s.source == name)
         for name in dict.fromkeys(single.source for single in singles)
@@ -152,7 +152,7 @@ def _outcome(singles: Sequence[Single], drives: Sequence[Log]) -> Outcome:
     chosen = [singles[i] for i in np.unique(np.linspace(0, len(singles) - 1, _FIGURES, dtype=int))]
     return Outcome(
         tables=[
-            _records_table(singles),
+            _records_table(singles, count),
             *([] if best is None else [effects_table(fits), offsets_table(best, moved)]),
             *([drive_table(drives)] if drives else []),
         ],
@@ -215,7 +215,7 @@ def _shared(best: Fit, averaged: Fit) -> list[Claim]:
     ]
 
 
-def _records_table(singles: Sequence[Single]) -> ResultTable:
+def _records_table(singles: Sequence[Single], count: int) -> ResultTable:
     def number(single: Single, name: str, factor: float) -> tuple[float | None, float | None]:
         value, margin = single.estimate.intervals.get(name, (np.nan, np.nan))
         return finite_or_none(factor * value), finite_or_none(factor * margin)
@@ -237,7 +237,8 @@ def _records_table(singles: Sequence[Single]) -> ResultTable:
         ("held out [%]", ".1f", lambda s: None if s.held_out is None else 100.0 * s.held_out),
         note="Offset: pendulum less recorded cable. ±: half the 95 % interval. Held out: RMS error "
         "predicted with the means of the others, over the standard deviation. "
-        f"{within} of {len(others)} intervals hold the mean.",
+        f"{within} of {len(others)} intervals hold the mean. {count - len(singles)} of {count} "
+        f"records swing by less than {STEPS} steps of their sensor and are left out.",
     )
 
 

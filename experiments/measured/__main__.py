@@ -1,8 +1,5 @@
-"""Run the experiment."""
-
-import sys
+"""The command ``python -m experiments.measured``."""
 
 from experiments.measured import main
 
-if __name__ == "__main__":
-    sys.exit(main())
+raise SystemExit(main())

@@ -23,17 +23,18 @@ CANDIDATES = (
     ("window", "drag"),
     ("window", "centring"),
     ("window", "drag", "centring"),
+    ("window", "drag", "centring", "tilt"),
 )
 """Effects beside viscous damping, each with one number for all records."""
 
 _SHARED = {
     "damping": (0.05, 0.02), "delay": (0.17, 0.05), "window": (0.35, 0.05), "gain": (1.0, 0.1),
-    "drag": (0.0, 0.1), "friction": (0.0, 0.01), "centring": (0.0, 0.01),
+    "drag": (0.0, 0.1), "friction": (0.0, 0.01), "centring": (0.0, 0.01), "tilt": (0.0, 0.01),
 }  # fmt: skip
 _OWN = {"offset": (-0.04, 0.01), "bias": (0.0, 0.01), "start": (0.0, 0.02), "rate": (0.0, 0.1)}
 """First value and scale of each parameter of all records, and of each record."""
 
-_ABSENT = {"delay": 0.0, "window": 0.0, "gain": 1.0, "drag": 0.0, "friction": 0.0, "centring": 0.0}
+_ABSENT = {**dict.fromkeys(_SHARED, 0.0), "gain": 1.0}
 _FIRST_ROW, _STEP = 0.6, 1e-4
 _QUANTILE, _ARRIVED, _FREE, _RATIOS = 1.96, 1e-3, 5.0, np.linspace(1.15, 2.5, 136)
 
@@ -107,6 +108,7 @@ class _Pendulums:
         )
         self.cable = np.array([np.mean(r.columns["l_m"]) for r in records])
         self.t = [r.t[r.t >= _FIRST_ROW] for r in records]
+        self.way = [r.columns["x_m"][r.t >= _FIRST_ROW] - r.columns["x_m"][0] for r in records]
         self.measured = [r.columns["phi_rad"][r.t >= _FIRST_ROW] for r in records]
         self.ends = np.cumsum([len(t) for t in self.t])
 
@@ -122,11 +124,12 @@ class _Pendulums:
         effects = (p[name] for name in ("damping", "drag", "friction", "centring"))
         start = np.stack([p["start"], p["rate"]])
         phi = simulate_swing(self.pull[:, of], self.cable[of] + p["offset"], start, *effects)
+        sensors = zip(
+            *(p[name] for name in ("gain", "delay", "window", "bias", "tilt")), strict=True
+        )
         return [
-            gain * reported(self.t[i], lane, delay, window) + bias
-            for i, lane, gain, delay, window, bias in zip(
-                of, phi.T, p["gain"], p["delay"], p["window"], p["bias"], strict=True
-            )
+            gain * reported(self.t[i], lane, delay, window) + bias + tilt * self.way[i]
+            for i, lane, (gain, delay, window, bias, tilt) in zip(of, phi.T, sensors, strict=True)
         ]
 
     def residual(self, z: np.ndarray) -> np.ndarray:
@@ -204,11 +207,8 @@ def effects_table(fits: Sequence[Fit]) -> ResultTable:
         ("left [%]", ".3f", lambda f: 100.0 * f.left),
         ("AIC less that of a delay", ",.0f", lambda f: f.criterion - fits[0].criterion),
         ("drag [1/rad]", ".3f", lambda f: f.values.get("drag")),
-        (
-            "centring [mrad/s²]",
-            ".1f",
-            lambda f: finite_or_none(1e3 * f.values.get("centring", np.nan)),
-        ),
+        ("centring [rad/s²]", ".4f", lambda f: f.values.get("centring")),
+        ("tilt of the rail [rad/m]", ".4f", lambda f: f.values.get("tilt")),
         ("offsets from", ".1f", lambda f: 1e3 * f.offsets.min()),
         ("to [mm]", ".1f", lambda f: 1e3 * f.offsets.max()),
         ("standard deviation", ".1f", lambda f: 1e3 * f.offsets.std()),

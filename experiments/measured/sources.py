@@ -77,16 +77,16 @@ _LIGHT = {
 
 
 def _gantry(clone: Path) -> Iterator[tuple[str, Columns]]:
-    """Yield the sheets of the trolley's workbooks, positions counted from the crane's own zero."""
-    paths = sorted((clone / "data").glob("trolley_step_response_*_with_random.xlsx"))
+    """Yield the sheets of the workbooks, positions counted from the crane's own zero."""
+    paths = sorted((clone / "data").glob("*_step_response_*_with_random.xlsx"))
     if not paths:
-        raise DataError(f"{clone} has no data/trolley_step_response_*.xlsx; is it that clone?")
+        raise DataError(f"{clone} has no data/*_step_response_*.xlsx; is it that clone?")
     for path in paths:
-        pwm = path.stem.split("_")[3]
+        drive, *_, pwm, _, _ = path.stem.split("_")
         for i, columns in enumerate(read_workbook(path), start=1):
             columns["x_m"] += _LIGHT["trolley_init"]
             columns["x_command"] /= _FULL
-            yield f"trolley {pwm}, {i}", columns
+            yield f"{drive} {pwm}, {i}", columns
 
 
 def read_workbook(path: Path) -> Iterator[Columns]:

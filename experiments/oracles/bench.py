@@ -9,7 +9,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 from cranedyn.controllers import Hold, follow
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
-from cranedyn.interfaces import Controller, Drive, EngineName, Reference, State
+from cranedyn.interfaces import Controller, EngineName, Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
@@ -200,22 +200,14 @@ class Bench(NamedTuple):
         controller: Controller | None = None,
         *,
         substeps: int = EVERY,
-        drive: Drive = "motion",
+        **options: Any,
     ) -> Trajectory:
         """Run a crane, by default with drives in prescribed motion; the run goes on where a rope or
-        a range would end.
+        a range would end. Further options are those of `simulate`.
         """
-        return simulate(
-            crane,
-            controller or locked(crane),
-            start=start,
-            duration=duration,
-            dt=dt,
-            control_period=substeps * dt,
-            drive=drive,
-            validity="mark",
-            engine=self.engine,
-        )
+        options = {"drive": "motion", "validity": "mark", "engine": self.engine, **options}
+        options |= {"start": start, "dt": dt, "control_period": substeps * dt}
+        return simulate(crane, controller or locked(crane), duration=duration, **options)
 
     def moved(
         self,

@@ -30,6 +30,9 @@ from experiments.oracles.bench import (
 LENGTH, SHORT = 20.0, 5.0
 """Cable lengths [m]: of a point load, and of a load with inertia, which shows on a short cable."""
 
+BEAM, SPACING = 500.0, 2.0
+"""Inertia of a thin beam across its axis [kg m²], and distance of the two falls it hangs on [m]."""
+
 OVALS = ((2.0, 1.0), (8.0, 4.0))
 """Half axes of the ovals [m]."""
 
@@ -38,31 +41,40 @@ def locked_drives(bench: Bench) -> list[Oracle]:
     """Return the oracles of periods, tensions and precessions."""
     point = bench.build()
     rigid = bench.build(payload_inertia=400.0, dummy_mass=50.0, dummy_inertia=50.0)
+    beam = bench.build(fall_spacing=SPACING, payload_ixx=BEAM, payload_izz=BEAM)
+    period, small = partial(_period, bench), partial(theory.rigid_period, gravity=G, mass=MASS)
+    sway, yaw = theory.bifilar(MASS, BEAM, SPACING / 2.0, LENGTH, G)
     return [
-        *(_period(bench, point, "phi", LENGTH, 0.0, degrees) for degrees in (30.0, 60.0, 90.0)),
-        _period(bench, rigid, "phi", SHORT, 500.0, 60.0),
-        _period(bench, rigid, "theta", SHORT, 450.0, 60.0),
+        *(period(point, "phi", LENGTH, small(LENGTH, inertia=0.0), a) for a in (30.0, 60.0, 90.0)),
+        period(rigid, "phi", SHORT, small(SHORT, inertia=500.0), 60.0, ", φ with 500 kg m²"),
+        period(rigid, "theta", SHORT, small(SHORT, inertia=450.0), 60.0, ", θ with 450 kg m²"),
+        period(beam, "theta", LENGTH, 2.0 * math.pi / sway, 1.0, ", sway on two falls"),
+        period(beam, "load_yaw", LENGTH, 2.0 * math.pi / yaw, 1.0, ", yaw on two falls"),
         *_tensions(bench, point),
         *_precessions(bench, point),
     ]
 
 
 def _period(
-    bench: Bench, crane: Crane, joint: str, length: float, inertia: float, degrees: float
+    bench: Bench,
+    crane: Crane,
+    joint: str,
+    length: float,
+    small: float,
+    degrees: float,
+    of: str = "",
 ) -> Oracle:
-    """Return the oracle of the period: twice the time between passages of the vertical, where the
-    run starts with the speed that carries the load to its amplitude.
+    """Return the oracle of the period, from that of small swings: twice the time between passages
+    of the vertical, where the run starts with the speed that carries the load to its amplitude.
     """
-    amplitude, small = math.radians(degrees), theory.rigid_period(length, G, MASS, inertia)
+    amplitude = math.radians(degrees)
     rate = 2.0 * math.sin(amplitude / 2.0) * 2.0 * math.pi / small
 
     def read(dt: float) -> float:
         run = bench.run(crane, crane.state(l=length, **{f"{joint}_dot": rate}), 12.0, dt)
         return crossing(run.t, run[f"{joint}_rad"], 2)
 
-    name = f"period of {degrees:g}°, l = {length:g} m"
-    if inertia:
-        name += f", {'φ' if joint == 'phi' else 'θ'} with {inertia:g} kg m²"
+    name = f"period of {degrees:g}°, l = {length:g} m{of}"
     return Oracle(name, "s", small * float(theory.amplitude_factor(amplitude)), read)
 
 

@@ -175,9 +175,9 @@ def _table(results: Sequence[EngineAgreement]) -> ResultTable:
         ("Pinocchio - code", ".0e>1e-12", lambda a: a.engines),
         ("Pinocchio - MuJoCo", ".0e>1e-12", lambda a: a.mujoco),
         ("energy [J]", ".0f", lambda a: a.energy),
-        ("open [J]", ".0e", lambda a: a.left_open),
+        ("unexplained [J]", ".0e", lambda a: a.left_open),
         note="Largest difference of any coordinate or rate [rad, m, per second]. "
-        "Ledger by RK4: what the energy changes by, and what is left open.",
+        "Ledger by RK4: change of the energy, and what of it is unexplained.",
     )
 
 

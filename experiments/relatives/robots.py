@@ -120,9 +120,9 @@ def _table(results: Sequence[Robot]) -> ResultTable:
         ("joints", "d", lambda r: r.joints),
         ("driven", "d", lambda r: r.driven),
         ("Pinocchio - code", ".0e>1e-12", lambda r: max(r.engines.values())),
-        ("open, Euler [J]", ".1e", lambda r: r.open[semi_implicit_euler.name][0]),
+        ("unexplained, Euler [J]", ".1e", lambda r: r.open[semi_implicit_euler.name][0]),
         ("order", ".3f", lambda r: r.order(semi_implicit_euler)),
-        ("open, RK4 [J]", ".1e", lambda r: r.open[rk4.name][0]),
+        ("unexplained, RK4 [J]", ".1e", lambda r: r.open[rk4.name][0]),
         ("order ", ".3f", lambda r: r.order(rk4)),
         note=f"Half a second under hold in steps of {1e3 * STEP:g} ms; what the ledger leaves "
         "open, and the power of the step with which that falls.",

@@ -117,10 +117,10 @@ def _table(results: Sequence[Jump]) -> ResultTable:
     return make_table(
         "Rope that stretches: tension over the weight that hangs",
         results,
-        ("what happens", "", lambda j: j.name),
+        ("event", "", lambda j: j.name),
         ("closed form", ".4f", lambda j: j.closed),
-        ("run", ".4f", lambda j: j.simulated),
-        ("off", "+.1e", lambda j: j.simulated - j.closed),
+        ("simulated", ".4f", lambda j: j.simulated),
+        ("difference", "+.1e", lambda j: j.simulated - j.closed),
         ("allowed", ".1e", lambda j: j.allowed),
-        ("because of", "", lambda j: j.why),
+        ("for", "", lambda j: j.why),
     )

@@ -1,8 +1,8 @@
 """Gazebo Classic: a folder with the crane, the world, a plugin that runs an affine controller from
 tables, and what builds and runs it.
 
-The runs are those of the experiments, by name: not made but handed on to an engine that is not
-ours. From Python, `cranedyn.bridges.gazebo.export` takes any program.
+The runs are those of the experiments, by name, and the swing of any other crane. From Python,
+`cranedyn.bridges.gazebo.export` takes any program.
 """
 
 from __future__ import annotations
@@ -14,8 +14,11 @@ from typing import Any, NoReturn
 
 from cranedyn.bridges.gazebo import SOLVERS, export
 from cranedyn.bridges.programs import Program
+from cranedyn.controllers import hold_controller
 from cranedyn.errors import DataError, UnknownName
+from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
+from cranedyn.model.options import crane_from_options
 from experiments import a1, a2, a3, energy
 from experiments.harness import Setup
 from experiments.scenarios.moves import MOVES
@@ -105,8 +108,8 @@ def program(
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the folder and the crane."""
     add = parser.add_argument
-    text = "what to run: a1, a2, a3, swing or move"
-    add("--experiment", default="a1", metavar="RUN", help=text)
+    text = "a1 (default), a2, a3, move or swing (another crane)"
+    add("--experiment", metavar="RUN", help=text)
     text = f"cable length of a1 and swing [m] (default {_LENGTH:g})"
     add("--length", type=float, metavar="L", help=text)
     text = "strategy of a move, such as 'flat + LQR' (default), see experiments.compare"
@@ -122,17 +125,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Path:
     """Write the run that the command line names, and return its folder."""
-    if options.urdf is not None or options.machine is not None:
-        raise DataError(
-            "--urdf and --machine have no effect here: the runs are those of this project's crane; "
-            "from Python, export takes any program."
-        )
-    setup = Setup(options.gravity, parse_values(options.values))
-    return export(
-        options.target,
-        program(options.experiment, setup, length=options.length, strategy=options.strategy),
-        solver=options.solver,
-        erp=options.erp,
-        every=options.every,
-        overwritten=options.overwritten,
-    )
+    name, choices = options.experiment, {"length": options.length, "strategy": options.strategy}
+    if options.urdf is None and options.machine is None:
+        setup = Setup(options.gravity, parse_values(options.values))
+        handed_on = program(name or "a1", setup, **choices)
+    elif name in (None, "swing") and not any(choices.values()):
+        handed_on = _swing(crane_from_options(options))
+    else:
+        raise DataError("Another crane swings; leave --experiment, --length and --strategy out.")
+    rest = {name: getattr(options, name) for name in ("solver", "erp", "every", "overwritten")}
+    return export(options.target, handed_on, **rest)
+
+
+def _swing(crane: Crane) -> Program:
+    """Return the free swing of any crane, its drives held."""
+    swings = {crane.layout.symbols[i]: energy.SWING for i in crane.swings[:1].tolist()}
+    return Program(crane, hold_controller(crane), None, crane.state(**swings), energy.AUDIT)

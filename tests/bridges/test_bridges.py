@@ -155,8 +155,7 @@ def test_no_door_is_no_door(capsys: pytest.CaptureFixture[str]) -> None:
         ("gazebo", "c", "--erp 2", "erp is 2.0; allowed is 0 to 1."),
         ("gazebo", "c", "--every 0", "control instants between rows is 0; allowed is a whole "),
         ("gazebo", "c", "--length 100", "l at the start is 100.0 m; allowed is 3.4 to 26.4."),
-        ("gazebo", "c", "--urdf crane.urdf", "--urdf and --machine have no effect here"),
-        ("gazebo", "c", "--machine tower_hkcrc", "--urdf and --machine have no effect here"),
+        ("gazebo", "c", "--machine tower_hkcrc --length 9", "Another crane swings; leave --exper"),
         ("mjcf", "c.xml", "--machine demag", "There is no machine 'demag'; there are "),
         ("gazebo", "c", "--set payload_mas:=1", "There is no argument 'payload_mas'"),
         ("gazebo", "no/c", "", "does not exist"),
@@ -190,8 +189,10 @@ def test_a_target_that_exists_stays_as_it_is(
     assert target.read_text() == "mine"
 
 
-def test_a_crane_with_a_rope_that_stretches_is_refused() -> None:
+def test_a_crane_with_a_rope_that_stretches_or_with_two_falls_is_refused() -> None:
     tag = '<gazebo reference="hoist_joint"><ropeStiffness>1e6</ropeStiffness></gazebo></robot>'
     text = load_crane().urdf.replace("</robot>", tag)
     with pytest.raises(CraneError, match="has a rope that stretches"):
         urdf_element(replace(load_crane(), urdf_source=lambda: text))
+    with pytest.raises(CraneError, match="has a load on two falls"):
+        urdf_element(load_crane(fall_spacing=2.0))

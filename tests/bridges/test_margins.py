@@ -82,16 +82,17 @@ def test_a_drive_is_unstable_just_beyond_what_its_margins_say(name: str) -> None
     found = margins(plant, law)
     for drive, margin in enumerate(found.drives):
         below, beyond = (
-            radius(plant, law, drive, factor=share * margin.stronger) for share in (0.995, 1.005)
+            radius(plant, law, drive, factor=share * margin.upper_gain) for share in (0.995, 1.005)
         )
         assert below < 1.0 < beyond
-        if margin.weaker > 0.0:
+        if margin.lower_gain > 0.0:
             # the crossing lies between frequencies of a grid
             below, beyond = (
-                radius(plant, law, drive, factor=share * margin.weaker) for share in (0.98, 1.02)
+                radius(plant, law, drive, factor=share * margin.lower_gain)
+                for share in (0.98, 1.02)
             )
             assert beyond < 1.0 < below
-        last = math.ceil(margin.late / PERIOD) - 1
+        last = math.ceil(margin.delay / PERIOD) - 1
         assert radius(plant, law, drive, periods=last) < 1.0
         assert radius(plant, law, drive, periods=last + 1) > 1.0
 
@@ -117,7 +118,7 @@ def test_a_regulator_answers_as_the_controller_that_it_stands_for() -> None:
 def test_damping_and_growth_are_those_of_the_slowest_poles() -> None:
     plant, law = sampled(crane(), REST), law_of(integrating())
     found = margins(plant, law)
-    assert math.exp(found.slowest * PERIOD) == pytest.approx(radius(plant, law, 0), rel=1e-9)
+    assert math.exp(found.growth_rate * PERIOD) == pytest.approx(radius(plant, law, 0), rel=1e-9)
     assert 0.0 < found.damping < 1.0
 
 
@@ -132,17 +133,17 @@ def of_one(pole: float, gain: float) -> Margins:
 def test_margins_of_one_pole_are_those_of_the_closed_form() -> None:
     found = of_one(1.0, 0.1)
     # |1 - g/10| = 1 at g = 0 and 20; arg L(ω) = -π/2 - ωT/2 and |L| = 0.1/(2 sin(ωT/2))
-    assert found.slowest == pytest.approx(math.log(0.9) / PERIOD)
-    assert found.drives[0].stronger == pytest.approx(20.0, rel=1e-9)
+    assert found.growth_rate == pytest.approx(math.log(0.9) / PERIOD)
+    assert found.drives[0].upper_gain == pytest.approx(20.0, rel=1e-9)
     turning = 2.0 * math.asin(0.05)
     late = (math.pi / 2.0 - turning / 2.0) / turning * PERIOD
-    assert found.drives[0].late == pytest.approx(late, rel=1e-3)
+    assert found.drives[0].delay == pytest.approx(late, rel=1e-3)
 
 
 def test_an_unstable_loop_has_no_margins_and_negative_damping() -> None:
     found = of_one(1.1, 0.05)
-    assert found.drives == () and found.damping == -1.0 and found.slowest > 0.0
-    assert found.least.late == 0.0 and found.least.stronger == 1.0
+    assert found.drives == () and found.damping == -1.0 and found.growth_rate > 0.0
+    assert found.least.delay == 0.0 and found.least.upper_gain == 1.0
 
 
 def test_a_loop_behind_a_filter_has_the_poles_of_both() -> None:

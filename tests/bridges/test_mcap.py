@@ -148,11 +148,15 @@ def test_what_is_published_once_plays_back_to_who_comes_late(file: Path) -> None
         assert kept == [("RELIABLE", "TRANSIENT_LOCAL", "KEEP_LAST", 1)] * once
 
 
-def test_the_command_writes_a_trajectory_of_an_experiment(tmp_path: Path, run: Trajectory) -> None:
-    short, file = run.before(2.0), tmp_path / "run.mcap"
-    trajectory = short.write(tmp_path / "run.parquet")
-    assert main(["export", "mcap", str(file), "--trajectory", str(trajectory)]) == 0
-    assert bags.read_joint_states(file, ["l_m"])["l_m"].tolist() == short["l_m"].tolist()
+def test_the_command_writes_a_run_with_the_crane_that_its_record_names(tmp_path: Path) -> None:
+    crane, file = load_crane(machine="gantry_cosys"), tmp_path / "run.mcap"
+    run = simulate(crane, hold_controller(crane), duration=0.02)
+    trajectory = str(run.write(tmp_path / "run.parquet"))
+    assert main(["export", "mcap", str(file), "--trajectory", trajectory]) == 0
+    with AnyReader([file]) as reader:
+        last = {one.topic: raw for one, _, raw in reader.messages()}
+    assert b'robot name="overhead_crane"' in last["/robot_description"]
+    assert bags.read_joint_states(file, ["l_m"])["l_m"].tolist() == run["l_m"].tolist()
 
 
 # --- recordings of ROS analysed -------------------------------------------------------------------
@@ -222,7 +226,7 @@ def test_a_bag_of_ros_1_with_names_of_its_own_is_analysed(packed: Any, tmp_path:
     [
         ({}, "", "has no joint swing_radial_joint, but shoulder, elbow; say which is phi by "),
         ({}, "--joints phi=shoulder", "has no joint hoist_joint, but shoulder, elbow; say which"),
-        ({}, "--joints phi", "phi among --joints is not of the form l=NAME, each coordinate once."),
+        ({}, "--joints phi", "phi of --joints is not of the form NAME=VALUE, each name once."),
         ({}, "--joints psi=elbow", "There is no coordinate 'psi'; there are gamma, x, phi, theta"),
         ({"stopped": True}, "--joints phi=shoulder l=elbow", "some of them the same; allowed are"),
         (

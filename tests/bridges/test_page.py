@@ -19,6 +19,7 @@ import trimesh
 from scipy.interpolate import RegularGridInterpolator
 
 import cranedyn as cd
+from cranedyn.__main__ import main
 from cranedyn.bridges import browser_crane, exercises, page
 from cranedyn.compiled import webassembly
 from cranedyn.data.trajectory import Trajectory
@@ -484,6 +485,25 @@ def test_the_file_is_small_and_loads_nothing(
     assert "https://" not in text
 
 
-def test_a_bad_target_is_refused(tmp_path: Path) -> None:
+def test_a_bad_target_is_refused_before_anything_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(DataError, match=r"must be \.html"):
         page.export(tmp_path / "crane.htm", crane_of("tower"))
+    (file := tmp_path / "crane.html").touch()
+    assert main(["export", "page", str(file)]) == 2
+    assert capsys.readouterr().err.startswith(f"error: Cannot write {file}: it is there already")
+
+
+def test_the_page_that_one_drives_stays_alone_below_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = planned()
+    monkeypatch.setattr(page, "page_data", lambda *_: data)
+    monkeypatch.setattr("webbrowser.open", lambda address: True)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    assert main(["drive"]) == main(["drive"]) == 0
+    assert [file for file in tmp_path.rglob("*") if file.is_file()] == [
+        tmp_path / "out/drive/crane.html"
+    ]

@@ -160,6 +160,15 @@ def test_the_efforts_before_the_first_command_hold_the_crane_where_it_starts(
     assert efforts == pytest.approx([0.0, 0.0, 0.0, 0.0, -1234.5 * crane.gravity], abs=1e-9)
 
 
+def test_meshes_of_ros_packages_stay_others_do_not(tmp_path: Path) -> None:
+    for name in ("package://bridge/hook.stl", "hook.stl"):
+        text = describe(ROOT / "urdf" / "overhead_crane.urdf.xacro", {})
+        mesh = f'<visual><geometry><mesh filename="{name}"/></geometry></visual></link>'
+        (tmp_path / "crane.urdf").write_text(text.replace("</link>", mesh))
+        folder = ros2.export(tmp_path / name[:2], load_crane(tmp_path / "crane.urdf"))
+        assert (name in (folder / "urdf" / "crane.urdf").read_text()) == (":" in name)
+
+
 def test_the_worlds_take_the_physics_step_that_is_asked_for(tmp_path: Path, crane: Crane) -> None:
     folder = ros2.export(tmp_path / "out", crane, dt=1.25e-3)
     for world in ("crane.sdf", "classic.sdf"):

@@ -41,7 +41,7 @@ def random(rng: np.random.Generator, tight: float, shape: HorizonShape) -> Horiz
 def made(shape: HorizonShape) -> Machine:
     """The solver's code."""
     module = ir.Module()
-    riccati.emit(module, shape)
+    riccati.emit(module, shape, {})
     interior.emit(module, shape)
     return translate(module)
 
@@ -70,8 +70,8 @@ def solved(machine: Machine, problem: HorizonProblem) -> Solved:
     for i in range(z):
         common("weight", i)[:z], common("end", i)[:z] = problem.q[i], problem.end[i]
         put("forward", np.hstack([problem.a[:, i], problem.b[:, i]]), i)
-    for i in range(m):
-        common("weight", z + i)[z:w] = problem.r[i]
+    for i, weights in enumerate(problem.r):
+        common("weight", z + i)[z:w] = weights
         put("extra", problem.e[:, i], i)
     for j in range(w):
         put("columns", np.dstack([problem.a, problem.b])[:, :, j], j)
@@ -84,6 +84,5 @@ def solved(machine: Machine, problem: HorizonProblem) -> Solved:
         common(name)[: w + m] = getattr(problem, name)
     common("report")[REPORT.index("barrier")] = 0.1 * problem.price[0]
     machine.function("solve", 1)(work.ctypes.data)
-    place = shape.place("iterate")
-    found = stages[: shape.stages, place : place + w + m].copy()
+    found = stages[: shape.stages, shape.place("iterate") :][:, : w + m].copy()
     return Solved(found, dict(zip(REPORT, common("report").tolist(), strict=False)))

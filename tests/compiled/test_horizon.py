@@ -91,15 +91,13 @@ def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane
     shape, length = made.programme.shape, 0.05
     n, z, w = layout.n, shape.states, shape.both
     module = ir.Module()
-    known = model.emit(module, shape, made.programme.plant, length)
-    work = np.zeros(shape.size)
+    known, work = model.emit(module, shape, made.programme.plant, length), np.zeros(shape.size)
     stages = work[shape.first :].reshape(shape.padded, shape.stride)
     for name, i, lane, value in known:
         stages[:, shape.place(name, i) + lane] = value
     rng = np.random.default_rng(1)
     nodes = np.concatenate([moved.start.q, np.zeros(w - n)]) + 0.03 * rng.normal(size=(8, w))
-    first = shape.place("node")
-    stages[:8, first : first + w] = nodes
+    stages[:8, shape.place("node") :][:, :w] = nodes
     machine = translate(module)
     machine.function("linearise", 1)(work.ctypes.data)
 
@@ -120,9 +118,8 @@ def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane
         }
         ahead, node = row["forward"][:, :w], nodes[k]
         # the next power of a stage's length times how its slopes change along it
-        np.testing.assert_allclose(
-            ahead @ node + row["shift"][0, :z], flow(node), atol=2e-3 * length**2
-        )
+        moved_to = ahead @ node + row["shift"][0, :z]
+        np.testing.assert_allclose(moved_to, flow(node), atol=2e-3 * length**2)
         np.testing.assert_array_equal(row["columns"][:, :z].T, ahead)
         besides = row["extra"][:, :w], row["extra_shift"][0, w : w + layout.m]
         scale = np.abs(effort(node)).max()

@@ -453,33 +453,19 @@ def test_an_operator_who_changes_his_mind_is_never_obeyed_beyond_the_limits(
 
 def test_a_joystick_is_in_one_place_at_a_time() -> None:
     start = crane().state(x=10.0)
-    how = {"accelerations": (0.02, 0.4, 0.4)}
+
+    def pushed(*pulses: tuple[str, float, float, float]) -> None:
+        one_by_one = [JoystickPulse(*pulse) for pulse in pulses]
+        joystick(crane(), start, one_by_one, accelerations=(0.02, 0.4, 0.4))
+
     with pytest.raises(
         OutOfRange,
         match=r"start of a push of x is 2\.0 s; allowed is 4 or later, when the one before it ends",
     ):
-        joystick(
-            crane(),
-            start,
-            [
-                JoystickPulse("x", 0.8, 1.0, 3.0),
-                JoystickPulse("l", 0.5, 1.0, 3.0),
-                JoystickPulse("x", 0.8, 2.0, 3.0),
-            ],
-            **how,
-        )
-    joystick(
-        crane(),
-        start,
-        [
-            JoystickPulse("x", 0.8, 0.1, 0.2),
-            JoystickPulse("x", 0.5, 0.3, 1.0),
-            JoystickPulse("l", 0.5, 0.2, 3.0),
-        ],
-        **how,
-    )  # 0.1 + 0.2 > 0.3
+        pushed(("x", 0.8, 1.0, 3.0), ("l", 0.5, 1.0, 3.0), ("x", 0.8, 2.0, 3.0))
+    pushed(("x", 0.8, 0.1, 0.2), ("x", 0.5, 0.3, 1.0), ("l", 0.5, 0.2, 3.0))  # 0.1 + 0.2 > 0.3
     with pytest.raises(OutOfRange, match="start of a push is nan s"):
-        joystick(crane(), start, [JoystickPulse("x", 0.8, math.nan, 3.0)], **how)
+        pushed(("x", 0.8, math.nan, 3.0))
 
 
 # --- limits ---------------------------------------------------------------------------------------

@@ -68,7 +68,7 @@ def test_a1_judges_the_damping_ratio_which_a_stiff_hoist_misses(
     gains = {"stiffness": {"l": hoist[0]}, "damping": {"l": hoist[1]}}
     cases = [a1.run(SETUP, l, published=a1.PUBLISHED[l], **gains) for l in (5.0, 20.0)]  # noqa: E741
     claims = dict(zip(a1.ROUNDING, a1.outcome(SETUP, cases, cases[0]).claims, strict=False))
-    assert all(f"published {column} agrees" in claim.sentence for column, claim in claims.items())
+    assert all(f"Published {column}s agree" in claim.sentence for column, claim in claims.items())
     assert [column for column, claim in claims.items() if not claim.holds] == fails
 
 

@@ -53,7 +53,9 @@ from experiments.relatives.catalogue import (
 from tests.helpers import big_crane, crane
 from tests.rrd import numbers, rows
 
-each = pytest.mark.parametrize("relative", RELATIVES, ids=[relative.name for relative in RELATIVES])
+FALLS = Relative("load on two falls", {"fall_spacing": 2.0})
+EACH = (*RELATIVES, FALLS)
+each = pytest.mark.parametrize("relative", EACH, ids=[relative.name for relative in EACH])
 
 
 # --- closed forms ---------------------------------------------------------------------------------
@@ -256,8 +258,9 @@ def test_a_joint_that_a_spring_holds_is_believed_to_stand_as_still_as_a_drive() 
             assert disturbance_of(c)[joint] == disturbance_of(c)[drive]
 
 
-def test_forces_in_steps_are_the_same_forces() -> None:
-    c = load_crane(rope_stiffness=2e7, rope_damping=300.0, tower_twist_stiffness=2e7)
+@pytest.mark.parametrize("values", [{"rope_stiffness": 2e7}, {"fall_spacing": 3.0}])
+def test_forces_in_steps_are_the_same_forces(values: dict[str, float]) -> None:
+    c = load_crane(**values, rope_damping=300.0, tower_twist_stiffness=2e7)
     state, dt = State(c.start.q + 0.01, c.start.v + 0.2), 1e-3
     joint = JointForces.of(c)
     in_steps = joint.in_steps(dt).effort(state.q, dt * state.v)

@@ -247,7 +247,7 @@ def test_the_controlled_demo_has_no_swing_worth_the_name_and_is_recorded_over_th
     assert min(row[2] for row in before["rows"]) > 50.0
     assert {"demo.parquet", "demo_before.parquet", "demo.rrd", "swing.png"} <= {*files(flat.folder)}
     recording = (flat.folder / "demo.rrd").read_bytes()
-    assert b"with flat" in recording and b"without control" in recording
+    assert b"control flat" in recording and b"without control" in recording
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")

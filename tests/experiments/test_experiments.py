@@ -161,7 +161,7 @@ def test_light_links_converge_to_none_in_proportion(standard: Standard) -> None:
         # compound pendulum: T² goes with the inertia, one link each for φ and for what it carries
         expected = np.sqrt((bare + 2 * row["link [kg]"]) / bare) - 1
         # Rounding, crossings between samples.
-        assert row["against no links"] == pytest.approx(expected, rel=1e-4, abs=1e-10)
+        assert row["relative to no links"] == pytest.approx(expected, rel=1e-4, abs=1e-10)
         rigid = theory.rigid_period(15, 9.80665, 1000, 400 + 2 * row["link [kg]"])
         assert row["T [s]"] == pytest.approx(rigid * 1.000625586, rel=1e-6)
 
@@ -202,7 +202,8 @@ def test_the_exit_code_is_1_when_a_claim_fails_and_one_that_is_not_judged_is_cou
     judged = [harness.Claim("One is one.", holds) for holds in claims]  # type: ignore[arg-type]
     found, text = _conducted(harness.Outcome([], judged), ["--out", str(tmp_path)])
     assert found == code
-    assert text.splitlines()[-2:] == [*([line] if line else []), f"Written to {tmp_path}."]
+    last = f"Written to {tmp_path}; no run to record."
+    assert text.splitlines()[-2:] == [*([line] if line else []), last]
     assert ("FAILS      One is one." in text) == (code == 1)
     kept = parse_strict((tmp_path / "result.json").read_text())["claims"]
     assert [claim["holds"] for claim in kept] == [c if c is None else bool(c) for c in claims]
@@ -218,7 +219,7 @@ def test_tables_are_printed_with_title_and_note_and_kept_with_all_digits(
     assert table.shown() == [["first", "0.33", "2.5", "-"]]
     code, text = _conducted(harness.Outcome([table], [], {"n": np.int64(3)}), [])
     assert code == 0
-    assert "Written to out/trial." in text
+    assert "Written to out/trial; no run to record." in text
     assert all(word in text for word in ("Some title", "Some note.", "first", "0.33", "2.5"))
     result = parse_strict((tmp_path / "out" / "trial" / "result.json").read_text())
     (kept,) = result["tables"]

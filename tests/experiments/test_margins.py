@@ -28,7 +28,7 @@ def test_the_map_tells_what_is_near_its_end(done: Ran) -> None:
     rows = {row["strategy"]: row for row in done.table("Least margins over trolley radius")}
     damping, stronger, late = (
         {strategy: row[column] for strategy, row in rows.items()}
-        for column in ("damping [%]", "stronger", "late [ms]")
+        for column in ("damping [%]", "upper gain margin", "delay margin [ms]")
     )
     # a PD that knows nothing of the swing leaves it undamped; an LQR made for elsewhere does worse
     assert damping[margins.KEPT] < 0.0 < damping[PD] < 0.1 < 5.0 < damping[LQR]

@@ -147,18 +147,18 @@ def test_without_data_it_says_how_to_get_them(capsys: pytest.CaptureFixture[str]
 
 
 @pytest.mark.slow
-def test_drag_and_centring_are_found_in_a_record_that_has_them() -> None:
+def test_drag_centring_and_tilt_are_found_in_a_record_that_has_them() -> None:
     t, one = np.arange(0.0, 12.0, 0.03), np.ones(1)
     half = 0.5 * STEP * np.arange(2401)
     move = CubicSpline(half, trolley(half, 1.2, 1.75))
     effects = [value * one for value in (0.05, 0.06, 0.0, 0.02)]
     phi = simulate_swing(move(half, 2)[:, None], 0.35 * one, np.zeros((2, 1)), *effects).ravel()
     columns = {"t_s": t, "x_m": move(t), "x_dot_m_s": move(t, 1), "l_m": np.full(len(t), 0.38)}
-    columns["phi_rad"] = reported(t, phi, 0.0, 0.35)
+    columns["phi_rad"] = reported(t, phi, 0.0, 0.35) + 0.004 * move(t)
     crane = load_crane(XACRO.with_name("overhead_crane.urdf.xacro"), values=SOURCES[0].values)
     records = [Record.of(crane, columns, name=name) for name in ("1", "2")]
     found, without = (fit(records, names) for names in (CANDIDATES[-1], CANDIDATES[1]))
-    expected = {"damping": 0.05, "window": 0.35, "drag": 0.06, "centring": 0.02}
+    expected = {"damping": 0.05, "window": 0.35, "drag": 0.06, "centring": 0.02, "tilt": 0.004}
     for name, value in expected.items():
         assert found.values[name] == pytest.approx(value, rel=0.02), name
     np.testing.assert_allclose(found.offsets, -0.03, atol=1e-4)

@@ -285,7 +285,7 @@ def test_claims_and_the_command_that_repeats_them_are_on_the_page(
     for name, result in results.items():
         for claim in result["claims"]:
             assert claim["sentence"].split("(")[0].strip()[:40] in text
-        assert f"python -m experiments.{name}" in text
+        assert f"cranedyn run {name}" in text
         assert result["parameters"]["engine"] == FAST
 
 

@@ -63,14 +63,12 @@ def test_what_the_records_say_nothing_of_has_no_interval_in_the_file(tmp_path: P
 @pytest.mark.parametrize(
     "text",
     [
-        "",
-        "[]",
-        "{}",
+        "", "[]", "{}",
         '{"crane": {}, "identified": {"x": {"value": 1}}, "records": []}',
         '{"crane": 1, "identified": {}, "records": [1e999]}',
         '{"crane": {"arguments": {"payload_mass": "1e3"}}, "identified": [], "records": []}',
     ],
-)
+)  # fmt: skip
 def test_a_file_that_is_no_twin_is_one_sentence(text: str, tmp_path: Path) -> None:
     file = tmp_path / "twin.json"
     file.write_text(text)

@@ -15,6 +15,7 @@ from cranedyn.__main__ import main
 from cranedyn.errors import DataError, ModelError, OutOfRange, UnknownName
 from cranedyn.model import description
 from cranedyn.model.description import XACRO, arguments, describe, parse_values
+from cranedyn.model.load import load_crane
 from tests.helpers import files, turned
 
 SMALL = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -219,15 +220,14 @@ def test_a_word_without_mark_is_refused() -> None:
 # --- command line ---------------------------------------------------------------------------------
 
 
-def test_the_command_writes_the_urdf_to_standard_output_or_to_a_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], urdf: str
+def test_the_command_prints_the_joints_and_writes_the_urdf(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["describe"]) == 0
-    assert capsys.readouterr().out == urdf
-    assert main(["describe", "-o", str(tmp_path / "crane.urdf")]) == 0
-    assert (tmp_path / "crane.urdf").read_text() == urdf
+    crane = load_crane(payload_mass=2000)
+    assert main(["describe", "payload_mass:=2000", "-o", str(tmp_path / "crane.urdf")]) == 0
+    assert (tmp_path / "crane.urdf").read_text() == crane.urdf
     assert files(tmp_path) == ["crane.urdf"]
-    assert capsys.readouterr() == ("", "")
+    assert capsys.readouterr() == (f"{crane}\n", "")
 
 
 def test_the_command_lists_every_argument(capsys: pytest.CaptureFixture[str]) -> None:

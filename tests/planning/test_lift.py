@@ -394,7 +394,8 @@ def test_late_sensors_see_what_was_planned_a_while_ago() -> None:
 
 
 def test_a_lift_that_failed_counts_as_one_that_came_too_near() -> None:
-    assert Perturbed(np.array([1.0, math.nan, 0.4]), 0.5, {}, np.zeros(3)).failures == 2
+    perturbed = Perturbed(np.array([1.0, math.nan, 0.4]), 0.5, {}, np.zeros(3))
+    assert (perturbed.failures, perturbed.broken_off) == (2, 1)
 
 
 # --- the experiment -------------------------------------------------------------------------------

@@ -431,6 +431,14 @@ except KeyboardInterrupt:
     assert files(tmp_path) == []
 
 
+def test_two_falls_are_drawn_from_the_pivot_to_the_load_and_turn_with_it() -> None:
+    c = load_crane(fall_spacing=2.0)
+    line = rope_line(c, c.state(phi=0.3, load_yaw=0.5, l=8.0).q[None])[0]
+    lengths = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    fall = np.sqrt(8.0**2 + 2.0 * (1.0 - np.cos(0.5)))  # the lift is not drawn
+    np.testing.assert_allclose(lengths, [1.0, fall, 2.0, fall, 1.0, 0.0], atol=1e-12)
+
+
 def test_a_slack_rope_sags_between_the_same_ends_as_long_as_it_is() -> None:
     slack = load_crane(rope_stiffness=np.inf)
     q = np.array([slack.state(phi=0.3, rope_stretch=by).q for by in (0.0, -0.2, -1.0)])
@@ -441,9 +449,8 @@ def test_a_slack_rope_sags_between_the_same_ends_as_long_as_it_is() -> None:
     np.testing.assert_allclose(lengths, 15.0, rtol=5e-3)  # of the parabola's series, and 8 chords
     pictures = [Projection(slack).rope(row) for row in q]
     assert [len(picture) for picture in pictures] == [9, 9, 9]
-    bent = [
-        np.ptp(np.diff(picture[:, 0])) for picture in pictures
-    ]  # a straight rope has even steps
+    # a straight rope has even steps
+    bent = [np.ptp(np.diff(picture[:, 0])) for picture in pictures]
     assert bent[0] < 1e-9 < 0.1 < bent[1] < bent[2]
 
 

@@ -81,12 +81,12 @@ def test_a_file_that_is_no_recording_is_neither_served_nor_opened(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a display")
-def test_without_a_display_the_viewer_points_to_saving_and_serving(
+def test_without_a_display_the_viewer_points_to_serving_the_file(
     file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with pytest.raises(CraneError, match=r"display.*--save.*--serve"):
+    with pytest.raises(CraneError, match=rf"display.* view {file} --serve"):
         open_viewer(file)
 
 

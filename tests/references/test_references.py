@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cranedyn.errors import OutOfRange, UnknownName
-from cranedyn.interfaces import Reference, State
+from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.load import load_crane
 from cranedyn.planning.itinerary import Leg, itinerary, tour
 from cranedyn.planning.joystick import JoystickPulse, joystick
@@ -27,7 +27,7 @@ from cranedyn.references import (
 )
 from cranedyn.references.limits import Limits, fastest
 from cranedyn.references.motion import Motion
-from cranedyn.references.simple import PEAK_RATE, shortest
+from cranedyn.references.simple import PEAK_RATE, Ramp, checked, shortest
 from cranedyn.references.tabulated import tabulated
 from tests.helpers import crane
 
@@ -50,6 +50,8 @@ def _plan(start: State, goal: State) -> Motion:
     return hanging_reference(CRANE, spline(CRANE, start, [goal.q[CRANE.layout.drives]], [2.0]), 2.0)
 
 
+WAYS = [Leg("out and up", x=13.0, l=8.0), Leg("back", x=12.0, l=9.0)]
+THERE_AND_BACK = itinerary(CRANE, START, WAYS, rates=(0.1, 0.5, 0.4), dwell=0.5)
 LEGS = tour(CRANE, [Leg("out", x=12.0), Leg("in", x=10.0)], _plan, dwell=0.5)
 
 
@@ -69,37 +71,30 @@ LEGS = tour(CRANE, [Leg("out", x=12.0), Leg("in", x=10.0)], _plan, dwell=0.5)
         shaped(PUSHES, ei(), 1.3),
         shaped_hoisting(CRANE, PUSHES, zv(), 5.0),
         LEGS,
-        itinerary(
-            CRANE,
-            START,
-            [Leg("out and up", x=13.0, l=8.0), Leg("back", x=12.0, l=9.0)],
-            rates=(0.1, 0.5, 0.4),
-            dwell=0.3,
-        ),
+        THERE_AND_BACK,
     ],
-    ids=[
-        "hold",
-        "pulse",
-        "ramp",
-        "ramp on a function",
-        "spline",
-        "motion",
-        "operator",
-        "nobody",
-        "shaped",
-        "shaped hoisting",
-        "tour",
-        "itinerary",
-    ],
+    ids="hold,pulse,ramp,ramp on a function,spline,motion,operator,nobody,shaped,shaped hoisting,"
+    "tour,itinerary".split(","),
 )
 def test_many_times_at_once_are_setpoint_as_each_by_itself(reference: Reference) -> None:
-    times = np.arange(-0.5, 9.0, 0.005)
-    single = [reference(t) for t in times.tolist()]
+    times = -0.5 + 0.005 * np.arange(1900)
+    at_instants = checked(reference, CRANE.layout, -0.5, 0.005)
+    single, blocks = ([at(t) for t in times.tolist()] for at in (reference, at_instants))
     for i, column in enumerate(tabulated(reference, times)):
         # sums of ten terms up to 14 m in another order round at 1e-15 of them
-        np.testing.assert_allclose(
-            column, [setpoint[i] for setpoint in single], rtol=0.0, atol=1e-13
-        )
+        for setpoints in (single, blocks):
+            np.testing.assert_allclose(column, [s[i] for s in setpoints], rtol=0.0, atol=1e-13)
+
+
+def test_a_reference_that_fails_later_is_followed_until_then() -> None:
+    class Until(Ramp):
+        def at(self, times: np.ndarray) -> Setpoint:
+            return super().at(times[times < 0.3] if len(times) == 1 else times / 0.0)
+
+    at_instants = checked(Until(BASE, np.ones(3), 0.0, 1.0), CRANE.layout, 0.0, 0.1)
+    np.testing.assert_allclose(at_instants(0.2).position, np.add(PLACE, 0.2))
+    with pytest.raises(IndexError):
+        at_instants(0.3)
 
 
 LIMITS = (0.02, 0.4, 0.4)
@@ -140,16 +135,7 @@ CUT_SHORT = (
 """Its velocity jumps within the rows."""
 
 ENDLESS: dict[str, tuple[Reference, float]] = {
-    "itinerary": (
-        itinerary(
-            CRANE,
-            START,
-            [Leg("out and up", x=13.0, l=8.0), Leg("back", x=12.0, l=9.0)],
-            rates=(0.1, 0.5, 0.4),
-            dwell=0.5,
-        ),
-        0.0,
-    ),
+    "itinerary": (THERE_AND_BACK, 0.0),
     "tour": (LEGS, 5e-3),
 }
 

@@ -14,6 +14,7 @@ import pytest
 from cranedyn import __main__ as front
 from cranedyn import plugins
 from cranedyn.command import Parser
+from experiments.harness import document
 
 Main = Callable[[Sequence[str]], int]
 
@@ -22,9 +23,10 @@ COMMANDS: dict[str, Main] = {
     **{f"cranedyn {name}": front.main for name in front.COMMANDS},
     **{f"cranedyn export {name}": front.main for name in plugins.names("exporter")},
     **{
-        f"python -m experiments.{name}": importlib.import_module(f"experiments.{name}").main
-        for name in [*plugins.names("experiment"), "harness.document"]
+        f"cranedyn run {name}": importlib.import_module(f"experiments.{name}").main
+        for name in plugins.names("experiment")
     },
+    "python -m experiments.harness.document": document.main,
 }
 """Function by how its command line begins."""
 
@@ -35,10 +37,9 @@ class Parsed(BaseException):
     """Arguments were parsed without an error."""
 
 
-def arguments(line: str) -> list[str]:
-    """Return what a function of `COMMANDS` gets of a command line."""
-    words = shlex.split(line)
-    return words[1:] if words[0] == "cranedyn" else words[3:]
+def arguments(line: str, command: str) -> list[str]:
+    """Return what the function of a command gets of a command line."""
+    return shlex.split(line)[1 if COMMANDS[command] is front.main else 3 :]
 
 
 def ended(command: str, words: Sequence[str]) -> int:
@@ -51,7 +52,7 @@ def ended(command: str, words: Sequence[str]) -> int:
 
 def help_of(command: str, capsys: pytest.CaptureFixture[str], option: str = "--help") -> str:
     """Return the help of a command."""
-    assert ended(command, [*arguments(command), option]) == 0
+    assert ended(command, [*arguments(command, command), option]) == 0
     return capsys.readouterr().out
 
 
@@ -73,7 +74,7 @@ def test_help_is_a_screen_that_begins_with_an_example_which_parses(
 
     monkeypatch.setattr(Parser, "parse_args", stop)
     with pytest.raises(Parsed):
-        COMMANDS[command](arguments(example))
+        COMMANDS[command](arguments(example, command))
 
 
 @each
@@ -81,7 +82,7 @@ def test_an_unknown_option_is_answered_with_the_nearest_on_one_line(
     command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     example = help_of(command, capsys).partition("\n")[0].removeprefix("example: ")
-    assert ended(command, [*arguments(example), "--hepl"]) == 2
+    assert ended(command, [*arguments(example, command), "--hepl"]) == 2
     error = capsys.readouterr().err
     assert error.startswith("error: ") and error.count("\n") == 1
     assert "nearest is --help" in error
@@ -123,7 +124,7 @@ def test_describe_refuses_what_its_lists_would_ignore(
 def test_common_options_are_shown_where_all_are_asked_for(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    command = "python -m experiments.a1"
+    command = "cranedyn run a1"
     assert "--gravity" not in help_of(command, capsys).partition("\n")[2]
     assert {"--gravity", "--out", "--engine"} <= set(help_of(command, capsys, "--help-all").split())
 

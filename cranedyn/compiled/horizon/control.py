@@ -156,10 +156,10 @@ def emit_plan(module: ir.Module, programme: Programme) -> list[tuple[str, int, i
     name of the row, its number, lane, value.
     """
     shape, layout = programme.shape, programme.topology.layout
-    riccati.emit(module, shape)
-    interior.emit(module, shape)
     crane = plant(programme.topology, list(programme.numbers), "motion", False)
     constants = model.emit(module, shape, crane, programme.length)
+    riccati.emit(module, shape, {entry[:3]: entry[3] for entry in constants})
+    interior.emit(module, shape)
     if programme.errors:
         errors = np.reshape(programme.errors, (2, layout.n))
         model.emit_weights(module, shape, crane, errors, np.array(programme.payload_errors))

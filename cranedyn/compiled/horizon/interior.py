@@ -16,7 +16,6 @@ from llvmlite import ir
 
 from cranedyn.compiled.code import Code, Value
 from cranedyn.compiled.horizon.memory import (
-    REPORT,
     HorizonShape,
     LaneView,
     MemoryRows,
@@ -56,30 +55,23 @@ class _Solve:
     def emit(self) -> None:
         code = self.code
         self._free()
-        exceeded = self._reported("excess")
-        self._report("flag", 1.0)
-        self._report("iterations", 0.0)
-        with code.when(exceeded > 0.0):
+        self.work.report("flag", 1.0)
+        self.work.report("iterations", 0.0)
+        with code.when(self.work.reported("excess") > 0.0):
             self._begin()
-            self._report("flag", 0.0)
-            barrier = self._reported("barrier")
+            self.work.report("flag", 0.0)
+            barrier = self.work.reported("barrier")
             gap, residual = self.single.variables([barrier, 1.0])
-            with code.loop(0, _MOST), code.when(self._reported("flag") < 0.5):
+            with code.loop(0, _MOST), code.when(self.work.reported("flag") < 0.5):
                 step = self._iterate(gap.get())
                 gap.set(self._move(step))
                 residual.set(residual.get() * (1.0 - step))
-                self._report("iterations", self._reported("iterations") + 1.0)
-                self._report("gap", gap.get())
-                self._report("open", residual.get())
+                self.work.report("iterations", self.work.reported("iterations") + 1.0)
+                self.work.report("gap", gap.get())
+                self.work.report("open", residual.get())
                 done = code.both(gap.get() < _GAP * barrier, residual.get() < _OPEN)
-                self._report("flag", self.single.chosen(done, 1.0, 0.0))
+                self.work.report("flag", self.single.chosen(done, 1.0, 0.0))
         code.end()
-
-    def _report(self, name: str, value: Any) -> None:
-        self.common.put_one("report", 0, REPORT.index(name), value)
-
-    def _reported(self, name: str) -> Value:
-        return self.common.one("report", 0, REPORT.index(name))
 
     def _free(self) -> None:
         """Solve without bounds, and report the largest excess of a bound."""
@@ -98,13 +90,13 @@ class _Solve:
             rows.put("iterate", trial)
             over = _larger(code, trial - high, low - trial)
             worst.set(_larger(code, worst.get(), over))
-        self._report("excess", over_lanes(code, worst.get(), "fmax"))
+        self.work.report("excess", over_lanes(code, worst.get(), "fmax"))
 
     def _begin(self) -> None:
         """Start on the central path of the barrier, at the nodes."""
         code, common, shape = self.code, self.common, self.shape
         price = common.get("price")
-        barrier = everywhere(code, self._reported("barrier"))
+        barrier = everywhere(code, self.work.reported("barrier"))
         soft = barrier / price
         with code.loop(0, self.shape.stages) as k:
             rows = self.work.stage(k)

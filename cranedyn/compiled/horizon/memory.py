@@ -117,6 +117,10 @@ slacks and multipliers; open, the residual of the gradient as a share of the ini
 excess, the largest excess of a bound at the optimum without bounds."""
 
 
+Constants = Mapping[tuple[str, int, int], float]
+"""Entries that are the same in every stage, by name of the row, its number, and lane."""
+
+
 class LaneView(Code):
     """The same function with values of another number of lanes."""
 
@@ -131,8 +135,8 @@ class LaneView(Code):
 class MemoryRows:
     """Rows of memory by name, relative to a base index."""
 
-    def __init__(self, code: Code, shape: HorizonShape, base: Any) -> None:
-        self._code, self._shape, self._base = code, shape, base
+    def __init__(self, code: Code, shape: HorizonShape, base: Any, constants: Constants) -> None:
+        self._code, self._shape, self._base, self._constants = code, shape, base, constants
         self._one = LaneView(code, 1)
 
     def at(self, name: str, row: int = 0, lane: int = 0) -> Any:
@@ -150,8 +154,10 @@ class MemoryRows:
         """Write a row."""
         self._code.store(value, self._code.argument["work"], self.at(name, row))
 
-    def every(self, name: str, row: int, lane: int) -> Value:
-        """Return one number of a row in all lanes."""
+    def every(self, name: str, row: int, lane: int) -> Any:
+        """Return one number of a row in all lanes; a constant as a float, which folds."""
+        if (name, row, lane) in self._constants:
+            return self._constants[name, row, lane]
         return self._code.spread(self._code.argument["work"], self.at(name, row, lane))
 
     def one(self, name: str, row: int, lane: int) -> Value:
@@ -166,15 +172,27 @@ class MemoryRows:
 class Work:
     """Memory of an optimisation, the argument `work` of a function under construction."""
 
-    def __init__(self, code: Code, shape: HorizonShape) -> None:
-        self.code, self.shape, self.common = code, shape, MemoryRows(code, shape, 0)
+    def __init__(self, code: Code, shape: HorizonShape, constants: Constants | None = None) -> None:
+        self.code, self.shape, self._constants = code, shape, constants or {}
+        self.common = self._rows(0)
+
+    def report(self, name: str, value: Any) -> None:
+        """Write a number of the report."""
+        self.common.put_one("report", 0, REPORT.index(name), value)
+
+    def reported(self, name: str) -> Value:
+        """Return a number of the report."""
+        return self.common.one("report", 0, REPORT.index(name))
 
     def stage(self, k: Any) -> MemoryRows:
         """Return the rows of a stage."""
         shape, code = self.shape, self.code
         if isinstance(k, int):
-            return MemoryRows(code, shape, shape.first + k * shape.stride)
-        return MemoryRows(code, shape, code.plus(code.product(k, shape.stride), shape.first))
+            return self._rows(shape.first + k * shape.stride)
+        return self._rows(code.plus(code.product(k, shape.stride), shape.first))
+
+    def _rows(self, base: Any) -> MemoryRows:
+        return MemoryRows(self.code, self.shape, base, self._constants)
 
 
 def element(code: Code, value: Value, lane: int) -> Value:

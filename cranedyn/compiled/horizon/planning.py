@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from llvmlite import ir
 
 from cranedyn.compiled.code import INTEGER, Code, Value
-from cranedyn.compiled.horizon.memory import REPORT, HorizonShape, LaneView, Work, everywhere
+from cranedyn.compiled.horizon.memory import HorizonShape, LaneView, Work, everywhere
 from cranedyn.compiled.horizon.riccati import call, mask, total
 from cranedyn.dynamics.scalars import array
 from cranedyn.plant.plant import Plant
@@ -87,15 +87,15 @@ class _Plan:
         code, shape, arguments = self.code, self.shape, self.code.argument
         self.common.put("start", code.load(arguments["query"]) * mask(code, shape.states))
         fresh = self._mark("begun") < 0.5
-        wider = _WIDER * self._reported("first")
+        wider = _WIDER * self.work.reported("first")
         barrier = self.one.chosen(fresh, wider, self._mark("barrier"))
-        self.common.put_one("report", 0, REPORT.index("barrier"), barrier)
+        self.work.report("barrier", barrier)
         with code.when(fresh), code.loop(0, shape.stages) as k:
             still = code.load(arguments["query"]) * mask(code, shape.states // 2)
             code.store(still, arguments["plan"], code.product(k, shape.lanes))
         self._shift()
         for name in ("flag", "iterations", "excess"):
-            self.common.put_one("report", 0, REPORT.index(name), 0.0)
+            self.work.report(name, 0.0)
         plausible = self.one.load(arguments["query"], shape.lanes + len(QUERY)) > 0.5
         with code.when(plausible):
             self._solve()
@@ -113,9 +113,6 @@ class _Plan:
         aim = [common.get("end", i) * common.every("goal", 0, i) for i in states]
         common.put("end_gradient", -total(aim))
         call(self.code, "solve")
-
-    def _reported(self, name: str) -> Value:
-        return self.common.one("report", 0, REPORT.index(name))
 
     def _mark(self, name: str) -> Value:
         return self.one.load(self.code.argument["plan"], self.marks + Marks._fields.index(name))
@@ -187,7 +184,7 @@ class _Plan:
         """Store the new plan; after a failure keep the last one."""
         code, shape, single = self.code, self.shape, self.one
         plan = code.argument["plan"]
-        flag = self._reported("flag")
+        flag = self.work.reported("flag")
         finite = code.variables([1.0])[0]
         with code.loop(0, shape.stages) as k:
             size = code.call("llvm.fabs", self.work.stage(k).get("iterate"))
@@ -199,15 +196,15 @@ class _Plan:
             with code.when(solved):
                 plan_row.set(rows.get("iterate"))
             code.store(plan_row.get(), plan, code.product(k, shape.lanes))
-        first, barrier = map(self._reported, ("first", "barrier"))
+        first, barrier = map(self.work.reported, ("first", "barrier"))
         wider = single.call("llvm.minnum", _WIDER * barrier, _WIDEST * first)
         failed = self._mark("failures") + single.chosen(solved, 0.0, 1.0)
         marks = Marks(
             begun=single.chosen(plausible, 1.0, self._mark("begun")),
             failures=failed,
             flag=single.chosen(solved, 1.0, 0.0),
-            iterations=self._reported("iterations"),
-            excess=self._reported("excess"),
+            iterations=self.work.reported("iterations"),
+            excess=self.work.reported("excess"),
             barrier=single.chosen(solved, first, wider),
         )
         for i, value in enumerate(marks):

@@ -16,6 +16,7 @@ from llvmlite import ir
 
 from cranedyn.compiled.code import Code, Value
 from cranedyn.compiled.horizon.memory import (
+    Constants,
     HorizonShape,
     MemoryRows,
     Work,
@@ -28,15 +29,15 @@ from cranedyn.compiled.horizon.memory import (
 )
 
 
-def emit(module: ir.Module, shape: HorizonShape) -> None:
+def emit(module: ir.Module, shape: HorizonShape, constants: Constants) -> None:
     """Add the functions `end`, `factor` and `sweep`, which work on the memory of an optimisation.
 
     end: the cost-to-go beyond the horizon, as that of a horizon as long again on which the last
     stage's model stays and nothing is bounded. factor: the feedback of every stage under its
     curvature. sweep: states, inputs and what else is bounded under the stages' slopes.
     """
-    _emit_end(Work(Code(module, "end", ["work"], shape.lanes), shape))
-    _emit_factor(Work(Code(module, "factor", ["work"], shape.lanes), shape))
+    _emit_end(Work(Code(module, "end", ["work"], shape.lanes), shape, constants))
+    _emit_factor(Work(Code(module, "factor", ["work"], shape.lanes), shape, constants))
     _emit_sweep(Work(Code(module, "sweep", ["work"], shape.lanes), shape))
 
 
@@ -51,7 +52,7 @@ def _emit_end(work: Work) -> None:
         common.put("togo", common.get("weight", i) * mask(code, shape.states), i)
     last = work.stage(shape.stages - 1)
     with code.loop(0, shape.stages):
-        _eliminate(work, last, bounded=False, gain_rows=None)
+        _eliminate(work, last, bounded=False)
     for i in range(shape.states):
         common.put("end", common.get("togo", i) * mask(code, shape.states), i)
     code.end()
@@ -65,19 +66,19 @@ def _emit_factor(work: Work) -> None:
         rows = work.stage(code.builder.sub(code.integer(shape.stages - 1), count))
         carried = [common.get("togo", j) * rows.every("shift", 0, j) for j in range(shape.states)]
         rows.put("carried", total(carried))
-        _eliminate(work, rows, bounded=True, gain_rows=rows)
+        _eliminate(work, rows, bounded=True)
     code.end()
 
 
-def _eliminate(
-    work: Work, stage: MemoryRows, *, bounded: bool, gain_rows: MemoryRows | None
-) -> None:
-    """Replace the cost-to-go of the state after a stage by that of the state before it."""
+def _eliminate(work: Work, stage: MemoryRows, *, bounded: bool) -> None:
+    """Replace the cost-to-go of the state after a stage by that of the state before it, and store
+    the feedback of a bounded one.
+    """
     code, shape, common = work.code, work.shape, work.common
     z, w, m = shape.states, shape.both, shape.inputs
     forward = [stage.get("forward", i) for i in range(z)]
     product = [total([common.every("togo", i, j) * forward[j] for j in range(z)]) for i in range(z)]
-    curve = stage.get("curve") if bounded else None
+    curves = [stage.get("curve")] if bounded else []
     extra = [stage.get("extra", i) for i in range(m)] if bounded else []
     weighted = [stage.every("curve", 0, w + i) * extra[i] for i in range(len(extra))]
     rows = []
@@ -85,8 +86,7 @@ def _eliminate(
         terms = [stage.every("forward", i, r) * product[i] for i in range(z)]
         terms += [stage.every("extra", i, r) * weighted[i] for i in range(len(extra))]
         terms.append(common.get("weight", r))
-        if curve is not None:
-            terms.append(curve * unit(code, r))
+        terms += [curve * unit(code, r) for curve in curves]
         rows.append(total(terms))
         common.put("product", rows[-1], r)
     # Gauss and Jordan on the rows of the inputs, the inverse of their block beside them.
@@ -99,9 +99,8 @@ def _eliminate(
     for i in range(z):
         eliminated = [common.every("product", i, z + c) * gains[c] for c in range(m)]
         common.put("togo", rows[i] - total(eliminated), i)
-    if gain_rows is not None:
-        for c in range(m):
-            gain_rows.put("feedback", gains[c], c)
+    for c in range(m) if bounded else ():
+        stage.put("feedback", gains[c], c)
 
 
 def _emit_sweep(work: Work) -> None:
@@ -123,9 +122,8 @@ def _emit_sweep(work: Work) -> None:
     with code.loop(0, shape.stages) as k:
         rows, current = work.stage(k), state.get()
         common.put("spill", current)
-        coming = [rows.get("shift")]
-        coming += [rows.get("columns", j) * common.every("spill", 0, j) for j in range(z)]
-        predicted = total(coming)
+        columns = [rows.get("columns", j) * common.every("spill", 0, j) for j in range(z)]
+        predicted = total([rows.get("shift"), *columns])
         inputs = [
             -over_lanes(code, rows.get("feedback", c) * current, "fadd")
             - rows.one("open", 0, w + c)

@@ -166,6 +166,7 @@ CALLS = {
         coast_residual(1.0, 1.0, 1.0, 10.0, 9.81)
         quintic_residual(1.0, 6.0, 10.0, 9.81)
         double_pendulum(10.0, 2.0, 200.0, 1000.0, 9.81)
+        bifilar(1000.0, 500.0, 1.0, 20.0, 9.81)
         rope_bounce(1e6, 10.0, 1000.0)
         reeving_efficiency(4, 0.98)
         capstan(1000.0, 0.1, 3.0)
