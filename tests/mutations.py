@@ -614,14 +614,18 @@ cranedyn/sites/brakes.py
 + REACTION = 0.5 * (DELAY + LAGS["slew"])
 * brakes are taken for twice as strong
 ? sites::a_crane_stops_within_its_stopping_distance_and_no_rate_is_larger_than_that
-- speed / (2.0 * self.decelerations)
-+ speed / (4.0 * self.decelerations)
+- speed / (2.0 * deceleration)
++ speed / (4.0 * deceleration)
 cranedyn/sites/bodies.py
 * the rope is left out
 ? sites::every_corner_of_every_shape_lies_in_a_capsule
 - return [*rope, ("load", load, width)]
 + return [("load", load, width)]
 cranedyn/sites/capsules.py
+* capsules of a rope end at shares of its length
+? sites::rope_and_load_of_a_box_lie_in_those_of_any_larger_box
+- (low[-1] - high[-1]), longest) + length
++ (low[-1] - high[-1]), 0.02 * high[-1] * longest) + length
 * the load of a neighbour does not swing
 ? sites::every_corner_of_every_shape_lies_in_a_capsule
 - radius=capsule[14] + capsule[13] * cone * (depths[1] + capsule[14])

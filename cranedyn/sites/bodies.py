@@ -30,7 +30,8 @@ _MOST, _GAIN, _CUTS = 5, 5.0, 5
 that are tried along each axis."""
 
 _ROPE = 4
-"""Capsules of a rope, one below the other: the cone in which it swings grows downwards."""
+"""Capsules of a rope, one below the other: the cone in which it swings grows downwards. They end at
+depths that no cable length moves: so the capsules of a smaller box lie in those of a larger."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +54,9 @@ class CraneBodies:
         joint: Number of joints before each capsule, shape (n,).
         ends: Ends of its segment in the frame of its link [m], shape (n, 2, 3); of rope and load
             the pivot twice.
-        depth: Depth of these ends below the pivot as a sum of shares of the shortest and of the
-            longest cable, and a length [m], shape (n, 2, 3); 0 for what does not hang.
+        depth: Depth of these ends below the pivot in three numbers, shape (n, 2, 3): whether below
+            the end of the shortest cable or of the longest, the depth [m] below which they do not
+            follow it, and a length [m] that is added; 0 for what does not hang.
         hangs: Whether it hangs, shape (n,).
         radius: Its radius without swing [m], shape (n,).
     """
@@ -216,12 +218,12 @@ def _hanging(crane: Crane, shapes: list[np.ndarray]) -> list[tuple[str, np.ndarr
     block = min(shapes, key=lambda corners: float((corners @ down).mean()))
     across = block - (block @ down)[:, None] * down
     falls = float(np.linalg.norm(across, axis=1).max())
-    shares = np.linspace(0.0, 1.0, _ROPE + 1)
+    depths = np.linspace(0.0, crane.upper[crane.layout.drives[crane.winch]], _ROPE + 1)[:-1]
     rope = [
         ("rope", np.array([[0.0, first, 0.0], [0.0, last, 0.0]]), falls)
-        for first, last in itertools.pairwise(shares.tolist())
+        for first, last in itertools.pairwise([*depths.tolist(), math.inf])
     ]
-    load = np.array([[1.0, 0.0, float(along.min())], [0.0, 1.0, float(along.max())]])
+    load = np.array([[1.0, math.inf, float(along.min())], [0.0, math.inf, float(along.max())]])
     return [*rope, ("load", load, width)]
 
 

@@ -67,7 +67,10 @@ def place(
         turns = flag(moves, capsule[0]) * joints[k, 15]
         chain.append((turns, axis * (flag(moves, capsule[0]) - turns), axis, origin))
     moving = [frame[0] @ end + frame[1] for end in capsule[1:7].reshape(2, 3)]
-    depths = [depth @ array([low[-1], high[-1], 1.0]) for depth in capsule[7:13].reshape(2, 3)]
+    depths = [
+        _least(high[-1] + shortest * (low[-1] - high[-1]), longest) + length
+        for shortest, longest, length in capsule[7:13].reshape(2, 3)
+    ]
     return Capsule(
         ends=np.array([x + rope * depth for x, depth in zip(moving, depths, strict=True)]),
         radius=capsule[14] + capsule[13] * cone * (depths[1] + capsule[14]),
@@ -173,6 +176,10 @@ def separation(first: np.ndarray, second: np.ndarray, radii: Any) -> tuple[Any, 
     normal = connection * (1.0 / (length + 1e-12))
     low = -_largest([-(x @ normal) for x in first])
     return low - _largest([x @ normal for x in second]) - radii, normal, length - radii
+
+
+def _least(a: Any, b: Any) -> Any:
+    return chosen(a < b, a, b)
 
 
 def _largest(numbers: Sequence[Any]) -> Any:

@@ -74,6 +74,19 @@ def test_every_corner_of_every_shape_lies_in_a_capsule(name: str) -> None:
                 assert np.min(gaps, axis=0).max() <= 1e-6
 
 
+def test_rope_and_load_of_a_box_lie_in_those_of_any_larger_box() -> None:
+    site, rng = site_of("four_towers"), np.random.default_rng(5)
+    for _ in range(20):
+        low, smaller, larger = np.sort(rng.uniform([0.0, 2.0, 4.0], [0.0, 2.0, 88.0], (3, 3)), 0)
+        small, large = (capsules(site, 3, low, high, site.swing) for high in (smaller, larger))
+        for ends, radius in zip(small.ends, small.radius, strict=True):
+            for z in np.linspace(*ends[:, 2], 9):
+                inside = np.minimum(large.ends[:, 0, 2], large.ends[:, 1, 2]) - 1e-9 <= z
+                inside &= z <= np.maximum(large.ends[:, 0, 2], large.ends[:, 1, 2]) + 1e-9
+                near = np.linalg.norm(large.ends[:, 0, :2] - ends[0, :2], axis=1) < 1e-9
+                assert (large.radius[inside & near] >= radius - 1e-9).any()
+
+
 def coal_distance(site: CraneSite, cranes: list[int], values: list[np.ndarray]) -> float:
     """Return the least distance of two cranes at positions [m], by coal."""
     shapes = []
