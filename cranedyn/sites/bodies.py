@@ -23,14 +23,15 @@ from cranedyn.errors import ModelError
 from cranedyn.model.crane import Crane
 from cranedyn.planning.bodies import shape_corners
 from cranedyn.planning.solids import rotation_z
-from cranedyn.sites.capsules import CAPSULE, JOINT, place, shifts
+from cranedyn.sites.capsules import CAPSULE, JOINT, place, rope_pose, shifts
 
 _MOST, _GAIN, _CUTS = 5, 5.0, 5
 """Most capsules of a joint; volume that a cut of a group of shapes in two saves at least [m³]; cuts
 that are tried along each axis."""
 
 _ROPE = 4
-"""Capsules of a rope, one below the other: the cone in which it swings grows downwards."""
+"""Capsules of a rope, one below the other: the cone in which it swings grows downwards. They end at
+depths that no cable length moves: so the capsules of a smaller box lie in those of a larger."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +49,14 @@ class CraneBodies:
         foot: Rotation and translation of the foot, as one matrix [R, p], shape (3, 4).
         axis: Axis of each joint in its frame, shape (k, 3).
         revolute: Whether it is revolute, shape (k,).
+        rope: Numbers of both swing joints, see `numbers`, and the direction of the rope behind
+            them, shape (2 `JOINT` + 3,).
         joint: Number of joints before each capsule, shape (n,).
         ends: Ends of its segment in the frame of its link [m], shape (n, 2, 3); of rope and load
             the pivot twice.
-        depth: Depth of these ends below the pivot as a sum of shares of the shortest and of the
-            longest cable, and a length [m], shape (n, 2, 3); 0 for what does not hang.
+        depth: Depth of these ends below the pivot in three numbers, shape (n, 2, 3): whether below
+            the end of the shortest cable or of the longest, the depth [m] below which they do not
+            follow it, and a length [m] that is added; 0 for what does not hang.
         hangs: Whether it hangs, shape (n,).
         radius: Its radius without swing [m], shape (n,).
     """
@@ -64,6 +68,7 @@ class CraneBodies:
     foot: np.ndarray
     axis: np.ndarray
     revolute: np.ndarray
+    rope: np.ndarray
     joint: np.ndarray
     ends: np.ndarray
     depth: np.ndarray
@@ -71,18 +76,27 @@ class CraneBodies:
     radius: np.ndarray
 
     @cached_property
-    def numbers(self) -> np.ndarray:
-        """All numbers of several cranes in rows: foot, joints, capsules, see
+    def chains(self) -> np.ndarray:
+        """Numbers of the foot and the joints of several cranes in rows, see
         `cranedyn.sites.capsules.place`.
         """
-        joints = self.rotation, self.translation, self.axis, self.revolute
-        capsules = self.joint, self.ends, self.depth, self.hangs, self.radius
-        count = len(self.foot)
-        blocks = [
-            np.concatenate([part.reshape(*part.shape[:2], -1) for part in parts], axis=2)
-            for parts in (joints, capsules)
-        ]
-        return np.hstack([block.reshape(count, -1) for block in (self.foot, *blocks)])
+        joints = _columns(self.rotation, self.translation, self.axis, self.revolute)
+        return np.hstack([x.reshape(len(self.foot), -1) for x in (self.foot, joints)])
+
+    @cached_property
+    def capsules(self) -> np.ndarray:
+        """Numbers of their capsules, shape (cranes, n, `CAPSULE`)."""
+        return _columns(self.joint, self.ends, self.depth, self.hangs, self.radius)
+
+    @cached_property
+    def numbers(self) -> np.ndarray:
+        """All numbers of several cranes in rows."""
+        return np.hstack([self.chains, self.capsules.reshape(len(self.foot), -1)])
+
+    @cached_property
+    def ropes(self) -> np.ndarray:
+        """Numbers of foot, joints and rope in rows, see `cranedyn.sites.capsules.rope_pose`."""
+        return np.hstack([self.chains, self.rope])
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,14 +164,17 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
         for name, depth, radius in _hanging(crane, shapes[supports[-1]])
     ]
     names, joint, ends, depth, hangs, radii = zip(*capsules, strict=True)
+    rotation, translation, axis, revolute = _joints(crane, chain)
+    hinges = _columns(*(part[None] for part in _joints(crane, swings)))
     return CraneBodies(
         names=names,
         columns=np.array([layout.drives.tolist().index(i - 1) for i in (*chain, supports[-1])]),
-        rotation=np.array([model.jointPlacements[i].rotation for i in chain]),
-        translation=np.array([model.jointPlacements[i].translation for i in chain]),
+        rotation=rotation,
+        translation=translation,
         foot=np.column_stack([rotation_z(heading + math.pi / 2.0), foot]),
-        axis=np.array([_local_axis(crane, i) for i in chain]),
-        revolute=np.array([layout.joints[i - 1].kind == "revolute" for i in chain]),
+        axis=axis,
+        revolute=revolute,
+        rope=np.append(hinges, _local_axis(crane, supports[-1])),
         joint=np.array(joint),
         ends=np.array(ends),
         depth=np.array(depth),
@@ -167,6 +184,22 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
 
 
 _NO = np.zeros((2, 3))
+
+
+def _joints(crane: Crane, joints: Sequence[int]) -> list[np.ndarray]:
+    """Return rotation, translation, axis and kind of joints."""
+    places = [crane.model.jointPlacements[i] for i in joints]
+    return [
+        np.array([place.rotation for place in places]),
+        np.array([place.translation for place in places]),
+        np.array([_local_axis(crane, i) for i in joints]),
+        np.array([crane.layout.joints[i - 1].kind == "revolute" for i in joints]),
+    ]
+
+
+def _columns(*parts: np.ndarray) -> np.ndarray:
+    """Return all numbers of each joint or capsule of several cranes in one axis."""
+    return np.concatenate([part.reshape(*part.shape[:2], -1) for part in parts], axis=2)
 
 
 def _local_axis(crane: Crane, joint: int) -> np.ndarray:
@@ -185,12 +218,12 @@ def _hanging(crane: Crane, shapes: list[np.ndarray]) -> list[tuple[str, np.ndarr
     block = min(shapes, key=lambda corners: float((corners @ down).mean()))
     across = block - (block @ down)[:, None] * down
     falls = float(np.linalg.norm(across, axis=1).max())
-    shares = np.linspace(0.0, 1.0, _ROPE + 1)
+    depths = np.linspace(0.0, crane.upper[crane.layout.drives[crane.winch]], _ROPE + 1)[:-1]
     rope = [
         ("rope", np.array([[0.0, first, 0.0], [0.0, last, 0.0]]), falls)
-        for first, last in itertools.pairwise(shares.tolist())
+        for first, last in itertools.pairwise([*depths.tolist(), math.inf])
     ]
-    load = np.array([[1.0, 0.0, float(along.min())], [0.0, 1.0, float(along.max())]])
+    load = np.array([[1.0, math.inf, float(along.min())], [0.0, math.inf, float(along.max())]])
     return [*rope, ("load", load, width)]
 
 
@@ -277,7 +310,7 @@ def stacked(bodies: Sequence[CraneBodies]) -> CraneBodies:
                 filler = np.eye(3) if field.name == "rotation" else np.zeros(array.shape[1:])
                 more = np.broadcast_to(filler, (longest - joints, *array.shape[1:]))
                 array = np.concatenate([array, more.astype(array.dtype)])
-            elif field.name != "foot":
+            elif field.name not in ("foot", "rope"):
                 array = np.concatenate([array, array[-1:].repeat(most - capsules, axis=0)])
             columns.setdefault(field.name, []).append(array)
     arrays = {name: np.array(values) for name, values in columns.items()}
@@ -305,12 +338,10 @@ def place_capsules(
         swing: Largest angle of the rope from plumb [rad].
         rope: Direction of the rope, shape (N, 3); None for plumb.
     """
-    joints = bodies.axis.shape[1]
-    cranes, capsules = np.split(bodies.numbers[which], [12 + JOINT * joints], axis=1)
-    capsules = capsules.reshape(len(which), -1, CAPSULE)[np.arange(len(which)), capsule]
+    cranes, capsules = bodies.chains[which], bodies.capsules[which, capsule]
     rope = np.array([[0.0, 0.0, -1.0]]).repeat(len(which), 0) if rope is None else rope
     cone = np.full((len(which), 1), 2.0 * math.sin(swing / 2.0))
-    placed = _placing(joints)(np.hstack([cranes, capsules, low, high, cone, rope]))
+    placed = _placing(bodies.axis.shape[1])(np.hstack([cranes, capsules, low, high, cone, rope]))
     return PlacedCapsules(placed[:, :6].reshape(-1, 2, 3), placed[:, 6], placed[:, 7:])
 
 
@@ -324,3 +355,27 @@ def _placing(joints: int) -> RowFunction:
         return [*capsule.ends.flat, capsule.radius, *shifts(capsule, low, high, rope)[1]]
 
     return compile_rows(placed, sum(sizes), 7 + joints)
+
+
+def rope_poses(ropes: np.ndarray, position: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Return pivots, directions and motions of the pivots in rows of 6 + 3 k numbers, see
+    `cranedyn.sites.capsules.rope_pose`.
+
+    Args:
+        ropes: Numbers of N cranes as in `CraneBodies.ropes`.
+        position: Positions of their joints between foot and rope [rad or m], shape (N, k).
+        angles: Angles of their swing joints [rad], shape (N, 2).
+    """
+    return _posing(position.shape[1])(np.hstack([ropes, position, angles]))
+
+
+@cache
+def _posing(joints: int) -> RowFunction:
+    sizes = [15 + JOINT * (joints + 2), joints, 2]
+
+    def pose(numbers: np.ndarray) -> list[Any]:
+        return [
+            x for part in rope_pose(*np.split(numbers, np.cumsum(sizes)[:-1])) for x in part.flat
+        ]
+
+    return compile_rows(pose, sum(sizes), 6 + 3 * joints)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from cranedyn.checks import check_choice, finite, number
 from cranedyn.dynamics.converters import DELAY, LAGS, ROUNDING, converters
+from cranedyn.dynamics.scalars import magnitude, square_root
 from cranedyn.model.crane import Crane
 
 BrakesName = Literal["converters", "gears"]
@@ -66,16 +67,13 @@ class Brakes:
         """Return the distance [rad or m] at rates [rad/s or m/s], shape (m,) each: the way of the
         reaction time and v²/(2 a).
         """
-        speed = np.abs(rate)
-        return speed * (self.reaction + speed / (2.0 * self.decelerations))
+        return stopping_distance(rate, self.reaction, self.decelerations)
 
     def largest_rate(self, distance: np.ndarray) -> np.ndarray:
         """Return the largest rates [rad/s or m/s] with stopping distances [rad or m] that are no
         larger, shape (m,) each; 0 for a negative distance.
         """
-        a, way = self.decelerations, np.maximum(distance, 0.0)
-        delayed = a * self.reaction
-        return np.sqrt(delayed**2 + 2.0 * a * way) - delayed
+        return largest_rate(np.maximum(distance, 0.0), self.reaction, self.decelerations)
 
     def tube(self, position: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Return the ends of the intervals that the drives may pass before they stand, shape (2,
@@ -84,6 +82,18 @@ class Brakes:
         back = self.stopping_distance(np.minimum(low, 0.0)) + self.tolerances
         ahead = self.stopping_distance(np.maximum(high, 0.0)) + self.tolerances
         return np.array([position - back, position + ahead])
+
+
+def stopping_distance(rate: Any, reaction: Any, deceleration: Any) -> Any:
+    """Return the distance [rad or m] of a drive in any kind of numbers, see `Brakes`."""
+    speed = magnitude(rate)
+    return speed * (reaction + speed / (2.0 * deceleration))
+
+
+def largest_rate(distance: Any, reaction: Any, deceleration: Any) -> Any:
+    """Return the largest rate [rad/s or m/s] in any kind of numbers, see `Brakes`."""
+    delayed = deceleration * reaction
+    return square_root(delayed * delayed + 2.0 * deceleration * distance) - delayed
 
 
 def brakes(crane: Crane, name: BrakesName = "converters", *, reaction: float = REACTION) -> Brakes:

@@ -5,7 +5,7 @@ Written once for floats and values of compiled code, see `cranedyn.dynamics.scal
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -60,20 +60,17 @@ def place(
         rope: Direction of the rope, shape (3,).
     """
     foot, joints, middle = crane[:12].reshape(3, 4), crane[12:].reshape(-1, JOINT), low + high
-    rotation, point = foot[:, :3], foot[:, 3]
-    frame, chain = (rotation, point), []
-    for k, (joint, position) in enumerate(zip(joints, 0.5 * middle[:-1], strict=True)):
-        origin = point + rotation @ joint[9:12]
-        rotation = rotation @ joint[:9].reshape(3, 3)
-        angle, axis = joint[15] * position, rotation @ joint[12:15]
-        point = origin + axis * (position - angle)
-        rotation = rotation @ _rotation(joint[12:15], angle)
+    frame, chain = (foot[:, :3], foot[:, 3]), []
+    for k, (rotation, point, axis, origin) in enumerate(_links(foot, joints, 0.5 * middle[:-1])):
         moves = capsule[0] > float(k)
         frame = (_where(moves, rotation, frame[0]), _where(moves, point, frame[1]))
-        moves = flag(moves, capsule[0])
-        chain.append((moves * joint[15], axis * (moves - moves * joint[15]), axis, origin))
+        turns = flag(moves, capsule[0]) * joints[k, 15]
+        chain.append((turns, axis * (flag(moves, capsule[0]) - turns), axis, origin))
     moving = [frame[0] @ end + frame[1] for end in capsule[1:7].reshape(2, 3)]
-    depths = [depth @ array([low[-1], high[-1], 1.0]) for depth in capsule[7:13].reshape(2, 3)]
+    depths = [
+        _least(high[-1] + shortest * (low[-1] - high[-1]), longest) + length
+        for shortest, longest, length in capsule[7:13].reshape(2, 3)
+    ]
     return Capsule(
         ends=np.array([x + rope * depth for x, depth in zip(moving, depths, strict=True)]),
         radius=capsule[14] + capsule[13] * cone * (depths[1] + capsule[14]),
@@ -83,6 +80,61 @@ def place(
             [[cross_product(u * turns, x - o) for x in moving] for turns, _, u, o in chain]
         ),
     )
+
+
+def rope_pose(
+    crane: np.ndarray, position: np.ndarray, angles: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the pivot of a rope [m], shape (3,), its direction, shape (3,), and the motion of the
+    pivot by each joint [m/rad or m/m], shape (k, 3).
+
+    Args:
+        crane: Numbers of the foot and of k + 2 joints as in `place`, and the direction of the rope
+            behind the last, shape (15 + (k + 2) `JOINT`,).
+        position: Of k joints [rad or m], shape (k,).
+        angles: Of the swing joints [rad], shape (2,).
+    """
+    foot, joints = crane[:12].reshape(3, 4), crane[12:-3].reshape(-1, JOINT)
+    chain = [*_links(foot, joints, [*position, *angles])]
+    pivot, motion = chain[len(position)][3], []
+    for joint, (_, _, axis, origin) in zip(joints, chain[: len(position)], strict=False):
+        motion.append(axis * (1.0 - joint[15]) + cross_product(axis * joint[15], pivot - origin))
+    return pivot, chain[-1][0] @ crane[-3:], np.array(motion)
+
+
+def pivot_motions(crane: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[Any]:
+    """Return upper bounds of the motion of a pivot by each of k joints [m/rad or m/m], wherever in
+    intervals they stand, see `rope_pose`.
+
+    A joint that turns moves the pivot by no more than in the middle of the box and by how far the
+    joints beyond it can shift the pivot from there.
+
+    Args:
+        crane: As in `rope_pose`.
+        low: Lower ends of the intervals [rad or m], shape (k,).
+        high: Upper ends.
+    """
+    _, _, motion = rope_pose(crane, 0.5 * (low + high), array([0.0, 0.0]))
+    reaches, beyond = [], 0.0
+    for k in reversed(range(len(low))):
+        turns = crane[12 + JOINT * (k + 1) - 1]
+        reaches.append(square_root(motion[k] @ motion[k]) + turns * beyond)
+        beyond = beyond + 0.5 * (high[k] - low[k]) * reaches[-1]
+    return reaches[::-1]
+
+
+def _links(
+    foot: np.ndarray, joints: np.ndarray, position: Sequence[Any]
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Yield for each joint rotation and origin of its link, its axis and its own origin."""
+    rotation, point = foot[:, :3], foot[:, 3]
+    for joint, value in zip(joints, position, strict=True):
+        origin = point + rotation @ joint[9:12]
+        rotation = rotation @ joint[:9].reshape(3, 3)
+        angle, axis = joint[15] * value, rotation @ joint[12:15]
+        point = origin + axis * (value - angle)
+        rotation = rotation @ _rotation(joint[12:15], angle)
+        yield rotation, point, axis, origin
 
 
 def shifts(
@@ -124,6 +176,10 @@ def separation(first: np.ndarray, second: np.ndarray, radii: Any) -> tuple[Any, 
     normal = connection * (1.0 / (length + 1e-12))
     low = -_largest([-(x @ normal) for x in first])
     return low - _largest([x @ normal for x in second]) - radii, normal, length - radii
+
+
+def _least(a: Any, b: Any) -> Any:
+    return chosen(a < b, a, b)
 
 
 def _largest(numbers: Sequence[Any]) -> Any:

@@ -25,9 +25,10 @@ from cranedyn.planning.lift import RESERVE, NoWay, plan_lift
 from cranedyn.planning.site import Site
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
+from cranedyn.sites.brakes import CYCLE
+from cranedyn.sites.guard import HORIZON, gentle
 from cranedyn.sites.simulate import SiteOperator
 from cranedyn.sites.site import CraneSite, Station
-from cranedyn.sites.supervisor import CYCLE, HORIZON, gentle
 
 SLICE, _ROWS = 0.5, 10
 """Length of a slice of time, by which a motion may be early or late [s], and rows of a motion in

@@ -15,7 +15,6 @@ from llvmlite import ir
 from cranedyn.compiled.binding import RowFunction
 from cranedyn.compiled.code import DOUBLE, INTEGER, Code
 from cranedyn.compiled.machine import translate
-from cranedyn.compiled.rows import compile_rows
 from cranedyn.dynamics.scalars import array, chosen, flag, square_root
 from cranedyn.sites import capsules
 from cranedyn.sites.bodies import CraneBodies, PlacedCapsules
@@ -73,23 +72,40 @@ def proven_apart(
     return prove(np.hstack([numbers, *blocks]))[:, 0] > 0.0
 
 
-def separations(a: PlacedCapsules, b: PlacedCapsules) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return separation [m], unit vector and upper bound of the distance [m] of N pairs of
-    capsules, shapes (N,), (N, 3) and (N,), see `cranedyn.sites.capsules.separation`.
+def least_distances(a: PlacedCapsules, b: PlacedCapsules) -> np.ndarray:
+    """Return the least distance [m] of N pairs of capsules, shape (N,), or of N pairs of groups of
+    n capsules each, with ends of shape (N, n, 2, 3) and radii of shape (N, n).
     """
-    rows = [block for x in (a, b) for block in (x.ends.reshape(-1, 6), x.radius[:, None])]
-    answers = _separating()(np.hstack(rows))
-    return answers[:, 0], answers[:, 1:4], answers[:, 4]
+    count = len(a.ends)
+    blocks = [
+        np.dstack([x.ends.reshape(count, -1, 6), x.radius.reshape(count, -1)]).reshape(count, -1)
+        for x in (a, b)
+    ]
+    return _least_separating(*(block.shape[1] // 7 for block in blocks))(np.hstack(blocks))[:, 0]
 
 
 @cache
-def _separating() -> RowFunction:
-    def separated(numbers: np.ndarray) -> list[Any]:
-        ends, radius = [x[:6].reshape(2, 3) for x in numbers.reshape(2, 7)], numbers[6::7]
-        low, normal, gap = capsules.separation(ends[0], ends[1], radius[0] + radius[1])
-        return [low, *normal, gap]
+def _least_separating(first: int, second: int) -> RowFunction:
+    module = ir.Module()
+    code = Code(module, "rows", ["given", "count", "answers"], 1)
+    inputs, width = code.argument["given"], 7 * (first + second)
+    (least,) = code.variables([0.0])
 
-    return compile_rows(separated, 14, 5)
+    def capsule(start: ir.Value, which: ir.Value) -> np.ndarray:
+        place = code.builder.add(start, code.product(which, 7))
+        return array([code.spread(inputs, code.plus(place, i)) for i in range(7)])
+
+    with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
+        start = code.product(row, width)
+        least.set(1e300)
+        with code.loop(0, first) as a, code.loop(0, second) as b:
+            one, other = capsule(start, a), capsule(start, code.plus(b, first))
+            ends = [x[:6].reshape(2, 3) for x in (one, other)]
+            gap = capsules.separation(ends[0], ends[1], one[6] + other[6])[2]
+            least.set(chosen(gap < least.get(), gap, least.get()))
+        code.store(least.get(), code.argument["answers"], row)
+    code.end()
+    return RowFunction(translate(module), "rows", width, 1)
 
 
 @cache

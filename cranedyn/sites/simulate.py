@@ -25,11 +25,12 @@ from cranedyn.simulation.engine import Setting, load_engine
 from cranedyn.simulation.log import Log
 from cranedyn.simulation.record import RunRecord
 from cranedyn.simulation.stepper import as_command, as_force, check_bounded, initial_state
-from cranedyn.sites.bodies import PlacedCapsules, place_capsules
+from cranedyn.sites.bodies import PlacedCapsules, place_capsules, rope_poses
 from cranedyn.sites.brakes import CYCLE
-from cranedyn.sites.proof import separations
+from cranedyn.sites.guard import Guard
+from cranedyn.sites.proof import least_distances
 from cranedyn.sites.site import CraneSite, SiteWind, Station
-from cranedyn.sites.supervisor import Guard, Supervisor
+from cranedyn.sites.supervisor import Supervisor
 
 SiteOperator = Callable[[float, Sequence[State]], np.ndarray]
 """Rates of the drives of one crane [rad/s or m/s], shape (m,), at a time [s] and states of all."""
@@ -38,6 +39,9 @@ SiteOperator = Callable[[float, Sequence[State]], np.ndarray]
 _BEND = 32.0 * CYCLE**2 / 8.0
 """Way [m] of a point off its straight line between two rows at most: its acceleration is less than
 thrice that of a fall."""
+
+_CHUNK = 1000
+"""Rows that are measured at once."""
 
 _FINEST = 1.0 / 64.0
 """Share of the way between two rows that is not halved again."""
@@ -220,7 +224,7 @@ def simulate_site(
         for station, operator in zip(site.stations, operators, strict=True)
     ]
     network = _Network(site, channel, np.random.default_rng(seed)) if supervised else None
-    watch, outside = _Watch(site), np.full((rows, len(cranes)), -np.inf)
+    boxes: list[list[np.ndarray]] = []
     commands: list[list[np.ndarray]] = []
     passed: list[list[np.ndarray]] = []
     deadlocks: list[tuple[float, tuple[int, ...]]] = []
@@ -229,10 +233,9 @@ def simulate_site(
         commands.append([crane.command(t, states) for crane in cranes])
         passed.append(commands[-1] if network is None else network.step(t, states, commands[-1]))
         if network is not None:
-            outside[row] = network.outside(states)
+            boxes.append([guard.box for guard in network.guards])
             if circle := network.supervisor.deadlock():
                 deadlocks.append((t, circle))
-        watch.measure(t, states)
         for crane, rates in zip(cranes, passed[-1], strict=True):
             crane.step(t, rates)
     trajectories = tuple(crane.record.trajectory(crane.log, crane.engine) for crane in cranes)
@@ -240,17 +243,25 @@ def simulate_site(
         np.linalg.norm(crane.crane.swing_angles(run.q), axis=1).max()
         for crane, run in zip(cranes, trajectories, strict=True)
     ]
+    outside = [-math.inf] * len(cranes)
+    for i, column in enumerate(zip(*boxes, strict=True)):
+        box, q = np.array(column), trajectories[i].q[:, cranes[i].crane.layout.drives]
+        outside[i] = float(np.maximum(box[:, 0] - q, q - box[:, 1]).max())
+    distances, contacts = _Watch(site).measure([run.q for run in trajectories])
+    distances, clear = np.split(distances, [math.comb(len(cranes), 2)], axis=1)
     return SiteRun(
         site,
         CYCLE * np.arange(rows),
         trajectories,
         [np.array(column) for column in zip(*commands, strict=True)],
         [np.array(column) for column in zip(*passed, strict=True)],
-        np.array(watch.distances),
-        np.array(watch.clearances),
-        tuple(watch.contacts),
+        distances,
+        np.minimum(*np.split(clear, 2, axis=1))
+        if site.solids
+        else np.full((rows, len(cranes)), np.inf),
+        tuple(contacts),
         np.array(swings),
-        outside.max(axis=0),
+        np.array(outside),
         tuple(deadlocks),
     )
 
@@ -285,14 +296,6 @@ class _Network:
         for i, grant in self._arrived(self._down, t):
             self.guards[i].receive(grant)
         return passed
-
-    def outside(self, states: Sequence[State]) -> list[float]:
-        """Return the largest way of a drive of each crane out of its box [rad or m]."""
-        return [
-            float(np.maximum(guard.box[0] - q, q - guard.box[1]).max())
-            for guard, state in zip(self.guards, states, strict=True)
-            for q in [state.q[guard.station.crane.layout.drives]]
-        ]
 
     def _send(self, queue: list, t: float, station: int, message: object) -> None:
         if self._rng.random() >= self._channel.loss:
@@ -343,100 +346,112 @@ class _SiteCrane:
 
 
 class _Watch:
-    """Distances in each row, and contacts in rows and between.
+    """Distances in each row of a run, and contacts in rows and between.
 
-    A gap is between two capsules of different cranes, or from a capsule to solids or zones.
+    A group has two cranes, or a crane and the solids (-2) or zones (-1) of the site.
     """
 
     def __init__(self, site: CraneSite) -> None:
-        self.site = site
-        self.distances: list[np.ndarray] = []
-        self.clearances: list[np.ndarray] = []
-        self.contacts: list[SiteContact] = []
-        counts = [len(station.bodies.names) for station in site.stations]
-        self._crane = np.repeat(np.arange(len(counts)), counts)
-        self._capsule = np.concatenate([np.arange(count) for count in counts])
-        self._hangs = site.bodies.hangs[self._crane, self._capsule]
-        firsts = np.cumsum([0, *counts])
-        blocks = [
-            np.indices((counts[a], counts[b])).reshape(2, -1) + firsts[[[a], [b]]]
-            for a, b in itertools.combinations(range(len(counts)), 2)
-        ]
-        singles = np.arange(firsts[-1])
-        beside = np.array([singles, singles]) if site.solids else np.zeros((2, 0), dtype=int)
-        self._rows = np.concatenate([*blocks, beside, beside], axis=1)
-        self._pairs = sum(block.shape[1] for block in blocks)
-        self._starts = np.cumsum([0] + [block.shape[1] for block in blocks])
-        self._firsts = firsts
-        self._before: tuple[PlacedCapsules, np.ndarray] | None = None
-        self._touching: set[tuple[str, str]] = set()
+        """Watch all groups of a site."""
+        self._site, cranes = site, range(len(site.stations))
+        beside = [(i, kind) for kind in (-2, -1) for i in cranes]
+        self._groups = [*itertools.combinations(cranes, 2), *beside]
 
-    def measure(self, t: float, states: Sequence[State]) -> None:
-        """Measure distances, and begin contacts where what capsules have moved since the row before
-        does not prove them apart.
+    def measure(self, q: Sequence[np.ndarray]) -> tuple[np.ndarray, list[SiteContact]]:
+        """Return the least distance of each group [m], shape (rows, groups), and beginnings of
+        contacts, from coordinates of each crane, shape (rows, n) each.
+
+        Capsules are looked at where what a group moves between two rows does not prove it apart.
         """
-        placed = self._place(states)
-        gaps = self._gaps(placed, np.arange(self._rows.shape[1]))
-        before, old = self._before or (placed, gaps)
-        bend = 0.0 if self._before is None else 2.0 * _BEND
-        each = np.linalg.norm(placed.ends - before.ends, axis=2).max(axis=1)
-        moved = each[self._rows].sum(axis=0)
-        moved[self._pairs :] /= 2.0
-        clear = np.split(gaps[self._pairs :], 2)
-        self.distances.append(_least(gaps, self._starts))
-        self.clearances.append(_least(np.minimum(*clear), self._firsts))
-        touching = {}
-        for k in np.flatnonzero(gaps + old - moved <= 2.0 * bend).tolist():
+        rows, contacts, touching = len(q[0]), list[SiteContact](), set[tuple[int, str, str]]()
+        distances = np.zeros((rows, len(self._groups)))
+        for first in range(0, rows, _CHUNK):
+            which = np.maximum(np.arange(first - 1, min(first + _CHUNK, rows)), 0)
+            ends = [self._place(i, each[which]) for i, each in enumerate(q)]
+            moved = [np.linalg.norm(np.diff(x, axis=0), axis=3).max(axis=(1, 2)) for x in ends]
+            left = np.zeros((len(which) - 1, len(self._groups)))
+            for k, (i, j) in enumerate(self._groups):
+                distances[which, k] = least = self._least(i, j, ends)
+                left[:, k] = least[1:] + least[:-1] - moved[i] - (moved[j] if j >= 0 else 0.0)
+            for row, k in np.argwhere(left <= 4.0 * _BEND).tolist():
+                states = ([x[row + after] for x in ends] for after in (0, 1))
+                contact = self._contact(CYCLE * float(which[row + 1]), *self._groups[k], *states)
+                if contact is not None:
+                    if (which[row], *contact[1:3]) not in touching:
+                        contacts.append(contact)
+                    touching.add((which[row + 1], *contact[1:3]))
+        return distances, contacts
+
+    def _place(self, i: int, q: np.ndarray) -> np.ndarray:
+        """Return the ends of the capsules of a crane [m], shape (rows, capsules, 2, 3)."""
+        station, rows = self._site.stations[i], len(q)
+        count = len(station.bodies.names)
+        ropes = rope_poses(station.ropes.repeat(rows, axis=0), *station.chain(q))[:, 3:6]
+        position = self._site.positions(i, q[:, station.crane.layout.drives])
+        ends, ropes = (x.repeat(count, axis=0) for x in (position, ropes))
+        which, capsules = np.full(rows * count, i), np.tile(np.arange(count), rows)
+        placed = place_capsules(self._site.bodies, which, capsules, ends, ends, 0.0, ropes)
+        return placed.ends.reshape(rows, count, 2, 3)
+
+    def _least(self, i: int, j: int, ends: Sequence[np.ndarray]) -> np.ndarray:
+        if j >= 0:
+            return least_distances(*(self._placed(k, ends[k]) for k in (i, j)))
+        if not self._site.solids:
+            return np.full(len(ends[i]), np.inf)
+        return np.array([self._gaps(i, j, row).min() for row in zip(*ends, strict=True)])
+
+    def _placed(self, i: int, ends: np.ndarray) -> PlacedCapsules:
+        radius = np.broadcast_to(self._site.stations[i].bodies.radius, ends.shape[:-2])
+        return PlacedCapsules(ends, radius, np.zeros(0))
+
+    def _gaps(self, i: int, j: int, ends: Sequence[np.ndarray]) -> np.ndarray:
+        """Return gaps of all capsules of a group at an instant [m]: of the first with the first of
+        the other crane, with its second, and so on.
+        """
+        if j >= 0:
+            one, other = (self._placed(k, ends[k]) for k in (i, j))
+            pairs = np.indices((len(one.ends), len(other.ends))).reshape(2, -1)
+            return least_distances(
+                *(
+                    replace(x, ends=x.ends[k], radius=x.radius[k])
+                    for x, k in zip((one, other), pairs, strict=True)
+                )
+            )
+        bodies, margins = self._site.stations[i].bodies, self._site.obstacles.margins
+        columns = zip(ends[i], bodies.radius.tolist(), bodies.hangs.tolist(), strict=True)
+        return np.array([margins(*part, hangs=hangs)[j] for *part, hangs in columns])
+
+    def _contact(
+        self, t: float, i: int, j: int, before: Sequence[np.ndarray], after: Sequence[np.ndarray]
+    ) -> SiteContact | None:
+        """Return the contact of a group that is not proven to be none since the row before; None if
+        all are.
+        """
+        old, gaps = (self._gaps(i, j, ends) for ends in (before, after))
+        ways = [b - a for a, b in zip(before, after, strict=True)]
+        each = [np.linalg.norm(way, axis=2).max(axis=1) for way in ways]
+        moved = each[i] if j < 0 else np.add.outer(each[i], each[j]).ravel()
+        bend = 2.0 * _BEND
+        for k in np.argsort(gaps).tolist():
 
             def gap(share: float, k: int = k) -> float:
-                ends = before.ends + share * (placed.ends - before.ends)
-                return float(self._gaps(replace(placed, ends=ends), np.array([k]))[0])
+                ends = [a + share * way for a, way in zip(before, ways, strict=True)]
+                return float(self._gaps(i, j, ends)[k])
 
             if not _proven(gap, float(moved[k]), bend, float(old[k]), float(gaps[k])):
-                contact = self._contact(t, placed, k)
-                touching[contact.first, contact.second] = contact
-        self.contacts += [touching[key] for key in touching if key not in self._touching]
-        self._before, self._touching = (placed, gaps), set(touching)
+                return self._named(t, i, j, k, after[i])
+        return None
 
-    def _place(self, states: Sequence[State]) -> PlacedCapsules:
-        pairs = list(enumerate(zip(self.site.stations, states, strict=True)))
-        drives = [(i, state.q[station.crane.layout.drives]) for i, (station, state) in pairs]
-        position = np.array([self.site.positions(*item) for item in drives])[self._crane]
-        ropes = np.array([station.rope(state.q)[1] for _, (station, state) in pairs])[self._crane]
-        bodies = self.site.bodies
-        return place_capsules(bodies, self._crane, self._capsule, position, position, 0.0, ropes)
-
-    def _gaps(self, placed: PlacedCapsules, which: np.ndarray) -> np.ndarray:
-        """Return gaps [m] by their indices."""
-        pairs, beside = which[which < self._pairs], which[which >= self._pairs] - self._pairs
-        first, second = (
-            replace(placed, ends=placed.ends[row], radius=placed.radius[row])
-            for row in self._rows[:, pairs]
-        )
-        zone, i = np.divmod(beside, len(placed.ends))
-        hangs, radius, measured = self._hangs, placed.radius.tolist(), self.site.obstacles.margins
-        margins = {
-            j: measured(placed.ends[j], radius[j], hangs=hangs[j]) for j in np.unique(i).tolist()
-        }
-        each = [margins[j][k] for k, j in zip(zone.tolist(), i.tolist(), strict=True)]
-        return np.concatenate([separations(first, second)[2], each])
-
-    def _contact(self, t: float, placed: PlacedCapsules, k: int) -> SiteContact:
-        (first, body), (second, other) = (
-            (station.name, station.bodies.names[self._capsule[i]])
-            for i in self._rows[:, k]
-            for station in [self.site.stations[self._crane[i]]]
-        )
-        if k >= self._pairs:
-            i, zones = self._rows[0, k], k >= self._pairs + len(placed.ends)
-            ends, radius = placed.ends[i], placed.radius[i]
-            second, other = self.site.obstacles.nearest(ends, radius, zones=zones), ""
-        return SiteContact(t, first, second, body, other)
-
-
-def _least(values: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Return the least of the values from each start to the next, inf of none."""
-    return np.array([values[a:b].min(initial=np.inf) for a, b in itertools.pairwise(starts)])
+    def _named(self, t: float, i: int, j: int, k: int, ends: np.ndarray) -> SiteContact:
+        stations = self._site.stations
+        one, other = divmod(k, len(stations[j].bodies.names)) if j >= 0 else (k, 0)
+        name, bodies = stations[i].name, stations[i].bodies
+        if j >= 0:
+            second, body = stations[j].name, stations[j].bodies.names[other]
+        else:
+            nearest = self._site.obstacles.nearest
+            second, body = nearest(ends[one], float(bodies.radius[one]), zones=j == -1), ""
+        return SiteContact(t, name, second, bodies.names[one], body)
 
 
 def _proven(

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 
 from cranedyn.checks import finite, number
 from cranedyn.disturbances.wind import Speed, wind
@@ -20,10 +19,17 @@ from cranedyn.interfaces import Disturbance
 from cranedyn.lifting.chart import Chart
 from cranedyn.model.crane import Crane
 from cranedyn.planning.solids import Solid, rotation_z
-from cranedyn.sites.bodies import CraneBodies, PlacedCapsules, crane_bodies, place_capsules, stacked
+from cranedyn.sites.bodies import (
+    CraneBodies,
+    PlacedCapsules,
+    crane_bodies,
+    place_capsules,
+    rope_poses,
+    stacked,
+)
 from cranedyn.sites.brakes import Brakes
 from cranedyn.sites.obstacles import Obstacles
-from cranedyn.sites.proof import proven_apart, separations
+from cranedyn.sites.proof import least_distances, proven_apart
 
 DISTANCE, SWING = 1.0, 0.1
 """Required distance between cranes [m] and largest swing of their ropes from plumb [rad] of a site
@@ -79,18 +85,22 @@ class Station:
         of the pivot by each drive [m/rad or m/m], shape (3, m), in the frame of the site, at
         coordinates of shape (n,).
         """
-        crane, foot = self.crane, self.bodies.foot
-        drives = crane.layout.drives.tolist()
-        assert crane.winch is not None
-        swing = int(crane.swings[0]) + 1
-        pin.computeJointJacobians(crane.model, crane.data, q)
-        pivot = crane.data.oMi[swing].translation
-        rope = crane.data.oMi[drives[crane.winch] + 1].translation - pivot
-        motion = pin.getJointJacobian(
-            crane.model, crane.data, swing, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        )[:3, drives]
-        turn = foot[:, :3]
-        return turn @ pivot + foot[:, 3], turn @ (rope / np.linalg.norm(rope)), turn @ motion
+        pose = rope_poses(self.ropes, *self.chain(np.asarray(q)[None]))[0]
+        motion = np.zeros((self.crane.layout.m, 3))
+        motion[self.bodies.columns[:-1]] = pose[6:].reshape(-1, 3)
+        return pose[:3], pose[3:6], motion.T
+
+    def chain(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions of the k joints between foot and rope and swing angles in rows, shapes
+        (rows, k) and (rows, 2), of coordinates of shape (rows, n).
+        """
+        drives = self.crane.layout.drives[self.bodies.columns[:-1]]
+        return q[:, drives], q[:, self.crane.swings]
+
+    @cached_property
+    def ropes(self) -> np.ndarray:
+        """Numbers of its foot, joints and rope, see `cranedyn.sites.bodies.rope_poses`."""
+        return stacked([self.bodies]).ropes
 
 
 @dataclass(frozen=True)
@@ -236,4 +246,4 @@ class CraneSite:
             place_capsules(self.bodies, crane[row], tower[row], still, still, 0.0)
             for crane, tower, row in zip(cranes, capsules, rows, strict=True)
         ]
-        return float(separations(*placed)[0].min(initial=np.inf))
+        return float(least_distances(*placed).min(initial=np.inf))

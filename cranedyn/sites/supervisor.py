@@ -1,9 +1,9 @@
 """Reservation: each crane keeps inside a box of positions that no other crane's box comes near.
 
 The box of a crane is an interval for each of its drives, in which it can always stop by its own
-brakes. A `Guard` on each crane keeps it there whatever messages arrive. The `Supervisor` enlarges a
-box only where it is proven apart from all others. Neither reads a clock of the other: a grant
-answers one numbered request, and a guard accepts none but that for its last.
+brakes. A guard on each crane (`cranedyn.sites.guard`) keeps it there whatever messages arrive. The
+`Supervisor` enlarges a box only where it is proven apart from all others. Neither reads a clock of
+the other: a grant answers one numbered request, and a guard accepts none but that for its last.
 
 Invariant: each crane can stop in its box (guard), its box lies in what the supervisor has reserved
 for it (a guard gives back before it asks, and the supervisor enlarges before it answers), and
@@ -15,34 +15,12 @@ that are late or lost only make cranes wait.
 from __future__ import annotations
 
 import itertools
-import math
-from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.checks import as_array
 from cranedyn.errors import DataError, quoted
-from cranedyn.interfaces import State
-from cranedyn.sites.brakes import CYCLE, Brakes
-from cranedyn.sites.site import CraneSite, Station
-
-PATIENCE = 0.5
-"""Time after which a guard no longer waits for the answer to its request [s]."""
-
-HORIZON = 1.5
-"""Time for which a crane asks in advance [s]: two lost or late answers and a cycle."""
-
-DAMPING, DAMPED = 0.15, 0.95
-"""Damping ratio of the swing that guards add, and share of the largest swing from which they do:
-that to which the rope would swing if all drives braked."""
-
-MOMENT = 0.01
-"""Time over which a guard extrapolates the motion of rope and pivot [s]."""
-
-GENTLE = 0.95 / (4.0 * math.sqrt(2.0))
-"""Share of the largest swing by which an acceleration of a drive that a guard plans inclines the
-rope: two drives at right angles may speed up and brake at the worst times."""
+from cranedyn.sites.guard import BoxGrant, BoxRequest
+from cranedyn.sites.site import CraneSite
 
 STUCK, PASSING = 20, 100
 """Refused requests in a row after which a way out of a circle is sought, one trial a cycle, and
@@ -55,191 +33,6 @@ ways out of each that are proven at most.
 
 _SHARES = (1.0, 0.5, 0.2)
 """Shares of an extension that are tried."""
-
-
-class BoxRequest(NamedTuple):
-    """Message of a guard.
-
-    Attributes:
-        number: Number of the request.
-        held: Box that the crane keeps to from now on, shape (2, m).
-        wanted: Box that it asks for, shape (2, m), around the one it keeps to.
-    """
-
-    number: int
-    held: np.ndarray
-    wanted: np.ndarray
-
-
-class BoxGrant(NamedTuple):
-    """Answer of the supervisor.
-
-    Attributes:
-        number: Number of the request.
-        box: Box that the crane may keep to, shape (2, m).
-        blocked_by: Names of cranes that keep it from all that it asked for.
-        target: Position of the drives to which it withdraws, shape (m,), to let another pass that
-            waits for it; None if it need not.
-    """
-
-    number: int
-    box: np.ndarray
-    blocked_by: tuple[str, ...]
-    target: np.ndarray | None = None
-
-
-class Guard:
-    """The part of the supervision that runs on a crane.
-
-    Attributes:
-        brakes: Brakes that it plans with, never stronger than those of the crane.
-        box: Box in which the crane keeps, shape (2, m).
-        rates: Last rates that it passed on [rad/s or m/s], shape (m,).
-        fault: Whether a measurement was out of its range; all drives then brake.
-        blocked_by: Names of cranes that the last grant named.
-        target: Position to which the crane withdraws, whatever is commanded; None if it does not.
-    """
-
-    def __init__(self, station: Station, swing: float) -> None:
-        """Start at rest where the crane starts, with a box just around it.
-
-        Args:
-            station: The crane.
-            swing: Largest angle of the rope from plumb [rad].
-        """
-        layout = station.crane.layout
-        self.station, self.swing = station, swing
-        self.brakes = gentle(station, swing)
-        start, self.rates = station.crane.start.q[layout.drives], np.zeros(layout.m)
-        self.box = self.brakes.tube(start, self.rates, self.rates)
-        self.fault = False
-        self.blocked_by: tuple[str, ...] = ()
-        self.target: np.ndarray | None = None
-        self._number, self._asked_at, self._tube = 0, -math.inf, self.box
-        self._lower, self._upper = (
-            ends[layout.drives] for ends in (station.crane.lower, station.crane.upper)
-        )
-
-    def step(
-        self, t: float, state: State, command: np.ndarray
-    ) -> tuple[np.ndarray, BoxRequest | None]:
-        """Return the rates for the drives [rad/s or m/s], shape (m,), and a request if one is due.
-
-        A rate is the commanded one, as far as its stopping distance ends inside of the box and it
-        changes by no more than the brakes can take back. Where braking now would swing the rope by
-        more than `DAMPED` of what is allowed, no drive speeds up and the drives damp the swing.
-
-        Args:
-            t: Time of the crane's own clock [s].
-            state: Its state as measured.
-            command: Rates that operator or plan command, shape (m,).
-
-        Raises:
-            Misshapen: If the command has another shape.
-        """
-        brakes, drives = self.brakes, self.station.crane.layout.drives
-        command = as_array("command", command, drives.shape)
-        position, velocity = state.q[drives], state.v[drives]
-        slack = brakes.tolerances
-        self.fault = not bool(
-            np.isfinite(np.concatenate([*state, command])).all()
-            and (position >= self._lower - slack).all()
-            and (position <= self._upper + slack).all()
-        )
-        steps = brakes.decelerations * CYCLE
-        if self.fault:
-            self.rates = np.clip(0.0, self.rates - steps, self.rates + steps)
-            return self.rates, None
-        if self.target is not None:
-            distance = self.target - position
-            command = np.sign(distance) * brakes.largest_rate(np.abs(distance) - slack)
-        swing, damping = self._swing(state)
-        if swing > DAMPED * self.swing:
-            slower = np.clip(command, np.minimum(self.rates, 0.0), np.maximum(self.rates, 0.0))
-            slower[self.station.crane.winch] = max(slower[self.station.crane.winch], 0.0)
-            command = np.clip(slower, self.rates - steps, self.rates + steps) + damping
-        rates = np.clip(command, self.rates - steps, self.rates + steps)
-        ahead = brakes.largest_rate(self.box[1] - position - slack)
-        back = -brakes.largest_rate(position - self.box[0] - slack)
-        self.rates = np.clip(rates, back, ahead)
-        low, high = np.minimum(self.rates, velocity), np.maximum(self.rates, velocity)
-        self._tube = brakes.tube(position, low, high)
-        if t - self._asked_at < PATIENCE:
-            return self.rates, None
-        return self.rates, self._request(t, position, command)
-
-    def receive(self, grant: BoxGrant) -> None:
-        """Take a grant that answers the last request; ignore any other."""
-        if grant.number == self._number and self._asked_at > -math.inf:
-            self.box, self.blocked_by, self.target = grant.box, grant.blocked_by, grant.target
-            self._asked_at = -math.inf
-
-    def _request(self, t: float, position: np.ndarray, command: np.ndarray) -> BoxRequest:
-        brakes = self.brakes
-        change = brakes.decelerations * HORIZON
-        soon = np.clip(command, self.rates - change, self.rates + change)
-        low, high = np.minimum(soon, self.rates), np.maximum(soon, self.rates)
-        coming = brakes.tube(position, low, high)
-        coming += HORIZON * np.array([np.minimum(low, 0.0), np.maximum(high, 0.0)])
-        low, high = np.minimum(coming[0], self._tube[0]), np.maximum(coming[1], self._tube[1])
-        wanted = np.array(
-            [np.maximum(low, self._lower - brakes.tolerances),
-             np.minimum(high, self._upper + brakes.tolerances)]
-        )  # fmt: skip
-        # What lies behind is given back; what is passed before standstill never is.
-        self.box = np.array(
-            [np.maximum(self.box[0], np.minimum(wanted[0], self._tube[0])),
-             np.minimum(self.box[1], np.maximum(wanted[1], self._tube[1]))]
-        )  # fmt: skip
-        self._number, self._asked_at = self._number + 1, t
-        wanted = np.array([np.minimum(wanted[0], self.box[0]), np.maximum(wanted[1], self.box[1])])
-        return BoxRequest(self._number, self.box, wanted)
-
-    def _swing(self, state: State) -> tuple[float, np.ndarray]:
-        """Return the largest angle of the rope [rad] if all drives brake now, and changes of rates
-        that damp it: those of the pivot are 2 ζ ω times those of the load's place from it in plan.
-
-        At constant rates the pivot has an acceleration b by turning, about which the rope swings
-        inclined by b/g. A drive that brakes within a acceleration of the pivot a from a rate of the
-        pivot v adds an amplitude of no more than 2 a/g, and no more than v/√(g l); b fades and adds
-        no more than b/g. Of a rope that is shortened from l to s, no amplitude grows by more than
-        (l/s)^1.5.
-        """
-        crane, brakes = self.station.crane, self.brakes
-        winch, drives, gravity = crane.winch, crane.layout.drives, crane.gravity
-        assert winch is not None
-        cable = abs(float(state.q[drives[winch]]))
-        fall = math.sqrt(gravity * cable)
-        poses = [self.station.rope(state.q + k * MOMENT * state.v)[1:] for k in range(3)]
-        ropes, motions = (np.array([x[:2] for x in part]) for part in zip(*poses, strict=True))
-        inclined = np.diff(motions, axis=0) @ state.v[drives] / (-MOMENT * gravity)
-        away = ropes[:2] - inclined
-        change = (away[1] - away[0]) / MOMENT
-        reach = np.linalg.norm(motions[0], axis=0)
-        added = np.minimum(2.0 * brakes.decelerations / gravity, np.abs(self.rates) / fall)
-        swing = math.hypot(*away[0], *(change * (cable / fall))) + float(
-            np.linalg.norm(inclined[0]) + np.linalg.norm(reach * added)
-        )
-        hoisted = np.minimum(np.minimum(self.rates, state.v[drives]), 0.0)
-        shortest = max(cable - brakes.stopping_distance(hoisted)[winch], self._lower[winch])
-        swing *= max(cable / shortest, 1.0) ** 1.5
-        damping = np.linalg.pinv(motions[0], rcond=1e-3) @ (2.0 * DAMPING * fall * CYCLE * change)
-        return swing, damping
-
-
-def gentle(station: Station, swing: float) -> Brakes:
-    """Return the brakes of a crane with decelerations that incline its rope by no more than
-    `GENTLE` of the largest swing [rad], each drive for itself, wherever the drives stand.
-    """
-    crane, brakes = station.crane, station.brakes
-    layout, reach = crane.layout, np.full(crane.layout.m, 1e-6)
-    ends = [(crane.lower[i], crane.upper[i]) for i in layout.drives]
-    for corner in itertools.product(*ends):
-        q = np.zeros(layout.n)
-        q[layout.drives] = corner
-        reach = np.maximum(reach, np.linalg.norm(station.rope(q)[2][:2], axis=0))
-    slow = np.minimum(brakes.decelerations, GENTLE * swing * crane.gravity / reach)
-    return replace(brakes, decelerations=slow)
 
 
 class Supervisor:

@@ -16,11 +16,12 @@ from cranedyn.interfaces import State
 from cranedyn.planning.bodies import shape_corners
 from cranedyn.sites.bodies import place_capsules, segment_distance
 from cranedyn.sites.brakes import brakes
+from cranedyn.sites.guard import BoxRequest, Guard
 from cranedyn.sites.proof import proven_apart
 from cranedyn.sites.simulate import MessageChannel, SiteRun, simulate_site
 from cranedyn.sites.site import CraneSite, Station
 from cranedyn.sites.site_file import EXAMPLES, SITES, read_crane_site
-from cranedyn.sites.supervisor import BoxRequest, Guard, Supervisor
+from cranedyn.sites.supervisor import Supervisor
 
 slow = pytest.mark.slow
 
@@ -71,6 +72,19 @@ def test_every_corner_of_every_shape_lies_in_a_capsule(name: str) -> None:
                     for ends, radius in zip(placed.ends, placed.radius, strict=True)
                 ]
                 assert np.min(gaps, axis=0).max() <= 1e-6
+
+
+def test_rope_and_load_of_a_box_lie_in_those_of_any_larger_box() -> None:
+    site, rng = site_of("four_towers"), np.random.default_rng(5)
+    for _ in range(20):
+        low, smaller, larger = np.sort(rng.uniform([0.0, 2.0, 4.0], [0.0, 2.0, 88.0], (3, 3)), 0)
+        small, large = (capsules(site, 3, low, high, site.swing) for high in (smaller, larger))
+        for ends, radius in zip(small.ends, small.radius, strict=True):
+            for z in np.linspace(*ends[:, 2], 9):
+                inside = np.minimum(large.ends[:, 0, 2], large.ends[:, 1, 2]) - 1e-9 <= z
+                inside &= z <= np.maximum(large.ends[:, 0, 2], large.ends[:, 1, 2]) + 1e-9
+                near = np.linalg.norm(large.ends[:, 0, :2] - ends[0, :2], axis=1) < 1e-9
+                assert (large.radius[inside & near] >= radius - 1e-9).any()
 
 
 def coal_distance(site: CraneSite, cranes: list[int], values: list[np.ndarray]) -> float:
@@ -160,9 +174,11 @@ def wild_run(name: str, latency: float = 0.1, loss: float = 0.1) -> SiteRun:
 
 
 def keeps(run: SiteRun) -> bool:
-    """Return whether all ropes and boxes of a run keep what the invariant says."""
+    """Return whether all ropes and boxes of a run keep what the invariant says; measured without
+    errors, drives leave most of their tolerance to spare.
+    """
     return bool(
-        run.outside.max() <= 0.0
+        run.outside.max() <= -1e-3
         and run.swing.max() <= run.site.swing
         and run.least_distance >= run.site.distance
         and not run.contacts
@@ -170,25 +186,30 @@ def keeps(run: SiteRun) -> bool:
 
 
 @slow
-@pytest.mark.parametrize("name", ["two_towers", "luffing_between"])
-def test_wild_operators_keep_to_boxes_and_swing_with_half_of_the_messages_lost(name: str) -> None:
-    run = wild_run(name, 0.2, 0.5)
+@pytest.mark.parametrize(
+    ("name", "latency", "loss"),
+    [("two_towers", 0.2, 0.5), ("luffing_between", 0.2, 0.5), ("two_towers", 0.0, 0.0)],
+)
+def test_wild_operators_keep_to_boxes_and_swing_with_half_of_the_messages_lost(
+    name: str, latency: float, loss: float
+) -> None:
+    run = wild_run(name, latency, loss)
     assert keeps(run)
     assert min(np.abs(np.diff(states[:, 0])).sum() for states in run.states) > 0.2
 
 
 @slow
-@pytest.mark.parametrize(("seed", "duration"), [(10, 40.0), (5, 80.0)])
+@pytest.mark.parametrize(("seed", "hoist"), [(13, 0.3), (54, 0.6)])
 def test_no_rope_swings_beyond_its_envelope_while_slow_drives_hoist_turn_and_slide(
-    tmp_path: Path, seed: int, duration: float
+    tmp_path: Path, seed: int, hoist: float
 ) -> None:
     text = (SITES / "two_towers.toml").read_text("utf-8")
-    slow_drives = "drives = {accelerations = [1.0, 0.3, 0.3]}"
+    slow_drives = f"drives = {{accelerations = [1.0, 0.3, {hoist}]}}"
     file = tmp_path / "site.toml"
     file.write_text(text.replace('brakes = "converters"', slow_drives), "utf-8")
     site = read_crane_site(file)
     operators = [Wild(station, seed + 10 * i) for i, station in enumerate(site.stations)]
-    run = simulate_site(site, operators, duration=duration, channel=MessageChannel(0.1, 0.1))
+    run = simulate_site(site, operators, duration=80.0, channel=MessageChannel(0.1, 0.1))
     assert keeps(run)
     assert run.swing.max() > 0.5 * site.swing
 
@@ -223,14 +244,15 @@ def test_a_grant_for_an_older_request_is_ignored_and_a_fault_brakes() -> None:
     _, second = guard.step(1.0, state, -rate)
     assert second is not None and late is not None and second.number == 2
     guard.receive(late)
-    assert (guard.box == second.held).all()
+    _, third = guard.step(1.1, state, -rate)
+    assert third is None and (guard.box == second.held).all()  # it still waits
     assert supervisor.receive(0, first) is None
     outside = second.held + np.array([[-1.0], [1.0]])
     assert supervisor.receive(0, BoxRequest(9, outside, outside)) is None
     broken = State(np.full_like(state.q, np.nan), state.v)
-    before = np.abs(guard.rates).max()
-    rates, request = guard.step(1.1, broken, rate)
-    assert guard.fault and request is None and np.abs(rates).max() < before
+    guard.rates = 0.1 * rate
+    rates, request = guard.step(1.2, broken, rate)
+    assert guard.fault and request is None and (np.abs(rates) < 0.1 * rate).all()
 
 
 @slow

@@ -1,0 +1,349 @@
+"""Guard of a crane: it keeps the drives inside a box, and the rope inside its largest swing.
+
+Written once for floats and compiled code, see `cranedyn.dynamics.scalars`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from functools import cache, reduce
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cranedyn.checks import as_array
+from cranedyn.compiled.binding import RowFunction
+from cranedyn.compiled.rows import compile_rows
+from cranedyn.dynamics.scalars import array, chosen, square_root
+from cranedyn.interfaces import State
+from cranedyn.sites.brakes import CYCLE, Brakes, largest_rate, stopping_distance
+from cranedyn.sites.capsules import JOINT, pivot_motions, rope_pose
+from cranedyn.sites.site import Station
+
+PATIENCE = 0.5
+"""Time after which a guard no longer waits for the answer to its request [s]."""
+
+HORIZON = 1.5
+"""Time for which a crane asks in advance [s]: two lost or late answers and a cycle."""
+
+DAMPING, DAMPED = 0.15, 0.95
+"""Damping ratio of the swing that guards add, and share of the largest swing from which they do:
+that to which the rope would swing if all drives braked."""
+
+MOMENT = 0.01
+"""Time over which a guard extrapolates the motion of rope and pivot [s]."""
+
+GENTLE = 0.95 / (4.0 * math.sqrt(2.0))
+"""Share of the largest swing by which an acceleration of a drive that a guard plans inclines the
+rope: two drives at right angles may speed up and brake at the worst times."""
+
+
+ROUNDING, FARTHEST = 1e-9, 1e9
+"""Rounding errors of decelerations and rates, and a distance beyond all drives."""
+
+
+class BoxRequest(NamedTuple):
+    """Message of a guard.
+
+    Attributes:
+        number: Number of the request.
+        held: Box that the crane keeps to from now on, shape (2, m).
+        wanted: Box that it asks for, shape (2, m), around the one it keeps to.
+    """
+
+    number: int
+    held: np.ndarray
+    wanted: np.ndarray
+
+
+class BoxGrant(NamedTuple):
+    """Answer of the supervisor.
+
+    Attributes:
+        number: Number of the request.
+        box: Box that the crane may keep to, shape (2, m).
+        blocked_by: Names of cranes that keep it from all that it asked for.
+        target: Position of the drives to which it withdraws, shape (m,), to let another pass that
+            waits for it; None if it need not.
+    """
+
+    number: int
+    box: np.ndarray
+    blocked_by: tuple[str, ...]
+    target: np.ndarray | None = None
+
+
+class Guard:
+    """The part of the supervision that runs on a crane.
+
+    Attributes:
+        box: Box in which the crane keeps, shape (2, m).
+        rates: Last rates that it passed on [rad/s or m/s], shape (m,).
+        fault: Whether a measurement was out of its range; all drives then brake.
+        blocked_by: Names of cranes that the last grant named.
+        target: Position to which the crane withdraws, whatever is commanded; None if it does not.
+    """
+
+    def __init__(self, station: Station, swing: float) -> None:
+        """Start at rest where the crane starts, with a box just around it.
+
+        Args:
+            station: The crane.
+            swing: Largest angle of the rope from plumb [rad].
+        """
+        crane, layout, brakes = station.crane, station.crane.layout, station.brakes
+        self.station, self.rates = station, np.zeros(layout.m)
+        self.box = brakes.tube(crane.start.q[layout.drives], self.rates, self.rates)
+        self.fault = False
+        self.blocked_by: tuple[str, ...] = ()
+        self.target: np.ndarray | None = None
+        self._number, self._asked_at, self._granted = 0, -math.inf, self.box
+        self._range = np.array([crane.lower, crane.upper])[:, layout.drives]
+        self._steps = CYCLE * gentle(station, swing).decelerations
+        self._numbers = np.concatenate(
+            [station.ropes[0], [brakes.reaction, crane.gravity, swing], brakes.tolerances,
+             brakes.decelerations, *self._range]
+        )  # fmt: skip
+        order = layout.drives, station.bodies.columns, crane.swings
+        self._guarded = _guarding(*(tuple(part.tolist()) for part in order))
+
+    def step(
+        self, t: float, state: State, command: np.ndarray
+    ) -> tuple[np.ndarray, BoxRequest | None]:
+        """Return the rates for the drives [rad/s or m/s], shape (m,), and a request if one is due.
+
+        A rate is the commanded one, as far as its stopping distance ends inside of the box and it
+        changes by no more than the brakes can take back. Where braking now would swing the rope by
+        more than `DAMPED` of what is allowed, no drive speeds up and the drives damp the swing.
+
+        Args:
+            t: Time of the crane's own clock [s].
+            state: Its state as measured.
+            command: Rates that operator or plan command, shape (m,).
+
+        Raises:
+            Misshapen: If the command has another shape.
+        """
+        drives = self.station.crane.layout.drives
+        command = as_array("command", command, drives.shape)
+        measured, position = np.concatenate([*state, command]), state.q[drives]
+        outside = np.abs(position - np.clip(position, *self._range))
+        self.fault = not (
+            np.isfinite(measured).all() and (outside <= self.station.brakes.tolerances).all()
+        )
+        if self.fault:
+            self.rates = np.clip(0.0, self.rates - self._steps, self.rates + self._steps)
+            return self.rates, None
+        target = np.full_like(position, np.inf) if self.target is None else self.target
+        boxes = (*self.box, *self._granted)
+        numbers = np.concatenate([self._numbers, measured, self.rates, *boxes, target])
+        answer = self._guarded(numbers[None])[0].reshape(7, -1)
+        self.rates, self.box = answer[0], answer[1:3]
+        self._granted = self.box
+        if t - self._asked_at < PATIENCE:
+            return self.rates, None
+        self.box = self._granted = answer[3:5]
+        self._number, self._asked_at = self._number + 1, t
+        return self.rates, BoxRequest(self._number, self.box, answer[5:7])
+
+    def receive(self, grant: BoxGrant) -> None:
+        """Take a grant that answers the last request; ignore any other."""
+        if grant.number == self._number and self._asked_at > -math.inf:
+            self._granted, self.blocked_by, self.target = grant.box, grant.blocked_by, grant.target
+            self._asked_at = -math.inf
+
+
+def gentle(station: Station, swing: float) -> Brakes:
+    """Return the brakes of a crane with decelerations that incline its rope by no more than
+    `GENTLE` of the largest swing [rad], each drive for itself, wherever the drives stand.
+    """
+    crane, brakes, columns = station.crane, station.brakes, station.bodies.columns[:-1]
+    low, high = (ends[crane.layout.drives][columns] for ends in (crane.lower, crane.upper))
+    slow = np.array(brakes.decelerations)
+    slow[columns] = np.minimum(
+        slow[columns],
+        GENTLE * swing * crane.gravity / np.array(pivot_motions(station.ropes[0], low, high)),
+    )
+    return replace(brakes, decelerations=slow)
+
+
+_stops, _rates = np.frompyfunc(stopping_distance, 3, 1), np.frompyfunc(largest_rate, 3, 1)
+_least = np.frompyfunc(lambda a, b: chosen(a < b, a, b), 2, 1)
+_most = np.frompyfunc(lambda a, b: chosen(a > b, a, b), 2, 1)
+_where = np.frompyfunc(chosen, 3, 1)
+
+
+_toward = np.frompyfunc(
+    lambda way, rate: chosen(way > 0.0, rate, -rate), 2, 1
+)  # a comparison of two arrays of objects is true
+
+
+def _clip(value: Any, low: Any, high: Any) -> Any:
+    return _least(_most(value, low), high)
+
+
+class _Crane(NamedTuple):
+    """Numbers of a crane for its guard.
+
+    Attributes:
+        rope: See `cranedyn.sites.capsules.rope_pose`.
+        reaction, gravity, swing: Reaction time [s], gravity [m/s²] and largest swing [rad].
+        slack, slopes: Tolerances and weakest decelerations of its brakes, shape (m,).
+        chain: Indices of the drives from the foot to the pivot.
+        winch: Index of the winch.
+    """
+
+    rope: np.ndarray
+    reaction: Any
+    gravity: Any
+    swing: Any
+    slack: np.ndarray
+    slopes: np.ndarray
+    chain: list[int]
+    winch: int
+
+    def planned(self, box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return decelerations that incline the rope by no more than `GENTLE` of its largest swing,
+        each drive for itself, and largest motions of the pivot, wherever in a box the drives stand,
+        shape (m,) each.
+        """
+        reaches, largest = 0.0 * self.slopes + 1e-6, GENTLE * self.swing * self.gravity
+        reaches[self.chain] = pivot_motions(self.rope, *box[:, self.chain])
+        slopes = _least(self.slopes, 1.0 / reaches * largest)
+        return slopes, reaches
+
+    def tube(self, slopes: np.ndarray, position: Any, low: Any, high: Any) -> np.ndarray:
+        """Return the ends of what drives pass before they stand, see `Brakes.tube`."""
+        back = _stops(_least(low, 0.0), self.reaction, slopes) + self.slack
+        ahead = _stops(_most(high, 0.0), self.reaction, slopes) + self.slack
+        return np.array([position - back, position + ahead])
+
+    def largest_rates(
+        self, slopes: np.ndarray, box: np.ndarray, position: Any, rates: Any, velocity: Any
+    ) -> np.ndarray:
+        """Return the largest rates to the lower and the upper ends of a box, shape (2, m).
+
+        Drives that lag behind their commands by the reaction time still go on at what they have or
+        had been commanded, and stop from there: so they end in the box, and slow down by no more
+        than the decelerations.
+        """
+        ways = _most(np.array([position - box[0], box[1] - position]) - self.slack, 0.0)
+        speeds = np.array([-_least(rates, velocity), _most(rates, velocity)])
+        left = _most(ways - _most(speeds, 0.0) * self.reaction, 0.0)
+        return _least(_rates(ways, self.reaction, slopes), _rates(left, 0.0, slopes))
+
+    def swings_to(
+        self,
+        poses: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
+        cables: tuple[Any, Any],
+        velocity: np.ndarray,
+        rates: np.ndarray,
+        box: np.ndarray,
+    ) -> tuple[Any, np.ndarray]:
+        """Return the largest angle of the rope [rad] if all drives brake now, and changes of rates
+        that damp it: those of the pivot are 2 ζ ω times those of the load's place from it in plan.
+
+        At constant rates the pivot has an acceleration b by turning, about which the rope swings
+        inclined by b/g. A drive that brakes within an acceleration of the pivot a from a rate of
+        the pivot v adds an amplitude of no more than 2 a/g, and no more than v/√(g l), both where
+        in the box the rope reaches farthest; b fades and adds no more than b/g. Of a rope that is
+        shortened from l to s, no amplitude grows by more than (l/s)^1.5.
+
+        Args:
+            poses: Poses of the rope, `MOMENT` apart, three.
+            cables: Cable length and the shortest [m].
+            velocity: Measured rates, shape (m,).
+            rates: Commanded rates, shape (m,).
+            box: Ends of the box, shape (2, m).
+        """
+        chain, winch, (cable, shortest) = self.chain, self.winch, cables
+        fall = square_root(self.gravity * cable)
+        (slopes, reaches), motions = self.planned(box), [motion[:, :2] for *_, motion in poses]
+        tilts = [
+            (one - other).T @ velocity[chain] / (MOMENT * self.gravity)
+            for one, other in itertools.pairwise(motions)
+        ]
+        away = [rope[:2] - tilt for (_, rope, _), tilt in zip(poses, tilts, strict=False)]
+        change = (away[1] - away[0]) * (1.0 / MOMENT)
+        added = reaches * _least(2.0 * slopes / self.gravity, abs(rates) / fall)
+        swing = square_root(away[0] @ away[0] + change @ change * (cable / self.gravity))
+        swing = swing + square_root(tilts[0] @ tilts[0]) + square_root(added @ added)
+        hoisted = _least(_least(rates[winch], velocity[winch]), 0.0)
+        left = cable - stopping_distance(hoisted, self.reaction, slopes[winch])
+        growth = _most(cable / _most(left, shortest), 1.0)
+        damping, gram = 0.0 * slopes, motions[0].T @ motions[0]
+        (a, b), (_, c) = gram + np.eye(2) * 1e-9 * (gram[0, 0] + gram[1, 1])
+        x, y = change * (2.0 * DAMPING * CYCLE * fall / (a * c - b * b))
+        damping[chain] = motions[0] @ array([c * x - b * y, a * y - b * x])
+        return swing * growth * square_root(growth), damping
+
+
+@cache
+def _guarding(
+    drives: tuple[int, ...], columns: tuple[int, ...], swings: tuple[int, ...]
+) -> RowFunction:
+    """Return the step of a guard, compiled: from the crane, its state, a command, the last rates,
+    the box, the last grant and a target to rates, box, the box that it keeps to once it asks, and
+    the one that it then asks for, shape (7 m,).
+    """
+    m, n = len(drives), len(drives) + len(swings)
+    sizes = [15 + JOINT * (n - 1), 3, m, m, m, m, n, n, *[m] * 7]
+
+    def guarded(numbers: np.ndarray) -> list[Any]:
+        rope, limits, slack, slopes, lower, upper, q, v, command, rates, *boxes, target = np.split(
+            numbers, np.cumsum(sizes)[:-1]
+        )
+        reaction, gravity, largest = limits
+        chain, winch = [*columns[:-1]], columns[-1]
+        crane = _Crane(rope, reaction, gravity, largest, slack, slopes, chain, winch)
+        position, velocity = q[[*drives]], v[[*drives]]
+        box, granted = np.array(boxes).reshape(2, 2, m)
+        slopes, _ = crane.planned(box)
+        # The farther the rope reaches, the gentler are brakes: an interval grows where the rates of
+        # all drives may be kept.
+        for drive in columns:
+            larger = box.copy()
+            larger[:, drive] = granted[:, drive]
+            gentler, _ = crane.planned(larger)
+            back, ahead = crane.largest_rates(gentler, larger, position, rates, velocity)
+            spare = _most(gentler - slopes, _least(rates + back, ahead - rates))
+            fits = reduce(_least, spare) > -ROUNDING
+            box, slopes = _where(fits, larger, box), _where(fits, gentler, slopes)
+        off = target - position
+        way = _rates(_most(abs(off) - slack, 0.0), crane.reaction, slopes)
+        command = _where(abs(off[0]) < FARTHEST, _toward(off, way), command)
+        moments = [q + k * MOMENT * v for k in range(3)]
+        links = [drives[i] for i in crane.chain]
+        poses = [rope_pose(rope, x[links], x[[*swings]]) for x in moments]
+        cables = abs(position[crane.winch]), lower[crane.winch]
+        swing, damping = crane.swings_to(poses, cables, velocity, rates, box)
+        change = slopes * CYCLE
+        slower = _clip(command, _least(rates, 0.0), _most(rates, 0.0))
+        slower[crane.winch] = _most(slower[crane.winch], 0.0)
+        slower = _clip(slower, rates - change, rates + change) + damping
+        command = _where(swing > DAMPED * crane.swing, slower, command)
+        back, ahead = crane.largest_rates(slopes, box, position, rates, velocity)
+        rates = _clip(_clip(command, rates - change, rates + change), -back, ahead)
+        tube = crane.tube(slopes, position, _least(rates, velocity), _most(rates, velocity))
+        answer = [*rates, *box.flat]
+        for _ in range(2):  # with brakes of the box, then of what is wanted
+            soon = _clip(command, rates - HORIZON * slopes, rates + HORIZON * slopes)
+            low, high = _least(soon, rates), _most(soon, rates)
+            coming = crane.tube(slopes, position, low, high)
+            low = _least(coming[0] + HORIZON * _least(low, 0.0), tube[0])
+            high = _most(coming[1] + HORIZON * _most(high, 0.0), tube[1])
+            wanted = np.array([_most(low, lower - slack), _least(high, upper + slack)])
+            slopes, _ = crane.planned(_hull(wanted, tube))
+        # What lies behind is given back; what is passed before standstill never is.
+        hull = _hull(wanted, tube)
+        held = np.array([_most(box[0], hull[0]), _least(box[1], hull[1])])
+        return [*answer, *held.flat, *_hull(wanted, held).flat]
+
+    return compile_rows(guarded, sum(sizes), 7 * m)
+
+
+def _hull(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the box around two boxes."""
+    return np.array([_least(one[0], other[0]), _most(one[1], other[1])])
