@@ -61,9 +61,6 @@ def _write(options: argparse.Namespace) -> list[Path]:
     paths: list[Path] = []
     how: Any = {"size": tuple(options.size), "dashboard": options.view == "dashboard"}
     with reporting() as reporter:
-        if options.times:
-            how["progress"] = reporter.count("pictures", len(options.times))
-            paths += snapshot(options.recording, options.times, options.out, **how)
         if options.gif:
             start, end, file = options.gif
             span = number("START", start, "s"), number("END", end, "s")
@@ -71,6 +68,9 @@ def _write(options: argparse.Namespace) -> list[Path]:
                 "moving picture", round((span[1] - span[0]) * options.fps)
             )
             paths.append(animate(options.recording, span, file, fps=options.fps, **how))
+        if options.times:
+            how["progress"] = reporter.count("pictures", len(options.times))
+            paths[:0] = snapshot(options.recording, options.times, options.out, **how)
     return paths
 
 

@@ -239,8 +239,8 @@ cranedyn/dynamics/contact.py
 + return (Face((0.0, 0.0, 1.0), self.height),)
 * a load falls into the seam of two platforms
 ? contact::a_box_stands_and_slides_on_a_seam_of_two_platforms_as_on_one
-- chosen(covered, face[0] + _COVERED, way)
-+ way
+- chosen(covered, face[0] + _COVERED, exit_depth)
++ exit_depth
 cranedyn/model/crane.py
 * two falls carry nothing
 ? springs::two_falls_carry_the_load_that_replaces_that_of_the_crane
@@ -684,8 +684,8 @@ cranedyn/sites/guard.py
 + if grant.number >= 0 and
 * what a drive does before it follows is left out
 ? sites::wild_operators_keep_to_boxes_and_swing_with_half_of_the_messages_lost
-- left = _most(ways - _most(speeds, 0.0) * self.reaction, 0.0)
-+ left = ways
+- remaining = _most(distances - _most(speeds, 0.0) * self.reaction, 0.0)
++ remaining = distances
 cranedyn/planning/timing.py
 * a way is timed to the end whatever is shorter
 ? lift::a_way_that_takes_longer_than_another_is_given_up

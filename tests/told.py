@@ -143,7 +143,7 @@ def _of_energy(result: Result) -> Told:
 
 def _of_mass_ratio(result: Result) -> Told:
     rows = result.table("Free swing with ever lighter links")
-    worst = f"{max(abs(row['relative']) for row in rows):.1e}".replace("e-0", "e-")
+    worst = f"{max(abs(row['relative error']) for row in rows):.1e}".replace("e-0", "e-")
     return [], [f"within {worst} at every mass"]
 
 

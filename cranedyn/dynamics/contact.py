@@ -326,18 +326,18 @@ class Contacts(NamedTuple):
             nearest: tuple[Any, Vector] | None = None
             for normal, offset, neighbours in faces:
                 face = (offset - _dot(normal, position), normal)
-                way = face[0]
+                exit_depth = face[0]
                 if neighbours:
-                    ways = zip(position, normal, strict=True)
-                    exit_point = [x + (face[0] + _BEHIND) * n for x, n in ways]
+                    steps = zip(position, normal, strict=True)
+                    exit_point = [x + (face[0] + _BEHIND) * n for x, n in steps]
                     for k in neighbours:
                         covered = self._depth_in(k, exit_point) > 0.0
-                        way = chosen(covered, face[0] + _COVERED, way)
+                        exit_depth = chosen(covered, face[0] + _COVERED, exit_depth)
                 if nearest is None:
-                    nearest, shortest = face, way
+                    nearest, shortest = face, exit_depth
                     continue
-                nearest = _choose(way < shortest, face, nearest)
-                shortest = chosen(way < shortest, way, shortest)
+                nearest = _choose(exit_depth < shortest, face, nearest)
+                shortest = chosen(exit_depth < shortest, exit_depth, shortest)
             assert nearest is not None
             if deepest is not None:
                 nearest = _choose(nearest[0] > deepest[0], nearest, deepest)
@@ -393,16 +393,18 @@ def _with_neighbours(supports: Sequence[tuple[Face, ...]]) -> list[tuple[Face, .
         bounds = [(None, None)] * 3 + [(None, 1.0)]
         return -float(linprog([0, 0, 0, -1], planes, [f.offset for f in faces], bounds=bounds).fun)
 
-    def behind(face: Face, body: tuple[Face, ...], others: list[int]) -> tuple[int, ...]:
+    def behind(face: Face, body: tuple[Face, ...], adjacent: list[int]) -> tuple[int, ...]:
         (x, y, z), sides = face.normal, [f for f in body if f is not face]
         beyond = Face((-x, -y, -z), -face.offset)
-        return tuple(k + 1 for k in others if radius(beyond, *sides, *supports[k]) > _BEHIND)
+        return tuple(k + 1 for k in adjacent if radius(beyond, *sides, *supports[k]) > _BEHIND)
 
     bodies = []
     for body in supports:
-        others = [k for k, other in enumerate(supports) if other is not body]
-        others = [k for k in others if radius(*body, *supports[k]) > -_BEHIND]
-        bodies.append(tuple(face._replace(neighbours=behind(face, body, others)) for face in body))
+        adjacent = [k for k, other in enumerate(supports) if other is not body]
+        adjacent = [k for k in adjacent if radius(*body, *supports[k]) > -_BEHIND]
+        bodies.append(
+            tuple(face._replace(neighbours=behind(face, body, adjacent)) for face in body)
+        )
     return bodies
 
 

@@ -112,7 +112,7 @@ class Springs:
         )
 
     def carrying(self, model: pin.Model) -> Springs:
-        """Return the same with two falls that carry what hangs on them in a model."""
+        """Return springs with two falls that carry what hangs on them in a model."""
         if (falls := self.bifilar) is None:
             return self
         mass = sum(model.inertias[body].mass for body in list(model.subtrees[falls.yaw + 1]))

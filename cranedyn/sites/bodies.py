@@ -188,18 +188,18 @@ _NO = np.zeros((2, 3))
 
 def _joints(crane: Crane, joints: Sequence[int]) -> list[np.ndarray]:
     """Return rotation, translation, axis and kind of joints."""
-    places = [crane.model.jointPlacements[i] for i in joints]
+    placements = [crane.model.jointPlacements[i] for i in joints]
     return [
-        np.array([place.rotation for place in places]),
-        np.array([place.translation for place in places]),
+        np.array([placement.rotation for placement in placements]),
+        np.array([placement.translation for placement in placements]),
         np.array([_local_axis(crane, i) for i in joints]),
         np.array([crane.layout.joints[i - 1].kind == "revolute" for i in joints]),
     ]
 
 
-def _columns(*parts: np.ndarray) -> np.ndarray:
+def _columns(*arrays: np.ndarray) -> np.ndarray:
     """Return all numbers of each joint or capsule of several cranes in one axis."""
-    return np.concatenate([part.reshape(*part.shape[:2], -1) for part in parts], axis=2)
+    return np.concatenate([array.reshape(*array.shape[:2], -1) for array in arrays], axis=2)
 
 
 def _local_axis(crane: Crane, joint: int) -> np.ndarray:

@@ -139,14 +139,14 @@ class Guard:
         target = np.full_like(position, np.inf) if self.target is None else self.target
         boxes = (*self.box, *self._granted)
         numbers = np.concatenate([self._numbers, measured, self.rates, *boxes, target])
-        answer = self._guarded(numbers[None])[0].reshape(7, -1)
-        self.rates, self.box = answer[0], answer[1:3]
+        outputs = self._guarded(numbers[None])[0].reshape(7, -1)
+        self.rates, self.box = outputs[0], outputs[1:3]
         self._granted = self.box
         if t - self._asked_at < PATIENCE:
             return self.rates, None
-        self.box = self._granted = answer[3:5]
+        self.box = self._granted = outputs[3:5]
         self._number, self._asked_at = self._number + 1, t
-        return self.rates, BoxRequest(self._number, self.box, answer[5:7])
+        return self.rates, BoxRequest(self._number, self.box, outputs[5:7])
 
     def receive(self, grant: BoxGrant) -> None:
         """Take a grant that answers the last request; ignore any other."""
@@ -229,10 +229,10 @@ class _Crane(NamedTuple):
         had been commanded, and stop from there: so they end in the box, and slow down by no more
         than the decelerations.
         """
-        ways = _most(np.array([position - box[0], box[1] - position]) - self.slack, 0.0)
+        distances = _most(np.array([position - box[0], box[1] - position]) - self.slack, 0.0)
         speeds = np.array([-_least(rates, velocity), _most(rates, velocity)])
-        left = _most(ways - _most(speeds, 0.0) * self.reaction, 0.0)
-        return _least(_rates(ways, self.reaction, slopes), _rates(left, 0.0, slopes))
+        remaining = _most(distances - _most(speeds, 0.0) * self.reaction, 0.0)
+        return _least(_rates(distances, self.reaction, slopes), _rates(remaining, 0.0, slopes))
 
     def swings_to(
         self,
@@ -265,14 +265,14 @@ class _Crane(NamedTuple):
             (one - other).T @ velocity[chain] / (MOMENT * self.gravity)
             for one, other in itertools.pairwise(motions)
         ]
-        away = [rope[:2] - tilt for (_, rope, _), tilt in zip(poses, tilts, strict=False)]
-        change = (away[1] - away[0]) * (1.0 / MOMENT)
+        leans = [rope[:2] - tilt for (_, rope, _), tilt in zip(poses, tilts, strict=False)]
+        change = (leans[1] - leans[0]) * (1.0 / MOMENT)
         added = reaches * _least(2.0 * slopes / self.gravity, abs(rates) / fall)
-        swing = square_root(away[0] @ away[0] + change @ change * (cable / self.gravity))
+        swing = square_root(leans[0] @ leans[0] + change @ change * (cable / self.gravity))
         swing = swing + square_root(tilts[0] @ tilts[0]) + square_root(added @ added)
         hoisted = _least(_least(rates[winch], velocity[winch]), 0.0)
-        left = cable - stopping_distance(hoisted, self.reaction, slopes[winch])
-        growth = _most(cable / _most(left, shortest), 1.0)
+        shortened = cable - stopping_distance(hoisted, self.reaction, slopes[winch])
+        growth = _most(cable / _most(shortened, shortest), 1.0)
         damping, gram = 0.0 * slopes, motions[0].T @ motions[0]
         (a, b), (_, c) = gram + np.eye(2) * 1e-9 * (gram[0, 0] + gram[1, 1])
         x, y = change * (2.0 * DAMPING * CYCLE * fall / (a * c - b * b))
@@ -312,8 +312,8 @@ def _guarding(
             fits = reduce(_least, spare) > -ROUNDING
             box, slopes = _where(fits, larger, box), _where(fits, gentler, slopes)
         off = target - position
-        way = _rates(_most(abs(off) - slack, 0.0), crane.reaction, slopes)
-        command = _where(abs(off[0]) < FARTHEST, _toward(off, way), command)
+        approach = _rates(_most(abs(off) - slack, 0.0), crane.reaction, slopes)
+        command = _where(abs(off[0]) < FARTHEST, _toward(off, approach), command)
         moments = [q + k * MOMENT * v for k in range(3)]
         links = [drives[i] for i in crane.chain]
         poses = [rope_pose(rope, x[links], x[[*swings]]) for x in moments]
@@ -327,7 +327,7 @@ def _guarding(
         back, ahead = crane.largest_rates(slopes, box, position, rates, velocity)
         rates = _clip(_clip(command, rates - change, rates + change), -back, ahead)
         tube = crane.tube(slopes, position, _least(rates, velocity), _most(rates, velocity))
-        answer = [*rates, *box.flat]
+        outputs = [*rates, *box.flat]
         for _ in range(2):  # with brakes of the box, then of what is wanted
             soon = _clip(command, rates - HORIZON * slopes, rates + HORIZON * slopes)
             low, high = _least(soon, rates), _most(soon, rates)
@@ -339,7 +339,7 @@ def _guarding(
         # What lies behind is given back; what is passed before standstill never is.
         hull = _hull(wanted, tube)
         held = np.array([_most(box[0], hull[0]), _least(box[1], hull[1])])
-        return [*answer, *held.flat, *_hull(wanted, held).flat]
+        return [*outputs, *held.flat, *_hull(wanted, held).flat]
 
     return compile_rows(guarded, sum(sizes), 7 * m)
 

@@ -366,20 +366,20 @@ class _Watch:
         rows, contacts, touching = len(q[0]), list[SiteContact](), set[tuple[int, str, str]]()
         distances = np.zeros((rows, len(self._groups)))
         for first in range(0, rows, _CHUNK):
-            which = np.maximum(np.arange(first - 1, min(first + _CHUNK, rows)), 0)
-            ends = [self._place(i, each[which]) for i, each in enumerate(q)]
+            chunk = np.maximum(np.arange(first - 1, min(first + _CHUNK, rows)), 0)
+            ends = [self._place(i, each[chunk]) for i, each in enumerate(q)]
             moved = [np.linalg.norm(np.diff(x, axis=0), axis=3).max(axis=(1, 2)) for x in ends]
-            left = np.zeros((len(which) - 1, len(self._groups)))
+            spare = np.zeros((len(chunk) - 1, len(self._groups)))
             for k, (i, j) in enumerate(self._groups):
-                distances[which, k] = least = self._least(i, j, ends)
-                left[:, k] = least[1:] + least[:-1] - moved[i] - (moved[j] if j >= 0 else 0.0)
-            for row, k in np.argwhere(left <= 4.0 * _BEND).tolist():
+                distances[chunk, k] = least = self._least(i, j, ends)
+                spare[:, k] = least[1:] + least[:-1] - moved[i] - (moved[j] if j >= 0 else 0.0)
+            for row, k in np.argwhere(spare <= 4.0 * _BEND).tolist():
                 states = ([x[row + after] for x in ends] for after in (0, 1))
-                contact = self._contact(CYCLE * float(which[row + 1]), *self._groups[k], *states)
+                contact = self._contact(CYCLE * float(chunk[row + 1]), *self._groups[k], *states)
                 if contact is not None:
-                    if (which[row], *contact[1:3]) not in touching:
+                    if (chunk[row], *contact[1:3]) not in touching:
                         contacts.append(contact)
-                    touching.add((which[row + 1], *contact[1:3]))
+                    touching.add((chunk[row + 1], *contact[1:3]))
         return distances, contacts
 
     def _place(self, i: int, q: np.ndarray) -> np.ndarray:
@@ -428,14 +428,14 @@ class _Watch:
         all are.
         """
         old, gaps = (self._gaps(i, j, ends) for ends in (before, after))
-        ways = [b - a for a, b in zip(before, after, strict=True)]
-        each = [np.linalg.norm(way, axis=2).max(axis=1) for way in ways]
-        moved = each[i] if j < 0 else np.add.outer(each[i], each[j]).ravel()
+        motions = [b - a for a, b in zip(before, after, strict=True)]
+        farthest = [np.linalg.norm(motion, axis=2).max(axis=1) for motion in motions]
+        moved = farthest[i] if j < 0 else np.add.outer(farthest[i], farthest[j]).ravel()
         bend = 2.0 * _BEND
         for k in np.argsort(gaps).tolist():
 
             def gap(share: float, k: int = k) -> float:
-                ends = [a + share * way for a, way in zip(before, ways, strict=True)]
+                ends = [a + share * motion for a, motion in zip(before, motions, strict=True)]
                 return float(self._gaps(i, j, ends)[k])
 
             if not _proven(gap, float(moved[k]), bend, float(old[k]), float(gaps[k])):
@@ -469,13 +469,13 @@ def _proven(
         first: Gap at the first row [m].
         last: Gap at the last.
     """
-    parts = [(0.0, first, 1.0, last)]
-    while parts:
-        low, gap_low, high, gap_high = parts.pop()
+    spans = [(0.0, first, 1.0, last)]
+    while spans:
+        low, gap_low, high, gap_high = spans.pop()
         if gap_low + gap_high - moved * (high - low) > 2.0 * bend:
             continue
         if min(gap_low, gap_high) <= bend or high - low <= _FINEST:
             return False
         middle = (low + high) / 2.0
-        parts += [(low, gap_low, middle, gap(middle)), (middle, gap(middle), high, gap_high)]
+        spans += [(low, gap_low, middle, gap(middle)), (middle, gap(middle), high, gap_high)]
     return True
