@@ -112,7 +112,7 @@ class Springs:
         )
 
     def carrying(self, model: pin.Model) -> Springs:
-        """Return springs with two falls that carry what hangs on them in a model."""
+        """Return springs whose two falls carry the weight that a model has below them."""
         if (falls := self.bifilar) is None:
             return self
         mass = sum(model.inertias[body].mass for body in list(model.subtrees[falls.yaw + 1]))

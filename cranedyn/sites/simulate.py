@@ -357,17 +357,17 @@ class _Watch:
         beside = [(i, kind) for kind in (-2, -1) for i in cranes]
         self._groups = [*itertools.combinations(cranes, 2), *beside]
 
-    def measure(self, q: Sequence[np.ndarray]) -> tuple[np.ndarray, list[SiteContact]]:
+    def measure(self, paths: Sequence[np.ndarray]) -> tuple[np.ndarray, list[SiteContact]]:
         """Return the least distance of each group [m], shape (rows, groups), and beginnings of
         contacts, from coordinates of each crane, shape (rows, n) each.
 
         Capsules are looked at where what a group moves between two rows does not prove it apart.
         """
-        rows, contacts, touching = len(q[0]), list[SiteContact](), set[tuple[int, str, str]]()
+        rows, contacts, touching = len(paths[0]), list[SiteContact](), set[tuple[int, str, str]]()
         distances = np.zeros((rows, len(self._groups)))
         for first in range(0, rows, _CHUNK):
             chunk = np.maximum(np.arange(first - 1, min(first + _CHUNK, rows)), 0)
-            ends = [self._place(i, each[chunk]) for i, each in enumerate(q)]
+            ends = [self._place(i, each[chunk]) for i, each in enumerate(paths)]
             moved = [np.linalg.norm(np.diff(x, axis=0), axis=3).max(axis=(1, 2)) for x in ends]
             spare = np.zeros((len(chunk) - 1, len(self._groups)))
             for k, (i, j) in enumerate(self._groups):
