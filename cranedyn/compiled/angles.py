@@ -13,6 +13,7 @@ import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.instructions import Instructions, Value
+from cranedyn.dynamics.scalars import larger
 
 LARGEST_ANGLE = 1e6
 """Beyond this the reduction of an angle to a quarter turn loses digits [rad]."""
@@ -116,7 +117,7 @@ def all_within(code: Instructions, turns: Sequence[Turn], series: Series) -> ir.
     if not turns:
         return ir.Constant(ir.IntType(1), True)
     squares = [turn.increment * turn.increment for turn in turns]
-    largest = reduce(lambda a, b: code.chosen(a > b, a, b), squares)
+    largest = reduce(larger, squares)
     return code.everywhere(largest < series.limit**2)
 
 

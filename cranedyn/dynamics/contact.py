@@ -28,7 +28,7 @@ import numpy as np
 from cranedyn.checks import finite, number, within
 from cranedyn.dynamics.joint_forces import TAUT
 from cranedyn.dynamics.pinocchio import body_points
-from cranedyn.dynamics.scalars import chosen, flag, square_root
+from cranedyn.dynamics.scalars import chosen, flag, smaller, square_root
 from cranedyn.errors import ModelError, OutOfRange, quoted
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -347,7 +347,7 @@ class Contacts(NamedTuple):
 
     def _depth_in(self, support: int, position: Vector) -> Any:
         depths = (f.offset - _dot(f.normal, position) for f in self.supports[support])
-        return reduce(lambda a, b: chosen(a < b, a, b), depths)
+        return reduce(smaller, depths)
 
     def reaction(
         self, position: Vector, velocity: Vector, anchor: Vector

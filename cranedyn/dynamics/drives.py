@@ -285,11 +285,9 @@ class MotionDrives(_Drives):
         self._command[self._layout.drives] = command
         effort = self.effort(state)
         if not np.isfinite(effort).all():
-            name, units = (
-                "effort that the motion costs",
-                [j.effort_unit for j in self._layout.driven],
-            )
-            raise OutOfRange(name, effort.tolist(), "finite numbers", ", ".join(units))
+            units = ", ".join(joint.effort_unit for joint in self._layout.driven)
+            name = "effort that the motion costs"
+            raise OutOfRange(name, effort.tolist(), "finite numbers", units)
         return effort, effort
 
     def effort(self, state: State) -> np.ndarray:

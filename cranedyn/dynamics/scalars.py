@@ -74,6 +74,16 @@ def chosen(condition: Any, yes: Any, no: Any) -> Any:
     )
 
 
+def smaller(a: Any, b: Any) -> Any:
+    """Return the smaller of two numbers."""
+    return chosen(a < b, a, b)
+
+
+def larger(a: Any, b: Any) -> Any:
+    """Return the larger of two numbers."""
+    return chosen(a > b, a, b)
+
+
 def clipped(value: Any, low: Any, high: Any) -> Any:
     """Return a number cut to a range; what is not a number stays."""
     value = chosen(value < low, low, value)

@@ -102,7 +102,7 @@ class Springs:
         return bool(self.elastic.any())
 
     def in_units(self, force: Any) -> Springs:
-        """Return the same with forces in a unit that a newton has `force` of."""
+        """Return the springs with forces in another unit, of which a newton has `force`."""
         rope, falls = self.rope, self.bifilar
         return Springs(
             self.stiffness * force,

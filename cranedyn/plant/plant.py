@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.checks import read_only
-from cranedyn.dynamics.bodies import Bodies, blank, bodies, height
+from cranedyn.dynamics.bodies import Bodies, blank, bodies, height, numeric_bodies
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.converters import Response, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops, tension_from_hoist_force
@@ -56,12 +56,8 @@ class Topology:
     def of(crane: Crane) -> Topology:
         """Return the topology of a crane."""
         parents = tuple(int(parent) - 1 for parent in list(crane.model.parents)[1:])
-        above, joint = set[int](), -1
-        if crane.layout.has("hoist"):
-            joint = crane.layout.role("hoist", "")
-        while joint >= 0:
-            joint = parents[joint]
-            above.add(joint)
+        hoist = crane.layout.role("hoist", "") if crane.layout.has("hoist") else None
+        above = [] if hoist is None else numeric_bodies(crane).path(hoist)[:-1]
         swings = tuple((i, i in above) for i in crane.swings.tolist())
         rope, falls = crane.springs.rope, crane.springs.bifilar
         bodies = tuple(point.body for point in crane.points)

@@ -16,7 +16,9 @@ from cranedyn.dynamics.scalars import (
     clipped,
     cross_product,
     flag,
+    larger,
     magnitude,
+    smaller,
     square_root,
 )
 
@@ -68,7 +70,7 @@ def place(
         chain.append((turns, axis * (flag(moves, capsule[0]) - turns), axis, origin))
     moving = [frame[0] @ end + frame[1] for end in capsule[1:7].reshape(2, 3)]
     depths = [
-        _least(high[-1] + shortest * (low[-1] - high[-1]), longest) + length
+        smaller(high[-1] + shortest * (low[-1] - high[-1]), longest) + length
         for shortest, longest, length in capsule[7:13].reshape(2, 3)
     ]
     return Capsule(
@@ -146,8 +148,8 @@ def shifts(
     along, ways, beyond = [], [], 0.0
     for k in reversed(range(len(capsule.turns))):
         h, slide, tangents = 0.5 * (high[k] - low[k]), capsule.slides[k], capsule.tangents[k]
-        lever = square_root(_largest([x @ x for x in tangents]))
-        first = _largest([magnitude(x @ normal) for x in tangents]) + magnitude(slide @ normal)
+        lever = square_root(larger(*(x @ x for x in tangents)))
+        first = larger(*(magnitude(x @ normal) for x in tangents)) + magnitude(slide @ normal)
         turned = capsule.turns[k] * beyond
         along.append(h * (first + turned + 0.5 * h * lever))
         ways.append(h * (lever + turned + square_root(slide @ slide)))
@@ -174,17 +176,8 @@ def separation(first: np.ndarray, second: np.ndarray, radii: Any) -> tuple[Any, 
     connection = offset + a * s - b * t
     length = square_root(connection @ connection)
     normal = connection * (1.0 / (length + 1e-12))
-    low = -_largest([-(x @ normal) for x in first])
-    return low - _largest([x @ normal for x in second]) - radii, normal, length - radii
-
-
-def _least(a: Any, b: Any) -> Any:
-    return chosen(a < b, a, b)
-
-
-def _largest(numbers: Sequence[Any]) -> Any:
-    a, b = numbers
-    return chosen(a > b, a, b)
+    low = -larger(*(-(x @ normal) for x in first))
+    return low - larger(*(x @ normal for x in second)) - radii, normal, length - radii
 
 
 def _where(condition: Any, yes: np.ndarray, no: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 from cranedyn.checks import as_array
 from cranedyn.compiled.binding import RowFunction
 from cranedyn.compiled.rows import compile_rows
-from cranedyn.dynamics.scalars import array, chosen, square_root
+from cranedyn.dynamics.scalars import array, chosen, larger, smaller, square_root
 from cranedyn.interfaces import State
 from cranedyn.sites.brakes import CYCLE, Brakes, largest_rate, stopping_distance
 from cranedyn.sites.capsules import JOINT, pivot_motions, rope_pose
@@ -159,19 +159,16 @@ def gentle(station: Station, swing: float) -> Brakes:
     """Return the brakes of a crane with decelerations that incline its rope by no more than
     `GENTLE` of the largest swing [rad], each drive for itself, wherever the drives stand.
     """
-    crane, brakes, columns = station.crane, station.brakes, station.bodies.columns[:-1]
-    low, high = (ends[crane.layout.drives][columns] for ends in (crane.lower, crane.upper))
-    slow = np.array(brakes.decelerations)
-    slow[columns] = np.minimum(
-        slow[columns],
-        GENTLE * swing * crane.gravity / np.array(pivot_motions(station.ropes[0], low, high)),
-    )
-    return replace(brakes, decelerations=slow)
+    crane, brakes, columns = station.crane, station.brakes, station.bodies.columns.tolist()
+    numbers = station.ropes[0], brakes.reaction, crane.gravity, swing
+    drives = brakes.tolerances, brakes.decelerations, columns[:-1], columns[-1]
+    ranges = np.array([crane.lower, crane.upper])[:, crane.layout.drives]
+    slopes, _ = _Crane(*numbers, *drives).planned(ranges)
+    return replace(brakes, decelerations=slopes.astype(float))
 
 
 _stops, _rates = np.frompyfunc(stopping_distance, 3, 1), np.frompyfunc(largest_rate, 3, 1)
-_least = np.frompyfunc(lambda a, b: chosen(a < b, a, b), 2, 1)
-_most = np.frompyfunc(lambda a, b: chosen(a > b, a, b), 2, 1)
+_least, _most = np.frompyfunc(smaller, 2, 1), np.frompyfunc(larger, 2, 1)
 _where = np.frompyfunc(chosen, 3, 1)
 
 

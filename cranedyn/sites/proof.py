@@ -15,7 +15,7 @@ from llvmlite import ir
 from cranedyn.compiled.binding import RowFunction
 from cranedyn.compiled.code import DOUBLE, INTEGER, Code
 from cranedyn.compiled.machine import translate
-from cranedyn.dynamics.scalars import array, chosen, flag, square_root
+from cranedyn.dynamics.scalars import array, flag, larger, smaller, square_root
 from cranedyn.sites import capsules
 from cranedyn.sites.bodies import CraneBodies, PlacedCapsules
 from cranedyn.sites.capsules import CAPSULE, JOINT, Capsule
@@ -102,7 +102,7 @@ def _least_separating(first: int, second: int) -> RowFunction:
             one, other = capsule(start, a), capsule(start, code.plus(b, first))
             ends = [x[:6].reshape(2, 3) for x in (one, other)]
             gap = capsules.separation(ends[0], ends[1], one[6] + other[6])[2]
-            least.set(chosen(gap < least.get(), gap, least.get()))
+            least.set(smaller(gap, least.get()))
         code.store(least.get(), code.argument["answers"], row)
     code.end()
     return RowFunction(translate(module), "rows", width, 1)
@@ -196,7 +196,7 @@ def _emit(code: Code, joints: int, count: int) -> None:
             with code.when(apart - total < required):
                 late = build.icmp_signed(">=", head, limit)
                 fails = code.either(gap < required, total < FINEST, late)
-                largest = reduce(lambda x, y: chosen(x > y, x, y), moves)
+                largest = reduce(larger, moves)
                 for upper in (0, 1):
                     half, free = boxes.copy(), 1.0
                     for i, move in enumerate(moves):

@@ -477,5 +477,6 @@ def _proven(
         if min(gap_low, gap_high) <= bend or high - low <= _FINEST:
             return False
         middle = (low + high) / 2.0
-        spans += [(low, gap_low, middle, gap(middle)), (middle, gap(middle), high, gap_high)]
+        gap_middle = gap(middle)
+        spans += [(low, gap_low, middle, gap_middle), (middle, gap_middle, high, gap_high)]
     return True

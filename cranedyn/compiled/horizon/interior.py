@@ -26,6 +26,7 @@ from cranedyn.compiled.horizon.memory import (
     with_elements,
 )
 from cranedyn.compiled.horizon.riccati import call, total
+from cranedyn.dynamics.scalars import larger
 
 _MOST = 20
 """Largest number of iterations."""
@@ -88,8 +89,8 @@ class _Solve:
             rows = work.stage(k)
             trial = rows.get("trial")
             rows.put("iterate", trial)
-            over = _larger(code, trial - high, low - trial)
-            worst.set(_larger(code, worst.get(), over))
+            over = larger(trial - high, low - trial)
+            worst.set(larger(worst.get(), over))
         self.work.report("excess", over_lanes(code, worst.get(), "fmax"))
 
     def _begin(self) -> None:
@@ -176,7 +177,6 @@ class _Solve:
 
     def _predict(self, rows: MemoryRows, ratio: Any, crossed: Any) -> None:
         """Compute the predictor step, which aims at the bounds themselves."""
-        code = self.code
         for side in _SIDES:
             dforce = -(rows.get(f"stiff_{side}") * self._room(rows.get("trial"), side))
             share, against = (
@@ -185,7 +185,7 @@ class _Solve:
             dslack = -(rows.get(f"slack_{side}") * (1.0 + share))
             dexcess = -(rows.get(f"excess_{side}") * (1.0 - against))
             for candidate in (-share, 1.0 + share, against, 1.0 - against):
-                ratio.set(_larger(code, ratio.get(), candidate))
+                ratio.set(larger(ratio.get(), candidate))
             product, excess_product = dforce * dslack, -(dforce * dexcess)
             rows.put(f"dslack_{side}", product)
             rows.put(f"dexcess_{side}", excess_product)
@@ -206,7 +206,6 @@ class _Solve:
 
     def _correct(self, rows: MemoryRows, centred: Value, ratio: Any) -> None:
         """Compute the combined step, and the ratio that limits it."""
-        code = self.code
         for side in _SIDES:
             per_force, per_relief = rows.get(f"per_force_{side}"), rows.get(f"per_relief_{side}")
             slack, excess = rows.get(f"slack_{side}"), rows.get(f"excess_{side}")
@@ -218,7 +217,7 @@ class _Solve:
                 1.0 - against
             )
             for candidate in (-share, against, -(dslack / slack), -(dexcess / excess)):
-                ratio.set(_larger(code, ratio.get(), candidate))
+                ratio.set(larger(ratio.get(), candidate))
             rows.put(f"dforce_{side}", dforce)
             rows.put(f"dslack_{side}", dslack)
             rows.put(f"dexcess_{side}", dexcess)
@@ -243,7 +242,3 @@ class _Solve:
                 products.set(products.get() + force * slack + relief * excess)
         count = 4.0 * self.shape.stages * self.shape.lanes
         return over_lanes(code, products.get(), "fadd") * (1.0 / count)
-
-
-def _larger(code: Code, a: Value, b: Value) -> Value:
-    return code.chosen(a > b, a, b)
