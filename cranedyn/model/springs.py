@@ -102,7 +102,7 @@ class Springs:
         return bool(self.elastic.any())
 
     def in_units(self, force: Any) -> Springs:
-        """Return the springs with forces in another unit, of which a newton has `force`."""
+        """Return the springs with forces in units of 1/`force` newtons."""
         rope, falls = self.rope, self.bifilar
         return Springs(
             self.stiffness * force,
