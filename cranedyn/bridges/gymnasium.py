@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.bridges.task import Rules, SwingTask
+from cranedyn.bridges.task import DT, INTEGRATOR, Rules, SwingTask
 from cranedyn.checks import as_array, short_repr, whole
 from cranedyn.disturbances.wind import constant_force
 from cranedyn.errors import CraneError, OutOfRange, UnknownName
@@ -54,7 +54,7 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         *,
         crane: Crane | Sequence[Crane] | None = None,
         control_period: float = 0.1,
-        dt: float = 5e-4,
+        dt: float = DT,
         max_episode_steps: int = STEPS,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
@@ -170,7 +170,7 @@ class TowerCraneEnv(gym.Env):
         *,
         crane: Crane | Sequence[Crane] | None = None,
         control_period: float = 0.1,
-        dt: float = 5e-4,
+        dt: float = DT,
         render_mode: str | None = None,
         folder: str | Path = "out/episodes",
         **rules: Any,
@@ -288,6 +288,7 @@ class TowerCraneEnv(gym.Env):
             dt=self._dt,
             control_period=_FRAME if divides else period,
             drive="motion",
+            integrator=INTEGRATOR,
             disturbance=constant_force(crane, payload=force) if any(force) else None,
             validity="mark",
             engine="compiled",
