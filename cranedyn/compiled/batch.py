@@ -261,6 +261,8 @@ def simulate_batch(
         cuda.run(loop, code, distinct, varied, response)
     else:
         run_in_threads(loop, threads)
+    predictive = control.predictive
+    del loop, control, tables, forces, offsets  # frees their memory before results are copied
     state_at, row_at, kept_at = slices(sizes.state), slices(sizes.row), slices(sizes.summary)
     end = ungroup_lanes(memory["state"][:, : sizes.z], cranes)
     summary = ungroup_lanes(memory["summary"], cranes)
@@ -275,7 +277,7 @@ def simulate_batch(
         t=times[:: max(interval, 1)][:rows],
         **{name: log[:, :, row_at[name]] for name in ("q", "v", "command", "effort", "before")},
         energy=log[:, :, row_at["energy"]][:, :, 0],
-        **_marks(control.predictive, memory, cranes),
+        **_marks(predictive, memory, cranes),
     )
 
 
