@@ -129,7 +129,13 @@ class Instructions:
             self.function.attributes.add("nounwind")
         self.argument = dict(zip(arguments, self.function.args, strict=True))
         self.builder = ir.IRBuilder(self.function.append_basic_block())
+        self._clear_caches()
+
+    def _clear_caches(self) -> None:
+        """Clear all cached values: results, sines and cosines, and increments of angles."""
         self._results: dict[tuple[Any, ...], Value] = {}
+        self._angles: dict[ir.Value, tuple[Value, Value]] = {}
+        self._turns: dict[ir.Value, tuple[Value, Value]] = {}
 
     @contextmanager
     def as_written(self) -> Iterator[None]:

@@ -11,7 +11,7 @@ import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.angles import SHORTER, all_within
-from cranedyn.compiled.code import INTEGER, Code, StackVariable, Value
+from cranedyn.compiled.code import INTEGER, Code, StackVariable, Value, uses
 from cranedyn.compiled.layout import SLOTS, TURNS, BufferLayout, Sections, size, slices
 from cranedyn.compiled.machine import Machine, translate
 from cranedyn.compiled.step import Step, StepState
@@ -199,6 +199,7 @@ class _Loop:
             for i, joint in enumerate(source.topology.layout.joints)
             if joint.kind == "revolute" and not self.recipe.threads  # threads have few registers
         }
+        self.loaded: dict[int, list[Value]] = {i: [] for i in self.turns}
 
     def _variables(self, name: str, sections: Sections) -> dict[str, list[StackVariable]]:
         code, address = self.code, self.call_values[name]
@@ -244,11 +245,19 @@ class _Loop:
         """Return coordinates, with their sines and cosines cached."""
         q = self._get("q")
         for i, pair in self.turns.items():
-            self.code.cache_angle(q[i], *(variable.get() for variable in pair))
+            sine, cosine = (variable.get() for variable in pair)
+            self.code.cache_angle(q[i], sine, cosine)
+            self.loaded[i] += sine, cosine
         return q
 
-    def _keep_angles(self, q: np.ndarray) -> None:
-        for i in self.turns:
+    def _used_turns(self) -> list[int]:
+        """Return the joints of whose angles the code so far needs sines or cosines."""
+        needed = uses(self.code.function)
+        return [i for i in self.turns if any(x.register in needed for x in self.loaded[i])]
+
+    def _keep_angles(self, joints: Iterable[int]) -> None:
+        q = self._get("q")
+        for i in joints:
             self._keep_angle(i, self.code.sine_and_cosine(q[i]))
 
     def _keep_angle(self, i: int, pair: tuple[Value, Value]) -> None:
@@ -261,7 +270,7 @@ class _Loop:
 
     def emit(self) -> None:
         code = self.code
-        self._keep_angles(self._get("q"))
+        self._keep_angles(self.turns)
         call, compared = self.call_values, code.builder.icmp_signed
         with code.loop(call["first"], call["last"]) as instant:
             forces = self._forces(instant)
@@ -291,7 +300,7 @@ class _Loop:
             self._set("v", self._get("v") * self.units.time)
             self._steps(first, last, forces)
             self._set("v", [code.quotient(rate, self.units.time) for rate in self._get("v")])
-            self._keep_angles(self._get("q"))
+            self._keep_angles(self._used_turns())
 
     def _steps(self, first: ir.Value, last: ir.Value, forces: np.ndarray | None) -> None:
         """Emit steps from the first to the one before the last."""
@@ -319,7 +328,7 @@ class _Loop:
             self._set("contacts", works)
             if self.sizes.touching:
                 self._set("anchors", anchors)
-            used = [i for i in self.turns if code.uses_angle(q_before[i])]
+            used = self._used_turns()
             turns = {i: turn for i in used if (turn := code.turn(q[i])) is not None}
             pairs = {i: turn.rotate(SHORTER) for i, turn in turns.items()}
             for i in used:
