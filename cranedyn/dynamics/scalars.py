@@ -138,31 +138,31 @@ def solve_linear(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
     where one after the other they take two, and the second waits for the first. The last two are
     multiplied by the determinant of those before, so that they do not wait for its division.
     """
-    lower, x, blocks = mass.copy(), right.copy(), list[tuple[range, Any, np.ndarray]]()
+    lower, x, blocks = mass.copy(), right.copy(), list[tuple[range, np.ndarray, np.ndarray]]()
     end = len(mass)
     while end:
         begin = end - (1 if end == 1 or isinstance(lower[end - 1, end - 1], float) else 2)
         adjugate, determinant = _adjugate(lower[begin:end, begin:end])
         if begin > 2:
-            adjugate, determinant = adjugate * (1.0 / determinant), 1.0
-        shares = adjugate @ lower[begin:end, :begin]
+            adjugate, determinant = adjugate * (1.0 / determinant), np.ones(1)
+        shares, (scale,) = adjugate @ lower[begin:end, :begin], determinant
         for i in range(begin):
             for j in range(i + 1):
-                lower[i, j] = lower[i, j] * determinant - shares[:, i] @ lower[begin:end, j]
-            x[i] = x[i] * determinant - shares[:, i] @ x[begin:end]
+                lower[i, j] = lower[i, j] * scale - shares[:, i] @ lower[begin:end, j]
+            x[i] = x[i] * scale - shares[:, i] @ x[begin:end]
         x[begin:end] = adjugate @ x[begin:end]
         blocks.append((range(begin, end), 1.0 / determinant, shares))
         end = begin
-    for block, scale, shares in reversed(blocks):
-        x[block] = (x[block] - shares @ x[: block.start]) * scale
+    for block, inverse, shares in reversed(blocks):
+        x[block] = (x[block] - shares @ x[: block.start]) * inverse
     return x
 
 
-def _adjugate(block: np.ndarray) -> tuple[np.ndarray, Any]:
-    """Return the adjugate and determinant from the lower triangle of a symmetric matrix of one row
-    or two.
+def _adjugate(block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the adjugate and determinant, shape (1,), from the lower triangle of a symmetric
+    matrix of one row or two.
     """
     if len(block) == 1:
-        return array([1.0]).reshape(1, 1), block[0, 0]
+        return np.ones((1, 1)), block[0]
     (a, c), b = (block[0, 0], block[1, 0]), block[1, 1]
-    return array([b, -c, -c, a]).reshape(2, 2), a * b - c * c
+    return array([b, -c, -c, a]).reshape(2, 2), array([a * b - c * c])
