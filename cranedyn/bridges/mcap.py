@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from cranedyn.bridges.joints import ends, joints, urdf_element
 from cranedyn.bridges.target import new_file
+from cranedyn.data.files import with_ending
 from cranedyn.data.trajectory import Trajectory, read
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.model.crane import Crane
@@ -89,9 +90,7 @@ def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
     from mcap_ros2._dynamic import serialize_dynamic
     from rosbags.typesys import Stores, get_typestore
 
-    file = Path(file)
-    if file.suffix != ".mcap":
-        raise DataError(f"Cannot write {file}: the ending must be .mcap.")
+    file = with_ending(file, ".mcap")
     if not len(trajectory) or trajectory.t[0] < 0.0:
         first = trajectory.t[0] if len(trajectory) else "that of no row"
         raise OutOfRange(

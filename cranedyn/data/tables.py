@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from cranedyn.data.files import atomic_write, open_file
+from cranedyn.data.files import atomic_write, open_file, with_ending
 from cranedyn.errors import DataError
 
 LARGEST = 1_000_000_000
@@ -63,13 +63,11 @@ def write_table(path: str | Path, table: pa.Table) -> Path:
     Raises:
         DataError: If the ending is another or the file cannot be written.
     """
-    path = Path(path)
-    writer = {".csv": pyarrow.csv.write_csv, ".parquet": _write_parquet}.get(path.suffix)
-    if writer is None:
-        raise DataError(f"Cannot write {path}: the ending must be .csv or .parquet.")
+    writers = {".csv": pyarrow.csv.write_csv, ".parquet": _write_parquet}
+    path = with_ending(path, *writers)
     # Arrow accepts only names that are UTF-8.
     with atomic_write(path) as draft, draft.open("wb") as file:
-        writer(table, file)
+        writers[path.suffix](table, file)
     return path
 
 
