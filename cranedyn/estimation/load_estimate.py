@@ -7,7 +7,7 @@ the real crane needs are added to its command.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,11 +15,10 @@ import numpy as np
 from cranedyn.checks import ShortRepr, check_choice, number, whole
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import inverse_dynamics
-from cranedyn.errors import OutOfRange
 from cranedyn.estimation.load_filter import GYROSCOPE, LoadFilter, Sensors
 from cranedyn.estimation.longer_cable import with_longer_cable
-from cranedyn.estimation.observer import check_next_call, initial_std_of, standard_deviations
-from cranedyn.estimation.sensor_model import noise_of
+from cranedyn.estimation.observer import check_next_call, initial_std_of
+from cranedyn.estimation.sensor_model import noise_of, standard_deviations
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import ROLES
@@ -147,7 +146,6 @@ def with_load_estimate(
     crane: Crane,
     motion: Motion,
     *,
-    motion_of: Callable[[float], Motion] | None = None,
     sensors: Sensors = "drives",
     load_std: float = LOAD_STD,
     cable_std: float = CABLE_STD,
@@ -162,9 +160,6 @@ def with_load_estimate(
         controller: The controller, designed for `crane` and `motion`; its commands are efforts.
         crane: The planned crane; it must have a hoist.
         motion: The planned motion; its period is the control period.
-        motion_of: The same move on a cable that is longer by a length [m] at every reading of the
-            hoist. None for `with_longer_cable`; for a crane that is no tower crane, None adds the
-            length to the hoist alone, and the controller answers for the different swing.
         sensors: "drives" for encoders of the drives alone; "swing" adds the angles of the swings;
             "imu" adds the rates of a gyroscope on the load. An accelerometer on the load would not
             measure the swing: it measures the pull of the rope, whatever the swing.
@@ -180,8 +175,7 @@ def with_load_estimate(
 
     Raises:
         MissingRole: If no joint is a hoist.
-        OutOfRange: If a standard deviation or the delay is out of range, or a motion has other rows
-            than planned.
+        OutOfRange: If a standard deviation or the delay is out of range.
     """
     check_choice("sensors", sensors, Sensors)
     late = whole("delay of the observer", delay, 0, "control periods")
@@ -220,7 +214,7 @@ def with_load_estimate(
     return LoadEstimateController(
         controller,
         believed,
-        _family(crane, motion, motion_of, offset or 1.0),
+        _family(crane, motion, offset or 1.0),
         motion_efforts(crane, motion),
         crane.effort_limit,
         motion.period,
@@ -228,26 +222,17 @@ def with_load_estimate(
     )
 
 
-def _family(
-    crane: Crane, motion: Motion, motion_of: Callable[[float], Motion] | None, spread: float
-) -> CableFamily:
+def _family(crane: Crane, motion: Motion, spread: float) -> CableFamily:
+    """Return the motion on a cable shorter and longer by a spread [m]; for a crane that is no tower
+    crane the hoist alone differs, and the controller answers for the different swing.
+    """
     hoist = crane.layout.role("hoist", "An observer of the load")
 
     def on_cable(by: float) -> Motion:
-        if motion_of is not None:
-            return motion_of(by)
         if {joint.role for joint in crane.layout.joints} == set(ROLES):
             return with_longer_cable(crane, motion, by)
         q = motion.q.copy()
         q[:, hoist] += by
         return Motion(motion.period, q, motion.v, motion.a, motion.drives)
 
-    outer = [on_cable(by) for by in (-spread, spread)]
-    for variant in outer:
-        variant.check_fits("motion on another cable", crane.layout)
-        if variant.q.shape != motion.q.shape or variant.period != motion.period:
-            given, planned = (
-                f"one of {len(m.q)} rows every {m.period:g} s" for m in (variant, motion)
-            )
-            raise OutOfRange("motion on another cable", given, f"{planned}, as planned")
-    return CableFamily([outer[0], motion, outer[1]], spread, hoist)
+    return CableFamily([on_cable(-spread), motion, on_cable(spread)], spread, hoist)

@@ -13,12 +13,12 @@ from importlib import import_module
 
 import numpy as np
 
-from cranedyn.checks import ShortRepr, number, whole
+from cranedyn.checks import ShortRepr, whole
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.lqr import Linearised, linearised
 from cranedyn.dynamics.scalars import solve_linear
-from cranedyn.errors import CraneError, OutOfRange
-from cranedyn.estimation.sensor_model import noise_of
+from cranedyn.errors import CraneError
+from cranedyn.estimation.sensor_model import noise_of, standard_deviations
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
@@ -109,20 +109,6 @@ def process_noise(disturbance: np.ndarray, period: float) -> np.ndarray:
     n = len(disturbance)
     reach = np.vstack([np.eye(n) * period**2 / 2.0, np.eye(n) * period])
     return reach @ np.diag(disturbance) ** 2 @ reach.T
-
-
-def standard_deviations(
-    name: str, deviations: Sequence[float] | np.ndarray, count: int, allowed: str = ">= 0"
-) -> np.ndarray:
-    """Check the number and the range of standard deviations; return them, shape (count,).
-
-    Raises:
-        OutOfRange: If their number is another, or one is out of range.
-    """
-    elements = np.asarray(deviations, dtype=object).ravel()
-    if len(elements) != count:
-        raise OutOfRange(name, deviations, f"{count} standard deviations")
-    return np.array([number(name, element, allowed=allowed) for element in elements])
 
 
 def check_next_call(t: float, previous: float, period: float) -> None:

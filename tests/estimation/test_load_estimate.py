@@ -374,7 +374,6 @@ def made(**changed: object) -> Callable[[], object]:
         ({"noise": np.ones(9)}, "10 standard deviations"),
         ({"noise": np.zeros(10)}, "noise of the observer is 0.0; allowed is > 0"),
         ({"disturbance": [1.0]}, "5 standard deviations"),
-        ({"motion_of": lambda by: combined(crane(), by)}, "one of 1 rows"),
     ],
 )
 def test_what_cannot_be_is_refused(wrong: dict[str, object], words: str) -> None:
