@@ -17,8 +17,7 @@ from cranedyn.controllers.lqr import effort_weight_of, lqr
 from cranedyn.controllers.velocity_command import as_velocity_command
 from cranedyn.dynamics.converters import HEADROOM, Converters
 from cranedyn.dynamics.integrators import semi_implicit_euler
-from cranedyn.dynamics.pinocchio import holding_effort, linearise
-from cranedyn.interfaces import State
+from cranedyn.dynamics.pinocchio import natural_frequencies
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import ROLES
 from cranedyn.references.limits import Limits
@@ -195,13 +194,8 @@ def swing_period(crane: Crane, q: np.ndarray) -> float:
     """Return the period of the slowest swing with the drives locked [s]; 1 if nothing swings."""
     if not len(crane.swings):
         return 1.0
-    passive = crane.layout.passive
-    mass = pin.crba(crane.model, crane.data, q)
-    by_state = linearise(crane, State(q, np.zeros(len(q))), holding_effort(crane, q))[0]
-    stiffness = -(mass @ by_state[:, : len(q)])[np.ix_(passive, passive)]
-    squares = np.linalg.eigvals(np.linalg.solve(mass[np.ix_(passive, passive)], stiffness)).real
-    slowest = squares[squares > 1e-6 * squares.max()].min()
-    return float(2.0 * math.pi / math.sqrt(slowest))
+    frequencies = natural_frequencies(crane, q, crane.layout.passive)
+    return float(2.0 * math.pi / frequencies[frequencies > 1e-3 * frequencies.max()].min())
 
 
 def _lqr_data(crane: Crane, drives: Converters, lengths: Sequence[float]) -> dict[str, Any]:
