@@ -16,10 +16,14 @@ from cranedyn.controllers import hold_controller, lqr
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import holding_effort, linearise, prescribed_acceleration
 from cranedyn.errors import CraneError, MissingRole
-from cranedyn.estimation import with_load_estimate, with_observer, with_sensor_model
+from cranedyn.estimation import (
+    with_load_estimate,
+    with_longer_cable,
+    with_observer,
+    with_sensor_model,
+)
 from cranedyn.estimation.load_estimate import CableFamily, LoadEstimateController
 from cranedyn.estimation.load_filter import LIGHTEST, LoadFilter, Sensors
-from cranedyn.estimation.longer_cable import with_longer_cable
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.load import load_crane
 from cranedyn.references import Motion
