@@ -189,7 +189,10 @@ class ObserverController(ShortRepr):
         else:
             check_next_call(t, self._t, self.model.period)
             if len(self._since) > self.delay:
-                self._predict()
+                then, correction = self._since.popleft()
+                a = self.model.a[self.model.stretch[then]]
+                self._deviation = self._stepped(self._deviation, then, correction)
+                self.covariance = a @ self.covariance @ a.T + self.disturbance
                 self._correct(self._since[0][0] if self._since else row, state)
         deviation = self._deviation
         for then, correction in self._since:
@@ -201,12 +204,6 @@ class ObserverController(ShortRepr):
         )
         self._t = t
         return command
-
-    def _predict(self) -> None:
-        row, correction = self._since.popleft()
-        a = self.model.a[self.model.stretch[row]]
-        self._deviation = self._stepped(self._deviation, row, correction)
-        self.covariance = a @ self.covariance @ a.T + self.disturbance
 
     def _stepped(self, deviation: np.ndarray, row: int, correction: np.ndarray) -> np.ndarray:
         k = self.model.stretch[row]

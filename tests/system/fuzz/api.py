@@ -169,7 +169,6 @@ CALLS = {
         bifilar(1000.0, 500.0, 1.0, 20.0, 9.81)
         rope_bounce(1e6, 10.0, 1000.0)
         reeving_efficiency(4, 0.98)
-        capstan(1000.0, 0.1, 3.0)
         fall_factor(0.5, 1e5, 1e4)
         twisting_tower(1e6, 1e7, 20.0, 10.0, 1000.0, 9.81)
         bending_tower(1e6, 1e9, 1e6, 30.0, 10.0, 1000.0, 9.81)
