@@ -1,4 +1,6 @@
-"""Data of a crane for other programs: names of its signals, joints by name, and its URDF as XML."""
+"""Data of a crane for other programs: names of its signals, a controller as tables, joints by name,
+and its URDF as XML.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.dynamics.pinocchio import full, holding_effort
-from cranedyn.errors import ModelError, quoted
+from cranedyn.errors import DataError, ModelError, OutOfRange, quoted
+from cranedyn.interfaces import Controller
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Joint
 from cranedyn.model.urdf import parse_urdf
@@ -29,6 +33,27 @@ def input_names(crane: Crane, drive: str) -> list[str]:
         joint.effort_name if ending is None else f"{joint.symbol}_{ending}"
         for joint in crane.layout.driven
     ]
+
+
+def finite_form(
+    controller: Controller, times: np.ndarray, positions: np.ndarray, width: int, program: str
+) -> Affine:
+    """Return the affine form of a controller for another program, see `affine_form`.
+
+    Raises:
+        DataError: If there is none.
+        OutOfRange: If it holds a number that is not finite.
+    """
+    form = affine_form(controller, times, positions, width)
+    if form is None:
+        raise DataError(
+            f"The controller {type(controller).__name__} is not affine in the state, or has run "
+            f"before; {program} runs tables, not Python."
+        )
+    if lacking := form.lacking():
+        name = f"{lacking} of the controller"
+        raise OutOfRange(name, "not finite in some row", "finite numbers")
+    return form
 
 
 @dataclass(frozen=True, kw_only=True)
