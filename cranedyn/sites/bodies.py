@@ -29,6 +29,9 @@ _MOST, _GAIN, _CUTS = 5, 5.0, 5
 """Most capsules of a joint; volume that a cut of a group of shapes in two saves at least [m³]; cuts
 that are tried along each axis."""
 
+_AT_PIVOT = 1e-6
+"""Largest distance of the load from the pivot at the cable length 0 [m]: rounding errors."""
+
 _ROPE = 4
 """Capsules of a rope, one below the other: the cone in which it swings grows downwards. They end at
 depths that no cable length moves: so the capsules of a smaller box lie in those of a larger."""
@@ -122,7 +125,8 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
 
     Raises:
         ModelError: If it has no rope below two swing joints, has other joints besides drives from
-            the foot to the rope, or shows a mesh or no load.
+            the foot to the rope, shows a mesh or no load, or its hoist does not count from the
+            pivot.
         OutOfRange: If the heading is not finite.
     """
     number("heading", heading, "rad")
@@ -147,6 +151,14 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
     data = model.createData()
     pin.forwardKinematics(model, data, q)
     outward = data.oMi[swings[0]].translation[:2]
+    rope = data.oMi[supports[-1]].actInv(data.oMi[swings[0]]).translation
+    cable = float(q[supports[-1] - 1])
+    off = np.abs(rope + cable * _local_axis(crane, supports[-1])).max()
+    if crane.lower[supports[-1] - 1] < 0.0 or off > _AT_PIVOT:
+        raise ModelError(
+            "The hoist of a crane on a site is at the cable length, 0 or more, below its pivot; "
+            f"this one is at {cable:g} m with its load {np.linalg.norm(rope):g} m from the pivot."
+        )
     for index, joint in enumerate([0, *chain]):
         for points in _groups(shapes.get(joint, [])):
             ends, radius = _capsule(points)

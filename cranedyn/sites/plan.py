@@ -16,6 +16,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from cranedyn.checks import finite, number
 from cranedyn.errors import OutOfRange, UnknownName, quoted
@@ -23,14 +24,16 @@ from cranedyn.interfaces import State
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.lift import RESERVE, NoWay, plan_lift
 from cranedyn.planning.site import Site
-from cranedyn.references.limits import Limits
+from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
+from cranedyn.sites.bodies import rope_poses
 from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.guard import HORIZON, gentle
 from cranedyn.sites.simulate import SiteOperator
 from cranedyn.sites.site import CraneSite, Station
 
 SLICE, _ROWS = 0.5, 10
+_PERIOD = SLICE / _ROWS
 """Length of a slice of time, by which a motion may be early or late [s], and rows of a motion in
 it."""
 
@@ -45,6 +48,18 @@ _GAIN = 0.3
 
 _DEVIATION = 0.1
 """Deviation from the plan beside obstacles [m]."""
+
+_AVERAGES, _STILL = (3.0, 2.0, 1.0), 4
+"""Times over which a motion of the drives is averaged, over the square root of cable length by
+gravity, and rows at rest before and after it."""
+
+_ROUNDS, _SLOWER = 20, 0.998
+"""Most rounds in which a motion is made slower until it keeps its limits, and a share by which it
+then is slower still."""
+
+_STARTS, _STEPS, _CLOSE = 7, 12, 1e-6
+"""Places of each drive from which a goal is looked for, steps of Newton's method, and distance from
+the goal at which it is reached [m]."""
 
 SiteLift = tuple[str, Sequence[float] | np.ndarray]
 """Name of a crane, and the goal of the centre of its load in the frame of the site [m], shape (3,).
@@ -173,6 +188,25 @@ def _alone(site: CraneSite, lifts: Sequence[SiteLift]) -> dict[int, list[Motion]
 
 def _motion(site: CraneSite, station: Station, q: np.ndarray, goal: np.ndarray) -> Motion:
     """Return the motion of a lift alone from coordinates at rest, shape (n,)."""
+    crane, roles = station.crane, [joint.role for joint in station.crane.layout.driven]
+    limits = Limits(
+        (station.converters.rates / RESERVE).tolist(),
+        gentle(station, site.swing).decelerations.tolist(),
+    )
+    planned = _tower_motion if roles == ["slew", "trolley", "hoist"] else _straight_motion
+    motion = planned(site, station, limits, q, goal)
+    if station.chart is not None:
+        pivots, _ = _pivots(station, motion.q[:, motion.drives])
+        radii = np.linalg.norm((pivots - station.foot)[:, :2], axis=1)
+        rated = float(station.chart.on().at(radii).min())
+        number(f"load of {quoted(station.name)}", crane.payload_mass, "kg", f"0 to {rated:g}")
+    return motion
+
+
+def _tower_motion(
+    site: CraneSite, station: Station, limits: Limits, q: np.ndarray, goal: np.ndarray
+) -> Motion:
+    """Return the motion of a tower crane around obstacles."""
     crane, foot = station.crane, np.asarray(station.foot, dtype=float)
     distance = site.distance + (_DEVIATION if site.solids else 0.0)
     alone = Site(
@@ -180,20 +214,134 @@ def _motion(site: CraneSite, station: Station, q: np.ndarray, goal: np.ndarray) 
         distance=distance, swing=site.swing,
     )  # fmt: skip
     clearance = Clearance(crane, alone)
-    accelerations = gentle(station, site.swing).decelerations
-    limits = Limits((station.converters.rates / RESERVE).tolist(), accelerations.tolist())
     start = alone.to_site(clearance.point(q[crane.layout.drives]))
-    planned = plan_lift(
-        alone, limits, start=start, goal=goal, crane=crane, period=SLICE / _ROWS
-    )  # fmt: skip
-    motion, slew, radius = planned.timed.motion, clearance.joints.slew, clearance.joints.trolley
+    planned = plan_lift(alone, limits, start=start, goal=goal, crane=crane, period=_PERIOD)
+    motion, slew = planned.timed.motion, clearance.joints.slew
     motion.q[:, slew] += 2.0 * math.pi * round((q[slew] - motion.q[0, slew]) / (2.0 * math.pi))
     if (np.clip(motion.q, crane.lower, crane.upper) != motion.q)[:, slew].any():
         raise NoWay("it would turn beyond the range of its slew.")
-    if station.chart is not None:
-        rated = float(station.chart.on().at(motion.q[:, radius]).min())
-        number(f"load of {quoted(station.name)}", crane.payload_mass, "kg", f"0 to {rated:g}")
     return motion
+
+
+def _straight_motion(
+    site: CraneSite, station: Station, limits: Limits, q: np.ndarray, goal: np.ndarray
+) -> Motion:
+    """Return the motion of any crane: all drives together or, past obstacles, with the load hoisted
+    first and lowered last.
+    """
+    crane, drives = station.crane, station.crane.layout.drives
+    begin, end = q[drives], _reached(station, q[drives], goal)
+    above = np.array([begin, end])
+    above[:, crane.winch] = crane.lower[drives[crane.winch]]
+    for corners in ([begin, end], [begin, *above, end]):
+        legs = [_leg(station, limits, site.swing, *pair) for pair in itertools.pairwise(corners)]
+        tables = (np.concatenate([getattr(leg, name) for leg in legs]) for name in "qva")
+        motion = Motion(_PERIOD, *tables, drives)
+        if not (blocked := _blocked(site, station, motion)):
+            return motion
+    raise NoWay(blocked)
+
+
+def _blocked(site: CraneSite, station: Station, motion: Motion) -> str:
+    """Return why a motion is not proven to keep from ground and obstacles; "" if it is."""
+    q, v = motion.q[:, motion.drives], motion.v[:, motion.drives]
+    bottom = q[:, station.crane.winch] + station.bodies.depth[-1, 1, 2]
+    above = float((_pivots(station, q)[0][:, 2] - bottom).min()) - site.ground
+    if above < site.distance:
+        return f"its load would hang {above:.2f} m above the ground; required is {site.distance:g} m."
+    index, distances = site.stations.index(station), (site.distance, site.swing)
+    for box in _boxes(station, site.swing, q, v) if site.solids else ():
+        box = site.positions(index, box)
+        if not site.obstacles.proven_clear(site.bodies, index, box, *distances):
+            return "no straight way of its drives is proven to keep from the obstacles."
+    return ""
+
+
+def _reached(station: Station, drives: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """Return the nearest position of the drives, shape (m,), at which the load hangs at a point of
+    the site, of those to which Newton's method leads from places all over their ranges.
+    """
+    crane, chain = station.crane, station.bodies.columns[:-1]
+    joints, rates = crane.layout.drives[chain], station.converters.rates
+    ranges = np.array([crane.lower, crane.upper])[:, crane.layout.drives]
+    turn = [math.pi if joint.unit == "rad" else math.inf for joint in crane.layout.driven]
+    ends = np.clip([drives - turn, drives + turn], *ranges)
+    starts = np.array([*itertools.product(*np.linspace(*ends[:, chain], _STARTS).T)])
+    trials = np.tile(drives, (len(starts), 1))
+    trials[:, chain] = starts
+    trials, off = _hung(station, trials, goal[None], np.zeros((1, 2)))
+    reached = (off < _CLOSE) & (np.clip(trials, *ranges) == trials).all(axis=1)
+    if not reached.any():
+        raise OutOfRange("goal of a lift", goal.tolist(), "what the drives reach", "m")
+    return min(trials[reached], key=lambda x: float((np.abs(x - drives) / rates).max()))
+
+
+def _leg(
+    station: Station, limits: Limits, swing: float, begin: np.ndarray, end: np.ndarray
+) -> Motion:
+    """Return a motion between two positions of the drives at rest, shape (m,) each.
+
+    The load moves as if it hung plumb from drives that move in a straight line; the drives go where
+    its rope points then, as in `cranedyn.references.flat`. The line is averaged over the time to
+    full rate and over shares of the time in which the load swings.
+    """
+    crane, drives, winch = station.crane, station.crane.layout.drives, station.crane.winch
+    ways = np.abs(end - begin) + 1e-9
+    rate, acceleration = (
+        float((limit / ways).min()) for limit in (limits.rates, limits.accelerations)
+    )
+    swings = np.array(_AVERAGES) * math.sqrt(max(begin[winch], end[winch]) / crane.gravity)
+    for _ in range(_ROUNDS):
+        duration = max(1.0 / rate, acceleration**-0.5)
+        steps = np.ones(1)
+        for average in (duration, 1.0 / (acceleration * duration), *swings):
+            count = max(1, round(average / _PERIOD))
+            steps = np.convolve(steps, np.full(count, 1.0 / count))
+        share = np.concatenate([np.zeros(_STILL), np.cumsum(steps), np.ones(_STILL)])
+        plumb, t = begin + share[:, None] * (end - begin), _PERIOD * np.arange(len(share))
+        load = _pivots(station, plumb)[0]
+        load[:, 2] -= plumb[:, winch]
+        acceleration_ = make_interp_spline(t, load, k=5).derivative(2)(t)
+        lean = acceleration_[:, :2] / (crane.gravity + acceleration_[:, 2:])
+        curve = make_interp_spline(t, _hung(station, plumb, load, lean)[0], k=5)
+        samples = np.zeros((3, len(t), crane.layout.n))
+        samples[:, :, drives] = [curve.derivative(order)(t) for order in range(3)]
+        samples[0][:, crane.swings] = crane.rest.angle + samples[0][:, drives] @ crane.rest.slope.T
+        samples[1:, [0, -1]] = 0.0
+        motion = Motion(_PERIOD, *samples, drives)
+        tilt = float(np.linalg.norm(lean, axis=1).max())
+        used = max(tilt / swing, *use(crane, motion, limits).values())
+        if used <= 1.0:
+            return motion
+        rate, acceleration = _SLOWER * rate / used, _SLOWER * acceleration / used
+    raise NoWay(f"no motion of its drives keeps their limits; one uses {used:.2f} of them.")
+
+
+def _pivots(station: Station, drives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return pivots of the rope [m], shape (rows, 3), and their motion by each drive before the
+    rope, shape (rows, k, 3), at positions of the drives, shape (rows, m).
+    """
+    chain = drives[:, station.bodies.columns[:-1]]
+    poses = rope_poses(station.ropes.repeat(len(chain), 0), chain, np.zeros((len(chain), 2)))
+    return poses[:, :3], poses[:, 6:].reshape(*chain.shape, 3)
+
+
+def _hung(
+    station: Station, drives: np.ndarray, load: np.ndarray, lean: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions of the drives, shape (rows, m), near some others, with the rope through
+    points of the load [m], shape (rows, 3), at a lean from plumb, shape (rows, 2), and by how much
+    it misses them [m], shape (rows,).
+    """
+    drives, chain = drives.copy(), station.bodies.columns[:-1]
+    for _ in range(_STEPS):
+        pivots, motion = _pivots(station, drives)
+        rope = pivots - load
+        off = rope[:, None, :2] - rope[:, None, 2:] * lean[:, None]
+        slope = motion[..., :2] - motion[..., 2:] * lean[:, None]
+        drives[:, chain] -= (off @ np.linalg.pinv(slope))[:, 0]
+    drives[:, station.crane.winch] = np.linalg.norm(rope, axis=1)
+    return drives, np.linalg.norm(off[:, 0], axis=1)
 
 
 class _Schedule:
