@@ -12,7 +12,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -49,17 +49,17 @@ _GAIN = 0.3
 _DEVIATION = 0.1
 """Deviation from the plan beside obstacles [m]."""
 
-_AVERAGES, _STILL = (3.0, 2.0, 1.0), 4
+_SHARES, _STILL = np.array([1.5, 1.0, 0.5]), 4
 """Times over which a motion of the drives is averaged, over the square root of cable length by
 gravity, and rows at rest before and after it."""
 
 _ROUNDS, _SLOWER = 20, 0.998
-"""Most rounds in which a motion is made slower until it keeps its limits, and a share by which it
-then is slower still."""
+"""Rounds in which a motion is slowed down to its limits, and a share by which it is slower still.
+"""
 
-_STARTS, _STEPS, _CLOSE = 7, 12, 1e-6
-"""Places of each drive from which a goal is looked for, steps of Newton's method, and distance from
-the goal at which it is reached [m]."""
+_STARTS, _STEPS, _CLOSE = 500, 12, 1e-7
+"""Places from which a goal is looked for, steps of Newton's method, and distance at which it ends
+[m]."""
 
 SiteLift = tuple[str, Sequence[float] | np.ndarray]
 """Name of a crane, and the goal of the centre of its load in the frame of the site [m], shape (3,).
@@ -73,13 +73,16 @@ class ScheduledLift(NamedTuple):
         crane: Index of the crane.
         motion: Its motion.
         begin: Time at which it begins [s].
-        end: Time at which the load has arrived [s].
     """
 
     crane: int
     motion: Motion
     begin: float
-    end: float
+
+    @property
+    def end(self) -> float:
+        """Time at which the load has arrived [s]."""
+        return self.begin + self.motion.arrival
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,24 +92,43 @@ class SitePlan:
     Attributes:
         site: The site.
         lifts: The lifts, each given the earliest time after those before it.
-        t: Begin of each slice of time [s], shape (slices,); the last has no end.
-        distances: Proven distance of each pair of cranes in each slice [m], shape (slices, pairs),
-            in the order of `itertools.combinations`: the largest of five multiples of the required
-            one that is proven, or 0.
-        duration: Time at which all loads have arrived [s].
-        least: Lower bound of the duration [s]: the longest that a crane takes for its lifts alone.
     """
 
     site: CraneSite
     lifts: tuple[ScheduledLift, ...]
-    t: np.ndarray
-    distances: np.ndarray
-    duration: float
-    least: float
 
     def __repr__(self) -> str:
         proven = "proven" if self.holds else "not proven"
         return f"Plan of {len(self.lifts)} lifts in {self.duration:.1f} s, cranes {proven} apart"
+
+    @property
+    def duration(self) -> float:
+        """Time at which all loads have arrived [s]."""
+        return max(lift.end for lift in self.lifts)
+
+    @property
+    def least(self) -> float:
+        """Lower bound of the duration of these motions in any order and at any times [s]: the
+        longest that a crane takes for its own.
+        """
+        times = [(lift.crane, lift.motion.arrival) for lift in self.lifts]
+        return max(sum(time for i, time in times if i == crane) for crane, _ in times)
+
+    @cached_property
+    def distances(self) -> np.ndarray:
+        """Proven distance of each pair of cranes in each slice of time [m], shape (slices, pairs),
+        in the order of `itertools.combinations`: the largest of five multiples of the required one
+        that is proven, or 0.
+        """
+        schedule = _Schedule(self.site, {})
+        for lift in self.lifts:
+            schedule.put(*lift)
+        return schedule.distances()
+
+    @property
+    def t(self) -> np.ndarray:
+        """Begin of each slice of time [s], shape (slices,); the last has no end."""
+        return SLICE * np.arange(-1, len(self.distances) - 1)
 
     @property
     def holds(self) -> bool:
@@ -145,9 +167,8 @@ def plan_site(site: CraneSite, lifts: Sequence[SiteLift]) -> SitePlan:
         MissingRole: If one that is to lift is no tower crane.
     """
     alone = _alone(site, lifts)
-    least = max(sum(motion.arrival for motion in motions) for motions in alone.values())
-    first = sorted(alone, key=lambda i: -sum(motion.arrival for motion in alone[i]))
-    turns = [i for i in first for _ in alone[i]]
+    totals = {i: sum(motion.arrival for motion in motions) for i, motions in alone.items()}
+    turns = [i for i in sorted(alone, key=lambda i: -totals[i]) for _ in alone[i]]
     best: _Schedule | None = None
     proofs: dict[bytes, bool] = {}
     blocked = ""
@@ -160,11 +181,11 @@ def plan_site(site: CraneSite, lifts: Sequence[SiteLift]) -> SitePlan:
                 break
         else:
             best = schedule
-        if best is not None and best.duration <= least:
+        if best is not None and best.duration <= max(totals.values()):
             break
     if best is None:
         raise NoWay(f"In no order that was tried all lifts are proven apart: {blocked}")
-    return SitePlan(site, tuple(best.lifts), *best.certificate(), best.duration, least)
+    return SitePlan(site, tuple(best.lifts))
 
 
 def _alone(site: CraneSite, lifts: Sequence[SiteLift]) -> dict[int, list[Motion]]:
@@ -196,8 +217,7 @@ def _motion(site: CraneSite, station: Station, q: np.ndarray, goal: np.ndarray) 
     planned = _tower_motion if roles == ["slew", "trolley", "hoist"] else _straight_motion
     motion = planned(site, station, limits, q, goal)
     if station.chart is not None:
-        pivots, _ = _pivots(station, motion.q[:, motion.drives])
-        radii = np.linalg.norm((pivots - station.foot)[:, :2], axis=1)
+        radii = np.linalg.norm((_pivots(station, motion.q)[0] - station.foot)[:, :2], axis=1)
         rated = float(station.chart.on().at(radii).min())
         number(f"load of {quoted(station.name)}", crane.payload_mass, "kg", f"0 to {rated:g}")
     return motion
@@ -226,122 +246,103 @@ def _tower_motion(
 def _straight_motion(
     site: CraneSite, station: Station, limits: Limits, q: np.ndarray, goal: np.ndarray
 ) -> Motion:
-    """Return the motion of any crane: all drives together or, past obstacles, with the load hoisted
-    first and lowered last.
+    """Return the motion of any crane in a straight line of its drives, proven to keep from
+    obstacles.
     """
-    crane, drives = station.crane, station.crane.layout.drives
-    begin, end = q[drives], _reached(station, q[drives], goal)
-    above = np.array([begin, end])
-    above[:, crane.winch] = crane.lower[drives[crane.winch]]
-    for corners in ([begin, end], [begin, *above, end]):
-        legs = [_leg(station, limits, site.swing, *pair) for pair in itertools.pairwise(corners)]
-        tables = (np.concatenate([getattr(leg, name) for leg in legs]) for name in "qva")
-        motion = Motion(_PERIOD, *tables, drives)
-        if not (blocked := _blocked(site, station, motion)):
-            return motion
-    raise NoWay(blocked)
+    begin, i = q[station.crane.layout.drives], site.stations.index(station)
+    motion = _leg(station, limits, site.swing, begin, _position(station, begin, goal))
+    bottom = _pivots(station, motion.q)[0][:, 2] - motion.q[:, motion.drives[station.crane.winch]]
+    low = float(bottom.min()) - station.bodies.depth[-1, 1, 2] - site.ground
+    if low < site.distance:
+        raise NoWay(f"its load is {low:.2f} m above ground; required is {site.distance:g} m.")
+    for box in _boxes(station, site.swing, motion) if site.solids else ():
+        ends = site.positions(i, box)
+        if not site.obstacles.proven_clear(site.bodies, i, ends, site.distance, site.swing):
+            raise NoWay("a straight way of its drives is too near to an obstacle; go around it.")
+    return motion
 
 
-def _blocked(site: CraneSite, station: Station, motion: Motion) -> str:
-    """Return why a motion is not proven to keep from ground and obstacles; "" if it is."""
-    q, v = motion.q[:, motion.drives], motion.v[:, motion.drives]
-    bottom = q[:, station.crane.winch] + station.bodies.depth[-1, 1, 2]
-    above = float((_pivots(station, q)[0][:, 2] - bottom).min()) - site.ground
-    if above < site.distance:
-        return f"its load would hang {above:.2f} m above the ground; required is {site.distance:g} m."
-    index, distances = site.stations.index(station), (site.distance, site.swing)
-    for box in _boxes(station, site.swing, q, v) if site.solids else ():
-        box = site.positions(index, box)
-        if not site.obstacles.proven_clear(site.bodies, index, box, *distances):
-            return "no straight way of its drives is proven to keep from the obstacles."
-    return ""
-
-
-def _reached(station: Station, drives: np.ndarray, goal: np.ndarray) -> np.ndarray:
-    """Return the nearest position of the drives, shape (m,), at which the load hangs at a point of
-    the site, of those to which Newton's method leads from places all over their ranges.
+def _position(station: Station, drives: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """Return the nearest position of the drives in time, shape (m,), at which the load hangs at a
+    point, of those to which Newton's method leads from places all over their ranges.
     """
-    crane, chain = station.crane, station.bodies.columns[:-1]
-    joints, rates = crane.layout.drives[chain], station.converters.rates
-    ranges = np.array([crane.lower, crane.upper])[:, crane.layout.drives]
-    turn = [math.pi if joint.unit == "rad" else math.inf for joint in crane.layout.driven]
-    ends = np.clip([drives - turn, drives + turn], *ranges)
-    starts = np.array([*itertools.product(*np.linspace(*ends[:, chain], _STARTS).T)])
-    trials = np.tile(drives, (len(starts), 1))
-    trials[:, chain] = starts
-    trials, off = _hung(station, trials, goal[None], np.zeros((1, 2)))
-    reached = (off < _CLOSE) & (np.clip(trials, *ranges) == trials).all(axis=1)
-    if not reached.any():
-        raise OutOfRange("goal of a lift", goal.tolist(), "what the drives reach", "m")
-    return min(trials[reached], key=lambda x: float((np.abs(x - drives) / rates).max()))
+    crane, rng = station.crane, np.random.default_rng(0)
+    trials = rng.uniform(crane.lower, crane.upper, (_STARTS, crane.layout.n))
+    trials, off = _hung(station, trials, goal, np.zeros((1, 2)))
+    inside = (np.clip(trials, crane.lower, crane.upper) == trials).all(axis=1)
+    reached = trials[inside & (off < _CLOSE)][:, crane.layout.drives]
+    if not len(reached):
+        raise OutOfRange("goal of the load", goal.tolist(), "what the crane reaches", "m")
+    times = (np.abs(reached - drives) / station.converters.rates).max(axis=1)
+    return reached[times.argmin()]
 
 
 def _leg(
     station: Station, limits: Limits, swing: float, begin: np.ndarray, end: np.ndarray
 ) -> Motion:
-    """Return a motion between two positions of the drives at rest, shape (m,) each.
+    """Return the motion between two positions of the drives at rest, shape (m,) each.
 
     The load moves as if it hung plumb from drives that move in a straight line; the drives go where
-    its rope points then, as in `cranedyn.references.flat`. The line is averaged over the time to
-    full rate and over shares of the time in which the load swings.
+    its rope points then, as in `cranedyn.references.flat`. Along the line they go at constant
+    rates, averaged over the time to full rate and over shares of the time in which the load swings.
     """
-    crane, drives, winch = station.crane, station.crane.layout.drives, station.crane.winch
+    crane, layout = station.crane, station.crane.layout
     ways = np.abs(end - begin) + 1e-9
     rate, acceleration = (
         float((limit / ways).min()) for limit in (limits.rates, limits.accelerations)
     )
-    swings = np.array(_AVERAGES) * math.sqrt(max(begin[winch], end[winch]) / crane.gravity)
+    swings = _SHARES * math.sqrt(max(begin[crane.winch], end[crane.winch]) / crane.gravity)
     for _ in range(_ROUNDS):
         duration = max(1.0 / rate, acceleration**-0.5)
         steps = np.ones(1)
         for average in (duration, 1.0 / (acceleration * duration), *swings):
             count = max(1, round(average / _PERIOD))
             steps = np.convolve(steps, np.full(count, 1.0 / count))
-        share = np.concatenate([np.zeros(_STILL), np.cumsum(steps), np.ones(_STILL)])
-        plumb, t = begin + share[:, None] * (end - begin), _PERIOD * np.arange(len(share))
-        load = _pivots(station, plumb)[0]
-        load[:, 2] -= plumb[:, winch]
-        acceleration_ = make_interp_spline(t, load, k=5).derivative(2)(t)
-        lean = acceleration_[:, :2] / (crane.gravity + acceleration_[:, 2:])
+        share = np.pad(np.cumsum(steps), _STILL, constant_values=(0.0, 1.0))
+        plumb, t = np.zeros((len(share), layout.n)), _PERIOD * np.arange(len(share))
+        plumb[:, layout.drives] = begin + share[:, None] * (end - begin)
+        plumb[:, crane.swings] = crane.rest.angle + plumb[:, layout.drives] @ crane.rest.slope.T
+        load, _ = _pivots(station, plumb)
+        load[:, 2] -= plumb[:, layout.drives[crane.winch]]
+        pull = make_interp_spline(t, load, k=5).derivative(2)(t)
+        pull[:, 2] += crane.gravity
+        lean = pull[:, :2] / pull[:, 2:]
         curve = make_interp_spline(t, _hung(station, plumb, load, lean)[0], k=5)
-        samples = np.zeros((3, len(t), crane.layout.n))
-        samples[:, :, drives] = [curve.derivative(order)(t) for order in range(3)]
-        samples[0][:, crane.swings] = crane.rest.angle + samples[0][:, drives] @ crane.rest.slope.T
-        samples[1:, [0, -1]] = 0.0
-        motion = Motion(_PERIOD, *samples, drives)
+        q, v, a = (curve.derivative(order)(t) for order in range(3))
+        v[[0, -1]] = a[[0, -1]] = 0.0
+        motion = Motion(_PERIOD, q, v, a, layout.drives)
         tilt = float(np.linalg.norm(lean, axis=1).max())
-        used = max(tilt / swing, *use(crane, motion, limits).values())
-        if used <= 1.0:
+        if (used := max(tilt / swing, *use(crane, motion, limits).values())) <= 1.0:
             return motion
         rate, acceleration = _SLOWER * rate / used, _SLOWER * acceleration / used
     raise NoWay(f"no motion of its drives keeps their limits; one uses {used:.2f} of them.")
 
 
-def _pivots(station: Station, drives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _pivots(station: Station, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return pivots of the rope [m], shape (rows, 3), and their motion by each drive before the
-    rope, shape (rows, k, 3), at positions of the drives, shape (rows, m).
+    rope, shape (rows, k, 3), at coordinates of shape (rows, n).
     """
-    chain = drives[:, station.bodies.columns[:-1]]
-    poses = rope_poses(station.ropes.repeat(len(chain), 0), chain, np.zeros((len(chain), 2)))
-    return poses[:, :3], poses[:, 6:].reshape(*chain.shape, 3)
+    poses = rope_poses(station.ropes.repeat(len(q), 0), *station.chain(q))
+    return poses[:, :3], poses[:, 6:].reshape(len(q), -1, 3)
 
 
 def _hung(
-    station: Station, drives: np.ndarray, load: np.ndarray, lean: np.ndarray
+    station: Station, q: np.ndarray, load: np.ndarray, lean: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions of the drives, shape (rows, m), near some others, with the rope through
-    points of the load [m], shape (rows, 3), at a lean from plumb, shape (rows, 2), and by how much
-    it misses them [m], shape (rows,).
+    """Return coordinates near others, shape (rows, n), at which the rope goes through points of the
+    load [m], shape (rows, 3), at a lean, shape (rows, 2), and by how much it misses them [m].
     """
-    drives, chain = drives.copy(), station.bodies.columns[:-1]
+    q, drives = q.copy(), station.crane.layout.drives
     for _ in range(_STEPS):
-        pivots, motion = _pivots(station, drives)
+        pivots, motion = _pivots(station, q)
         rope = pivots - load
         off = rope[:, None, :2] - rope[:, None, 2:] * lean[:, None]
         slope = motion[..., :2] - motion[..., 2:] * lean[:, None]
-        drives[:, chain] -= (off @ np.linalg.pinv(slope))[:, 0]
-    drives[:, station.crane.winch] = np.linalg.norm(rope, axis=1)
-    return drives, np.linalg.norm(off[:, 0], axis=1)
+        q[:, drives[station.bodies.columns[:-1]]] -= (off @ np.linalg.pinv(slope))[:, 0]
+        if np.abs(off).max() < _CLOSE:
+            break
+    q[:, drives[station.crane.winch]] = np.linalg.norm(rope, axis=1)
+    return q, np.linalg.norm(off[:, 0], axis=1)
 
 
 class _Schedule:
@@ -354,15 +355,14 @@ class _Schedule:
         self.lifts: list[ScheduledLift] = []
         self._boxes = []
         for station in site.stations:
-            q = station.crane.start.q[None, station.crane.layout.drives]
-            self._boxes.append(_boxes(station, site.swing, q, 0.0 * q)[:1])
+            q = station.crane.start.q[None]
+            still = Motion(_PERIOD, q, 0.0 * q, 0.0 * q, station.crane.layout.drives)
+            self._boxes.append(_boxes(station, site.swing, still)[:1])
 
     def add(self, crane: int, motion: Motion) -> str:
         """Give a lift its earliest time; return why there is none, or an empty text."""
-        station, q, v = self.site.stations[crane], motion.q, motion.v
-        boxes = _boxes(station, self.site.swing, q[:, motion.drives], v[:, motion.drives])
-        mine = self._boxes[crane]
-        first, blocking = len(mine) if len(mine) > 1 else 0, 0
+        station, blocking, first = self.site.stations[crane], 0, self._first(crane)
+        boxes = _boxes(station, self.site.swing, motion)
         for k in range(first, max(first, *map(len, self._boxes)) + 1):
             for blocking, theirs in enumerate(self._boxes):
                 count = max(len(boxes), len(theirs) - k)
@@ -372,13 +372,25 @@ class _Schedule:
                 ):
                     break
             else:
-                self._boxes[crane] = np.concatenate([_extended(mine, k)[:k], boxes])
-                begin = k * SLICE
-                self.lifts.append(ScheduledLift(crane, motion, begin, begin + motion.arrival))
-                self.duration = max(self.duration, self.lifts[-1].end)
+                self.put(crane, motion, k * SLICE)
                 return ""
         names = quoted(station.name), quoted(self.site.stations[blocking].name)
         return f"a lift of {names[0]} waits for {names[1]}."
+
+    def _first(self, crane: int) -> int:
+        """Return the first slice in which a crane may begin: from 0 on, after its lifts."""
+        count = len(self._boxes[crane])
+        return count if count > 1 else 0
+
+    def put(self, crane: int, motion: Motion, begin: float) -> None:
+        """Give a lift a time [s], a multiple of `SLICE`."""
+        boxes, k = _boxes(self.site.stations[crane], self.site.swing, motion), round(begin / SLICE)
+        if k < (first := self._first(crane)):
+            allowed = f"{first * SLICE:g} at least, after the lift before"
+            raise OutOfRange("begin of a lift", begin, allowed, "s")
+        self._boxes[crane] = np.concatenate([_extended(self._boxes[crane], k)[:k], boxes])
+        self.lifts.append(ScheduledLift(crane, motion, begin))
+        self.duration = max(self.duration, self.lifts[-1].end)
 
     def _apart(self, a: int, boxes_a: np.ndarray, b: int, boxes_b: np.ndarray) -> bool:
         """Return whether two cranes are proven apart in all slices: all at once, or else halves."""
@@ -395,8 +407,8 @@ class _Schedule:
             return all(self._apart(a, boxes_a[part], b, boxes_b[part]) for part in halves)
         return self._proofs[key]
 
-    def certificate(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return slices of time and proven distances, each slice by a proof of its own."""
+    def distances(self) -> np.ndarray:
+        """Return proven distances, each slice by a proof of its own, see `SitePlan`."""
         count = max(map(len, self._boxes))
         boxes = [_extended(item, count) for item in self._boxes]
         pairs = list(itertools.combinations(range(len(boxes)), 2))
@@ -407,14 +419,14 @@ class _Schedule:
                 if not self.site.pair_apart(a, boxes[a][k], b, boxes[b][k], level):
                     break
                 distances[k, pair] = level
-        return SLICE * np.arange(-1, count - 1), distances
+        return distances
 
 
-def _boxes(station: Station, swing: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return what a guard asks for in each slice of a motion of its drives, shape (rows, m) each,
-    from the slice before it to the one after it: shape (slices, 2, m).
+def _boxes(station: Station, swing: float, motion: Motion) -> np.ndarray:
+    """Return what a guard asks for in each slice of a motion, from the slice before it to the one
+    after it: shape (slices, 2, m).
     """
-    brakes = gentle(station, swing)
+    brakes, q, v = gentle(station, swing), motion.q[:, motion.drives], motion.v[:, motion.drives]
     low, high = brakes.tube(q, v, v)
     low = low - brakes.tolerances + HORIZON * np.minimum(v, 0.0)
     high = high + brakes.tolerances + HORIZON * np.maximum(v, 0.0)
