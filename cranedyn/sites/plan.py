@@ -26,7 +26,6 @@ from cranedyn.planning.lift import RESERVE, NoWay, plan_lift
 from cranedyn.planning.site import Site
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
-from cranedyn.sites.bodies import rope_poses
 from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.guard import HORIZON, gentle
 from cranedyn.sites.simulate import SiteOperator
@@ -49,17 +48,12 @@ _GAIN = 0.3
 _DEVIATION = 0.1
 """Deviation from the plan beside obstacles [m]."""
 
-_SHARES, _STILL = np.array([1.5, 1.0, 0.5]), 4
-"""Times over which a motion of the drives is averaged, over the square root of cable length by
-gravity, and rows at rest before and after it."""
-
-_ROUNDS, _SLOWER = 20, 0.998
-"""Rounds in which a motion is slowed down to its limits, and a share by which it is slower still.
-"""
+_AVERAGES, _STILL, _ROUNDS, _SLOWER = np.array([1.5, 1.0, 0.5]), 4, 20, 0.998
+"""Times over which a straight motion is averaged, over the square root of cable length by gravity;
+rows at rest at its ends; rounds in which it is slowed down to its limits, and a share beyond."""
 
 _STARTS, _STEPS, _CLOSE = 500, 12, 1e-7
-"""Places from which a goal is looked for, steps of Newton's method, and distance at which it ends
-[m]."""
+"""Places from which a goal is looked for, steps of Newton's method, and where it ends [m]."""
 
 SiteLift = tuple[str, Sequence[float] | np.ndarray]
 """Name of a crane, and the goal of the centre of its load in the frame of the site [m], shape (3,).
@@ -164,7 +158,6 @@ def plan_site(site: CraneSite, lifts: Sequence[SiteLift]) -> SitePlan:
         OutOfRange: If there is no lift, a crane does not reach a goal, or a chart does not carry
             the load on its way.
         UnknownName: If there is no crane of a name.
-        MissingRole: If one that is to lift is no tower crane.
     """
     alone = _alone(site, lifts)
     totals = {i: sum(motion.arrival for motion in motions) for i, motions in alone.items()}
@@ -217,7 +210,7 @@ def _motion(site: CraneSite, station: Station, q: np.ndarray, goal: np.ndarray) 
     planned = _tower_motion if roles == ["slew", "trolley", "hoist"] else _straight_motion
     motion = planned(site, station, limits, q, goal)
     if station.chart is not None:
-        radii = np.linalg.norm((_pivots(station, motion.q)[0] - station.foot)[:, :2], axis=1)
+        radii = np.linalg.norm((station.rope(motion.q)[0] - station.foot)[:, :2], axis=1)
         rated = float(station.chart.on().at(radii).min())
         number(f"load of {quoted(station.name)}", crane.payload_mass, "kg", f"0 to {rated:g}")
     return motion
@@ -251,7 +244,7 @@ def _straight_motion(
     """
     begin, i = q[station.crane.layout.drives], site.stations.index(station)
     motion = _leg(station, limits, site.swing, begin, _position(station, begin, goal))
-    bottom = _pivots(station, motion.q)[0][:, 2] - motion.q[:, motion.drives[station.crane.winch]]
+    bottom = station.rope(motion.q)[0][:, 2] - motion.q[:, motion.drives[station.crane.winch]]
     low = float(bottom.min()) - station.bodies.depth[-1, 1, 2] - site.ground
     if low < site.distance:
         raise NoWay(f"its load is {low:.2f} m above ground; required is {site.distance:g} m.")
@@ -291,7 +284,7 @@ def _leg(
     rate, acceleration = (
         float((limit / ways).min()) for limit in (limits.rates, limits.accelerations)
     )
-    swings = _SHARES * math.sqrt(max(begin[crane.winch], end[crane.winch]) / crane.gravity)
+    swings = _AVERAGES * math.sqrt(max(begin[crane.winch], end[crane.winch]) / crane.gravity)
     for _ in range(_ROUNDS):
         duration = max(1.0 / rate, acceleration**-0.5)
         steps = np.ones(1)
@@ -302,7 +295,7 @@ def _leg(
         plumb, t = np.zeros((len(share), layout.n)), _PERIOD * np.arange(len(share))
         plumb[:, layout.drives] = begin + share[:, None] * (end - begin)
         plumb[:, crane.swings] = crane.rest.angle + plumb[:, layout.drives] @ crane.rest.slope.T
-        load, _ = _pivots(station, plumb)
+        load, *_ = station.rope(plumb)
         load[:, 2] -= plumb[:, layout.drives[crane.winch]]
         pull = make_interp_spline(t, load, k=5).derivative(2)(t)
         pull[:, 2] += crane.gravity
@@ -318,14 +311,6 @@ def _leg(
     raise NoWay(f"no motion of its drives keeps their limits; one uses {used:.2f} of them.")
 
 
-def _pivots(station: Station, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return pivots of the rope [m], shape (rows, 3), and their motion by each drive before the
-    rope, shape (rows, k, 3), at coordinates of shape (rows, n).
-    """
-    poses = rope_poses(station.ropes.repeat(len(q), 0), *station.chain(q))
-    return poses[:, :3], poses[:, 6:].reshape(len(q), -1, 3)
-
-
 def _hung(
     station: Station, q: np.ndarray, load: np.ndarray, lean: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -334,11 +319,11 @@ def _hung(
     """
     q, drives = q.copy(), station.crane.layout.drives
     for _ in range(_STEPS):
-        pivots, motion = _pivots(station, q)
+        pivots, _, motion = station.rope(q)
         rope = pivots - load
         off = rope[:, None, :2] - rope[:, None, 2:] * lean[:, None]
         slope = motion[..., :2] - motion[..., 2:] * lean[:, None]
-        q[:, drives[station.bodies.columns[:-1]]] -= (off @ np.linalg.pinv(slope))[:, 0]
+        q[:, drives] -= (off @ np.linalg.pinv(slope))[:, 0]
         if np.abs(off).max() < _CLOSE:
             break
     q[:, drives[station.crane.winch]] = np.linalg.norm(rope, axis=1)
