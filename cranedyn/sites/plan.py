@@ -203,10 +203,8 @@ def _alone(site: CraneSite, lifts: Sequence[SiteLift]) -> dict[int, list[Motion]
 def _motion(site: CraneSite, station: Station, q: np.ndarray, goal: np.ndarray) -> Motion:
     """Return the motion of a lift alone from coordinates at rest, shape (n,)."""
     crane, roles = station.crane, [joint.role for joint in station.crane.layout.driven]
-    limits = Limits(
-        (station.converters.rates / RESERVE).tolist(),
-        gentle(station, site.swing).decelerations.tolist(),
-    )
+    slopes = gentle(station, site.swing).decelerations.tolist()
+    limits = Limits((station.converters.rates / RESERVE).tolist(), slopes)
     planned = _tower_motion if roles == ["slew", "trolley", "hoist"] else _straight_motion
     motion = planned(site, station, limits, q, goal)
     if station.chart is not None:
@@ -281,14 +279,11 @@ def _leg(
     """
     crane, layout = station.crane, station.crane.layout
     ways = np.abs(end - begin) + 1e-9
-    rate, acceleration = (
-        float((limit / ways).min()) for limit in (limits.rates, limits.accelerations)
-    )
+    fastest = (np.array([limits.rates, limits.accelerations]) / ways).min(axis=1)
     swings = _AVERAGES * math.sqrt(max(begin[crane.winch], end[crane.winch]) / crane.gravity)
     for _ in range(_ROUNDS):
-        duration = max(1.0 / rate, acceleration**-0.5)
-        steps = np.ones(1)
-        for average in (duration, 1.0 / (acceleration * duration), *swings):
+        duration, steps = max(1.0 / fastest[0], fastest[1] ** -0.5), np.ones(1)
+        for average in (duration, 1.0 / (fastest[1] * duration), *swings):
             count = max(1, round(average / _PERIOD))
             steps = np.convolve(steps, np.full(count, 1.0 / count))
         share = np.pad(np.cumsum(steps), _STILL, constant_values=(0.0, 1.0))
@@ -298,16 +293,14 @@ def _leg(
         load, *_ = station.rope(plumb)
         load[:, 2] -= plumb[:, layout.drives[crane.winch]]
         pull = make_interp_spline(t, load, k=5).derivative(2)(t)
-        pull[:, 2] += crane.gravity
-        lean = pull[:, :2] / pull[:, 2:]
+        lean = pull[:, :2] / (pull[:, 2:] + crane.gravity)
         curve = make_interp_spline(t, _hung(station, plumb, load, lean)[0], k=5)
         q, v, a = (curve.derivative(order)(t) for order in range(3))
-        v[[0, -1]] = a[[0, -1]] = 0.0
         motion = Motion(_PERIOD, q, v, a, layout.drives)
         tilt = float(np.linalg.norm(lean, axis=1).max())
         if (used := max(tilt / swing, *use(crane, motion, limits).values())) <= 1.0:
             return motion
-        rate, acceleration = _SLOWER * rate / used, _SLOWER * acceleration / used
+        fastest *= _SLOWER / used
     raise NoWay(f"no motion of its drives keeps their limits; one uses {used:.2f} of them.")
 
 
@@ -346,9 +339,9 @@ class _Schedule:
 
     def add(self, crane: int, motion: Motion) -> str:
         """Give a lift its earliest time; return why there is none, or an empty text."""
-        station, blocking, first = self.site.stations[crane], 0, self._first(crane)
+        station, blocking = self.site.stations[crane], 0
         boxes = _boxes(station, self.site.swing, motion)
-        for k in range(first, max(first, *map(len, self._boxes)) + 1):
+        for k in range(len(self._boxes[crane]) - 1, max(map(len, self._boxes)) + 1):
             for blocking, theirs in enumerate(self._boxes):
                 count = max(len(boxes), len(theirs) - k)
                 later = _extended(theirs, k + count)[k:]
@@ -362,18 +355,12 @@ class _Schedule:
         names = quoted(station.name), quoted(self.site.stations[blocking].name)
         return f"a lift of {names[0]} waits for {names[1]}."
 
-    def _first(self, crane: int) -> int:
-        """Return the first slice in which a crane may begin: from 0 on, after its lifts."""
-        count = len(self._boxes[crane])
-        return count if count > 1 else 0
-
     def put(self, crane: int, motion: Motion, begin: float) -> None:
         """Give a lift a time [s], a multiple of `SLICE`."""
-        boxes, k = _boxes(self.site.stations[crane], self.site.swing, motion), round(begin / SLICE)
-        if k < (first := self._first(crane)):
-            allowed = f"{first * SLICE:g} at least, after the lift before"
-            raise OutOfRange("begin of a lift", begin, allowed, "s")
-        self._boxes[crane] = np.concatenate([_extended(self._boxes[crane], k)[:k], boxes])
+        mine, k = self._boxes[crane], round(begin / SLICE)
+        boxes = _boxes(self.site.stations[crane], self.site.swing, motion)
+        number("begin of a lift after another", begin, "s", f">= {(len(mine) - 1) * SLICE:g}")
+        self._boxes[crane] = np.concatenate([_extended(mine, k)[:k], boxes])
         self.lifts.append(ScheduledLift(crane, motion, begin))
         self.duration = max(self.duration, self.lifts[-1].end)
 
