@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from cranedyn.checks import finite, number
+from cranedyn.checks import finite, number, within
 from cranedyn.errors import OutOfRange, UnknownName, quoted
 from cranedyn.interfaces import State
 from cranedyn.planning.clearance import Clearance
@@ -359,7 +359,7 @@ class _Schedule:
         """Give a lift a time [s], a multiple of `SLICE`."""
         mine, k = self._boxes[crane], round(begin / SLICE)
         boxes = _boxes(self.site.stations[crane], self.site.swing, motion)
-        number("begin of a lift after another", begin, "s", f">= {(len(mine) - 1) * SLICE:g}")
+        within("begin of a lift after another", begin, (len(mine) - 1) * SLICE, math.inf, "s")
         self._boxes[crane] = np.concatenate([_extended(mine, k)[:k], boxes])
         self.lifts.append(ScheduledLift(crane, motion, begin))
         self.duration = max(self.duration, self.lifts[-1].end)
