@@ -136,9 +136,9 @@ class LiftOperator:
         step = self._ramp * CYCLE
         self._base = np.clip(wanted, near - step, near + step)
         cable = abs(float(state.q[crane.layout.drives[crane.winch]]))
-        _, rope, motion = self.station.rope(state.q)
-        towards = 2.0 * DAMPING * math.sqrt(crane.gravity * cable) * rope[:2]
-        return self._base + np.linalg.pinv(motion[:2], rcond=1e-3) @ towards
+        _, rope, motion = self.station.rope(state.q[None])
+        towards = 2.0 * DAMPING * math.sqrt(crane.gravity * cable) * rope[0, :2]
+        return self._base + towards @ np.linalg.pinv(motion[0, :, :2], rcond=1e-3)
 
 
 @cache
@@ -202,12 +202,13 @@ class Adversary:
 
     def _towards(self, states: Sequence[State]) -> np.ndarray:
         pivots = [
-            station.rope(state.q) for station, state in zip(self.site.stations, states, strict=True)
+            station.rope(state.q[None])
+            for station, state in zip(self.site.stations, states, strict=True)
         ]
         pivot, _, motion = pivots[self.index]
-        offsets = [other - pivot for i, (other, *_) in enumerate(pivots) if i != self.index]
+        offsets = [(other - pivot)[0] for i, (other, *_) in enumerate(pivots) if i != self.index]
         nearest = min(offsets, key=lambda offset: float(offset[:2] @ offset[:2]))
-        return np.sign(nearest[:2] @ motion[:2])
+        return np.sign(motion[0, :, :2] @ nearest[:2])
 
 
 class Shift(NamedTuple):
