@@ -25,7 +25,7 @@ from cranedyn.simulation.engine import Setting, load_engine
 from cranedyn.simulation.log import Log
 from cranedyn.simulation.record import RunRecord
 from cranedyn.simulation.stepper import as_command, as_force, check_bounded, initial_state
-from cranedyn.sites.bodies import PlacedCapsules, place_capsules, rope_poses
+from cranedyn.sites.bodies import PlacedCapsules, place_capsules
 from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.guard import Guard
 from cranedyn.sites.proof import least_distances
@@ -165,8 +165,7 @@ class SiteRun:
             solids = () if runs else station.in_crane_frame(self.site.solids)
             obstacles = [Obstacle(s.name, s.vertices, s.triangles, s.zone) for s in solids]
             surroundings = Scenery(obstacles, np.zeros((0, 3))) if obstacles else None
-            x, y, z = map(float, station.foot)
-            turn = station.heading + math.pi / 2.0
+            (x, y, z), turn = map(float, station.foot), station.turn
             runs.append(
                 Run(station.name, station.crane, run, (x, y, z), scenery=surroundings, heading=turn)
             )
@@ -223,7 +222,8 @@ def simulate_site(
         _SiteCrane(station, operator, wind, engine, dt, rows)
         for station, operator in zip(site.stations, operators, strict=True)
     ]
-    network = _Network(site, channel, np.random.default_rng(seed)) if supervised else None
+    rng = np.random.default_rng(whole("seed", seed, 0))
+    network = _Network(site, channel, rng) if supervised else None
     boxes: list[list[np.ndarray]] = []
     commands: list[list[np.ndarray]] = []
     passed: list[list[np.ndarray]] = []
@@ -386,7 +386,7 @@ class _Watch:
         """Return the ends of the capsules of a crane [m], shape (rows, capsules, 2, 3)."""
         station, rows = self._site.stations[i], len(q)
         count = len(station.bodies.names)
-        ropes = rope_poses(station.ropes.repeat(rows, axis=0), *station.chain(q))[:, 3:6]
+        _, ropes, _ = station.rope(q)
         position = self._site.positions(i, q[:, station.crane.layout.drives])
         ends, ropes = (x.repeat(count, axis=0) for x in (position, ropes))
         which, capsules = np.full(rows * count, i), np.tile(np.arange(count), rows)
