@@ -278,7 +278,8 @@ class TowerCraneEnv(gym.Env):
             return done[min(int(t / period + 1e-6), len(done) - 1)]
 
         crane, force = self.task.crane_of(0), self.task.force_on(0)
-        divides = abs(period / _FRAME - round(period / _FRAME)) < 1e-9
+        counts = np.array([period / _FRAME, _FRAME / self._dt])
+        divides = (np.abs(counts - np.round(counts)) < 1e-9).all()
         return simulate(
             crane,
             repeated,

@@ -243,8 +243,9 @@ def test_a_seed_draws_the_same_episodes_and_starts_lie_in_reach() -> None:
 
 
 @pytest.mark.slow
-def test_an_episode_is_drawn_by_rerun_and_is_the_one_that_was_seen(tmp_path: Path) -> None:
-    env = gym.make(ID, crane=crane(), render_mode="rrd", folder=tmp_path, wind=8.0)
+@pytest.mark.parametrize(("dt", "rows"), [(0.01, 101), (0.05, 21)])
+def test_an_episode_is_drawn_by_rerun_as_seen(tmp_path: Path, dt: float, rows: int) -> None:
+    env = gym.make(ID, crane=crane(), render_mode="rrd", folder=tmp_path, wind=8.0, dt=dt)
     env.reset(seed=2)
     env.action_space.seed(2)
     for _ in range(20):
@@ -252,7 +253,7 @@ def test_an_episode_is_drawn_by_rerun_and_is_the_one_that_was_seen(tmp_path: Pat
     path = Path(str(env.render()))
     assert path == tmp_path / "episode_0001.rrd" and path.stat().st_size > 10_000
     again, z = env.unwrapped._simulated(), env.unwrapped.task.fleet.z[:, 0]
-    assert len(again) == 101 and again.t[-1] == pytest.approx(2.0)
+    assert len(again) == rows and again.t[-1] == pytest.approx(2.0)
     assert_allclose(np.concatenate([again.q[-1], again.v[-1]]), z, atol=1e-12)
 
 
