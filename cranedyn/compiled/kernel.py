@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -212,27 +212,22 @@ class _Loop:
         for i, variable in enumerate(chain.from_iterable(variables.values())):
             self.code.store(variable.get(), self.call_values[name], i * self.code.stride)
 
-    def _row(
-        self, table: int, name: str, sections: Sections, instant: ir.Value
-    ) -> dict[str, np.ndarray]:
-        """Return the row of a table for an instant; beyond its end the last row."""
-        code, shared, pointer = self.code, self.recipe.shared[table], self.call_values[name]
-        width, last = size(sections), self.call_values[f"{name}_rows"]
-        row = code.least(instant, code.builder.sub(last, code.integer(1)))
-        if shared:
-            first = code.product(row, width)
-            values = [code.spread(pointer, code.plus(first, i)) for i in range(width)]
-        else:
-            starts = [
-                code.load_one(self.call_values["starts"], table * code.stride + lane, INTEGER)
-                for lane in range(code.lanes)
-            ]
-            firsts = [code.product(code.builder.add(start, row), width) for start in starts]
-            values = [
-                code.gather(pointer, [code.plus(first, i) for first in firsts])
-                for i in range(width)
-            ]
-        return {key: array(values[section]) for key, section in slices(sections).items()}
+    def _row(self, table: int, name: str, instant: ir.Value) -> Callable[[str], np.ndarray]:
+        """Return a function that loads a section of the row of a table for an instant; beyond its
+        end of the last row.
+        """
+        code, pointer, sections = self.code, self.call_values[name], getattr(self.sizes, name)
+        width, columns = size(sections), slices(sections)
+        last = code.builder.sub(self.call_values[f"{name}_rows"], code.integer(1))
+        rows = [row := code.least(instant, last)]
+        if not self.recipe.shared[table]:
+            first, starts = table * code.stride, self.call_values["starts"]
+            each = [code.load_one(starts, first + lane, INTEGER) for lane in range(code.lanes)]
+            rows = [code.builder.add(start, row) for start in each]
+        begins = [code.address(pointer, code.product(row, width)) for row in rows]
+        return lambda section: array(
+            [code.gather(begins, i) for i in range(width)[columns[section]]]
+        )
 
     def _get(self, section: str) -> np.ndarray:
         return array([variable.get() for variable in self.state[section]])
@@ -343,7 +338,7 @@ class _Loop:
         if not self.recipe.forces:
             return None
         row = self.code.most(instant, self.code.integer(0))
-        return self._row(2, "force", self.sizes.force, row)["force"]
+        return self._row(2, "force", row)("force")
 
     def _control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
         code, recipe = self.code, self.recipe
@@ -376,10 +371,10 @@ class _Loop:
             contacts = [*self._get("contacts"), buffer]
             row = [*q, *v, *acts, energy, *contacts, *cut]
             if recipe.ledger:
-                table = self._row(1, "setpoint_table", self.sizes.setpoint_table, instant)
+                table = self._row(1, "setpoint_table", instant)
                 pushes = [0.0] * size(self.sizes.force) if forces is None else forces
                 outside = [0.0, *contacts, *(cut or [0.0])]
-                row = [*table["position"], *q, *v, *acts, *pushes, *outside, energy]
+                row = [*table("position"), *q, *v, *acts, *pushes, *outside, energy]
                 row = self._balanced(row, (q, v, effort, before), holds)
             self._log(instant, row)
         if recipe.summary:
@@ -413,11 +408,11 @@ class _Loop:
     def _controller_command(self, instant: ir.Value, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the command of the controller, shape (m,)."""
         code, sizes = self.code, self.sizes
-        gains = self._row(0, "gain_table", sizes.gain_table, instant)
-        setpoints = self._row(1, "setpoint_table", sizes.setpoint_table, instant)
+        gains = self._row(0, "gain_table", instant)
+        setpoints = self._row(1, "setpoint_table", instant)
         z = np.concatenate([q, v])
         if self.recipe.offset:
-            z = z + self._row(3, "offset", sizes.offset, instant)["reading"]
+            z = z + self._row(3, "offset", instant)("reading")
         if self.recipe.delayed:
             z = self._delay_reading(instant, z)
         if self.recipe.programme is not None:
@@ -426,16 +421,17 @@ class _Loop:
             control = PredictiveControl(code, self.recipe.programme, self.call_values["horizon"])
             row, due = control.count_instant()
             command_of = control.call_instant if code.lanes == 1 else control.command
-            return command_of(z[: sizes.n], z[sizes.n :], setpoints["position"], row, due)
-        gain = gains["gain"].reshape(sizes.m, sizes.z)
-        command = gains["feed_forward"] - gain @ (z - setpoints["setpoint"])
+            return command_of(z[: sizes.n], z[sizes.n :], setpoints("position"), row, due)
+        gain = gains("gain").reshape(sizes.m, sizes.z)
+        command = gains("feed_forward") - gain @ (z - setpoints("setpoint"))
         if not self.recipe.integral:
             return command
-        integrals = self._get("integral")
+        integrals, position = self._get("integral"), setpoints("position")
+        factor, limit = gains("integral_gain"), gains("limit")
         for i, drive in enumerate(self.plant.topology.layout.drives):
-            error, gain = setpoints["position"][i] - z[drive], gains["integral_gain"][i]
+            error = position[i] - z[drive]
             command[i], integrals[i] = integrated_command(
-                command[i], error, integrals[i], gain, gains["limit"][i], self.period
+                command[i], error, integrals[i], factor[i], limit[i], self.period
             )
         self._set("integral", integrals)
         return command
@@ -456,15 +452,16 @@ class _Loop:
         delayed = []
         for i in range(len(z)):
             places = [code.plus(place(visible[lane], i), lane) for lane in lanes]
-            delayed.append(code.gather(readings, places))
+            delayed.append(code.gather([code.address(readings, place) for place in places]))
         return array(delayed)
 
     def _log(self, instant: ir.Value, row: Sequence[Any]) -> None:
         code, build, interval = self.code, self.code.builder, self.call_values["log_interval"]
         with code.when(build.icmp_signed("==", build.srem(instant, interval), code.integer(0))):
             first = code.product(build.sdiv(instant, interval), len(row) * code.stride)
+            begin = code.address(self.call_values["log"], first)
             for i, value in enumerate(row):
-                code.store(value, self.call_values["log"], code.plus(first, i * code.stride))
+                code.store(value, begin, i * code.stride)
 
     def _balanced(self, row: list[Any], at: tuple[np.ndarray, ...], holds: ir.Value) -> list[Any]:
         """Return a row of the log of `simulate` with work, dissipation and validity, as
