@@ -200,8 +200,7 @@ def simulate_perturbed(
     """
     lift, nominal = certificate.lift, controller_of(certificate.lift, dt=dt)
     cranes = {level: _crane(lift.crane, level) for level in np.unique(drawn["load"]).tolist()}
-    rows = np.searchsorted(certificate.run.t, _recorded(lift) - 1e-9)
-    planned = certificate.run.q[rows]
+    planned = certificate.run.q[:: _every(lift)]
     margins = np.array([lift.clearance.margin(q) for q in planned])
 
     def simulate_chunk(rows: np.ndarray) -> tuple[Batch, np.ndarray]:
@@ -309,11 +308,6 @@ def _every(lift: Lift) -> int:
     return max(1, round(_RECORDED / lift.timed.motion.period))
 
 
-def _recorded(lift: Lift) -> np.ndarray:
-    """Return the times of the rows that are kept [s]."""
-    return lift.timed.motion.period * np.arange(0, _periods(lift) + 1, _every(lift))
-
-
 def _hang(start: np.ndarray, force: np.ndarray, crane: Crane, joints: Joints) -> None:
     """Set loads, shape (n, coordinates), where forces of the wind in the world [N], shape (n, 3),
     hold them, their pivots unmoved.
@@ -329,7 +323,8 @@ def _forces(lift: Lift, drawn: dict[str, np.ndarray]) -> np.ndarray:
     """Return the drag of the wind on the load, which moves as planned, in the middle between rows
     that are kept [N], shape (n, rows, 3 points).
     """
-    times = _recorded(lift) + lift.timed.motion.period * _every(lift) / 2.0
+    rows = np.arange(0, _periods(lift) + 1, _every(lift))
+    times = lift.timed.motion.period * (rows + _every(lift) / 2.0)
     area = _DRAG * _silhouette(lift.clearance.bodies.load)
     points = lift.clearance.point(lift.timed.places)
     step = lift.timed.motion.arrival / (len(points) - 1)
