@@ -337,7 +337,8 @@ class _Loop:
     def _forces(self, instant: ir.Value) -> np.ndarray | None:
         if not self.recipe.forces:
             return None
-        row = self.code.most(instant, self.code.integer(0))
+        since = self.code.most(instant, self.code.integer(0))
+        row = self.code.builder.sdiv(since, self.call_values["force_interval"])
         return self._row(2, "force", row)("force")
 
     def _control(self, instant: ir.Value, forces: np.ndarray | None) -> None:

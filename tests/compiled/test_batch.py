@@ -132,20 +132,22 @@ def _pushed(rows: np.ndarray) -> Callable[[float, State], np.ndarray]:
 def test_each_crane_of_a_batch_does_what_it_does_alone(count: int) -> None:
     cranes, starts, references = _cranes(count), _starts(count), _references(count)
     rng = np.random.default_rng(6)
-    force, offsets = rng.normal(size=(count, 30, 6)) * 200.0, rng.normal(size=(count, 10)) * 0.01
+    force, offsets = rng.normal(size=(count, 10, 6)) * 200.0, rng.normal(size=(count, 10)) * 0.01
     batch = simulate_batch(
         cranes,
         _controllers(count),
         references,
         start=starts,
         force=force,
+        force_interval=3,
         sensor_offset=offsets,
         record=1,
         **CLOCK,
     )
     assert len(batch) == count
     for i, controller in enumerate(_controllers(count)):
-        how = {"start": _start(starts, i), "disturbance": _pushed(force[i]), "validity": "mark"}
+        pushed = _pushed(force[i].repeat(3, axis=0))
+        how = {"start": _start(starts, i), "disturbance": pushed, "validity": "mark"}
         asked = _offset(controller, offsets[i])
         _same(cranes[i], simulate(cranes[i], asked, references[i], **how, **CLOCK), batch, i)
 
