@@ -55,11 +55,9 @@ PERIOD_OF_PUSHES, PUSHES, LOOK = 10.0, 12, 0.5
 """Time between pushes of an adversary [s], their number before they repeat, and time after which it
 looks where the others are [s]."""
 
-LISTED = 8
-"""Lifts on the lists of a site from which the share of them that is done is judged."""
-
-SPACING = 45.0
-"""Distance between eight towers in two rows [m], for the time of a cycle."""
+SPACING, LISTED = 45.0, 8
+"""Distance between eight towers in two rows [m], for the time of a cycle; lifts on the lists of a
+site from which lost time is judged."""
 
 
 @dataclass
@@ -491,10 +489,9 @@ def _claims(
     guarded = [shift for shift in shifts if shift.protection == "supervisor"]
     runs = [*attacks, *(Attack.of(shift.site, "lifts", shift.run) for shift in guarded)]
     minutes, contacts, least, swing, outside = Attack.all_of(runs)[2:]
-    lost = {(shift.site, shift.protection): shift.lost for shift in shifts}
-    sites = list(dict.fromkeys(shift.site for shift in shifts))
-    halved = [lost[site, "supervisor"] < lost[site, "zones"] / 2.0 for site in sites]
-    texts = [f"{round(lost[s, 'supervisor'])} of {lost[s, 'zones']:.0f} %" for s in sites]
+    zoned = [shift for shift in shifts if shift.protection == "zones"]
+    lost = [(one.lost, other.lost) for one, other in zip(guarded, zoned, strict=True)]
+    judged = ours and min(sum(shift.listed) for shift in shifts) >= LISTED
     bare = sum(len(shift.run.contacts) for shift in shifts if shift.protection == "none")
     return [
         Claim(
@@ -510,8 +507,8 @@ def _claims(
         Claim(f"Without protection they touch (contacts: {bare}).", bare > 0 or None),
         Claim(
             "Supervised cranes leave less than half of the lifts undone that static zones do: "
-            f"{', '.join(texts)}.",
-            all(halved) if ours and min(sum(shift.listed) for shift in shifts) >= LISTED else None,
+            f"{', '.join(f'{one:.0f} of {other:.0f} %' for one, other in lost)}.",
+            all(one < other / 2.0 for one, other in lost) if judged else None,
         ),
         Claim(
             f"A cycle for eight cranes takes less than 5 ms ({1e3 * times.max():.1f} ms at most).",
