@@ -167,11 +167,9 @@ def plan_site(site: CraneSite, lifts: Sequence[SiteLift]) -> SitePlan:
             the load on its way.
         UnknownName: If there is no crane of a name.
     """
-    alone = _alone(site, lifts)
+    alone, best, blocked = _alone(site, lifts), None, ""
     totals = {i: sum(motion.arrival for motion in motions) for i, motions in alone.items()}
     turns = [i for i in sorted(alone, key=lambda i: -totals[i]) for _ in alone[i]]
-    best: _Schedule | None = None
-    blocked = ""
     orders = itertools.islice(itertools.permutations(turns), _RAW_ORDERS)  # some are the same
     for order in itertools.islice(dict.fromkeys(orders), _ORDERS):
         schedule, pending = _Schedule(site), {i: iter(alone[i]) for i in alone}
@@ -244,9 +242,7 @@ def _tower_motion(
 def _straight_motion(
     site: CraneSite, station: Station, limits: Limits, q: np.ndarray, goal: np.ndarray
 ) -> Motion:
-    """Return the motion of any crane in a straight line of its drives, proven to keep from
-    obstacles.
-    """
+    """Return the motion of any crane in a straight line of its drives, proven clear."""
     begin, i = q[station.crane.layout.drives], site.stations.index(station)
     motion = _leg(station, limits, site.swing, begin, _position(station, begin, goal))
     bottom = station.rope(motion.q)[0][:, 2] - motion.q[:, motion.drives[station.crane.winch]]
@@ -350,10 +346,11 @@ class _Schedule:
         boxes = _boxes(station, self.site.swing, motion)
         for k in range(len(self.boxes[crane]) - 1, max(map(len, self.boxes)) + 1):
             for blocking, theirs in enumerate(self.boxes):
+                if blocking == crane:
+                    continue
                 count = max(len(boxes), len(theirs) - k)
                 pair = _extended(boxes, count), blocking, _extended(theirs, k + count)[k:]
-                apart = self.site.pair_apart(crane, *pair, self.site.distance)
-                if blocking != crane and not apart.all():
+                if not self.site.pair_apart(crane, *pair, self.site.distance).all():
                     break
             else:
                 self.put(crane, motion, k * SLICE)
@@ -363,9 +360,9 @@ class _Schedule:
 
     def put(self, crane: int, motion: Motion, begin: float) -> None:
         """Give a lift a time [s], a multiple of `SLICE`."""
-        mine, k = self.boxes[crane], round(begin / SLICE)
-        boxes = _boxes(self.site.stations[crane], self.site.swing, motion)
+        mine, boxes = self.boxes[crane], _boxes(self.site.stations[crane], self.site.swing, motion)
         within("begin of a lift after another", begin, (len(mine) - 1) * SLICE, math.inf, "s")
+        k = round(begin / SLICE)
         self.boxes[crane] = np.concatenate([_extended(mine, k)[:k], boxes])
         self.lifts.append(ScheduledLift(crane, motion, begin))
         self.duration = max(self.duration, self.lifts[-1].end)
