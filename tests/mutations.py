@@ -664,8 +664,16 @@ cranedyn/sites/supervisor.py
 cranedyn/sites/plan.py
 * a lift passes those that were planned before as if they were not there
 ? plan::planned_lifts_arrive_and_keep_the_distance_that_is_proven
-- if blocking != crane and not self._apart(
-+ if blocking == crane and not self._apart(
+- if blocking == crane:
++ if blocking != crane:
+* the drives of a straight motion do not lead the load
+? plan::a_lift_of_a_luffing_crane_leaves_no_swing_in_little_more_than_the_least_time
+- curve = make_interp_spline(t, _hung(station, plumb, load, lean)[0], k=5)
++ curve = make_interp_spline(t, plumb, k=5)
+* a certificate puts lifts of one crane over each other
+? plan::the_certificate_of_a_plan_fails_where_it_is_disturbed
+- (len(mine) - 1) * SLICE, math.inf, "s")
++ 0.0, math.inf, "s")
 cranedyn/sites/simulate.py
 * what bodies move between two rows is left out
 ? plan::bodies_that_pass_each_other_between_two_rows_are_told_from_those_that_meet
