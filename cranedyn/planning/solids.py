@@ -13,8 +13,12 @@ import coal
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from cranedyn.command import defer_sigint
 from cranedyn.data.files import read_bytes
 from cranedyn.errors import DataError, OutOfRange
+
+with defer_sigint():  # trimesh takes an interruption for a module that is missing
+    import trimesh
 
 MESH_ENDINGS = (".stl", ".ply", ".off", ".obj")
 """Endings of mesh files; none of these formats needs another file."""
