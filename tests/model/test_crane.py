@@ -6,6 +6,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import XACRO, arguments, describe
 from cranedyn.model.layout import ROLES
 from cranedyn.model.load import load_crane
+from experiments.relatives.catalogue import POINT
 from tests.helpers import G, crane, efforts, states, turned
 
 Load = Callable[..., Crane]
@@ -42,6 +44,12 @@ def load(tmp_path: Path) -> Load:
         return load_crane(path, **arguments)
 
     return load
+
+
+def refused(refusal: str) -> AbstractContextManager[object]:
+    """Expect a sentence of an OutOfRange, or of a ModelError where that stands before it."""
+    sentence = refusal.removeprefix("ModelError: ")
+    return pytest.raises(OutOfRange if sentence == refusal else ModelError, match=sentence)
 
 
 # --- what a crane knows ---------------------------------------------------------------------------
@@ -78,62 +86,33 @@ def test_arguments_reach_the_crane() -> None:
     assert not c.start.v.any()
 
 
-@pytest.mark.parametrize("gravity", [0.0, -9.81, math.nan, math.inf, "down"])
-def test_a_gravity_that_is_none_is_refused(gravity: float) -> None:
-    with pytest.raises(OutOfRange, match=r"gravity is .* m/s²; allowed is .*> 0"):
-        load_crane(gravity=gravity)
+NO_CRANE = r"""
+gravity=0.0 => gravity is .* m/s²; allowed is .*> 0
+gravity=-9.81 => gravity is .* m/s²; allowed is .*> 0
+gravity=math.nan => gravity is .* m/s²; allowed is .*> 0
+gravity=math.inf => gravity is .* m/s²; allowed is .*> 0
+gravity="down" => gravity is .* m/s²; allowed is .*> 0
+gravity=1e308 => ModelError: masses, lengths or gravity are beyond what a number holds
+trolley_min=30 => range of trolley_joint is 30 to 22 m; allowed is finite, lower below upper
+hoist_init=50 => hoist_joint at the start is 50.0 m; allowed is 3.4 to 26.4
+payload_mass=0 => payload_mass is 0 kg; allowed is > 0
+payload_mass=5e-324 => payload mass is 5e-324 kg; allowed is 1e-15 to 1e30
+payload_mass=1e-310 => payload mass is 1e-310 kg; allowed is 1e-15 to 1e30
+payload_mass=1e-200 => payload mass is 1e-200 kg; allowed is 1e-15 to 1e30
+payload_mass=1e-20 => payload mass is 1e-20 kg; allowed is 1e-15 to 1e30
+payload_mass=1e20 => smallest eigenvalue .* allowed is > 1e-10: masses differ too
+payload_mass=1e200 => value of mass in link hook_link .* number up to 1e\+30
+pivot_height=1e29 => ModelError: masses and lengths differ so much that accelerations lose all their
+hoist_min=1e-9, hoist_init=1e-9, **POINT => ModelError: so much that accelerations lose all their
+"""
+"""Arguments of a crane, and the error with which they are refused."""
 
 
-@pytest.mark.parametrize(
-    ("values", "sentence"),
-    [
-        (
-            {"trolley_min": 30},
-            "range of trolley_joint is 30 to 22 m; allowed is finite, lower below upper",
-        ),
-        ({"hoist_init": 50}, "hoist_joint at the start is 50.0 m; allowed is 3.4 to 26.4"),
-        ({"payload_mass": 0}, "payload_mass is 0 kg; allowed is > 0"),
-    ],
-)
-def test_numbers_that_make_no_crane_are_refused(values: dict[str, float], sentence: str) -> None:
-    with pytest.raises(OutOfRange, match=sentence):
-        load_crane(**values)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mass", [5e-324, 1e-310, 1e-200, 1e-20])
-def test_a_load_too_light_to_be_added_up_is_refused(mass: float) -> None:
-    with pytest.raises(OutOfRange, match=f"payload mass is {mass} kg; allowed is 1e-15 to 1e30"):
-        load_crane(payload_mass=mass)
-
-
-ASTRAY = (
-    "cannot be simulated: its masses and lengths differ so much that accelerations lose all "
-    "their digits"
-)
-
-
-@pytest.mark.parametrize(
-    ("values", "sentence"),
-    [
-        ({"pivot_height": 1e29}, ASTRAY),
-        (
-            {
-                "hoist_min": 1e-9,
-                "hoist_init": 1e-9,
-                "payload_inertia": 0,
-                "dummy_mass": 0,
-                "dummy_inertia": 0,
-            },
-            ASTRAY,
-        ),
-    ],
-)
-def test_numbers_with_which_the_articulated_body_algorithm_goes_astray_are_refused(
-    values: dict[str, float], sentence: str
-) -> None:
-    with pytest.raises(ModelError, match=sentence):
-        load_crane(**values)
+@pytest.mark.parametrize("row", NO_CRANE.strip().splitlines())
+def test_numbers_that_make_no_crane_are_refused(row: str) -> None:
+    arguments, refusal = row.split(" => ")
+    with refused(refusal):
+        eval(f"load_crane({arguments})", {"load_crane": load_crane, "math": math, "POINT": POINT})
 
 
 @pytest.mark.slow
@@ -395,28 +374,11 @@ def _vane(text: str) -> str:
     return turned("</robot>", vane, text)
 
 
-def _typed(joint: str, old: str, new: str) -> tuple[str, str]:
-    return f'<joint name="{joint}" type="{old}">', f'<joint name="{joint}" type="{new}">'
-
-
 REFUSALS = {
-    "driven joint made fixed": (
-        lambda u: turned(*_typed("hoist_joint", "prismatic", "fixed"), u),
-        "gives hoist_joint a command interface in <ros2_control>; the joints that move are "
-        "yaw_joint, trolley_joint, swing_radial_joint, ",
-    ),
     "no drives": (
         lambda u: u.replace("command_interface", "remark"),
         r"gives no joint a command interface in <ros2_control>; say which joints drives move by "
         r"load_crane\(driven=\[...\]\)",
-    ),
-    "wrong type": (
-        lambda u: turned(*_typed("trolley_joint", "prismatic", "revolute"), u),
-        "has a revolute trolley_joint; it must be prismatic",
-    ),
-    "floating load": (
-        lambda u: turned(*_typed("hoist_joint", "prismatic", "floating"), u),
-        "has a hoist_joint without limits or with several axes",
     ),
     "wrong order": (
         _swapped,
@@ -430,14 +392,6 @@ REFUSALS = {
     "extra joint": (
         _vane,
         "is a tree that ends in hoist_joint, vane_joint; say which joint carries the payload",
-    ),
-    "flipped theta": (
-        lambda u: turned('<axis xyz="0 1 0"/>', '<axis xyz="0 -1 0"/>', u),
-        r"has swing_tangential_joint along \[0.0, -1.0, 0.0\] of the world; it must be \[0, 1, 0\]",
-    ),
-    "flipped phi": (
-        lambda u: turned('<axis xyz="1 0 0"/>', '<axis xyz="-1 0 0"/>', u),
-        r"has swing_radial_joint along \[-1.0, 0.0, 0.0\] of the world; it must be \[1, 0, 0\]",
     ),
     "not XML": (lambda u: "solid crane", "is not XML"),
     "half a file": (lambda u: u[:5000], "is not XML"),
@@ -554,55 +508,51 @@ def test_parts_that_do_not_fit_the_joints_are_refused(
         load(urdf, **arguments)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "sentence"),
-    [
-        (
-            '<mass value="500.0"/>',
-            '<mass value="nan"/>',
-            "value of mass in link trolley_link .* is 'nan'; allowed is a decimal",
-        ),
-        (
-            'ixx="400.0"',
-            'ixx="4OO"',
-            r"ixx of inertia in link hook_link .* is '4OO'; allowed is a decimal number up to "
-            r"1e\+30",
-        ),
-        ('ixx="400.0"', 'ixx="-400.0"', "inertia of link hook_link in .* positive semidefinite"),
-        (
-            'ixx="400.0" ixy="0" ixz="0" iyy="400.0" iyz="0" izz="400.0"',
-            'ixx="20" ixy="0" ixz="0" iyy="20" iyz="0" izz="60"',
-            r"inertia of link hook_link in .* is 20, 20, 60 kg m²; allowed is .* the sum of the",
-        ),
-        (
-            'ixx="400.0" ixy="0" ixz="0" iyy="400.0" iyz="0" izz="400.0"',
-            'ixx="40" ixy="39" ixz="0" iyy="40" iyz="0" izz="40"',
-            r"inertia of link hook_link in .* is 1, 40, 79 kg m²; allowed is .* the sum of the",
-        ),
-        ('<mass value="500.0"/>', '<mass value="-1"/>', "mass of link trolley_link .* is -1 kg"),
-        (
-            '<mass value="1000.0"/>',
-            '<mass value="0"/>',
-            "payload mass is 0.0 kg; allowed is 1e-15 to 1e30",
-        ),
-        ('lower="3.4"', 'lower="0"', "shortest cable is 0.0 m; allowed is > 0"),
-        (
-            '<param name="initial_value">15.0<',
-            '<param name="initial_value">99<',
-            "hoist_joint at the start is 99 m; allowed is 3.4 to 26.4",
-        ),
-        (
-            '<param name="initial_value">15.0<',
-            '<param name="initial_value">up<',
-            "hoist_joint at the start is up m; allowed is a number",
-        ),
-    ],
-)
-def test_numbers_that_no_crane_has_are_refused_in_a_urdf_too(
-    old: str, new: str, sentence: str, urdf: str, load: Load
+INERTIA = 'ixx="400.0" ixy="0" ixz="0" iyy="400.0" iyz="0" izz="400.0"'
+NOT_OURS = r"""
+<mass value="1000.0"/> => <mass value="1_000"/> => value of mass in link hook_link .* is '1_000'
+<mass value="1000.0"/> => <mass value="١٠٠٠"/> => value of mass in link hook_link
+<mass value="1000.0"/> => <mass value="1000.0"/><mass value="1"/> => ModelError: There are 2
+<mass value="1000.0"/> => <visual/> => ModelError: The inertial of link hook_link .* needs a mass
+<inertia ixx="400.0" => <inertia xx="400.0" => ixx of inertia in link hook_link .* is ''
+<axis xyz="0 0 -1"/> => <axis xyz="0 -1"/> => xyz of axis in joint hoist_joint .* 3 decimal numbers
+upper="26.4" => upper="1e400" => upper of limit in joint hoist_joint .* is '1e400'
+upper="26.4" => upper="1e31" => allowed is a decimal number up to 1e\+30
+damping="0.0"/> => damping="0.0" friction="5"/> => friction of joint .* is 5; allowed is 0
+<axis xyz="1 0 0"/> => <mimic joint="yaw_joint"/> => ModelError: joint swing_radial_joint .* mimics
+<child link="hook_link"/> => <child link="trolley_link"/> => ModelError: two joints with the child
+rgba="0.42 0.42 0.40 1" => rgba="0.42 0.42" => rgba of color in material concrete
+<box size= => <box sizes= => size of box in link
+hoist_joint" type="prismatic" => hoist_joint" type="fixed" => ModelError: gives hoist_joint a
+trolley_joint" type="prismatic" => trolley_joint" type="revolute" => ModelError: must be prismatic
+hoist_joint" type="prismatic" => hoist_joint" type="floating" => ModelError: without limits or with
+xyz="0 1 0"/> => xyz="0 -1 0"/> => ModelError: swing_tangential_joint along \[0.0, -1.0, 0.0\] of
+xyz="1 0 0"/> => xyz="-1 0 0"/> => ModelError: swing_radial_joint along \[-1.0, 0.0, 0.0\] of the
+<mass value="500.0"/> => <mass value="nan"/> => value of mass in link trolley_link .* 'nan'
+<mass value="500.0"/> => <mass value="-1"/> => mass of link trolley_link .* is -1 kg
+<mass value="1000.0"/> => <mass value="0"/> => payload mass is 0.0 kg; allowed is 1e-15 to 1e30
+ixx="400.0" => ixx="4OO" => ixx of inertia in link hook_link .* is '4OO'; allowed is a decimal
+ixx="400.0" => ixx="-400.0" => inertia of link hook_link in .* positive semidefinite
+INERTIA => ixx="20" ixy="0" ixz="0" iyy="20" iyz="0" izz="60" => is 20, 20, 60 kg m²; allowed .* sum
+INERTIA => ixx="40" ixy="39" ixz="0" iyy="40" iyz="0" izz="40" => is 1, 40, 79 kg m²; allowed .* sum
+lower="3.4" => lower="0" => shortest cable is 0.0 m; allowed is > 0
+"initial_value">15.0< => "initial_value">99< => hoist_joint at the start is 99 m; allowed is 3.4
+"initial_value">15.0< => "initial_value">up< => hoist_joint at the start is up m; allowed is a nu
+damping="1.0" => damping="-1.0" => damping of swing_radial_joint is -1.0; allowed is >= 0
+"""
+"""Texts of a URDF, others in their place, and the error that refuses the crane. Pinocchio's parser
+would drop, double or ignore many of them, saying so on standard error at most.
+"""
+
+
+@pytest.mark.parametrize("row", NOT_OURS.strip().splitlines())
+def test_a_urdf_with_one_thing_that_no_crane_has_is_refused(
+    row: str, urdf: str, load: Load
 ) -> None:
-    with pytest.raises(OutOfRange, match=sentence):
-        load(turned(old, new, urdf))
+    old, new, refusal = row.replace("INERTIA", INERTIA).split(" => ")
+    assert old in urdf
+    with refused(refusal):
+        load(urdf.replace(old, new, 1))
 
 
 @pytest.mark.parametrize("moments", ["33.3 66.7 100", "0 400 400", "0 0 0", "1e-9 1e-9 2e-9"])
@@ -610,14 +560,8 @@ def test_inertias_of_plates_rods_and_points_are_taken_as_rounded(
     moments: str, urdf: str, load: Load
 ) -> None:
     ixx, iyy, izz = moments.split()
-    old = 'ixx="400.0" ixy="0" ixz="0" iyy="400.0" iyz="0" izz="400.0"'
     new = f'ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"'
-    assert load(turned(old, new, urdf))
-
-
-def test_negative_damping_is_refused(urdf: str, load: Load) -> None:
-    with pytest.raises(OutOfRange, match=r"damping of swing_radial_joint is -1.0; allowed is >= 0"):
-        load(urdf.replace('damping="1.0"', 'damping="-1.0"'))
+    assert load(turned(INERTIA, new, urdf))
 
 
 @pytest.mark.parametrize("name", ["missing.urdf", "missing.xacro", "."])
