@@ -70,7 +70,7 @@ urdf/tower_crane.urdf.xacro
 - iyy="${0.02 * of_upper}" izz="${of_upper}"
 + iyy="${of_upper}" izz="${0.02 * of_upper}"
 * the payload has no rotational inertia
-? dynamics::accelerations_are_those_of_the_lagrangian_by_hand
+? dynamics::accelerations_are_those_of_the_lagrangian_by_hand_less_damping
 - ixx="$(arg payload_ixx)" iyy="$(arg payload_iyy)" izz="$(arg payload_izz)"
 + ixx="0.0" iyy="0.0" izz="0.0"
 * the slung load hangs at the hook
@@ -118,7 +118,7 @@ cranedyn/dynamics/pinocchio.py
 + return rigid
 cranedyn/dynamics/joint_forces.py
 * dampers push the way a joint moves
-? dynamics::damping_is_a_force_against_the_own_velocity_of_each_joint
+? dynamics::accelerations_are_those_of_the_lagrangian_by_hand_less_damping
 - resisting = -(self.damping * v)
 + resisting = self.damping * v
 * buffers pull

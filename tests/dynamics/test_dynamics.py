@@ -22,24 +22,12 @@ from tests.lagrangian import Lagrangian
 
 PAPER = Lagrangian(G)
 UP = np.array([0.0, 0.0, G])
+DAMPED = crane(damp_slew=3e4, damp_trolley=200, damp_swing=5e3, damp_hoist=700)
+DAMPING = np.array([3e4, 200, 5e3, 5e3, 700])
 DRIVES, PASSIVE = crane().layout.drives, crane().layout.passive
 
 
 # --- the equations of motion ----------------------------------------------------------------------
-
-
-@given(states, efforts)
-def test_accelerations_are_those_of_the_lagrangian_by_hand(
-    state: State, effort: np.ndarray
-) -> None:
-    a = dynamics.acceleration(crane(damp_swing=0), state, effort)
-    needed = PAPER.forces(*state, a)
-    # rounding of sums whose largest terms are the inertia forces of 1e6 kg m²
-    assert_allclose(
-        needed,
-        dynamics.full(crane(), effort),
-        atol=1e-9 * max(1e5, np.abs(PAPER.mass_matrix(state.q).real * a).max()),
-    )
 
 
 @given(states, accelerations)
@@ -52,29 +40,25 @@ def test_prescribed_motion_moves_the_drives_as_asked_and_asks_nothing_of_the_swi
     assert_allclose(PAPER.forces(*state, a), dynamics.full(crane(), effort), atol=1e-7)
 
 
+@pytest.mark.parametrize("damping", [np.zeros(5), DAMPING], ids=["none", "at every joint"])
 @given(states, efforts)
-def test_damping_is_a_force_against_the_own_velocity_of_each_joint(
-    state: State, effort: np.ndarray
+def test_accelerations_are_those_of_the_lagrangian_by_hand_less_damping(
+    damping: np.ndarray, state: State, effort: np.ndarray
 ) -> None:
-    damped = crane(damp_slew=3e4, damp_trolley=200, damp_swing=5e3, damp_hoist=700)
-    a = dynamics.acceleration(damped, state, effort)
-    expected = dynamics.full(crane(), effort) - np.array([3e4, 200, 5e3, 5e3, 700]) * state.v
-    # rounding.
-    assert_allclose(
-        PAPER.forces(*state, a),
-        expected,
-        atol=1e-9 * max(1e5, np.abs(PAPER.mass_matrix(state.q).real * a).max()),
-    )
+    a = dynamics.acceleration(crane(damp_swing=0) if not damping.any() else DAMPED, state, effort)
+    expected = dynamics.full(crane(), effort) - damping * state.v
+    # rounding of sums whose largest terms are the inertia forces of 1e6 kg m²
+    rounding = 1e-9 * max(1e5, np.abs(PAPER.mass_matrix(state.q).real * a).max())
+    assert_allclose(PAPER.forces(*state, a), expected, atol=rounding)
 
 
 @given(states, accelerations)
 def test_prescribed_motion_and_the_efforts_it_costs_are_one_motion(
     state: State, setpoint: np.ndarray
 ) -> None:
-    damped = crane(damp_slew=3e4, damp_trolley=200, damp_swing=5e3, damp_hoist=700)
-    a, effort = dynamics.prescribed_acceleration(damped, state, setpoint)
+    a, effort = dynamics.prescribed_acceleration(DAMPED, state, setpoint)
     # rounding, magnified by the light trolley under a load of twice its mass
-    assert_allclose(dynamics.acceleration(damped, state, effort), a, atol=1e-10, rtol=1e-10)
+    assert_allclose(dynamics.acceleration(DAMPED, state, effort), a, atol=1e-10, rtol=1e-10)
 
 
 @given(states)
@@ -94,7 +78,7 @@ def test_the_weight_of_structure_trolley_and_links_does_not_enter(state: State) 
 def test_linearisation_is_the_derivative_of_the_acceleration(
     state: State, effort: np.ndarray
 ) -> None:
-    c = crane(damp_slew=3e4, damp_trolley=200, damp_swing=5e3, damp_hoist=700)
+    c = DAMPED
     by_state, by_effort = dynamics.linearise(c, state, effort)
     z, h = np.concatenate(state), 1e-5
 
@@ -117,7 +101,7 @@ def test_linearisation_is_the_derivative_of_the_acceleration(
 def test_energy_changes_by_the_power_of_the_drives_less_dissipation(
     state: State, effort: np.ndarray
 ) -> None:
-    c = crane(damp_slew=3e4, damp_trolley=200, damp_swing=5e3, damp_hoist=700)
+    c = DAMPED
     a, h = dynamics.acceleration(c, state, effort), 1e-5
     after, before = (
         dynamics.energy(c, State(state.q + s * state.v + s**2 / 2 * a, state.v + s * a))
@@ -207,7 +191,7 @@ def test_theta_is_positive_when_the_load_lags_the_jib(push: float) -> None:
 def test_rope_tension_is_what_accelerates_the_load_along_the_rope(
     state: State, setpoint: np.ndarray
 ) -> None:
-    c = crane(damp_slew=3e4, damp_trolley=200, damp_swing=5e3, damp_hoist=700)
+    c = DAMPED
     a, effort = dynamics.prescribed_acceleration(c, state, setpoint)
     rope = dynamics.pivot_position(c, state.q) - dynamics.payload_position(c, state.q)
     pull = 1000.0 * (PAPER.payload_acceleration(*state, a) + UP)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import sys
 import time
@@ -12,6 +11,8 @@ import numpy as np
 import pytest
 from scipy.linalg import cholesky, solve_discrete_are
 from scipy.optimize import lsq_linear
+
+pytest.importorskip("daqp", reason="daqp is not installed: pip install 'cranedyn[mpc]'")
 
 from cranedyn.controllers import lqr
 from cranedyn.controllers.lqr import effort_weight_of, riccati, state_weight_of
@@ -25,10 +26,6 @@ from cranedyn.interfaces import Controller, Setpoint, State
 from tests.estimation.motions import REST, STILL, at_rest, combined, residual
 from tests.helpers import crane, quickly
 
-needs_solver = pytest.mark.skipif(
-    importlib.util.find_spec("daqp") is None,
-    reason="daqp is not installed: pip install 'cranedyn[mpc]'",
-)
 Q, R = state_weight_of(crane()), effort_weight_of(crane())
 SIZE = np.array([0.01, 0.05, 0.02, 0.02, 0.05, 0.002, 0.02, 0.02, 0.02, 0.02])
 """Deviations that bring no drive to its limit."""
@@ -42,7 +39,6 @@ def rates(run: Trajectory) -> np.ndarray:
     return np.abs(run.v[:, crane().layout.drives]).max(axis=0)
 
 
-@needs_solver
 def test_at_rest_without_a_limit_in_reach_it_is_the_stationary_lqr() -> None:
     rest, rng = crane().state(**REST), np.random.default_rng(1)
     controller = mpc(crane(), at_rest(crane()))
@@ -58,7 +54,6 @@ def test_at_rest_without_a_limit_in_reach_it_is_the_stationary_lqr() -> None:
         )
 
 
-@needs_solver
 @pytest.mark.slow
 def test_along_a_motion_without_a_limit_in_reach_it_is_the_lqr_of_the_whole_motion() -> None:
     motion, rng = combined(crane()), np.random.default_rng(2)
@@ -81,7 +76,6 @@ def test_along_a_motion_without_a_limit_in_reach_it_is_the_lqr_of_the_whole_moti
         )
 
 
-@needs_solver
 def test_with_efforts_at_their_limits_it_is_the_optimum_of_bounded_least_squares() -> None:
     limit, n, rest = np.array([3e4, 1.5e3, 1.05e4]), 6, crane().state(**REST)
     holding = holding_effort(crane(), rest.q)
@@ -114,7 +108,6 @@ def test_with_efforts_at_their_limits_it_is_the_optimum_of_bounded_least_squares
     np.testing.assert_allclose(found, holding + best.x[:3] * limit, rtol=1e-5)
 
 
-@needs_solver
 @pytest.mark.slow
 def test_where_the_lqr_saturates_and_overspeeds_it_keeps_force_and_rate() -> None:
     weak = crane(trolley_effort=2000.0)
@@ -131,7 +124,6 @@ def test_where_the_lqr_saturates_and_overspeeds_it_keeps_force_and_rate() -> Non
     assert np.abs(run.q[-200:, 2]).max() < 1e-3
 
 
-@needs_solver
 @pytest.mark.slow
 def test_a_swing_beyond_its_bound_is_no_contradiction_and_is_brought_within() -> None:
     motion, start = (at_rest(crane()), crane().state(**REST, phi=0.12, theta=0.12))
@@ -161,7 +153,6 @@ def test_a_swing_beyond_its_bound_is_no_contradiction_and_is_brought_within() ->
     assert (rates(run) <= np.array([0.03, 0.4, 0.5]) * 1.01).all()
 
 
-@needs_solver
 @pytest.mark.slow
 def test_a_plan_faster_than_the_drives_may_run_is_run_at_their_limits() -> None:
     motion, limit = combined(crane()), np.array([0.055, 0.95, 0.5])
@@ -174,7 +165,6 @@ def test_a_plan_faster_than_the_drives_may_run_is_run_at_their_limits() -> None:
     assert residual(run) < 1e-3
 
 
-@needs_solver
 @pytest.mark.slow
 def test_efforts_stay_within_their_limits_between_the_optimisations_too() -> None:
     motion, start = combined(crane()), crane().state(**REST, phi=0.05, theta=0.05)
@@ -185,7 +175,6 @@ def test_efforts_stay_within_their_limits_between_the_optimisations_too() -> Non
     assert (np.abs(run.command).max(axis=0)[:2] > 0.999 * limit[:2]).all()
 
 
-@needs_solver
 @pytest.mark.slow
 def test_between_optimisations_the_correction_is_held_and_the_feed_forward_goes_on() -> None:
     motion = combined(crane())
@@ -204,7 +193,6 @@ def test_between_optimisations_the_correction_is_held_and_the_feed_forward_goes_
     assert np.abs(np.diff(by_period[:, 0], axis=0)).min() > 1.0
 
 
-@needs_solver
 def test_a_second_run_does_not_begin_with_what_the_first_held() -> None:
     motion, c = at_rest(crane()), crane()
     used, other = (mpc(c, motion, effort_limit=(4e4, 2e3, 1.2e4)) for _ in range(2))
@@ -216,7 +204,6 @@ def test_a_second_run_does_not_begin_with_what_the_first_held() -> None:
     assert (second.command == first.command).all()
 
 
-@needs_solver
 @pytest.mark.slow
 def test_it_keeps_its_period_of_50_ms() -> None:
     motion, start = combined(crane()), crane().state(**REST, phi=0.12, theta=0.12)
@@ -254,7 +241,6 @@ def failing(
     )
 
 
-@needs_solver
 def test_nothing_is_optimised_where_the_lqr_keeps_all_bounds() -> None:
     motion, start = at_rest(crane()), crane().state(**REST, phi=0.1)
     runs = []
@@ -266,7 +252,6 @@ def test_nothing_is_optimised_where_the_lqr_keeps_all_bounds() -> None:
     assert np.abs(runs[0].q - runs[1].q).max() < 1e-9  # accuracy of DAQP
 
 
-@needs_solver
 def test_an_optimisation_that_fails_ends_the_run_and_no_old_command_goes_on() -> None:
     motion, start = at_rest(crane()), crane().state(**REST, phi=0.1)
     controller = mpc(crane(), motion, swing_limit=0.01)
@@ -283,7 +268,6 @@ def test_an_optimisation_that_fails_ends_the_run_and_no_old_command_goes_on() ->
         controller(0.155, start, STILL)
 
 
-@needs_solver
 @pytest.mark.parametrize(("index", "name"), [(3, "coordinate 4"), (9, "rate 5")])
 @pytest.mark.parametrize("controller_of", [lqr, mpc])
 def test_a_state_that_is_not_finite_is_named_and_gives_no_efforts(
@@ -295,7 +279,6 @@ def test_a_state_that_is_not_finite_is_named_and_gives_no_efforts(
         controller(0.0, state_of(z), STILL)
 
 
-@needs_solver
 @pytest.mark.parametrize(
     ("given", "words"),
     [
@@ -321,7 +304,6 @@ def test_what_no_controller_can_do_is_refused(given: dict[str, object], words: s
         mpc(crane(), at_rest(crane()), **given)  # type: ignore[arg-type]
 
 
-@needs_solver
 def test_a_feed_forward_that_leaves_no_room_for_any_held_correction_is_refused() -> None:
     with pytest.raises(CraneError, match="half of what the feed-forward changes by within a perio"):
         mpc(crane(), combined(crane()), period=1.0, effort_limit=(100.0, 1e4, 2e4))

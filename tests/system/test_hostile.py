@@ -8,14 +8,11 @@ import errno
 import io
 import itertools
 import json
-import os
-import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import contextmanager, redirect_stderr
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -37,7 +34,7 @@ from cranedyn.planning.itinerary import Leg, itinerary
 from cranedyn.recording import snapshot as pictures
 from cranedyn.simulation.simulate import simulate
 from cranedyn.sweep import grid, sweep
-from experiments import a1, a2, a3, energy, harness, mass_ratio, report
+from experiments import energy, harness, mass_ratio, report
 from experiments import snapshot as snapshots
 from tests.helpers import RESULT, crane, files, python, turned
 from tests.studies import squares
@@ -303,83 +300,6 @@ def test_pieces_without_rows_are_not_joined() -> None:
 # --- numbers that make no experiment --------------------------------------------------------------
 
 
-def said(module: ModuleType, words: Sequence[str]) -> tuple[int, str]:
-    """Exit code and standard error of an experiment, in the present folder."""
-    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as err:
-        code = module.main(list(words))
-    return code, err.getvalue()
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder to be in, with a file of one's own that is right and three that are not."""
-    monkeypatch.chdir(tmp_path)
-    t = np.arange(0.0, 40.0, 0.01)
-    good = {name: 0.1 * np.cos(t) for name in ("phi_rad", "theta_rad")}
-    good |= {"t_s": t, "l_m": 0 * t + 10, "x_m": 0 * t + 20, "gamma_dot_rad_s": np.sin(t)}
-    good |= {"theta_dot_rad_s": -0.1 * np.sin(t)}
-    files = {"good": {}, "long": {"l_m": 0 * t + 1e300}}
-    files |= {"epoch": {"t_s": t + 1.7e9}, "sparse": {"t_s": 60 * t}}
-    for name, odd in files.items():
-        pyarrow.csv.write_csv(pa.table(good | odd), tmp_path / f"{name}.csv")
-    (tmp_path / "folder.rrd").mkdir()
-    os.mkfifo(tmp_path / "pipe.rrd")
-    return tmp_path
-
-
-MODULES = {"a1": a1, "a2": a2, "a3": a3, "energy": energy, "mass_ratio": mass_ratio}
-BAD = r"""
-mass_ratio --set payload_mass:=1e20 => smallest eigenvalue of the scaled mass matrix
-energy --swing 1e-200 => swing is 1e-200 rad; allowed is 0.001 to 1.5708
-energy --set damp_swing:=5 => damp_swing is set by the experiment energy itself; leave it
-mass_ratio --set dummy_mass:=5 => dummy_mass is set by the experiment mass_ratio itself
-a3 --set trolley_init:=5 => trolley_init is set by the experiment a3 itself
-a1 --set payload_mass:=1 payload_mass:=2 => payload_mass is given twice
-energy --port 9999 => --port has no effect without --serve; leave it out
-energy --dt 1e-300 --control-period 1e-300 => dt is 1e-300 s; allowed is
-energy --dt 1e-7 --control-period 1e-7 => duration is 6 s; allowed is .* at most
-a1 --from good.csv --engine compiled => --engine has no effect beside --from; leave it out
-a1 --from good.csv --gravity 9.8 => --gravity has no effect beside --from; leave it out
-a1 --from good.csv --length 5 => --length has no effect beside --from
-a1 --from good.csv --identify => --identify has no effect beside --from
-a1 --from good.csv --save x.rrd => --save has no effect beside --from
-a1 --from good.csv --validity mark => --validity has no effect beside --from
-a1 --identify --swing 0.2 => --swing has no effect beside --identify
-a2 --from good.csv --set payload_mass:=2 => --set has no effect beside --from
-a3 --from good.csv --dt 1e-3 => --dt has no effect beside --from
-a1 --from long.csv => long\.csv: l_m is 1e\+300 in some row; allowed is 0\.001 to 1e\+06
-a2 --from long.csv => long\.csv: l_m is 1e\+300 in some row; allowed is 0\.001 to 1e\+06
-a3 --from long.csv => long\.csv: l_m is 1e\+300 in some row; allowed is 0\.001 to 1e\+06
-a1 --from epoch.csv => epoch\.csv: t_s is 1\.7e\+09 in some row; allowed is -1e\+06 to 1e\+06
-a1 --from sparse.csv => sparse\.csv: t_s leaves a gap of 0\.6 s; allowed are 0\.5 s
-a1 --from /dev/urandom => Cannot read /dev/urandom: it is no file but a device
-a2 --document /dev/zero => Cannot read /dev/zero: it is no file but a device
-energy --out LONG => Cannot .*File name too long
-energy --save LONG.rrd => Cannot write .*File name too long
-energy --out /proc/cranedyn => Cannot make the folder /proc/cranedyn
-energy --save /proc/cranedyn.rrd => Cannot write /proc/cranedyn.rrd
-energy --save folder.rrd => Cannot write folder.rrd: it is a folder
-energy --save pipe.rrd => Cannot write pipe.rrd: it is no file but a device
-"""
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="names of Linux")
-@pytest.mark.parametrize("row", BAD.strip().splitlines())
-def test_what_cannot_be_is_refused_before_a_run_in_one_sentence(row: str, here: Path) -> None:
-    line, sentence = row.split(" => ")
-    name, *words = line.replace("LONG", "a" * 300).split()
-    before = files(here)
-    code, err = said(MODULES[name], words)
-    assert code == 2
-    assert err.startswith("error: ") and err.endswith(".\n") and err.count("\n") == 1
-    assert re.search(sentence, err), err
-    assert files(here) == before
-
-
-def test_the_good_file_is_analysed(here: Path) -> None:
-    assert said(a1, ["--from", "good.csv", "--set", "payload_mass:=900", "--out", "out"]) == (0, "")
-
-
 def test_a_load_that_does_not_swing_through_has_no_period() -> None:
     light = load_crane(payload_mass=1e-12, damp_swing=0)
     start = light.state(phi=0.1)
@@ -450,25 +370,6 @@ def test_a_leg_that_would_never_end_is_refused() -> None:
         itinerary(c, c.start, legs, rates=(0.1, 5e-324, 1.0), dwell=1.0)
 
 
-@pytest.mark.parametrize(
-    ("column", "factor", "says"),
-    [
-        ("gamma_dot_rad_s", 1e7, "gamma_dot_rad_s is -?[19].* in some row; allowed is -10 to 10"),
-        ("theta_dot_rad_s", 1e4, "theta_dot_rad_s is -?[19].* in some row; allowed is -10 to 10"),
-        ("x_m", 1e4, r"the trolley sideways by up to 2e\+05 m/s²; allowed is up to 1000 m/s²"),
-    ],
-)
-def test_a_jib_or_a_load_faster_than_any_crane_is_refused_before_it_is_integrated(
-    column: str, factor: float, says: str, here: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    table = pyarrow.csv.read_csv("good.csv")
-    at, values = table.column_names.index(column), table[column].to_numpy() * factor
-    pyarrow.csv.write_csv(table.set_column(at, column, pa.array(values)), "fast.csv")
-    monkeypatch.setattr(a3, "_integrate", lambda *_: pytest.fail("a model was integrated"))
-    code, err = said(a3, ["--from", "fast.csv", "--out", "out"])
-    assert code == 2 and re.search(says, err), err
-
-
 @pytest.mark.slow
 def test_where_a_file_system_knows_no_locks_a_sweep_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -535,7 +436,7 @@ def test_a_gif_of_more_pictures_than_memory_holds_is_refused(
 
 
 def test_pictures_are_not_even_drawn_where_the_moving_one_is_refused(
-    drawn: list[float], tmp_path: Path
+    drawn: list[float], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for span, sentence in (
         ("0 1e9 a.gif", "number of pictures"),
@@ -544,7 +445,7 @@ def test_pictures_are_not_even_drawn_where_the_moving_one_is_refused(
         ("1 1 a.gif", "span is 1 to 1"),
     ):
         words = ["-t", "0", "-o", str(tmp_path / "out"), "--gif", *span.split()]
-        code, err = said(snapshots, [str(tmp_path / "a.rrd"), *words])
+        code, err = snapshots.main([str(tmp_path / "a.rrd"), *words]), capsys.readouterr().err
         assert (code, err.count("\n"), drawn, files(tmp_path)) == (2, 1, [], [])
         assert sentence in err
 
