@@ -72,17 +72,19 @@ def flow(
     start: State,
     times: np.ndarray,
     drive: Callable[[float], np.ndarray] | None = None,
+    acceleration: Callable[[State], np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates and rates at given times, shape (times, n) each, under prescribed drive
-    accelerations; by DOP853 to 1e-10.
+    """Coordinates and rates at given times, shape (times, n) each, under accelerations of the state
+    or else under prescribed drive accelerations; by DOP853 to 1e-10.
     """
     n, m = crane.layout.n, crane.layout.m
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
+        state = State(y[:n], y[n:])
+        if acceleration is not None:
+            return np.concatenate([state.v, acceleration(state)])
         given = np.zeros(m) if drive is None else drive(t)
-        return np.concatenate(
-            [y[n:], prescribed_acceleration(crane, State(y[:n], y[n:]), given)[0]]
-        )
+        return np.concatenate([state.v, prescribed_acceleration(crane, state, given)[0]])
 
     span, exact = (0.0, times[-1]), dict(rtol=1e-10, atol=1e-12, max_step=0.5)
     y = solve_ivp(rates, span, np.concatenate(start), "DOP853", times, **exact).y.T

@@ -1107,7 +1107,7 @@ cranedyn/command.py
 + action.help = action.help
 cranedyn/__main__.py
 * an exporter computes before it refuses a target
-? page::a_bad_target_is_refused_before_anything_is_said
+? bridges::a_target_that_exists_stays_as_it_is[page.html]
 - check_free(options.target)
 + pass
 experiments/harness/run.py

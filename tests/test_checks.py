@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -39,12 +39,57 @@ FOUR = State(np.zeros(4), np.zeros(4))
 OTHER = Motion(0.005, *np.zeros((3, 2, 4)), np.array([0, 1]))
 
 MISTAKES = r"""
-simulate(crane, law, duration=nan) => duration is nan s; allowed is > 0.
-simulate(crane, law, duration=0.1, dt=10**5000) => dt is int that cannot be written out
-simulate(crane, law, duration=0.1, drive=2) => drive is 2; allowed is effort or motion
+run(duration=nan) => duration is nan s; allowed is > 0.
+constant_force(crane, payload=(1, 2)) => force on the payload is an array of shape (2,); allowed is
+constant_force(crane, payload=1.0) => force on the payload is an array of shape ()
+constant_force(crane, trolley=(nan, 0, 0)) => force on the trolley is nan
+constant_force(crane, hook=(0, 0, 1)) => There is no point 'hook'; there are payload, trolley
+steady(inf) => wind speed is inf
+cosine_gust(steady(1), 1.0, at=0.0, lasts=0.0) => duration of the gust is 0
+turbulence(steady(1), -0.1, rng, duration=1.0) => turbulence intensity is -0.1
+wind(crane, steady(1), direction=0.0, payload_area=-1.0) => drag area of the payload is -1
+wind(crane, steady(1), direction=0.0, hook_area=1.0) => There is no drag area 'hook_area'; there are
+pulse(crane, still, 'phi', 1.0, at=1.0, width=1.0) => There is no drive 'phi'; there are
+ramp(crane, still, 'phi', 1.0, rate=1.0, at=1.0) => There is no drive 'phi'; there are
+pulse(crane, still, 'theta', 1.0, at=1.0, width=1.0) => There is no drive 'theta'; there are
+ramp(crane, still, 'theta', 1.0, rate=1.0, at=1.0) => There is no drive 'theta'; there are
+pulse(crane, still, 'y', 1.0, at=1.0, width=1.0) => There is no drive 'y'; there are
+ramp(crane, still, 'y', 1.0, rate=1.0, at=1.0) => There is no drive 'y'; there are
+pulse(crane, still, 'x', nan, at=1.0, width=1.0) => pulse amplitude is nan; allowed is a finite
+pulse(crane, still, 'x', 1.0, at=inf, width=1.0) => pulse start is inf s; allowed is a finite number
+pulse(crane, still, 'x', 1.0, at=1.0, width=0.0) => pulse width is 0.0 s; allowed is > 0
+ramp(crane, still, 'x', nan, rate=1.0, at=1.0) => ramp distance is nan; allowed is a finite number
+ramp(crane, still, 'x', 1.0, rate=1.0, at=nan) => ramp start is nan s; allowed is a finite number
+ramp(crane, still, 'x', 1.0, rate=0.0, at=1.0) => ramp rate is 0.0 rad/s or m/s; allowed is > 0
+ramp(crane, still, 'x', 1.0, rate=-1.0, at=1.0) => ramp rate is -1.0 rad/s or m/s; allowed is > 0
+run(dt=0.0) => dt is 0.0 s; allowed is > 0
+run(dt=-1e-3) => dt is -0.001 s; allowed is > 0
+run(dt=nan) => dt is nan s; allowed is > 0
+run(dt=3e-4) => control_period is 0.005 s; allowed is a multiple of dt = 0.0003 s
+run(dt=1e-2) => control_period is 0.005 s; allowed is a multiple of dt = 0.01 s
+run(control_period=0.0) => control_period is 0.0 s; allowed is > 0
+run(control_period=inf) => control_period is inf s; allowed is > 0
+run(drive='speed') => drive is speed; allowed is effort or motion or velocity
+run(validity='ignore') => validity is ignore
+run(validity='buffers', drive='motion') => validity is buffers
+run(start=(five, nan * five)) => gamma_dot at the start is nan rad/s; allowed is a finite
+run(start=(np.zeros(4), five)) => start is a state of 4 coordinates and 5 rates
+run(t_start=nan) => time at the start is nan
+run(dt=1e-14) => dt is 1e-14 s; allowed is 1e-09 to 1000
+run(t_start=1e17) => time at the start is 1e+17 s; allowed is -1e9 to 1e9
+run(disturbance=lambda t, state: three) => force of the disturbance is an array of shape (3,)
+run(disturbance=lambda t, state: nan * points) => force of the disturbance is
+run(duration=0.0) => duration is 0.0 s; allowed is > 0
+run(duration=0.1234) => duration is 0.1234 s; allowed is a multiple of control_peri
+run(duration=1e-3) => duration is 0.001 s; allowed is a multiple of control_period
+run(duration=1e5) => duration is 100000 s; allowed is 3.68e+04 s at most: its 20000001 rows would
+run(dt=1e-9, control_period=1e-9, duration=100.0) => dt is 1e-09 s; allowed is 1e-08 or more for a
+simulate(crane, lambda *_: 'up', duration=1.0) => command of the controller is no array
+run(dt=10**5000) => dt is int that cannot be written out
+run(drive=2) => drive is 2; allowed is effort or motion
 simulate(crane, law, other, duration=0.1) => reference is a motion of 4 coordinates, the drives [0,
-simulate(crane, law, duration=0.1, start=four) => start is a state of 4 coordinates and 4 rates;
-simulate(crane, law, duration=0.1, start=endless) => gamma_dot at the start is inf rad/s; allowed
+run(start=four) => start is a state of 4 coordinates and 4 rates;
+run(start=endless) => gamma_dot at the start is inf rad/s; allowed
 Stepper(crane, start=four) => start is a state of 4 coordinates and 4 rates
 simulate_batch(crane, law, start=four, duration=0.1) => coordinates at the start is an array of
 optimal(crane, four, start, limits) => start is a state of 4 coordinates and 4 rates; allowed is 5
@@ -99,10 +144,11 @@ clocks(1.0, 10**5000, 1.0) => dt is int that cannot be written out s
 @cache
 def names() -> dict[str, Any]:
     """Return the names of calls."""
-    rest = namespace()["start"]
+    rest, crane, law = (namespace()[name] for name in ("start", "crane", "law"))
     return namespace() | {
         **dict(finite=finite, number=number, whole=whole, intervals=intervals, clocks=clocks),
         **dict(riccati=riccati, rng=np.random.default_rng(1), one=np.ones((1, 1, 1))),
+        "run": partial(simulate, crane, law, **{"duration": 0.1}),
         "four": State(np.zeros(4), np.zeros(4)),
         "endless": State(rest.q, np.full(5, math.inf)),
         "other": Motion(5e-3, *np.zeros((3, 2, 4)), np.array([0, 1])),

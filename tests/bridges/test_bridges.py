@@ -185,7 +185,7 @@ def test_a_target_that_exists_stays_as_it_is(
     target.write_text("mine")
     assert main(["export", exporter, str(target)]) == 2
     there = f"error: Cannot write {target}: it is there already; name another, or remove it.\n"
-    assert capsys.readouterr().err.endswith(there)
+    assert capsys.readouterr().err == there
     assert target.read_text() == "mine"
 
 

@@ -212,14 +212,6 @@ def test_a_file_without_what_is_needed_is_refused_in_a_sentence(
     assert "\n" not in str(caught.value)
 
 
-def test_a_parquet_column_of_text_is_refused(tmp_path: Path) -> None:
-    pyarrow.parquet.write_table(
-        pa.table({"t_s": [0.0, 1.0], "phi_rad": ["up", "down"]}), tmp_path / "a.parquet"
-    )
-    with pytest.raises(DataError, match="column phi_rad holds something that is not a number"):
-        read_columns(tmp_path / "a.parquet", ("t_s", "phi_rad"))
-
-
 @pytest.mark.parametrize("name", ["missing.csv", "missing.parquet", "folder.csv"])
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / "folder.csv").mkdir()

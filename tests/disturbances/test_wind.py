@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from numpy.testing import assert_allclose
 from cranedyn.controllers import hold_controller
 from cranedyn.disturbances import wind
 from cranedyn.dynamics.pinocchio import outside_effort, point_positions, point_velocities
-from cranedyn.errors import OutOfRange, UnknownName
 from cranedyn.interfaces import State
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import G, crane, locked, quickly, states
@@ -207,56 +205,3 @@ def test_turbulence_has_its_intensity_at_every_time_however_long_the_step(ratio:
     assert_allclose(
         (found[:, :1] * found).mean(axis=0), expected, atol=4.0 * math.sqrt(2.0 / seeds)
     )
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (
-            lambda: wind.constant_force(crane(), payload=(1.0, 2.0)),
-            r"force on the payload is an array of shape \(2,\); .* shape \(3,\)",
-        ),
-        (
-            lambda: wind.constant_force(crane(), trolley=(math.nan, 0.0, 0.0)),
-            "force on the trolley is nan",
-        ),
-        (
-            lambda: wind.constant_force(crane(), payload=1.0),
-            r"force on the payload is an array of shape \(\)",
-        ),  # type: ignore[arg-type]
-        (lambda: wind.steady(math.inf), "wind speed is inf"),
-        (
-            lambda: wind.cosine_gust(wind.steady(1.0), 1.0, at=0.0, lasts=0.0),
-            "duration of the gust is 0",
-        ),
-        (
-            lambda: wind.turbulence(wind.steady(1.0), -0.1, np.random.default_rng(0), duration=1.0),
-            "turbulence intensity is -0.1",
-        ),
-        (
-            lambda: wind.wind(crane(), wind.steady(1.0), direction=0.0, payload_area=-1.0),
-            "drag area of the payload is -1",
-        ),
-    ],
-)
-def test_impossible_winds_are_refused(make: object, words: str) -> None:
-    with pytest.raises(OutOfRange, match=words):
-        make()  # type: ignore[operator]
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (
-            lambda: wind.constant_force(crane(), hook=(0.0, 0.0, 1.0)),
-            "no point 'hook'; there are payload, trolley",
-        ),
-        (
-            lambda: wind.wind(crane(), wind.steady(1.0), direction=0.0, hook_area=1.0),
-            "no drag area 'hook_area'; there are payload_area, trolley_area",
-        ),
-    ],
-)
-def test_a_point_that_the_crane_has_not_is_refused(make: Callable[[], object], words: str) -> None:
-    with pytest.raises(UnknownName, match=words):
-        make()

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from numpy.testing import assert_allclose
-from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from cranedyn import theory
@@ -383,13 +382,7 @@ def _part(c: Crane, state: State, fixed: tuple[int, ...]) -> np.ndarray:
 def _partly_free(
     c: Crane, start: State, times: np.ndarray, fixed: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    def rates(_: float, y: np.ndarray) -> np.ndarray:
-        return np.concatenate([y[5:], _part(c, State(y[:5], y[5:]), fixed)])
-
-    y = solve_ivp(
-        rates, (0.0, times[-1]), np.concatenate(start), "DOP853", times, rtol=1e-10, atol=1e-11
-    ).y.T
-    return y[:, :5], y[:, 5:]
+    return flow(c, start, times, acceleration=lambda state: _part(c, state, fixed))
 
 
 def test_with_locked_drives_energy_and_vertical_angular_momentum_about_the_pivot_stay() -> None:

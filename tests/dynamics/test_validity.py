@@ -15,7 +15,7 @@ from cranedyn.data.trajectory import QUANTITIES, Trajectory
 from cranedyn.dynamics.bodies import bodies, heights, point_paths
 from cranedyn.dynamics.pinocchio import point_positions
 from cranedyn.dynamics.validity import events
-from cranedyn.errors import CraneError, OutOfRange, RunError
+from cranedyn.errors import CraneError, RunError
 from cranedyn.interfaces import EngineName, Setpoint, State
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold, ramp
@@ -222,44 +222,6 @@ def test_what_a_controller_cannot_answer_is_said_with_the_record_so_far() -> Non
         simulate(crane(), gives_up, duration=1.0)
     assert caught.value.trajectory is not None
     assert len(caught.value.trajectory) == 101
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ({"validity": "ignore"}, "validity is ignore"),
-        ({"validity": "buffers", "drive": "motion"}, "validity is buffers"),
-        (
-            {"start": (np.zeros(5), np.full(5, np.nan))},
-            "gamma_dot at the start is nan rad/s; allowed is a finite number",
-        ),
-        (
-            {"start": (np.zeros(4), np.zeros(5))},
-            "start is a state of 4 coordinates and 5 rates; allowed is 5 of each",
-        ),
-        (
-            {"start": (np.zeros(4), np.zeros(4))},
-            "start is a state of 4 coordinates and 4 rates; allowed is 5 of each: gamma, x, phi",
-        ),
-        ({"t_start": math.nan}, "time at the start is nan"),
-        ({"duration": 1e5}, r"s at most: its \d+ rows would take"),
-        ({"dt": 1e-14}, "dt is 1e-14 s; allowed is 1e-09 to 1000"),
-        ({"dt": 1e-9, "control_period": 1e-9, "duration": 100.0}, "that is 1e[+]10 steps"),
-        ({"t_start": 1e17}, "time at the start is 1e[+]17 s; allowed is -1e9 to 1e9"),
-        (
-            {"disturbance": lambda t, state: np.zeros(3)},
-            r"force of the disturbance is an array of shape \(3,\)",
-        ),
-        ({"disturbance": lambda t, state: np.full((2, 3), np.nan)}, "force of the disturbance is"),
-        ({"controller": lambda t, state, setpoint: "up"}, "command of the controller is no array"),
-    ],
-)
-def test_what_cannot_be_run_is_refused_at_once(arguments: dict, words: str) -> None:
-    with pytest.raises(OutOfRange, match=words):
-        simulate(
-            crane(),
-            **{"controller": hold_controller(crane(), gravity=G), "duration": 1.0} | arguments,
-        )
 
 
 def test_a_load_on_no_cable_is_refused_where_motion_is_prescribed() -> None:
