@@ -558,7 +558,7 @@ cranedyn/model/joints.py
 + if False:
 * a joint that nothing drives may play a drive
 ? crane::a_tower_crane_is_one_by_what_its_joints_do_whatever_their_names
-- and joint.driven != role.endswith("_swing")
+- and joint.driven != r.endswith("_swing")
 +
 cranedyn/planning/clearance.py
 * the own mast is no obstacle
@@ -767,7 +767,15 @@ cranedyn/lifting/loads.py
 ? loads::corners_carry_the_whole_and_turn_with_the_jib
 - (m_y * x - m_x * y)
 + (m_y * x + m_x * y)
+* a jib bends as if the load were behind a place
+? loads::the_jib_bends_by_the_load_ahead_of_each_place_and_not_behind_the_trolley
+- tilting[:, None] + down[:, None] * ahead
++ tilting[:, None] - down[:, None] * ahead
 cranedyn/lifting/wrench.py
+* the ground forgets where the crane pulls at it
+? loads::what_passes_through_a_joint_is_what_pinocchio_says
+- Wrench(force, moment, self.origin(joint))
++ Wrench(force, moment, 0.0 * self.origin(joint))
 * a joint forgets that what hangs beyond it is accelerated
 ? chart::a_load_at_rest_takes_its_share_and_one_that_is_lifted_faster_more
 - transmitted = rigid_body.transmitted(tree, frames, rows(v), caused, forces)
@@ -911,6 +919,10 @@ cranedyn/bridges/joints.py
 - float(dynamics.get("armature", "0"))
 + float(dynamics.get("armature", "0")) < 0.0
 cranedyn/bridges/mcap.py
+* frames of a recording are those of parents in their children
+? mcap::the_frames_put_the_load_where_the_model_does
+- parent.actInv(child)
++ child.actInv(parent)
 * static frames of a recording reach nobody who comes late
 ? mcap::what_is_published_once_plays_back_to_who_comes_late
 - reliability: 1, durability: 1

@@ -22,7 +22,7 @@ from cranedyn.recording import Obstacle, Run, Scenery, record
 from cranedyn.simulation.log import Log
 from cranedyn.simulation.record import RunRecord
 from cranedyn.simulation.stepper import Stepper
-from cranedyn.sites.bodies import PlacedCapsules, place_capsules, rope_poses
+from cranedyn.sites.bodies import PlacedCapsules, place_capsules
 from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.guard import Guard
 from cranedyn.sites.proof import least_distances
@@ -381,7 +381,7 @@ class _Watch:
         """Return the ends of the capsules of a crane [m], shape (rows, capsules, 2, 3)."""
         station, rows = self._site.stations[i], len(q)
         count = len(station.bodies.names)
-        ropes = rope_poses(station.ropes.repeat(rows, axis=0), *station.chain(q))[:, 3:6]
+        _, ropes, _ = station.rope(q)
         position = self._site.positions(i, q[:, station.crane.layout.drives])
         ends, ropes = (x.repeat(count, axis=0) for x in (position, ropes))
         which, capsules = np.full(rows * count, i), np.tile(np.arange(count), rows)
