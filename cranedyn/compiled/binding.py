@@ -189,6 +189,7 @@ class Loop:
         end: int,
         first: int = 0,
         resumed: bool = False,
+        force_interval: int = 1,
         log_interval: int = 1,
         residual_from: int = 0,
         reading_count: int = 0,
@@ -205,7 +206,8 @@ class Loop:
             end: Instant that no steps follow.
             first: First control instant.
             resumed: Whether the control of the first instant has already run.
-            log_interval: Control instants from one row of the log to the next.
+            force_interval: Control instants from one row of the forces to the next.
+            log_interval: The same of the log.
             residual_from: Instant from which swing counts as residual.
             reading_count: Number of readings stored for delayed sensors.
             memory: Arrays with the group as first axis: state, numbers, starts of the tables, delay
@@ -230,6 +232,7 @@ class Loop:
         counts = {
             "end": end,
             "substeps": substeps,
+            "force_interval": whole("force_interval", force_interval, 1),
             "log_interval": whole("log_interval", log_interval, 1),
             "residual_from": whole("residual_from", residual_from, 0),
             "reading_count": whole("reading_count", reading_count, int(recipe.delayed)),

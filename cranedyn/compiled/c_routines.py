@@ -11,7 +11,7 @@ from typing import Any
 
 from llvmlite import ir
 
-from cranedyn.compiled.block import uses
+from cranedyn.compiled.code import uses
 from cranedyn.compiled.printing import (
     ATOM,
     CHOICE,

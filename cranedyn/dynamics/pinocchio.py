@@ -103,7 +103,7 @@ def follow_drives(
         solved[i] = (m12 * open_j - m22 * open_i) / determinant
         solved[j] = (m12 * open_i - m11 * open_j) / determinant
         return solved
-    passive_mass = mass[np.ix_(passive, passive)]
+    passive_mass = mass[passive[:, None], passive]
     if not (np.isfinite(passive_mass).all() and np.linalg.eigvalsh(passive_mass)[0] > 0.0):
         raise _no_inertia(*passive_mass.diagonal().tolist())
     solved[passive] = -np.linalg.solve(passive_mass, still_open[passive])

@@ -1,6 +1,7 @@
 """Plan lifts of several cranes in space and time, so that no two come near each other.
 
-Each lift is planned alone, past the obstacles of the site. In an order, each then begins at the
+Each lift is planned alone: of a tower crane around the obstacles of the site, of any other by all
+drives in a straight line, which is proven to keep from them. In an order, each then begins at the
 earliest time from which on its crane is proven apart from all others as they move by then, slice of
 time by slice. In a slice a crane has a box: all that its guard (`cranedyn.sites.supervisor`) asks
 for in the motion, half a second early or late. A supervisor therefore grants the plan.
@@ -114,10 +115,17 @@ class SitePlan:
         in the order of `itertools.combinations`: the largest of five multiples of the required one
         that is proven, or 0.
         """
-        schedule = _Schedule(self.site, {})
+        schedule = _Schedule(self.site)
         for lift in self.lifts:
             schedule.put(*lift)
-        return schedule.distances()
+        count = max(map(len, schedule.boxes))
+        boxes = [_extended(item, count) for item in schedule.boxes]
+        pairs = list(itertools.combinations(range(len(boxes)), 2))
+        distances = np.zeros((count, len(pairs)))
+        for k, (a, b) in enumerate(pairs):
+            for level in self.site.distance * np.array(_LEVELS):
+                distances[self.site.pair_apart(a, boxes[a], b, boxes[b], level), k] = level
+        return distances
 
     @property
     def t(self) -> np.ndarray:
@@ -159,15 +167,12 @@ def plan_site(site: CraneSite, lifts: Sequence[SiteLift]) -> SitePlan:
             the load on its way.
         UnknownName: If there is no crane of a name.
     """
-    alone = _alone(site, lifts)
+    alone, best, blocked = _alone(site, lifts), None, ""
     totals = {i: sum(motion.arrival for motion in motions) for i, motions in alone.items()}
     turns = [i for i in sorted(alone, key=lambda i: -totals[i]) for _ in alone[i]]
-    best: _Schedule | None = None
-    proofs: dict[bytes, bool] = {}
-    blocked = ""
     orders = itertools.islice(itertools.permutations(turns), _RAW_ORDERS)  # some are the same
     for order in itertools.islice(dict.fromkeys(orders), _ORDERS):
-        schedule, pending = _Schedule(site, proofs), {i: iter(alone[i]) for i in alone}
+        schedule, pending = _Schedule(site), {i: iter(alone[i]) for i in alone}
         for i in order:
             blocked = schedule.add(i, next(pending[i]))
             if blocked or (best is not None and schedule.duration >= best.duration):
@@ -237,9 +242,7 @@ def _tower_motion(
 def _straight_motion(
     site: CraneSite, station: Station, limits: Limits, q: np.ndarray, goal: np.ndarray
 ) -> Motion:
-    """Return the motion of any crane in a straight line of its drives, proven to keep from
-    obstacles.
-    """
+    """Return the motion of any crane in a straight line of its drives, proven clear."""
     begin, i = q[station.crane.layout.drives], site.stations.index(station)
     motion = _leg(station, limits, site.swing, begin, _position(station, begin, goal))
     bottom = station.rope(motion.q)[0][:, 2] - motion.q[:, motion.drives[station.crane.winch]]
@@ -328,26 +331,26 @@ class _Schedule:
     ever.
     """
 
-    def __init__(self, site: CraneSite, proofs: dict[bytes, bool]) -> None:
-        self.site, self.duration, self._proofs = site, 0.0, proofs
+    def __init__(self, site: CraneSite) -> None:
+        self.site, self.duration = site, 0.0
         self.lifts: list[ScheduledLift] = []
-        self._boxes = []
+        self.boxes = []
         for station in site.stations:
             q = station.crane.start.q[None]
             still = Motion(_PERIOD, q, 0.0 * q, 0.0 * q, station.crane.layout.drives)
-            self._boxes.append(_boxes(station, site.swing, still)[:1])
+            self.boxes.append(_boxes(station, site.swing, still)[:1])
 
     def add(self, crane: int, motion: Motion) -> str:
         """Give a lift its earliest time; return why there is none, or an empty text."""
         station, blocking = self.site.stations[crane], 0
         boxes = _boxes(station, self.site.swing, motion)
-        for k in range(len(self._boxes[crane]) - 1, max(map(len, self._boxes)) + 1):
-            for blocking, theirs in enumerate(self._boxes):
+        for k in range(len(self.boxes[crane]) - 1, max(map(len, self.boxes)) + 1):
+            for blocking, theirs in enumerate(self.boxes):
+                if blocking == crane:
+                    continue
                 count = max(len(boxes), len(theirs) - k)
-                later = _extended(theirs, k + count)[k:]
-                if blocking != crane and not self._apart(
-                    crane, _extended(boxes, count), blocking, later
-                ):
+                pair = _extended(boxes, count), blocking, _extended(theirs, k + count)[k:]
+                if not self.site.pair_apart(crane, *pair, self.site.distance).all():
                     break
             else:
                 self.put(crane, motion, k * SLICE)
@@ -357,41 +360,12 @@ class _Schedule:
 
     def put(self, crane: int, motion: Motion, begin: float) -> None:
         """Give a lift a time [s], a multiple of `SLICE`."""
-        mine, k = self._boxes[crane], round(begin / SLICE)
-        boxes = _boxes(self.site.stations[crane], self.site.swing, motion)
+        mine, boxes = self.boxes[crane], _boxes(self.site.stations[crane], self.site.swing, motion)
         within("begin of a lift after another", begin, (len(mine) - 1) * SLICE, math.inf, "s")
-        self._boxes[crane] = np.concatenate([_extended(mine, k)[:k], boxes])
+        k = round(begin / SLICE)
+        self.boxes[crane] = np.concatenate([_extended(mine, k)[:k], boxes])
         self.lifts.append(ScheduledLift(crane, motion, begin))
         self.duration = max(self.duration, self.lifts[-1].end)
-
-    def _apart(self, a: int, boxes_a: np.ndarray, b: int, boxes_b: np.ndarray) -> bool:
-        """Return whether two cranes are proven apart in all slices: all at once, or else halves."""
-        hulls = [
-            np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
-            for boxes in (boxes_a, boxes_b)
-        ]
-        key = b"".join([bytes([a, b]), *(hull.tobytes() for hull in hulls)])
-        if key not in self._proofs:
-            self._proofs[key] = self.site.pair_apart(a, hulls[0], b, hulls[1], self.site.distance)
-        half = len(boxes_a) // 2
-        halves = slice(half), slice(half, None)
-        if not self._proofs[key] and half:
-            return all(self._apart(a, boxes_a[part], b, boxes_b[part]) for part in halves)
-        return self._proofs[key]
-
-    def distances(self) -> np.ndarray:
-        """Return proven distances, each slice by a proof of its own, see `SitePlan`."""
-        count = max(map(len, self._boxes))
-        boxes = [_extended(item, count) for item in self._boxes]
-        pairs = list(itertools.combinations(range(len(boxes)), 2))
-        distances = np.zeros((count, len(pairs)))
-        for k, pair in np.ndindex(*distances.shape):
-            a, b = pairs[pair]
-            for level in self.site.distance * np.array(_LEVELS):
-                if not self.site.pair_apart(a, boxes[a][k], b, boxes[b][k], level):
-                    break
-                distances[k, pair] = level
-        return distances
 
 
 def _boxes(station: Station, swing: float, motion: Motion) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -170,11 +171,18 @@ class SiteRun:
             f"- {t:.1f} s: {body} of {first} and {other} {second}"
             for t, first, second, body, other in self.contacts
         ]
+        waits = Counter(circle for _, circle in self.deadlocks)
+        names = [run.name for run in runs]
+        lines = ["**Contacts:**\n", *lines] if lines else ["No contacts."]
+        lines += ["\n**Cranes that wait for each other:**\n"] if waits else []
+        for circle, count in waits.items():
+            chain = " for ".join(names[i] for i in (*circle, circle[0]))
+            lines.append(f"- {chain}: {CYCLE * count:.1f} s")
         return record(
             path,
             runs,
             title=self.site.name,
-            text="\n".join(["**Contacts:**\n", *lines]) if lines else "No contacts.",
+            text="\n".join(lines),
             gaps=self.gaps(),
             contacts=[contact.t for contact in self.contacts],
         )

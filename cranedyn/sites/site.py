@@ -232,13 +232,15 @@ class CraneSite:
 
     def pair_apart(
         self, a: int, box_a: np.ndarray, b: int, box_b: np.ndarray, distance: float
-    ) -> bool:
-        """Return whether two cranes in boxes, shape (2, m), are proven to keep a distance [m]."""
-        ends = [self.positions(i, box)[None] for i, box in ((a, box_a), (b, box_b))]
-        first, second = np.array([a]), np.array([b])
-        return bool(
-            proven_apart(self.bodies, first, ends[0], second, ends[1], distance, self.swing)[0]
-        )
+    ) -> np.ndarray:
+        """Return whether two cranes in boxes, shape (..., 2, m), are proven to keep a distance [m],
+        shape (...).
+        """
+        ends = np.broadcast_arrays(self.positions(a, box_a), self.positions(b, box_b))
+        first, second = (x.reshape(-1, *x.shape[-2:]) for x in ends)
+        rows = np.zeros(len(first), dtype=int)
+        apart = proven_apart(self.bodies, rows + a, first, rows + b, second, distance, self.swing)
+        return apart.reshape(ends[0].shape[:-2])
 
     def _tower_gap(self, a: int, b: int) -> float:
         cranes, capsules = [], []

@@ -175,11 +175,13 @@ def test_a_run_is_recorded_with_each_crane_at_its_place_and_written_as_one_table
     site = replace(site_of(), solids=(WALL,))
     operators = [lambda t, states: np.array([0.02, 0.1, 0.1])] * 2
     run = simulate_site(site, operators, duration=2.0, supervised=False)
+    run = replace(run, deadlocks=((1.0, (0, 1)), (1.1, (0, 1))))
     drawn: list[Run] = []
     real = simulation.record
 
     def record(path: Path, runs: list[Run], **rest: Any) -> Path:
         drawn.extend(runs)
+        assert "north for south for north: 0.2 s" in rest["text"]
         return real(path, runs, **rest)
 
     monkeypatch.setattr(simulation, "record", record)

@@ -183,7 +183,7 @@ def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) ->
         pointer = code.argument["work"]
         node = array(
             [
-                code.gather(pointer, [rows.at("node", 0, i) for rows in stages])
+                code.gather([code.address(pointer, rows.at("node", 0, i)) for rows in stages])
                 for i in range(shape.both)
             ]
         )
