@@ -373,7 +373,7 @@ def test_the_jib_of_an_own_urdf_points_along_its_heading(tmp_path: Path) -> None
     for axis in ("0 -1 0", "1 0 0", "-0.6 0.8 0"):
         crane = wall_crane(tmp_path, "0 -1 0", axis)
         station = Station("own", crane, np.ones(3), 0.5, converters(crane), brakes(crane))
-        way = station.rope(crane.start.q)[0][:2] - 1.0
+        way = station.rope(crane.start.q[None])[0][0][:2] - 1.0
         assert np.allclose(way, 3.2 * np.array([np.cos(0.5), np.sin(0.5)]), atol=1e-12)
 
 
