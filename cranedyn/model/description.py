@@ -138,10 +138,10 @@ def arguments(path: str | Path = XACRO) -> dict[str, Argument]:
     """
     table = {}
     for element in _parse(path).getElementsByTagName("xacro:arg"):
-        default = element.getAttribute("default")
-        documented = _DOCUMENTED.fullmatch(_comment_behind(element))
+        match = _DOCUMENTED.fullmatch(_comment_behind(element))
+        documented = match.groupdict() if match else {}
         table[element.getAttribute("name")] = Argument(
-            default, **(documented.groupdict() if documented else {})
+            element.getAttribute("default"), **documented
         )
     return table
 
