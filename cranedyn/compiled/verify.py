@@ -57,7 +57,7 @@ def compile_kernel(
     if converters is not None:
         rows = np.hstack([rows, np.broadcast_to(converters, (len(rows), converters.shape[-1]))])
     varied = (rows != rows[0]).any(axis=0)
-    constants = tuple(None if own else x for own, x in zip(varied, rows[0].tolist(), strict=True))
+    constants = tuple(None if v else x for v, x in zip(varied, rows[0].tolist(), strict=True))
     varied_numbers = np.ascontiguousarray(rows[:, varied])
     with _MAKING:
         code = _kernel(KernelSource(Topology.of(cranes[0]), constants, recipe))
