@@ -369,6 +369,10 @@ cranedyn/controllers/lqr.py
 - effort_weight + input_cost @ b[k]
 + 0.5 * effort_weight + input_cost @ b[k]
 cranedyn/references/flat.py
+* a first compiled step imports what few runs need
+? api::a_first_compiled_step_imports_little
+- np.poly1d([70.0, -315.0, 540.0, -420.0, 126.0] + [0.0] * 5)
++ np.polynomial.Polynomial([0.0] * 5 + [126.0, -420.0, 540.0, -315.0, 70.0])
 * a flat path takes the load for a point
 ? control::a_flat_slew_leaves_the_swing_that_the_documents_tell_of
 - inertia = (crane.payload_inertia[0, 0] + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass

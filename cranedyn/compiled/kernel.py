@@ -222,11 +222,11 @@ class _Loop:
         rows = [row := code.least(instant, last)]
         if not self.recipe.shared[table]:
             first, starts = table * code.stride, self.call_values["starts"]
-            each = [code.load_one(starts, first + lane, INTEGER) for lane in range(code.lanes)]
-            rows = [code.builder.add(start, row) for start in each]
-        begins = [code.address(pointer, code.product(row, width)) for row in rows]
+            begins = [code.load_one(starts, first + lane, INTEGER) for lane in range(code.lanes)]
+            rows = [code.builder.add(start, row) for start in begins]
+        addresses = [code.address(pointer, code.product(row, width)) for row in rows]
         return lambda section: array(
-            [code.gather(begins, i) for i in range(width)[columns[section]]]
+            [code.gather(addresses, i) for i in range(width)[columns[section]]]
         )
 
     def _get(self, section: str) -> np.ndarray:
