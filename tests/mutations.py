@@ -492,6 +492,10 @@ cranedyn/compiled/engine.py
 - if hasattr(controller, "resume"):
 + if False:
 cranedyn/compiled/batch.py
+* a row of forces holds for one control instant whatever its interval
+? batch::each_crane_of_a_batch_does_what_it_does_alone
+- force_interval=force_interval
++ force_interval=1
 * cranes of a batch have each other's numbers
 ? batch::each_crane_of_a_batch_does_what_it_does_alone
 - group_lanes([varied[crane_index]], lanes)
