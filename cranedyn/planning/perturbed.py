@@ -36,7 +36,7 @@ _RECORDED = 0.1
 """Time between rows that are kept [s]."""
 
 _DRAG = 1.2
-"""Drag coefficient of the box around a load, of its largest area across a horizontal wind."""
+"""Drag coefficient of the box around a load."""
 
 _LEVELS = 13
 """Number of masses of the load."""
@@ -325,7 +325,7 @@ def _forces(lift: Lift, drawn: dict[str, np.ndarray]) -> np.ndarray:
     """
     rows = np.arange(0, _periods(lift) + 1, _every(lift))
     times = lift.timed.motion.period * (rows + _every(lift) / 2.0)
-    length, width, height = np.ptp(lift.clearance.bodies.load, axis=0)
+    area = _DRAG * _silhouette(lift.clearance.bodies.load)
     points = lift.clearance.point(lift.timed.places)
     step = lift.timed.motion.arrival / (len(points) - 1)
     load_rates = np.gradient(points, step, axis=0)
@@ -336,10 +336,14 @@ def _forces(lift: Lift, drawn: dict[str, np.ndarray]) -> np.ndarray:
     speed = (steady + rise * gust_shape(times, start, duration))[..., None]
     along = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
     force = np.zeros((len(drawn["load"]), len(times), 3 * len(lift.crane.points)))
-    force[..., :2] = drag_force(
-        _DRAG * height * math.hypot(length, width), speed * along - load_rates[:, :2]
-    )
+    force[..., :2] = drag_force(area, speed * along - load_rates[:, :2])
     return force
+
+
+def _silhouette(corners: np.ndarray) -> float:
+    """Return the largest area that the box around a load shows to a horizontal wind [m²]."""
+    length, width, height = np.ptp(corners, axis=0)
+    return float(math.hypot(length, width) * height)
 
 
 def _least(
