@@ -141,6 +141,7 @@ def certify(
     peak_swing = float(clearance.tilt(run.q).max())
     residual_swing = _swing_at(lift, run, motion.arrival)
     rates = np.abs(run.v[:, clearance.drive_joints]).max(axis=0) / np.array(lift.limits.rates)
+    rate, cut = float(rates.max()), bool((run.command != run.effort).any())
     slew = run.q[:, clearance.joints.slew]
     row = unproven_row(clearance, run.q, motion.period)
     unproven_t = None if row is None else float(run.t[row])
@@ -158,7 +159,11 @@ def certify(
             f"allowed; it ends {1000.0 * np.linalg.norm(end - planned):.1f} mm from its goal.",
             residual_swing <= ARRIVAL_SWING,
         ),
-        _drives_check(float(rates.max()), bool((run.command != run.effort).any())),
+        Check(
+            f"Rates are {100 * rate:.1f} % of their limits at most; efforts are "
+            f"{'cut' if cut else 'never cut'}.",
+            rate <= _TOO_FAST and not cut,
+        ),
     ]
     return Certificate(
         lift, run, run.t[rows], distances, nearest, nearest_t, residual_swing, checks
@@ -193,11 +198,3 @@ def _slewing_check(site: Site, slew: np.ndarray, free: SlewRange) -> Check:
         turns = f"jib and counter-jib turn freely, with {site.distance:g} m at least"
         return Check(f"Slewing: {turns}.", True)
     return Check(f"Slewing: the jib comes too near to {free.below or free.above}.", False)
-
-
-def _drives_check(rate: float, cut: bool) -> Check:
-    return Check(
-        f"Rates are {100 * rate:.1f} % of their limits at most; efforts are "
-        f"{'cut' if cut else 'never cut'}.",
-        rate <= _TOO_FAST and not cut,
-    )
