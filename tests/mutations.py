@@ -500,6 +500,10 @@ cranedyn/compiled/batch.py
 ? batch::starts_of_their_own_take_a_fifth_more_memory_than_equal_ones_at_most
 - del loop, control, tables, forces, offsets
 + assert loop
+* a row of forces holds for one control instant whatever its interval
+? batch::each_crane_of_a_batch_does_what_it_does_alone
+- force_interval=force_interval
++ force_interval=1
 * cranes of a batch have each other's numbers
 ? batch::each_crane_of_a_batch_does_what_it_does_alone
 - group_lanes([varied[crane_index]], lanes)
