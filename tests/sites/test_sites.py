@@ -18,7 +18,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.planning.bodies import shape_corners
 from cranedyn.sites.bodies import crane_bodies, place_capsules, segment_distance
-from cranedyn.sites.brakes import brakes
+from cranedyn.sites.brakes import brakes, largest_rate, stopping_distance
 from cranedyn.sites.guard import BoxRequest, Guard
 from cranedyn.sites.proof import proven_apart
 from cranedyn.sites.simulate import MessageChannel, SiteRun, simulate_site
@@ -146,12 +146,14 @@ def test_a_crane_stops_within_its_stopping_distance_and_no_rate_is_larger_than_t
     station = site_of().stations[0]
     for name in ("converters", "gears"):
         mine = brakes(station.crane, name)
-        rate = mine.largest_rate(np.array([0.3, 8.0, 5.0]))
-        assert np.allclose(mine.stopping_distance(rate), [0.3, 8.0, 5.0], rtol=1e-12)
+        rate = largest_rate(np.array([0.3, 8.0, 5.0]), mine.reaction, mine.decelerations)
+        ahead = mine.tube(np.zeros(3), rate, rate)[1] - mine.tolerances
+        assert np.allclose(ahead, [0.3, 8.0, 5.0], rtol=1e-12)
     measured = brakes(station.crane, "gears", reaction=1e-9)
     # Gear 3 of the measured crane turned at (15.05 s - 2.3791 s)/3.5284 and ran on by 24.25°.
     gear_3 = np.radians((15.05 - 2.3791) / 3.5284)
-    assert measured.stopping_distance(np.array([gear_3, 0.0, 0.0]))[0] >= np.radians(24.25)
+    way = stopping_distance(gear_3, measured.reaction, measured.decelerations[0])
+    assert way >= np.radians(24.25)
 
 
 class Wild:
@@ -306,7 +308,8 @@ def test_a_guard_counts_that_a_plumb_rope_swings_to_twice_what_turning_inclines_
         guard, state = Guard(station, swing), State(*map(np.copy, crane.start))
         state.q[drives[1]], state.v[drives], guard.rates = radius, turning, turning
         state.q[crane.swings[0]] -= angle
-        assert (station.rope(state.q)[1][:2] @ (station.rope(state.q)[0] - station.foot)[:2]) >= 0.0
+        pivot, rope, _ = station.rope(state.q[None])
+        assert rope[0, :2] @ (pivot[0] - station.foot)[:2] >= 0.0
         guard.box = guard._granted = np.array([[-9.0, 2.0, 3.4], [9.0, 50.0, 38.0]])
         rates, _ = guard.step(0.0, state, station.converters.rates)
         assert (rates[1] > 0.01) == (angle > 0.0)
@@ -376,15 +379,15 @@ def test_the_jib_of_an_own_urdf_points_along_its_heading(tmp_path: Path) -> None
     for axis in ("0 -1 0", "1 0 0", "-0.6 0.8 0"):
         crane = wall_crane(tmp_path, "0 -1 0", axis)
         station = Station("own", crane, np.ones(3), 0.5, converters(crane), brakes(crane))
-        way = station.rope(crane.start.q)[0][:2] - 1.0
+        way = station.rope(crane.start.q[None])[0][0, :2] - 1.0
         assert np.allclose(way, 3.2 * np.array([np.cos(0.5), np.sin(0.5)]), atol=1e-12)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('<axis xyz="0 0 -1"/>', '<origin xyz="0 0 -1"/><axis xyz="0 0 -1"/>', "without an offset"),
-        ('<axis xyz="0 0 -1"/>', '<axis xyz="0 0 1"/>', "downward"),
+        ('<axis xyz="0 0 -1"/>', '<origin xyz="0 0 -1"/><axis xyz="0 0 -1"/>', "one origin"),
+        ('<axis xyz="0 0 -1"/>', '<axis xyz="0 0 1"/>', "lower from 0"),
         ('<link name="gimbal"/>', '<link name="gimbal"><collision><geometry><mesh '
          'filename="x.stl"/></geometry></collision></link>', "shows a mesh"),
     ],
