@@ -23,7 +23,6 @@ from cranedyn.sites.bodies import (
     CraneBodies,
     PlacedCapsules,
     crane_bodies,
-    place_capsules,
     rope_poses,
     stacked,
 )
@@ -62,8 +61,7 @@ class Station:
         """Check that all drives have converters and brakes.
 
         Raises:
-            OutOfRange: If not, a number is not finite, or the converters react slower than the
-                brakes.
+            OutOfRange: If not, a number is not finite, or brakes react sooner than the drives.
         """
         finite(f"foot of {quoted(self.name)}", self.foot, (3,), unit="m")
         number(f"heading of {quoted(self.name)}", self.heading, "rad")
@@ -243,15 +241,9 @@ class CraneSite:
         return apart.reshape(ends[0].shape[:-2])
 
     def _tower_gap(self, a: int, b: int) -> float:
-        cranes, capsules = [], []
-        for i in (a, b):
-            tower = np.nonzero(self.stations[i].bodies.joint == 0)[0]
-            cranes.append(np.full(len(tower), i))
-            capsules.append(tower)
-        rows = np.indices([len(towers) for towers in capsules]).reshape(2, -1)
-        still = np.zeros((rows.shape[1], self.bodies.axis.shape[1] + 1))
-        placed: list[PlacedCapsules] = [
-            place_capsules(self.bodies, crane[row], tower[row], still, still, 0.0)
-            for crane, tower, row in zip(cranes, capsules, rows, strict=True)
-        ]
-        return float(least_distances(*placed).min(initial=np.inf))
+        towers = []
+        for bodies in (self.stations[i].bodies for i in (a, b)):
+            still = bodies.joint == 0
+            ends = bodies.ends[still] @ bodies.foot[:, :3].T + bodies.foot[:, 3]
+            towers.append(PlacedCapsules(ends[None], bodies.radius[still], np.zeros(0)))
+        return float(least_distances(*towers)[0])
