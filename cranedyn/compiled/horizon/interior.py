@@ -16,13 +16,16 @@ from llvmlite import ir
 
 from cranedyn.compiled.code import Code, Value
 from cranedyn.compiled.horizon.memory import (
+    Constants,
     HorizonShape,
-    LaneView,
     MemoryRows,
     Work,
     element,
     everywhere,
     over_lanes,
+    row_code,
+    single,
+    where_less,
     with_elements,
 )
 from cranedyn.compiled.horizon.riccati import call, total
@@ -40,9 +43,9 @@ residual of the gradient, as a share of the initial one."""
 _SIDES = {"high": 1.0, "low": -1.0}
 
 
-def emit(module: ir.Module, shape: HorizonShape) -> None:
+def emit(module: ir.Module, shape: HorizonShape, constants: Constants | None = None) -> None:
     """Add the function `solve`, from the stages' model, gradient and bounds to the optimum."""
-    _Solve(Work(Code(module, "solve", ["work"], shape.lanes), shape)).emit()
+    _Solve(Work(row_code(module, "solve", ["work"], shape), shape, constants)).emit()
 
 
 class _Solve:
@@ -50,27 +53,31 @@ class _Solve:
 
     def __init__(self, work: Work) -> None:
         self.work, self.code, self.shape, self.common = work, work.code, work.shape, work.common
-        self.single = LaneView(self.code, 1)
+        self.single = single(self.code)
 
     def emit(self) -> None:
-        code = self.code
+        code, single = self.code, self.single
         self._free()
         self.work.report("flag", 1.0)
         self.work.report("iterations", 0.0)
-        with code.when(self.work.reported("excess") > 0.0):
-            self._begin()
-            self.work.report("flag", 0.0)
+        bounded = self.work.reported("excess") > 0.0
+        with code.when(single.anywhere(bounded)):
+            self._begin(bounded)
+            self.work.report("flag", single.chosen(bounded, 0.0, 1.0))
             barrier = self.work.reported("barrier")
-            gap, residual = self.single.variables([barrier, 1.0])
-            with code.loop(0, _MOST), code.when(self.work.reported("flag") < 0.5):
-                step = self._iterate(gap.get())
+            gap, residual = single.variables([barrier, 1.0])
+            # Once solved, a lane takes steps of 0 until the others are.
+            with code.loop(0, _MOST), code.when(single.anywhere(self.work.reported("flag") < 0.5)):
+                unsolved = single.chosen(self.work.reported("flag") < 0.5, 1.0, 0.0)
+                step = unsolved * self._iterate(gap.get())
                 gap.set(self._move(step))
                 residual.set(residual.get() * (1.0 - step))
-                self.work.report("iterations", self.work.reported("iterations") + 1.0)
+                self.work.report("iterations", self.work.reported("iterations") + unsolved)
                 self.work.report("gap", gap.get())
                 self.work.report("open", residual.get())
                 done = code.both(gap.get() < _GAP * barrier, residual.get() < _OPEN)
-                self.work.report("flag", self.single.chosen(done, 1.0, 0.0))
+                solved = single.chosen(done, 1.0, 1.0 - unsolved)
+                self.work.report("flag", solved)
         code.end()
 
     def _free(self) -> None:
@@ -92,7 +99,7 @@ class _Solve:
             worst.set(_larger(code, worst.get(), over))
         self.work.report("excess", over_lanes(code, worst.get(), "fmax"))
 
-    def _begin(self) -> None:
+    def _begin(self, bounded: ir.Value) -> None:
         """Start on the central path of the barrier, at the nodes."""
         code, common, shape = self.code, self.common, self.shape
         price = common.get("price")
@@ -106,7 +113,7 @@ class _Solve:
             ]
             further = dict(enumerate(extra, shape.both))
             node = with_elements(code, node, further) + rows.get("extra_shift")
-            rows.put("iterate", node)
+            rows.put("iterate", code.chosen(bounded, node, rows.get("iterate")))
             for side in _SIDES:
                 room = self._room(node, side)
                 root = code.call("llvm.sqrt", room * room + 4.0 * (soft * soft))
@@ -246,4 +253,4 @@ class _Solve:
 
 
 def _larger(code: Code, a: Value, b: Value) -> Value:
-    return code.chosen(a > b, a, b)
+    return where_less(code, b, a, a, b)

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial, reduce
+from operator import add
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.code import DOUBLE, Code, Value, lane_type
+from cranedyn.dynamics.scalars import array
 
 
 @dataclass(frozen=True)
@@ -23,12 +27,15 @@ class HorizonShape:
         inputs: Numbers of an input.
         stages: Number of stages of the horizon.
         block: Number of stages that are linearised at once, one in each lane.
+        cranes: Number of problems that are solved at once, one in each lane: each number of memory
+            is then one of each crane.
     """
 
     states: int
     inputs: int
     stages: int
     block: int = 8
+    cranes: int = 1
 
     @property
     def both(self) -> int:
@@ -132,12 +139,91 @@ class LaneView(Code):
         self._clear_caches()
 
 
+class CraneView(LaneView):
+    """The same function with values of one number of each crane."""
+
+    def address(self, pointer: ir.Value, index: Any) -> ir.Value:
+        """Return the address of a number of the first crane."""
+        return super().address(pointer, self._times(index))
+
+    def _times(self, index: Any) -> Any:
+        return index * self.lanes if isinstance(index, int) else self.product(index, self.lanes)
+
+
+class RowCode(Code):
+    """A function for a crane in each lane, in which a row is an array of values."""
+
+    def __init__(self, module: ir.Module, name: str, arguments: list[str], shape: HorizonShape):
+        super().__init__(module, name, arguments, shape.cranes)
+        self.one, self.width = CraneView(self, shape.cranes), shape.lanes
+
+    def address(self, pointer: ir.Value, index: Any) -> ir.Value:
+        """Return the address of a number of the first crane."""
+        return self.one.address(pointer, index)
+
+    def row(self, value: Any) -> np.ndarray:
+        """Return a row, of a number the same in all places."""
+        return value if isinstance(value, np.ndarray) else np.full(self.width, value, dtype=object)
+
+    def load(self, pointer: ir.Value, first: Any = 0) -> Any:
+        """Load a row from an index."""
+        begin = self.integer(first) if isinstance(first, int) else first
+        return array([self.one.load(pointer, self.plus(begin, i)) for i in range(self.width)])
+
+    def store(self, value: Any, pointer: ir.Value, first: Any = 0) -> None:
+        """Store a row from an index."""
+        for i, number in enumerate(self.row(value)):
+            self.one.store(number, pointer, self.plus(first, i))
+
+    def chosen(self, condition: Any, yes: Any, no: Any) -> Any:
+        """Return one row in the lanes in which a condition holds and another elsewhere."""
+        pairs = zip(self.row(yes), self.row(no), strict=True)
+        return array([self.one.chosen(condition, a, b) for a, b in pairs])
+
+    def call(self, intrinsic: str, *values: Any) -> Any:
+        """Call an intrinsic function of LLVM for each number of a row."""
+        rows = map(self.row, values)
+        return array([self.one.call(intrinsic, *numbers) for numbers in zip(*rows, strict=True)])
+
+    def variables(self, values: Any) -> Any:
+        """Return variables for rows."""
+        return [RowVariable(self, self.row(value)) for value in values]
+
+
+class RowVariable:
+    """A row on the stack."""
+
+    def __init__(self, code: RowCode, row: np.ndarray) -> None:
+        self._code, self._numbers = code, code.one.variables(row.tolist())
+
+    def get(self) -> np.ndarray:
+        """Return its value at this point of the code."""
+        return array([number.get() for number in self._numbers])
+
+    def set(self, row: Any) -> None:
+        """Assign a value."""
+        for number, value in zip(self._numbers, self._code.row(row), strict=True):
+            number.set(value)
+
+
+def row_code(module: ir.Module, name: str, arguments: list[str], shape: HorizonShape) -> Any:
+    """Begin a function whose values are rows: of one crane a vector, of several an array."""
+    if shape.cranes > 1:
+        return RowCode(module, name, arguments, shape)
+    return Code(module, name, arguments, shape.lanes)
+
+
+def single(code: Code) -> Any:
+    """Return the same function with values of one number of a row."""
+    return code.one if isinstance(code, RowCode) else LaneView(code, 1)
+
+
 class MemoryRows:
     """Rows of memory by name, relative to a base index."""
 
     def __init__(self, code: Code, shape: HorizonShape, base: Any, constants: Constants) -> None:
         self._code, self._shape, self._base, self._constants = code, shape, base, constants
-        self._one = LaneView(code, 1)
+        self._one = single(code)
 
     def at(self, name: str, row: int = 0, lane: int = 0) -> Any:
         """Return the index of a number."""
@@ -169,11 +255,66 @@ class MemoryRows:
         self._one.store(value, self._code.argument["work"], self.at(name, row, lane))
 
 
+class CraneRows(MemoryRows):
+    """The same of a crane in each lane; what is written to scratch rows stays in registers."""
+
+    def __init__(self, code: Code, shape: HorizonShape, base: Any, constants: Constants) -> None:
+        super().__init__(code, shape, base, constants)
+        self._kept: dict[tuple[str, int, int], Any] = {}
+
+    def at(self, name: str, row: int = 0, lane: int = 0) -> Any:
+        """Return the index of a number; columns are those of the rows, the cost is symmetric."""
+        if name == "columns":
+            name, row, lane = "forward", lane, row
+        elif name == "togo":
+            row, lane = sorted((row, lane))
+        return super().at(name, row, lane)
+
+    def one(self, name: str, row: int, lane: int) -> Any:
+        """Return one number of a row; a constant as a float."""
+        place = name, row, lane
+        known = self._kept.get(place, self._constants.get(place))
+        return self._one.load(self._code.argument["work"], self.at(*place)) if known is None else known
+
+    def put_one(self, name: str, row: int, lane: int, value: Any) -> None:
+        """Write one number of a row."""
+        place = name, row, lane
+        if name in ("spill", "product"):
+            self._kept[place] = value
+        elif place not in self._constants and not (name == "togo" and lane < row):
+            self._one.store(value, self._code.argument["work"], self.at(*place))
+
+    def get(self, name: str, row: int = 0) -> Any:
+        """Return a row."""
+        return array([self.one(name, row, lane) for lane in range(self._shape.lanes)])
+
+    def put(self, name: str, value: Any, row: int = 0) -> None:
+        """Write a row."""
+        for lane, number in enumerate(self._code.row(value)):
+            self.put_one(name, row, lane, number)
+
+    def every(self, name: str, row: int, lane: int) -> Any:
+        """Return one number in all places of a row."""
+        return self._code.row(self.one(name, row, lane))
+
+
 class Work:
     """Memory of an optimisation, the argument `work` of a function under construction."""
 
     def __init__(self, code: Code, shape: HorizonShape, constants: Constants | None = None) -> None:
-        self.code, self.shape, self._constants = code, shape, constants or {}
+        self.code, self.shape, self._constants = code, shape, dict(constants or {})
+        if shape.cranes > 1:
+            z, w, lanes = shape.states, shape.both, shape.lanes
+            used = {"forward": w, "columns": z, "shift": z, "extra": w, "gradient": w, "slope": w}
+            used |= {"weight": w, "start": z, "end": z, "togo": z, "carried": z}
+            rows = shape.common | shape.stage
+            self._constants |= {
+                (name, row, lane): 0.0
+                for name, end in used.items()
+                for row in range(rows[name])
+                for lane in range(end, lanes)
+            }
+            self._constants |= {("extra_shift", 0, lane): 0.0 for lane in range(w)}
         self.common = self._rows(0)
 
     def report(self, name: str, value: Any) -> None:
@@ -192,11 +333,14 @@ class Work:
         return self._rows(code.plus(code.product(k, shape.stride), shape.first))
 
     def _rows(self, base: Any) -> MemoryRows:
-        return MemoryRows(self.code, self.shape, base, self._constants)
+        rows = CraneRows if self.shape.cranes > 1 else MemoryRows
+        return rows(self.code, self.shape, base, self._constants)
 
 
 def element(code: Code, value: Value, lane: int) -> Value:
     """Return one number of a vector."""
+    if isinstance(value, np.ndarray):
+        return value[lane]
     if code.lanes == 1:
         return value
     index = ir.Constant(ir.IntType(32), lane)
@@ -205,11 +349,13 @@ def element(code: Code, value: Value, lane: int) -> Value:
 
 def everywhere(code: Code, value: Value) -> Value:
     """Return one number in every lane."""
-    return code.from_double(value.register)
+    return code.row(value) if isinstance(code, RowCode) else code.from_double(value.register)
 
 
 def with_elements(code: Code, value: Value, elements: Mapping[int, Value]) -> Value:
     """Return a vector with other numbers in some lanes."""
+    if isinstance(value, np.ndarray):
+        return array([elements.get(lane, number) for lane, number in enumerate(value)])
     register = value.register
     for lane, number in elements.items():
         index = ir.Constant(ir.IntType(32), lane)
@@ -219,6 +365,8 @@ def with_elements(code: Code, value: Value, elements: Mapping[int, Value]) -> Va
 
 def over_lanes(code: Code, value: Value, operation: str) -> Value:
     """Return the sum ("fadd") or maximum ("fmax") of the numbers of a vector."""
+    if isinstance(value, np.ndarray):
+        return reduce(add if operation == "fadd" else partial(code.one.call, "llvm.maxnum"), value)
     assert value.register.type == code.type
     arguments = [value.register]
     if operation == "fadd":
@@ -230,11 +378,26 @@ def over_lanes(code: Code, value: Value, operation: str) -> Value:
     return Value(LaneView(code, 1), code.builder.call(function, arguments, fastmath=flags))
 
 
+def where_less(code: Code, a: Any, b: Any, yes: Any, no: Any) -> Any:
+    """Return one number in the places of a row where a < b and another elsewhere."""
+    if isinstance(code, RowCode):
+        numbers = zip(*map(code.row, (a, b, yes, no)), strict=True)
+        return array([code.one.chosen(code.one.value(x) < y, c, d) for x, y, c, d in numbers])
+    return code.chosen(code.value(a) < b, yes, no)
+
+
 def unit(code: Code, lane: int) -> Value:
     """Return 1 in one lane, 0 in the others."""
-    return constant(code, [float(i == lane) for i in range(code.lanes)])
+    return constant(code, [float(i == lane) for i in range(width(code))])
 
 
 def constant(code: Code, numbers: list[float]) -> Value:
     """Return constants, one for each lane."""
+    if isinstance(code, RowCode):
+        return array(numbers)
     return Value(code, ir.Constant(code.type, numbers))
+
+
+def width(code: Code) -> int:
+    """Return the numbers of a row."""
+    return code.width if isinstance(code, RowCode) else code.lanes

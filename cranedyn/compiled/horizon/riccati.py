@@ -12,6 +12,7 @@ from functools import reduce
 from operator import add
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.code import Code, Value
@@ -24,7 +25,9 @@ from cranedyn.compiled.horizon.memory import (
     element,
     everywhere,
     over_lanes,
+    row_code,
     unit,
+    width,
     with_elements,
 )
 
@@ -36,9 +39,10 @@ def emit(module: ir.Module, shape: HorizonShape, constants: Constants) -> None:
     stage's model stays and nothing is bounded. factor: the feedback of every stage under its
     curvature. sweep: states, inputs and what else is bounded under the stages' slopes.
     """
-    _emit_end(Work(Code(module, "end", ["work"], shape.lanes), shape, constants))
-    _emit_factor(Work(Code(module, "factor", ["work"], shape.lanes), shape, constants))
-    _emit_sweep(Work(Code(module, "sweep", ["work"], shape.lanes), shape))
+    sparse = constants if shape.cranes > 1 else {}
+    _emit_end(Work(row_code(module, "end", ["work"], shape), shape, constants))
+    _emit_factor(Work(row_code(module, "factor", ["work"], shape), shape, constants))
+    _emit_sweep(Work(row_code(module, "sweep", ["work"], shape), shape, sparse))
 
 
 def call(code: Code, name: str) -> None:
@@ -88,7 +92,9 @@ def _eliminate(work: Work, stage: MemoryRows, *, bounded: bool) -> None:
         terms.append(common.get("weight", r))
         terms += [curve * unit(code, r) for curve in curves]
         rows.append(total(terms))
-        common.put("product", rows[-1], r)
+    rows = mirrored(rows)
+    for r in range(w):
+        common.put("product", rows[r], r)
     # Gauss and Jordan on the rows of the inputs, the inverse of their block beside them.
     gains = [rows[z + c] + unit(code, w + c) for c in range(m)]
     for c in range(m):
@@ -143,6 +149,16 @@ def total(terms: list[Any]) -> Any:
     return reduce(add, even) if not odd else reduce(add, even) + reduce(add, odd)
 
 
+def mirrored(rows: list[Any]) -> list[Any]:
+    """Return rows of a symmetric matrix, the lower half taken from the upper one, so that nothing
+    computes it, where rows are arrays.
+    """
+    if isinstance(rows[0], np.ndarray):
+        for r, row in enumerate(rows):
+            row[:r] = [rows[c][r] for c in range(r)]
+    return rows
+
+
 def mask(code: Code, count: int) -> Value:
     """Return 1 in the first lanes, 0 beyond."""
-    return constant(code, [float(i < count) for i in range(code.lanes)])
+    return constant(code, [float(i < count) for i in range(width(code))])
