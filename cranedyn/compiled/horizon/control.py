@@ -32,7 +32,7 @@ from cranedyn.model.layout import Layout
 from cranedyn.plant.plant import Plant, Topology, plant
 
 
-CRANES = 8
+CRANES = 4
 """Largest number of cranes that are optimised together, one in each lane, by measurement."""
 
 

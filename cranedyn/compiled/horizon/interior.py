@@ -68,7 +68,7 @@ class _Solve:
             gap, residual = single.variables([barrier, 1.0])
             # Once solved, a lane takes steps of 0 until the others are.
             with code.loop(0, _MOST), code.when(single.anywhere(self.work.reported("flag") < 0.5)):
-                unsolved = single.chosen(self.work.reported("flag") < 0.5, 1.0, 0.0)
+                unsolved = 1.0 - self.work.reported("flag")
                 step = unsolved * self._iterate(gap.get())
                 gap.set(self._move(step))
                 residual.set(residual.get() * (1.0 - step))
@@ -85,9 +85,8 @@ class _Solve:
         code, work = self.code, self.work
         with code.loop(0, self.shape.stages) as k:
             rows = work.stage(k)
-            rows.put("curve", 0.0)
             rows.put("slope", rows.get("gradient"))
-        call(code, "factor")
+        call(code, "free")
         call(code, "sweep")
         worst = code.variables([-1.0])[0]
         low, high = self.common.get("low"), self.common.get("high")
@@ -122,6 +121,7 @@ class _Solve:
                 rows.put(f"excess_{side}", excess)
                 rows.put(f"force_{side}", barrier / slack)
                 rows.put(f"relief_{side}", barrier / excess)
+            self._weigh(rows)
 
     def _room(self, value: Value, side: str) -> Value:
         bound = self.common.get(side)
@@ -130,8 +130,6 @@ class _Solve:
     def _iterate(self, gap: Value) -> Value:
         """Prepare a step, and return the share of it that keeps slacks positive."""
         code = self.code
-        with code.loop(0, self.shape.stages) as k:
-            self._weigh(self.work.stage(k))
         call(code, "factor")
         call(code, "sweep")
         ratio, crossed = code.variables([1.0, 0.0])
@@ -152,19 +150,15 @@ class _Solve:
 
     def _weigh(self, rows: MemoryRows) -> None:
         """Compute the curvature of the barriers, and the slope of the predictor."""
-        forces = {}
         for side in _SIDES:
-            per_force, per_relief = (
-                1.0 / rows.get(f"{kind}_{side}") for kind in ("force", "relief")
-            )
-            rows.put(f"per_force_{side}", per_force)
-            rows.put(f"per_relief_{side}", per_relief)
-            stiff = 1.0 / (
-                rows.get(f"slack_{side}") * per_force + rows.get(f"excess_{side}") * per_relief
-            )
-            rows.put(f"stiff_{side}", stiff)
-            forces[side] = rows.get(f"force_{side}"), stiff
-        rows.put("curve", forces["high"][1] + forces["low"][1])
+            force, relief = rows.get(f"force_{side}"), rows.get(f"relief_{side}")
+            both = force * relief
+            soft = rows.get(f"slack_{side}") * relief + rows.get(f"excess_{side}") * force
+            inverse = 1.0 / (both * soft)  # a division for three quotients
+            rows.put(f"per_force_{side}", relief * (soft * inverse))
+            rows.put(f"per_relief_{side}", force * (soft * inverse))
+            rows.put(f"stiff_{side}", both * (both * inverse))
+        rows.put("curve", rows.get("stiff_high") + rows.get("stiff_low"))
         self._slope(rows, {side: 0.0 for side in _SIDES})
 
     def _slope(self, rows: MemoryRows, bent: dict[str, Any]) -> None:
@@ -202,14 +196,12 @@ class _Solve:
         """Compute the slope of the corrector, which aims at a point of the central path, to second
         order.
         """
-        bent = {}
-        for side in _SIDES:
-            per_force, per_relief = rows.get(f"per_force_{side}"), rows.get(f"per_relief_{side}")
-            bent[side] = (centred - rows.get(f"dslack_{side}")) * per_force - (
-                centred - rows.get(f"dexcess_{side}")
-            ) * per_relief
-            rows.put(f"bend_{side}", bent[side])
-        self._slope(rows, bent)
+        self._slope(rows, {side: self._bent(rows, side, centred) for side in _SIDES})
+
+    def _bent(self, rows: MemoryRows, side: str, centred: Value) -> Any:
+        return (centred - rows.get(f"dslack_{side}")) * rows.get(f"per_force_{side}") - (
+            centred - rows.get(f"dexcess_{side}")
+        ) * rows.get(f"per_relief_{side}")
 
     def _correct(self, rows: MemoryRows, centred: Value, ratio: Any) -> None:
         """Compute the combined step, and the ratio that limits it."""
@@ -218,20 +210,24 @@ class _Solve:
             per_force, per_relief = rows.get(f"per_force_{side}"), rows.get(f"per_relief_{side}")
             slack, excess = rows.get(f"slack_{side}"), rows.get(f"excess_{side}")
             room = self._room(rows.get("trial"), side)
-            dforce = rows.get(f"stiff_{side}") * (rows.get(f"bend_{side}") - room)
+            dforce = rows.get(f"stiff_{side}") * (self._bent(rows, side, centred) - room)
             share, against = dforce * per_force, dforce * per_relief
             dslack = (centred - rows.get(f"dslack_{side}")) * per_force - slack * (1.0 + share)
             dexcess = (centred - rows.get(f"dexcess_{side}")) * per_relief - excess * (
                 1.0 - against
             )
-            for candidate in (-share, against, -(dslack / slack), -(dexcess / excess)):
+            inverse = 1.0 / (slack * excess)
+            ratios = -(dslack * excess * inverse), -(dexcess * slack * inverse)
+            for candidate in (-share, against, *ratios):
                 ratio.set(_larger(code, ratio.get(), candidate))
             rows.put(f"dforce_{side}", dforce)
             rows.put(f"dslack_{side}", dslack)
             rows.put(f"dexcess_{side}", dexcess)
 
     def _move(self, step: Value) -> Value:
-        """Take the step, and return the mean product of slacks and multipliers after it."""
+        """Take the step, and return the mean product of slacks and multipliers after it; prepare
+        the next one.
+        """
         code = self.code
         share, products = everywhere(code, step), code.variables([0.0])[0]
         with code.loop(0, self.shape.stages) as k:
@@ -248,6 +244,7 @@ class _Solve:
                 for name, value in values.items():
                     rows.put(f"{name}_{side}", value)
                 products.set(products.get() + force * slack + relief * excess)
+            self._weigh(rows)
         count = 4.0 * self.shape.stages * self.shape.lanes
         return over_lanes(code, products.get(), "fadd") * (1.0 / count)
 

@@ -84,7 +84,7 @@ class HorizonShape:
         """
         z, w, u = self.states, self.both, self.inputs
         sides = ("slack", "excess", "force", "relief", "per_force", "per_relief")
-        steps = ("stiff", "bend", "dslack", "dexcess", "dforce")
+        steps = ("stiff", "dslack", "dexcess", "dforce")
         rows = {"forward": z, "columns": w, "shift": 1, "extra": u, "extra_shift": 1}
         rows |= dict.fromkeys(("gradient", "slope", "curve", "carried"), 1)
         rows |= {"feedback": u, "open": 1, "node": 1, "iterate": 1, "trial": 1}
