@@ -10,6 +10,7 @@ implementation of a primal-dual interior point method"; the linear algebra is th
 
 from __future__ import annotations
 
+from functools import partial, reduce
 from typing import Any
 
 from llvmlite import ir
@@ -20,12 +21,10 @@ from cranedyn.compiled.horizon.memory import (
     HorizonShape,
     MemoryRows,
     Work,
-    element,
     everywhere,
     over_lanes,
     row_code,
     single,
-    where_less,
     with_elements,
 )
 from cranedyn.compiled.horizon.riccati import call, total
@@ -52,8 +51,8 @@ class _Solve:
     """Function under construction."""
 
     def __init__(self, work: Work) -> None:
-        self.work, self.code, self.shape, self.common = work, work.code, work.shape, work.common
-        self.single = single(self.code)
+        self.work, self.shape, self.single = work, work.shape, single(work.code)
+        self.code = self.single if work.shape.cranes > 1 else work.code
 
     def emit(self) -> None:
         code, single = self.code, self.single
@@ -83,48 +82,46 @@ class _Solve:
     def _free(self) -> None:
         """Solve without bounds, and report the largest excess of a bound."""
         code, work = self.code, self.work
-        with code.loop(0, self.shape.stages) as k:
-            rows = work.stage(k)
+        with work.each() as (rows, _):
             rows.put("slope", rows.get("gradient"))
         call(code, "free")
         call(code, "sweep")
         worst = code.variables([-1.0])[0]
-        low, high = self.common.get("low"), self.common.get("high")
-        with code.loop(0, self.shape.stages) as k:
-            rows = work.stage(k)
+        with work.each() as (rows, common):
             trial = rows.get("trial")
             rows.put("iterate", trial)
-            over = _larger(code, trial - high, low - trial)
+            over = _larger(code, trial - common.get("high"), common.get("low") - trial)
             worst.set(_larger(code, worst.get(), over))
         self.work.report("excess", over_lanes(code, worst.get(), "fmax"))
 
     def _begin(self, bounded: ir.Value) -> None:
         """Start on the central path of the barrier, at the nodes."""
-        code, common, shape = self.code, self.common, self.shape
-        price = common.get("price")
-        barrier = everywhere(code, self.work.reported("barrier"))
-        soft = barrier / price
-        with code.loop(0, self.shape.stages) as k:
-            rows = self.work.stage(k)
+        code, shape, work = self.code, self.shape, self.work
+        with work.code.loop(0, shape.stages) as k:
+            rows = work.stage(k)
             node = rows.get("node")
             extra = [
-                over_lanes(code, rows.get("extra", i) * node, "fadd") for i in range(shape.inputs)
+                over_lanes(work.code, rows.get("extra", i) * node, "fadd")
+                for i in range(shape.inputs)
             ]
             further = dict(enumerate(extra, shape.both))
-            node = with_elements(code, node, further) + rows.get("extra_shift")
+            rows.put("trial", with_elements(work.code, node, further) + rows.get("extra_shift"))
+        barrier = everywhere(code, work.reported("barrier"))
+        with work.each() as (rows, common):
+            node, soft = rows.get("trial"), barrier / common.get("price")
             rows.put("iterate", code.chosen(bounded, node, rows.get("iterate")))
             for side in _SIDES:
-                room = self._room(node, side)
+                room = self._room(node, side, common)
                 root = code.call("llvm.sqrt", room * room + 4.0 * (soft * soft))
                 slack, excess = soft + 0.5 * (root + room), soft + 0.5 * (root - room)
                 rows.put(f"slack_{side}", slack)
                 rows.put(f"excess_{side}", excess)
                 rows.put(f"force_{side}", barrier / slack)
                 rows.put(f"relief_{side}", barrier / excess)
-            self._weigh(rows)
+            self._weigh(rows, common)
 
-    def _room(self, value: Value, side: str) -> Value:
-        bound = self.common.get(side)
+    def _room(self, value: Value, side: str, common: MemoryRows) -> Value:
+        bound = common.get(side)
         return bound - value if side == "high" else value - bound
 
     def _iterate(self, gap: Value) -> Value:
@@ -133,22 +130,22 @@ class _Solve:
         call(code, "factor")
         call(code, "sweep")
         ratio, crossed = code.variables([1.0, 0.0])
-        with code.loop(0, self.shape.stages) as k:
-            self._predict(self.work.stage(k), ratio, crossed)
+        with self.work.each() as (rows, common):
+            self._predict(rows, common, ratio, crossed)
         step = 1.0 / over_lanes(code, ratio.get(), "fmax")
         count = 4.0 * self.shape.stages * self.shape.lanes
         cross = over_lanes(code, crossed.get(), "fadd") * (1.0 / count)
         predicted = (gap * (1.0 - step) + cross * (step * step)) / gap
         centred = everywhere(code, gap * (predicted * predicted * predicted))
-        with code.loop(0, self.shape.stages) as k:
-            self._bend(self.work.stage(k), centred)
+        with self.work.each() as (rows, common):
+            self._bend(rows, common, centred)
         call(code, "sweep")
         ratio = code.variables([_SHORT])[0]
-        with code.loop(0, self.shape.stages) as k:
-            self._correct(self.work.stage(k), centred, ratio)
+        with self.work.each() as (rows, common):
+            self._correct(rows, common, centred, ratio)
         return _SHORT / over_lanes(code, ratio.get(), "fmax")
 
-    def _weigh(self, rows: MemoryRows) -> None:
+    def _weigh(self, rows: MemoryRows, common: MemoryRows) -> None:
         """Compute the curvature of the barriers, and the slope of the predictor."""
         for side in _SIDES:
             force, relief = rows.get(f"force_{side}"), rows.get(f"relief_{side}")
@@ -159,57 +156,57 @@ class _Solve:
             rows.put(f"per_relief_{side}", force * (soft * inverse))
             rows.put(f"stiff_{side}", both * (both * inverse))
         rows.put("curve", rows.get("stiff_high") + rows.get("stiff_low"))
-        self._slope(rows, {side: 0.0 for side in _SIDES})
+        self._slope(rows, common, {side: 0.0 for side in _SIDES})
 
-    def _slope(self, rows: MemoryRows, bent: dict[str, Any]) -> None:
-        """Compute the gradient of cost and barriers at zero, in states and inputs."""
-        code, shape = self.code, self.shape
+    def _slope(self, rows: MemoryRows, common: MemoryRows, bent: dict[str, Any]) -> None:
+        """Compute the gradient of cost and barriers at zero, in all bounded values."""
         pull: Any = rows.get("curve") * rows.get("extra_shift")
         for side, sign in _SIDES.items():
-            bound = self.common.get(side)
+            bound = common.get(side)
             aim = bound - bent[side] if sign > 0.0 else -bound - bent[side]
             pull = pull + sign * (rows.get(f"force_{side}") - rows.get(f"stiff_{side}") * aim)
-        terms = [rows.get("gradient"), pull]
-        for i in range(shape.inputs):
-            felt = everywhere(code, element(code, pull, shape.both + i))
-            terms.append(rows.get("extra", i) * felt)
-        rows.put("slope", total(terms))
+        rows.put("slope", rows.get("gradient") + pull)
 
-    def _predict(self, rows: MemoryRows, ratio: Any, crossed: Any) -> None:
+    def _predict(
+        self, rows: MemoryRows, common: MemoryRows, ratio: Any, crossed: Any
+    ) -> None:
         """Compute the predictor step, which aims at the bounds themselves."""
-        code = self.code
+        candidates, products = [], []
         for side in _SIDES:
-            dforce = -(rows.get(f"stiff_{side}") * self._room(rows.get("trial"), side))
+            dforce = -(rows.get(f"stiff_{side}") * self._room(rows.get("trial"), side, common))
             share, against = (
                 dforce * rows.get(f"per_{kind}_{side}") for kind in ("force", "relief")
             )
             dslack = -(rows.get(f"slack_{side}") * (1.0 + share))
             dexcess = -(rows.get(f"excess_{side}") * (1.0 - against))
-            for candidate in (-share, 1.0 + share, against, 1.0 - against):
-                ratio.set(_larger(code, ratio.get(), candidate))
+            candidates += [-share, 1.0 + share, against, 1.0 - against]
             product, excess_product = dforce * dslack, -(dforce * dexcess)
             rows.put(f"dslack_{side}", product)
             rows.put(f"dexcess_{side}", excess_product)
-            crossed.set(crossed.get() + product + excess_product)
+            products += [product, excess_product]
+        self._grow(ratio, candidates)
+        crossed.set(crossed.get() + total(products))
 
-    def _bend(self, rows: MemoryRows, centred: Value) -> None:
+    def _bend(self, rows: MemoryRows, common: MemoryRows, centred: Value) -> None:
         """Compute the slope of the corrector, which aims at a point of the central path, to second
         order.
         """
-        self._slope(rows, {side: self._bent(rows, side, centred) for side in _SIDES})
+        self._slope(rows, common, {side: self._bent(rows, side, centred) for side in _SIDES})
 
     def _bent(self, rows: MemoryRows, side: str, centred: Value) -> Any:
         return (centred - rows.get(f"dslack_{side}")) * rows.get(f"per_force_{side}") - (
             centred - rows.get(f"dexcess_{side}")
         ) * rows.get(f"per_relief_{side}")
 
-    def _correct(self, rows: MemoryRows, centred: Value, ratio: Any) -> None:
+    def _correct(
+        self, rows: MemoryRows, common: MemoryRows, centred: Value, ratio: Any
+    ) -> None:
         """Compute the combined step, and the ratio that limits it."""
-        code = self.code
+        candidates = []
         for side in _SIDES:
             per_force, per_relief = rows.get(f"per_force_{side}"), rows.get(f"per_relief_{side}")
             slack, excess = rows.get(f"slack_{side}"), rows.get(f"excess_{side}")
-            room = self._room(rows.get("trial"), side)
+            room = self._room(rows.get("trial"), side, common)
             dforce = rows.get(f"stiff_{side}") * (self._bent(rows, side, centred) - room)
             share, against = dforce * per_force, dforce * per_relief
             dslack = (centred - rows.get(f"dslack_{side}")) * per_force - slack * (1.0 + share)
@@ -218,11 +215,18 @@ class _Solve:
             )
             inverse = 1.0 / (slack * excess)
             ratios = -(dslack * excess * inverse), -(dexcess * slack * inverse)
-            for candidate in (-share, against, *ratios):
-                ratio.set(_larger(code, ratio.get(), candidate))
+            candidates += [-share, against, *ratios]
             rows.put(f"dforce_{side}", dforce)
             rows.put(f"dslack_{side}", dslack)
             rows.put(f"dexcess_{side}", dexcess)
+        self._grow(ratio, candidates)
+
+    def _grow(self, ratio: Any, candidates: list[Value]) -> None:
+        """Replace a ratio by the largest of it and candidates, with one operation after the last
+        ratio is known.
+        """
+        larger = partial(_larger, self.code)
+        ratio.set(larger(ratio.get(), reduce(larger, candidates)))
 
     def _move(self, step: Value) -> Value:
         """Take the step, and return the mean product of slacks and multipliers after it; prepare
@@ -230,8 +234,7 @@ class _Solve:
         """
         code = self.code
         share, products = everywhere(code, step), code.variables([0.0])[0]
-        with code.loop(0, self.shape.stages) as k:
-            rows = self.work.stage(k)
+        with self.work.each() as (rows, common):
             iterate = rows.get("iterate")
             rows.put("iterate", iterate + share * (rows.get("trial") - iterate))
             for side in _SIDES:
@@ -243,11 +246,11 @@ class _Solve:
                 values = {"force": force, "relief": relief, "slack": slack, "excess": excess}
                 for name, value in values.items():
                     rows.put(f"{name}_{side}", value)
-                products.set(products.get() + force * slack + relief * excess)
-            self._weigh(rows)
+                products.set(products.get() + (force * slack + relief * excess))
+            self._weigh(rows, common)
         count = 4.0 * self.shape.stages * self.shape.lanes
         return over_lanes(code, products.get(), "fadd") * (1.0 / count)
 
 
 def _larger(code: Code, a: Value, b: Value) -> Value:
-    return where_less(code, b, a, a, b)
+    return code.chosen(a > b, a, b)

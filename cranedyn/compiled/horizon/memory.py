@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial, reduce
 from operator import add
@@ -305,7 +306,7 @@ class Work:
         self.code, self.shape, self._constants = code, shape, dict(constants or {})
         if shape.cranes > 1:
             z, w, lanes = shape.states, shape.both, shape.lanes
-            used = {"forward": w, "columns": z, "shift": z, "extra": w, "gradient": w, "slope": w}
+            used = {"forward": w, "columns": z, "shift": z, "extra": w, "gradient": w}
             used |= {"weight": w, "start": z, "end": z, "togo": z, "carried": z}
             rows = shape.common | shape.stage
             self._constants |= {
@@ -332,6 +333,18 @@ class Work:
             return self._rows(shape.first + k * shape.stride)
         return self._rows(code.plus(code.product(k, shape.stride), shape.first))
 
+    @contextmanager
+    def each(self) -> Iterator[tuple[MemoryRows, MemoryRows]]:
+        """Emit statements for each number of each stage; yield its rows and the shared ones."""
+        with self.code.loop(0, self.shape.stages) as k:
+            if not isinstance(self.code, RowCode):
+                yield self.stage(k), self.common
+                return
+            base = self.code.plus(self.code.product(k, self.shape.stride), self.shape.first)
+            with self.code.loop(0, self.shape.lanes) as i:
+                bases = self.code.builder.add(base, i), i
+                yield tuple(MemoryRows(self.code.one, self.shape, at, {}) for at in bases)
+
     def _rows(self, base: Any) -> MemoryRows:
         rows = CraneRows if self.shape.cranes > 1 else MemoryRows
         return rows(self.code, self.shape, base, self._constants)
@@ -349,6 +362,8 @@ def element(code: Code, value: Value, lane: int) -> Value:
 
 def everywhere(code: Code, value: Value) -> Value:
     """Return one number in every lane."""
+    if isinstance(code, CraneView):
+        return value
     return code.row(value) if isinstance(code, RowCode) else code.from_double(value.register)
 
 
@@ -367,6 +382,8 @@ def over_lanes(code: Code, value: Value, operation: str) -> Value:
     """Return the sum ("fadd") or maximum ("fmax") of the numbers of a vector."""
     if isinstance(value, np.ndarray):
         return reduce(add if operation == "fadd" else partial(code.one.call, "llvm.maxnum"), value)
+    if code.lanes == 1 or isinstance(code, CraneView):
+        return value
     assert value.register.type == code.type
     arguments = [value.register]
     if operation == "fadd":
@@ -376,14 +393,6 @@ def over_lanes(code: Code, value: Value, operation: str) -> Value:
     function = module.globals.get(name) or ir.Function(module, kind, name)
     flags = ("reassoc", "nsz", "contract")
     return Value(LaneView(code, 1), code.builder.call(function, arguments, fastmath=flags))
-
-
-def where_less(code: Code, a: Any, b: Any, yes: Any, no: Any) -> Any:
-    """Return one number in the places of a row where a < b and another elsewhere."""
-    if isinstance(code, RowCode):
-        numbers = zip(*map(code.row, (a, b, yes, no)), strict=True)
-        return array([code.one.chosen(code.one.value(x) < y, c, d) for x, y, c, d in numbers])
-    return code.chosen(code.value(a) < b, yes, no)
 
 
 def unit(code: Code, lane: int) -> Value:

@@ -20,7 +20,6 @@ from cranedyn.compiled.horizon.memory import (
     over_lanes,
     row_code,
     single,
-    where_less,
 )
 from cranedyn.compiled.horizon.riccati import call, mask, total
 from cranedyn.dynamics.scalars import array
@@ -208,12 +207,12 @@ class _Plan:
         code, shape, single = self.code, self.shape, self.one
         plan = code.argument["plan"]
         flag = self.work.reported("flag")
-        finite = code.variables([1.0])[0]
-        with code.loop(0, shape.stages) as k:
-            size = code.call("llvm.fabs", self.work.stage(k).get("iterate"))
-            finite.set(where_less(code, size, _HUGE, finite.get(), 0.0))
-        whole = over_lanes(code, finite.get(), "fadd") > shape.lanes - 0.5
-        solved = code.both(flag > 0.5, whole)
+        flat = single if shape.cranes > 1 else code
+        finite = flat.variables([0.0])[0]
+        with self.work.each() as (rows, _):
+            size = flat.call("llvm.fabs", rows.get("iterate"))
+            finite.set(flat.chosen(size < _HUGE, finite.get(), 1.0))
+        solved = code.both(flag > 0.5, over_lanes(flat, finite.get(), "fadd") < 0.5)
         with code.loop(0, shape.stages) as k:
             rows = self.work.stage(k)
             plan_row = code.chosen(solved, rows.get("iterate"), rows.get("node"))

@@ -118,7 +118,11 @@ def _emit_sweep(work: Work) -> None:
         rows = work.stage(code.builder.sub(code.integer(shape.stages - 1), count))
         common.put("spill", slope.get() + rows.get("carried"))
         ahead = [rows.get("forward", i) * common.every("spill", 0, i) for i in range(z)]
-        felt = total([rows.get("slope"), *ahead])
+        steep = rows.get("slope")
+        pulls = [
+            rows.get("extra", i) * everywhere(code, element(code, steep, w + i)) for i in range(m)
+        ]
+        felt = total([steep, *ahead, *pulls])
         answers = [
             rows.get("feedback", c) * everywhere(code, element(code, felt, z + c)) for c in range(m)
         ]
