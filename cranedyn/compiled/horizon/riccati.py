@@ -12,7 +12,6 @@ from functools import reduce
 from operator import add
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.code import Code, Value
@@ -20,6 +19,7 @@ from cranedyn.compiled.horizon.memory import (
     Constants,
     HorizonShape,
     MemoryRows,
+    RowCode,
     Work,
     constant,
     element,
@@ -93,7 +93,10 @@ def _eliminate(work: Work, stage: MemoryRows, *, bounded: bool, keeps: bool) -> 
         terms.append(common.get("weight", r))
         terms += [curve * unit(code, r) for curve in curves]
         rows.append(total(terms))
-    rows = mirrored(rows)
+        if isinstance(code, RowCode):  # the matrix is symmetric
+            rows[r][:r] = [rows[c][r] for c in range(r)]
+            for row in (*product, *weighted):
+                row[r] = 0.0
     for r in range(w):
         common.put("product", rows[r], r)
     # Gauss and Jordan on the rows of the inputs, the inverse of their block beside them.
@@ -152,16 +155,6 @@ def total(terms: list[Any]) -> Any:
     """Return the sum of one or more values, in two independent chains."""
     even, odd = terms[::2], terms[1::2]
     return reduce(add, even) if not odd else reduce(add, even) + reduce(add, odd)
-
-
-def mirrored(rows: list[Any]) -> list[Any]:
-    """Return rows of a symmetric matrix, the lower half taken from the upper one, so that nothing
-    computes it, where rows are arrays.
-    """
-    if isinstance(rows[0], np.ndarray):
-        for r, row in enumerate(rows):
-            row[:r] = [rows[c][r] for c in range(r)]
-    return rows
 
 
 def mask(code: Code, count: int) -> Value:
