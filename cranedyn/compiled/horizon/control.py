@@ -31,7 +31,6 @@ from cranedyn.dynamics.scalars import array, clipped
 from cranedyn.model.layout import Layout
 from cranedyn.plant.plant import Plant, Topology, plant
 
-
 CRANES = 4
 """Largest number of cranes that are optimised together, one in each lane, by measurement."""
 
@@ -180,7 +179,16 @@ def emit_plan(
         errors = np.reshape(programme.errors, (2, layout.n))
         model.emit_weights(module, shape, crane, errors, np.array(programme.payload_errors))
     period = programme.ratio * programme.period
-    planning.emit(module, shape, crane, programme.length, period, programme.swing, programme.rows > 0, constants)
+    planning.emit(
+        module,
+        shape,
+        crane,
+        programme.length,
+        period,
+        programme.swing,
+        programme.rows > 0,
+        constants,
+    )
     return entries
 
 

@@ -167,9 +167,7 @@ class _Solve:
             pull = pull + sign * (rows.get(f"force_{side}") - rows.get(f"stiff_{side}") * aim)
         rows.put("slope", rows.get("gradient") + pull)
 
-    def _predict(
-        self, rows: MemoryRows, common: MemoryRows, ratio: Any, crossed: Any
-    ) -> None:
+    def _predict(self, rows: MemoryRows, common: MemoryRows, ratio: Any, crossed: Any) -> None:
         """Compute the predictor step, which aims at the bounds themselves."""
         candidates, products = [], []
         for side in _SIDES:
@@ -198,9 +196,7 @@ class _Solve:
             centred - rows.get(f"dexcess_{side}")
         ) * rows.get(f"per_relief_{side}")
 
-    def _correct(
-        self, rows: MemoryRows, common: MemoryRows, centred: Value, ratio: Any
-    ) -> None:
+    def _correct(self, rows: MemoryRows, common: MemoryRows, centred: Value, ratio: Any) -> None:
         """Compute the combined step, and the ratio that limits it."""
         candidates = []
         for side in _SIDES:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial, reduce
@@ -93,8 +93,23 @@ class HorizonShape:
         return rows | dict.fromkeys(bounds, 1)
 
     @property
+    def zeros(self) -> dict[tuple[str, int, int], float]:
+        """Numbers that are zero since a row is longer than what it holds."""
+        rows, z, w = self.common | self.stage, self.states, self.both
+        used = dict.fromkeys(("forward", "extra", "gradient", "weight"), range(w))
+        used |= dict.fromkeys(("columns", "shift", "start", "end", "togo", "carried"), range(z))
+        used["extra_shift"] = range(w, self.lanes)
+        places = [(name, i) for name in used for i in range(rows[name])]
+        return {
+            (*place, lane): 0.0
+            for place in places
+            for lane in range(self.lanes)
+            if lane not in used[place[0]]
+        }
+
+    @property
     def size(self) -> int:
-        """Total size [doubles]."""
+        """Total size of the memory of one crane [doubles]."""
         return self.lanes * (sum(self.common.values()) + self.padded * sum(self.stage.values()))
 
     @property
@@ -145,31 +160,40 @@ class CraneView(LaneView):
 
     def address(self, pointer: ir.Value, index: Any) -> ir.Value:
         """Return the address of a number of the first crane."""
-        return super().address(pointer, self._times(index))
-
-    def _times(self, index: Any) -> Any:
-        return index * self.lanes if isinstance(index, int) else self.product(index, self.lanes)
+        known = isinstance(index, int)
+        return super().address(
+            pointer, index * self.lanes if known else self.product(index, self.lanes)
+        )
 
 
 class RowCode(Code):
-    """A function for a crane in each lane, in which a row is an array of values."""
+    """A function for a crane in each lane, in which a row is an array of values.
 
-    def __init__(self, module: ir.Module, name: str, arguments: list[str], shape: HorizonShape):
+    Attributes:
+        one: The same function with values of one number of each crane.
+        lanes: Numbers of a row.
+    """
+
+    def __init__(
+        self, module: ir.Module, name: str, arguments: list[str], shape: HorizonShape
+    ) -> None:
         super().__init__(module, name, arguments, shape.cranes)
-        self.one, self.width = CraneView(self, shape.cranes), shape.lanes
+        self.one, self.lanes = CraneView(self, shape.cranes), shape.lanes
 
     def address(self, pointer: ir.Value, index: Any) -> ir.Value:
         """Return the address of a number of the first crane."""
         return self.one.address(pointer, index)
 
     def row(self, value: Any) -> np.ndarray:
-        """Return a row, of a number the same in all places."""
-        return value if isinstance(value, np.ndarray) else np.full(self.width, value, dtype=object)
+        """Return a row, of one number the same in all places."""
+        return value if isinstance(value, np.ndarray) else np.full(self.lanes, value, dtype=object)
 
     def load(self, pointer: ir.Value, first: Any = 0) -> Any:
         """Load a row from an index."""
-        begin = self.integer(first) if isinstance(first, int) else first
-        return array([self.one.load(pointer, self.plus(begin, i)) for i in range(self.width)])
+        places = [
+            first + i if isinstance(first, int) else self.plus(first, i) for i in range(self.lanes)
+        ]
+        return array([self.one.load(pointer, place) for place in places])
 
     def store(self, value: Any, pointer: ir.Value, first: Any = 0) -> None:
         """Store a row from an index."""
@@ -180,11 +204,6 @@ class RowCode(Code):
         """Return one row in the lanes in which a condition holds and another elsewhere."""
         pairs = zip(self.row(yes), self.row(no), strict=True)
         return array([self.one.chosen(condition, a, b) for a, b in pairs])
-
-    def call(self, intrinsic: str, *values: Any) -> Any:
-        """Call an intrinsic function of LLVM for each number of a row."""
-        rows = map(self.row, values)
-        return array([self.one.call(intrinsic, *numbers) for numbers in zip(*rows, strict=True)])
 
     def variables(self, values: Any) -> Any:
         """Return variables for rows."""
@@ -259,8 +278,9 @@ class MemoryRows:
 class CraneRows(MemoryRows):
     """The same of a crane in each lane; what is written to scratch rows stays in registers."""
 
-    def __init__(self, code: Code, shape: HorizonShape, base: Any, constants: Constants) -> None:
+    def __init__(self, code: Any, shape: HorizonShape, base: Any, constants: Constants) -> None:
         super().__init__(code, shape, base, constants)
+        self._row = code.row
         self._kept: dict[tuple[str, int, int], Any] = {}
 
     def at(self, name: str, row: int = 0, lane: int = 0) -> Any:
@@ -274,8 +294,10 @@ class CraneRows(MemoryRows):
     def one(self, name: str, row: int, lane: int) -> Any:
         """Return one number of a row; a constant as a float."""
         place = name, row, lane
-        known = self._kept.get(place, self._constants.get(place))
-        return self._one.load(self._code.argument["work"], self.at(*place)) if known is None else known
+        for known in (self._kept, self._constants):
+            if place in known:
+                return known[place]
+        return self._one.load(self._code.argument["work"], self.at(*place))
 
     def put_one(self, name: str, row: int, lane: int, value: Any) -> None:
         """Write one number of a row."""
@@ -291,31 +313,20 @@ class CraneRows(MemoryRows):
 
     def put(self, name: str, value: Any, row: int = 0) -> None:
         """Write a row."""
-        for lane, number in enumerate(self._code.row(value)):
+        for lane, number in enumerate(self._row(value)):
             self.put_one(name, row, lane, number)
 
     def every(self, name: str, row: int, lane: int) -> Any:
         """Return one number in all places of a row."""
-        return self._code.row(self.one(name, row, lane))
+        return self._row(self.one(name, row, lane))
 
 
 class Work:
     """Memory of an optimisation, the argument `work` of a function under construction."""
 
     def __init__(self, code: Code, shape: HorizonShape, constants: Constants | None = None) -> None:
-        self.code, self.shape, self._constants = code, shape, dict(constants or {})
-        if shape.cranes > 1:
-            z, w, lanes = shape.states, shape.both, shape.lanes
-            used = {"forward": w, "columns": z, "shift": z, "extra": w, "gradient": w}
-            used |= {"weight": w, "start": z, "end": z, "togo": z, "carried": z}
-            rows = shape.common | shape.stage
-            self._constants |= {
-                (name, row, lane): 0.0
-                for name, end in used.items()
-                for row in range(rows[name])
-                for lane in range(end, lanes)
-            }
-            self._constants |= {("extra_shift", 0, lane): 0.0 for lane in range(w)}
+        self.code, self.shape = code, shape
+        self._constants = dict(constants or {}) | (shape.zeros if shape.cranes > 1 else {})
         self.common = self._rows(0)
 
     def report(self, name: str, value: Any) -> None:
@@ -334,7 +345,7 @@ class Work:
         return self._rows(code.plus(code.product(k, shape.stride), shape.first))
 
     @contextmanager
-    def each(self) -> Iterator[tuple[MemoryRows, MemoryRows]]:
+    def each(self) -> Iterator[Sequence[MemoryRows]]:
         """Emit statements for each number of each stage; yield its rows and the shared ones."""
         with self.code.loop(0, self.shape.stages) as k:
             if not isinstance(self.code, RowCode):
@@ -346,11 +357,11 @@ class Work:
                 yield tuple(MemoryRows(self.code.one, self.shape, at, {}) for at in bases)
 
     def _rows(self, base: Any) -> MemoryRows:
-        rows = CraneRows if self.shape.cranes > 1 else MemoryRows
-        return rows(self.code, self.shape, base, self._constants)
+        kind = CraneRows if self.shape.cranes > 1 else MemoryRows
+        return kind(self.code, self.shape, base, self._constants)
 
 
-def element(code: Code, value: Value, lane: int) -> Value:
+def element(code: Any, value: Any, lane: int) -> Any:
     """Return one number of a vector."""
     if isinstance(value, np.ndarray):
         return value[lane]
@@ -360,14 +371,14 @@ def element(code: Code, value: Value, lane: int) -> Value:
     return Value(LaneView(code, 1), code.builder.extract_element(value.register, index))
 
 
-def everywhere(code: Code, value: Value) -> Value:
+def everywhere(code: Any, value: Any) -> Any:
     """Return one number in every lane."""
     if isinstance(code, CraneView):
         return value
     return code.row(value) if isinstance(code, RowCode) else code.from_double(value.register)
 
 
-def with_elements(code: Code, value: Value, elements: Mapping[int, Value]) -> Value:
+def with_elements(code: Any, value: Any, elements: Mapping[int, Value]) -> Any:
     """Return a vector with other numbers in some lanes."""
     if isinstance(value, np.ndarray):
         return array([elements.get(lane, number) for lane, number in enumerate(value)])
@@ -378,7 +389,7 @@ def with_elements(code: Code, value: Value, elements: Mapping[int, Value]) -> Va
     return Value(code, register)
 
 
-def over_lanes(code: Code, value: Value, operation: str) -> Value:
+def over_lanes(code: Any, value: Any, operation: str) -> Any:
     """Return the sum ("fadd") or maximum ("fmax") of the numbers of a vector."""
     if isinstance(value, np.ndarray):
         return reduce(add if operation == "fadd" else partial(code.one.call, "llvm.maxnum"), value)
@@ -397,16 +408,11 @@ def over_lanes(code: Code, value: Value, operation: str) -> Value:
 
 def unit(code: Code, lane: int) -> Value:
     """Return 1 in one lane, 0 in the others."""
-    return constant(code, [float(i == lane) for i in range(width(code))])
+    return constant(code, [float(i == lane) for i in range(code.lanes)])
 
 
-def constant(code: Code, numbers: list[float]) -> Value:
+def constant(code: Any, numbers: list[float]) -> Any:
     """Return constants, one for each lane."""
     if isinstance(code, RowCode):
         return array(numbers)
     return Value(code, ir.Constant(code.type, numbers))
-
-
-def width(code: Code) -> int:
-    """Return the numbers of a row."""
-    return code.width if isinstance(code, RowCode) else code.lanes

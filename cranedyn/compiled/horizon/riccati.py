@@ -27,23 +27,23 @@ from cranedyn.compiled.horizon.memory import (
     over_lanes,
     row_code,
     unit,
-    width,
     with_elements,
 )
 
 
 def emit(module: ir.Module, shape: HorizonShape, constants: Constants) -> None:
-    """Add the functions `end`, `free`, `factor` and `sweep`, which work on the memory of an optimisation.
+    """Add the functions `end`, `free`, `factor` and `sweep`, which work on the memory of an
+    optimisation.
 
     end: the cost-to-go beyond the horizon, as that of a horizon as long again on which the last
     stage's model stays and nothing is bounded. free, factor: the feedback of every stage without
-    and under its curvature. sweep: states, inputs and what else is bounded under the stages' slopes.
+    and under its curvature. sweep: states, inputs and what else is bounded under the stages'
+    slopes.
     """
-    sparse = constants if shape.cranes > 1 else {}
     _emit_end(Work(row_code(module, "end", ["work"], shape), shape, constants))
     for name, bounded in (("free", False), ("factor", True)):
         _emit_factor(Work(row_code(module, name, ["work"], shape), shape, constants), bounded)
-    _emit_sweep(Work(row_code(module, "sweep", ["work"], shape), shape, sparse))
+    _emit_sweep(Work(row_code(module, "sweep", ["work"], shape), shape, constants))
 
 
 def call(code: Code, name: str) -> None:
@@ -159,4 +159,4 @@ def total(terms: list[Any]) -> Any:
 
 def mask(code: Code, count: int) -> Value:
     """Return 1 in the first lanes, 0 beyond."""
-    return constant(code, [float(i < count) for i in range(width(code))])
+    return constant(code, [float(i < count) for i in range(code.lanes)])
