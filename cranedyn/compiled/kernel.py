@@ -148,7 +148,7 @@ def build_module(source: KernelSource) -> ir.Module:
     if recipe.programme is not None:
         from cranedyn.compiled.horizon.control import emit_instant, emit_plan  # few runs need it
 
-        emit_plan(module, recipe.programme)
+        emit_plan(module, recipe.programme, lanes)
         if recipe.lanes == 1:
             emit_instant(module, recipe.programme)
     run, answer = THREAD if recipe.threads else ("run", "answer")

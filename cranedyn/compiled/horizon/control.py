@@ -16,7 +16,8 @@ drives, and the hoist keeps the least tension of the rope.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +30,9 @@ from cranedyn.compiled.horizon.planning import QUERY
 from cranedyn.dynamics.scalars import array, clipped
 from cranedyn.model.layout import Layout
 from cranedyn.plant.plant import Plant, Topology, plant
+
+CRANES = 4
+"""Largest number of cranes that are optimised together, one in each lane, by measurement."""
 
 
 @dataclass(frozen=True)
@@ -80,16 +84,20 @@ class Programme:
         layout = self.topology.layout
         return HorizonShape(2 * layout.n, layout.m, self.stages, self.block)
 
+    def shape_in(self, lanes: int) -> HorizonShape:
+        """Return the dimensions of the optimisation for cranes in lanes."""
+        return replace(self.shape, cranes=min(lanes, CRANES))
+
     def offsets(self, lanes: int) -> MemoryOffsets:
         """Return the offsets of the sections in the memory of a group of lanes."""
-        shape = self.shape
+        shape = self.shape_in(lanes)
         counts = [
-            shape.lanes + 8,
+            (shape.lanes + 8) * shape.cranes,
             8,
             lanes * -(-lane_memory(self.topology.layout)["begun"].stop // 8) * 8,
             lanes * plan_size(shape),
-            -(-max(self.rows, 1) * shape.states // 8) * 8 + shape.lanes,
-            shape.size,
+            -(-max(self.rows, shape.cranes) * shape.states // 8) * 8 + shape.lanes,
+            shape.size * shape.cranes,
         ]
         return MemoryOffsets(0, *np.cumsum(counts).tolist())
 
@@ -151,21 +159,37 @@ def plan_size(shape: HorizonShape) -> int:
     return (shape.stages + 1) * shape.lanes
 
 
-def emit_plan(module: ir.Module, programme: Programme) -> list[tuple[str, int, int, float]]:
-    """Add the function `plan` and what it calls; return the constants in the memory of each stage:
-    name of the row, its number, lane, value.
+def emit_plan(
+    module: ir.Module, programme: Programme, lanes: int = 1
+) -> list[tuple[str, int, int, float]]:
+    """Add the function `plan` and what it calls, for one crane or for cranes in lanes; return the
+    constants in the memory of each stage: name of the row, its number, lane, value.
     """
-    shape, layout = programme.shape, programme.topology.layout
+    shape, layout = programme.shape_in(lanes), programme.topology.layout
     crane = plant(programme.topology, list(programme.numbers), "motion", False)
-    constants = model.emit(module, shape, crane, programme.length)
-    riccati.emit(module, shape, {entry[:3]: entry[3] for entry in constants})
-    interior.emit(module, shape)
+    entries = model.emit(module, shape, crane, programme.length)
+    constants = {entry[:3]: float(entry[3]) for entry in entries}
+    if programme.errors:
+        n = layout.n
+        zeros = [(i, j) for i in range(2 * n) for j in range(shape.both) if i // n != j // n]
+        constants |= {("weight", *place): 0.0 for i, j in zeros for place in ((i, j), (j, i))}
+    riccati.emit(module, shape, constants)
+    interior.emit(module, shape, constants)
     if programme.errors:
         errors = np.reshape(programme.errors, (2, layout.n))
         model.emit_weights(module, shape, crane, errors, np.array(programme.payload_errors))
     period = programme.ratio * programme.period
-    planning.emit(module, shape, crane, programme.length, period, programme.swing)
-    return constants
+    planning.emit(
+        module,
+        shape,
+        crane,
+        programme.length,
+        period,
+        programme.swing,
+        programme.rows > 0,
+        constants,
+    )
+    return entries
 
 
 def emit_instant(module: ir.Module, programme: Programme) -> None:
@@ -193,6 +217,7 @@ class PredictiveControl:
     def __init__(self, code: Code, programme: Programme, memory: ir.Value) -> None:
         self.code, self.programme, self.memory = code, programme, memory
         self.offsets, self.layout = programme.offsets(code.lanes), programme.topology.layout
+        self.shape = programme.shape_in(code.lanes)
         self._slots = lane_memory(self.layout)
 
     def count_instant(self) -> tuple[ir.Value, ir.Value]:
@@ -226,8 +251,8 @@ class PredictiveControl:
         with code.when(due):
             plant, tracked = self.programme.plant, self.programme.rows > 0
             goal = array([]) if tracked else model.hanging(plant, position)
-            for lane in range(code.lanes):
-                self._plan(lane, np.concatenate(estimated), goal, row, plausible)
+            for first in range(0, code.lanes, self.shape.cranes):
+                self._plan(first, np.concatenate(estimated), goal, row, plausible)
         acceleration = self._load_memory("held")
         if self.programme.drive == "effort":
             return self._efforts(q, v, acceleration, begun * plausible)
@@ -260,14 +285,16 @@ class PredictiveControl:
         return array([code.load(command, i) for i in range(len(position))])
 
     def _plan(
-        self, lane: int, z: np.ndarray, goal: np.ndarray, row: ir.Value, plausible: Value
+        self, first: int, z: np.ndarray, goal: np.ndarray, row: ir.Value, plausible: Value
     ) -> None:
-        """Optimise for one lane from coordinates and rates, and hold the first accelerations."""
-        code, offsets, shape = self.code, self.offsets, self.programme.shape
+        """Optimise for one lane or some from coordinates and rates, and hold the first
+        accelerations.
+        """
+        code, offsets, shape = self.code, self.offsets, self.shape
         query = code.address(self.memory, offsets.query)
         path = code.address(self.memory, offsets.path)
         for i, value in enumerate(z):
-            self._store_one(element(code, value, lane), query, i)
+            self._store_lanes(value, first, query, i)
         rows = self.programme.rows
         if rows:
             numbers = row, code.integer(rows - 1), code.integer(self.programme.hop)
@@ -275,21 +302,26 @@ class PredictiveControl:
             numbers = code.integer(0), code.integer(0), code.integer(0)
             for i, value in enumerate(goal):
                 if isinstance(value, Value):  # constants are zeros, already in memory
-                    self._store_one(element(code, value, lane), path, i)
+                    self._store_lanes(value, first, path, i)
         for i, number in enumerate(numbers):
-            code.builder.store(number, code.address(query, shape.lanes + i), align=8)
+            address = code.address(query, (shape.lanes + i) * shape.cranes)
+            code.builder.store(number, address, align=8)
         assert len(numbers) == len(QUERY)
-        self._store_one(element(code, plausible, lane), query, shape.lanes + len(QUERY))
-        plan = code.address(self.memory, offsets.plans + lane * plan_size(shape))
+        self._store_lanes(plausible, first, query, shape.lanes + len(QUERY))
+        plan = code.address(self.memory, offsets.plans + first * plan_size(shape))
         work = code.address(self.memory, offsets.work)
         code.builder.call(code.function.module.globals["plan"], [work, plan, query, path])
-        for i in range(self.layout.m):
-            value = code.load_one(plan, shape.states + i, DOUBLE)
-            to = code.address(self.memory, offsets.lanes + i * code.lanes + lane)
+        for i, lane in product(range(self.layout.m), range(shape.cranes)):
+            value = code.load_one(plan, (shape.states + i) * shape.cranes + lane, DOUBLE)
+            to = code.address(self.memory, offsets.lanes + i * code.lanes + first + lane)
             code.builder.store(value, to, align=8)
 
-    def _store_one(self, value: Value, base: ir.Value, offset: int) -> None:
-        self.code.builder.store(value.register, self.code.address(base, offset), align=8)
+    def _store_lanes(self, value: Value, first: int, base: ir.Value, place: int) -> None:
+        """Store a number of each of the lanes that are optimised together."""
+        for lane in range(cranes := self.shape.cranes):
+            register = element(self.code, value, first + lane).register
+            address = self.code.address(base, place * cranes + lane)
+            self.code.builder.store(register, address, align=8)
 
     def _place(self, i: int) -> int:
         return self.offsets.lanes + i * self.code.lanes
@@ -305,12 +337,13 @@ class PredictiveControl:
         """Return coordinates and rates as read, and 1; or, if the reading is implausible, the last
         plausible ones, and 0.
         """
-        code, shape = self.code, self.programme.shape
-        low, high = (self.offsets.work + shape.place(name) for name in ("least", "most"))
+        code, cranes = self.code, self.shape.cranes
+        places = (self.shape.place(name) * cranes for name in ("least", "most"))
+        low, high = (self.offsets.work + place for place in places)
         read = np.concatenate([q, v])
         holds = code.both(
-            *(x >= code.spread(self.memory, low + i) for i, x in enumerate(read)),
-            *(x <= code.spread(self.memory, high + i) for i, x in enumerate(read)),
+            *(x >= code.spread(self.memory, low + i * cranes) for i, x in enumerate(read)),
+            *(x <= code.spread(self.memory, high + i * cranes) for i, x in enumerate(read)),
         )
         updates = {
             "read": (read, self._load_memory("read")),

@@ -16,7 +16,7 @@ from llvmlite import ir
 
 from cranedyn.compiled.code import INTEGER, Code, Value
 from cranedyn.compiled.horizon.dual import constants, slopes, variables
-from cranedyn.compiled.horizon.memory import HorizonShape, LaneView, Work
+from cranedyn.compiled.horizon.memory import HorizonShape, LaneView, Work, row_code
 from cranedyn.dynamics.scalars import array, solve_linear
 from cranedyn.plant import rigid_body
 from cranedyn.plant.plant import Plant
@@ -157,7 +157,7 @@ def emit_weights(
     """Add the function `weigh`, which writes the weight of the states for a goal: errors of the
     payload's position and rate, and errors of coordinates and rates, with equal weight.
     """
-    work = Work(Code(module, "weigh", ["work"], 1), shape)
+    work = Work(row_code(module, "weigh", ["work"], shape), shape)
     n = plant.topology.layout.n
     jacobian = payload_jacobian(plant, array([work.common.one("goal", 0, i) for i in range(n)]))
     for block, error in enumerate(payload_errors.tolist()):
@@ -174,9 +174,27 @@ def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) ->
     """Add the function `linearise`, from the nodes of all stages to their models; return the
     entries that are the same for every node, which the code does not write.
     """
+    n, z = plant.topology.layout.n, shape.states
+
+    def entries_at(node: np.ndarray) -> tuple[Entries, Entries]:
+        entries = stage(plant, length, node[:n], node[n:z], node[z:])
+        split: tuple[Entries, Entries] = [], []
+        for entry in entries:
+            split[isinstance(entry[3], Value)].append(entry)
+        return split
+
+    if shape.cranes > 1:
+        work = Work(row_code(module, "linearise", ["work"], shape), shape)
+        with work.code.loop(0, shape.stages) as k:
+            rows = work.stage(k)
+            node = array([rows.one("node", 0, i) for i in range(shape.both)])
+            constants, written = entries_at(node)
+            for entry in written:
+                rows.put_one(*entry)
+        work.code.end()
+        return constants
     work = Work(Code(module, "linearise", ["work"], shape.block), shape)
-    code, layout = work.code, plant.topology.layout
-    n, z = layout.n, shape.states
+    code = work.code
     with code.loop(0, shape.padded // shape.block) as block:
         first = code.product(block, shape.block)
         stages = [work.stage(code.plus(first, lane)) for lane in range(shape.block)]
@@ -187,13 +205,12 @@ def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) ->
                 for i in range(shape.both)
             ]
         )
-        entries = stage(plant, length, node[:n], node[n:z], node[z:])
-        written = [entry for entry in entries if isinstance(entry[3], Value)]
+        constants, written = entries_at(node)
         for row, (_, _, _, value) in enumerate(written):
             code.store(value, code.argument["work"], shape.block * row + shape.place("block"))
         _scatter(work, block, written)
     code.end()
-    return [(*place, float(value)) for *place, value in entries if not isinstance(value, Value)]  # type: ignore[misc]
+    return constants
 
 
 def _scatter(work: Work, block: ir.Value, written: Entries) -> None:

@@ -10,8 +10,17 @@ from typing import Any, NamedTuple
 
 from llvmlite import ir
 
-from cranedyn.compiled.code import INTEGER, Code, Value
-from cranedyn.compiled.horizon.memory import HorizonShape, LaneView, Work, everywhere
+from cranedyn.compiled.code import INTEGER, Value
+from cranedyn.compiled.horizon.memory import (
+    Constants,
+    HorizonShape,
+    LaneView,
+    Work,
+    everywhere,
+    over_lanes,
+    row_code,
+    single,
+)
 from cranedyn.compiled.horizon.riccati import call, mask, total
 from cranedyn.dynamics.scalars import array
 from cranedyn.plant.plant import Plant
@@ -52,7 +61,14 @@ class Marks(NamedTuple):
 
 
 def emit(
-    module: ir.Module, shape: HorizonShape, plant: Plant, length: float, period: float, swing: float
+    module: ir.Module,
+    shape: HorizonShape,
+    plant: Plant,
+    length: float,
+    period: float,
+    swing: float,
+    tracks: bool,
+    constants: Constants,
 ) -> None:
     """Add the function `plan`.
 
@@ -67,21 +83,25 @@ def emit(
         length: Length of a stage [s].
         period: Time from one optimisation to the next [s].
         swing: Largest angle of each swing joint from its rest [rad].
+        tracks: Whether a path is tracked, the same for all cranes; else each has its goal.
+        constants: Entries that are the same in every stage.
     """
-    code = Code(module, "plan", ["work", "plan", "query", "path"], shape.lanes)
-    _Plan(Work(code, shape), plant, length, period, swing).emit()
+    code = row_code(module, "plan", ["work", "plan", "query", "path"], shape)
+    _Plan(Work(code, shape, constants), plant, length, period, swing, tracks).emit()
 
 
 class _Plan:
     """Function under construction."""
 
     def __init__(
-        self, work: Work, plant: Plant, length: float, period: float, swing: float
+        self, work: Work, plant: Plant, length: float, period: float, swing: float, tracks: bool
     ) -> None:
         self.work, self.code, self.shape, self.common = work, work.code, work.shape, work.common
         self.plant, self.layout, self.swing = plant, plant.topology.layout, swing
         self.length, self.period = length, period
-        self.one, self.marks = LaneView(self.code, 1), self.shape.stages * self.shape.lanes
+        self.one, self.marks = single(self.code), self.shape.stages * self.shape.lanes
+        shared = LaneView(self.code, self.shape.cranes)
+        self.path_number = shared.spread if tracks else self.one.load
 
     def emit(self) -> None:
         code, shape, arguments = self.code, self.shape, self.code.argument
@@ -90,15 +110,17 @@ class _Plan:
         wider = _WIDER * self.work.reported("first")
         barrier = self.one.chosen(fresh, wider, self._mark("barrier"))
         self.work.report("barrier", barrier)
-        with code.when(fresh), code.loop(0, shape.stages) as k:
+        with code.when(self.one.anywhere(fresh)), code.loop(0, shape.stages) as k:
             still = code.load(arguments["query"]) * mask(code, shape.states // 2)
-            code.store(still, arguments["plan"], code.product(k, shape.lanes))
+            first = code.product(k, shape.lanes)
+            plan = code.chosen(fresh, still, code.load(arguments["plan"], first))
+            code.store(plan, arguments["plan"], first)
         self._shift()
-        for name in ("flag", "iterations", "excess"):
-            self.work.report(name, 0.0)
         plausible = self.one.load(arguments["query"], shape.lanes + len(QUERY)) > 0.5
-        with code.when(plausible):
+        with code.when(self.one.anywhere(plausible)):
             self._solve()
+        for name in ("flag", "iterations", "excess"):
+            self.work.report(name, self.one.chosen(plausible, self.work.reported(name), 0.0))
         self._keep(plausible)
         code.end()
 
@@ -148,7 +170,7 @@ class _Plan:
         def number(k: ir.Value, i: int) -> Value:
             path_row = code.least(code.builder.add(row, code.builder.mul(hop, k)), last)
             first = code.product(path_row, shape.states)
-            return self.one.load(path, code.builder.add(first, code.integer(i)))
+            return self.path_number(path, code.builder.add(first, code.integer(i)))
 
         for i in range(shape.states):
             self.common.put_one("goal", 0, i, number(code.integer(shape.stages), i))
@@ -185,17 +207,16 @@ class _Plan:
         code, shape, single = self.code, self.shape, self.one
         plan = code.argument["plan"]
         flag = self.work.reported("flag")
-        finite = code.variables([1.0])[0]
-        with code.loop(0, shape.stages) as k:
-            size = code.call("llvm.fabs", self.work.stage(k).get("iterate"))
-            finite.set(code.chosen(size < _HUGE, finite.get(), 0.0))
-        solved = code.both(flag > 0.5, code.everywhere(finite.get() > 0.5))
+        flat = single if shape.cranes > 1 else code
+        finite = flat.variables([0.0])[0]
+        with self.work.each() as (rows, _):
+            size = flat.call("llvm.fabs", rows.get("iterate"))
+            finite.set(flat.chosen(size < _HUGE, finite.get(), 1.0))
+        solved = code.both(flag > 0.5, over_lanes(flat, finite.get(), "fadd") < 0.5)
         with code.loop(0, shape.stages) as k:
             rows = self.work.stage(k)
-            plan_row = code.variables([rows.get("node")])[0]
-            with code.when(solved):
-                plan_row.set(rows.get("iterate"))
-            code.store(plan_row.get(), plan, code.product(k, shape.lanes))
+            plan_row = code.chosen(solved, rows.get("iterate"), rows.get("node"))
+            code.store(plan_row, plan, code.product(k, shape.lanes))
         first, barrier = map(self.work.reported, ("first", "barrier"))
         wider = single.call("llvm.minnum", _WIDER * barrier, _WIDEST * first)
         failed = self._mark("failures") + single.chosen(solved, 0.0, 1.0)

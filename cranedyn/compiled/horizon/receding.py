@@ -161,7 +161,8 @@ class Receding(ShortRepr):
         """Return the memory of a group of so many cranes before a run, shape (doubles,)."""
         offsets = self.programme.offsets(lanes)
         memory = np.zeros(offsets.size)
-        memory[offsets.work :] = self.table
+        cranes = self.programme.shape_in(lanes).cranes
+        memory[offsets.work :] = np.repeat(self.table, cranes)
         self._of_lanes(memory, lanes, "read")[:] = self._row("start")[:, None]
         memory[offsets.path : offsets.path + self.path.size] = self.path.ravel()
         return memory
@@ -211,10 +212,10 @@ class Receding(ShortRepr):
 
     def marks_by_lane(self, memory: np.ndarray, lanes: int) -> list[Marks]:
         """Return the outcome of the optimisations in each lane of a memory."""
-        size, shape = plan_size(self.programme.shape), self.programme.shape
-        first = self.programme.offsets(lanes).plans - shape.lanes
-        ends = [first + (lane + 1) * size for lane in range(lanes)]
-        return [Marks(*memory[end : end + len(Marks._fields)].tolist()) for end in ends]
+        offsets, shape = self.programme.offsets(lanes), self.programme.shape_in(lanes)
+        plans = memory[offsets.plans : offsets.path].reshape(-1, plan_size(shape), shape.cranes)
+        ends = plans[:, -shape.lanes :][:, : len(Marks._fields)].swapaxes(1, 2)
+        return [Marks(*numbers) for numbers in ends.reshape(lanes, -1).tolist()]
 
     def begin_run(self, t: float, control_period: float) -> None:
         """Check the control period, see `cranedyn.clocks.Clocked`.

@@ -19,26 +19,31 @@ from cranedyn.compiled.horizon.memory import (
     Constants,
     HorizonShape,
     MemoryRows,
+    RowCode,
     Work,
     constant,
     element,
     everywhere,
     over_lanes,
+    row_code,
     unit,
     with_elements,
 )
 
 
 def emit(module: ir.Module, shape: HorizonShape, constants: Constants) -> None:
-    """Add the functions `end`, `factor` and `sweep`, which work on the memory of an optimisation.
+    """Add the functions `end`, `free`, `factor` and `sweep`, which work on the memory of an
+    optimisation.
 
     end: the cost-to-go beyond the horizon, as that of a horizon as long again on which the last
-    stage's model stays and nothing is bounded. factor: the feedback of every stage under its
-    curvature. sweep: states, inputs and what else is bounded under the stages' slopes.
+    stage's model stays and nothing is bounded. free, factor: the feedback of every stage without
+    and under its curvature. sweep: states, inputs and what else is bounded under the stages'
+    slopes.
     """
-    _emit_end(Work(Code(module, "end", ["work"], shape.lanes), shape, constants))
-    _emit_factor(Work(Code(module, "factor", ["work"], shape.lanes), shape, constants))
-    _emit_sweep(Work(Code(module, "sweep", ["work"], shape.lanes), shape))
+    _emit_end(Work(row_code(module, "end", ["work"], shape), shape, constants))
+    for name, bounded in (("free", False), ("factor", True)):
+        _emit_factor(Work(row_code(module, name, ["work"], shape), shape, constants), bounded)
+    _emit_sweep(Work(row_code(module, "sweep", ["work"], shape), shape, constants))
 
 
 def call(code: Code, name: str) -> None:
@@ -52,13 +57,13 @@ def _emit_end(work: Work) -> None:
         common.put("togo", common.get("weight", i) * mask(code, shape.states), i)
     last = work.stage(shape.stages - 1)
     with code.loop(0, shape.stages):
-        _eliminate(work, last, bounded=False)
+        _eliminate(work, last, bounded=False, keeps=False)
     for i in range(shape.states):
         common.put("end", common.get("togo", i) * mask(code, shape.states), i)
     code.end()
 
 
-def _emit_factor(work: Work) -> None:
+def _emit_factor(work: Work, bounded: bool) -> None:
     code, shape, common = work.code, work.shape, work.common
     for i in range(shape.states):
         common.put("togo", common.get("end", i), i)
@@ -66,13 +71,13 @@ def _emit_factor(work: Work) -> None:
         rows = work.stage(code.builder.sub(code.integer(shape.stages - 1), count))
         carried = [common.get("togo", j) * rows.every("shift", 0, j) for j in range(shape.states)]
         rows.put("carried", total(carried))
-        _eliminate(work, rows, bounded=True)
+        _eliminate(work, rows, bounded=bounded, keeps=True)
     code.end()
 
 
-def _eliminate(work: Work, stage: MemoryRows, *, bounded: bool) -> None:
+def _eliminate(work: Work, stage: MemoryRows, *, bounded: bool, keeps: bool) -> None:
     """Replace the cost-to-go of the state after a stage by that of the state before it, and store
-    the feedback of a bounded one.
+    the feedback of a stage that keeps it.
     """
     code, shape, common = work.code, work.shape, work.common
     z, w, m = shape.states, shape.both, shape.inputs
@@ -88,7 +93,12 @@ def _eliminate(work: Work, stage: MemoryRows, *, bounded: bool) -> None:
         terms.append(common.get("weight", r))
         terms += [curve * unit(code, r) for curve in curves]
         rows.append(total(terms))
-        common.put("product", rows[-1], r)
+        if isinstance(code, RowCode):  # the matrix is symmetric
+            rows[r][:r] = [rows[c][r] for c in range(r)]
+            for row in (*product, *weighted):
+                row[r] = 0.0
+    for r in range(w):
+        common.put("product", rows[r], r)
     # Gauss and Jordan on the rows of the inputs, the inverse of their block beside them.
     gains = [rows[z + c] + unit(code, w + c) for c in range(m)]
     for c in range(m):
@@ -99,7 +109,7 @@ def _eliminate(work: Work, stage: MemoryRows, *, bounded: bool) -> None:
     for i in range(z):
         eliminated = [common.every("product", i, z + c) * gains[c] for c in range(m)]
         common.put("togo", rows[i] - total(eliminated), i)
-    for c in range(m) if bounded else ():
+    for c in range(m) if keeps else ():
         stage.put("feedback", gains[c], c)
 
 
@@ -111,7 +121,11 @@ def _emit_sweep(work: Work) -> None:
         rows = work.stage(code.builder.sub(code.integer(shape.stages - 1), count))
         common.put("spill", slope.get() + rows.get("carried"))
         ahead = [rows.get("forward", i) * common.every("spill", 0, i) for i in range(z)]
-        felt = total([rows.get("slope"), *ahead])
+        steep = rows.get("slope")
+        pulls = [
+            rows.get("extra", i) * everywhere(code, element(code, steep, w + i)) for i in range(m)
+        ]
+        felt = total([steep, *ahead, *pulls])
         answers = [
             rows.get("feedback", c) * everywhere(code, element(code, felt, z + c)) for c in range(m)
         ]
