@@ -92,9 +92,9 @@ def batch_rate(crane: Crane, move: RestToRest, along: bool, rounds: int) -> floa
 
 def problem_of(controller: Receding) -> tuple[HorizonProblem, np.ndarray]:
     """Return the last programme of a controller and its solution."""
-    shape, work = controller.programme.shape, controller.memory_of_optimisation()
+    shape, work = controller.programme.shape(1), controller.memory_of_optimisation()
     z, w, m = shape.states, shape.both, shape.inputs
-    stages = work[shape.first :].reshape(shape.padded, shape.stride)[: shape.stages]
+    stages = work[shape.first :].reshape(shape.stages, shape.stride)
 
     def common(name: str, rows: int, columns: int) -> np.ndarray:
         first = shape.place(name)
@@ -119,7 +119,7 @@ def problem_of(controller: Receding) -> tuple[HorizonProblem, np.ndarray]:
         common("high", 1, w + m)[0],
         common("price", 1, w + m)[0],
         common("start", 1, z)[0],
-        (end + end.T) / 2.0,
+        np.tril(end) + np.tril(end, -1).T,
         common("end_gradient", 1, z)[0],
     )
     return problem, each("iterate", 1, w + m)[:, 0]

@@ -20,7 +20,7 @@ from cranedyn.errors import CraneError, Misshapen, OutOfRange
 
 if TYPE_CHECKING:
     from cranedyn.clocks import Clocks
-    from cranedyn.compiled.horizon.control import Programme
+    from cranedyn.compiled.horizon.programme import Programme
     from cranedyn.compiled.kernel import Kernel
     from cranedyn.compiled.machine import Machine
     from cranedyn.compiled.tables import RowTable

@@ -24,7 +24,7 @@ from cranedyn.plant.plant import SI, Plant, Topology, Units, plant
 from cranedyn.simulation.stepper import DIVERGED
 
 if TYPE_CHECKING:
-    from cranedyn.compiled.horizon.control import Programme
+    from cranedyn.compiled.horizon.programme import Programme
 
 
 @dataclass(frozen=True)

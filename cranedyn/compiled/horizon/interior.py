@@ -10,24 +10,14 @@ implementation of a primal-dual interior point method"; the linear algebra is th
 
 from __future__ import annotations
 
-from functools import partial, reduce
+from functools import reduce
+from operator import add
 from typing import Any
 
 from llvmlite import ir
 
-from cranedyn.compiled.code import Code, Value
-from cranedyn.compiled.horizon.memory import (
-    Constants,
-    HorizonShape,
-    MemoryRows,
-    Work,
-    everywhere,
-    over_lanes,
-    row_code,
-    single,
-    with_elements,
-)
-from cranedyn.compiled.horizon.riccati import call, total
+from cranedyn.compiled.code import StackVariable, Value
+from cranedyn.compiled.horizon.memory import Constants, HorizonShape, MemoryRows, Work
 from cranedyn.dynamics.scalars import larger
 
 _MOST = 20
@@ -45,75 +35,66 @@ _SIDES = {"high": 1.0, "low": -1.0}
 
 def emit(module: ir.Module, shape: HorizonShape, constants: Constants | None = None) -> None:
     """Add the function `solve`, from the stages' model, gradient and bounds to the optimum."""
-    _Solve(Work(row_code(module, "solve", ["work"], shape), shape, constants)).emit()
+    _Solve(Work(module, "solve", shape, constants)).emit()
 
 
 class _Solve:
     """Function under construction."""
 
     def __init__(self, work: Work) -> None:
-        self.work, self.shape, self.single = work, work.shape, single(work.code)
-        self.code = self.single if work.shape.cranes > 1 else work.code
+        self.work, self.code, self.wide, self.shape = work, work.code, work.wide, work.shape
 
     def emit(self) -> None:
-        code, single = self.code, self.single
+        code, work = self.code, self.work
         self._free()
-        self.work.report("flag", 1.0)
-        self.work.report("iterations", 0.0)
-        bounded = self.work.reported("excess") > 0.0
-        with code.when(single.anywhere(bounded)):
+        bounded = work.reported("excess") > 0.0
+        work.report(flag=code.chosen(bounded, 0.0, 1.0), iterations=0.0)
+        with code.when(code.anywhere(bounded)):
             self._begin(bounded)
-            self.work.report("flag", single.chosen(bounded, 0.0, 1.0))
-            barrier = self.work.reported("barrier")
-            gap, residual = single.variables([barrier, 1.0])
+            barrier = work.reported("barrier")
+            gap, residual = code.variables([barrier, 1.0])
             # Once solved, a lane takes steps of 0 until the others are.
-            with code.loop(0, _MOST), code.when(single.anywhere(self.work.reported("flag") < 0.5)):
-                unsolved = 1.0 - self.work.reported("flag")
-                step = unsolved * self._iterate(gap.get())
+            with code.loop(0, _MOST), code.when(code.anywhere(work.reported("flag") < 0.5)):
+                unsolved = work.reported("flag") < 0.5
+                step = code.chosen(unsolved, self._iterate(gap.get()), 0.0)
                 gap.set(self._move(step))
                 residual.set(residual.get() * (1.0 - step))
-                self.work.report("iterations", self.work.reported("iterations") + unsolved)
-                self.work.report("gap", gap.get())
-                self.work.report("open", residual.get())
+                iterations = work.reported("iterations") + code.chosen(unsolved, 1.0, 0.0)
                 done = code.both(gap.get() < _GAP * barrier, residual.get() < _OPEN)
-                solved = single.chosen(done, 1.0, 1.0 - unsolved)
-                self.work.report("flag", solved)
+                flag = code.chosen(done, 1.0, work.reported("flag"))
+                work.report(flag=flag, iterations=iterations, gap=gap.get(), open=residual.get())
         code.end()
 
     def _free(self) -> None:
         """Solve without bounds, and report the largest excess of a bound."""
-        code, work = self.code, self.work
-        with work.each() as (rows, _):
+        work = self.work
+        with work.each() as (rows, *_):
             rows.put("slope", rows.get("gradient"))
-        call(code, "free")
-        call(code, "sweep")
-        worst = code.variables([-1.0])[0]
-        with work.each() as (rows, common):
+        work.call("free")
+        work.call("sweep")
+        (worst,) = self.wide.variables([-1.0])
+        with work.each() as (rows, common, *_):
             trial = rows.get("trial")
             rows.put("iterate", trial)
-            over = _larger(code, trial - common.get("high"), common.get("low") - trial)
-            worst.set(_larger(code, worst.get(), over))
-        self.work.report("excess", over_lanes(code, worst.get(), "fmax"))
+            self._grow(worst, [trial - common.get("high"), common.get("low") - trial])
+        work.report(excess=work.over_numbers(worst.get(), larger))
 
     def _begin(self, bounded: ir.Value) -> None:
         """Start on the central path of the barrier, at the nodes."""
-        code, shape, work = self.code, self.shape, self.work
-        with work.code.loop(0, shape.stages) as k:
+        work, wide, w, m = self.work, self.wide, self.shape.both, self.shape.inputs
+        with work.code.loop(0, self.shape.stages) as k:
             rows = work.stage(k)
-            node = rows.get("node")
-            extra = [
-                over_lanes(work.code, rows.get("extra", i) * node, "fadd")
-                for i in range(shape.inputs)
-            ]
-            further = dict(enumerate(extra, shape.both))
-            rows.put("trial", with_elements(work.code, node, further) + rows.get("extra_shift"))
-        barrier = everywhere(code, work.reported("barrier"))
-        with work.each() as (rows, common):
+            node = rows.row("node", w)
+            further = rows.table("extra", w) @ node + rows.row("extra_shift", m, first=w)
+            rows.put_row("trial", [*node, *further])
+        barrier = wide.repeated(work.reported("barrier"))
+        begins = wide.repeated(self.code.chosen(bounded, 1.0, 0.0)) > 0.5
+        with work.each() as (rows, common, *_):
             node, soft = rows.get("trial"), barrier / common.get("price")
-            rows.put("iterate", code.chosen(bounded, node, rows.get("iterate")))
+            rows.put("iterate", wide.chosen(begins, node, rows.get("iterate")))
             for side in _SIDES:
                 room = self._room(node, side, common)
-                root = code.call("llvm.sqrt", room * room + 4.0 * (soft * soft))
+                root = wide.call("llvm.sqrt", room * room + 4.0 * (soft * soft))
                 slack, excess = soft + 0.5 * (root + room), soft + 0.5 * (root - room)
                 rows.put(f"slack_{side}", slack)
                 rows.put(f"excess_{side}", excess)
@@ -127,24 +108,22 @@ class _Solve:
 
     def _iterate(self, gap: Value) -> Value:
         """Prepare a step, and return the share of it that keeps slacks positive."""
-        code = self.code
-        call(code, "factor")
-        call(code, "sweep")
-        ratio, crossed = code.variables([1.0, 0.0])
-        with self.work.each() as (rows, common):
+        work, wide = self.work, self.wide
+        work.call("factor")
+        work.call("sweep")
+        ratio, crossed = wide.variables([1.0, 0.0])
+        with work.each() as (rows, common, *_):
             self._predict(rows, common, ratio, crossed)
-        step = 1.0 / over_lanes(code, ratio.get(), "fmax")
-        count = 4.0 * self.shape.stages * self.shape.lanes
-        cross = over_lanes(code, crossed.get(), "fadd") * (1.0 / count)
-        predicted = (gap * (1.0 - step) + cross * (step * step)) / gap
-        centred = everywhere(code, gap * (predicted * predicted * predicted))
-        with self.work.each() as (rows, common):
-            self._bend(rows, common, centred)
-        call(code, "sweep")
-        ratio = code.variables([_SHORT])[0]
-        with self.work.each() as (rows, common):
+        step = 1.0 / work.over_numbers(ratio.get(), larger)
+        predicted = (gap * (1.0 - step) + self._mean(crossed) * (step * step)) / gap
+        centred = wide.repeated(gap * (predicted * predicted * predicted))
+        with work.each() as (rows, common, *_):
+            self._slope(rows, common, {side: self._bent(rows, side, centred) for side in _SIDES})
+        work.call("sweep")
+        (ratio,) = wide.variables([_SHORT])
+        with work.each() as (rows, common, *_):
             self._correct(rows, common, centred, ratio)
-        return _SHORT / over_lanes(code, ratio.get(), "fmax")
+        return _SHORT / work.over_numbers(ratio.get(), larger)
 
     def _weigh(self, rows: MemoryRows, common: MemoryRows) -> None:
         """Compute the curvature of the barriers, and the slope of the predictor."""
@@ -161,16 +140,17 @@ class _Solve:
 
     def _slope(self, rows: MemoryRows, common: MemoryRows, bent: dict[str, Any]) -> None:
         """Compute the gradient of cost and barriers at zero, in all bounded values."""
-        pull: Any = rows.get("curve") * rows.get("extra_shift")
+        pull = rows.get("gradient") + rows.get("curve") * rows.get("extra_shift")
         for side, sign in _SIDES.items():
-            bound = common.get(side)
-            aim = bound - bent[side] if sign > 0.0 else -bound - bent[side]
+            aim = sign * common.get(side) - bent[side]
             pull = pull + sign * (rows.get(f"force_{side}") - rows.get(f"stiff_{side}") * aim)
-        rows.put("slope", rows.get("gradient") + pull)
+        rows.put("slope", pull)
 
-    def _predict(self, rows: MemoryRows, common: MemoryRows, ratio: Any, crossed: Any) -> None:
+    def _predict(
+        self, rows: MemoryRows, common: MemoryRows, ratio: StackVariable, crossed: StackVariable
+    ) -> None:
         """Compute the predictor step, which aims at the bounds themselves."""
-        candidates, products = [], []
+        candidates, products = [], crossed.get()
         for side in _SIDES:
             dforce = -(rows.get(f"stiff_{side}") * self._room(rows.get("trial"), side, common))
             share, against = (
@@ -182,22 +162,21 @@ class _Solve:
             product, excess_product = dforce * dslack, -(dforce * dexcess)
             rows.put(f"dslack_{side}", product)
             rows.put(f"dexcess_{side}", excess_product)
-            products += [product, excess_product]
+            products = products + (product + excess_product)
         self._grow(ratio, candidates)
-        crossed.set(crossed.get() + total(products))
-
-    def _bend(self, rows: MemoryRows, common: MemoryRows, centred: Value) -> None:
-        """Compute the slope of the corrector, which aims at a point of the central path, to second
-        order.
-        """
-        self._slope(rows, common, {side: self._bent(rows, side, centred) for side in _SIDES})
+        crossed.set(products)
 
     def _bent(self, rows: MemoryRows, side: str, centred: Value) -> Any:
+        """Return the bend of the central path for the corrector, which aims at a point of it, to
+        second order.
+        """
         return (centred - rows.get(f"dslack_{side}")) * rows.get(f"per_force_{side}") - (
             centred - rows.get(f"dexcess_{side}")
         ) * rows.get(f"per_relief_{side}")
 
-    def _correct(self, rows: MemoryRows, common: MemoryRows, centred: Value, ratio: Any) -> None:
+    def _correct(
+        self, rows: MemoryRows, common: MemoryRows, centred: Value, ratio: StackVariable
+    ) -> None:
         """Compute the combined step, and the ratio that limits it."""
         candidates = []
         for side in _SIDES:
@@ -218,22 +197,20 @@ class _Solve:
             rows.put(f"dexcess_{side}", dexcess)
         self._grow(ratio, candidates)
 
-    def _grow(self, ratio: Any, candidates: list[Value]) -> None:
+    def _grow(self, ratio: StackVariable, candidates: list[Value]) -> None:
         """Replace a ratio by the largest of it and candidates, with one operation after the last
         ratio is known.
         """
-        larger = partial(_larger, self.code)
         ratio.set(larger(ratio.get(), reduce(larger, candidates)))
 
     def _move(self, step: Value) -> Value:
-        """Take the step, and return the mean product of slacks and multipliers after it; prepare
-        the next one.
-        """
-        code = self.code
-        share, products = everywhere(code, step), code.variables([0.0])[0]
-        with self.work.each() as (rows, common):
+        """Take the step, and return the mean product of slacks and multipliers after it."""
+        work, wide, share = self.work, self.wide, self.wide.repeated(step)
+        (products,) = wide.variables([0.0])
+        with work.each() as (rows, common, *_):
             iterate = rows.get("iterate")
-            rows.put("iterate", iterate + share * (rows.get("trial") - iterate))
+            moved = iterate + share * (rows.get("trial") - iterate)
+            rows.put("iterate", wide.chosen(share > 0.0, moved, iterate))
             for side in _SIDES:
                 dforce = share * rows.get(f"dforce_{side}")
                 force = rows.get(f"force_{side}") + dforce
@@ -245,5 +222,8 @@ class _Solve:
                     rows.put(f"{name}_{side}", value)
                 products.set(products.get() + (force * slack + relief * excess))
             self._weigh(rows, common)
+        return self._mean(products)
+
+    def _mean(self, products: StackVariable) -> Value:
         count = 4.0 * self.shape.stages * self.shape.lanes
-        return over_lanes(code, products.get(), "fadd") * (1.0 / count)
+        return self.work.over_numbers(products.get(), add) * (1.0 / count)
