@@ -68,8 +68,6 @@ class _Solve:
     def _free(self) -> None:
         """Solve without bounds, and report the largest excess of a bound."""
         work = self.work
-        with work.each() as (rows, *_):
-            rows.put("slope", rows.get("gradient"))
         work.call("free")
         work.call("sweep")
         (worst,) = self.wide.variables([-1.0])

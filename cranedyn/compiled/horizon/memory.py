@@ -49,8 +49,8 @@ class HorizonShape:
 
     @property
     def wide(self) -> int:
-        """Lanes of the widest vectors."""
-        return max(self.width, self.cranes)
+        """Lanes of the widest vectors: of numbers of one crane, or of one number of each."""
+        return self.width if self.cranes == 1 else self.cranes
 
     @cached_property
     def common(self) -> dict[str, int]:
@@ -137,34 +137,27 @@ class LaneView(Code):
         self._align_stack()
 
     def repeated(self, value: Value) -> Value:
-        """Return a number of each crane, repeated for all numbers of a vector."""
-        if value.code.lanes == 1:
-            return self.from_double(value.register)
-        return self._picked(value, [i % value.code.lanes for i in range(self.lanes)])
+        """Return a number of each crane, for all numbers of a vector."""
+        return value if value.code.lanes == self.lanes else self.from_double(value.register)
 
     def joined(self, values: Sequence[Value]) -> Value:
-        """Return a vector of several numbers of each crane."""
-        if len(values) == 1:
-            return Value(self, values[0].register)
+        """Return a vector of numbers of one crane, or the one number of each crane."""
         register = ir.Constant(self.type, ir.Undefined)
         for i, value in enumerate(values):
-            register = self.builder.insert_element(register, value.register, ir.Constant(ir.IntType(32), i))
+            if value.code.lanes == self.lanes:
+                return value
+            register = self.builder.insert_element(register, value.register, _index(i))
         return Value(self, register)
 
-    def part(self, value: Value, number: int) -> Value:
-        """Return a number of each crane from a vector of several."""
-        first = number * self.lanes
-        if self.lanes == 1 < value.code.lanes:
-            index = ir.Constant(ir.IntType(32), first)
-            return Value(self, self.builder.extract_element(value.register, index))
-        return self._picked(value, range(first, first + self.lanes))
-
-    def _picked(self, value: Value, lanes: Sequence[int]) -> Value:
+    def part(self, value: Value, i: int) -> Value:
+        """Return a number of a vector of one crane, or the one number of each crane."""
         if value.code.lanes == self.lanes:
-            return Value(self, value.register)
-        index = ir.Constant(ir.VectorType(ir.IntType(32), self.lanes), list(lanes))
-        undefined = ir.Constant(value.register.type, ir.Undefined)
-        return Value(self, self.builder.shuffle_vector(value.register, undefined, index))
+            return value
+        return Value(self, self.builder.extract_element(value.register, _index(i)))
+
+
+def _index(i: int) -> ir.Constant:
+    return ir.Constant(ir.IntType(32), i)
 
 
 class MemoryRows:

@@ -165,12 +165,10 @@ class _Plan:
     def _keep(self, plausible: ir.Value) -> None:
         """Store the new plan; after a failure keep the last one."""
         code, wide, work, plan = self.code, self.work.wide, self.work, self.code.argument["plan"]
-        (wrong,) = wide.variables([0.0])
-        with work.each() as (rows, *_):
-            size = abs(rows.get("iterate"))
-            wrong.set(wide.chosen(size < _HUGE, wrong.get(), 1.0))
-        finite = work.over_numbers(wrong.get(), larger) < 0.5
-        solved = code.both(work.reported("flag") > 0.5, finite)
+        # What is not finite stays so until the last stage.
+        last = work.stage(code.integer(self.shape.stages - 1)).row("iterate", self.shape.both)
+        finite = [abs(number) < _HUGE for number in last]
+        solved = code.both(work.reported("flag") > 0.5, *finite)
         keeps = wide.repeated(code.chosen(solved, 1.0, 0.0)) > 0.5
         with work.each() as (rows, _, k, first):
             place = code.builder.add(code.product(k, self.row_length), first)

@@ -21,7 +21,7 @@ def emit(module: ir.Module, shape: HorizonShape, constants: Constants | None = N
 
     end: the cost-to-go beyond the horizon, as that of a horizon as long again on which the last
     stage's model stays and nothing is bounded. free, factor: the feedback of every stage without
-    and under its curvature. sweep: states, inputs and what else is bounded under the stages'
+    bounds, with the gradient as its slope, and under its curvature. sweep: states, inputs and what else is bounded under the stages'
     slopes.
     """
     _emit_end(Work(module, "end", shape, constants))
@@ -44,6 +44,9 @@ def _emit_factor(work: Work, *, bounded: bool) -> None:
     states, common = work.shape.states, work.common
     _put_symmetric(common, "togo", symmetric(common, "end", states))
     with work.backward() as stage:
+        if not bounded:
+            slope = [*stage.row("gradient", work.shape.both), *[0.0] * work.shape.inputs]
+            stage.put_row("slope", slope)
         shift = stage.row("shift", states)
         stage.put_row("carried", symmetric(common, "togo", states) @ shift)
         _eliminate(work, stage, bounded=bounded)
