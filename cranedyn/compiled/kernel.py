@@ -414,7 +414,8 @@ class _Loop:
         if self.recipe.programme is not None:
             from cranedyn.compiled.horizon.control import PredictiveControl
 
-            control = PredictiveControl(code, self.recipe.programme, self.call_values["horizon"])
+            addresses = (self.call_values[name] for name in ("horizon", "workspace"))
+            control = PredictiveControl(code, self.recipe.programme, *addresses)
             row, due = control.count_instant()
             command_of = control.call_instant if code.lanes == 1 else control.command
             return command_of(z[: sizes.n], z[sizes.n :], setpoints["position"], row, due)

@@ -61,7 +61,9 @@ def emit_instant(module: ir.Module, programme: Programme) -> None:
     state = array([code.load(query, i) for i in range(z)])
     position = array([code.load(query, z + i) for i in range(layout.m)])
     row, due = (code.load_one(query, z + layout.m + i, INTEGER) for i in range(2))
-    control = PredictiveControl(code, programme, code.argument["memory"])
+    memory = code.argument["memory"]
+    workspace = code.address(memory, programme.offsets(1).path)
+    control = PredictiveControl(code, programme, memory, workspace)
     optimise = code.builder.icmp_signed("!=", due, code.integer(0))
     command = control.command(state[: layout.n], state[layout.n :], position, row, optimise)
     for i, value in enumerate(command):
@@ -72,9 +74,13 @@ def emit_instant(module: ir.Module, programme: Programme) -> None:
 class PredictiveControl:
     """Code of a control instant, for one crane or for one in each lane."""
 
-    def __init__(self, code: Code, programme: Programme, memory: ir.Value) -> None:
+    def __init__(
+        self, code: Code, programme: Programme, memory: ir.Value, workspace: ir.Value
+    ) -> None:
         self.code, self.programme, self.memory = code, programme, memory
         self.offsets, self.layout = programme.offsets(code.lanes), programme.topology.layout
+        self._path = workspace
+        self._work = code.address(workspace, self.offsets.work - self.offsets.path)
         self._slots = lane_memory(self.layout)
 
     def count_instant(self) -> tuple[ir.Value, ir.Value]:
@@ -142,15 +148,17 @@ class PredictiveControl:
 
     def _plan(self, z: np.ndarray, goal: np.ndarray, row: ir.Value, plausible: Value) -> None:
         """Optimise from coordinates and rates, and hold the first accelerations."""
-        code, offsets, lanes = self.code, self.offsets, self.code.lanes
-        sections = offsets.work, offsets.plans, offsets.query, offsets.path
-        work, plan, query, path = (code.address(self.memory, place) for place in sections)
+        code, lanes = self.code, self.code.lanes
+        plan, query = (
+            code.address(self.memory, place) for place in (self.offsets.plans, self.offsets.query)
+        )
         for i, value in enumerate([*z, plausible]):
             code.store(value, query, i * lanes)
         code.builder.store(row, code.address(query, (len(z) + 1) * lanes), align=8)
         for i, value in enumerate(goal):
-            code.store(value, path, i * lanes)
-        code.builder.call(code.function.module.globals["plan"], [work, plan, query, path])
+            code.store(value, self._path, i * lanes)
+        addresses = [self._work, plan, query, self._path]
+        code.builder.call(code.function.module.globals["plan"], addresses)
         inputs = [code.load(plan, (len(z) + i) * lanes) for i in range(self.layout.m)]
         self._store_memory("held", inputs)
 
@@ -169,8 +177,7 @@ class PredictiveControl:
         plausible ones, and 0.
         """
         code, read = self.code, np.concatenate([q, v])
-        shape, work = self.programme.shape(code.lanes), code.address(self.memory, self.offsets.work)
-        rows = MemoryRows(code, shape, work, {})
+        rows = MemoryRows(code, self.programme.shape(code.lanes), self._work, {})
         least, most = (rows.row(name, len(read)) for name in ("least", "most"))
         pairs = zip(least, read, most, strict=True)
         holds = code.both(*(c for low, x, high in pairs for c in (x >= low, x <= high)))
