@@ -755,10 +755,10 @@ cranedyn/lifting/loads.py
 - (m_y * x - m_x * y)
 + (m_y * x + m_x * y)
 cranedyn/lifting/wrench.py
-* a cut of the crane forgets that what hangs beyond it is accelerated
+* a joint forgets that what hangs beyond it is accelerated
 ? chart::a_load_at_rest_takes_its_share_and_one_that_is_lifted_faster_more
-- efforts = rigid_body.tree_inverse_dynamics(tree, frames, rows(v), rows(a), beyond)
-+ efforts = rigid_body.tree_inverse_dynamics(tree, frames, rows(v), rows(0.0 * a), beyond)
+- transmitted = rigid_body.transmitted(tree, frames, rows(v), caused, forces)
++ transmitted = rigid_body.transmitted(tree, frames, rows(v), 0.0 * caused, forces)
 cranedyn/lifting/checks.py
 * a lift may go with drives that nobody entered
 ? judgement::what_nobody_entered_is_not_judged_and_no_go

@@ -6,12 +6,12 @@ import bz2
 import math
 import struct
 from array import array
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -48,8 +48,8 @@ _MOST = 100_000_000
 _BLOCK = 1_000_000
 """Bytes of a chunk that are decompressed at a time."""
 
-_RECORD, _CHANNEL = struct.Struct("<BQ"), struct.Struct("<H")
-"""Headers of a record of MCAP (kind and length) and of a message (channel)."""
+_END = struct.pack("<BQ20x8B", 2, 20, *b"\x89MCAP0\r\n")
+"""Footer of an MCAP file, at which its reader ends."""
 
 Raw = tuple[str, int, bytes]
 """Topic, time of logging [ns], message."""
@@ -193,46 +193,33 @@ def _value(path: Path, message: Any, k: int, column: str, names: Mapping[str, st
 
 def _mcap_messages(path: Path) -> Iterator[Raw]:
     """Yield the messages of joint states in an MCAP file."""
-    from mcap.records import Channel, Chunk, Message, Schema
-    from mcap.stream_reader import StreamReader
+    from mcap.records import Channel, Message, Schema
 
     schemas: dict[int, str] = {}
     topics: dict[int, str] = {}
-    unpack = _Unpacker()
     with open_file(path) as file:
-        for record in StreamReader(file, emit_chunks=True, record_size_limit=_MOST).records:
-            entries: Iterable[Any] = [record]
-            if isinstance(record, Chunk):
-                entries = _chunk_records(unpack(record.compression, record.data), topics)
-            for entry in entries:
-                if isinstance(entry, Schema):
-                    schemas[entry.id] = entry.name
-                elif isinstance(entry, Channel):
-                    if (schemas.get(entry.schema_id), entry.message_encoding) == (TYPE, "cdr"):
-                        topics[entry.id] = entry.topic
-                elif isinstance(entry, Message) and entry.channel_id in topics:
-                    yield topics[entry.channel_id], entry.log_time, entry.data
+        for record in _mcap_records(file):
+            if isinstance(record, Schema):
+                schemas[record.id] = record.name
+            elif isinstance(record, Channel):
+                if (schemas.get(record.schema_id), record.message_encoding) == (TYPE, "cdr"):
+                    topics[record.id] = record.topic
+            elif isinstance(record, Message) and record.channel_id in topics:
+                yield topics[record.channel_id], record.log_time, record.data
 
 
-def _chunk_records(data: bytes, channels: Container[int]) -> Iterator[Any]:
-    """Yield the schemas and channels of a chunk, and its messages in some channels."""
-    from mcap.data_stream import ReadDataStream
-    from mcap.opcode import Opcode
-    from mcap.records import Channel, Message, Schema
+def _mcap_records(file: BinaryIO) -> Iterator[Any]:
+    """Yield the records of an MCAP file, those of its chunks in their places."""
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader
 
-    first = 0
-    while first < len(data):
-        kind, length = _RECORD.unpack_from(data, first)
-        first += _RECORD.size
-        if kind == Opcode.MESSAGE:
-            (channel,) = _CHANNEL.unpack_from(data, first)
-            if channel in channels:
-                stream = ReadDataStream(BytesIO(data[first : first + length]))
-                yield Message.read(stream, length)
-        elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
-            stream = ReadDataStream(BytesIO(data[first : first + length]))
-            yield (Schema if kind == Opcode.SCHEMA else Channel).read(stream)
-        first += length
+    unpack = _Unpacker()
+    for record in StreamReader(file, emit_chunks=True, record_size_limit=_MOST).records:
+        if isinstance(record, Chunk):
+            content = BytesIO(unpack(record.compression, record.data) + _END)
+            yield from StreamReader(content, skip_magic=True, emit_chunks=True).records
+        else:
+            yield record
 
 
 def _bag_messages(path: Path) -> Iterator[Raw]:

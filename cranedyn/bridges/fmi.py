@@ -30,6 +30,7 @@ from cranedyn.bridges.usual_controllers import CONTROLLERS
 from cranedyn.compiled.block import FunctionBlock
 from cranedyn.compiled.c_text import c_header, c_source
 from cranedyn.compiled.crane_block import crane_block
+from cranedyn.data.files import with_ending
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, UnknownName, quoted
 from cranedyn.interfaces import Drive
@@ -126,16 +127,14 @@ def export(
             ``cross``.
 
     Raises:
-        OutOfRange: If the file does not end so, a number is out of range, or there is no code for
-            the stepping rule.
-        DataError: If the file exists or cannot be written, or the controller cannot be exported.
+        OutOfRange: If a number is out of range, or there is no code for the stepping rule.
+        DataError: If the file has another ending, exists or cannot be written, or the controller
+            cannot be exported.
         CraneError: If there is no C compiler, or the machine is of a kind that is not known.
         ModelError: If the code would not do what Pinocchio does, or two variables of the crane
             would have the same name.
     """
-    final = Path(path)
-    if final.suffix != ".fmu":
-        raise OutOfRange("name of the unit", str(final), "one that ends in .fmu")
+    final = with_ending(path, ".fmu")
     check_free(final)
     if version not in get_args(Version):
         raise OutOfRange("version of FMI", version, "2 or 3")

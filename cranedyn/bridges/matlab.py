@@ -14,9 +14,10 @@ from scipy.io import savemat
 from cranedyn.bridges.joints import input_names, state_names
 from cranedyn.bridges.target import new_file
 from cranedyn.checks import check_choice
+from cranedyn.data.files import with_ending
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.linearisation import Linear, Sampled, linear
-from cranedyn.errors import DataError, UnknownName
+from cranedyn.errors import UnknownName
 from cranedyn.interfaces import Drive, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
@@ -123,10 +124,8 @@ def to_matlab(
         DataError: If the ending is not .mat, or the file exists or cannot be written.
         OutOfRange, UnknownName: As `linear_system`.
     """
-    file = Path(file)
+    file = with_ending(file, ".mat")
     system = linear_system(crane, state, effort, drive, control_period, dt, outputs, converters)
-    if file.suffix != ".mat":
-        raise DataError(f"Cannot write {file}: the ending of a file for MATLAB must be .mat.")
     units = {joint.symbol: joint.unit for joint in crane.layout.joints}
     units |= {f"{symbol}_dot": f"{unit}/s" for symbol, unit in units.items()}
     per = {"motion": "/s^2", "velocity": "/s"}.get(drive)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import argparse
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -14,14 +14,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.bridges.joints import (
-    ExportedJoint,
-    ends,
-    joints,
-    urdf_element,
-    vector,
-)
+from cranedyn.bridges.joints import ends, joints, urdf_element
 from cranedyn.bridges.target import new_file
+from cranedyn.data.files import with_ending
 from cranedyn.data.trajectory import Trajectory, read
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.model.crane import Crane
@@ -95,9 +90,7 @@ def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
     from mcap_ros2._dynamic import serialize_dynamic
     from rosbags.typesys import Stores, get_typestore
 
-    file = Path(file)
-    if file.suffix != ".mcap":
-        raise DataError(f"Cannot write {file}: the ending must be .mcap.")
+    file = with_ending(file, ".mcap")
     if not len(trajectory) or trajectory.t[0] < 0.0:
         first = trajectory.t[0] if len(trajectory) else "that of no row"
         raise OutOfRange(
@@ -130,11 +123,10 @@ def _messages(crane: Crane, robot: ET.Element, run: Trajectory) -> Iterator[Mess
     times = np.rint(1e9 * run.t).astype(int).tolist()
     efforts = np.zeros_like(run.q)
     efforts[:, [moving.index(joint) for joint in driven]] = run.effort
-    elements = {element.get("name", ""): element for element in robot.iterfind("joint")}
-    frames = [_Frame(elements.pop(joint.name), joint) for joint in moving]
-    fixed = [_Frame(element, None) for element in elements.values()]
+    links = {element.get("name", ""): ends(element) for element in robot.iterfind("joint")}
+    frames = [links.pop(joint.name) for joint in moving]
     yield "/robot_description", times[0], {"data": crane.urdf}
-    yield "/tf_static", times[0], {"transforms": [frame.at(times[0], 0.0) for frame in fixed]}
+    yield "/tf_static", times[0], _transforms(crane, run.q[0], times[0], [*links.values()])
     last_frame = -np.inf
     for k, time in enumerate(times):
         for topic, joint_names, *columns in (
@@ -146,40 +138,31 @@ def _messages(crane: Crane, robot: ET.Element, run: Trajectory) -> Iterator[Mess
             yield topic, time, {"header": _header(time), "name": joint_names, **numbers}
         if run.t[k] > last_frame + FRAME_PERIOD - 1e-9:
             last_frame = run.t[k]
-            values = zip(frames, run.q[k].tolist(), strict=True)
-            yield "/tf", time, {"transforms": [frame.at(time, value) for frame, value in values]}
+            yield "/tf", time, _transforms(crane, run.q[k], time, frames)
 
 
 def _header(time: int, frame: str = "") -> dict[str, Any]:
     return {"stamp": {"sec": time // 10**9, "nanosec": time % 10**9}, "frame_id": frame}
 
 
-class _Frame:
-    """Frame of a link in that of its parent."""
-
-    def __init__(self, element: ET.Element, joint: ExportedJoint | None) -> None:
-        """Store a joint of the URDF, with its properties if it moves."""
-        self.parent, self.child = ends(element)
-        origin = {} if (found := element.find("origin")) is None else found.attrib
-        self.origin = vector(origin.get("xyz", "0 0 0"))
-        self.rotation = pin.rpy.rpyToMatrix(vector(origin.get("rpy", "0 0 0")))
-        axis = vector("1 0 0" if joint is None else joint.own_axis)
-        self.axis = axis / np.linalg.norm(axis)
-        self.is_revolute = joint is not None and joint.unit == "rad"
-
-    def at(self, time: int, value: float) -> dict[str, Any]:
-        """Return the transform at a time [ns] and a coordinate [rad or m]."""
-        angle, slide = (value, 0.0) if self.is_revolute else (0.0, value)
-        x, y, z = (self.origin + self.rotation @ (slide * self.axis)).tolist()
-        turned = self.rotation @ pin.AngleAxis(angle, self.axis).matrix()
-        i, j, k, w = pin.Quaternion(turned).coeffs().tolist()
-        rotation = {"x": i, "y": j, "z": k, "w": w}
-        transform = {"translation": {"x": x, "y": y, "z": z}, "rotation": rotation}
-        return {
-            "header": _header(time, self.parent),
-            "child_frame_id": self.child,
-            "transform": transform,
+def _transforms(
+    crane: Crane, q: np.ndarray, time: int, links: Sequence[tuple[str, str]]
+) -> dict[str, Any]:
+    """Return the frames of links in those of their parents, pairs of parent and child, at
+    coordinates q and a time [ns].
+    """
+    model, data, transforms = crane.model, crane.data, []
+    pin.framesForwardKinematics(model, data, q)
+    for names in links:
+        parent, child = (data.oMf[model.getFrameId(name, pin.BODY)] for name in names)
+        x, y, z, *rotation = pin.SE3ToXYZQUAT(parent.actInv(child)).tolist()
+        transform = {
+            "translation": {"x": x, "y": y, "z": z},
+            "rotation": dict(zip("xyzw", rotation, strict=True)),
         }
+        header = _header(time, names[0])
+        transforms.append({"header": header, "child_frame_id": names[1], "transform": transform})
+    return {"transforms": transforms}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -24,7 +24,8 @@ from cranedyn.bridges.joints import (
 )
 from cranedyn.bridges.target import new_file
 from cranedyn.checks import number
-from cranedyn.errors import DataError, ModelError, quoted
+from cranedyn.data.files import with_ending
+from cranedyn.errors import ModelError, quoted
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 
@@ -52,9 +53,7 @@ def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
             mesh, or a rope that stretches.
         OutOfRange: If the step is not positive.
     """
-    file = Path(file)
-    if file.suffix != ".xml":
-        raise DataError(f"Cannot write {file}: the ending of an MJCF file must be .xml.")
+    file = with_ending(file, ".xml")
     robot = urdf_element(crane)
     check_inertias(crane, robot, "MuJoCo")
     text = xml_bytes(mjcf(crane, robot, number("dt", dt, "s", "> 0")))

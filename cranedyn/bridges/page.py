@@ -35,11 +35,11 @@ from cranedyn.bridges.browser_crane import (
 )
 from cranedyn.bridges.exercises import SWING, Exercise, exercises, lift_exercise
 from cranedyn.bridges.target import check_free, new_file
+from cranedyn.data.files import with_ending
 from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.dynamics.bodies import bodies
 from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.integrators import semi_implicit_euler
-from cranedyn.errors import DataError
 from cranedyn.lifting.chart import Falls, read_chart
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
@@ -93,9 +93,7 @@ def export(
         MissingRole: If there is a chart, and the crane does not slew.
         ModelError: If the code would not do what Pinocchio does.
     """
-    file = Path(file)
-    if file.suffix != ".html":
-        raise DataError(f"Cannot write {file}: the ending of a page must be .html.")
+    file = with_ending(file, ".html")
     check_free(file)
     text = page_html(crane, site, chart, meshes)
     with new_file(file) as draft:

@@ -14,7 +14,7 @@ from cranedyn.bridges.controller_block import controller_block
 from cranedyn.bridges.target import check_free, new_file
 from cranedyn.bridges.usual_controllers import CONTROLLERS
 from cranedyn.compiled.structured_text import plcopen_xml, structured_text
-from cranedyn.errors import OutOfRange
+from cranedyn.data.files import with_ending
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 
@@ -33,13 +33,12 @@ def export(crane: Crane, path: str | Path, controller: Any, **options: Any) -> P
         options: As `cranedyn.bridges.controller_block.controller_block` takes them.
 
     Raises:
-        OutOfRange: If the file does not end so, or a number is out of range.
-        DataError: If a file exists or cannot be written, or the controller cannot be exported.
+        OutOfRange: If a number is out of range.
+        DataError: If a file does not end so, exists or cannot be written, or the controller cannot
+            be exported.
         ModelError: If the controller needs a function or loops that Structured Text lacks.
     """
-    final = Path(path)
-    if final.suffix != ".st":
-        raise OutOfRange("name of the Structured Text", str(final), "one that ends in .st")
+    final = with_ending(path, ".st")
     beside = final.with_suffix(".xml")
     check_free(final)
     check_free(beside)

@@ -265,6 +265,17 @@ def atomic_write_set() -> Iterator[list[Draft]]:
             draft.drop()
 
 
+def with_ending(path: str | Path, *endings: str) -> Path:
+    """Return a path that has one of some endings, such as ".mp4".
+
+    Raises:
+        DataError: If it has another.
+    """
+    if (path := Path(path)).suffix not in endings:
+        raise DataError(f"Cannot write {path}: the ending must be {' or '.join(endings)}.")
+    return path
+
+
 def write_text(path: str | Path, text: str) -> None:
     r"""Write a UTF-8 file by `atomic_write`.
 

@@ -6,14 +6,14 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from cranedyn.data.files import atomic_write, open_file
+from cranedyn.data.files import atomic_write, open_file, with_ending
 from cranedyn.errors import DataError
 
 LARGEST = 1_000_000_000
@@ -23,7 +23,7 @@ numbers of the columns needed."""
 _LARGEST_FOOTER = 20_000_000
 """Most bytes of the footer of a Parquet file; parsed it takes some ten times as much memory."""
 
-_BLOCK = 1_000_000
+_BLOCK = 500_000
 """Bytes of a CSV file that are read at once, and most bytes of a line."""
 
 
@@ -63,13 +63,11 @@ def write_table(path: str | Path, table: pa.Table) -> Path:
     Raises:
         DataError: If the ending is another or the file cannot be written.
     """
-    path = Path(path)
-    writer = {".csv": pyarrow.csv.write_csv, ".parquet": _write_parquet}.get(path.suffix)
-    if writer is None:
-        raise DataError(f"Cannot write {path}: the ending must be .csv or .parquet.")
+    writers = {".csv": pyarrow.csv.write_csv, ".parquet": _write_parquet}
+    path = with_ending(path, *writers)
     # Arrow accepts only names that are UTF-8.
     with atomic_write(path) as draft, draft.open("wb") as file:
-        writer(table, file)
+        writers[path.suffix](table, file)
     return path
 
 
@@ -91,7 +89,7 @@ def column_names(path: str | Path) -> list[str]:
     path = Path(path)
     with _opened(path) as file:
         if path.suffix != ".parquet":
-            return _csv_names(next(_lines(file, path)))
+            return _csv_names(file)
         with _source(file, path) as source:
             return list(source.schema_arrow.names)
 
@@ -115,6 +113,8 @@ def _opened(path: Path) -> Iterator[BinaryIO]:
             yield file
     except (OSError, ValueError, pa.ArrowException) as error:
         reason = str(error).strip().partition("\n")[0].rstrip(".")
+        if "straddling" in reason:
+            reason = f"it has a line of more than {_BLOCK / 1e6:g} MB"
         raise DataError(f"Cannot read {path}: {reason}.") from error
 
 
@@ -148,43 +148,29 @@ def _parquet(file: BinaryIO, columns: Sequence[str], path: Path) -> pa.Table:
 def _csv(file: BinaryIO, columns: Sequence[str], path: Path) -> pa.Table:
     """Read a CSV file block by block, keeping only the columns needed."""
     _check_size(os.fstat(file.fileno()).st_size, path)
+    _check_names(_csv_names(file), columns, path)
     convert = pyarrow.csv.ConvertOptions(
         include_columns=list(columns), column_types=dict.fromkeys(columns, pa.float64())
     )
-    blocks: list[pa.Table] = []
-    names: list[str] | None = None  # those of the first block are in its first line
+    blocks: list[pa.RecordBatch] = []
     size = 0
-    for lines in _lines(file, path):
-        read = pyarrow.csv.ReadOptions(use_threads=False, column_names=names)
-        if names is None:
-            names = _csv_names(lines)
-            _check_names(names, columns, path)
-        block = pyarrow.csv.read_csv(
-            pa.BufferReader(lines), read_options=read, convert_options=convert
-        )
-        blocks.append(block)
-        size += block.nbytes
-        _check_size(max(size, file.tell()), path)  # the file may grow meanwhile
-    return pa.concat_tables(blocks)
+    with _csv_blocks(file, convert) as reader:
+        for block in reader:
+            blocks.append(block)
+            size += block.nbytes
+            _check_size(size, path)  # the file may grow meanwhile
+        return pa.Table.from_batches(blocks, reader.schema)
 
 
-def _csv_names(lines: bytes) -> list[str]:
-    options = pyarrow.csv.ReadOptions(use_threads=False)
-    return list(pyarrow.csv.open_csv(pa.BufferReader(lines), read_options=options).schema.names)
+def _csv_names(file: BinaryIO) -> list[str]:
+    with _csv_blocks(file) as reader:
+        return list(reader.schema.names)
 
 
-def _lines(file: BinaryIO, path: Path) -> Iterator[bytes]:
-    """Yield blocks of complete lines, at least one block."""
-    remainder, first = b"", True
-    while (block := file.read(_BLOCK)) or remainder or first:
-        text = remainder + block
-        end = max(text.rfind(b"\n"), text.rfind(b"\r")) + 1 if block else len(text)
-        if len(text) - end > _BLOCK:
-            raise DataError(f"{path} has a line of more than {_BLOCK / 1e6:g} MB.")
-        remainder = text[end:]
-        if text[:end].strip() or not block:
-            yield text[:end]
-            first = False
+def _csv_blocks(file: BinaryIO, convert: Any = None) -> pyarrow.csv.CSVStreamingReader:
+    options = pyarrow.csv.ReadOptions(use_threads=False, block_size=_BLOCK)
+    native = pa.OSFile(f"/dev/fd/{file.fileno()}")
+    return pyarrow.csv.open_csv(native, read_options=options, convert_options=convert)
 
 
 def _check_size(size: float, path: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.data.files import parse_json, read_text, write_text
+from cranedyn.data.files import parse_json, read_text, with_ending, write_text
 from cranedyn.errors import CraneError, DataError
 from cranedyn.identification.estimate import Estimate
 from cranedyn.model.crane import Crane
@@ -49,9 +49,7 @@ class Twin:
         Raises:
             DataError: If the ending is not ``.json`` or the file cannot be written.
         """
-        path = Path(path)
-        if path.suffix != ".json":
-            raise DataError(f"Cannot write {path}: the ending must be .json.")
+        path = with_ending(path, ".json")
         write_text(path, self.text)
         return path
 

@@ -153,7 +153,7 @@ def loads_of_rows(
         columns |= _of_rope(crane, moving, effort, buffers)
     if layout.has("slew", "trolley", "hoist"):
         columns |= _of_ring(crane, moving, columns["pull_N"], weight, turning)
-    foot = moving.through(None)
+    foot = moving.through_ground()
     if arms:
         outward, _ = _plan(moving, layout.role("trolley", "A jib that weighs where it lies"))
         moment = foot.moment + np.cross(outward, -_UP) * turning
@@ -217,8 +217,8 @@ def jib_moment(crane: Crane, run: Trajectory, stations: np.ndarray) -> np.ndarra
     _, aside = _plan(moving, trolley)
     root = moving.through(trolley)
     tilting, down = _along(root.moment, aside), -root.force[:, 2]
-    reached = run.q[:, trolley, None] >= stations
-    return np.where(reached, tilting[:, None] - down[:, None] * stations, 0.0)
+    ahead = run.q[:, trolley, None] - stations
+    return np.where(ahead >= 0.0, tilting[:, None] + down[:, None] * ahead, 0.0)
 
 
 def hanging_mass(crane: Crane) -> float:

@@ -145,7 +145,7 @@ def shape_corners(crane: Crane) -> list[tuple[int, np.ndarray]]:
 
 def _shapes(crane: Crane) -> dict[int, list[Shape]]:
     urdf = crane.urdf
-    if ET.fromstring(urdf).find("link/visual/geometry/mesh") is not None:
+    if ET.fromstring(urdf).find(".//geometry/mesh") is not None:
         raise ModelError(
             "The URDF of the crane shows a mesh; clearance needs boxes, cylinders or spheres."
         )

@@ -152,6 +152,32 @@ def tree_inverse_dynamics(
         pulled: A body that slides along an axis of its frame, and the effort that acts on it there,
             which is what the others feel of it along the axis, whatever its acceleration.
     """
+    return _newton_euler(tree, poses, v, a, external_forces, pulled)[0]
+
+
+def transmitted(
+    tree: Bodies,
+    poses: Sequence[Frame],
+    v: np.ndarray,
+    a: np.ndarray,
+    external_forces: Sequence[ExternalForce],
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return force and torque that each joint passes on to its body, in the frame of the joint,
+    shape (3,) each; arguments as of `tree_inverse_dynamics`.
+    """
+    _, forces, torques = _newton_euler(tree, poses, v, a, external_forces)
+    return list(zip(forces, torques, strict=True))
+
+
+def _newton_euler(
+    tree: Bodies,
+    poses: Sequence[Frame],
+    v: np.ndarray,
+    a: np.ndarray | None,
+    external_forces: Sequence[ExternalForce],
+    pulled: tuple[int, Any] | None = None,
+) -> tuple[np.ndarray, list[np.ndarray], list[np.ndarray]]:
+    """Return generalized forces, and forces and torques on the bodies through their joints."""
     n, zero = len(tree), array([0.0] * 3)
     motions: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     forces, torques = [], []
@@ -192,7 +218,7 @@ def tree_inverse_dynamics(
         if (parent := tree.parents[i]) >= 0:
             force, torque = _to_parent(poses[i], forces[i], torques[i])
             forces[parent], torques[parent] = forces[parent] + force, torques[parent] + torque
-    return effort
+    return effort, forces, torques
 
 
 def mass_matrix(tree: Bodies, poses: Sequence[Frame]) -> np.ndarray:

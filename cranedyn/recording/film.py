@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 
-from cranedyn.data.files import atomic_write
-from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.data.files import atomic_write, with_ending
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.plotting.figures import panels
 from cranedyn.plotting.style import COLOURS, LINE_STYLES
 from cranedyn.recording.hanging import CONTACT, touching_points
@@ -34,9 +34,7 @@ def check_film(path: str | Path) -> Path:
         DataError: If the ending is not .mp4.
         CraneError: If the extra film is not installed.
     """
-    path = Path(path)
-    if path.suffix != ".mp4":
-        raise DataError(f"Cannot write {path}: the ending of a film must be .mp4.")
+    path = with_ending(path, ".mp4")
     try:
         import av  # noqa: F401
     except ImportError as error:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from cranedyn.data.files import Draft, atomic_write, check_writable, sync_folder
+from cranedyn.data.files import Draft, atomic_write, check_writable, sync_folder, with_ending
 from cranedyn.data.trajectory import Trajectory, join
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError, DataError, OutOfRange, printable, quoted
@@ -74,9 +74,7 @@ def record(
         DataError: If the file cannot be written.
         CraneError: If Rerun is switched off in the environment.
     """
-    path, title = Path(path), utf8(title)
-    if path.suffix != ".rrd":
-        raise DataError(f"Cannot write {path}: the ending must be .rrd.")
+    path, title = with_ending(path, ".rrd"), utf8(title)
     names = [run.name for run in runs]
     if not names or not all(names) or len(set(names)) < len(names):
         raise OutOfRange("names of the runs", names, "one name or more, each different")

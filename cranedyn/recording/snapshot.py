@@ -15,7 +15,7 @@ from PIL import Image, ImageOps
 from rerun.experimental import ViewerClient
 
 from cranedyn.checks import number
-from cranedyn.data.files import atomic_write, check_writable, make_folder
+from cranedyn.data.files import atomic_write, check_writable, make_folder, with_ending
 from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.recording.process import end, free_port, start
 from cranedyn.recording.run import SCENE, TIMELINE
@@ -104,9 +104,7 @@ def animate(
         DataError: If the recording cannot be read or the GIF cannot be written.
         CraneError: If there is no viewer, or no driver for it.
     """
-    path, size = Path(path), _check_size(size)
-    if path.suffix != ".gif":
-        raise DataError(f"Cannot write {path}: the ending must be .gif.")
+    path, size = with_ending(path, ".gif"), _check_size(size)
     times, durations = _frame_times(span, fps, size)
     check_writable(path)
     frames: list[Image.Image] = []

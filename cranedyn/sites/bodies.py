@@ -121,8 +121,8 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
     Every corner of every shape in its URDF lies in a capsule.
 
     Raises:
-        ModelError: If it has no rope below two swing joints, has other joints besides drives from
-            the foot to the rope, or shows a mesh or no load.
+        ModelError: If it has no rope below two swing joints that hangs from both, has other joints
+            besides drives from the foot to the rope, or shows a mesh or no load.
         OutOfRange: If the heading is not finite.
     """
     number("heading", heading, "rad")
@@ -143,10 +143,21 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
     if supports[-1] not in shapes:
         raise ModelError("The URDF of the crane shows no load; its distances are not known.")
     capsules = []
-    q = crane.start.q
     data = model.createData()
+    turns = bool(chain) and layout.joints[chain[0] - 1].kind == "revolute"
+    q = np.where(turns & (np.arange(layout.n) == supports[0] - 1), 0.0, crane.start.q)
     pin.forwardKinematics(model, data, q)
-    outward = data.oMi[swings[0]].translation[:2]
+    outward = (data.oMi[swings[0]].translation - data.oMi[supports[0]].translation)[:2]
+    if chain and layout.joints[chain[-1] - 1].kind == "prismatic":
+        way = (data.oMi[chain[-1]].rotation @ _local_axis(crane, chain[-1]))[:2]
+        outward = way * math.copysign(1.0, way @ outward)
+    offsets = [model.jointPlacements[i].translation for i in (swings[1], supports[-1])]
+    rope = data.oMi[supports[-1]].rotation @ _local_axis(crane, supports[-1])
+    if np.abs(offsets).max() > 1e-9 or rope[2] > 0.0 or crane.lower[supports[-1] - 1] < 0.0:
+        raise ModelError(
+            "The rope of a crane on a site begins where both swing joints are, and the hoist joint "
+            "gives its length: without an offset, downward, from 0 on."
+        )
     for index, joint in enumerate([0, *chain]):
         for points in _groups(shapes.get(joint, [])):
             ends, radius = _capsule(points)
@@ -163,6 +174,7 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
         (name, len(chain), pivot[None].repeat(2, 0), depth, True, radius)
         for name, depth, radius in _hanging(crane, shapes[supports[-1]])
     ]
+    jib = math.atan2(outward[1], outward[0]) if turns else -math.pi / 2.0
     names, joint, ends, depth, hangs, radii = zip(*capsules, strict=True)
     rotation, translation, axis, revolute = _joints(crane, chain)
     hinges = _columns(*(part[None] for part in _joints(crane, swings)))
@@ -171,7 +183,7 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
         columns=np.array([layout.drives.tolist().index(i - 1) for i in (*chain, supports[-1])]),
         rotation=rotation,
         translation=translation,
-        foot=np.column_stack([rotation_z(heading + math.pi / 2.0), foot]),
+        foot=np.column_stack([rotation_z(heading - jib), foot]),
         axis=axis,
         revolute=revolute,
         rope=np.append(hinges, _local_axis(crane, supports[-1])),

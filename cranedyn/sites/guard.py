@@ -22,8 +22,10 @@ from cranedyn.sites.brakes import CYCLE, Brakes, largest_rate, stopping_distance
 from cranedyn.sites.capsules import JOINT, pivot_motions, rope_pose
 from cranedyn.sites.site import Station
 
-PATIENCE = 0.5
-"""Time after which a guard no longer waits for the answer to its request [s]."""
+PATIENCE, LONGEST = 0.5, 16.0
+"""Time after which a guard no longer waits for the answer to its request, and the longest after
+answers that came late [s].
+"""
 
 HORIZON = 1.5
 """Time for which a crane asks in advance [s]: two lost or late answers and a cycle."""
@@ -100,6 +102,7 @@ class Guard:
         self.blocked_by: tuple[str, ...] = ()
         self.target: np.ndarray | None = None
         self._number, self._asked_at, self._granted = 0, -math.inf, self.box
+        self._patience = PATIENCE
         self._range = np.array([crane.lower, crane.upper])[:, layout.drives]
         self._steps = CYCLE * gentle(station, swing).decelerations
         self._numbers = np.concatenate(
@@ -142,17 +145,21 @@ class Guard:
         outputs = self._guarded(numbers[None])[0].reshape(7, -1)
         self.rates, self.box = outputs[0], outputs[1:3]
         self._granted = self.box
-        if t - self._asked_at < PATIENCE:
+        if t - self._asked_at < self._patience:
             return self.rates, None
         self.box = self._granted = outputs[3:5]
         self._number, self._asked_at = self._number + 1, t
         return self.rates, BoxRequest(self._number, self.box, outputs[5:7])
 
     def receive(self, grant: BoxGrant) -> None:
-        """Take a grant that answers the last request; ignore any other."""
+        """Take a grant that answers the last request; ignore any other, and wait longer for answers
+        if it comes late.
+        """
         if grant.number == self._number and self._asked_at > -math.inf:
             self._granted, self.blocked_by, self.target = grant.box, grant.blocked_by, grant.target
             self._asked_at = -math.inf
+        elif grant.number < self._number:
+            self._patience = min(2.0 * self._patience, LONGEST)
 
 
 def gentle(station: Station, swing: float) -> Brakes:

@@ -15,7 +15,6 @@ from cranedyn.planning.clearance import ROUNDING
 from cranedyn.planning.fields import Field, Placed
 from cranedyn.planning.solids import Solid
 from cranedyn.sites.bodies import CraneBodies, place_capsules
-from cranedyn.sites.proof import FINEST
 
 _MOST = 30
 """Boxes that a proof examines before it fails."""
@@ -83,10 +82,7 @@ class Obstacles:
             examined += 1
             if margin.min() < 0.0 or examined > _MOST:
                 return False
-            motion = placed.motion.sum(axis=1)
-            near = margin < motion
-            if (near & (motion < FINEST)).any():
-                return False
+            near = margin < placed.motion.sum(axis=1)
             if near.any():
                 widest = int(placed.motion.max(axis=0).argmax())
                 for part in (0, 1):

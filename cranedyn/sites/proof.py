@@ -23,10 +23,6 @@ from cranedyn.sites.capsules import CAPSULE, JOINT, Capsule
 ROUNDING = 1e-6
 """Deduction from every distance [m]: a thousand times the rounding errors of a site of 1e5 m."""
 
-FINEST = 0.05
-"""Motion of a capsule [m] below which intervals are not halved again: a pair that is closer to the
-required distance than this is not proven."""
-
 MOST = 100
 """Pairs of capsules with halved intervals that are examined before the proof of a pair of cranes
 fails."""
@@ -195,7 +191,7 @@ def _emit(code: Code, joints: int, count: int) -> None:
             total = sum(moves[1:], moves[0])
             with code.when(apart - total < required):
                 late = build.icmp_signed(">=", head, limit)
-                fails = code.either(gap < required, total < FINEST, late)
+                fails = code.either(gap < required, late)
                 largest = reduce(larger, moves)
                 for upper in (0, 1):
                     half, free = boxes.copy(), 1.0

@@ -165,8 +165,7 @@ class SiteRun:
             solids = () if runs else station.in_crane_frame(self.site.solids)
             obstacles = [Obstacle(s.name, s.vertices, s.triangles, s.zone) for s in solids]
             surroundings = Scenery(obstacles, np.zeros((0, 3))) if obstacles else None
-            x, y, z = map(float, station.foot)
-            turn = station.heading + math.pi / 2.0
+            (x, y, z), turn = map(float, station.foot), station.turn
             runs.append(
                 Run(station.name, station.crane, run, (x, y, z), scenery=surroundings, heading=turn)
             )
@@ -223,7 +222,8 @@ def simulate_site(
         _SiteCrane(station, operator, wind, engine, dt, rows)
         for station, operator in zip(site.stations, operators, strict=True)
     ]
-    network = _Network(site, channel, np.random.default_rng(seed)) if supervised else None
+    rng = np.random.default_rng(whole("seed", seed, 0))
+    network = _Network(site, channel, rng) if supervised else None
     boxes: list[list[np.ndarray]] = []
     commands: list[list[np.ndarray]] = []
     passed: list[list[np.ndarray]] = []

@@ -11,14 +11,14 @@ from functools import cached_property
 
 import numpy as np
 
-from cranedyn.checks import finite, number
+from cranedyn.checks import finite, number, within
 from cranedyn.disturbances.wind import Speed, wind
 from cranedyn.dynamics.converters import Converters
 from cranedyn.errors import DataError, OutOfRange, quoted
 from cranedyn.interfaces import Disturbance
 from cranedyn.lifting.chart import Chart
 from cranedyn.model.crane import Crane
-from cranedyn.planning.solids import Solid, rotation_z
+from cranedyn.planning.solids import Solid
 from cranedyn.sites.bodies import (
     CraneBodies,
     PlacedCapsules,
@@ -27,7 +27,7 @@ from cranedyn.sites.bodies import (
     rope_poses,
     stacked,
 )
-from cranedyn.sites.brakes import Brakes
+from cranedyn.sites.brakes import CYCLE, Brakes
 from cranedyn.sites.obstacles import Obstacles
 from cranedyn.sites.proof import least_distances, proven_apart
 
@@ -62,22 +62,33 @@ class Station:
         """Check that all drives have converters and brakes.
 
         Raises:
-            OutOfRange: If not, or a number is not finite.
+            OutOfRange: If not, a number is not finite, or the converters react slower than the
+                brakes.
         """
         finite(f"foot of {quoted(self.name)}", self.foot, (3,), unit="m")
         number(f"heading of {quoted(self.name)}", self.heading, "rad")
         self.converters.of(self.crane)
         if len(self.brakes.decelerations) != (m := self.crane.layout.m):
             raise OutOfRange("number of brakes", len(self.brakes.decelerations), f"{m}")
+        drives, reaction = self.converters, self.brakes.reaction
+        least = CYCLE + drives.delay + (drives.lags + drives.accelerations / drives.jerks).max()
+        if reaction < least - 1e-9:
+            allowed = f">= {least:.3g}, a cycle, delay, lag and rounding of the drives"
+            raise OutOfRange("reaction time of brakes", reaction, allowed, "s")
 
     @cached_property
     def bodies(self) -> CraneBodies:
         """Capsules around its shapes, in the frame of the site."""
         return crane_bodies(self.crane, np.asarray(self.foot, dtype=float), self.heading)
 
+    @property
+    def turn(self) -> float:
+        """Angle from the frame of the crane to that of the site about Z [rad]."""
+        return math.atan2(*self.bodies.foot[1::-1, 0])
+
     def in_crane_frame(self, solids: Sequence[Solid]) -> list[Solid]:
         """Return solids of the site in the frame of the crane."""
-        turn = rotation_z(self.heading + math.pi / 2.0).T
+        turn = self.bodies.foot[:, :3].T
         return [solid.moved(turn, -turn @ np.asarray(self.foot)) for solid in solids]
 
     def rope(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -123,7 +134,7 @@ class SiteWind:
         Raises:
             OutOfRange: If a number is not finite or the area is negative.
         """
-        direction = self.direction - station.heading - math.pi / 2.0
+        direction = self.direction - station.turn
         return wind(station.crane, self.speed, direction=direction, payload_area=self.area)
 
 
@@ -154,11 +165,11 @@ class CraneSite:
         Raises:
             DataError: If there is no crane, two have one name, two towers are nearer to each other
                 than the required distance, or a tower or a load at the start stands in an obstacle.
-            OutOfRange: If the distance is not positive, or the swing not from 0 to 0.5.
+            OutOfRange: If the distance is not positive, or the swing not from 0.001 to 0.5.
         """
         number("height of the ground", self.ground, "m")
         number("required distance", self.distance, "m", "> 0")
-        number("swing of the load", self.swing, "rad", "0 to 0.5")
+        within("swing of the load", self.swing, 0.001, 0.5, "rad")
         if not self.stations:
             raise DataError(f"The site {quoted(self.name)} has no crane.")
         for name, count in Counter(station.name for station in self.stations).items():

@@ -50,7 +50,7 @@ def read_crane_site(path: str | Path) -> CraneSite:
     if not stations:
         top.fail("crane", "there is none; write each as [[crane]].")
     distance = top.number("distance", DISTANCE, "m", "> 0")
-    swing = top.angle("swing", SWING, "0 to 28")
+    swing = top.angle("swing", SWING, "0.1 to 28")
     name = top.text("name", path.stem)
     for count in range(1, len(stations) + 1):
         try:
@@ -65,7 +65,8 @@ def _station(entry: SiteTable, ground: float) -> Station:
     foot = np.array(entry.numbers("position", 3, default=[0.0, 0.0, ground]))
     heading = entry.angle("heading", -math.pi / 2.0)
     try:
-        field = next((key for key in ("urdf", "machine", "values") if key in entry.values), field)
+        own = next((key for key in ("urdf", "machine", "values") if key in entry.values), field)
+        field = own
         crane, limits = _crane(entry)
         limits |= _of_drives(entry, "drives", crane, ["rates", "accelerations"])
         slopes = limits.get("accelerations", {}).items()
@@ -75,8 +76,9 @@ def _station(entry: SiteTable, ground: float) -> Station:
         brake, drives = _brakes(entry, crane, drives)
         field = "chart"
         chart = read_chart(entry.file(field)) if field in entry.values else None
-        field = "urdf"
+        field = "reaction"
         station = Station(name, crane, foot, heading, drives, brake, chart)
+        field = own
         _ = station.bodies
     except CraneError as error:
         if str(error).startswith(f"{entry.path}, "):

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import get_args
 
 from cranedyn.command import Parser
+from cranedyn.data.files import with_ending
 from cranedyn.errors import DataError
 from cranedyn.interfaces import EngineName
 from experiments.catalogue import example
@@ -160,8 +161,7 @@ def _targets(options: argparse.Namespace) -> tuple[Path, Path]:
         raise DataError(f"Cannot write to {folder}: it is not a folder.")
     if hasattr(options, "out") and not os.path.isdir(parent):
         raise DataError(f"Cannot make the folder {folder}: its parent {parent} does not exist.")
-    if recording.suffix != ".rrd":
-        raise DataError(f"Cannot save the recording as {recording}: the ending must be .rrd.")
+    with_ending(recording, ".rrd")
     if hasattr(options, "save") and not os.path.isdir(recording.absolute().parent):
         raise DataError(f"Cannot save the recording as {recording}: its folder does not exist.")
     return folder, recording

@@ -126,12 +126,12 @@ def test_no_door_is_no_door(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("exporter", "name", "words", "sentence"),
     [
-        ("mjcf", "c.mjcf", "", "the ending of an MJCF file must be .xml."),
+        ("mjcf", "c.mjcf", "", "the ending must be .xml."),
         ("mjcf", "c.xml", "--dt 0", "dt is 0.0 s; allowed is > 0."),
         ("mjcf", "c.xml", "--urdf none.urdf", "Cannot read none.urdf"),
         ("mjcf", "no/c.xml", "", "does not exist"),
         ("mjcf", "c.xml", "--set dummy_mass:=0", "The link swing_r_link has no mass or no inertia"),
-        ("fmu", "c.zip", "", "allowed is one that ends in .fmu"),
+        ("fmu", "c.zip", "", "the ending must be .fmu."),
         ("fmu", "c.fmu", "--dt -1", "dt is -1.0 s; allowed is > 0."),
         ("ros2", "c", "--name Crane-1", "A package of ROS cannot be called 'Crane-1'; allowed are"),
         ("ros2", "c", "--set dummy_mass:=0", "The link swing_r_link has no mass or no inertia"),

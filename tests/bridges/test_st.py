@@ -17,7 +17,7 @@ from cranedyn.bridges.controller_block import controller_block, vectors
 from cranedyn.bridges.usual_controllers import CONTROLLERS
 from cranedyn.compiled.block import FunctionBlock, identifiers
 from cranedyn.compiled.structured_text import structured_text
-from cranedyn.errors import DataError, OutOfRange
+from cranedyn.errors import DataError
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.simulation.simulate import simulate
 from tests.bridges.c_tools import output, tool
@@ -168,7 +168,7 @@ def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_no_file(
 
     with pytest.raises(DataError, match="The controller function is neither affine in the state"):
         st.export(CRANE, tmp_path / "a.st", strange)
-    with pytest.raises(OutOfRange, match=r"one that ends in \.st"):
+    with pytest.raises(DataError, match=r"the ending must be \.st"):
         st.export(CRANE, tmp_path / "a.txt", CONTROLLERS["hold"][1](CRANE, 5e-3))
     (tmp_path / "b.xml").write_text("mine")
     with pytest.raises(DataError, match="it is there already"):

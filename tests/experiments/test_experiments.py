@@ -357,7 +357,7 @@ BAD = [
     ("a1", "--set payload_mass=5", "'payload_mass=5' is not of the form name:=value"),
     ("a1", "--out missing/out", "Cannot make the folder missing/out: its parent"),
     ("a1", "--out file", "Cannot write to file: it is not a folder"),
-    ("a1", "--save x.mp4", "Cannot save the recording as x.mp4: the ending must be .rrd"),
+    ("a1", "--save x.mp4", "Cannot write x.mp4: the ending must be .rrd"),
     ("a1", "--save missing/x.rrd", "as missing/x.rrd: its folder does not exist"),
 ]
 

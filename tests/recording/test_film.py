@@ -55,7 +55,7 @@ def test_a_film_without_its_extra_is_one_sentence(
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ("run.parquet --film a.gif", "the ending of a film must be .mp4"),
+        ("run.parquet --film a.gif", "the ending must be .mp4"),
         ("a.rrd --film a.mp4", "a film needs a run, .parquet or .csv, which a.rrd is not"),
         ("run.parquet --film a.mp4 --serve", "--serve has no effect beside --film"),
     ],

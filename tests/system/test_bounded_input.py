@@ -106,7 +106,7 @@ def test_columns_that_nobody_asks_for_cost_no_memory(tmp_path: Path) -> None:
     run = python(_PEAK, tmp_path / "a.csv")
     assert run.returncode == 0, run.stderr
     rows, peak = map(int, run.stdout.split())
-    # 8 bytes a number, twice while blocks become a column; some blocks of a megabyte are under way
+    # 8 bytes a number, twice while blocks become a column; blocks of half a megabyte are under way
     assert rows == 100_000 and peak < 20e6
 
 
@@ -155,12 +155,12 @@ def test_arrow_is_handed_no_object_of_pythons_to_read_from(
             sources.append(type(source)) or reader(source, *args, **named)
         )
 
-    for module, name in (("parquet", "ParquetFile"), ("csv", "open_csv"), ("csv", "read_csv")):
+    for module, name in (("parquet", "ParquetFile"), ("csv", "open_csv")):
         reader = getattr(getattr(pyarrow, module), name)
         monkeypatch.setattr(f"pyarrow.{module}.{name}", noting(reader))
     for name in ("a.parquet", "a.csv"):
         assert len(read_columns(tmp_path / name, ("t_s",))["t_s"]) == 3
-    assert sources == [pa.OSFile, pa.BufferReader, pa.BufferReader]
+    assert sources == [pa.OSFile] * 3
 
 
 @pytest.mark.parametrize(
@@ -179,5 +179,5 @@ def test_a_line_that_is_longer_than_a_block_is_refused(
     _csv(tmp_path / "a.csv", 200, 50)
     assert read_columns(tmp_path / "a.csv", ("t_s",))["t_s"].tolist() == list(range(200))
     _csv(tmp_path / "a.csv", 200, 500)
-    with pytest.raises(DataError, match=r"a\.csv has a line of more than 0\.0001 MB\."):
+    with pytest.raises(DataError, match=r"a\.csv: it has a line of more than 0\.0001 MB\."):
         read_columns(tmp_path / "a.csv", ("t_s",))
