@@ -17,8 +17,10 @@ import numpy as np
 from benchmarks.conduct import print_tables
 from benchmarks.horizon import SOLVERS, HorizonProblem, Solve
 from benchmarks.timing import seconds
+from cranedyn.checks import whole
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.compiled.horizon.receding import Receding, receding
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
@@ -185,6 +187,8 @@ def measure_mpc(stride: int, rounds: int) -> list[ResultTable]:
         "Processor time of prediction, quadratic programme and efforts, called from Python; of "
         f"each the shortest of {rounds} runs. In a batch of 16 cranes, with steps.",
     )
+    if not programmes:
+        raise OutOfRange("every", stride, "the number of programmes with bounds of a move, or less")
     return [ours, _beside(programmes)]
 
 
@@ -226,7 +230,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     rounds: dict[str, Any] = {"type": int, "default": 3, "help": "runs of each move (default 3)"}
 
     def measure(options: argparse.Namespace) -> list[ResultTable]:
-        return measure_mpc(max(options.every, 1), max(options.rounds, 1))
+        return measure_mpc(whole("every", options.every, 1), whole("rounds", options.rounds, 1))
 
     return print_tables("mpc", __doc__, measure, argv, every=every, rounds=rounds)
 

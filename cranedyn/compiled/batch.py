@@ -291,7 +291,8 @@ def _horizon(
     if predictive.programme.drive != drive:
         raise OutOfRange("drive", drive, f"the controller's, {predictive.programme.drive}")
     predictive.begin_run(t_start, clock.period)
-    memory, own = predictive.initial_memory(t_start, _LANES), predictive.programme.offsets(_LANES).path
+    memory = predictive.initial_memory(t_start, _LANES)
+    own = predictive.programme.offsets(_LANES).path
     needed = used + groups * own + len(memory)
     inputs.check_fits_memory("number of cranes", f"{groups * _LANES}", needed)
     return {"horizon": np.tile(memory[:own], (groups, 1)), "workspace": memory[own:]}

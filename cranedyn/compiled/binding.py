@@ -80,7 +80,7 @@ def _check_finite(name: str, array: np.ndarray, *, infinite: bool = False) -> No
         raise OutOfRange(name, float(wrong[0]), "a number" if infinite else "finite")
 
 
-def _aligned_copy(numbers: np.ndarray) -> np.ndarray:
+def aligned_copy(numbers: np.ndarray) -> np.ndarray:
     """Return a copy of doubles that begins where a line of the cache begins."""
     space = np.empty(len(numbers) + 8)
     copy = space[-space.ctypes.data // 8 % 8 :][: len(numbers)]
@@ -217,8 +217,8 @@ class Loop:
             log_interval: Control instants from one row of the log to the next.
             residual_from: Instant from which swing counts as residual.
             reading_count: Number of readings stored for delayed sensors.
-            workspace: Path and memory of optimisations, of which each call of `run_groups` has a
-                copy; None where they stand in the memory of the predictive controller.
+            workspace: Path and memory of optimisations for several lanes, of which each call of
+                `run_groups` has a copy; for one lane they stand in the memory of the controller.
             memory: Arrays with the group as first axis: state, numbers, starts of the tables, delay
                 and readings of sensors, summary, log, as far as the code has them.
 
@@ -252,9 +252,10 @@ class Loop:
         horizon, self._workspace = 0, workspace
         if programme is not None:
             offsets = programme.offsets(lanes)
-            horizon = offsets.size if workspace is None else offsets.path
-            if workspace is not None:
-                _address("workspace", workspace, (offsets.size - offsets.path,))
+            horizon = offsets.size if lanes == 1 else offsets.path
+        if horizon and lanes > 1:
+            address = _address("workspace", workspace, (offsets.size - horizon,), written=True)
+            self._call[SLOTS["workspace"]] = address
         row_width = ((self._last - 1) // log_interval + 1) * size(sizes.row)
         shapes: dict[str, tuple[int, ...]] = {
             "state": (size(sizes.state), lanes),
@@ -334,7 +335,7 @@ class Loop:
         call = self._call.copy()
         address = call.ctypes.data
         if self._workspace is not None:
-            workspace = _aligned_copy(self._workspace)
+            workspace = aligned_copy(self._workspace)
             call[SLOTS["workspace"]] = workspace.ctypes.data
         for group in groups:
             if not 0 <= group < self._groups:

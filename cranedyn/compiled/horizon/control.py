@@ -179,8 +179,8 @@ class PredictiveControl:
         code, read = self.code, np.concatenate([q, v])
         rows = MemoryRows(code, self.programme.shape(code.lanes), self._work, {})
         least, most = (rows.row(name, len(read)) for name in ("least", "most"))
-        pairs = zip(least, read, most, strict=True)
-        holds = code.both(*(c for low, x, high in pairs for c in (x >= low, x <= high)))
+        ranges = zip(least, read, most, strict=True)
+        holds = code.both(*(c for low, x, high in ranges for c in (x >= low, x <= high)))
         updates = {
             "read": (read, self._load_memory("read")),
             "refused": (self._load_memory("refused"), read),

@@ -85,8 +85,8 @@ class _Solve:
             node = rows.row("node", w)
             further = rows.table("extra", w) @ node + rows.row("extra_shift", m, first=w)
             rows.put_row("trial", [*node, *further])
-        barrier = wide.repeated(work.reported("barrier"))
-        begins = wide.repeated(self.code.chosen(bounded, 1.0, 0.0)) > 0.5
+        barrier = work.repeated(work.reported("barrier"))
+        begins = work.repeated(self.code.chosen(bounded, 1.0, 0.0)) > 0.5
         with work.each() as (rows, common, *_):
             node, soft = rows.get("trial"), barrier / common.get("price")
             rows.put("iterate", wide.chosen(begins, node, rows.get("iterate")))
@@ -114,7 +114,7 @@ class _Solve:
             self._predict(rows, common, ratio, crossed)
         step = 1.0 / work.over_numbers(ratio.get(), larger)
         predicted = (gap * (1.0 - step) + self._mean(crossed) * (step * step)) / gap
-        centred = wide.repeated(gap * (predicted * predicted * predicted))
+        centred = work.repeated(gap * (predicted * predicted * predicted))
         with work.each() as (rows, common, *_):
             self._slope(rows, common, {side: self._bent(rows, side, centred) for side in _SIDES})
         work.call("sweep")
@@ -203,7 +203,7 @@ class _Solve:
 
     def _move(self, step: Value) -> Value:
         """Take the step, and return the mean product of slacks and multipliers after it."""
-        work, wide, share = self.work, self.wide, self.wide.repeated(step)
+        work, wide, share = self.work, self.wide, self.work.repeated(step)
         (products,) = wide.variables([0.0])
         with work.each() as (rows, common, *_):
             iterate = rows.get("iterate")

@@ -99,7 +99,7 @@ class HorizonShape:
 
     @cached_property
     def _offsets(self) -> dict[str, int]:
-        ends = {}
+        ends: dict[str, int] = {}
         for rows in (self.common, self.stage):
             last = np.cumsum(list(rows.values())).tolist()
             ends |= {name: end - rows[name] for name, end in zip(rows, last, strict=True)}
@@ -135,25 +135,6 @@ class LaneView(Code):
         self.argument = code.argument
         self._clear_caches()
         self._align_stack()
-
-    def repeated(self, value: Value) -> Value:
-        """Return a number of each crane, for all numbers of a vector."""
-        return value if value.code.lanes == self.lanes else self.from_double(value.register)
-
-    def joined(self, values: Sequence[Value]) -> Value:
-        """Return a vector of numbers of one crane, or the one number of each crane."""
-        register = ir.Constant(self.type, ir.Undefined)
-        for i, value in enumerate(values):
-            if value.code.lanes == self.lanes:
-                return value
-            register = self.builder.insert_element(register, value.register, _index(i))
-        return Value(self, register)
-
-    def part(self, value: Value, i: int) -> Value:
-        """Return a number of a vector of one crane, or the one number of each crane."""
-        if value.code.lanes == self.lanes:
-            return value
-        return Value(self, self.builder.extract_element(value.register, _index(i)))
 
 
 def _index(i: int) -> ir.Constant:
@@ -271,10 +252,31 @@ class Work:
         code = self.code
         code.builder.call(code.function.module.globals[name], [code.argument["work"]])
 
+    def repeated(self, value: Value) -> Value:
+        """Return a number of each crane, for all numbers of the widest vectors."""
+        same = self.wide.lanes == self.code.lanes
+        return value if same else self.wide.from_double(value.register)
+
+    def joined(self, values: Sequence[Value]) -> Value:
+        """Return one of the widest vectors from its numbers."""
+        if len(values) == 1:
+            return Value(self.wide, values[0].register)
+        register = ir.Constant(self.wide.type, ir.Undefined)
+        for i, value in enumerate(values):
+            register = self.code.builder.insert_element(register, value.register, _index(i))
+        return Value(self.wide, register)
+
+    def split(self, value: Value) -> list[Value]:
+        """Return the numbers of one of the widest vectors."""
+        code, count = self.code, self.wide.lanes // self.code.lanes
+        if count == 1:
+            return [Value(code, value.register)]
+        extract = code.builder.extract_element
+        return [Value(code, extract(value.register, _index(i))) for i in range(count)]
+
     def over_numbers(self, value: Value, combined: Callable[[Any, Any], Any]) -> Value:
         """Return the sum or the largest of the numbers of each crane in a vector."""
-        view = LaneView(self.code, self.shape.cranes)
-        parts = [view.part(value, i) for i in range(value.code.lanes // view.lanes)]
+        parts = self.split(value)
         while len(parts) > 1:
             parts = list(map(combined, parts[::2], parts[1::2]))
         return parts[0]

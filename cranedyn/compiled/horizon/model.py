@@ -16,7 +16,7 @@ from llvmlite import ir
 
 from cranedyn.compiled.code import Value
 from cranedyn.compiled.horizon.dual import constants, slopes, variables
-from cranedyn.compiled.horizon.memory import HorizonShape, LaneView, Work
+from cranedyn.compiled.horizon.memory import HorizonShape, Work
 from cranedyn.dynamics.scalars import array, solve_linear
 from cranedyn.plant import rigid_body
 from cranedyn.plant.plant import Plant
@@ -173,14 +173,14 @@ def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) ->
     code, n, z = work.code, plant.topology.layout.n, shape.states
     together, last = shape.wide // shape.cranes, code.integer(shape.stages - 1)
     with code.loop(0, -(-shape.stages // together)) as block:
-        numbers = [code.plus(code.product(block, together), i) for i in range(together)]
-        stages = [work.stage(code.least(number, last)) for number in numbers]
+        first = code.product(block, together)
+        stages = [work.stage(code.least(code.plus(first, i), last)) for i in range(together)]
         nodes = [rows.row("node", shape.both) for rows in stages]
-        node = array([work.wide.joined(numbers) for numbers in zip(*nodes, strict=True)])
+        node = array([work.joined(values) for values in zip(*nodes, strict=True)])
         entries = stage(plant, length, node[:n], node[n:z], node[z:])
         for name, row, i, value in entries:
             if isinstance(value, Value):
-                for number, rows in enumerate(stages):
-                    rows.put(name, LaneView(code, code.lanes).part(value, number), row, i)
+                for rows, number in zip(stages, work.split(value), strict=True):
+                    rows.put(name, number, row, i)
     code.end()
     return [(*place, float(value)) for *place, value in entries if not isinstance(value, Value)]  # type: ignore[misc]

@@ -24,6 +24,7 @@ _WIDER, _WIDEST = 10.0, 100.0
 """Factor on the barrier for the first optimisation and after each failure, and its largest
 value."""
 
+
 class Marks(NamedTuple):
     """First numbers of the last row of a plan: the outcome of the optimisations so far.
 
@@ -65,7 +66,8 @@ class _Plan:
     def __init__(self, work: Work, programme: Programme) -> None:
         self.work, self.code, self.shape, self.common = work, work.code, work.shape, work.common
         self.programme, self.plant = programme, programme.plant
-        self.layout, self.row_length = self.plant.topology.layout, self.shape.lanes * self.shape.cranes
+        self.layout = self.plant.topology.layout
+        self.row_length = self.shape.lanes * self.shape.cranes
 
     def emit(self) -> None:
         code, shape, work = self.code, self.shape, self.work
@@ -116,12 +118,16 @@ class _Plan:
     def _shift(self) -> None:
         """Set the nodes to the last plan, shifted to the present time."""
         code, wide, plan = self.code, self.work.wide, self.code.argument["plan"]
-        ahead, share = divmod(self.programme.ratio * self.programme.period / self.programme.length, 1.0)
+        ahead, share = divmod(
+            self.programme.ratio * self.programme.period / self.programme.length, 1.0
+        )
         last = code.integer(self.shape.stages - 1)
         with self.work.each() as (rows, _, k, first):
             before = code.least(code.plus(k, int(ahead)), last)
             after = code.least(code.plus(before, 1), last)
-            places = [code.builder.add(code.product(k, self.row_length), first) for k in (before, after)]
+            places = [
+                code.builder.add(code.product(k, self.row_length), first) for k in (before, after)
+            ]
             nodes = [wide.load(plan, place) for place in places]
             rows.put("node", (1.0 - share) * nodes[0] + share * nodes[1])
 
@@ -130,7 +136,10 @@ class _Plan:
         the path.
         """
         code, shape, common, z = self.code, self.shape, self.common, self.shape.states
-        path, row = code.argument["path"], code.load_one(code.argument["query"], (z + 1) * code.lanes, INTEGER)
+        path, row = (
+            code.argument["path"],
+            code.load_one(code.argument["query"], (z + 1) * code.lanes, INTEGER),
+        )
 
         def target(k: ir.Value) -> np.ndarray:
             if not self.programme.rows:
@@ -144,7 +153,9 @@ class _Plan:
             self.work.call("weigh")
         with code.loop(0, shape.stages) as k:
             now, coming = target(k), target(code.plus(k, 1))
-            rising = (coming - now)[self.layout.n + self.layout.drives] * (1.0 / self.programme.length)
+            rising = (coming - now)[self.layout.n + self.layout.drives] * (
+                1.0 / self.programme.length
+            )
             both = np.concatenate([now, rising])
             self.work.stage(k).put_row("gradient", -(common.table("weight", shape.both) @ both))
 
@@ -169,7 +180,7 @@ class _Plan:
         last = work.stage(code.integer(self.shape.stages - 1)).row("iterate", self.shape.both)
         finite = [abs(number) < _HUGE for number in last]
         solved = code.both(work.reported("flag") > 0.5, *finite)
-        keeps = wide.repeated(code.chosen(solved, 1.0, 0.0)) > 0.5
+        keeps = work.repeated(code.chosen(solved, 1.0, 0.0)) > 0.5
         with work.each() as (rows, _, k, first):
             place = code.builder.add(code.product(k, self.row_length), first)
             wide.store(wide.chosen(keeps, rows.get("iterate"), rows.get("node")), plan, place)

@@ -124,4 +124,3 @@ def lane_memory(layout: Layout) -> dict[str, range]:
     sizes |= {"read": 2 * n, "refusals": 1, "refused": 2 * n, "begun": 1}
     ends = zip(sizes, np.cumsum(list(sizes.values())).tolist(), strict=True)
     return {name: range(end - sizes[name], end) for name, end in ends}
-

@@ -13,7 +13,7 @@ from llvmlite import ir
 
 from cranedyn.checks import ShortRepr, check_choice, finite, number, whole, within
 from cranedyn.clocks import SAME_PERIOD, multiple, whole_periods
-from cranedyn.compiled.binding import Instant, _aligned_copy
+from cranedyn.compiled.binding import Instant, aligned_copy
 from cranedyn.compiled.horizon import model
 from cranedyn.compiled.horizon.control import emit_instant, emit_plan
 from cranedyn.compiled.horizon.memory import REPORT
@@ -137,7 +137,7 @@ class Receding(ShortRepr):
         shape = self.programme.shape(1)
         self.table = finite("table", self.table, (shape.size,))
         self.path = finite("path", self.path, (self.programme.rows, shape.states))
-        self._memory = _aligned_copy(self.memory(1))
+        self._memory = aligned_copy(self.memory(1))
         self._bind()
 
     def _bind(self) -> None:

@@ -21,8 +21,8 @@ def emit(module: ir.Module, shape: HorizonShape, constants: Constants | None = N
 
     end: the cost-to-go beyond the horizon, as that of a horizon as long again on which the last
     stage's model stays and nothing is bounded. free, factor: the feedback of every stage without
-    bounds, with the gradient as its slope, and under its curvature. sweep: states, inputs and what else is bounded under the stages'
-    slopes.
+    bounds, whose slope is the gradient, and under its curvature. sweep: states, inputs and what
+    else is bounded under the stages' slopes.
     """
     _emit_end(Work(module, "end", shape, constants))
     _emit_factor(Work(module, "free", shape, constants), bounded=False)
@@ -89,15 +89,17 @@ def _put_symmetric(common: MemoryRows, name: str, matrix: np.ndarray) -> None:
 def _emit_sweep(work: Work) -> None:
     code, common = work.code, work.common
     z, w, m = work.shape.states, work.shape.both, work.shape.inputs
-    slope = code.variables(common.row("end_gradient", z))
+    slope = code.variables([*common.row("end_gradient", z)])
     with work.backward() as stage:
         steep, gains = stage.row("slope", w + m), stage.table("feedback", w)
         ahead = array([variable.get() for variable in slope]) + stage.row("carried", z)
-        felt = steep[:w] + stage.table("forward", w).T @ ahead + stage.table("extra", w).T @ steep[w:]
+        felt = (
+            steep[:w] + stage.table("forward", w).T @ ahead + stage.table("extra", w).T @ steep[w:]
+        )
         stage.put_row("open", gains[:, z:] @ felt[z:])
         for variable, value in zip(slope, felt[:z] - gains[:, :z].T @ felt[z:], strict=True):
             variable.set(value)
-    state = code.variables(common.row("start", z))
+    state = code.variables([*common.row("start", z)])
     with code.loop(0, work.shape.stages) as k:
         stage = work.stage(k)
         now = array([variable.get() for variable in state])
