@@ -99,12 +99,10 @@ def problem_of(controller: Receding) -> tuple[HorizonProblem, np.ndarray]:
     stages = work[shape.first :].reshape(shape.stages, shape.stride)
 
     def common(name: str, rows: int, columns: int) -> np.ndarray:
-        first = shape.place(name)
-        return work[first:][: rows * shape.lanes].reshape(rows, -1)[:, :columns].copy()
+        return work[shape.place(name) :][: rows * shape.lanes].reshape(rows, -1)[:, :columns].copy()
 
     def each(name: str, rows: int, columns: int) -> np.ndarray:
-        first = shape.place(name)
-        block = stages[:, first : first + rows * shape.lanes]
+        block = stages[:, shape.place(name) :][:, : rows * shape.lanes]
         return block.reshape(len(stages), rows, -1)[:, :, :columns].copy()
 
     forward, weight, end = each("forward", z, w), common("weight", w, w), common("end", z, z)
@@ -155,12 +153,14 @@ def repeated(
     ]
 
 
-def measure_mpc(stride: int, rounds: int) -> list[ResultTable]:
+def measure_mpc(options: argparse.Namespace) -> list[ResultTable]:
     """Measure all moves along their paths and to their goals, and all solvers of programmes."""
-    crane = load_crane()
-    rows, programmes = [], list[Optimised]()
+    crane, stride = load_crane(), whole("every", options.every, 1)
+    rounds = whole("rounds", options.rounds, 1)
+    rows, programmes, most = [], list[Optimised](), 0
     for name, along in (("along a flat path", True), ("to the goal", False)):
-        moves = (repeated(crane, move, along, stride, rounds) for move in MOVES)
+        moves = [repeated(crane, move, along, stride, rounds) for move in MOVES]
+        most = max(most, *(sum(o.iterations > 0 for o in move) for move in moves))
         optimisations = [o for move in moves for o in move]
         programmes += [o for o in optimisations if o.problem is not None]
         times = 1e3 * np.array([o.taken for o in optimisations])
@@ -188,7 +188,7 @@ def measure_mpc(stride: int, rounds: int) -> list[ResultTable]:
         f"each the shortest of {rounds} runs. In a batch of 16 cranes, with steps.",
     )
     if not programmes:
-        raise OutOfRange("every", stride, "the number of programmes with bounds of a move, or less")
+        raise OutOfRange("every", stride, f"1 to {most}, the programmes of a move with bounds")
     return [ours, _beside(programmes)]
 
 
@@ -228,11 +228,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     kept = "keep every that manieth programme with bounds for the others (default 25)"
     every: dict[str, Any] = {"type": int, "default": 25, "help": kept}
     rounds: dict[str, Any] = {"type": int, "default": 3, "help": "runs of each move (default 3)"}
-
-    def measure(options: argparse.Namespace) -> list[ResultTable]:
-        return measure_mpc(whole("every", options.every, 1), whole("rounds", options.rounds, 1))
-
-    return print_tables("mpc", __doc__, measure, argv, every=every, rounds=rounds)
+    return print_tables("mpc", __doc__, measure_mpc, argv, every=every, rounds=rounds)
 
 
 if __name__ == "__main__":

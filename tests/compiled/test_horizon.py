@@ -405,6 +405,19 @@ def test_from_hard_starts_each_crane_of_a_batch_goes_where_it_goes_alone_in_any_
         assert alone_failures[0] == failures[i]
 
 
+def test_a_crane_that_diverges_leaves_others_of_its_batch_alone() -> None:
+    good, made, goal = at((0.0, 10.0, 15.0), phi=0.05), receding(crane(), LIMITS), at((0.3, 15, 12))
+    bad = State(good.q, np.array([0.0, 0.0, 1e200, 0.0, 0.0]))
+    runs = [
+        simulate_batch(crane(), made, hold(crane(), goal), start=starts, duration=2.0, threads=2)
+        for starts in ([good], [good, bad, good], [bad, *[good] * 4])
+    ]
+    alone, *others = (np.hstack(run.end) for run in runs)
+    assert not np.isfinite(others[0][1]).all() and runs[1].refusals[1] > 0
+    np.testing.assert_array_equal(others[0][[0, 2]], alone[[0, 0]])
+    np.testing.assert_array_equal(others[1][1:], alone[[0] * 4])
+
+
 def test_a_second_run_does_not_go_on_with_the_plan_of_the_first() -> None:
     made, goal = receding(crane(), LIMITS), at((0.3, 15.0, 12.0))
     first, second = (to(goal, at((0.0, 10.0, 15.0)), made, duration=3.0) for _ in range(2))
