@@ -1,5 +1,5 @@
-"""Steps a second of the environment for learning, each of 200 physics steps: many cranes, each with
-its own load, wind and episode.
+"""Steps a second of the environment for learning, each of 0.1 s by ten steps of RK4: many cranes,
+each with its own load, wind and episode.
 """
 
 from __future__ import annotations
@@ -47,9 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.environment", description=__doc__)
     parser.add_argument("--counts", type=int, nargs="+", default=COUNTS, help="numbers of cranes")
     parser.add_argument("--rounds", type=int, default=9, help="(default 9)")
-    parser.add_argument(
-        "--seconds", type=float, default=0.3, help="of a round, one step at least (default 0.3)"
-    )
+    parser.add_argument("--seconds", type=float, default=0.3, help="of a round (default 0.3)")
     parser.add_argument(
         "--least", type=float, default=0.0, help="million steps a second asked for (default none)"
     )

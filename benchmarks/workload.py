@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -35,9 +36,9 @@ class Case:
     dt: float = 5e-4
     period: float = 5e-3
 
-    @property
+    @cached_property
     def controller(self) -> Hold:
-        """Of all drives."""
+        """Of all drives, made once, as the gains of every contestant."""
         return hold_controller(self.crane)
 
     @property

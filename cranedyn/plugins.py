@@ -83,10 +83,10 @@ def _own(kind: Kind) -> dict[str, str]:
     import tomllib  # it takes long, and few runs need it
 
     project = _PACKAGE.with_name("pyproject.toml")
-    if project.is_file():
-        declared = tomllib.loads(project.read_text("utf-8"))["project"]
-        if declared["name"] == "cranedyn":
-            return dict(declared["entry-points"][f"cranedyn.{kind}s"])
+    text = project.read_text("utf-8") if project.is_file() else ""
+    if '\nname = "cranedyn"\n' in text:
+        table = text.partition(f'\n[project.entry-points."cranedyn.{kind}s"]\n')[2]
+        return dict(tomllib.loads(table.partition("\n[")[0]))  # all of it takes ten times as long
     return _installed(kind, own=True)
 
 
@@ -98,9 +98,12 @@ def _foreign(kind: Kind) -> dict[str, str]:
 
 def _installed(kind: Kind, *, own: bool) -> dict[str, str]:
     """Return the plugins of cranedyn's installation, or those of other packages, by name."""
-    from importlib.metadata import entry_points  # it takes long, too
+    from importlib.metadata import distributions, entry_points  # it takes long, too
 
-    entries = sorted(entry_points(group=f"cranedyn.{kind}s"), key=lambda entry: entry.name)
+    group = f"cranedyn.{kind}s"
+    ours = (entry for dist in distributions(name="cranedyn") for entry in dist.entry_points)
+    found = (entry for entry in ours if entry.group == group) if own else entry_points(group=group)
+    entries = sorted(found, key=lambda entry: entry.name)
     return {
         entry.name: f"{entry.module}:{entry.attr}" if entry.attr else entry.module
         for entry in entries

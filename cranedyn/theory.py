@@ -482,14 +482,6 @@ def reeving_efficiency(falls: int, efficiency: float) -> float:
 
 
 @_finite
-def capstan(tension: float, friction: float, angle: float) -> float:
-    """Return the tension at which a rope begins to slip on a drum [N], T exp(μ α), from the tension
-    T on the other side [N], the coefficient of friction μ and the angle of wrap α [rad].
-    """
-    return tension * math.exp(friction * angle)
-
-
-@_finite
 def fall_factor(height: float, stiffness: float, weight: float) -> float:
     """Return the largest tension of a rope over the weight W [N] of a load that falls freely by a
     height h [m] until the rope, of stiffness k [N/m], is taut: 1 + √(1 + 2 k h/W).

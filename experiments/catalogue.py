@@ -196,7 +196,7 @@ EXPERIMENTS = {
     "site": Entry(
         "Several cranes on a site",
         "Overlapping cranes: contacts and time lost, supervised or not.",
-        ("--site", "luffing_between", "--hours", "0.12", "--minutes", "6"),
+        ("--site", "luffing_between", "--minutes", "6"),
         ("--site", "two_towers", "--hours", "0.02", "--minutes", "6", "--cycles", "50"),
         {"invariant": "Slew of two cranes over time, in the boxes that are reserved for them."},
     ),

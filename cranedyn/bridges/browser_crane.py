@@ -17,8 +17,7 @@ from cranedyn.controllers.lqr import effort_weight_of, lqr
 from cranedyn.controllers.velocity_command import as_velocity_command
 from cranedyn.dynamics.converters import HEADROOM, Converters
 from cranedyn.dynamics.integrators import semi_implicit_euler
-from cranedyn.dynamics.pinocchio import holding_effort, linearise
-from cranedyn.interfaces import State
+from cranedyn.dynamics.pinocchio import natural_frequencies
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import ROLES
 from cranedyn.references.limits import Limits
@@ -61,28 +60,24 @@ class Slider:
     value: float
 
 
-def variations(
-    crane: Crane, drives: Converters
-) -> tuple[list[Slider], list[Crane], list[np.ndarray]]:
-    """Return sliders, and for each the crane and the parameters of its converters at one unit more
+def variations(crane: Crane, drives: Converters) -> list[tuple[Slider, Crane, np.ndarray]]:
+    """Return sliders, each with the crane and the parameters of its converters at one unit more
     than usual.
     """
-    usual = np.concatenate(drives.response)
-    mass = crane.payload_mass
-    sliders = [Slider("payload_mass", "load", "kg", 0.25 * mass, 3.0 * mass, mass)]
-    cranes, responses = [_heavier(crane, 1.0 + 1.0 / mass)], [usual]
+    usual, mass = np.concatenate(drives.response), crane.payload_mass
     damping = float(crane.damping[crane.swings].mean()) if len(crane.swings) else 0.0
     most = max(10.0 * damping, 0.1 * math.sqrt(crane.gravity) * mass * _cable(crane) ** 1.5)
-    sliders.append(Slider("damping", "damping of the swing", "N m s/rad", 0.0, most, damping))
     more = crane.damping.copy()
     more[crane.swings] += 1.0
-    cranes.append(replace(crane, damping=more))
-    responses.append(usual)
-    sliders.append(Slider("ramp", "acceleration of the drives", "%", 25.0, 200.0, 100.0))
     steeper = replace(drives, accelerations=1.01 * drives.accelerations, jerks=1.01 * drives.jerks)
-    cranes.append(crane)
-    responses.append(np.concatenate(steeper.response))
-    return sliders, cranes, responses
+    load = Slider("payload_mass", "load", "kg", 0.25 * mass, 3.0 * mass, mass)
+    swing = Slider("damping", "damping of the swing", "N m s/rad", 0.0, most, damping)
+    ramp = Slider("ramp", "acceleration of the drives", "%", 25.0, 200.0, 100.0)
+    return [
+        (load, _heavier(crane, 1.0 + 1.0 / mass), usual),
+        (swing, replace(crane, damping=more), usual),
+        (ramp, crane, np.concatenate(steeper.response)),
+    ]
 
 
 def _heavier(crane: Crane, factor: float) -> Crane:
@@ -111,10 +106,7 @@ _ASSISTANCES = {
     "shaped": ("Shaped", "Half of each command comes half a swing period later (ZV shaper)."),
     "yielding": ("Yielding", "Slew and trolley give way to the load, which damps its swing."),
     "lqr": ("LQR", "Feedback of the whole state holds the load on the motion of the sticks."),
-    "predictive": (
-        "Predictive",
-        "An optimisation drives the load to the goal that is clicked.",
-    ),
+    "predictive": ("Predictive", "An optimisation drives the load to the goal that is clicked."),
 }
 
 
@@ -195,13 +187,8 @@ def swing_period(crane: Crane, q: np.ndarray) -> float:
     """Return the period of the slowest swing with the drives locked [s]; 1 if nothing swings."""
     if not len(crane.swings):
         return 1.0
-    passive = crane.layout.passive
-    mass = pin.crba(crane.model, crane.data, q)
-    by_state = linearise(crane, State(q, np.zeros(len(q))), holding_effort(crane, q))[0]
-    stiffness = -(mass @ by_state[:, : len(q)])[np.ix_(passive, passive)]
-    squares = np.linalg.eigvals(np.linalg.solve(mass[np.ix_(passive, passive)], stiffness)).real
-    slowest = squares[squares > 1e-6 * squares.max()].min()
-    return float(2.0 * math.pi / math.sqrt(slowest))
+    frequencies = natural_frequencies(crane, q, crane.layout.passive)
+    return float(2.0 * math.pi / frequencies[frequencies > 1e-3 * frequencies.max()].min())
 
 
 def _lqr_data(crane: Crane, drives: Converters, lengths: Sequence[float]) -> dict[str, Any]:
@@ -234,11 +221,11 @@ def _lqr_data(crane: Crane, drives: Converters, lengths: Sequence[float]) -> dic
 def kernel_data(
     crane: Crane,
     drives: Converters,
-    sliders: Sequence[Slider],
-    cranes: Sequence[Crane],
-    responses: Sequence[np.ndarray],
+    variants: Sequence[tuple[Slider, Crane, np.ndarray]],
 ) -> dict[str, Any]:
-    """Return the code as WebAssembly, with the layout of its memory but no state at the start."""
+    """Return the code as WebAssembly, with the layout of its memory and what each of `variations`
+    changes, but no state at the start.
+    """
     from cranedyn.compiled.kernel import Recipe, build_module
     from cranedyn.compiled.layout import SLOTS, size, slices
     from cranedyn.compiled.verify import compile_kernel
@@ -253,6 +240,7 @@ def kernel_data(
         summary=True,
         delay_steps=drives.delay_steps(DT, PERIOD),
     )
+    sliders, cranes, responses = zip(*variants, strict=True)
     usual = np.concatenate(drives.response)
     kernel, numbers = compile_kernel([crane, *cranes], recipe, np.array([usual, *responses]))
     source = kernel.source

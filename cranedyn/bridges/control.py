@@ -16,7 +16,6 @@ from cranedyn.checks import check_choice, finite, short_repr
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.lqr import linearised
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.linearisation import held_states
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange
@@ -33,28 +32,23 @@ except ModuleNotFoundError as error:
     ) from error
 
 
-def to_control(
-    crane: Crane,
-    state: State | None = None,
-    *,
-    effort: np.ndarray | None = None,
-    drive: Drive = "effort",
-    control_period: float | None = None,
-    dt: float = 5e-4,
-    outputs: Sequence[str] | None = None,
-    converters: Converters | None = None,
-) -> ct.StateSpace:
+def to_control(crane: Crane, state: State | None = None, **options: Any) -> ct.StateSpace:
     """Return the crane linearised about a state as a state-space system with named states, inputs
     and outputs.
 
     Its variables are deviations from that state and from the command there, in SI units and
-    radians. The stretch of a taut inextensible rope is no state. The arguments are those of
-    `cranedyn.bridges.matlab.linear_system`.
+    radians. The stretch of a taut inextensible rope is no state.
+
+    Args:
+        crane: The crane.
+        state: State to linearise about; None for the start.
+        options: As `cranedyn.bridges.matlab.linear_system` takes them: effort, drive,
+            control_period, dt, outputs, converters.
 
     Raises:
         OutOfRange, UnknownName: As `linear_system`.
     """
-    system = linear_system(crane, state, effort, drive, control_period, dt, outputs, converters)
+    system = linear_system(crane, state, **options)
     names = {kind: getattr(system, kind) for kind in ("states", "inputs", "outputs")}
     matrices = system.a, system.b, system.c, np.zeros((len(system.c), crane.layout.m))
     return ct.ss(*matrices, dt=system.period, name="crane", **names)

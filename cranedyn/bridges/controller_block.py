@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.bridges.joints import input_names, state_names
-from cranedyn.bridges.programs import finite_form
+from cranedyn.bridges.joints import finite_form, input_names, state_names
 from cranedyn.checks import check_choice, number
 from cranedyn.clocks import SAME_PERIOD, Clocked, intervals
 from cranedyn.compiled.block import BlockCode, FunctionBlock, Tables, Variable, identifiers

@@ -7,6 +7,7 @@ from __future__ import annotations
 import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,19 +17,74 @@ from cranedyn.bridges.joints import (
     add,
     anchor_to_world,
     check_inertias,
+    finite_form,
     joints,
     urdf_element,
     xml_bytes,
 )
-from cranedyn.bridges.programs import Program
 from cranedyn.bridges.target import new_folder
 from cranedyn.checks import whole
+from cranedyn.clocks import Clocked, Clocks, clocks
+from cranedyn.controllers.affine import Affine
 from cranedyn.errors import OutOfRange, UnknownName
+from cranedyn.interfaces import Controller, Drive, Reference, State
+from cranedyn.model.crane import Crane
+from cranedyn.references import hold
+from cranedyn.references.tabulated import tabulated
 
 _TEMPLATES = Path(__file__).with_name("templates") / "gazebo"
 
 SOLVERS = {"world": {"type": "world"}, "quick": {"type": "quick", "iters": "50"}}
 """Solvers of ODE: the exact one of the article's world, and Gazebo's default."""
+
+
+@dataclass(frozen=True)
+class Program:
+    """Run for Gazebo, with the arguments of `cranedyn.simulation.simulate.simulate`.
+
+    Attributes:
+        crane: Crane.
+        controller: Controller, affine in the state.
+        reference: Reference of the drives; None holds them at the start.
+        start: Initial state.
+        duration: Duration [s].
+        dt: Physics step [s].
+        control_period: Time between control instants [s].
+        drive: Drive mode.
+    """
+
+    crane: Crane
+    controller: Controller
+    reference: Reference | None
+    start: State
+    duration: float
+    dt: float = 5e-4
+    control_period: float = 5e-3
+    drive: Drive = "effort"
+
+    @property
+    def clock(self) -> Clocks:
+        """Clock of the run."""
+        return clocks(self.duration, self.dt, self.control_period)
+
+    def tables(self) -> Affine:
+        """Return the controller as tables.
+
+        Raises:
+            DataError: If the controller is not affine.
+            OutOfRange: If the drives follow prescribed motion, or the affine form holds a number
+                that is not finite.
+        """
+        if self.drive != "effort":
+            allowed = "effort: another engine's joints take forces"
+            raise OutOfRange("drive of a run in Gazebo", self.drive, allowed)
+        clock, layout = self.clock, self.crane.layout
+        times = clock.period * np.arange(clock.periods + 1)
+        reference = hold(self.crane, self.start) if self.reference is None else self.reference
+        positions = tabulated(reference, times, layout.m).position
+        if isinstance(self.controller, Clocked):
+            self.controller.begin_run(0.0, clock.period)
+        return finite_form(self.controller, times, positions, 2 * layout.n, "Gazebo")
 
 
 def export(
@@ -68,7 +124,7 @@ def export(
     every = whole("control instants between rows", every, 1)
     robot = urdf_element(program.crane)
     check_inertias(program.crane, robot, "Gazebo")
-    affine = program.tables("Gazebo")
+    affine = program.tables()
     moving = joints(program.crane, robot)
     tables = {
         "feed_forward": affine.feed_forward,

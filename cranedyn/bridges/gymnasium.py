@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.bridges.task import Rules, SwingTask
+from cranedyn.bridges.task import DT, INTEGRATOR, Rules, SwingTask
 from cranedyn.checks import as_array, short_repr, whole
 from cranedyn.disturbances.wind import constant_force
 from cranedyn.errors import CraneError, OutOfRange, UnknownName
@@ -54,7 +54,7 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         *,
         crane: Crane | Sequence[Crane] | None = None,
         control_period: float = 0.1,
-        dt: float = 5e-4,
+        dt: float = DT,
         max_episode_steps: int = STEPS,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
@@ -170,7 +170,7 @@ class TowerCraneEnv(gym.Env):
         *,
         crane: Crane | Sequence[Crane] | None = None,
         control_period: float = 0.1,
-        dt: float = 5e-4,
+        dt: float = DT,
         render_mode: str | None = None,
         folder: str | Path = "out/episodes",
         **rules: Any,
@@ -278,7 +278,8 @@ class TowerCraneEnv(gym.Env):
             return done[min(int(t / period + 1e-6), len(done) - 1)]
 
         crane, force = self.task.crane_of(0), self.task.force_on(0)
-        divides = abs(period / _FRAME - round(period / _FRAME)) < 1e-9
+        counts = np.array([period / _FRAME, _FRAME / self._dt])
+        divides = (np.abs(counts - np.round(counts)) < 1e-9).all()
         return simulate(
             crane,
             repeated,
@@ -288,6 +289,7 @@ class TowerCraneEnv(gym.Env):
             dt=self._dt,
             control_period=_FRAME if divides else period,
             drive="motion",
+            integrator=INTEGRATOR,
             disturbance=constant_force(crane, payload=force) if any(force) else None,
             validity="mark",
             engine="compiled",

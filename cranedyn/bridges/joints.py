@@ -1,4 +1,6 @@
-"""Data of a crane for other programs: names of its signals, joints by name, and its URDF as XML."""
+"""Data of a crane for other programs: names of its signals, a controller as tables, joints by name,
+and its URDF as XML.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.dynamics.pinocchio import full, holding_effort
-from cranedyn.errors import ModelError, quoted
+from cranedyn.errors import DataError, ModelError, OutOfRange, quoted
+from cranedyn.interfaces import Controller
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Joint
 from cranedyn.model.urdf import parse_urdf
@@ -31,35 +35,42 @@ def input_names(crane: Crane, drive: str) -> list[str]:
     ]
 
 
+def finite_form(
+    controller: Controller, times: np.ndarray, positions: np.ndarray, width: int, program: str
+) -> Affine:
+    """Return the affine form of a controller for another program, see `affine_form`.
+
+    Raises:
+        DataError: If there is none.
+        OutOfRange: If it holds a number that is not finite.
+    """
+    form = affine_form(controller, times, positions, width)
+    if form is None:
+        raise DataError(
+            f"The controller {type(controller).__name__} is not affine in the state, or has run "
+            f"before; {program} runs tables, not Python."
+        )
+    if lacking := form.lacking():
+        name = f"{lacking} of the controller"
+        raise OutOfRange(name, "not finite in some row", "finite numbers")
+    return form
+
+
 @dataclass(frozen=True, kw_only=True)
 class ExportedJoint(Joint):
     """Joint of a layout with the properties that exporters write.
 
     Attributes:
-        child: Link that it carries.
-        own_axis: Axis in the frame of the joint, as in the URDF.
         lower, upper: Range [rad or m].
         effort: Largest effort [N m or N].
-        velocity: Largest velocity [per second].
-        damping: Viscous damping [N m s/rad or N s/m].
-        stiffness: Stiffness of its spring [N m/rad or N/m], 0 for none.
-        rest: Coordinate at which the spring is at rest [rad or m].
-        armature: Inertia of motor and gear [kg m² or kg].
         start: Coordinate at the start of a run [rad or m].
         holding: Effort of the drive that holds the crane at rest there [N m or N], 0 of a joint
             without a drive.
     """
 
-    child: str
-    own_axis: str
     lower: float
     upper: float
     effort: float
-    velocity: float
-    damping: float
-    stiffness: float
-    rest: float
-    armature: float
     start: float
     holding: float
 
@@ -103,21 +114,14 @@ def joints(crane: Crane, robot: ET.Element) -> tuple[ExportedJoint, ...]:
     holding = full(crane, holding_effort(crane, crane.start.q))
     exported = []
     for i, joint in enumerate(crane.layout.joints):
-        axis, limit = elements[joint.name].find("axis"), elements[joint.name].find("limit")
+        limit = elements[joint.name].find("limit")
         assert limit is not None  # the crane was loaded from this text
         exported.append(
             ExportedJoint(
                 **vars(joint),
-                child=ends(elements[joint.name])[1],
-                own_axis="1 0 0" if axis is None else axis.get("xyz", "1 0 0"),
                 lower=float(crane.lower[i]),
                 upper=float(crane.upper[i]),
                 effort=float(limit.get("effort", "0")),
-                velocity=float(limit.get("velocity", "0")),
-                damping=float(crane.damping[i]),
-                stiffness=float(crane.springs.stiffness[i]),
-                rest=float(crane.springs.rest[i]),
-                armature=float(crane.model.armature[i]),
                 start=float(crane.start.q[i]),
                 holding=float(holding[i]),
             )
@@ -157,7 +161,8 @@ def check_inertias(crane: Crane, robot: ET.Element, program: str) -> None:
     Raises:
         ModelError: If a link has none; the message names it.
     """
-    moving = {joint.child for joint in joints(crane, robot)}
+    names = {joint.name for joint in crane.layout.joints}
+    moving = {ends(joint)[1] for joint in robot.iterfind("joint") if joint.get("name") in names}
     for link in robot.iterfind("link"):
         name, inertial = link.get("name", ""), link.find("inertial")
         if name not in moving:

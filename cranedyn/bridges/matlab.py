@@ -47,6 +47,7 @@ class LinearSystem(NamedTuple):
 def linear_system(
     crane: Crane,
     state: State | None = None,
+    *,
     effort: np.ndarray | None = None,
     drive: Drive = "effort",
     control_period: float | None = None,
@@ -110,22 +111,18 @@ def to_matlab(
     crane: Crane,
     state: State | None = None,
     *,
-    effort: np.ndarray | None = None,
     drive: Drive = "effort",
-    control_period: float | None = None,
-    dt: float = 5e-4,
-    outputs: Sequence[str] | None = None,
-    converters: Converters | None = None,
+    **options: Any,
 ) -> Path:
     """Write A, B, C, D, Ts, the names and units of states, inputs and outputs, and the state z0 to
-    a new file, ending in .mat, which MATLAB's `load` opens. Other arguments: see `linear_system`.
+    a new file, ending in .mat, which MATLAB's `load` opens. Arguments as of `linear_system`.
 
     Raises:
         DataError: If the ending is not .mat, or the file exists or cannot be written.
         OutOfRange, UnknownName: As `linear_system`.
     """
     file = with_ending(file, ".mat")
-    system = linear_system(crane, state, effort, drive, control_period, dt, outputs, converters)
+    system = linear_system(crane, state, drive=drive, **options)
     units = {joint.symbol: joint.unit for joint in crane.layout.joints}
     units |= {f"{symbol}_dot": f"{unit}/s" for symbol, unit in units.items()}
     per = {"motion": "/s^2", "velocity": "/s"}.get(drive)

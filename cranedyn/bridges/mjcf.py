@@ -13,7 +13,6 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.bridges.joints import (
-    ExportedJoint,
     add,
     check_inertias,
     ends,
@@ -78,7 +77,7 @@ def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
         for c in m.iterfind("color")
     }
     moving = joints(crane, robot)
-    _Tree(robot, moving, colours).grow(add(root, "worldbody"))
+    _Tree(crane, robot, colours).grow(add(root, "worldbody"))
     actuators = add(root, "actuator")
     for joint in moving:
         if joint.driven:
@@ -93,12 +92,10 @@ def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
 class _Tree:
     """Links and joints of a URDF as nested bodies."""
 
-    def __init__(
-        self, robot: ET.Element, moving: tuple[ExportedJoint, ...], colours: Mapping[str, str]
-    ) -> None:
+    def __init__(self, crane: Crane, robot: ET.Element, colours: Mapping[str, str]) -> None:
         self.links = {link.get("name", ""): link for link in robot.iterfind("link")}
-        self.moving = {joint.name: joint for joint in moving}
-        self.colours = colours
+        self.moving = {joint.name: i for i, joint in enumerate(crane.layout.joints)}
+        self.crane, self.colours = crane, colours
         self.children: dict[str, list[tuple[str, ET.Element]]] = {}
         below = set()
         for joint in robot.iterfind("joint"):
@@ -117,8 +114,8 @@ class _Tree:
             self._geom(body, visual, link)
         for child, joint in self.children.get(link, []):
             inner = add(body, "body", name=child, **_pose(joint))
-            if (moving := self.moving.get(joint.get("name", ""))) is not None:
-                inner.append(_joint(moving))
+            if (i := self.moving.get(joint.get("name", ""))) is not None:
+                inner.append(_joint(self.crane, i, joint.find("axis")))
             if (inertial := self.links[child].find("inertial")) is not None:
                 inner.append(_inertial(inertial))
             self._fill(inner, child)
@@ -153,17 +150,18 @@ def _pose(element: ET.Element) -> dict[str, str]:
     return {name: " ".join(text.split()) for name, text in pose.items() if text}
 
 
-def _joint(joint: ExportedJoint) -> ET.Element:
+def _joint(crane: Crane, i: int, axis: ET.Element | None) -> ET.Element:
+    """Return the joint of a coordinate, about or along an axis of the URDF."""
+    joint, springs = crane.layout.joints[i], crane.springs
     kind = "hinge" if joint.unit == "rad" else "slide"
-    element = ET.Element("joint", name=joint.name, type=kind, axis=joint.own_axis)
-    element.attrib |= {
-        "range": f"{joint.lower!r} {joint.upper!r}",
-        "damping": repr(joint.damping),
-    }
-    if joint.stiffness:
-        element.attrib |= {"stiffness": repr(joint.stiffness), "springref": repr(joint.rest)}
-    if joint.armature:
-        element.set("armature", repr(joint.armature))
+    element = ET.Element("joint", name=joint.name, type=kind)
+    element.set("axis", "1 0 0" if axis is None else axis.get("xyz", "1 0 0"))
+    element.set("range", f"{float(crane.lower[i])!r} {float(crane.upper[i])!r}")
+    numbers = {"damping": crane.damping[i], "armature": crane.model.armature[i]}
+    if springs.stiffness[i]:
+        numbers |= {"stiffness": springs.stiffness[i], "springref": springs.rest[i]}
+    for name, number_ in numbers.items():
+        element.set(name, repr(float(number_)))
     return element
 
 

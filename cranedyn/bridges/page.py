@@ -130,15 +130,16 @@ def page_data(
     layout, drives = crane.layout, converters(crane)
     if chart is not None:
         layout.role("slew", "A load chart")
-    sliders, cranes, responses = variations(crane, drives)
+    variants = variations(crane, drives)
     with ThreadPoolExecutor(1) as thread:  # LLVM leaves Python to the planner
-        kernel = thread.submit(kernel_data, crane, drives, sliders, cranes, responses)
+        kernel = thread.submit(kernel_data, crane, drives, variants)
         planned = _exercises(crane, drives, site)
     if site is not None and planned:
         crane = replace(crane, start=planned[0].start)
     turn, foot = (np.eye(3), np.zeros(3)) if site is None else _frame(site)
     obstacles = [] if site is None else [solid.moved(turn, foot) for solid in site.solids]
     load = None if site is None else site.load
+    sliders = [*(slider for slider, *_ in variants), *_cable(crane), *_WIND]
     visuals = list(_visuals(crane, load, meshes))
     box = _load_box(crane, load, visuals)
     wide, deep, tall = np.ptp(box, axis=0).tolist()
@@ -149,13 +150,9 @@ def page_data(
         "assist": assist_data(crane, drives),
         "assistances": assistances(crane),
         "kernel": kernel.result() | {"state": np.concatenate(crane.start).tolist()},
-        "sliders": [asdict(slider) for slider in (*sliders, *_cable(crane), *_WIND)],
+        "sliders": [asdict(slider) for slider in sliders],
         "chart": chart
-        and {
-            "least": chart.least,
-            "radii": chart.radii.tolist(),
-            "rated": chart.rated.tolist(),
-        },
+        and {"least": chart.least, "radii": chart.radii.tolist(), "rated": chart.rated.tolist()},
         "drag": 0.25 * AIR_DENSITY * DRAG * (wide + deep) * tall,
         "site": None if site is None else {"name": site.name, "solids": _solids_data(obstacles)},
         "parts": [part for solid in obstacles for part in _parts(solid)],

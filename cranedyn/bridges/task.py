@@ -17,6 +17,7 @@ from cranedyn.checks import finite, number, short_repr, whole, within
 from cranedyn.compiled.fleet import Fleet
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.disturbances.wind import drag_force
+from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -26,6 +27,9 @@ from cranedyn.references.limits import Limits
 LIMITS = Limits(rates=(0.0838, 1.583, 1.0), accelerations=(0.02, 0.4, 0.4))
 """Slew and trolley rates of a large crane (0.8 rpm, 95 m/min), 60 m/min of hoisting; accelerations
 ours."""
+
+INTEGRATOR, DT = rk4, 1e-2
+"""Stepping rule, exact to order 4 while accelerations and wind are constant, and its step [s]."""
 
 _AT_ONCE = 4096
 """Number of cranes up to which threads share the steps only: other work is so short that threads
@@ -175,9 +179,8 @@ class SwingTask:
             OutOfRange: If a rule has not one number for each drive, or as `Fleet`.
         """
         self.rules = rules
-        self.fleet = Fleet(
-            cranes, count, dt=dt, control_period=period, forces=rules.wind > 0.0, threads=threads
-        )
+        how: Any = {"dt": dt, "control_period": period, "threads": threads}
+        self.fleet = Fleet(cranes, count, forces=rules.wind > 0.0, integrator=INTEGRATOR, **how)
         self.layout = layout = self.fleet.layout
         self.tower = np.array(layout.tower("The task of moving a load without swing"))
         self._slew, self._trolley, *_, self._hoist = self.tower.tolist()
@@ -187,7 +190,7 @@ class SwingTask:
         self._rates = np.min([limit.rates for limit in limits], axis=0)[:, None]
         self._most = np.asarray(limits[0].accelerations)[:, None]
         self._change, self._twice = self._most * period, 2.0 * self._most
-        self._lead, self._half = self._most * (period - dt), 0.5 * self._most * (period + dt)
+        self._half = 0.5 * self._change
         self._reach = layout.for_drives("reach", rules.reach, "", ">= 0")[:, None]
         low, high = (
             np.array([getattr(crane, end)[layout.drives] for crane in self.fleet.cranes])
@@ -316,9 +319,8 @@ class SwingTask:
         velocity = self.rules.action == "velocity"
         change = action * self._rates - rate if velocity else action * self._most * t
         faster = rate + np.minimum(np.maximum(change, -most), most)
-        # w after the period must let a drive stop within its room: w²/(2a) + (w + rate) t/2 + (w -
-        # rate) dt/2 = room, where the last term is what semi-implicit Euler goes farther.
-        room = self._room + self._sign * (self._twice * position + self._lead * rate)
+        # w after the period must let a drive stop within its room: w²/(2a) + (w + rate) t/2 = room.
+        room = self._room + self._sign * (self._twice * position + most * rate)
         up, down = np.minimum(np.sqrt(np.maximum(room, 0.0)) - self._half, self._rates)
         return (np.minimum(np.maximum(faster, -down), up) - rate) / t
 

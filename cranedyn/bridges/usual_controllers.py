@@ -68,17 +68,9 @@ def _integral(crane: Crane, period: float) -> HoistIntegral:
     return HoistIntegral(crane, _lqr(crane, period), HOIST[1], limit)
 
 
-def _observer(crane: Crane, period: float) -> Any:
-    return with_observer(_lqr(crane, period), crane, _at_rest(crane, period))
-
-
 def _yielding(crane: Crane, period: float) -> Any:
     options: dict[str, Any] = {"limits": usual_limits(converters(crane)), "control_period": period}
     return with_damping(crane, hold(crane), recovery=0.2, **options)
-
-
-def _shaper(crane: Crane, period: float) -> Any:
-    return shaped(hold(crane), zv(), swing_period(crane, crane.start.q))
 
 
 def _predictive(crane: Crane, period: float) -> Any:
@@ -91,9 +83,15 @@ CONTROLLERS: dict[str, tuple[Drive, Callable[[Crane, float], Any]]] = {
     "hold": ("effort", lambda crane, period: hold_controller(crane)),
     "lqr": ("effort", _lqr),
     "integral": ("effort", _integral),
-    "observer": ("effort", _observer),
+    "observer": (
+        "effort",
+        lambda crane, t: with_observer(_lqr(crane, t), crane, _at_rest(crane, t)),
+    ),
     "yielding": ("motion", _yielding),
-    "shaper": ("effort", _shaper),
+    "shaper": (
+        "effort",
+        lambda crane, period: shaped(hold(crane), zv(), swing_period(crane, crane.start.q)),
+    ),
     "predictive": ("effort", _predictive),
 }
 """Drives, and the controller of a crane for a control period [s], by name: each drive by itself, an

@@ -102,6 +102,7 @@ def simulate_batch(
     control_period: float = 5e-3,
     drive: Drive = "effort",
     force: np.ndarray | None = None,
+    force_interval: int = 1,
     sensor_offset: np.ndarray | None = None,
     sensor_delay: int | Sequence[int] = 0,
     buffers: bool = False,
@@ -134,6 +135,7 @@ def simulate_batch(
         force: From outside in the world [N] at each control instant, on the points of the crane,
             shape (rows, 3 points) for all or (cranes, rows, 3 points); beyond its end the last row
             holds. Wind that depends on how the load moves needs `simulate`.
+        force_interval: Control instants from one row of forces to the next, until which it holds.
         sensor_offset: Offset that the sensors add to coordinates and rates, shape (2 n,) for all or
             (cranes, 2 n); with noise, at each control instant, shape (cranes, rows, 2 n), beyond
             its end the last row.
@@ -252,6 +254,7 @@ def simulate_batch(
         tables,
         last=clock.periods + 1,
         end=clock.periods,
+        force_interval=force_interval,
         log_interval=max(interval, 1),
         residual_from=after,
         reading_count=reading_count,
@@ -261,6 +264,8 @@ def simulate_batch(
         cuda.run(loop, code, distinct, varied, response)
     else:
         run_in_threads(loop, threads)
+    predictive = control.predictive
+    del loop, control, tables, forces, offsets  # frees their memory before results are copied
     state_at, row_at, kept_at = slices(sizes.state), slices(sizes.row), slices(sizes.summary)
     end = ungroup_lanes(memory["state"][:, : sizes.z], cranes)
     summary = ungroup_lanes(memory["summary"], cranes)
@@ -275,7 +280,7 @@ def simulate_batch(
         t=times[:: max(interval, 1)][:rows],
         **{name: log[:, :, row_at[name]] for name in ("q", "v", "command", "effort", "before")},
         energy=log[:, :, row_at["energy"]][:, :, 0],
-        **_marks(control.predictive, memory, cranes),
+        **_marks(predictive, memory, cranes),
     )
 
 

@@ -20,7 +20,7 @@ from cranedyn.errors import CraneError, Misshapen, OutOfRange
 
 if TYPE_CHECKING:
     from cranedyn.clocks import Clocks
-    from cranedyn.compiled.horizon.programme import Programme
+    from cranedyn.compiled.horizon.memory import Programme
     from cranedyn.compiled.kernel import Kernel
     from cranedyn.compiled.machine import Machine
     from cranedyn.compiled.tables import RowTable
@@ -197,6 +197,7 @@ class Loop:
         end: int,
         first: int = 0,
         resumed: bool = False,
+        force_interval: int = 1,
         log_interval: int = 1,
         residual_from: int = 0,
         reading_count: int = 0,
@@ -214,7 +215,8 @@ class Loop:
             end: Instant that no steps follow.
             first: First control instant.
             resumed: Whether the control of the first instant has already run.
-            log_interval: Control instants from one row of the log to the next.
+            force_interval: Control instants from one row of the forces to the next.
+            log_interval: The same of the log.
             residual_from: Instant from which swing counts as residual.
             reading_count: Number of readings stored for delayed sensors.
             workspace: Path and memory of optimisations for several lanes, of which each call of
@@ -241,6 +243,7 @@ class Loop:
         counts = {
             "end": end,
             "substeps": substeps,
+            "force_interval": whole("force_interval", force_interval, 1),
             "log_interval": whole("log_interval", log_interval, 1),
             "residual_from": whole("residual_from", residual_from, 0),
             "reading_count": whole("reading_count", reading_count, int(recipe.delayed)),

@@ -8,7 +8,6 @@ and functions that a caller runs in each period. Its code is that of the compile
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
@@ -16,7 +15,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from llvmlite import ir
 
-from cranedyn.compiled.code import INTEGER, Code, Value
+from cranedyn.compiled.code import INTEGER, Code, Value, uses
 from cranedyn.compiled.tables import drop_repeated_rows
 from cranedyn.dynamics.scalars import array
 
@@ -129,26 +128,6 @@ class FunctionBlock:
             code.store(value, code.argument["self"], code.place[variable_name])
         code.end()
         self.functions[name] = code.function
-
-
-def uses(function: ir.Function) -> Counter[Any]:
-    """Return how often each instruction is needed for what a function stores and calls."""
-    needed: Counter[Any] = Counter()
-    waiting = [
-        operand
-        for block in function.blocks
-        for instruction in block.instructions
-        if isinstance(instruction.type, ir.VoidType)
-        for operand in instruction.operands
-    ]
-    while waiting:
-        value = waiting.pop()
-        if isinstance(value, ir.Instruction):
-            needed[value] += 1
-            if needed[value] == 1:
-                incoming = getattr(value, "incomings", ())[:1]  # the first number of a loop
-                waiting.extend([*value.operands, *(number for number, _ in incoming)])
-    return needed
 
 
 class BlockCode(Code):

@@ -7,7 +7,7 @@ from typing import Any
 
 from llvmlite import ir
 
-from cranedyn.compiled.block import uses
+from cranedyn.compiled.code import uses
 from cranedyn.compiled.printing import ATOM, LONGEST, SUM, Expression, Language, Walk
 
 _TYPES = {"double": "real", "i64": "int32_t", "i1": "bool"}

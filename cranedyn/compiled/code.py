@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -18,36 +19,17 @@ from cranedyn.compiled.instructions import (
     lane_type,
 )
 
-__all__ = ["DOUBLE", "INTEGER", "POINTER", "Code", "StackVariable", "Value", "lane_type"]
+__all__ = ["DOUBLE", "INTEGER", "POINTER", "Code", "StackVariable", "Value", "lane_type", "uses"]
 
 
 class Code(Instructions):
     """A function under construction, see `Instructions`."""
-
-    def __init__(
-        self,
-        module: ir.Module,
-        name: str,
-        arguments: Sequence[str],
-        lanes: int,
-        stride: int | None = None,
-    ) -> None:
-        super().__init__(module, name, arguments, lanes, stride)
-        self._clear_caches()
-
-    def _clear_caches(self) -> None:
-        """Clear all cached values."""
-        self._angles: dict[ir.Value, tuple[Value, Value]] = {}
-        self._turns: dict[ir.Value, tuple[Value, Value]] = {}
-        self._results: dict[tuple[Any, ...], Value] = {}
-        self._asked: set[ir.Value] = set()
 
     def sine_and_cosine(self, angle: Value) -> tuple[Value, Value]:
         """Return sine and cosine of an angle [rad], see `cranedyn.compiled.angles`, computed once.
 
         Sine and cosine of a sum that `advanced` returned are updated from those of its first term.
         """
-        self._asked.add(angle.register)
         if angle.register not in self._angles:
             turn = self.turn(angle)
             pair = sine_and_cosine(self, angle) if turn is None else rotate_or_evaluate(turn)
@@ -59,10 +41,6 @@ class Code(Instructions):
         before, by = self._turns.get(angle.register, (angle, angle))
         sine_cosine = self._angles.get(before.register)
         return None if sine_cosine is None else Turn(sine_cosine, by, angle)
-
-    def uses_angle(self, angle: Value) -> bool:
-        """Return whether sine or cosine of an angle were needed."""
-        return angle.register in self._asked
 
     def cache_angle(self, angle: Value, sine: Value, cosine: Value) -> None:
         """Use sine and cosine of an angle as known until this loop or condition ends."""
@@ -99,12 +77,12 @@ class Code(Instructions):
         end = end() if callable(end) else end
         self.builder.cbranch(self.builder.icmp_signed("<", counter, end), body, after)
         self.builder.position_at_end(body)
-        self._clear_angles()
+        self._angles = {}  # of another path of the code
         yield counter
         counter.add_incoming(self.plus(counter, 1), self.builder.block)
         self.builder.branch(head)
         self.builder.position_at_end(after)
-        self._clear_angles()
+        self._angles = {}  # of another path of the code
 
     @contextmanager
     def fast_loop(self, first: ir.Value, last: ir.Value) -> Iterator[Callable[[ir.Value], None]]:
@@ -125,7 +103,7 @@ class Code(Instructions):
         build.position_at_end(body)
         number = build.phi(INTEGER)
         next_one = self.plus(number, 1)
-        self._clear_angles()
+        self._angles = {}  # of another path of the code
 
         def end(nothing: ir.Value) -> None:
             again = build.and_(nothing, build.icmp_signed("<", next_one, last))
@@ -139,7 +117,7 @@ class Code(Instructions):
         number.add_incoming(begin, head)
         build.branch(head)
         build.position_at_end(after)
-        self._clear_angles()
+        self._angles = {}  # of another path of the code
 
     @contextmanager
     def when(self, condition: ir.Value) -> Iterator[None]:
@@ -148,10 +126,6 @@ class Code(Instructions):
         with self.builder.if_then(condition):
             yield
         self._angles = known
-
-    def _clear_angles(self) -> None:
-        """Forget sines and cosines that were computed on another path of the code."""
-        self._angles = {}
 
     def end(self) -> None:
         """End the function."""
@@ -174,3 +148,24 @@ class StackVariable:
     def set(self, value: Any) -> None:
         """Assign a value."""
         self._code.builder.store(self._code.value(value).register, self._place)
+
+
+def uses(function: ir.Function) -> Counter[Any]:
+    """Return how often each instruction is needed for what a function stores and calls."""
+    needed: Counter[Any] = Counter()
+    waiting = [
+        operand
+        for block in function.blocks
+        for instruction in block.instructions
+        if isinstance(instruction.type, ir.VoidType)
+        for operand in instruction.operands
+    ]
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, ir.Instruction):
+            needed[value] += 1
+            if needed[value] == 1:
+                first = 1 if value.type is INTEGER else None  # of a count, where it begins
+                incoming = getattr(value, "incomings", ())[:first]
+                waiting.extend([*value.operands, *(number for number, _ in incoming)])
+    return needed

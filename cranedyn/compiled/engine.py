@@ -32,7 +32,7 @@ from cranedyn.simulation.engine import Actuation, Engine, Setting
 from cranedyn.simulation.stepper import DIVERGED
 
 if TYPE_CHECKING:
-    from cranedyn.compiled.horizon.programme import Programme
+    from cranedyn.compiled.horizon.memory import Programme
     from cranedyn.compiled.horizon.receding import Receding
 
 _BLOCK, _STEPS = 20_000, 1_000_000
@@ -115,9 +115,7 @@ class CompiledEngine(Engine):
             setting.buffers,
             integral=integral,
             forces=setting.forces,
-            shared=(True, True, True),
             log=True,
-            summary=False,
             delay_steps=setting.delay_steps,
             programme=programme,
             contacts=setting.contacts,

@@ -18,9 +18,10 @@ from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.inputs import check_fits_memory, common_layout, start_states
 from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.layout import BufferLayout, size, slices
+from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.tables import RowTable, command_tables, single_table
 from cranedyn.compiled.verify import compile_kernel
-from cranedyn.dynamics.integrators import semi_implicit_euler
+from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import DirectDrive, State
 from cranedyn.model.crane import Crane
@@ -55,6 +56,7 @@ class Fleet:
         control_period: float = 0.1,
         drive: DirectDrive = "motion",
         forces: bool = False,
+        integrator: Integrator = semi_implicit_euler,
         threads: int | None = None,
     ) -> None:
         """Create n cranes of the first kind, at its start.
@@ -66,14 +68,16 @@ class Fleet:
             control_period: Time for which a command holds [s].
             drive: Kind of command, see `simulate`.
             forces: Whether external forces can act.
+            integrator: The stepping rule.
             threads: Number of threads, 1024 at most; by default one for each processor.
 
         Raises:
-            OutOfRange: If a number is out of range, there is no crane, one has another layout, or
-                they would not fit into 4 GB.
+            OutOfRange: If a number is out of range, there is no crane, one has another layout, they
+                would not fit into 4 GB, or there is no code for the stepping rule.
             ModelError: If the code does not agree with Pinocchio.
         """
         check_choice("drive", drive, DirectDrive)
+        check_rule(integrator)
         self.cranes = [cranes] if isinstance(cranes, Crane) else list(cranes)
         if not self.cranes:
             raise OutOfRange("number of cranes to choose from", 0, "1 or more")
@@ -86,7 +90,7 @@ class Fleet:
             workers = int(within("threads", whole("threads", threads, 1), 1, _THREADS))
         self._clock = clocks(control_period, dt, control_period)
         self._recipe = Recipe(
-            _LANES, drive, semi_implicit_euler, forces=forces, shared=(True, True, not forces)
+            _LANES, drive, integrator, forces=forces, shared=(True, True, not forces)
         )
         code, self._own = compile_kernel(self.cranes, self._recipe)
         groups, varied = -(-self.count // _LANES), code.source.varied

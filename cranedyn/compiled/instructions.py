@@ -126,7 +126,13 @@ class Instructions:
         self._align_stack()
         self.argument = dict(zip(arguments, self.function.args, strict=True))
         self.builder = ir.IRBuilder(self.function.append_basic_block())
+        self._clear_caches()
+
+    def _clear_caches(self) -> None:
+        """Clear all cached values: results, sines and cosines, and increments of angles."""
         self._results: dict[tuple[Any, ...], Value] = {}
+        self._angles: dict[ir.Value, tuple[Value, Value]] = {}
+        self._turns: dict[ir.Value, tuple[Value, Value]] = {}
 
     def _align_stack(self) -> None:
         """Keep spilled vectors from crossing lines of the cache."""
@@ -275,13 +281,13 @@ class Instructions:
         """Load one double of memory into every lane."""
         return self.from_double(self.load_one(pointer, index, DOUBLE))
 
-    def gather(self, pointer: ir.Value, indices: Sequence[Any]) -> Value:
-        """Load a double for each lane from an index of its own."""
-        if self.lanes == 1:
-            return self.spread(pointer, indices[0])
+    def gather(self, addresses: Sequence[ir.Value], index: int = 0) -> Value:
+        """Load a double at an index behind the address of each lane, or behind one for all."""
+        if len(addresses) == 1:
+            return self.spread(addresses[0], index)
         register = ir.Constant(self.type, ir.Undefined)
-        for lane, index in enumerate(indices):
-            double, place = self.load_one(pointer, index, DOUBLE), ir.Constant(ir.IntType(32), lane)
+        for lane, address in enumerate(addresses):
+            double, place = self.load_one(address, index, DOUBLE), ir.Constant(ir.IntType(32), lane)
             register = self.builder.insert_element(register, double, place)
         return Value(self, register)
 
@@ -291,6 +297,8 @@ class Instructions:
 
     def address(self, pointer: ir.Value, index: Any) -> ir.Value:
         """Return the address of a double at an index, whole number of code or of Python."""
+        if isinstance(index, int) and index == 0:
+            return pointer
         offset = index if isinstance(index, ir.Value) else self.integer(index)
         return self.builder.gep(pointer, [offset], source_etype=DOUBLE)
 

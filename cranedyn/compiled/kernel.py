@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -11,7 +11,7 @@ import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.angles import SHORTER, all_within
-from cranedyn.compiled.code import INTEGER, Code, StackVariable, Value
+from cranedyn.compiled.code import INTEGER, Code, StackVariable, Value, uses
 from cranedyn.compiled.layout import SLOTS, TURNS, BufferLayout, Sections, size, slices
 from cranedyn.compiled.machine import Machine, translate
 from cranedyn.compiled.step import Step, StepState
@@ -24,7 +24,7 @@ from cranedyn.plant.plant import SI, Plant, Topology, Units, plant
 from cranedyn.simulation.stepper import DIVERGED
 
 if TYPE_CHECKING:
-    from cranedyn.compiled.horizon.programme import Programme
+    from cranedyn.compiled.horizon.memory import Programme
 
 
 @dataclass(frozen=True)
@@ -199,6 +199,7 @@ class _Loop:
             for i, joint in enumerate(source.topology.layout.joints)
             if joint.kind == "revolute" and not self.recipe.threads  # threads have few registers
         }
+        self.loaded: dict[int, list[Value]] = {i: [] for i in self.turns}
 
     def _variables(self, name: str, sections: Sections) -> dict[str, list[StackVariable]]:
         code, address = self.code, self.call_values[name]
@@ -211,27 +212,22 @@ class _Loop:
         for i, variable in enumerate(chain.from_iterable(variables.values())):
             self.code.store(variable.get(), self.call_values[name], i * self.code.stride)
 
-    def _row(
-        self, table: int, name: str, sections: Sections, instant: ir.Value
-    ) -> dict[str, np.ndarray]:
-        """Return the row of a table for an instant; beyond its end the last row."""
-        code, shared, pointer = self.code, self.recipe.shared[table], self.call_values[name]
-        width, last = size(sections), self.call_values[f"{name}_rows"]
-        row = code.least(instant, code.builder.sub(last, code.integer(1)))
-        if shared:
-            first = code.product(row, width)
-            values = [code.spread(pointer, code.plus(first, i)) for i in range(width)]
-        else:
-            starts = [
-                code.load_one(self.call_values["starts"], table * code.stride + lane, INTEGER)
-                for lane in range(code.lanes)
-            ]
-            firsts = [code.product(code.builder.add(start, row), width) for start in starts]
-            values = [
-                code.gather(pointer, [code.plus(first, i) for first in firsts])
-                for i in range(width)
-            ]
-        return {key: array(values[section]) for key, section in slices(sections).items()}
+    def _row(self, table: int, name: str, instant: ir.Value) -> Callable[[str], np.ndarray]:
+        """Return a function that loads a section of the row of a table for an instant; beyond its
+        end of the last row.
+        """
+        code, pointer, sections = self.code, self.call_values[name], getattr(self.sizes, name)
+        width, columns = size(sections), slices(sections)
+        last = code.builder.sub(self.call_values[f"{name}_rows"], code.integer(1))
+        rows = [row := code.least(instant, last)]
+        if not self.recipe.shared[table]:
+            first, starts = table * code.stride, self.call_values["starts"]
+            each = [code.load_one(starts, first + lane, INTEGER) for lane in range(code.lanes)]
+            rows = [code.builder.add(start, row) for start in each]
+        begins = [code.address(pointer, code.product(row, width)) for row in rows]
+        return lambda section: array(
+            [code.gather(begins, i) for i in range(width)[columns[section]]]
+        )
 
     def _get(self, section: str) -> np.ndarray:
         return array([variable.get() for variable in self.state[section]])
@@ -244,11 +240,19 @@ class _Loop:
         """Return coordinates, with their sines and cosines cached."""
         q = self._get("q")
         for i, pair in self.turns.items():
-            self.code.cache_angle(q[i], *(variable.get() for variable in pair))
+            sine, cosine = (variable.get() for variable in pair)
+            self.code.cache_angle(q[i], sine, cosine)
+            self.loaded[i] += sine, cosine
         return q
 
-    def _keep_angles(self, q: np.ndarray) -> None:
-        for i in self.turns:
+    def _used_turns(self) -> list[int]:
+        """Return the joints of whose angles the code so far needs sines or cosines."""
+        needed = uses(self.code.function)
+        return [i for i in self.turns if any(x.register in needed for x in self.loaded[i])]
+
+    def _keep_angles(self, joints: Iterable[int]) -> None:
+        q = self._get("q")
+        for i in joints:
             self._keep_angle(i, self.code.sine_and_cosine(q[i]))
 
     def _keep_angle(self, i: int, pair: tuple[Value, Value]) -> None:
@@ -261,7 +265,7 @@ class _Loop:
 
     def emit(self) -> None:
         code = self.code
-        self._keep_angles(self._get("q"))
+        self._keep_angles(self.turns)
         call, compared = self.call_values, code.builder.icmp_signed
         with code.loop(call["first"], call["last"]) as instant:
             forces = self._forces(instant)
@@ -291,7 +295,7 @@ class _Loop:
             self._set("v", self._get("v") * self.units.time)
             self._steps(first, last, forces)
             self._set("v", [code.quotient(rate, self.units.time) for rate in self._get("v")])
-            self._keep_angles(self._get("q"))
+            self._keep_angles(self._used_turns())
 
     def _steps(self, first: ir.Value, last: ir.Value, forces: np.ndarray | None) -> None:
         """Emit steps from the first to the one before the last."""
@@ -319,7 +323,7 @@ class _Loop:
             self._set("contacts", works)
             if self.sizes.touching:
                 self._set("anchors", anchors)
-            used = [i for i in self.turns if code.uses_angle(q_before[i])]
+            used = self._used_turns()
             turns = {i: turn for i in used if (turn := code.turn(q[i])) is not None}
             pairs = {i: turn.rotate(SHORTER) for i, turn in turns.items()}
             for i in used:
@@ -333,8 +337,9 @@ class _Loop:
     def _forces(self, instant: ir.Value) -> np.ndarray | None:
         if not self.recipe.forces:
             return None
-        row = self.code.most(instant, self.code.integer(0))
-        return self._row(2, "force", self.sizes.force, row)["force"]
+        since = self.code.most(instant, self.code.integer(0))
+        row = self.code.builder.sdiv(since, self.call_values["force_interval"])
+        return self._row(2, "force", row)("force")
 
     def _control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
         code, recipe = self.code, self.recipe
@@ -367,10 +372,10 @@ class _Loop:
             contacts = [*self._get("contacts"), buffer]
             row = [*q, *v, *acts, energy, *contacts, *cut]
             if recipe.ledger:
-                table = self._row(1, "setpoint_table", self.sizes.setpoint_table, instant)
+                table = self._row(1, "setpoint_table", instant)
                 pushes = [0.0] * size(self.sizes.force) if forces is None else forces
                 outside = [0.0, *contacts, *(cut or [0.0])]
-                row = [*table["position"], *q, *v, *acts, *pushes, *outside, energy]
+                row = [*table("position"), *q, *v, *acts, *pushes, *outside, energy]
                 row = self._balanced(row, (q, v, effort, before), holds)
             self._log(instant, row)
         if recipe.summary:
@@ -404,11 +409,11 @@ class _Loop:
     def _controller_command(self, instant: ir.Value, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the command of the controller, shape (m,)."""
         code, sizes = self.code, self.sizes
-        gains = self._row(0, "gain_table", sizes.gain_table, instant)
-        setpoints = self._row(1, "setpoint_table", sizes.setpoint_table, instant)
+        gains = self._row(0, "gain_table", instant)
+        setpoints = self._row(1, "setpoint_table", instant)
         z = np.concatenate([q, v])
         if self.recipe.offset:
-            z = z + self._row(3, "offset", sizes.offset, instant)["reading"]
+            z = z + self._row(3, "offset", instant)("reading")
         if self.recipe.delayed:
             z = self._delay_reading(instant, z)
         if self.recipe.programme is not None:
@@ -418,16 +423,17 @@ class _Loop:
             control = PredictiveControl(code, self.recipe.programme, *addresses)
             row, due = control.count_instant()
             command_of = control.call_instant if code.lanes == 1 else control.command
-            return command_of(z[: sizes.n], z[sizes.n :], setpoints["position"], row, due)
-        gain = gains["gain"].reshape(sizes.m, sizes.z)
-        command = gains["feed_forward"] - gain @ (z - setpoints["setpoint"])
+            return command_of(z[: sizes.n], z[sizes.n :], setpoints("position"), row, due)
+        gain = gains("gain").reshape(sizes.m, sizes.z)
+        command = gains("feed_forward") - gain @ (z - setpoints("setpoint"))
         if not self.recipe.integral:
             return command
-        integrals = self._get("integral")
+        integrals, position = self._get("integral"), setpoints("position")
+        factor, limit = gains("integral_gain"), gains("limit")
         for i, drive in enumerate(self.plant.topology.layout.drives):
-            error, gain = setpoints["position"][i] - z[drive], gains["integral_gain"][i]
+            error = position[i] - z[drive]
             command[i], integrals[i] = integrated_command(
-                command[i], error, integrals[i], gain, gains["limit"][i], self.period
+                command[i], error, integrals[i], factor[i], limit[i], self.period
             )
         self._set("integral", integrals)
         return command
@@ -448,15 +454,16 @@ class _Loop:
         delayed = []
         for i in range(len(z)):
             places = [code.plus(place(visible[lane], i), lane) for lane in lanes]
-            delayed.append(code.gather(readings, places))
+            delayed.append(code.gather([code.address(readings, place) for place in places]))
         return array(delayed)
 
     def _log(self, instant: ir.Value, row: Sequence[Any]) -> None:
         code, build, interval = self.code, self.code.builder, self.call_values["log_interval"]
         with code.when(build.icmp_signed("==", build.srem(instant, interval), code.integer(0))):
             first = code.product(build.sdiv(instant, interval), len(row) * code.stride)
+            begin = code.address(self.call_values["log"], first)
             for i, value in enumerate(row):
-                code.store(value, self.call_values["log"], code.plus(first, i * code.stride))
+                code.store(value, begin, i * code.stride)
 
     def _balanced(self, row: list[Any], at: tuple[np.ndarray, ...], holds: ir.Value) -> list[Any]:
         """Return a row of the log of `simulate` with work, dissipation and validity, as

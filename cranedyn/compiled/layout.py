@@ -167,6 +167,7 @@ CALL = {
         "end",
         "steps",
         "substeps",
+        "force_interval",
         "log_interval",
         "residual_from",
         "resumed",
@@ -181,7 +182,8 @@ the memory and the workspace of a predictive controller.
 
 Whole numbers are the rows of the tables, the number of stored readings, the first control instant
 and the one after the last, the instant that no steps follow, steps in a period, substeps of a step
-where buffers act, instants between rows of the log, the instant from which swing is residual, and
-resumed: 1 if the control of the first instant has already run, else 0. Times are in seconds."""
+where buffers act, instants between rows of the forces and of the log, the instant from which swing
+is residual, and resumed: 1 if the control of the first instant has already run, else 0. Times are
+in seconds."""
 
 SLOTS = {name: slot for slot, name in enumerate(name for names in CALL.values() for name in names)}

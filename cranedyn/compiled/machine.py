@@ -47,10 +47,10 @@ class Machine:
 def translate(module: ir.Module, *, inlining: bool = False) -> Machine:
     """Optimise a module for this processor and translate it; its memory is freed with the
     functions. Higher levels take a third longer and make straight-line code no faster; inlining
-    takes longer, too, and pays for code of many lanes only.
+    and a better schedule take longer, too, and pay for code of many lanes only.
     """
     # The global context would keep every constant for ever.
-    context, target = binding.create_context(), _target()
+    context, target = binding.create_context(), _target(3 if inlining else 1)
     context._owned = True
     code = binding.parse_assembly(str(module), context)
     _optimise(code, target, speed_level=1, inlining=inlining)
@@ -111,13 +111,13 @@ def _optimise(code: Any, target: Any, speed_level: int = 2, *, inlining: bool = 
         manager.detach()
 
 
-def _target() -> Any:
-    """Return a target machine for this processor; each engine takes ownership of one."""
+def _target(level: int) -> Any:
+    """Return a target machine for this processor of a level from 0 to 3, for one engine to own."""
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
     return binding.Target.from_default_triple().create_target_machine(
         cpu=binding.get_host_cpu_name(),
         features=binding.get_host_cpu_features().flatten(),
-        opt=1,
+        opt=level,
         jit=True,
     )

@@ -11,7 +11,8 @@ from typing import Any, ClassVar
 
 from llvmlite import ir
 
-from cranedyn.compiled.block import FunctionBlock, uses
+from cranedyn.compiled.block import FunctionBlock
+from cranedyn.compiled.code import uses
 from cranedyn.errors import ModelError
 
 ATOM, NEGATIVE, PRODUCT, SUM, COMPARISON, LOGIC, CHOICE = range(7, 0, -1)

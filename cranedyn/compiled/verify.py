@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import threading
 from collections.abc import Callable, Sequence
 from functools import lru_cache
@@ -117,20 +118,22 @@ def verify_crane(
     Raises:
         ModelError: If they differ by more than round-off.
     """
-    rng, recipe, layout = np.random.default_rng(0), code.source.recipe, crane.layout
+    recipe, layout, rng = code.source.recipe, crane.layout, random.Random(0)
     external = ExternalForces(crane, buffers=False) if recipe.forces else None
     drives = _drives(crane, recipe.drive, external, converters)
     rope, lane_numbers = crane.springs.rope, np.repeat(varied[:, None], recipe.lanes, axis=1)
+    sizes = layout.n, 3 * len(crane.points)
     for k in range(8):
-        q = rng.uniform(crane.lower, crane.upper)
-        q[crane.swings] = rng.uniform(-1.4, 1.4, len(crane.swings))
-        v = rng.normal(size=layout.n)
+        q = np.array([*map(rng.uniform, crane.lower, crane.upper)])
+        q[crane.swings] = [rng.uniform(-1.4, 1.4) for _ in crane.swings]
+        v, force = (np.array([rng.gauss() for _ in range(size)]) for size in sizes)
         if rope is not None:
             q[rope.stretch] = rng.uniform(-0.5, 0.1) * q[rope.length]
             if rope.inextensible:  # taut in every other state
                 q[rope.stretch], v[rope.stretch] = (-1.0, v[rope.stretch]) if k % 2 else (0.0, 0.0)
-        force = rng.normal(size=3 * len(crane.points)) * crane.payload_mass
-        command, mass = rng.uniform(-1.0, 1.0, layout.m), pin.crba(crane.model, crane.data, q)
+        command = np.array([rng.uniform(-1.0, 1.0) for _ in range(layout.m)])
+        force *= crane.payload_mass
+        mass = pin.crba(crane.model, crane.data, q)
         inertia = mass.diagonal()[layout.drives]
         if external is not None:
             external.force = force.reshape(-1, 3)

@@ -7,7 +7,6 @@ import hashlib
 import json
 import math
 import os
-import secrets
 import stat
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -176,7 +175,7 @@ class Draft:
             if self._mode is not None and not stat.S_ISREG(self._mode):
                 raise DataError(f"Cannot write {final}: it is {_kind(self._mode)}.")
             self.path = final.with_name(
-                f".{final.stem[:40]}.{secrets.token_hex(8)}{final.suffix[-20:]}"
+                f".{final.stem[:40]}.{os.urandom(8).hex()}{final.suffix[-20:]}"
             )
             mode = 0o666 if self._mode is None else 0o600 | stat.S_IMODE(self._mode)
             flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW

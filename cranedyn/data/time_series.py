@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections import namedtuple
 from collections.abc import Iterator, Mapping, Sequence
-from html import escape
 from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
@@ -21,6 +20,8 @@ if TYPE_CHECKING:
 
 def html_table(title: str, rows: Sequence[Sequence[str]]) -> str:
     """Return a title and a table as HTML for notebooks, its first row as heading."""
+    from html import escape  # few runs need it
+
     head, *body = [[escape(cell) for cell in row] for row in rows]
     lines = [f"<tr><td>{'</td><td>'.join(row)}</td></tr>" for row in body]
     return (

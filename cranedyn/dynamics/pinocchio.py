@@ -11,11 +11,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
+import scipy
 
 from cranedyn.dynamics.joint_forces import SLACK, TAUT, JointForces, tension_from_hoist_force
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane, Point
+from cranedyn.model.springs import rest_stiffness
 
 
 def full(crane: Crane, drives: np.ndarray) -> np.ndarray:
@@ -101,7 +103,7 @@ def follow_drives(
         solved[i] = (m12 * open_j - m22 * open_i) / determinant
         solved[j] = (m12 * open_i - m11 * open_j) / determinant
         return solved
-    passive_mass = mass[np.ix_(passive, passive)]
+    passive_mass = mass[passive[:, None], passive]
     if not (np.isfinite(passive_mass).all() and np.linalg.eigvalsh(passive_mass)[0] > 0.0):
         raise _no_inertia(*passive_mass.diagonal().tolist())
     solved[passive] = -np.linalg.solve(passive_mass, still_open[passive])
@@ -213,6 +215,16 @@ def pivot_position(crane: Crane, q: np.ndarray) -> np.ndarray:
     trolley, if there is one.
     """
     return point_positions(crane, q)[min(1, len(crane.points) - 1)]
+
+
+def natural_frequencies(crane: Crane, q: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """Return the frequencies of small motions of some joints, by their indices, about a rest at
+    coordinates q with all others locked [rad/s], increasing; 0 where nothing restores them.
+    """
+    among = np.ix_(joints, joints)
+    stiffness = rest_stiffness(crane.model, crane.data, crane.springs, q)[among]
+    squares = scipy.linalg.eigvalsh(stiffness, pin.crba(crane.model, crane.data, q)[among])
+    return np.sqrt(np.maximum(squares, 0.0))
 
 
 def payload_orientation(crane: Crane, q: np.ndarray) -> np.ndarray:

@@ -135,32 +135,34 @@ def solve_linear(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
     the tree are left out.
 
     Unknowns are eliminated from the last, two at a time: by determinants two take one division,
-    where one after the other they take two, and the second waits for the first.
+    where one after the other they take two, and the second waits for the first. The last two are
+    multiplied by the determinant of those before, so that they do not wait for its division.
     """
-    lower, x, blocks = mass.copy(), right.copy(), list[tuple[range, np.ndarray]]()
+    lower, x, blocks = mass.copy(), right.copy(), list[tuple[range, np.ndarray, np.ndarray]]()
     end = len(mass)
     while end:
         begin = end - (1 if end == 1 or isinstance(lower[end - 1, end - 1], float) else 2)
-        block = range(begin, end)
-        inverse = _inverse(lower[begin:end, begin:end])
-        shares = inverse @ lower[begin:end, :begin]
+        adjugate, determinant = _adjugate(lower[begin:end, begin:end])
+        if begin > 2:
+            adjugate, determinant = adjugate * (1.0 / determinant), np.ones(1)
+        shares, (scale,) = adjugate @ lower[begin:end, :begin], determinant
         for i in range(begin):
             for j in range(i + 1):
-                lower[i, j] = lower[i, j] - shares[:, i] @ lower[begin:end, j]
-            x[i] = x[i] - shares[:, i] @ x[begin:end]
-        x[begin:end] = inverse @ x[begin:end]
-        blocks.append((block, shares))
+                lower[i, j] = lower[i, j] * scale - shares[:, i] @ lower[begin:end, j]
+            x[i] = x[i] * scale - shares[:, i] @ x[begin:end]
+        x[begin:end] = adjugate @ x[begin:end]
+        blocks.append((range(begin, end), 1.0 / determinant, shares))
         end = begin
-    for block, shares in reversed(blocks):
-        x[block] = x[block] - shares @ x[: block.start]
+    for block, inverse, shares in reversed(blocks):
+        x[block] = (x[block] - shares @ x[: block.start]) * inverse
     return x
 
 
-def _inverse(block: np.ndarray) -> np.ndarray:
-    """Return the inverse from the lower triangle of a symmetric matrix of one row or two."""
+def _adjugate(block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the adjugate and determinant, shape (1,), from the lower triangle of a symmetric
+    matrix of one row or two.
+    """
     if len(block) == 1:
-        return 1.0 / block
+        return np.ones((1, 1)), block[0]
     (a, c), b = (block[0, 0], block[1, 0]), block[1, 1]
-    inverse = 1.0 / (a * b - c * c)
-    across = -(c * inverse)
-    return array([b * inverse, across, across, a * inverse]).reshape(2, 2)
+    return array([b, -c, -c, a]).reshape(2, 2), array([a * b - c * c])

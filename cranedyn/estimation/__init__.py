@@ -14,8 +14,7 @@ Public names:
 Begin with `sensor_model`, then `observer`. docs/results/control.md shows what each gains.
 """
 
-from cranedyn.estimation.load_estimate import with_load_estimate
-from cranedyn.estimation.longer_cable import with_longer_cable
+from cranedyn.estimation.load_estimate import with_load_estimate, with_longer_cable
 from cranedyn.estimation.mpc import mpc
 from cranedyn.estimation.observer import with_observer
 from cranedyn.estimation.sensor_model import with_sensor_model

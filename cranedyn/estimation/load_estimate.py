@@ -7,7 +7,7 @@ the real crane needs are added to its command.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,11 +15,9 @@ import numpy as np
 from cranedyn.checks import ShortRepr, check_choice, number, whole
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import inverse_dynamics
-from cranedyn.errors import OutOfRange
 from cranedyn.estimation.load_filter import GYROSCOPE, LoadFilter, Sensors
-from cranedyn.estimation.longer_cable import with_longer_cable
-from cranedyn.estimation.observer import check_next_call, initial_std_of, standard_deviations
-from cranedyn.estimation.sensor_model import noise_of
+from cranedyn.estimation.observer import check_next_call, initial_std_of
+from cranedyn.estimation.sensor_model import noise_of, standard_deviations
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import ROLES
@@ -38,6 +36,9 @@ the frequency of the swing alone, which larger disturbances would hide."""
 LOAD_STD, CABLE_STD = 0.5, 0.1
 """Standard deviations at the start, ours: half of the load; a tenth of the cable, once as an offset
 and once as a share of the reading."""
+
+_ASIDE = 0.02
+"""Step of the differences [s], at which truncation and rounding are alike for swings of seconds."""
 
 
 class CableFamily:
@@ -147,7 +148,6 @@ def with_load_estimate(
     crane: Crane,
     motion: Motion,
     *,
-    motion_of: Callable[[float], Motion] | None = None,
     sensors: Sensors = "drives",
     load_std: float = LOAD_STD,
     cable_std: float = CABLE_STD,
@@ -162,9 +162,6 @@ def with_load_estimate(
         controller: The controller, designed for `crane` and `motion`; its commands are efforts.
         crane: The planned crane; it must have a hoist.
         motion: The planned motion; its period is the control period.
-        motion_of: The same move on a cable that is longer by a length [m] at every reading of the
-            hoist. None for `with_longer_cable`; for a crane that is no tower crane, None adds the
-            length to the hoist alone, and the controller answers for the different swing.
         sensors: "drives" for encoders of the drives alone; "swing" adds the angles of the swings;
             "imu" adds the rates of a gyroscope on the load. An accelerometer on the load would not
             measure the swing: it measures the pull of the rope, whatever the swing.
@@ -180,8 +177,7 @@ def with_load_estimate(
 
     Raises:
         MissingRole: If no joint is a hoist.
-        OutOfRange: If a standard deviation or the delay is out of range, or a motion has other rows
-            than planned.
+        OutOfRange: If a standard deviation or the delay is out of range.
     """
     check_choice("sensors", sensors, Sensors)
     late = whole("delay of the observer", delay, 0, "control periods")
@@ -220,7 +216,7 @@ def with_load_estimate(
     return LoadEstimateController(
         controller,
         believed,
-        _family(crane, motion, motion_of, offset or 1.0),
+        _family(crane, motion, offset or 1.0),
         motion_efforts(crane, motion),
         crane.effort_limit,
         motion.period,
@@ -228,26 +224,80 @@ def with_load_estimate(
     )
 
 
-def _family(
-    crane: Crane, motion: Motion, motion_of: Callable[[float], Motion] | None, spread: float
-) -> CableFamily:
+def _family(crane: Crane, motion: Motion, spread: float) -> CableFamily:
+    """Return the motion on a cable shorter and longer by a spread [m]; for a crane that is no tower
+    crane the hoist alone differs, and the controller answers for the different swing.
+    """
     hoist = crane.layout.role("hoist", "An observer of the load")
 
     def on_cable(by: float) -> Motion:
-        if motion_of is not None:
-            return motion_of(by)
         if {joint.role for joint in crane.layout.joints} == set(ROLES):
             return with_longer_cable(crane, motion, by)
         q = motion.q.copy()
         q[:, hoist] += by
         return Motion(motion.period, q, motion.v, motion.a, motion.drives)
 
-    outer = [on_cable(by) for by in (-spread, spread)]
-    for variant in outer:
-        variant.check_fits("motion on another cable", crane.layout)
-        if variant.q.shape != motion.q.shape or variant.period != motion.period:
-            given, planned = (
-                f"one of {len(m.q)} rows every {m.period:g} s" for m in (variant, motion)
-            )
-            raise OutOfRange("motion on another cable", given, f"{planned}, as planned")
-    return CableFamily([outer[0], motion, outer[1]], spread, hoist)
+    return CableFamily([on_cable(-spread), motion, on_cable(spread)], spread, hoist)
+
+
+def with_longer_cable(crane: Crane, motion: Motion, by: float) -> Motion:
+    """Return a motion of a tower crane whose payload follows the same path lower down, on a longer
+    cable.
+
+    The rope points along p̈ + g ẑ (see `cranedyn.references.flat`), which a constant drop of the
+    payload does not change: the swing in the world stays the same, and the pivot moves out along
+    the rope. The share I/(m l²) of rotational inertia is neglected.
+
+    Args:
+        crane: A tower crane.
+        motion: The motion.
+        by: Additional length of the cable at rest [m].
+
+    Raises:
+        MissingRole: If it is not a tower crane.
+        OutOfRange: If `by` is not finite, or makes the cable shorter than nothing.
+    """
+    slew, trolley, radial, tangential, hoist = crane.layout.tower("A motion on another cable")
+    motion.check_fits("motion", crane.layout)
+    shortest = float(motion.q[:, hoist].min()) + number("by", by, "m")
+    number("length of the shortest cable", shortest, "m", "> 0")
+    columns = [slew, trolley, radial, tangential, hoist]
+
+    def beyond(q: np.ndarray) -> np.ndarray:
+        changes = np.zeros_like(q)
+        changes[:, columns] = _beyond(q[:, columns], by)
+        return changes
+
+    # Differences along q + s v + s² a/2 about each row need no neighbouring rows.
+    change, change_before, change_after = (
+        beyond(motion.q + s * motion.v + s**2 / 2.0 * motion.a) for s in (0.0, -_ASIDE, _ASIDE)
+    )
+    return Motion(
+        motion.period,
+        motion.q + change,
+        motion.v + (change_after - change_before) / (2.0 * _ASIDE),
+        motion.a + (change_after - 2.0 * change + change_before) / _ASIDE**2,
+        motion.drives,
+    )
+
+
+def _beyond(q: np.ndarray, by: float) -> np.ndarray:
+    """Return the changes of γ, x, φ, θ, l [rad or m], shape (rows, 5)."""
+    gamma, x, phi, theta, _ = q.T
+    along = np.stack([np.sin(gamma), -np.cos(gamma)], axis=1)
+    across = np.stack([np.cos(gamma), np.sin(gamma)], axis=1)
+    outward, sideward, up = np.sin(phi) * np.cos(theta), np.sin(theta), np.cos(phi) * np.cos(theta)
+    rope = outward[:, None] * along + sideward[:, None] * across
+    pivot = x[:, None] * along + (by / up)[:, None] * rope
+    turned = np.arctan2((pivot * across).sum(axis=1), (pivot * along).sum(axis=1))
+    cosine, sine = np.cos(turned), np.sin(turned)
+    return np.stack(
+        [
+            turned,
+            np.hypot(*pivot.T) - x,
+            np.arctan2(outward * cosine + sideward * sine, up) - phi,
+            np.arcsin(sideward * cosine - outward * sine) - theta,
+            by / up,
+        ],
+        axis=1,
+    )

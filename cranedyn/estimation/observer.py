@@ -13,12 +13,12 @@ from importlib import import_module
 
 import numpy as np
 
-from cranedyn.checks import ShortRepr, number, whole
+from cranedyn.checks import ShortRepr, whole
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.lqr import Linearised, linearised
 from cranedyn.dynamics.scalars import solve_linear
-from cranedyn.errors import CraneError, OutOfRange
-from cranedyn.estimation.sensor_model import noise_of
+from cranedyn.errors import CraneError
+from cranedyn.estimation.sensor_model import noise_of, standard_deviations
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
@@ -111,20 +111,6 @@ def process_noise(disturbance: np.ndarray, period: float) -> np.ndarray:
     return reach @ np.diag(disturbance) ** 2 @ reach.T
 
 
-def standard_deviations(
-    name: str, deviations: Sequence[float] | np.ndarray, count: int, allowed: str = ">= 0"
-) -> np.ndarray:
-    """Check the number and the range of standard deviations; return them, shape (count,).
-
-    Raises:
-        OutOfRange: If their number is another, or one is out of range.
-    """
-    elements = np.asarray(deviations, dtype=object).ravel()
-    if len(elements) != count:
-        raise OutOfRange(name, deviations, f"{count} standard deviations")
-    return np.array([number(name, element, allowed=allowed) for element in elements])
-
-
 def check_next_call(t: float, previous: float, period: float) -> None:
     """Check that an observer is called once in each period.
 
@@ -203,7 +189,10 @@ class ObserverController(ShortRepr):
         else:
             check_next_call(t, self._t, self.model.period)
             if len(self._since) > self.delay:
-                self._predict()
+                then, correction = self._since.popleft()
+                a = self.model.a[self.model.stretch[then]]
+                self._deviation = self._stepped(self._deviation, then, correction)
+                self.covariance = a @ self.covariance @ a.T + self.disturbance
                 self._correct(self._since[0][0] if self._since else row, state)
         deviation = self._deviation
         for then, correction in self._since:
@@ -215,12 +204,6 @@ class ObserverController(ShortRepr):
         )
         self._t = t
         return command
-
-    def _predict(self) -> None:
-        row, correction = self._since.popleft()
-        a = self.model.a[self.model.stretch[row]]
-        self._deviation = self._stepped(self._deviation, row, correction)
-        self.covariance = a @ self.covariance @ a.T + self.disturbance
 
     def _stepped(self, deviation: np.ndarray, row: int, correction: np.ndarray) -> np.ndarray:
         k = self.model.stretch[row]

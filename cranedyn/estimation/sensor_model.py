@@ -6,6 +6,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,20 @@ def noise_of(crane: Crane) -> np.ndarray:
             for joint in crane.layout.joints
         ]
     )
+
+
+def standard_deviations(
+    name: str, deviations: Any, count: int, allowed: str = ">= 0"
+) -> np.ndarray:
+    """Check the number and the range of standard deviations; return them, shape (count,).
+
+    Raises:
+        OutOfRange: If their number is another, or one is out of range.
+    """
+    elements = np.asarray(deviations, dtype=object).ravel()
+    if len(elements) != count:
+        raise OutOfRange(name, deviations, f"{count} standard deviations")
+    return np.array([number(name, element, allowed=allowed) for element in elements])
 
 
 @dataclass(eq=False, repr=False)
@@ -95,15 +110,6 @@ def with_sensor_model(
             on, or `rng` not a generator.
     """
     late = whole("delay of the sensors", delay, 0, "control periods")
-    symbols = crane.layout.symbols
-    names = [*symbols, *(f"{symbol}_dot" for symbol in symbols)]
-    noise_std = np.asarray(noise_of(crane) if noise is None else noise, dtype=object).ravel()
-    if len(noise_std) != len(names):
-        count = len(symbols)
-        allowed = f"{2 * count} numbers: {count} coordinates, {count} rates"
-        raise OutOfRange("noise of the sensors", noise, allowed)
-    deviations = [
-        number(f"noise of {name}", std, allowed=">= 0")
-        for name, std in zip(names, noise_std, strict=True)
-    ]
-    return SensorModelController(controller, np.array(deviations), rng, deque(maxlen=late + 1))
+    noise = noise_of(crane) if noise is None else noise
+    deviations = standard_deviations("noise of the sensors", noise, 2 * crane.layout.n)
+    return SensorModelController(controller, deviations, rng, deque(maxlen=late + 1))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import chi2
@@ -145,20 +145,16 @@ def identify(model: Model, *, progress: Callable[[int], object] | None = None) -
         return best
     done = best.evaluations
     for other in model.alternatives():
-        found = _fit(other, None if progress is None else partial(_count_on, progress, done))
-        done += found.evaluations
+        found = _fit(other, progress, done)
+        done = found.evaluations
         if found.least_explained[0] > best.least_explained[0]:
             best = found
     return replace(best, evaluations=done)
 
 
-def _count_on(progress: Callable[[int], object], before: int, count: int) -> None:
-    progress(before + count)
-
-
-def _fit(model: Model, progress: Callable[[int], object] | None) -> Estimate:
-    """Estimate the parameters from the first values of a model."""
-    search = Search(model, progress)
+def _fit(model: Model, progress: Callable[[int], object] | None, before: int = 0) -> Estimate:
+    """Estimate the parameters from the first values of a model, after some predictions."""
+    search = Search(model, progress, before)
     values, noise = initial_values(model), initial_noise(model)
     for share in HORIZONS:
         values = search.solve(values, noise, share)

@@ -17,6 +17,7 @@ from cranedyn.identification.parameters import initial_parameters
 from cranedyn.identification.record import Record
 from cranedyn.identification.search import jacobian
 from cranedyn.model.layout import Joint
+from cranedyn.references.simple import Spline
 from cranedyn.theory import point_period
 
 ALIKE = 0.95
@@ -249,9 +250,10 @@ class _RecordTemplate:
         columns: dict[str, np.ndarray] = {}
         for drive, joint in enumerate(self.crane.layout.driven):
             distance, lasts, begins = moved.get(joint.symbol, (0.0, 1.0, 0.0))
-            aim = self.positions[joint.symbol] + distance * _smooth((t - begins) / lasts)
-            if drive != self.crane.winch:
-                aim = aim - distance * _smooth((t - begins - lasts) / lasts)
+            still = self.positions[joint.symbol]
+            last = still + distance if drive == self.crane.winch else still
+            way = np.array([[still], [still + distance], [last]])
+            aim = Spline(begins + lasts * np.arange(3), way).at(t).position[:, 0]
             position = joint.columns[0]
             if joint.setpoint_column in recorded:
                 columns[joint.setpoint_column] = aim
@@ -265,9 +267,3 @@ class _RecordTemplate:
         for joint in self.like.swings:
             columns[self.like.swing_column(joint)] = 1e-3 * np.sin(t)
         return replace(self.like, name="a further record", t=t, columns=columns)
-
-
-def _smooth(share: np.ndarray) -> np.ndarray:
-    """Return a step from 0 to 1 with zero rate and acceleration at both ends."""
-    s = np.clip(share, 0.0, 1.0)
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)

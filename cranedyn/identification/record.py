@@ -9,18 +9,16 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
-from scipy.linalg import eigvalsh
 
 from cranedyn.bridges import bags
 from cranedyn.checks import finite
 from cranedyn.data.external import Source, read_external
 from cranedyn.data.tables import column_names
+from cranedyn.dynamics.pinocchio import natural_frequencies
 from cranedyn.errors import DataError
 from cranedyn.identification.sampling import is_irregular, samples, smooth
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Joint
-from cranedyn.model.springs import rest_stiffness
 
 PERIODS, ROWS = 2.0, 40
 """Least length of a record: periods of the swing, and rows."""
@@ -136,12 +134,8 @@ class Record:
         for joint, i in zip(layout.driven, layout.drives.tolist(), strict=True):
             if joint.columns[0] in self.columns:
                 q[i] = float(np.mean(self.columns[joint.columns[0]]))
-        swings = np.ix_(self.crane.swings, self.crane.swings)
-        mass = pin.crba(self.crane.model, self.crane.data, q)
-        mass = np.triu(mass) + np.triu(mass, 1).T
-        tangent = rest_stiffness(self.crane.model, self.crane.data, self.crane.springs, q)
-        largest = float(eigvalsh(tangent[swings], mass[swings])[-1])
-        return 2.0 * math.pi / math.sqrt(largest) if largest > 0.0 else math.inf
+        fastest = float(natural_frequencies(self.crane, q, self.crane.swings)[-1])
+        return 2.0 * math.pi / fastest if fastest > 0.0 else math.inf
 
     def turned(self, column: str) -> Record:
         """Return the record with the other sign of a column."""

@@ -35,8 +35,10 @@ class Search:
         evaluations: Number of predictions of the records so far.
     """
 
-    def __init__(self, model: Model, progress: Callable[[int], object] | None) -> None:
-        self.model, self.evaluations, self._progress = model, 0, progress
+    def __init__(
+        self, model: Model, progress: Callable[[int], object] | None, evaluations: int
+    ) -> None:
+        self.model, self.evaluations, self._progress = model, evaluations, progress
 
     def solve(self, values: np.ndarray, noise: list[np.ndarray], share: float) -> np.ndarray:
         """Solve the least squares over a share of each record, from initial values.

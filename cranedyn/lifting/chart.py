@@ -120,7 +120,8 @@ class Falls:
         object.__setattr__(self, "rated", rated)
         if not 1 <= len(radii) <= _MOST:
             raise OutOfRange("number of points of a chart", len(radii), f"1 to {_MOST}")
-        number("smallest radius", self.least, "m", f"0 to {radii[0]:g}")
+        least = number("smallest radius", self.least, "m", f"0 to {radii[0]:g}")
+        object.__setattr__(self, "least", least)
         for i in np.flatnonzero(np.diff(radii) <= 0.0).tolist():
             order = f"{radii[i + 1]:g} m after {radii[i]:g} m"
             raise OutOfRange("radius of a point", order, "more than the one before")
@@ -283,17 +284,9 @@ def read_chart(path: str | Path) -> Chart:
 def _falls(path: str | Path, table_name: str, table: Any) -> Falls:
     _check_fields(path, table_name, table, ("count", "radii", "loads"), ("least",))
     try:
-        radii, rated = (_numbers(name, table[name]) for name in ("radii", "loads"))
-        smallest = number("smallest radius", table.get("least", 0.0), "m")
-        return Falls(whole("number of falls", table["count"], 1), radii, rated, smallest)
+        return Falls(table["count"], table["radii"], table["loads"], table.get("least", 0.0))
     except CraneError as error:
         raise DataError(f"{path}, {table_name}: {error}") from None
-
-
-def _numbers(name: str, values: Any) -> np.ndarray:
-    if not isinstance(values, list) or any(isinstance(value, bool) for value in values):
-        raise OutOfRange(name, type(values).__name__, "a list of numbers")
-    return np.array([number(f"a number of {name}", value) for value in values])
 
 
 def _check_fields(

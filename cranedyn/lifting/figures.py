@@ -20,6 +20,7 @@ from cranedyn.planning.certificate import Certificate
 from cranedyn.planning.lift import Lift
 from cranedyn.planning.solids import Solid
 from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.style import run_colour
 from cranedyn.recording import Obstacle, Scenery
 
 if TYPE_CHECKING:
@@ -31,8 +32,6 @@ _STATIONS = 60
 _SHOWN, _SPACED, _SCALE = 5, 1.5, 8.0
 """Obstacles drawn in clearance over time, distance between drawn envelopes and scale of the
 clearance [m]."""
-
-_PALETTE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
 
 _FAILED = 1e3
 """Share of a limit from which on a gust is not drawn, since lifts failed in it."""
@@ -187,8 +186,8 @@ def clearance_over_time(certificate: Certificate) -> Figure:
         (name for name in certificate.distances if name not in zones),
         key=lambda name: certificate.distances[name].min().item(),
     )
-    for name, colour in zip(names[:_SHOWN], _PALETTE, strict=False):
-        clear.plot(certificate.t, certificate.distances[name], color=colour, label=name)
+    for i, name in enumerate(names[:_SHOWN]):
+        clear.plot(certificate.t, certificate.distances[name], color=run_colour(i), label=name)
     clear.axhline(site.distance, color="#000000", linestyle="--", linewidth=1.0, label="required")
     clear.set(ylabel="clearance [m]", ylim=(0.0, _SCALE))
     clear.legend(loc="upper right", ncols=2, fontsize=9)

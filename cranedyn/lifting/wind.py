@@ -25,11 +25,7 @@ SCATTER = 0.11
 (second hand): 0.815, 0.873, 0.946 and 1 for 5, 10, 25 and 50 years."""
 
 OPERATING = MappingProxyType(
-    {
-        "a maker's manual": 20.0,
-        "UK trade guidance": 16.5,
-        "a Chinese code of work": 12.0,
-    }
+    {"a maker's manual": 20.0, "UK trade guidance": 16.5, "a Chinese code of work": 12.0}
 )
 """Wind speeds at which work ends [m/s], as in use (second hand)."""
 

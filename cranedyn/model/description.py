@@ -180,7 +180,8 @@ def describe(
         DataError: If the file cannot be read.
         ModelError: If the file cannot be expanded.
     """
-    declared = arguments(path)
+    own = Path(path).parent == XACRO.parent and Path(path).is_file()
+    declared = {} if own and not values else arguments(path)
     mappings = {} if visuals else {"visuals": "false"}
     for name, value in (values or {}).items():
         if name not in declared:
@@ -188,7 +189,7 @@ def describe(
         unit, allowed = declared[name].unit, declared[name].allowed
         mappings[name] = repr(number(name, value, unit, allowed)) if allowed else str(value)
     key = str(path), tuple(mappings.items())
-    if Path(path).parent != XACRO.parent:
+    if not own:
         return _expand(*key, packages)
     files = [file.stat() for file in sorted(XACRO.parent.glob("*.xacro"))]
     return _expand_cached(*key, tuple((file.st_mtime_ns, file.st_size) for file in files))

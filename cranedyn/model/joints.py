@@ -203,8 +203,10 @@ def joint_roles(
         named = {role.joint: name for name, role in ROLES.items() if role.joint in names}
         if len(named) == len(ROLES):
             return named
-        if is_chain and len(joints) == len(ROLES) and all(map(_plays, joints, ROLES)):
-            return dict(zip(names, ROLES, strict=True))
+        if is_chain and len(joints) == len(ROLES):
+            pairs = zip(joints, ROLES, strict=True)  # a swing is passive, all else is driven
+            if all(_fits(joint, r) and joint.driven != r.endswith("_swing") for joint, r in pairs):
+                return dict(zip(names, ROLES, strict=True))
         return {
             joint.name: named[joint.name]
             for joint in joints
@@ -275,11 +277,6 @@ def _fits(joint: Joint, role: str) -> bool:
     """Return whether a joint has the kind and, within a milliradian, the axis of a role."""
     aligned = np.dot(joint.axis, ROLES[role].axis) >= ALIGNED
     return joint.kind == ROLES[role].kind and bool(aligned)
-
-
-def _plays(joint: Joint, role: str) -> bool:
-    """Return whether a joint moves as a role does, and is driven or passive as the role is."""
-    return _fits(joint, role) and joint.driven != role.endswith("_swing")
 
 
 def check_roles(joints: Sequence[Joint], path: Path) -> None:

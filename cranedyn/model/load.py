@@ -17,14 +17,7 @@ import pinocchio as pin
 from cranedyn.checks import number, within
 from cranedyn.data.files import read_text
 from cranedyn.data.trajectory import read_record
-from cranedyn.errors import (
-    CraneError,
-    DataError,
-    ModelError,
-    OutOfRange,
-    UnknownName,
-    printable,
-)
+from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, UnknownName, printable
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import XACRO, CraneValues, describe
@@ -164,10 +157,7 @@ def load_crane(
 
 
 def _foreign_crane(
-    text: str,
-    path: Path,
-    options: _Options,
-    swing: bool | Mapping[str, float],
+    text: str, path: Path, options: _Options, swing: bool | Mapping[str, float]
 ) -> Crane:
     """Return the crane of a foreign URDF or MJCF, completed."""
     robot, notes = parse_urdf(text, path), list[str]()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tempfile
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -116,6 +115,8 @@ def _single_joints(body: ET.Element, notes: list[str]) -> list[ET.Element]:
 
 
 def _build(bodies: ET.Element, path: Path) -> pin.Model:
+    import tempfile  # it takes long, and few runs need it
+
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "crane.xml"
         ET.ElementTree(bodies).write(file, encoding="unicode")

@@ -59,8 +59,7 @@ def check_solvable(model: pin.Model, q: np.ndarray, layout: Layout, path: Path) 
         ModelError: If numbers overflow, a joint moves nothing, or accelerations lose all digits.
     """
     data, zeros = model.createData(), np.zeros(layout.n)
-    mass = np.triu(pin.crba(model, data, q))
-    mass += np.triu(mass, 1).T
+    mass = pin.crba(model, data, q)
     diagonal = np.diag(mass)
     energy = pin.computePotentialEnergy(model, data, q)
     if not (np.isfinite(mass).all() and math.isfinite(energy) and (diagonal > 0.0).all()):

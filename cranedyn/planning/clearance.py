@@ -206,7 +206,8 @@ class Clearance:
         """Return the angle of the rope from plumb [rad], shape (...), at coordinates of shape (...,
         n); of differences of coordinates, its change.
         """
-        return np.hypot(q[..., self.joints.radial_swing], q[..., self.joints.tangential_swing])
+        radial, tangential = self.joints.radial_swing, self.joints.tangential_swing
+        return np.sqrt(q[..., radial] ** 2 + q[..., tangential] ** 2)
 
     # --- what hangs -------------------------------------------------------------------------------
 
@@ -262,15 +263,16 @@ class Clearance:
         Drives move it one after the other: slew and trolley across, the hoist along a rope that
         leans and so takes it across, too.
         """
-        difference = np.abs(q_end - q)
         swing = np.maximum(self.tilt(q), self.tilt(q_end))
-        slewed, outward, hoisted = np.moveaxis(difference[..., self.drive_joints], -1, 0)
-        _, x, length = np.moveaxis(np.maximum(q, q_end)[..., self.drive_joints], -1, 0)
-        length = length + self.bodies.below
+        (slew, x, length), ends = (
+            [rows[..., joint] for joint in self.drive_joints] for rows in (q, q_end)
+        )
+        slewed, outward, hoisted = map(np.abs, map(np.subtract, ends, (slew, x, length)))
+        x, length = np.maximum(x, ends[1]), np.maximum(length, ends[2]) + self.bodies.below
         aside = np.sin(np.minimum(swing, math.pi / 2.0))
         across = (x + self.bodies.spread + length * aside) * slewed + outward
         driven = np.sqrt(across**2 + hoisted**2 + 2.0 * aside * across * hoisted)
-        return driven + length * self.tilt(difference)
+        return driven + length * self.tilt(q_end - q)
 
     # --- what slews with the jib ------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import binomtest
+from scipy.special import betaincinv
 
 from cranedyn.checks import finite, short_repr, whole, within
 from cranedyn.compiled.batch import Batch, simulate_batch
@@ -115,8 +115,9 @@ class Perturbed:
         """Return the confidence interval of the probability of a failure, by Clopper and Pearson
         (1934).
         """
-        test = binomtest(self.failures, len(self.least))
-        low, high = test.proportion_ci(CONFIDENCE, "exact")
+        failed, count, tail = self.failures, len(self.least), (1.0 - CONFIDENCE) / 2.0
+        low = betaincinv(failed, count - failed + 1, tail) if failed else 0.0
+        high = betaincinv(failed + 1, count - failed, 1.0 - tail) if failed < count else 1.0
         return float(low), float(high)
 
 
@@ -170,8 +171,8 @@ class PerturbedBatch(NamedTuple):
         rows: Indices of these lifts among all, shape (k,).
         crane: The crane with their load.
         batch: The simulated lifts, a row each tenth of a second.
-        force: Force of the wind on the points of the crane in these rows [N], shape (k, rows,
-            3 points).
+        force: Force of the wind on the points of the crane from each of these rows to the next [N],
+            shape (k, rows, 3 points).
         least: As of `Perturbed`, shape (k,).
     """
 
@@ -199,8 +200,7 @@ def simulate_perturbed(
     """
     lift, nominal = certificate.lift, controller_of(certificate.lift, dt=dt)
     cranes = {level: _crane(lift.crane, level) for level in np.unique(drawn["load"]).tolist()}
-    rows = np.searchsorted(certificate.run.t, _recorded(lift) - 1e-9)
-    planned = certificate.run.q[rows]
+    planned = certificate.run.q[:: _every(lift)]
     margins = np.array([lift.clearance.margin(q) for q in planned])
 
     def simulate_chunk(rows: np.ndarray) -> tuple[Batch, np.ndarray]:
@@ -220,7 +220,7 @@ def simulate_perturbed(
                 yield PerturbedBatch(chunk, crane, batch, force, distances)
 
 
-def _chunks(drawn: dict[str, np.ndarray], largest: int = 100) -> list[np.ndarray]:
+def _chunks(drawn: dict[str, np.ndarray], largest: int = 300) -> list[np.ndarray]:
     """Return the indices of lifts of the same load and delay, which share a controller, at most so
     many at once.
     """
@@ -270,8 +270,7 @@ def _batch(
         delay: replace(nominal, tracking=late(nominal, delay), integral=-heavier / HOIST_INTEGRAL)
         for delay in np.unique(drawn["late_s"]).tolist()
     }
-    times = motion.period * np.arange(_periods(lift) + 1)
-    force = _forces(lift, drawn, times)
+    force = _forces(lift, drawn)
     start = np.tile(lift.states()[0].q, (count, 1))
     offset = np.zeros((count, 2 * crane.layout.n))
     hoist = lift.clearance.joints.hoist
@@ -287,6 +286,7 @@ def _batch(
         dt=dt,
         control_period=motion.period,
         force=force,
+        force_interval=_every(lift),
         sensor_offset=offset,
         residual_from=motion.arrival,
         record=_every(lift),
@@ -294,7 +294,7 @@ def _batch(
     )
     names = ("peak_swing", "residual_swing", "largest_effort", "valid_until", "q", "v")
     batch = replace(batch, **{name: getattr(batch, name)[:-1] for name in names})
-    return batch, force[:-1, np.rint(batch.t / motion.period).astype(int)]
+    return batch, force[:-1]
 
 
 def _periods(lift: Lift) -> int:
@@ -308,11 +308,6 @@ def _every(lift: Lift) -> int:
     return max(1, round(_RECORDED / lift.timed.motion.period))
 
 
-def _recorded(lift: Lift) -> np.ndarray:
-    """Return the times of the rows that are kept [s]."""
-    return lift.timed.motion.period * np.arange(0, _periods(lift) + 1, _every(lift))
-
-
 def _hang(start: np.ndarray, force: np.ndarray, crane: Crane, joints: Joints) -> None:
     """Set loads, shape (n, coordinates), where forces of the wind in the world [N], shape (n, 3),
     hold them, their pivots unmoved.
@@ -324,26 +319,24 @@ def _hang(start: np.ndarray, force: np.ndarray, crane: Crane, joints: Joints) ->
     start[:, joints.tangential_swing] = -np.arctan2(along, np.hypot(weight, outward))
 
 
-def _forces(lift: Lift, drawn: dict[str, np.ndarray], times: np.ndarray) -> np.ndarray:
-    """Return the drag of the wind on the load, which moves as planned [N], shape (n, rows,
-    3 points).
+def _forces(lift: Lift, drawn: dict[str, np.ndarray]) -> np.ndarray:
+    """Return the drag of the wind on the load, which moves as planned, in the middle between rows
+    that are kept [N], shape (n, rows, 3 points).
     """
+    rows = np.arange(0, _periods(lift) + 1, _every(lift))
+    times = lift.timed.motion.period * (rows + _every(lift) / 2.0)
     area = _DRAG * _silhouette(lift.clearance.bodies.load)
     points = lift.clearance.point(lift.timed.places)
     step = lift.timed.motion.arrival / (len(points) - 1)
     load_rates = np.gradient(points, step, axis=0)
     load_rates = interpolate_columns(times, step * np.arange(len(points)), load_rates)
     load_rates[times > step * (len(points) - 1)] = 0.0
-    across = load_rates[:, :2].T.copy()
     names = ("wind_m_s", "gust_m_s", "gust_at_s", "gust_lasts_s", "direction_rad")
+    steady, rise, start, duration, direction = (drawn[name][:, None] for name in names)
+    speed = (steady + rise * gust_shape(times, start, duration))[..., None]
+    along = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
     force = np.zeros((len(drawn["load"]), len(times), 3 * len(lift.crane.points)))
-    for i, row in enumerate(zip(*(drawn[name] for name in names), strict=True)):
-        steady, rise, start, duration, direction = row
-        along = np.array([[math.cos(direction)], [math.sin(direction)]])
-        relative = along * steady - across
-        gust = slice(*np.searchsorted(times, (start, start + duration)))
-        relative[:, gust] += along * (rise * gust_shape(times[gust], start, duration))
-        force[i, :, :2] = drag_force(area, relative.T)
+    force[..., :2] = drag_force(area, speed * along - load_rates[:, :2])
     return force
 
 

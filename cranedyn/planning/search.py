@@ -272,18 +272,19 @@ class _Grid:
         self._step, self._cell = rates * cell, cell
         self._goal = ((ends[1] - ends[0]) / self._step).tolist()
         self._low, self._high = ((bounds - ends[0]) / self._step).tolist()
-        self._margins: dict[Node, float] = {}
+        self.margin, self.inside = cache(self._margin), cache(self._inside)
+        self.cost_to_goal = cache(self._cost_to_goal)
 
     def place(self, node: Node) -> np.ndarray:
         return np.clip(self._ends[0] + np.array(node) * self._step, *self._bounds)
 
-    def inside(self, node: Node) -> bool:
+    def _inside(self, node: Node) -> bool:
         return all(
             low - 1e-9 <= i <= high + 1e-9
             for low, i, high in zip(self._low, node, self._high, strict=True)
         )
 
-    def cost_to_goal(self, node: Node) -> float:
+    def _cost_to_goal(self, node: Node) -> float:
         """Return a lower bound of the cost of a way from a cell to the goal."""
         differences = [abs(goal - i) for goal, i in zip(self._goal, node, strict=True)]
         farthest = max(differences)
@@ -292,10 +293,8 @@ class _Grid:
     def beside_goal(self, node: Node) -> bool:
         return all(abs(goal - i) <= 1.0 + 1e-9 for goal, i in zip(self._goal, node, strict=True))
 
-    def margin(self, node: Node) -> float:
-        if node not in self._margins:
-            self._margins[node] = self._clearance.swing_margin(self.place(node))
-        return self._margins[node]
+    def _margin(self, node: Node) -> float:
+        return self._clearance.swing_margin(self.place(node))
 
     def is_free(self, start: Node, end: Node) -> bool:
         """Return whether the line between two cells is proven free; the margins at its ends prove

@@ -11,11 +11,14 @@ from pathlib import Path
 
 import coal
 import numpy as np
-import trimesh
 from scipy.spatial import ConvexHull
 
+from cranedyn.command import defer_sigint
 from cranedyn.data.files import read_bytes
 from cranedyn.errors import DataError, OutOfRange
+
+with defer_sigint():  # trimesh takes an interruption for a module that is missing
+    pass
 
 MESH_ENDINGS = (".stl", ".ply", ".off", ".obj")
 """Endings of mesh files; none of these formats needs another file."""
@@ -88,8 +91,12 @@ class Solid:
         """Return whether a point [m] lies inside of a surface of triangles; for convex parts, whose
         distances show it, always False.
         """
+        if self.parts:
+            return False
+        import trimesh  # slow, and needed for few sites
+
         surface = trimesh.Trimesh(self.vertices, self.triangles, process=False)
-        return not self.parts and bool(surface.contains([point])[0])
+        return bool(surface.contains([point])[0])
 
 
 def check_corners(points: np.ndarray) -> None:
@@ -226,15 +233,19 @@ def prism(
     if not polygon.is_valid or polygon.area < _THIN:
         raise DataError("an outline must enclose an area and not cross itself.")
     polygon = shapely.geometry.polygon.orient(polygon)
+
+    def upright(outline: np.ndarray) -> np.ndarray:
+        return np.vstack([np.insert(outline, 2, z, axis=1) for z in (base, base + height)])
+
+    if polygon.convex_hull.area - polygon.area < _THIN:
+        corners = upright(np.array(polygon.exterior.coords)[:-1])
+        return Solid(name, (corners,), *convex_hull(corners), zone)
+    import trimesh
+
     mesh = trimesh.creation.extrude_polygon(polygon, height)
     mesh.apply_translation([0.0, 0.0, base])
-    convex = polygon.convex_hull.area - polygon.area < _THIN
-    cuts = [np.array(polygon.exterior.coords)[:-1]]
-    if not convex:
-        points, triangles = trimesh.creation.triangulate_polygon(polygon)
-        cuts = [np.asarray(points)[triangle] for triangle in triangles]
-    ends = (base, base + height)
-    parts = tuple(np.vstack([np.insert(cut, 2, z, axis=1) for z in ends]) for cut in cuts)
+    points, triangles = trimesh.creation.triangulate_polygon(polygon)
+    parts = tuple(upright(np.asarray(points)[triangle]) for triangle in triangles)
     return Solid(name, parts, np.array(mesh.vertices), np.array(mesh.faces), zone)
 
 
@@ -251,6 +262,8 @@ def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: boo
         DataError: If a corner lies beyond `FARTHEST`, a triangle has a corner that there is not,
             or the surface is not closed.
     """
+    import trimesh
+
     surface = Solid(name, (), vertices, triangles)
     if as_hull:
         corners, triangles = convex_hull(vertices)
@@ -283,6 +296,8 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """
     if path.suffix.lower() not in MESH_ENDINGS:
         raise DataError(f"Cannot read {path}: a mesh ends in {', '.join(MESH_ENDINGS)}.")
+    import trimesh
+
     content = read_bytes(path, _LARGEST_MESH)
     try:
         with np.errstate(all="ignore"):  # numbers that are none are refused with their corner

@@ -13,11 +13,10 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import LayoutEngine
 
 from cranedyn.data.files import atomic_write
 from cranedyn.data.time_series import TimeSeries
-from cranedyn.plotting.style import COLOURS, LINE_STYLES, RC, colour_of, run_colour
+from cranedyn.plotting.style import COLOURS, GREEK, LINE_STYLES, RC, colour_of, run_colour
 
 __all__ = ["COLOURS", "panels", "save"]
 
@@ -66,22 +65,17 @@ def save(figure: Figure, path: str | Path, *further: str | Path) -> Path:
     engine = figure.get_layout_engine()
     with mpl.rc_context(RC):
         if engine is not None:
-            _lay_out(figure, engine)
+            dpi = figure.dpi  # panels stand as they do at the resolution of a picture
+            figure.set_dpi(_DPI)
+            engine.execute(figure)
+            figure.set_dpi(dpi)
+            figure.set_layout_engine(None)  # none to draw once more for
         try:
             for file in (path, *further):
                 _save(figure, Path(file))
         finally:
             figure.set_layout_engine(engine)
     return Path(path)
-
-
-def _lay_out(figure: Figure, engine: LayoutEngine) -> None:
-    """Fix the positions of the panels as they are at the resolution of a picture."""
-    dpi = figure.dpi
-    figure.set_dpi(_DPI)
-    engine.execute(figure)
-    figure.set_dpi(dpi)
-    figure.set_layout_engine(None)  # none to draw once more for
 
 
 def _save(figure: Figure, path: Path) -> None:
@@ -114,8 +108,6 @@ _LEAST_SPAN = 1e-3
 
 _PASSIVE_TITLES = {"rad": "swing", "m": "stretch"}
 """Label of the passive coordinates by their unit."""
-
-_GREEK = {"gamma": "γ", "phi": "φ", "theta": "θ"}
 
 
 def plot_columns(series: TimeSeries, *columns: str) -> Figure:
@@ -163,7 +155,7 @@ def plot_runs(runs: Mapping[str, TimeSeries]) -> Figure:
 
 
 def _draw_drive(ax: Axes, runs: Mapping[str, TimeSeries], symbol: str, unit: str) -> None:
-    label = _GREEK.get(symbol, symbol)
+    label = GREEK.get(symbol, symbol)
     for i, (name, run) in enumerate(runs.items()):
         setpoint, label_unit = _in_degrees(run[f"{symbol}_setpoint_{unit}"], unit)
         position, _ = _in_degrees(run[f"{symbol}_{unit}"], unit)
@@ -182,7 +174,7 @@ def _draw_passive(
     for i, (name, run) in enumerate(runs.items()):
         for symbol in symbols:
             values, label_unit = _in_degrees(run[f"{symbol}_{unit}"], unit)
-            label = f"{_GREEK.get(symbol, symbol)} {name}".strip()
+            label = f"{GREEK.get(symbol, symbol)} {name}".strip()
             ax.plot(run.t, values, styles.get(symbol, "-"), color=run_colour(i), label=label)
             ax.set_ylabel(f"{_PASSIVE_TITLES[unit]} [{label_unit}]")
     _widen(ax)

@@ -58,6 +58,9 @@ RC: Any = {
 }
 """Settings of Matplotlib with which figures are drawn and saved."""
 
+GREEK = {"gamma": "γ", "phi": "φ", "theta": "θ"}
+"""Letters of coordinates by their symbols."""
+
 LINE_STYLES = {"phi": "-", "theta": "--"}
 """Line styles: solid for radial swing and dashed for tangential swing, in every figure."""
 

@@ -23,14 +23,7 @@ pages and their processes).
 
 from cranedyn.recording.record import Live, check_enabled, record
 from cranedyn.recording.run import Obstacle, Run, Scenery
-from cranedyn.recording.viewer import (
-    Server,
-    check_display,
-    check_port,
-    open_viewer,
-    serve,
-    view,
-)
+from cranedyn.recording.viewer import Server, check_display, check_port, open_viewer, serve, view
 
 __all__ = [
     "Live",

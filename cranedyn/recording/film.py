@@ -16,9 +16,9 @@ from cranedyn.data.files import atomic_write, with_ending
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.plotting.figures import panels
 from cranedyn.plotting.style import COLOURS, LINE_STYLES
-from cranedyn.recording.hanging import CONTACT, touching_points
 from cranedyn.recording.run import Run, colours
 from cranedyn.recording.series import joint_label
+from cranedyn.recording.shapes import CONTACT, touching_points
 from cranedyn.recording.sketch import Projection
 
 WIDTH, HEIGHT, RATE = 1280, 720, 30

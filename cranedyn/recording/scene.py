@@ -26,9 +26,8 @@ from cranedyn.errors import printable
 from cranedyn.model.crane import Crane
 from cranedyn.model.urdf import parse_urdf, skeleton
 from cranedyn.plotting.style import COLOURS, mixed, rgb
-from cranedyn.recording.hanging import CONTACT, rope_line, touching_points
 from cranedyn.recording.run import Run, Scenery, clock, colours, rows_every
-from cranedyn.recording.shapes import Shape, shapes
+from cranedyn.recording.shapes import CONTACT, Shape, rope_line, shapes, touching_points
 
 BACKGROUND = "#E1E8F0"
 """Colour behind the scene, into which the path of the payload fades."""

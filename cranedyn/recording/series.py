@@ -18,7 +18,7 @@ from rerun.blueprint.encodings import VisualizerComponentMapping
 
 from cranedyn.errors import printable
 from cranedyn.model.layout import Joint, Layout
-from cranedyn.plotting.style import colour_of, mixed, rgb, run_colour
+from cranedyn.plotting.style import GREEK, colour_of, mixed, rgb, run_colour
 from cranedyn.recording.run import Run, clock, colours, rows_every
 
 READOUT = "readout"
@@ -57,7 +57,6 @@ class Plot(NamedTuple):
 
 
 _TITLES = {"gamma": "Slew", "x": "Trolley", "l": "Cable"}
-_LABELS = {"gamma": "γ", "phi": "φ", "theta": "θ"}
 _SWINGS = {"phi": "φ radial", "theta": "θ tangential"}
 _DRIVES = {"gamma": "slew", "x": "trolley", "l": "hoist"}
 
@@ -106,7 +105,7 @@ def _unit(joint: Joint) -> tuple[str, str, float]:
 
 def joint_label(joint: Joint) -> str:
     """Return the letter of a coordinate, such as φ."""
-    return _LABELS.get(joint.symbol, joint.symbol)
+    return GREEK.get(joint.symbol, joint.symbol)
 
 
 def _joint_plot(name: str, joints: Sequence[Joint]) -> Plot:

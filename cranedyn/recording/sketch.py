@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import panels
-from cranedyn.recording.hanging import rope_line
-from cranedyn.recording.shapes import shapes
+from cranedyn.recording.shapes import rope_line, shapes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,7 +11,6 @@ import math
 
 import numpy as np
 import scipy
-from numpy.polynomial import Polynomial
 
 from cranedyn.checks import finite, number, within
 from cranedyn.clocks import intervals
@@ -26,7 +25,7 @@ _MARGIN = 6
 _CLOSEST = 5e-3
 """Least distance between samples that derivatives are taken from [s]."""
 
-_SMOOTHSTEP = Polynomial([0.0] * 5 + [126.0, -420.0, 540.0, -315.0, 70.0])
+_SMOOTHSTEP = np.poly1d([70.0, -315.0, 540.0, -420.0, 126.0] + [0.0] * 5)
 
 
 def smoothstep(s: np.ndarray, order: int = 0) -> np.ndarray:

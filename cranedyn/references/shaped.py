@@ -178,9 +178,8 @@ def shaped_hoisting(
         OutOfRange: If duration or a cable is not positive, or the step longer than a quarter of the
             duration or too short for it.
     """
-    hoist = crane.layout.drive(
-        crane.layout.joints[crane.layout.role("hoist", "Shaped hoisting")].symbol
-    )
+    role = crane.layout.role("hoist", "Shaped hoisting")
+    hoist = crane.layout.drive(crane.layout.symbols[role])
     other_drives, gravity = np.delete(np.arange(crane.layout.m), hoist), crane.gravity
     intervals("duration", duration, step)
     within("step of the shaped reference", step, 0.0, duration / 4.0, "s")

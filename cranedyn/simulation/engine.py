@@ -197,10 +197,10 @@ class Engine:
             What acts on the crane.
         """
         drives, state = self._drives, self.state
-        effort_before = drives.effort(state)
         rope, ground = drives.rope is not None, None
         if self._external is not None and (ground := self._external.ground) is not None:
             self._external.ground_effort = ground.effort(*state)
+        effort_before = drives.effort(state)
         acts = self._setting.buffers or rope or ground is not None
         outside = self._outside() if acts else _NOTHING_OUTSIDE
         if force is None:

@@ -95,15 +95,21 @@ class Stepper:
         return self.engine.state
 
     def step(self, command: Sequence[float] | np.ndarray, force: np.ndarray | None = None) -> State:
-        """Advance by one control period under a command.
+        """Advance by one control period under a command, see `apply`; return the state at its
+        end.
+        """
+        self.apply(command, force)
+        state = self.engine.advance()
+        self._periods += 1
+        return state
+
+    def apply(self, command: Sequence[float] | np.ndarray, force: np.ndarray | None = None) -> None:
+        """Hold a command from now on.
 
         Args:
             command: Commands of the drives [N m or N; rad/s² or m/s²; rad/s or m/s], shape (m,).
             force: External forces on the points of the crane in the world [N], shape (points, 3);
                 None for none.
-
-        Returns:
-            The state at the end of the period.
 
         Raises:
             OutOfRange: If a shape is wrong, or a force is given to a stepper without forces.
@@ -116,9 +122,6 @@ class Stepper:
         elif force is not None:
             raise OutOfRange("force", "given", "none, unless the stepper is made with forces=True")
         self.engine.apply_command(as_command(command, self.t, layout), force)
-        state = self.engine.advance()
-        self._periods += 1
-        return state
 
 
 def initial_state(crane: Crane, start: State | None) -> State:

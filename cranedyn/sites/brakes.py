@@ -69,12 +69,6 @@ class Brakes:
         """
         return stopping_distance(rate, self.reaction, self.decelerations)
 
-    def largest_rate(self, distance: np.ndarray) -> np.ndarray:
-        """Return the largest rates [rad/s or m/s] with stopping distances [rad or m] that are no
-        larger, shape (m,) each; 0 for a negative distance.
-        """
-        return largest_rate(np.maximum(distance, 0.0), self.reaction, self.decelerations)
-
     def tube(self, position: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Return the ends of the intervals that the drives may pass before they stand, shape (2,
         m), from measured positions at rates from low to high, shape (m,) each.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,18 +15,15 @@ import numpy as np
 import pyarrow as pa
 
 from cranedyn.checks import as_array, number, whole
-from cranedyn.clocks import clocks
 from cranedyn.data.tables import write_table
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import EngineName, Setpoint, State
 from cranedyn.recording import Obstacle, Run, Scenery, record
-from cranedyn.simulation.engine import Setting, load_engine
 from cranedyn.simulation.log import Log
 from cranedyn.simulation.record import RunRecord
-from cranedyn.simulation.stepper import as_command, as_force, check_bounded, initial_state
-from cranedyn.sites.bodies import PlacedCapsules, place_capsules, rope_poses
+from cranedyn.simulation.stepper import Stepper
+from cranedyn.sites.bodies import PlacedCapsules, place_capsules
 from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.guard import Guard
 from cranedyn.sites.proof import least_distances
@@ -173,11 +171,18 @@ class SiteRun:
             f"- {t:.1f} s: {body} of {first} and {other} {second}"
             for t, first, second, body, other in self.contacts
         ]
+        waits = Counter(circle for _, circle in self.deadlocks)
+        names = [run.name for run in runs]
+        lines = ["**Contacts:**\n", *lines] if lines else ["No contacts."]
+        lines += ["\n**Cranes that wait for each other:**\n"] if waits else []
+        for circle, count in waits.items():
+            chain = " for ".join(names[i] for i in (*circle, circle[0]))
+            lines.append(f"- {chain}: {CYCLE * count:.1f} s")
         return record(
             path,
             runs,
             title=self.site.name,
-            text="\n".join(["**Contacts:**\n", *lines]) if lines else "No contacts.",
+            text="\n".join(lines),
             gaps=self.gaps(),
             contacts=[contact.t for contact in self.contacts],
         )
@@ -237,7 +242,7 @@ def simulate_site(
             if circle := network.supervisor.deadlock():
                 deadlocks.append((t, circle))
         for crane, rates in zip(cranes, passed[-1], strict=True):
-            crane.step(t, rates)
+            crane.step(rates, crane.force())
     trajectories = tuple(crane.record.trajectory(crane.log, crane.engine) for crane in cranes)
     swings = [
         np.linalg.norm(crane.crane.swing_angles(run.q), axis=1).max()
@@ -307,7 +312,7 @@ class _Network:
         return [(station, message) for _, station, message in due]
 
 
-class _SiteCrane:
+class _SiteCrane(Stepper):
     """A crane with its operator, engine and log."""
 
     def __init__(
@@ -319,30 +324,28 @@ class _SiteCrane:
         dt: float,
         rows: int,
     ) -> None:
-        self.crane, self.operator = station.crane, operator
-        self._wind = None if wind is None else wind.on(station)
-        clock, forces = clocks(CYCLE, dt, CYCLE), wind is not None
-        drives, rule = station.converters, semi_implicit_euler
-        setting = Setting.of(self.crane, clock, drives, rule, forces=forces, buffers=False)
-        self.engine = load_engine(engine)(setting, initial_state(self.crane, None))
-        self.log = Log(setting, "mark", 0.0, rows)
-        self.record = RunRecord(setting, engine, "mark", operator, disturbance=self._wind)
+        drives, forces = station.converters, wind is not None
+        super().__init__(
+            station.crane, dt=dt, control_period=CYCLE, drive=drives, forces=forces, engine=engine
+        )
+        self.operator, self._wind = operator, None if wind is None else wind.on(station)
+        self.log = Log(self.setting, "mark", 0.0, rows)
+        self.record = RunRecord(self.setting, engine, "mark", operator, disturbance=self._wind)
 
     def command(self, t: float, states: Sequence[State]) -> np.ndarray:
         """Return the rates that the operator commands, shape (m,)."""
         layout, rates = self.crane.layout, self.operator(t, states)
         return as_array("command", rates, (layout.m,), meaning=layout.drives_in_words).copy()
 
-    def step(self, t: float, rates: np.ndarray) -> None:
-        """Log a row at a time [s] and step to the next."""
-        layout, state = self.crane.layout, self.engine.state
-        check_bounded(layout, t, state)
-        force = None if self._wind is None else as_force(self._wind(t, state), layout)
-        command = as_command(rates, t, layout)
-        setpoint = Setpoint(state.q[layout.drives], command, np.zeros(layout.m))
-        self.engine.apply_command(command, force)
-        self.log.append(self.engine.row(setpoint))
-        self.engine.advance()
+    def force(self) -> np.ndarray | None:
+        """Return the forces of the wind [N], shape (points, 3); None for no wind."""
+        return None if self._wind is None else self._wind(self.t, self.state)
+
+    def apply(self, command: Sequence[float] | np.ndarray, force: np.ndarray | None = None) -> None:
+        """Hold rates from now on, and log a row."""
+        super().apply(command, force)
+        position, rates = self.state.q[self.crane.layout.drives], np.asarray(command)
+        self.log.append(self.engine.row(Setpoint(position, rates, np.zeros_like(rates))))
 
 
 class _Watch:
@@ -386,7 +389,7 @@ class _Watch:
         """Return the ends of the capsules of a crane [m], shape (rows, capsules, 2, 3)."""
         station, rows = self._site.stations[i], len(q)
         count = len(station.bodies.names)
-        ropes = rope_poses(station.ropes.repeat(rows, axis=0), *station.chain(q))[:, 3:6]
+        _, ropes, _ = station.rope(q)
         position = self._site.positions(i, q[:, station.crane.layout.drives])
         ends, ropes = (x.repeat(count, axis=0) for x in (position, ropes))
         which, capsules = np.full(rows * count, i), np.tile(np.arange(count), rows)

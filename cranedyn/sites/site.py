@@ -92,21 +92,16 @@ class Station:
         return [solid.moved(turn, -turn @ np.asarray(self.foot)) for solid in solids]
 
     def rope(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the pivot [m], shape (3,), the direction of the rope, shape (3,), and the motion
-        of the pivot by each drive [m/rad or m/m], shape (3, m), in the frame of the site, at
-        coordinates of shape (n,).
+        """Return pivots [m], shape (rows, 3), directions of the rope, shape (rows, 3), and motions
+        of the pivot by each drive [m/rad or m/m], shape (rows, m, 3), in the frame of the site, at
+        coordinates of shape (rows, n).
         """
-        pose = rope_poses(self.ropes, *self.chain(np.asarray(q)[None]))[0]
-        motion = np.zeros((self.crane.layout.m, 3))
-        motion[self.bodies.columns[:-1]] = pose[6:].reshape(-1, 3)
-        return pose[:3], pose[3:6], motion.T
-
-    def chain(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions of the k joints between foot and rope and swing angles in rows, shapes
-        (rows, k) and (rows, 2), of coordinates of shape (rows, n).
-        """
-        drives = self.crane.layout.drives[self.bodies.columns[:-1]]
-        return q[:, drives], q[:, self.crane.swings]
+        chain, crane = self.bodies.columns[:-1], self.crane
+        ends = q[:, crane.layout.drives[chain]], q[:, crane.swings]
+        poses = rope_poses(self.ropes.repeat(len(q), axis=0), *ends)
+        motion = np.zeros((len(q), crane.layout.m, 3))
+        motion[:, chain] = poses[:, 6:].reshape(len(q), -1, 3)
+        return poses[:, :3], poses[:, 3:6], motion
 
     @cached_property
     def ropes(self) -> np.ndarray:
@@ -186,9 +181,9 @@ class CraneSite:
                     f"required is {self.distance:g} m."
                 )
         for station in self.stations if self.solids else ():
-            load = station.rope(station.crane.start.q)
+            pivot = station.rope(station.crane.start.q[None])[0][0]
             for solid in self.solids:
-                if any(solid.holds(point) for point in (np.asarray(station.foot), *load[:1])):
+                if any(solid.holds(point) for point in (np.asarray(station.foot), pivot)):
                     raise DataError(f"{quoted(station.name)} stands in {quoted(solid.name)}.")
 
     @cached_property
@@ -237,13 +232,15 @@ class CraneSite:
 
     def pair_apart(
         self, a: int, box_a: np.ndarray, b: int, box_b: np.ndarray, distance: float
-    ) -> bool:
-        """Return whether two cranes in boxes, shape (2, m), are proven to keep a distance [m]."""
-        ends = [self.positions(i, box)[None] for i, box in ((a, box_a), (b, box_b))]
-        first, second = np.array([a]), np.array([b])
-        return bool(
-            proven_apart(self.bodies, first, ends[0], second, ends[1], distance, self.swing)[0]
-        )
+    ) -> np.ndarray:
+        """Return whether two cranes in boxes, shape (..., 2, m), are proven to keep a distance [m],
+        shape (...).
+        """
+        ends = np.broadcast_arrays(self.positions(a, box_a), self.positions(b, box_b))
+        first, second = (x.reshape(-1, *x.shape[-2:]) for x in ends)
+        rows = np.zeros(len(first), dtype=int)
+        apart = proven_apart(self.bodies, rows + a, first, rows + b, second, distance, self.swing)
+        return apart.reshape(ends[0].shape[:-2])
 
     def _tower_gap(self, a: int, b: int) -> float:
         cranes, capsules = [], []

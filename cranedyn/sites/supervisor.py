@@ -39,8 +39,9 @@ class Supervisor:
     """The part of the supervision that all cranes share.
 
     Right of way has the crane whose requests have been refused longest, then the first: no other is
-    granted what it has asked for. Where cranes wait for each other in a circle, the one with the
-    least right of way withdraws.
+    granted what it has asked for. Where cranes wait for each other in a circle, one withdraws to
+    let another pass: the ones with the least right of way are tried first, one a cycle. A crane
+    that withdraws has no right of way; what it wanted before still counts in later circles.
 
     Attributes:
         site: The site.
@@ -62,7 +63,7 @@ class Supervisor:
         self.withdrawals: dict[int, tuple[np.ndarray, int]] = {}
         self._numbers, self._refused = [0] * len(boxes), [0] * len(boxes)
         self._free_since, self._trial = [0] * len(boxes), -1
-        self._wanted = list(self.boxes)
+        self._wanted, self._ways = list(self.boxes), [np.zeros_like(box) for box in self.boxes]
         for i, box in enumerate(self.boxes):
             apart = site.apart(i, box, self.boxes)
             if not apart[i]:
@@ -92,6 +93,8 @@ class Supervisor:
         near = [None if free else other for free, other in zip(apart, boxes, strict=True)]
         box = wanted if apart.all() else self._extended(station, box, wanted, near)
         self.boxes[station], self._wanted[station] = box, wanted
+        if station not in self.withdrawals:  # else it wants to go where it was told to
+            self._ways[station] = np.sign(wanted - request.held)
         short = np.abs(wanted - box) > self.site.stations[station].brakes.tolerances
         blocking = ~apart
         blocking[station] = False  # an obstacle is in the way
@@ -105,7 +108,7 @@ class Supervisor:
 
     def _others(self, station: int) -> list[np.ndarray]:
         """Return for each crane what another must keep apart from."""
-        rank = [(refused, -i) for i, refused in enumerate(self._refused)]
+        rank = [(i not in self.withdrawals, times, -i) for i, times in enumerate(self._refused)]
         yields = [rank[i] > rank[station] and station not in self.withdrawals for i in self.waits]
         return [(self._wanted if yields[i] else self.boxes)[i] for i in self.waits]
 
@@ -140,10 +143,10 @@ class Supervisor:
         trials = [*itertools.product(sorted(circle, key=lambda i: (self._refused[i], -i)), AHEAD)]
         loser, ahead = trials[self._trial % len(trials)]
         winner = circle[circle.index(loser) - 1]
-        if self._trial >= 0 and (target := self._way_out(loser, winner, ahead)) is not None:
+        if (target := self._way_out(loser, winner, ahead)) is not None:
             self.withdrawals.pop(winner, None)
             self.withdrawals[loser], self._free_since[loser] = (target, winner), 0
-            self._trial = -STUCK
+            self._refused[station] = 0
 
     def _way_out(self, loser: int, winner: int, ahead: float) -> np.ndarray | None:
         """Return the nearest position in time, by one drive, from where a crane lets another pass
@@ -159,8 +162,8 @@ class Supervisor:
         moved = np.array([box] * len(shifts))
         for k, (_, drive, shift) in enumerate(shifts):
             moved[k, :, drive] += shift
-        held, wanted, ends = self.boxes[winner], self._wanted[winner], self._drives(winner)
-        reach = ahead * site.stations[winner].converters.rates * np.sign(wanted - held)
+        wanted, ends = self._wanted[winner], self._drives(winner)
+        reach = ahead * site.stations[winner].converters.rates * self._ways[winner]
         passing = np.clip(
             wanted + reach, np.minimum(ends[0], wanted[0]), np.maximum(ends[1], wanted[1])
         )

@@ -12,8 +12,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NoReturn
 
-from cranedyn.bridges.gazebo import SOLVERS, export
-from cranedyn.bridges.programs import Program
+from cranedyn.bridges.gazebo import SOLVERS, Program, export
 from cranedyn.controllers import hold_controller
 from cranedyn.errors import DataError, UnknownName
 from cranedyn.model.crane import Crane

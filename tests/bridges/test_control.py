@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -12,7 +11,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.bridges.joints import input_names, state_names
-from cranedyn.bridges.matlab import linear_system, to_matlab
 from cranedyn.controllers.affine import affine_form
 from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
 from cranedyn.controllers.tracking import Tracking
@@ -317,14 +315,3 @@ def test_a_taut_inextensible_rope_has_states_and_feedback_of_a_rigid_one(
     assert_allclose(np.delete(fed[1].gain[0], held, axis=1), fed[0].gain[0], rtol=1e-6, atol=1e-2)
     loop = sampled(taut, taut.start, dt=2e-3, control_period=period).closed(fed[1].gain[0])
     assert np.abs(np.linalg.eigvals(loop)).max() < 1.0
-
-
-@pytest.mark.parametrize("function", [to_control, to_matlab])
-def test_a_linear_system_takes_the_same_arguments_in_every_form(
-    function: Callable[..., object],
-) -> None:
-    def arguments(function: Callable[..., object]) -> list[tuple[str, object]]:
-        found = inspect.signature(function).parameters.values()
-        return [(argument.name, argument.default) for argument in found]
-
-    assert arguments(function)[-8:] == arguments(linear_system)

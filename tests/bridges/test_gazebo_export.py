@@ -23,7 +23,7 @@ import experiments.energy
 import experiments.gazebo
 from cranedyn.__main__ import main
 from cranedyn.bridges import gazebo, ros2
-from cranedyn.bridges.programs import Program
+from cranedyn.bridges.gazebo import Program
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking

@@ -235,7 +235,7 @@ def test_simd_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     crane, data = crane_of("tower"), data_of("tower")
     drives, code = converters(crane), partial(webassembly.webassembly, simd=False)
     monkeypatch.setattr(webassembly, "webassembly", code)
-    scalar = browser_crane.kernel_data(crane, drives, *browser_crane.variations(crane, drives))
+    scalar = browser_crane.kernel_data(crane, drives, browser_crane.variations(crane, drives))
     assert scalar["horizon"]["module"] != data["kernel"]["horizon"]["module"]
     requests = [request(name, 2000) for name in ASSISTANCES]
     ends = [

@@ -140,6 +140,7 @@ def test_both_engines_lift_a_load_off_lead_by_frequency_converters_alike() -> No
     assert np.array_equal(plain.phase, compiled.phase)
     assert np.allclose(plain.q, compiled.q, rtol=0.0, atol=1e-9)
     assert np.allclose(plain.effort, compiled.effort, rtol=1e-6, atol=1e-3)
+    assert np.allclose(plain.work, compiled.work, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.slow

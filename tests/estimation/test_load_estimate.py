@@ -16,10 +16,14 @@ from cranedyn.controllers import hold_controller, lqr
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import holding_effort, linearise, prescribed_acceleration
 from cranedyn.errors import CraneError, MissingRole
-from cranedyn.estimation import with_load_estimate, with_observer, with_sensor_model
+from cranedyn.estimation import (
+    with_load_estimate,
+    with_longer_cable,
+    with_observer,
+    with_sensor_model,
+)
 from cranedyn.estimation.load_estimate import CableFamily, LoadEstimateController
 from cranedyn.estimation.load_filter import LIGHTEST, LoadFilter, Sensors
-from cranedyn.estimation.longer_cable import with_longer_cable
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.load import load_crane
 from cranedyn.references import Motion
@@ -374,7 +378,6 @@ def made(**changed: object) -> Callable[[], object]:
         ({"noise": np.ones(9)}, "10 standard deviations"),
         ({"noise": np.zeros(10)}, "noise of the observer is 0.0; allowed is > 0"),
         ({"disturbance": [1.0]}, "5 standard deviations"),
-        ({"motion_of": lambda by: combined(crane(), by)}, "one of 1 rows"),
     ],
 )
 def test_what_cannot_be_is_refused(wrong: dict[str, object], words: str) -> None:

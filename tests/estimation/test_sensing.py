@@ -132,10 +132,10 @@ def test_sensors_of_one_run_are_refused_in_another() -> None:
             "delay of the sensors is -1 control periods; allowed is a whole number >= 0",
         ),
         ({"delay": 1.5}, "a whole number"),
-        ({"noise": np.ones(9)}, "10 numbers: 5 coordinates, 5 rates"),
-        ({"noise": [[1.0] * 5, [1.0] * 4]}, "10 numbers: 5 coordinates, 5 rates"),
-        ({"noise": [*NOISE[:9], -1.0]}, "noise of l_dot is -1.0; allowed is >= 0"),
-        ({"noise": [*NOISE[:9], math.nan]}, "noise of l_dot"),
+        ({"noise": np.ones(9)}, "10 standard deviations"),
+        ({"noise": [[1.0] * 5, [1.0] * 4]}, "10 standard deviations"),
+        ({"noise": [*NOISE[:9], -1.0]}, "noise of the sensors is -1.0; allowed is >= 0"),
+        ({"noise": [*NOISE[:9], math.nan]}, "noise of the sensors is nan"),
     ],
 )
 def test_sensors_that_cannot_be_are_refused(given: dict[str, object], words: str) -> None:

@@ -17,7 +17,8 @@ def test_supervised_cranes_do_not_touch_and_keep_distance_swing_and_boxes(tmp_pa
     arguments = "--site two_towers --hours 0.02 --minutes 6 --cycles 50 --out"
     assert site.main([*arguments.split(), str(tmp_path)]) in (0, 1)
     claims = json.loads((tmp_path / "result.json").read_text("utf-8"))["claims"]
-    assert [claim["holds"] for claim in claims[:2]] == [True, True]
+    # A shift without lifts and contacts says nothing of what supervision is worth.
+    assert [claim["holds"] for claim in claims[:4]] == [True, True, None, None]
 
 
 def test_zones_are_proven_apart_and_no_lift_in_them_leads_out() -> None:

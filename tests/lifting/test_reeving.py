@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -22,11 +20,6 @@ from tests.helpers import crane
 def test_each_sheave_passes_on_its_share_of_the_pull(falls: int, eta: float) -> None:
     pulls = [eta**k for k in range(falls)]
     assert theory.reeving_efficiency(falls, eta) == pytest.approx(sum(pulls) / falls, rel=1e-14)
-
-
-def test_wraps_of_a_rope_multiply() -> None:
-    twice = theory.capstan(theory.capstan(100.0, 0.12, math.pi), 0.12, math.pi)
-    assert theory.capstan(100.0, 0.12, 2.0 * math.pi) == pytest.approx(twice, rel=1e-14)
 
 
 @pytest.mark.parametrize("speed", [-0.5, 0.0, 0.5])

@@ -328,11 +328,11 @@ def test_a_perturbed_lift_is_what_the_plain_loop_makes_of_it() -> None:
 
 def test_lifts_that_run_at_once_share_load_and_delay_and_none_is_lost() -> None:
     rng = np.random.default_rng(0)
-    drawn = {"load": rng.choice([0.7, 1.0], 900), "late_s": rng.choice([0.0, 0.005, 0.02], 900)}
+    drawn = {"load": rng.choice([0.7, 1.0], 2400), "late_s": rng.choice([0.0, 0.005, 0.02], 2400)}
     chunks = _chunks(drawn)
-    assert np.sort(np.concatenate(chunks)).tolist() == list(range(900))
+    assert np.sort(np.concatenate(chunks)).tolist() == list(range(2400))
     assert all(np.ptp(values[rows]) == 0.0 for values in drawn.values() for rows in chunks)
-    assert max(map(len, chunks)) <= 100
+    assert max(map(len, chunks)) <= 300
 
 
 def test_a_lift_that_passes_a_plate_between_two_rows_kept_is_near_to_it() -> None:

@@ -23,8 +23,8 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.plotting.style import COLOURS
 from cranedyn.recording import Run, record
-from cranedyn.recording.hanging import rope_line, touching_points
 from cranedyn.recording.series import _axis_range, plots
+from cranedyn.recording.shapes import rope_line, touching_points
 from cranedyn.recording.sketch import Projection
 from cranedyn.references import hold, pulse, ramp
 from cranedyn.simulation.simulate import simulate

@@ -17,7 +17,7 @@ from cranedyn.errors import CraneError, DataError
 from cranedyn.planning.solids import Solid, box, prism
 from cranedyn.recording import Run
 from cranedyn.sites import simulate as simulation
-from cranedyn.sites.plan import SLICE, SitePlan, _Schedule, plan_site
+from cranedyn.sites.plan import SLICE, SitePlan, plan_site
 from cranedyn.sites.simulate import SiteRun, simulate_site
 from cranedyn.sites.site import CraneSite, SiteWind
 from cranedyn.sites.site_file import read_crane_site
@@ -25,7 +25,12 @@ from tests.helpers import ROOT
 
 slow = pytest.mark.slow
 
-GOALS = {"north": [-8.9, -6.7, 15.9], "south": [-36.4, -37.9, 30.1]}
+GOALS = {
+    "two_towers": {"north": [-8.9, -6.7, 15.9], "south": [-36.4, -37.9, 30.1]},
+    "luffing_between": {
+        "west": [-53.0, -37.7, 23.2], "luffing": [-21.0, -26.4, 50.6], "east": [18.1, -38.1, 32.9]
+    },
+}  # fmt: skip
 WALL = box("wall", [-20.0, 20.0], [4.0, 4.0, 30.0], 0.0)
 STREET = prism(
     "street", np.array([[-40.0, 0.0], [-15.0, 0.0], [-15.0, 40.0], [-40.0, 40.0]]), 0.0, 60.0,
@@ -34,13 +39,13 @@ STREET = prism(
 
 
 @cache
-def site_of() -> CraneSite:
-    return read_crane_site("two_towers")
+def site_of(name: str = "two_towers") -> CraneSite:
+    return read_crane_site(name)
 
 
 @cache
-def plan() -> SitePlan:
-    return plan_site(site_of(), [*GOALS.items()])
+def plan(name: str = "two_towers") -> SitePlan:
+    return plan_site(site_of(name), [*GOALS[name].items()])
 
 
 def follow(plan: SitePlan, *, supervised: bool) -> SiteRun:
@@ -57,28 +62,62 @@ def load(run: SiteRun, i: int, row: int) -> np.ndarray:
 
 
 @slow
+@pytest.mark.parametrize("name", GOALS)
 @pytest.mark.parametrize("supervised", [False, True])
-def test_planned_lifts_arrive_and_keep_the_distance_that_is_proven(supervised: bool) -> None:
-    assert plan().holds and plan().least < plan().duration  # one waits
-    run = follow(plan(), supervised=supervised)
-    pair = run.distances[:, 0]
-    rows = np.searchsorted(plan().t, run.t, "right") - 1
-    assert (pair >= plan().distances[rows, 0]).all() and not run.contacts
-    for i, station in enumerate(plan().site.stations):
-        assert np.linalg.norm(load(run, i, -1) - GOALS[station.name]) < 0.15  # 3 mrad of 50 m
+def test_planned_lifts_arrive_and_keep_the_distance_that_is_proven(
+    name: str, supervised: bool
+) -> None:
+    planned = plan(name)
+    assert planned.holds and planned.least < planned.duration  # one waits
+    run = follow(planned, supervised=supervised)
+    rows = np.searchsorted(planned.t, run.t, "right") - 1
+    assert (run.distances >= planned.distances[rows]).all() and not run.contacts
+    for i, station in enumerate(planned.site.stations):
+        assert np.linalg.norm(load(run, i, -1) - GOALS[name][station.name]) < 0.15  # 3 mrad of 50 m
 
 
 @slow
-def test_a_lift_that_waits_is_not_proven_half_a_second_earlier() -> None:
+def test_a_lift_of_a_luffing_crane_leaves_no_swing_in_little_more_than_the_least_time() -> None:
+    site, goal = site_of("luffing_between"), [-14.32, 31.30, 38.99]  # slew 2, luff 0.7, cable 35
+    planned = plan_site(site, [("luffing", goal)])
+    run, crane = follow(planned, supervised=False), site.stations[1].crane
+    assert abs(crane.swing_angles(run.trajectories[1].q[-40:])).max() < 1e-3
+    assert (
+        planned.duration < 1.15 * 51.5
+    )  # `cranedyn.planning.optimal`, the swing 0.9 of the site's
+
+
+@slow
+def test_the_certificate_of_a_plan_fails_where_it_is_disturbed() -> None:
     first, second = plan().lifts
-    schedule, alone = _Schedule(site_of(), {}), _Schedule(site_of(), {})
-    assert not schedule.add(first.crane, first.motion)
-    assert not alone.add(second.crane, second.motion)
-    early, theirs = alone._boxes[second.crane], schedule._boxes[first.crane]
-    for earlier, apart in ((0, True), (1, False)):
-        at_once = theirs[round(second.begin / SLICE) - earlier :][: len(early)]
-        mine = early[: len(at_once)]
-        assert schedule._apart(second.crane, mine, first.crane, at_once) is apart
+    for change in (-SLICE, -4.0):
+        early = second._replace(begin=second.begin + change)
+        assert not replace(plan(), lifts=(first, early)).holds
+    late = replace(plan(), lifts=(first._replace(begin=4.0), second))
+    again = replace(plan(), lifts=(first, second, first._replace(begin=first.end - 3.0)))
+    wide = [replace(station) for station in site_of().stations]
+    for station in wide:
+        grown = station.bodies.radius + 4.0 * station.bodies.hangs
+        station.__dict__["bodies"] = replace(station.bodies, radius=grown)
+    assert not late.holds and not replace(plan(), site=replace(site_of(), stations=(*wide,))).holds
+    with pytest.raises(CraneError, match="begin of a lift after another"):
+        _ = again.holds
+
+
+@slow
+@pytest.mark.parametrize(
+    ("goal", "words"),
+    [
+        ([-14.3, 31.3, 39.0], "straight way of its drives"),
+        ([35.0, 20.0, 0.5], "above ground"),
+        ([70.0, 22.0, 20.0], "what the crane reaches"),
+    ],
+)
+def test_a_lift_of_a_luffing_crane_without_a_way_is_refused(goal: list, words: str) -> None:
+    hall = box("hall", [13.0, 21.0], [6.0, 6.0, 70.0], 0.0)
+    solids = (hall,) if "way" in words else ()
+    with pytest.raises(CraneError, match=words):
+        plan_site(replace(site_of("luffing_between"), solids=solids), [("luffing", goal)])
 
 
 @slow
@@ -136,11 +175,13 @@ def test_a_run_is_recorded_with_each_crane_at_its_place_and_written_as_one_table
     site = replace(site_of(), solids=(WALL,))
     operators = [lambda t, states: np.array([0.02, 0.1, 0.1])] * 2
     run = simulate_site(site, operators, duration=2.0, supervised=False)
+    run = replace(run, deadlocks=((1.0, (0, 1)), (1.1, (0, 1))))
     drawn: list[Run] = []
     real = simulation.record
 
     def record(path: Path, runs: list[Run], **rest: Any) -> Path:
         drawn.extend(runs)
+        assert "north for south for north: 0.2 s" in rest["text"]
         return real(path, runs, **rest)
 
     monkeypatch.setattr(simulation, "record", record)

@@ -18,7 +18,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.planning.bodies import shape_corners
 from cranedyn.sites.bodies import crane_bodies, place_capsules, segment_distance
-from cranedyn.sites.brakes import brakes
+from cranedyn.sites.brakes import brakes, largest_rate
 from cranedyn.sites.guard import BoxRequest, Guard
 from cranedyn.sites.proof import proven_apart
 from cranedyn.sites.simulate import MessageChannel, SiteRun, simulate_site
@@ -146,7 +146,7 @@ def test_a_crane_stops_within_its_stopping_distance_and_no_rate_is_larger_than_t
     station = site_of().stations[0]
     for name in ("converters", "gears"):
         mine = brakes(station.crane, name)
-        rate = mine.largest_rate(np.array([0.3, 8.0, 5.0]))
+        rate = largest_rate(np.array([0.3, 8.0, 5.0]), mine.reaction, mine.decelerations)
         assert np.allclose(mine.stopping_distance(rate), [0.3, 8.0, 5.0], rtol=1e-12)
     measured = brakes(station.crane, "gears", reaction=1e-9)
     # Gear 3 of the measured crane turned at (15.05 s - 2.3791 s)/3.5284 and ran on by 24.25°.
@@ -268,21 +268,48 @@ def test_of_cranes_that_wait_for_each_other_one_withdraws_to_where_the_other_can
     slack = [station.brakes.tolerances for station in site.stations]
     boxes = [np.array([x - y, x + y]) for x, y in zip(q, slack, strict=True)]
     ahead = [np.array([[0.0] * 3, [1.0, 0.0, 0.0]]), np.array([[-1.0, 0.0, 0.0], [0.0] * 3])]
-    supervisor = Supervisor(site, boxes)
-    for number in range(1, 30):
+    supervisor, targets = Supervisor(site, boxes), [None, None]
+    for number in range(1, 99):
         for i in (0, 1):
             held = supervisor.boxes[i]
             box = np.array([np.maximum(held[0], boxes[i][0]), np.minimum(held[1], boxes[i][1])])
-            grant = supervisor.receive(i, BoxRequest(number, box, box + ahead[i]))
+            still = i in supervisor.withdrawals  # it cannot leave, so that the other has to
+            wanted = box if still else box + ahead[i]
+            grant = supervisor.receive(i, BoxRequest(number, box, wanted))
             assert grant is not None
-            if grant.target is not None:
+            if grant.target is not None and targets[i] is None:
+                targets[i], way = grant.target, 0.4 if targets[1 - i] is not None else 1.0
                 there = np.array([grant.target - slack[i], grant.target + slack[i]])
-                others = [boxes[0] + ahead[0], boxes[1] + ahead[1]]
-                assert not site.apart(i, box, others).all()
+                others = [box + way * more for box, more in zip(boxes, ahead, strict=True)]
+                assert way < 1.0 or not site.apart(i, box, others).all()
                 assert site.apart(i, there, others).all()
-                assert supervisor.deadlock()
-                return
-    pytest.fail("Nobody withdraws.")
+    assert targets[0] is not None and targets[1] is not None
+
+
+def test_boxes_of_cranes_a_centimetre_beyond_the_required_distance_are_proven() -> None:
+    site = site_of("luffing_between")  # a rope beside the jib of the higher crane
+    rope = np.array([[0.5142, 0.6169, 45.7117], [0.5183, 0.6209, 45.9768]])
+    jib = np.array([[1.9584, 31.5445, 4.3499], [2.0474, 31.6445, 4.4500]])
+    corners = [[box[list(k), range(3)] for k in np.ndindex(2, 2, 2)] for box in (rope, jib)]
+    least = min(coal_distance(site, [1, 2], list(pair)) for pair in itertools.product(*corners))
+    assert site.distance < least < site.distance + 0.01
+    assert site.pair_apart(1, rope, 2, jib, site.distance)
+
+
+def test_a_guard_counts_that_a_plumb_rope_swings_to_twice_what_turning_inclines_it_by() -> None:
+    station, swing, radius = site_of().stations[0], 0.08, 48.0
+    crane, drives = station.crane, station.crane.layout.drives
+    turning = station.converters.rates * [1.0, 0.0, 0.0]
+    inclined = turning[0] ** 2 * radius / crane.gravity
+    assert swing < 2.0 * inclined < 1.1 * swing
+    for angle in (0.0, inclined):
+        guard, state = Guard(station, swing), State(*map(np.copy, crane.start))
+        state.q[drives[1]], state.v[drives], guard.rates = radius, turning, turning
+        state.q[crane.swings[0]] -= angle
+        assert (station.rope(state.q)[1][:2] @ (station.rope(state.q)[0] - station.foot)[:2]) >= 0.0
+        guard.box = guard._granted = np.array([[-9.0, 2.0, 3.4], [9.0, 50.0, 38.0]])
+        rates, _ = guard.step(0.0, state, station.converters.rates)
+        assert (rates[1] > 0.01) == (angle > 0.0)
 
 
 @slow

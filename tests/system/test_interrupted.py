@@ -137,6 +137,26 @@ def test_an_interruption_is_130_whatever_a_library_made_of_it(
     assert capsys.readouterr().err == "Interrupted.\n"
 
 
+_INTERRUPTED_IMPORT = """
+import os, signal, sys
+
+class Interruption:
+    def find_spec(self, name, *_):
+        if name == "trimesh.path":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Interruption())
+try:
+    import cranedyn.planning.solids
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+def test_an_interruption_of_an_import_is_not_swallowed() -> None:
+    assert python(_INTERRUPTED_IMPORT).stdout.strip() == "interrupted"
+
+
 def test_a_fault_of_ours_is_not_taken_for_an_interruption() -> None:
     with pytest.raises(ZeroDivisionError):
         command(lambda: 1 // 0)

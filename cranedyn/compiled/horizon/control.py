@@ -24,8 +24,7 @@ from llvmlite import ir
 
 from cranedyn.compiled.code import DOUBLE, INTEGER, Code, Value
 from cranedyn.compiled.horizon import interior, model, planning, riccati
-from cranedyn.compiled.horizon.memory import MemoryRows
-from cranedyn.compiled.horizon.programme import Programme, lane_memory
+from cranedyn.compiled.horizon.memory import MemoryRows, Programme, lane_memory
 from cranedyn.dynamics.scalars import array, clipped
 
 

@@ -13,8 +13,7 @@ from llvmlite import ir
 
 from cranedyn.compiled.code import INTEGER, Value
 from cranedyn.compiled.horizon import riccati
-from cranedyn.compiled.horizon.memory import Constants, HorizonShape, Work
-from cranedyn.compiled.horizon.programme import Programme
+from cranedyn.compiled.horizon.memory import Constants, HorizonShape, Programme, Work
 from cranedyn.dynamics.scalars import array, larger, smaller
 
 _HUGE = 1e300

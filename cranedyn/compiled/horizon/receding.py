@@ -16,9 +16,8 @@ from cranedyn.clocks import SAME_PERIOD, multiple, whole_periods
 from cranedyn.compiled.binding import Instant, aligned_copy
 from cranedyn.compiled.horizon import model
 from cranedyn.compiled.horizon.control import emit_instant, emit_plan
-from cranedyn.compiled.horizon.memory import REPORT
+from cranedyn.compiled.horizon.memory import REPORT, Programme, lane_memory
 from cranedyn.compiled.horizon.planning import Marks
-from cranedyn.compiled.horizon.programme import Programme, lane_memory
 from cranedyn.compiled.machine import Machine, translate
 from cranedyn.controllers.tracking import check_finite
 from cranedyn.dynamics.converters import Converters, fitting

@@ -89,7 +89,7 @@ CALLS = {
         Converters(three, three, three, three, three)
         converters(crane, lags={'x': 0.2})
         mpc(crane, short)
-        with_load_estimate(law, crane, short, motion_of=by_mass, disturbance=five, noise=ten)
+        with_load_estimate(law, crane, short, disturbance=five, noise=ten)
         with_longer_cable(crane, short, 1.0)
         with_observer(law, crane, short, delay=1)
         with_sensor_model(crane, law, rng=np.random.default_rng(1), delay=1)
@@ -169,7 +169,6 @@ CALLS = {
         bifilar(1000.0, 500.0, 1.0, 20.0, 9.81)
         rope_bounce(1e6, 10.0, 1000.0)
         reeving_efficiency(4, 0.98)
-        capstan(1000.0, 0.1, 3.0)
         fall_factor(0.5, 1e5, 1e4)
         twisting_tower(1e6, 1e7, 20.0, 10.0, 1000.0, 9.81)
         bending_tower(1e6, 1e9, 1e6, 30.0, 10.0, 1000.0, 9.81)
@@ -307,7 +306,6 @@ def namespace() -> dict[str, Any]:
         "ten": "np.full(10, 1e-3)",
         "points": "np.zeros((2, 3))",
         "commands": "np.zeros((3, 2))",
-        "by_mass": "lambda by: with_longer_cable(crane, short, by)",
         "yard": "read_crane_site('two_towers')",
         "reserved": "[Guard(station, 0.1).box for station in yard.stations]",
         "push": "lambda t, states: 0.01 * three",
