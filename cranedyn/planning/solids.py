@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import coal
 import numpy as np
@@ -16,9 +17,6 @@ from scipy.spatial import ConvexHull
 from cranedyn.command import defer_sigint
 from cranedyn.data.files import read_bytes
 from cranedyn.errors import DataError, OutOfRange
-
-with defer_sigint():  # trimesh takes an interruption for a module that is missing
-    pass
 
 MESH_ENDINGS = (".stl", ".ply", ".off", ".obj")
 """Endings of mesh files; none of these formats needs another file."""
@@ -93,9 +91,7 @@ class Solid:
         """
         if self.parts:
             return False
-        import trimesh  # slow, and needed for few sites
-
-        surface = trimesh.Trimesh(self.vertices, self.triangles, process=False)
+        surface = _trimesh().Trimesh(self.vertices, self.triangles, process=False)
         return bool(surface.contains([point])[0])
 
 
@@ -240,8 +236,7 @@ def prism(
     if polygon.convex_hull.area - polygon.area < _THIN:
         corners = upright(np.array(polygon.exterior.coords)[:-1])
         return Solid(name, (corners,), *convex_hull(corners), zone)
-    import trimesh
-
+    trimesh = _trimesh()
     mesh = trimesh.creation.extrude_polygon(polygon, height)
     mesh.apply_translation([0.0, 0.0, base])
     points, triangles = trimesh.creation.triangulate_polygon(polygon)
@@ -262,13 +257,11 @@ def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: boo
         DataError: If a corner lies beyond `FARTHEST`, a triangle has a corner that there is not,
             or the surface is not closed.
     """
-    import trimesh
-
     surface = Solid(name, (), vertices, triangles)
     if as_hull:
         corners, triangles = convex_hull(vertices)
         return Solid(name, _as_parts(corners), corners, triangles)
-    mesh = trimesh.Trimesh(surface.vertices, surface.triangles)
+    mesh = _trimesh().Trimesh(surface.vertices, surface.triangles)
     mesh.merge_vertices()
     mesh.update_faces(mesh.nondegenerate_faces())
     with np.errstate(all="ignore"):  # trimesh divides by volumes that may be zero
@@ -278,6 +271,15 @@ def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: boo
         convex = mesh.is_convex
     corners = np.array(mesh.vertices)
     return Solid(name, _as_parts(corners) if convex else (), corners, np.array(mesh.faces))
+
+
+def _trimesh() -> Any:
+    """Import trimesh, which is slow and which few sites need; it takes an interruption meanwhile
+    for a module that is missing.
+    """
+    with defer_sigint():
+        import trimesh
+    return trimesh
 
 
 def _as_parts(corners: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -296,13 +298,11 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """
     if path.suffix.lower() not in MESH_ENDINGS:
         raise DataError(f"Cannot read {path}: a mesh ends in {', '.join(MESH_ENDINGS)}.")
-    import trimesh
-
     content = read_bytes(path, _LARGEST_MESH)
     try:
         with np.errstate(all="ignore"):  # numbers that are none are refused with their corner
             kind = path.suffix[1:].lower()
-            mesh = trimesh.load_mesh(io.BytesIO(content), file_type=kind, resolver=None)
+            mesh = _trimesh().load_mesh(io.BytesIO(content), file_type=kind, resolver=None)
             vertices = np.asarray(mesh.vertices, dtype=float)
             triangles = np.asarray(mesh.faces, dtype=int)
     except Exception as error:  # parsers of bad files raise anything

@@ -306,7 +306,8 @@ def test_a_guard_counts_that_a_plumb_rope_swings_to_twice_what_turning_inclines_
         guard, state = Guard(station, swing), State(*map(np.copy, crane.start))
         state.q[drives[1]], state.v[drives], guard.rates = radius, turning, turning
         state.q[crane.swings[0]] -= angle
-        assert (station.rope(state.q)[1][:2] @ (station.rope(state.q)[0] - station.foot)[:2]) >= 0.0
+        (pivot,), (rope,), _ = station.rope(state.q[None])
+        assert rope[:2] @ (pivot - station.foot)[:2] >= 0.0
         guard.box = guard._granted = np.array([[-9.0, 2.0, 3.4], [9.0, 50.0, 38.0]])
         rates, _ = guard.step(0.0, state, station.converters.rates)
         assert (rates[1] > 0.01) == (angle > 0.0)
