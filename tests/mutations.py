@@ -412,11 +412,6 @@ cranedyn/compiled/horizon/memory.py
 ? horizon::from_hard_starts_each_crane_of_a_batch_goes_where_it_goes_alone_in_any_lane
 - return self._shape.cranes * (self._shape.place(name, row) + i)
 + return self._shape.cranes * self._shape.place(name, row) + i
-cranedyn/compiled/horizon/interior.py
-* a solved crane of a batch takes the steps of the others
-? horizon::from_hard_starts_each_crane_of_a_batch_goes_where_it_goes_alone_in_any_lane
-- code.chosen(unsolved, self._iterate(gap.get()), 0.0)
-+ self._iterate(gap.get())
 cranedyn/plant/rigid_body.py
 * the Coriolis term of the recursions has the wrong sign
 ? compiled::a_run_of_many_blocks_is_the_same
