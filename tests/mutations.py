@@ -410,8 +410,12 @@ cranedyn/compiled/horizon/control.py
 cranedyn/compiled/horizon/memory.py
 * what is the same in every stage is left out of the recursion
 ? horizon::along_a_motion_nothing_is_left_at_its_end
-- return self._constants[name, row, lane]
+- return self._constants[name, row, i]
 + return 0.0
+* a crane of a batch plans in the lane of another
+? horizon::from_hard_starts_each_crane_of_a_batch_goes_where_it_goes_alone_in_any_lane
+- return self._shape.cranes * (self._shape.place(name, row) + i)
++ return self._shape.cranes * self._shape.place(name, row) + i
 cranedyn/plant/rigid_body.py
 * the Coriolis term of the recursions has the wrong sign
 ? compiled::a_run_of_many_blocks_is_the_same
