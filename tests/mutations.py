@@ -994,14 +994,14 @@ cranedyn/compiled/printing.py
 - right.within(binding, sign, right=True)
 + right.within(binding, sign)
 cranedyn/compiled/c_routines.py
-* a row in C is read before it has been written
+* a number in C is read again after it has been written
 ? c_code::a_controller_in_c_commands_what_it_commands_in_python[predictive, efforts]
-- if operation == "load" and self._stores and
-+ if operation == "call" and self._stores and
-* a loop over lanes in C forgets what is used after it
+- if instruction.opname == "load" or compound or
++ if compound or
+* a loop in C begins a row late
 ? c_code::a_controller_in_c_commands_what_it_commands_in_python[predictive, efforts]
-- if self._left[value]]
-+ if self._left[value] > 1]
+- {name} = {begin.text};
++ {name} = {begin.text} + 1;
 cranedyn/compiled/c_text.py
 * a block in C takes what is no number
 ? c_code::an_input_that_is_no_number_is_a_fault_until_the_reset

@@ -297,8 +297,6 @@ class Instructions:
 
     def address(self, pointer: ir.Value, index: Any) -> ir.Value:
         """Return the address of a double at an index, whole number of code or of Python."""
-        if isinstance(index, int) and index == 0:
-            return pointer
         offset = index if isinstance(index, ir.Value) else self.integer(index)
         return self.builder.gep(pointer, [offset], source_etype=DOUBLE)
 
