@@ -297,10 +297,10 @@ def _horizon(
         raise OutOfRange("drive", drive, f"the controller's, {predictive.programme.drive}")
     predictive.begin_run(t_start, clock.period)
     memory = predictive.initial_memory(t_start, _LANES)
-    own = predictive.programme.offsets(_LANES).path
-    needed = used + groups * own + len(memory)
+    end = predictive.programme.offsets(_LANES).path
+    needed = used + groups * end + len(memory)
     inputs.check_fits_memory("number of cranes", f"{groups * _LANES}", needed)
-    return {"horizon": np.tile(memory[:own], (groups, 1)), "workspace": memory[own:]}
+    return {"horizon": np.tile(memory[:end], (groups, 1)), "workspace": memory[end:]}
 
 
 def _marks(

@@ -37,9 +37,10 @@ def emit_plan(
     shape, crane, n = programme.shape(lanes), programme.plant, programme.topology.layout.n
     entries = model.emit(module, shape, crane, programme.length)
     constants = {entry[:3]: entry[3] for entry in entries}
-    part = [(i // n if programme.errors else i // (2 * n)) for i in range(shape.both)]
-    zeros = [(i, j) for i, j in product(range(shape.both), repeat=2) if part[i] != part[j]]
-    constants |= {("weight", *place): 0.0 for place in zeros}
+    block = [(i // n if programme.errors else i // (2 * n)) for i in range(shape.both)]
+    # Weights join no numbers of different blocks.
+    zeros = [(i, j) for i, j in product(range(shape.both), repeat=2) if block[i] != block[j]]
+    constants |= {("weight", *pair): 0.0 for pair in zeros}
     riccati.emit(module, shape, constants)
     interior.emit(module, shape, constants)
     if programme.errors:
@@ -177,8 +178,8 @@ class PredictiveControl:
         """
         code, read = self.code, np.concatenate([q, v])
         rows = MemoryRows(code, self.programme.shape(code.lanes), self._work, {})
-        least, most = (rows.row(name, len(read)) for name in ("least", "most"))
-        ranges = zip(least, read, most, strict=True)
+        lower, upper = (rows.row(name, len(read)) for name in ("least", "most"))
+        ranges = zip(lower, read, upper, strict=True)
         holds = code.both(*(c for low, x, high in ranges for c in (x >= low, x <= high)))
         updates = {
             "read": (read, self._load_memory("read")),

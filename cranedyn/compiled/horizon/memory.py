@@ -278,10 +278,10 @@ class Work:
 
     def over_numbers(self, value: Value, combined: Callable[[Any, Any], Any]) -> Value:
         """Return the sum or the largest of the numbers of each crane in a vector."""
-        parts = self.split(value)
-        while len(parts) > 1:
-            parts = list(map(combined, parts[::2], parts[1::2]))
-        return parts[0]
+        numbers = self.split(value)
+        while len(numbers) > 1:
+            numbers = list(map(combined, numbers[::2], numbers[1::2]))
+        return numbers[0]
 
     def _stage_address(self, k: ir.Value) -> ir.Value:
         code, shape = self.code, self.shape

@@ -102,17 +102,17 @@ class _Plan:
 
     def _mark(self, name: str) -> Value:
         first = self.shape.stages * self.row_length
-        place = first + Marks._fields.index(name) * self.code.lanes
-        return self.code.load(self.code.argument["plan"], place)
+        offset = first + Marks._fields.index(name) * self.code.lanes
+        return self.code.load(self.code.argument["plan"], offset)
 
     def _stand(self, fresh: ir.Value, state: np.ndarray) -> None:
         """Set the plan of cranes without one to standing still."""
         code, plan = self.code, self.code.argument["plan"]
         with code.loop(0, self.shape.stages) as k:
             for i in range(self.shape.both):
-                place = code.plus(code.product(k, self.row_length), i * code.lanes)
+                offset = code.plus(code.product(k, self.row_length), i * code.lanes)
                 still = state[i] if i < self.layout.n else 0.0
-                code.store(code.chosen(fresh, still, code.load(plan, place)), plan, place)
+                code.store(code.chosen(fresh, still, code.load(plan, offset)), plan, offset)
 
     def _shift(self) -> None:
         """Set the nodes to the last plan, shifted to the present time."""
@@ -124,10 +124,10 @@ class _Plan:
         with self.work.each() as (rows, _, k, first):
             before = code.least(code.plus(k, int(ahead)), last)
             after = code.least(code.plus(before, 1), last)
-            places = [
+            offsets = [
                 code.builder.add(code.product(k, self.row_length), first) for k in (before, after)
             ]
-            nodes = [wide.load(plan, place) for place in places]
+            nodes = [wide.load(plan, offset) for offset in offsets]
             rows.put("node", (1.0 - share) * nodes[0] + share * nodes[1])
 
     def _aim(self) -> None:
@@ -181,8 +181,8 @@ class _Plan:
         solved = code.both(work.reported("flag") > 0.5, *finite)
         keeps = work.repeated(code.chosen(solved, 1.0, 0.0)) > 0.5
         with work.each() as (rows, _, k, first):
-            place = code.builder.add(code.product(k, self.row_length), first)
-            wide.store(wide.chosen(keeps, rows.get("iterate"), rows.get("node")), plan, place)
+            offset = code.builder.add(code.product(k, self.row_length), first)
+            wide.store(wide.chosen(keeps, rows.get("iterate"), rows.get("node")), plan, offset)
         first, barrier = map(work.reported, ("first", "barrier"))
         marks = Marks(
             begun=code.chosen(plausible, 1.0, self._mark("begun")),
@@ -193,5 +193,5 @@ class _Plan:
             barrier=code.chosen(solved, first, smaller(_WIDER * barrier, _WIDEST * first)),
         )
         for i, value in enumerate(marks):
-            place = self.shape.stages * self.row_length + i * code.lanes
-            code.store(value, plan, place)
+            offset = self.shape.stages * self.row_length + i * code.lanes
+            code.store(value, plan, offset)
