@@ -156,8 +156,9 @@ class CraneSite:
         """Check names and towers.
 
         Raises:
-            DataError: If there is no crane, two have one name, two towers are nearer to each other
-                than the required distance, or a tower or a load at the start stands in an obstacle.
+            DataError: If there is no crane, two cranes or pairs have one name, two towers are nearer
+                to each other than the required distance, or a tower or a load at the start stands
+                in an obstacle.
             OutOfRange: If the distance is not positive, or the swing not from 0.001 to 0.5.
         """
         number("height of the ground", self.ground, "m")
@@ -165,18 +166,18 @@ class CraneSite:
         within("swing of the load", self.swing, 0.001, 0.5, "rad")
         if not self.stations:
             raise DataError(f"The site {quoted(self.name)} has no crane.")
-        for name, count in Counter(station.name for station in self.stations).items():
+        names = [station.name for station in self.stations]
+        pairs = ["_".join(pair) for pair in itertools.combinations([*names, "obstacles"], 2)]
+        for name, count in Counter([*names, *pairs]).items():  # columns of a run have these names
             if count > 1:
-                raise DataError(
-                    f"{count} cranes are called {quoted(name)}; give each its own name."
-                )
+                called = f"{count} cranes or pairs of cranes are called {quoted(name)}"
+                raise DataError(f"{called}; give each its own name.")
         for a, b in itertools.combinations(range(len(self.stations)), 2):
             gap = self._tower_gap(a, b)
             if gap < self.distance:
-                names = (quoted(self.stations[i].name) for i in (a, b))
                 raise DataError(
-                    f"The towers of {' and '.join(names)} are {max(gap, 0.0):.2f} m apart; "
-                    f"required is {self.distance:g} m."
+                    f"The towers of {quoted(names[a])} and {quoted(names[b])} are "
+                    f"{max(gap, 0.0):.2f} m apart; required is {self.distance:g} m."
                 )
         for station in self.stations if self.solids else ():
             pivot = station.rope(station.crane.start.q[None])[0][0]
