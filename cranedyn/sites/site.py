@@ -156,9 +156,8 @@ class CraneSite:
         """Check names and towers.
 
         Raises:
-            DataError: If there is no crane, two cranes or pairs have one name, two towers are nearer
-                to each other than the required distance, or a tower or a load at the start stands
-                in an obstacle.
+            DataError: If there is no crane, two cranes or pairs have one name, towers are nearer
+                than the required distance, or a tower or a load at the start is in an obstacle.
             OutOfRange: If the distance is not positive, or the swing not from 0.001 to 0.5.
         """
         number("height of the ground", self.ground, "m")
