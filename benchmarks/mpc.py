@@ -17,8 +17,10 @@ import numpy as np
 from benchmarks.conduct import print_tables
 from benchmarks.horizon import SOLVERS, HorizonProblem, Solve
 from benchmarks.timing import seconds
+from cranedyn.checks import whole
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.compiled.horizon.receding import Receding, receding
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
@@ -92,17 +94,15 @@ def batch_rate(crane: Crane, move: RestToRest, along: bool, rounds: int) -> floa
 
 def problem_of(controller: Receding) -> tuple[HorizonProblem, np.ndarray]:
     """Return the last programme of a controller and its solution."""
-    shape, work = controller.programme.shape, controller.memory_of_optimisation()
+    shape, work = controller.programme.shape(1), controller.memory_of_optimisation()
     z, w, m = shape.states, shape.both, shape.inputs
-    stages = work[shape.first :].reshape(shape.padded, shape.stride)[: shape.stages]
+    stages = work[shape.first :].reshape(shape.stages, shape.stride)
 
     def common(name: str, rows: int, columns: int) -> np.ndarray:
-        first = shape.place(name)
-        return work[first:][: rows * shape.lanes].reshape(rows, -1)[:, :columns].copy()
+        return work[shape.place(name) :][: rows * shape.lanes].reshape(rows, -1)[:, :columns].copy()
 
     def each(name: str, rows: int, columns: int) -> np.ndarray:
-        first = shape.place(name)
-        block = stages[:, first : first + rows * shape.lanes]
+        block = stages[:, shape.place(name) :][:, : rows * shape.lanes]
         return block.reshape(len(stages), rows, -1)[:, :, :columns].copy()
 
     forward, weight, end = each("forward", z, w), common("weight", w, w), common("end", z, z)
@@ -119,7 +119,7 @@ def problem_of(controller: Receding) -> tuple[HorizonProblem, np.ndarray]:
         common("high", 1, w + m)[0],
         common("price", 1, w + m)[0],
         common("start", 1, z)[0],
-        (end + end.T) / 2.0,
+        np.tril(end) + np.tril(end, -1).T,
         common("end_gradient", 1, z)[0],
     )
     return problem, each("iterate", 1, w + m)[:, 0]
@@ -153,12 +153,14 @@ def repeated(
     ]
 
 
-def measure_mpc(stride: int, rounds: int) -> list[ResultTable]:
+def measure_mpc(options: argparse.Namespace) -> list[ResultTable]:
     """Measure all moves along their paths and to their goals, and all solvers of programmes."""
-    crane = load_crane()
-    rows, programmes = [], list[Optimised]()
+    crane, stride = load_crane(), whole("every", options.every, 1)
+    rounds = whole("rounds", options.rounds, 1)
+    rows, programmes, most = [], list[Optimised](), 0
     for name, along in (("along a flat path", True), ("to the goal", False)):
-        moves = (repeated(crane, move, along, stride, rounds) for move in MOVES)
+        moves = [repeated(crane, move, along, stride, rounds) for move in MOVES]
+        most = max(most, *(sum(o.iterations > 0 for o in move) for move in moves))
         optimisations = [o for move in moves for o in move]
         programmes += [o for o in optimisations if o.problem is not None]
         times = 1e3 * np.array([o.taken for o in optimisations])
@@ -185,6 +187,8 @@ def measure_mpc(stride: int, rounds: int) -> list[ResultTable]:
         "Processor time of prediction, quadratic programme and efforts, called from Python; of "
         f"each the shortest of {rounds} runs. In a batch of 16 cranes, with steps.",
     )
+    if not programmes:
+        raise OutOfRange("every", stride, f"1 to {most}, the programmes of a move with bounds")
     return [ours, _beside(programmes)]
 
 
@@ -224,11 +228,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     kept = "keep every that manieth programme with bounds for the others (default 25)"
     every: dict[str, Any] = {"type": int, "default": 25, "help": kept}
     rounds: dict[str, Any] = {"type": int, "default": 3, "help": "runs of each move (default 3)"}
-
-    def measure(options: argparse.Namespace) -> list[ResultTable]:
-        return measure_mpc(max(options.every, 1), max(options.rounds, 1))
-
-    return print_tables("mpc", __doc__, measure, argv, every=every, rounds=rounds)
+    return print_tables("mpc", __doc__, measure_mpc, argv, every=every, rounds=rounds)
 
 
 if __name__ == "__main__":

@@ -102,8 +102,10 @@ def _installed(kind: Kind, *, own: bool) -> dict[str, str]:
 
     group = f"cranedyn.{kind}s"
     ours = (entry for dist in distributions(name="cranedyn") for entry in dist.entry_points)
-    found = (entry for entry in ours if entry.group == group) if own else entry_points(group=group)
-    entries = sorted(found, key=lambda entry: entry.name)
+    candidates = (
+        (entry for entry in ours if entry.group == group) if own else entry_points(group=group)
+    )
+    entries = sorted(candidates, key=lambda entry: entry.name)
     return {
         entry.name: f"{entry.module}:{entry.attr}" if entry.attr else entry.module
         for entry in entries

@@ -490,7 +490,7 @@ def _claims(
     runs = [*attacks, *(Attack.of(shift.site, "lifts", shift.run) for shift in guarded)]
     minutes, contacts, least, swing, outside = Attack.all_of(runs)[2:]
     zoned = [shift for shift in shifts if shift.protection == "zones"]
-    lost = [(one.lost, other.lost) for one, other in zip(guarded, zoned, strict=True)]
+    lost = [(shift.lost, zone.lost) for shift, zone in zip(guarded, zoned, strict=True)]
     judged = ours and min(sum(shift.listed) for shift in shifts) >= LISTED
     bare = sum(len(shift.run.contacts) for shift in shifts if shift.protection == "none")
     return [
@@ -507,8 +507,8 @@ def _claims(
         Claim(f"Without protection they touch (contacts: {bare}).", bare > 0 or None),
         Claim(
             "Supervised cranes leave less than half of the lifts undone that static zones do: "
-            f"{', '.join(f'{one:.0f} of {other:.0f} %' for one, other in lost)}.",
-            all(one < other / 2.0 for one, other in lost) if judged else None,
+            f"{', '.join(f'{share:.0f} of {zones:.0f} %' for share, zones in lost)}.",
+            all(share < zones / 2.0 for share, zones in lost) if judged else None,
         ),
         Claim(
             f"A cycle for eight cranes takes less than 5 ms ({1e3 * times.max():.1f} ms at most).",

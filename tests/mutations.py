@@ -369,6 +369,10 @@ cranedyn/controllers/lqr.py
 - effort_weight + input_cost @ b[k]
 + 0.5 * effort_weight + input_cost @ b[k]
 cranedyn/references/flat.py
+* a first compiled step imports what few runs need
+? api::a_first_compiled_step_imports_little
+- np.poly1d([70.0, -315.0, 540.0, -420.0, 126.0] + [0.0] * 5)
++ np.polynomial.Polynomial([0.0] * 5 + [126.0, -420.0, 540.0, -315.0, 70.0])
 * a flat path takes the load for a point
 ? control::a_flat_slew_leaves_the_swing_that_the_documents_tell_of
 - inertia = (crane.payload_inertia[0, 0] + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass
@@ -406,8 +410,12 @@ cranedyn/compiled/horizon/control.py
 cranedyn/compiled/horizon/memory.py
 * what is the same in every stage is left out of the recursion
 ? horizon::along_a_motion_nothing_is_left_at_its_end
-- return self._constants[name, row, lane]
+- return self._constants[name, row, i]
 + return 0.0
+* a crane of a batch plans in the lane of another
+? horizon::from_hard_starts_each_crane_of_a_batch_goes_where_it_goes_alone_in_any_lane
+- return self._shape.cranes * (self._shape.place(name, row) + i)
++ return self._shape.cranes * self._shape.place(name, row) + i
 cranedyn/plant/rigid_body.py
 * the Coriolis term of the recursions has the wrong sign
 ? compiled::a_run_of_many_blocks_is_the_same
@@ -496,6 +504,10 @@ cranedyn/compiled/batch.py
 ? batch::starts_of_their_own_take_a_fifth_more_memory_than_equal_ones_at_most
 - del loop, control, tables, forces, offsets
 + assert loop
+* a row of forces holds for one control instant whatever its interval
+? batch::each_crane_of_a_batch_does_what_it_does_alone
+- force_interval=force_interval
++ force_interval=1
 * cranes of a batch have each other's numbers
 ? batch::each_crane_of_a_batch_does_what_it_does_alone
 - group_lanes([varied[crane_index]], lanes)
@@ -982,14 +994,14 @@ cranedyn/compiled/printing.py
 - right.within(binding, sign, right=True)
 + right.within(binding, sign)
 cranedyn/compiled/c_routines.py
-* a row in C is read before it has been written
+* a number in C is read again after it has been written
 ? c_code::a_controller_in_c_commands_what_it_commands_in_python[predictive, efforts]
-- if operation == "load" and self._stores and
-+ if operation == "call" and self._stores and
-* a loop over lanes in C forgets what is used after it
+- if instruction.opname == "load" or compound or
++ if compound or
+* a loop in C begins a row late
 ? c_code::a_controller_in_c_commands_what_it_commands_in_python[predictive, efforts]
-- if self._left[value]]
-+ if self._left[value] > 1]
+- {name} = {begin.text};
++ {name} = {begin.text} + 1;
 cranedyn/compiled/c_text.py
 * a block in C takes what is no number
 ? c_code::an_input_that_is_no_number_is_a_fault_until_the_reset

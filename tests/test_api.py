@@ -57,6 +57,18 @@ def test_the_face_imports_what_is_heavy_only_when_it_is_used() -> None:
     assert python(script).stdout == "[]\n['numpy', 'pinocchio']\n"
 
 
+@pytest.mark.slow
+def test_a_first_compiled_step_imports_little() -> None:
+    script = (
+        "import sys, cranedyn; from cranedyn.controllers import hold_controller\n"
+        "crane = cranedyn.load_crane(); controller = hold_controller(crane)\n"
+        "cranedyn.simulate(crane, controller, duration=5e-3, engine='compiled')\n"
+        "unused = 'numpy.ma numpy.polynomial numpy.random secrets html scipy.linalg'\n"
+        "print({*unused.split()} & {*sys.modules})"
+    )
+    assert python(script).stdout == "set()\n"
+
+
 def test_every_module_of_the_experiments_with_a_command_line_is_an_entry_point() -> None:
     commands = {
         path.stem

@@ -300,7 +300,7 @@ def _horizon_data(controller: Receding) -> dict[str, Any]:
     programme, module = controller.programme, ir.Module()
     emit_plan(module, programme)
     emit_instant(module, programme)
-    shape, first = programme.shape, programme.offsets(1).work
+    shape, first = programme.shape(1), programme.offsets(1).work
     return {
         "module": _packed(webassembly(module)),
         "memory": _packed(controller.memory(1).tobytes()),

@@ -294,20 +294,17 @@ class _PredictivePart(Part):
 
     def __init__(self, setting: ControlSetting, controller: Receding) -> None:
         _check_period(setting, controller.programme.period)
-        programme = replace(controller.programme, block=1)
+        programme = replace(controller.programme, width=1)
         from llvmlite import ir
 
         if programme.rows:
             raise DataError(
                 "A predictive controller is exported to a setpoint, not along a motion."
             )
-        memory, first = controller.memory(1), programme.offsets(1).work
-        old, new, last = controller.programme.shape, programme.shape, first + programme.shape.first
-        compact = np.zeros(programme.offsets(1).size)
-        compact[: first + new.place("block")] = memory[: first + new.place("block")]
-        compact[last:] = memory[first + old.first :][: len(compact) - last]
-        sizes = {"query": new.states + new.inputs + 2, "answer": new.inputs}
-        self.arrays = {"memory": compact, **{name: np.zeros(n) for name, n in sizes.items()}}
+        shape = programme.shape(1)
+        sizes = {"query": shape.states + shape.inputs + 2, "answer": shape.inputs}
+        self.arrays = {"memory": controller.memory(1)}
+        self.arrays |= {name: np.zeros(n) for name, n in sizes.items()}
         self.repeats, self._setting = programme.ratio, setting
         module = ir.Module()
         emit_plan(module, programme)

@@ -179,8 +179,8 @@ class SwingTask:
             OutOfRange: If a rule has not one number for each drive, or as `Fleet`.
         """
         self.rules = rules
-        how: Any = {"dt": dt, "control_period": period, "threads": threads}
-        self.fleet = Fleet(cranes, count, forces=rules.wind > 0.0, integrator=INTEGRATOR, **how)
+        clock: Any = {"dt": dt, "control_period": period, "threads": threads}
+        self.fleet = Fleet(cranes, count, forces=rules.wind > 0.0, integrator=INTEGRATOR, **clock)
         self.layout = layout = self.fleet.layout
         self.tower = np.array(layout.tower("The task of moving a load without swing"))
         self._slew, self._trolley, *_, self._hoist = self.tower.tolist()

@@ -245,7 +245,7 @@ def simulate_batch(
         memory["readings"] = np.zeros((len(memory["state"]), reading_count * sizes.z, lanes))
     if control.predictive is not None:
         groups = len(memory["state"])
-        memory["horizon"] = _horizon(control.predictive, drive, t_start, clock, groups, used)
+        memory |= _horizon(control.predictive, drive, t_start, clock, groups, used)
     if not all(recipe.shared):
         memory["starts"] = group_lanes([table.starts[:, None] for table in tables], lanes, np.int64)
     loop = Loop(
@@ -286,9 +286,9 @@ def simulate_batch(
 
 def _horizon(
     predictive: Receding, drive: Drive, t_start: float, clock: Clocks, groups: int, used: int
-) -> np.ndarray:
+) -> dict[str, np.ndarray]:
     """Return the memory of a predictive controller for groups of lanes, shape (groups, doubles),
-    after checking that it fits beside the numbers that are used.
+    and its workspace, after checking that they fit beside the numbers that are used.
 
     Raises:
         OutOfRange: If its drives or control period differ from the run's, or it does not fit.
@@ -297,8 +297,10 @@ def _horizon(
         raise OutOfRange("drive", drive, f"the controller's, {predictive.programme.drive}")
     predictive.begin_run(t_start, clock.period)
     memory = predictive.initial_memory(t_start, _LANES)
-    inputs.check_fits_memory("number of cranes", f"{groups * _LANES}", used + groups * memory.size)
-    return np.tile(memory, (groups, 1))
+    end = predictive.programme.offsets(_LANES).path
+    needed = used + groups * end + len(memory)
+    inputs.check_fits_memory("number of cranes", f"{groups * _LANES}", needed)
+    return {"horizon": np.tile(memory[:end], (groups, 1)), "workspace": memory[end:]}
 
 
 def _marks(

@@ -20,7 +20,7 @@ from cranedyn.errors import CraneError, Misshapen, OutOfRange
 
 if TYPE_CHECKING:
     from cranedyn.clocks import Clocks
-    from cranedyn.compiled.horizon.control import Programme
+    from cranedyn.compiled.horizon.memory import Programme
     from cranedyn.compiled.kernel import Kernel
     from cranedyn.compiled.machine import Machine
     from cranedyn.compiled.tables import RowTable
@@ -78,6 +78,14 @@ def _check_finite(name: str, array: np.ndarray, *, infinite: bool = False) -> No
     wrong = array[np.isnan(array) if infinite else ~np.isfinite(array)]
     if len(wrong):
         raise OutOfRange(name, float(wrong[0]), "a number" if infinite else "finite")
+
+
+def aligned_copy(numbers: np.ndarray) -> np.ndarray:
+    """Return a copy of doubles that begins where a line of the cache begins."""
+    space = np.empty(len(numbers) + 8)
+    copy = space[-space.ctypes.data // 8 % 8 :][: len(numbers)]
+    copy[:] = numbers
+    return copy
 
 
 class RowFunction:
@@ -193,6 +201,7 @@ class Loop:
         log_interval: int = 1,
         residual_from: int = 0,
         reading_count: int = 0,
+        workspace: np.ndarray | None = None,
         **memory: np.ndarray,
     ) -> None:
         """Check all arrays and counts, and bind the loop to them.
@@ -210,6 +219,8 @@ class Loop:
             log_interval: The same of the log.
             residual_from: Instant from which swing counts as residual.
             reading_count: Number of readings stored for delayed sensors.
+            workspace: Path and memory of optimisations for several lanes, of which each call of
+                `run_groups` has a copy; for one lane they stand in the memory of the controller.
             memory: Arrays with the group as first axis: state, numbers, starts of the tables, delay
                 and readings of sensors, summary, log, as far as the code has them.
 
@@ -241,7 +252,13 @@ class Loop:
             self._call[SLOTS[name]] = count
         for name, time in (("dt", clock.dt), ("period", clock.period)):
             self._call.view(np.float64)[SLOTS[name]] = number(name, time, "s", "> 0")
-        horizon = 0 if programme is None else programme.offsets(lanes).size
+        horizon, self._workspace = 0, workspace
+        if programme is not None:
+            offsets = programme.offsets(lanes)
+            horizon = offsets.size if lanes == 1 else offsets.path
+        if horizon and lanes > 1:
+            address = _address("workspace", workspace, (offsets.size - horizon,), written=True)
+            self._call[SLOTS["workspace"]] = address
         row_width = ((self._last - 1) // log_interval + 1) * size(sizes.row)
         shapes: dict[str, tuple[int, ...]] = {
             "state": (size(sizes.state), lanes),
@@ -320,6 +337,9 @@ class Loop:
         """Run some groups, one after another, until stopped between two pieces."""
         call = self._call.copy()
         address = call.ctypes.data
+        if self._workspace is not None:
+            workspace = aligned_copy(self._workspace)
+            call[SLOTS["workspace"]] = workspace.ctypes.data
         for group in groups:
             if not 0 <= group < self._groups:
                 raise OutOfRange("group", group, f"0 to {self._groups - 1}")

@@ -32,7 +32,7 @@ from cranedyn.simulation.engine import Actuation, Engine, Setting
 from cranedyn.simulation.stepper import DIVERGED
 
 if TYPE_CHECKING:
-    from cranedyn.compiled.horizon.control import Programme
+    from cranedyn.compiled.horizon.memory import Programme
     from cranedyn.compiled.horizon.receding import Receding
 
 _BLOCK, _STEPS = 20_000, 1_000_000

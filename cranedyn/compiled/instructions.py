@@ -123,10 +123,7 @@ class Instructions:
         self.function = ir.Function(
             module, ir.FunctionType(ir.VoidType(), [POINTER] * len(arguments)), name
         )
-        if lanes > 1:  # or spilled vectors would cross lines of the cache
-            self.function.attributes.alignstack = min(8 * lanes, _LINE)
-            # llvmlite writes alignstack only beside another attribute.
-            self.function.attributes.add("nounwind")
+        self._align_stack()
         self.argument = dict(zip(arguments, self.function.args, strict=True))
         self.builder = ir.IRBuilder(self.function.append_basic_block())
         self._clear_caches()
@@ -136,6 +133,13 @@ class Instructions:
         self._results: dict[tuple[Any, ...], Value] = {}
         self._angles: dict[ir.Value, tuple[Value, Value]] = {}
         self._turns: dict[ir.Value, tuple[Value, Value]] = {}
+
+    def _align_stack(self) -> None:
+        """Keep spilled vectors from crossing lines of the cache."""
+        if self.lanes > 1:
+            self.function.attributes.alignstack = min(8 * self.lanes, _LINE)
+            # llvmlite writes alignstack only beside another attribute.
+            self.function.attributes.add("nounwind")
 
     @contextmanager
     def as_written(self) -> Iterator[None]:
@@ -293,8 +297,6 @@ class Instructions:
 
     def address(self, pointer: ir.Value, index: Any) -> ir.Value:
         """Return the address of a double at an index, whole number of code or of Python."""
-        if isinstance(index, int) and index == 0:
-            return pointer
         offset = index if isinstance(index, ir.Value) else self.integer(index)
         return self.builder.gep(pointer, [offset], source_etype=DOUBLE)
 

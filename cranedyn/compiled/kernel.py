@@ -24,7 +24,7 @@ from cranedyn.plant.plant import SI, Plant, Topology, Units, plant
 from cranedyn.simulation.stepper import DIVERGED
 
 if TYPE_CHECKING:
-    from cranedyn.compiled.horizon.control import Programme
+    from cranedyn.compiled.horizon.memory import Programme
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def build_module(source: KernelSource) -> ir.Module:
     if recipe.programme is not None:
         from cranedyn.compiled.horizon.control import emit_instant, emit_plan  # few runs need it
 
-        emit_plan(module, recipe.programme)
+        emit_plan(module, recipe.programme, lanes)
         if recipe.lanes == 1:
             emit_instant(module, recipe.programme)
     run, answer = THREAD if recipe.threads else ("run", "answer")
@@ -222,11 +222,11 @@ class _Loop:
         rows = [row := code.least(instant, last)]
         if not self.recipe.shared[table]:
             first, starts = table * code.stride, self.call_values["starts"]
-            each = [code.load_one(starts, first + lane, INTEGER) for lane in range(code.lanes)]
-            rows = [code.builder.add(start, row) for start in each]
-        begins = [code.address(pointer, code.product(row, width)) for row in rows]
+            begins = [code.load_one(starts, first + lane, INTEGER) for lane in range(code.lanes)]
+            rows = [code.builder.add(start, row) for start in begins]
+        addresses = [code.address(pointer, code.product(row, width)) for row in rows]
         return lambda section: array(
-            [code.gather(begins, i) for i in range(width)[columns[section]]]
+            [code.gather(addresses, i) for i in range(width)[columns[section]]]
         )
 
     def _get(self, section: str) -> np.ndarray:
@@ -419,7 +419,8 @@ class _Loop:
         if self.recipe.programme is not None:
             from cranedyn.compiled.horizon.control import PredictiveControl
 
-            control = PredictiveControl(code, self.recipe.programme, self.call_values["horizon"])
+            addresses = (self.call_values[name] for name in ("horizon", "workspace"))
+            control = PredictiveControl(code, self.recipe.programme, *addresses)
             row, due = control.count_instant()
             command_of = control.call_instant if code.lanes == 1 else control.command
             return command_of(z[: sizes.n], z[sizes.n :], setpoints("position"), row, due)

@@ -154,6 +154,7 @@ CALL = {
         "log",
         "summary",
         "horizon",
+        "workspace",
     ),
     INTEGER: (
         "gain_table_rows",
@@ -177,7 +178,7 @@ CALL = {
 
 Addresses point to the memory of a group of lanes, to the tables, to the first row [rows] of each
 lane's tables, to the sensor delay [control periods] of each lane and its stored readings, and to
-the memory of a predictive controller.
+the memory and the workspace of a predictive controller.
 
 Whole numbers are the rows of the tables, the number of stored readings, the first control instant
 and the one after the last, the instant that no steps follow, steps in a period, substeps of a step

@@ -30,7 +30,7 @@ from cranedyn.plant.cranes import Cranes
 from cranedyn.plant.plant import Topology, numbers
 
 _CHECKED, _REMEMBERED = 16, 4096
-_MAKING = threading.Lock()
+_MAKING, _kernel = threading.Lock(), lru_cache(maxsize=256)(kernel)
 
 Accelerations = Callable[[Kernel, np.ndarray, np.ndarray], np.ndarray]
 """Accelerations at one state in each lane, see `cranedyn.compiled.binding.kernel_accelerations`."""
@@ -53,18 +53,14 @@ def compile_kernel(
     Raises:
         ModelError: If the code does not do what Pinocchio does.
     """
-    if isinstance(cranes, Cranes):
-        rows = cranes.numbers
-    else:
-        rows = np.array([numbers(crane) for crane in cranes])
+    rows = cranes.numbers if isinstance(cranes, Cranes) else np.array([*map(numbers, cranes)])
     if converters is not None:
         rows = np.hstack([rows, np.broadcast_to(converters, (len(rows), converters.shape[-1]))])
-    varied, constants = (rows != rows[0]).any(axis=0), rows[0].tolist()
-    for i in np.flatnonzero(varied).tolist():
-        constants[i] = None
+    varied = (rows != rows[0]).any(axis=0)
+    constants = tuple(None if v else x for v, x in zip(varied, rows[0].tolist(), strict=True))
     varied_numbers = np.ascontiguousarray(rows[:, varied])
     with _MAKING:
-        code = _kernel(KernelSource(Topology.of(cranes[0]), tuple(constants), recipe))
+        code = _kernel(KernelSource(Topology.of(cranes[0]), constants, recipe))
         if len(code.verified) > _REMEMBERED:
             code.verified.clear()
         verify_cranes(cranes, code, varied_numbers, code.verified, converters)
@@ -92,11 +88,6 @@ def verify_cranes(
         if row.tobytes() not in verified:
             verify_crane(crane, code, row, response, answers)
             verified.add(row.tobytes())
-
-
-@lru_cache(maxsize=256)
-def _kernel(source: KernelSource) -> Kernel:
-    return kernel(source)
 
 
 def verify_crane(

@@ -174,9 +174,8 @@ class Draft:
                 self._mode = final.stat().st_mode
             if self._mode is not None and not stat.S_ISREG(self._mode):
                 raise DataError(f"Cannot write {final}: it is {_kind(self._mode)}.")
-            self.path = final.with_name(
-                f".{final.stem[:40]}.{os.urandom(8).hex()}{final.suffix[-20:]}"
-            )
+            token = os.urandom(8).hex()
+            self.path = final.with_name(f".{final.stem[:40]}.{token}{final.suffix[-20:]}")
             mode = 0o666 if self._mode is None else 0o600 | stat.S_IMODE(self._mode)
             flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
             os.close(os.open(self.path, flags, mode))

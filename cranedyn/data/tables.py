@@ -14,7 +14,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from cranedyn.data.files import atomic_write, open_file, with_ending
-from cranedyn.errors import DataError
+from cranedyn.errors import DataError, quoted
 
 LARGEST = 1_000_000_000
 """Most bytes that are read: of a CSV file its size, of a Parquet file, which may be compressed, the
@@ -183,8 +183,9 @@ def _check_size(size: float, path: Path) -> None:
 def _check_names(names: Sequence[str], columns: Sequence[str], path: Path) -> None:
     missing = [name for name in columns if name not in names]
     if missing:
+        needed, present = ", ".join(columns), quoted(", ".join(names))
         raise DataError(
-            f"{path} has no column {', '.join(missing)}; needed are {', '.join(columns)}."
+            f"{path} has no column {', '.join(missing)}; needed are {needed}, it has {present}."
         )
     for name in columns:
         if (count := names.count(name)) > 1:

@@ -138,10 +138,10 @@ def arguments(path: str | Path = XACRO) -> dict[str, Argument]:
     """
     table = {}
     for element in _parse(path).getElementsByTagName("xacro:arg"):
-        default = element.getAttribute("default")
-        documented = _DOCUMENTED.fullmatch(_comment_behind(element))
+        match = _DOCUMENTED.fullmatch(_comment_behind(element))
+        documented = match.groupdict() if match else {}
         table[element.getAttribute("name")] = Argument(
-            default, **(documented.groupdict() if documented else {})
+            element.getAttribute("default"), **documented
         )
     return table
 
@@ -180,8 +180,8 @@ def describe(
         DataError: If the file cannot be read.
         ModelError: If the file cannot be expanded.
     """
-    own = Path(path).parent == XACRO.parent and Path(path).is_file()
-    declared = {} if own and not values else arguments(path)
+    bundled = Path(path).parent == XACRO.parent and Path(path).is_file()
+    declared = {} if bundled and not values else arguments(path)
     mappings = {} if visuals else {"visuals": "false"}
     for name, value in (values or {}).items():
         if name not in declared:
@@ -189,7 +189,7 @@ def describe(
         unit, allowed = declared[name].unit, declared[name].allowed
         mappings[name] = repr(number(name, value, unit, allowed)) if allowed else str(value)
     key = str(path), tuple(mappings.items())
-    if not own:
+    if not bundled:
         return _expand(*key, packages)
     files = [file.stat() for file in sorted(XACRO.parent.glob("*.xacro"))]
     return _expand_cached(*key, tuple((file.st_mtime_ns, file.st_size) for file in files))

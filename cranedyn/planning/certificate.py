@@ -141,6 +141,7 @@ def certify(
     peak_swing = float(clearance.tilt(run.q).max())
     residual_swing = _swing_at(lift, run, motion.arrival)
     rates = np.abs(run.v[:, clearance.drive_joints]).max(axis=0) / np.array(lift.limits.rates)
+    rate, cut = float(rates.max()), bool((run.command != run.effort).any())
     slew = run.q[:, clearance.joints.slew]
     row = unproven_row(clearance, run.q, motion.period)
     unproven_t = None if row is None else float(run.t[row])
@@ -148,9 +149,21 @@ def certify(
     checks = [
         _distance_check(clearance.site, nearest, nearest_t, unproven_t),
         _slewing_check(clearance.site, slew, free),
-        _swing_check(clearance.site, peak_swing),
-        _arrival_check(residual_swing, float(np.linalg.norm(end - planned))),
-        _drives_check(float(rates.max()), bool((run.command != run.effort).any())),
+        Check(
+            f"The load swings {1000 * peak_swing:.1f} mrad at most, "
+            f"{1000 * clearance.site.swing:.1f} allowed.",
+            peak_swing <= clearance.site.swing,
+        ),
+        Check(
+            f"At the arrival it swings {1e3 * residual_swing:.4f} mrad, {1e3 * ARRIVAL_SWING:g} "
+            f"allowed; it ends {1000.0 * np.linalg.norm(end - planned):.1f} mm from its goal.",
+            residual_swing <= ARRIVAL_SWING,
+        ),
+        Check(
+            f"Rates are {100 * rate:.1f} % of their limits at most; efforts are "
+            f"{'cut' if cut else 'never cut'}.",
+            rate <= _TOO_FAST and not cut,
+        ),
     ]
     return Certificate(
         lift, run, run.t[rows], distances, nearest, nearest_t, residual_swing, checks
@@ -185,26 +198,3 @@ def _slewing_check(site: Site, slew: np.ndarray, free: SlewRange) -> Check:
         turns = f"jib and counter-jib turn freely, with {site.distance:g} m at least"
         return Check(f"Slewing: {turns}.", True)
     return Check(f"Slewing: the jib comes too near to {free.below or free.above}.", False)
-
-
-def _swing_check(site: Site, peak: float) -> Check:
-    return Check(
-        f"The load swings {1000 * peak:.1f} mrad at most, {1000 * site.swing:.1f} allowed.",
-        peak <= site.swing,
-    )
-
-
-def _arrival_check(swing: float, off: float) -> Check:
-    return Check(
-        f"At the arrival it swings {1e3 * swing:.4f} mrad, {1e3 * ARRIVAL_SWING:g} allowed; it "
-        f"ends {1000.0 * off:.1f} mm from its goal.",
-        swing <= ARRIVAL_SWING,
-    )
-
-
-def _drives_check(rate: float, cut: bool) -> Check:
-    return Check(
-        f"Rates are {100 * rate:.1f} % of their limits at most; efforts are "
-        f"{'cut' if cut else 'never cut'}.",
-        rate <= _TOO_FAST and not cut,
-    )

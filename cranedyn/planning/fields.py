@@ -19,12 +19,10 @@ class Placed(NamedTuple):
     Attributes:
         moving: The inflated shape at its place.
         inflated: Distance by which it is inflated [m].
-        nearest: Memory of the queries for the nearest obstacle.
     """
 
     moving: coal.CollisionObject
     inflated: float
-    nearest: coal.DistanceCallBackDefault
 
     @property
     def bare(self) -> coal.CollisionObject:
@@ -55,8 +53,7 @@ class Body(threading.local):
         self.inflated, self.shape = inflated, shape.clone()
         self.shape.setSweptSphereRadius(inflated)
         self._within = within or coal.Transform3s()
-        moving, nearest = coal.CollisionObject(self.shape), coal.DistanceCallBackDefault()
-        self._placed = Placed(moving, inflated, nearest)
+        self._placed = Placed(coal.CollisionObject(self.shape), inflated)
 
     @property
     def radius(self) -> float:
@@ -105,9 +102,9 @@ class Field:
         """
         nearest = math.inf
         for surfaces, manager in self._managers.items():
-            body.nearest.init()
-            manager.distance(body.bare if surfaces else body.moving, body.nearest)
-            distance = body.nearest.data.result.min_distance
+            callback = coal.DistanceCallBackDefault()
+            manager.distance(body.bare if surfaces else body.moving, callback)
+            distance = float(callback.data.result.min_distance)
             nearest = min(nearest, distance - body.inflated if surfaces else distance)
         return nearest
 

@@ -202,17 +202,13 @@ def simulate_perturbed(
     cranes = {level: _crane(lift.crane, level) for level in np.unique(drawn["load"]).tolist()}
     planned = certificate.run.q[:: _every(lift)]
     margins = np.array([lift.clearance.margin(q) for q in planned])
-
-    def simulate_chunk(rows: np.ndarray) -> tuple[Batch, np.ndarray]:
-        chunk = {name: values[rows] for name, values in drawn.items()}
-        return _batch(lift, nominal, chunk, cranes, dt)
-
     workers, chunks = threads or len(os.sched_getaffinity(0)), _chunks(drawn)
     running = deque[Future[tuple[Batch, np.ndarray]]]()
     with ThreadPoolExecutor(workers) as pool:
         for i in range(len(chunks) + workers):
             if i < len(chunks):
-                running.append(pool.submit(simulate_chunk, chunks[i]))
+                values = {name: column[chunks[i]] for name, column in drawn.items()}
+                running.append(pool.submit(_batch, lift, nominal, values, cranes, dt))
             if i >= workers:
                 chunk, (batch, force) = chunks[i - workers], running.popleft().result()
                 distances = _least(lift.clearance, planned, margins, batch)

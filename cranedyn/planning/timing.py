@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -184,6 +185,7 @@ def _fitted(bounds: Bounds, shares: dict[str, float], slower: float) -> Bounds:
 def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
     """Return times [s], shape (n,), and places, shape (n, 3), of the fastest law of time."""
     toppra, constraint, algorithm = _toppra()
+    s, at_s = _grid(path)
 
     class Geometric(toppra.interpolator.AbstractGeometricPath):  # type: ignore[misc, name-defined]
         dof = 3
@@ -191,8 +193,7 @@ def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
         waypoints = None
 
         def __call__(self, path_positions: Any, order: int = 0) -> np.ndarray:
-            values = path.derivatives(np.atleast_1d(path_positions))[order]
-            return values if np.ndim(path_positions) else values[0]
+            return at_s[order]  # TOPP-RA asks for no others
 
     class Accelerations(constraint.LinearConstraint):  # type: ignore[misc, name-defined]
         """Accelerations of the drives, and of the load across, whose circle is replaced by the
@@ -205,7 +206,7 @@ def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
             self.discretization_type = constraint.DiscretizationType.Interpolation
 
         def compute_constraint_params(self, path: Any, gridpoints: np.ndarray) -> Any:
-            drive_position, first, second = (path(gridpoints, order) for order in range(3))
+            drive_position, first, second = at_s
             a = _accelerations(drive_position, np.zeros_like(first), first)
             b = _accelerations(drive_position, first, second)
             rows, upper = _polygon(bounds)
@@ -217,13 +218,12 @@ def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
     problem = algorithm.TOPPRA(
         [velocity, Accelerations()],
         Geometric(),
-        gridpoints=_gridpoints(path),
+        gridpoints=s,
         solver_wrapper="seidel",
     )
     _, speeds, _ = problem.compute_parameterization(0.0, 0.0)
     if speeds is None:
         raise CraneError("TOPP-RA finds no law of time along this path.")
-    s = problem.gridpoints
     times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(s) / (speeds[1:] + speeds[:-1]))])
     if not times[-1] <= _LONGEST:
         raise CraneError(f"A load on this path takes more than {_LONGEST:g} s.")
@@ -255,7 +255,9 @@ def _polygon(bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
     return np.array(rows), np.array(upper)
 
 
-def _gridpoints(path: Path) -> np.ndarray:
+@lru_cache(maxsize=1)
+def _grid(path: Path) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return the grid points of TOPP-RA along a path, with places and derivatives there."""
     even = np.linspace(0.0, path.duration, max(60, math.ceil(path.duration / _GRID)))
     corners = [
         knot + width * np.linspace(-1.0, 1.0, _IN_CORNER)
@@ -263,8 +265,10 @@ def _gridpoints(path: Path) -> np.ndarray:
     ]
     points = np.unique(np.concatenate([even, *corners]))
     if path.duration - points[-2] <= 1e-4:
-        return np.append(points[:-2], points[-1])
-    return points[np.append(True, np.diff(points) > 1e-4)]
+        points = np.delete(points, -2)
+    else:
+        points = points[np.append(True, np.diff(points) > 1e-4)]
+    return points, path.derivatives(points)
 
 
 def _averaged(t: np.ndarray, drive_positions: np.ndarray, average: float) -> np.ndarray:

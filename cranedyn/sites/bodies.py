@@ -136,14 +136,13 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
             "A crane on a site has drives from its foot to a pivot, two swing joints and a rope; "
             f"this one has {', '.join(layout.symbols)}."
         )
-    pivot = model.jointPlacements[swings[0]].translation
+    pivot = model.jointPlacements[swings[0]].translation[None].repeat(2, axis=0)
     shapes: dict[int, list[np.ndarray]] = {}
     for joint, corners in shape_corners(crane):
         shapes.setdefault(joint, []).append(corners)
     if supports[-1] not in shapes:
         raise ModelError("The URDF of the crane shows no load; its distances are not known.")
-    capsules = []
-    data = model.createData()
+    capsules, fixed, data = [], np.zeros((2, 3)), model.createData()
     turns = bool(chain) and layout.joints[chain[0] - 1].kind == "revolute"
     q = np.where(turns & (np.arange(layout.n) == supports[0] - 1), 0.0, crane.start.q)
     pin.forwardKinematics(model, data, q)
@@ -154,10 +153,7 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
     offsets = [model.jointPlacements[i].translation for i in (swings[1], supports[-1])]
     rope = data.oMi[supports[-1]].rotation @ _local_axis(crane, supports[-1])
     if np.abs(offsets).max() > 1e-9 or rope[2] > 0.0 or crane.lower[supports[-1] - 1] < 0.0:
-        raise ModelError(
-            "The rope of a crane on a site begins where both swing joints are, and the hoist joint "
-            "gives its length: without an offset, downward, from 0 on."
-        )
+        raise ModelError("Swing joints and hoist must have one origin, and the hoist lower from 0.")
     for index, joint in enumerate([0, *chain]):
         for points in _groups(shapes.get(joint, [])):
             ends, radius = _capsule(points)
@@ -165,15 +161,13 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
             name = "jib" if middle @ outward >= 0.0 else "counter-jib"
             if index == 0 or (index == len(chain) and layout.joints[joint - 1].role == "trolley"):
                 name = "trolley" if index else "tower"
-            capsules.append((name, index, ends, np.zeros((2, 3)), False, radius))
+            capsules.append((name, index, ends, fixed, False, radius))
     carried = [corners for joint in swings for corners in shapes.get(joint, [])]
     if carried:
         radius = float(np.linalg.norm(np.concatenate(carried), axis=1).max())
-        capsules.append(("trolley", len(chain), pivot[None].repeat(2, 0), _NO, False, radius))
-    capsules += [
-        (name, len(chain), pivot[None].repeat(2, 0), depth, True, radius)
-        for name, depth, radius in _hanging(crane, shapes[supports[-1]])
-    ]
+        capsules.append(("trolley", len(chain), pivot, fixed, False, radius))
+    for name, depth, radius in _hanging(crane, shapes[supports[-1]]):
+        capsules.append((name, len(chain), pivot, depth, True, radius))
     jib = math.atan2(outward[1], outward[0]) if turns else -math.pi / 2.0
     names, joint, ends, depth, hangs, radii = zip(*capsules, strict=True)
     rotation, translation, axis, revolute = _joints(crane, chain)
@@ -193,9 +187,6 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
         hangs=np.array(hangs),
         radius=np.array(radii),
     )
-
-
-_NO = np.zeros((2, 3))
 
 
 def _joints(crane: Crane, joints: Sequence[int]) -> list[np.ndarray]:

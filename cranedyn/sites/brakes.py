@@ -63,23 +63,17 @@ class Brakes:
         for value in finite("tolerances of brakes", self.tolerances, shape):
             number("tolerance of brakes", value, "", ">= 0")
 
-    def stopping_distance(self, rate: np.ndarray) -> np.ndarray:
-        """Return the distance [rad or m] at rates [rad/s or m/s], shape (m,) each: the way of the
-        reaction time and v²/(2 a).
-        """
-        return stopping_distance(rate, self.reaction, self.decelerations)
-
     def tube(self, position: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Return the ends of the intervals that the drives may pass before they stand, shape (2,
         m), from measured positions at rates from low to high, shape (m,) each.
         """
-        back = self.stopping_distance(np.minimum(low, 0.0)) + self.tolerances
-        ahead = self.stopping_distance(np.maximum(high, 0.0)) + self.tolerances
+        rates = np.array([np.minimum(low, 0.0), np.maximum(high, 0.0)])
+        back, ahead = stopping_distance(rates, self.reaction, self.decelerations) + self.tolerances
         return np.array([position - back, position + ahead])
 
 
 def stopping_distance(rate: Any, reaction: Any, deceleration: Any) -> Any:
-    """Return the distance [rad or m] of a drive in any kind of numbers, see `Brakes`."""
+    """Return the way of the reaction time and v²/(2 a) [rad or m], in any kind of numbers."""
     speed = magnitude(rate)
     return speed * (reaction + speed / (2.0 * deceleration))
 

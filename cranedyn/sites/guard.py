@@ -23,9 +23,7 @@ from cranedyn.sites.capsules import JOINT, pivot_motions, rope_pose
 from cranedyn.sites.site import Station
 
 PATIENCE, LONGEST = 0.5, 16.0
-"""Time after which a guard no longer waits for the answer to its request, and the longest after
-answers that came late [s].
-"""
+"""Time for which a guard waits for an answer, and the longest after some that came late [s]."""
 
 HORIZON = 1.5
 """Time for which a crane asks in advance [s]: two lost or late answers and a cycle."""
@@ -152,9 +150,7 @@ class Guard:
         return self.rates, BoxRequest(self._number, self.box, outputs[5:7])
 
     def receive(self, grant: BoxGrant) -> None:
-        """Take a grant that answers the last request; ignore any other, and wait longer for answers
-        if it comes late.
-        """
+        """Take a grant that answers the last request; wait longer for others if it comes late."""
         if grant.number == self._number and self._asked_at > -math.inf:
             self._granted, self.blocked_by, self.target = grant.box, grant.blocked_by, grant.target
             self._asked_at = -math.inf

@@ -171,13 +171,10 @@ class SiteRun:
             f"- {t:.1f} s: {body} of {first} and {other} {second}"
             for t, first, second, body, other in self.contacts
         ]
-        waits = Counter(circle for _, circle in self.deadlocks)
-        names = [run.name for run in runs]
         lines = ["**Contacts:**\n", *lines] if lines else ["No contacts."]
-        lines += ["\n**Cranes that wait for each other:**\n"] if waits else []
-        for circle, count in waits.items():
-            chain = " for ".join(names[i] for i in (*circle, circle[0]))
-            lines.append(f"- {chain}: {CYCLE * count:.1f} s")
+        for circle, count in Counter(circle for _, circle in self.deadlocks).items():
+            chain = " for ".join(runs[i].name for i in (*circle, circle[0]))
+            lines.append(f"\n**Waiting:** {chain}, {CYCLE * count:.1f} s.")
         return record(
             path,
             runs,

@@ -23,7 +23,6 @@ from cranedyn.sites.bodies import (
     CraneBodies,
     PlacedCapsules,
     crane_bodies,
-    place_capsules,
     rope_poses,
     stacked,
 )
@@ -62,8 +61,7 @@ class Station:
         """Check that all drives have converters and brakes.
 
         Raises:
-            OutOfRange: If not, a number is not finite, or the converters react slower than the
-                brakes.
+            OutOfRange: If not, a number is not finite, or brakes react sooner than the drives.
         """
         finite(f"foot of {quoted(self.name)}", self.foot, (3,), unit="m")
         number(f"heading of {quoted(self.name)}", self.heading, "rad")
@@ -158,8 +156,8 @@ class CraneSite:
         """Check names and towers.
 
         Raises:
-            DataError: If there is no crane, two have one name, two towers are nearer to each other
-                than the required distance, or a tower or a load at the start stands in an obstacle.
+            DataError: If there is no crane, two cranes or pairs have one name, towers are nearer
+                than the required distance, or a tower or a load at the start is in an obstacle.
             OutOfRange: If the distance is not positive, or the swing not from 0.001 to 0.5.
         """
         number("height of the ground", self.ground, "m")
@@ -167,18 +165,18 @@ class CraneSite:
         within("swing of the load", self.swing, 0.001, 0.5, "rad")
         if not self.stations:
             raise DataError(f"The site {quoted(self.name)} has no crane.")
-        for name, count in Counter(station.name for station in self.stations).items():
+        names = [station.name for station in self.stations]
+        pairs = ["_".join(pair) for pair in itertools.combinations([*names, "obstacles"], 2)]
+        for name, count in Counter([*names, *pairs]).items():  # columns of a run have these names
             if count > 1:
-                raise DataError(
-                    f"{count} cranes are called {quoted(name)}; give each its own name."
-                )
+                called = f"{count} cranes or pairs of cranes are called {quoted(name)}"
+                raise DataError(f"{called}; give each its own name.")
         for a, b in itertools.combinations(range(len(self.stations)), 2):
             gap = self._tower_gap(a, b)
             if gap < self.distance:
-                names = (quoted(self.stations[i].name) for i in (a, b))
                 raise DataError(
-                    f"The towers of {' and '.join(names)} are {max(gap, 0.0):.2f} m apart; "
-                    f"required is {self.distance:g} m."
+                    f"The towers of {quoted(names[a])} and {quoted(names[b])} are "
+                    f"{max(gap, 0.0):.2f} m apart; required is {self.distance:g} m."
                 )
         for station in self.stations if self.solids else ():
             pivot = station.rope(station.crane.start.q[None])[0][0]
@@ -243,15 +241,9 @@ class CraneSite:
         return apart.reshape(ends[0].shape[:-2])
 
     def _tower_gap(self, a: int, b: int) -> float:
-        cranes, capsules = [], []
-        for i in (a, b):
-            tower = np.nonzero(self.stations[i].bodies.joint == 0)[0]
-            cranes.append(np.full(len(tower), i))
-            capsules.append(tower)
-        rows = np.indices([len(towers) for towers in capsules]).reshape(2, -1)
-        still = np.zeros((rows.shape[1], self.bodies.axis.shape[1] + 1))
-        placed: list[PlacedCapsules] = [
-            place_capsules(self.bodies, crane[row], tower[row], still, still, 0.0)
-            for crane, tower, row in zip(cranes, capsules, rows, strict=True)
-        ]
-        return float(least_distances(*placed).min(initial=np.inf))
+        towers = []
+        for bodies in (self.stations[i].bodies for i in (a, b)):
+            still = bodies.joint == 0
+            ends = bodies.ends[still] @ bodies.foot[:, :3].T + bodies.foot[:, 3]
+            towers.append(PlacedCapsules(ends[None], bodies.radius[still], np.zeros(0)))
+        return float(least_distances(*towers)[0])

@@ -65,8 +65,7 @@ def _station(entry: SiteTable, ground: float) -> Station:
     foot = np.array(entry.numbers("position", 3, default=[0.0, 0.0, ground]))
     heading = entry.angle("heading", -math.pi / 2.0)
     try:
-        own = next((key for key in ("urdf", "machine", "values") if key in entry.values), field)
-        field = own
+        own = field = next((k for k in ("urdf", "machine", "values") if k in entry.values), field)
         crane, limits = _crane(entry)
         limits |= _of_drives(entry, "drives", crane, ["rates", "accelerations"])
         slopes = limits.get("accelerations", {}).items()

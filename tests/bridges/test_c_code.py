@@ -205,7 +205,7 @@ def test_a_crane_of_another_topology_and_rule_in_c_passes_its_own_test(
     assert "largest relative difference" in output(folder / "t", folder=folder)
 
 
-SIZES = {"integral": 144, "predictive": 169688}
+SIZES = {"integral": 144, "predictive": 126744}
 """Bytes of memory of the LQR with its integral, and of the predictive controller."""
 
 

@@ -61,11 +61,11 @@ def solved(machine: Machine, problem: HorizonProblem) -> Solved:
     def common(name: str, i: int = 0) -> np.ndarray:
         return work[shape.place(name, i) :][: shape.lanes]
 
-    stages = work[shape.first :].reshape(shape.padded, shape.stride)
+    stages = work[shape.first :].reshape(shape.stages, shape.stride)
 
     def put(name: str, values: np.ndarray, i: int = 0, first: int = 0) -> None:
         place = shape.place(name, i) + first
-        stages[: shape.stages, place : place + values.shape[1]] = values
+        stages[:, place : place + values.shape[1]] = values
 
     for i in range(z):
         common("weight", i)[:z], common("end", i)[:z] = problem.q[i], problem.end[i]
@@ -73,8 +73,6 @@ def solved(machine: Machine, problem: HorizonProblem) -> Solved:
     for i, weights in enumerate(problem.r):
         common("weight", z + i)[z:w] = weights
         put("extra", problem.e[:, i], i)
-    for j in range(w):
-        put("columns", np.dstack([problem.a, problem.b])[:, :, j], j)
     put("shift", problem.c)
     put("gradient", problem.gradient)
     put("extra_shift", problem.d, first=w)
@@ -84,5 +82,5 @@ def solved(machine: Machine, problem: HorizonProblem) -> Solved:
         common(name)[: w + m] = getattr(problem, name)
     common("report")[REPORT.index("barrier")] = 0.1 * problem.price[0]
     machine.function("solve", 1)(work.ctypes.data)
-    found = stages[: shape.stages, shape.place("iterate") :][:, : w + m].copy()
+    found = stages[:, shape.place("iterate") :][:, : w + m].copy()
     return Solved(found, dict(zip(REPORT, common("report").tolist(), strict=False)))

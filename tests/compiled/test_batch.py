@@ -122,9 +122,9 @@ def _same(c: Crane, alone: Trajectory, batch: Batch, i: int, share: float = 1e-1
     )
 
 
-def _pushed(rows: np.ndarray) -> Callable[[float, State], np.ndarray]:
-    """The force of each control instant, beyond the end of the rows that of the last."""
-    return lambda t, state: rows[min(round(t / PERIOD), len(rows) - 1)].reshape(2, 3)
+def _pushed(rows: np.ndarray, interval: int = 1) -> Callable[[float, State], np.ndarray]:
+    """A row of forces for some control instants each, beyond the end of the rows the last."""
+    return lambda t, state: rows[min(round(t / PERIOD) // interval, len(rows) - 1)].reshape(2, 3)
 
 
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 20])
@@ -133,20 +133,11 @@ def test_each_crane_of_a_batch_does_what_it_does_alone(count: int) -> None:
     cranes, starts, references = _cranes(count), _starts(count), _references(count)
     rng = np.random.default_rng(6)
     force, offsets = rng.normal(size=(count, 10, 6)) * 200.0, rng.normal(size=(count, 10)) * 0.01
-    batch = simulate_batch(
-        cranes,
-        _controllers(count),
-        references,
-        start=starts,
-        force=force,
-        force_interval=3,
-        sensor_offset=offsets,
-        record=1,
-        **CLOCK,
-    )
+    given: Any = {"start": starts, "force": force, "force_interval": 3, "sensor_offset": offsets}
+    batch = simulate_batch(cranes, _controllers(count), references, record=1, **given, **CLOCK)
     assert len(batch) == count
     for i, controller in enumerate(_controllers(count)):
-        pushed = _pushed(force[i].repeat(3, axis=0))
+        pushed = _pushed(force[i], 3)
         how = {"start": _start(starts, i), "disturbance": pushed, "validity": "mark"}
         asked = _offset(controller, offsets[i])
         _same(cranes[i], simulate(cranes[i], asked, references[i], **how, **CLOCK), batch, i)

@@ -88,11 +88,11 @@ def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane
 ) -> None:
     moved = crane() if which == "tower" else overhead()
     made, layout = receding(moved, _limits(moved), drive="motion"), moved.layout
-    shape, length = made.programme.shape, 0.05
+    shape, length = made.programme.shape(1), 0.05
     n, z, w = layout.n, shape.states, shape.both
     module = ir.Module()
     known, work = model.emit(module, shape, made.programme.plant, length), np.zeros(shape.size)
-    stages = work[shape.first :].reshape(shape.padded, shape.stride)
+    stages = work[shape.first :].reshape(shape.stages, shape.stride)
     for name, i, lane, value in known:
         stages[:, shape.place(name, i) + lane] = value
     rng = np.random.default_rng(1)
@@ -120,7 +120,6 @@ def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane
         # the next power of a stage's length times how its slopes change along it
         moved_to = ahead @ node + row["shift"][0, :z]
         np.testing.assert_allclose(moved_to, flow(node), atol=2e-3 * length**2)
-        np.testing.assert_array_equal(row["columns"][:, :z].T, ahead)
         besides = row["extra"][:, :w], row["extra_shift"][0, w : w + layout.m]
         scale = np.abs(effort(node)).max()
         np.testing.assert_allclose(besides[0] @ node + besides[1], effort(node), atol=1e-12 * scale)
@@ -406,6 +405,19 @@ def test_from_hard_starts_each_crane_of_a_batch_goes_where_it_goes_alone_in_any_
         assert alone_failures[0] == failures[i]
 
 
+def test_a_crane_that_diverges_leaves_others_of_its_batch_alone() -> None:
+    good, made, goal = at((0.0, 10.0, 15.0), phi=0.05), receding(crane(), LIMITS), at((0.3, 15, 12))
+    bad = State(good.q, np.array([0.0, 0.0, 1e200, 0.0, 0.0]))
+    runs = [
+        simulate_batch(crane(), made, hold(crane(), goal), start=starts, duration=2.0, threads=2)
+        for starts in ([good], [good, bad, good], [bad, *[good] * 4])
+    ]
+    alone, *others = (np.hstack(run.end) for run in runs)
+    assert not np.isfinite(others[0][1]).all() and runs[1].refusals[1] > 0
+    np.testing.assert_array_equal(others[0][[0, 2]], alone[[0, 0]])
+    np.testing.assert_array_equal(others[1][1:], alone[[0] * 4])
+
+
 def test_a_second_run_does_not_go_on_with_the_plan_of_the_first() -> None:
     made, goal = receding(crane(), LIMITS), at((0.3, 15.0, 12.0))
     first, second = (to(goal, at((0.0, 10.0, 15.0)), made, duration=3.0) for _ in range(2))
@@ -419,7 +431,7 @@ def test_a_second_run_does_not_go_on_with_the_plan_of_the_first() -> None:
 def failing() -> Receding:
     """A controller with a solver that begins so near its bounds that it does not get away."""
     made = receding(crane(), LIMITS)
-    made.table[made.programme.shape.place("report") + REPORT.index("first")] = 1e-7
+    made.table[made.programme.shape(1).place("report") + REPORT.index("first")] = 1e-7
     return Receding(made.programme, made.table, made.path)
 
 

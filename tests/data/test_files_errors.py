@@ -112,8 +112,8 @@ def test_a_draft_cannot_be_guessed_and_follows_no_link_that_stands_there_already
             drafts.append(draft.name)
     assert drafts[0] != drafts[1] and min(len(name) for name in drafts) > len(".a..csv") + 15
     (tmp_path / "precious").write_text("precious")
-    (tmp_path / ".a.guessed.csv").symlink_to("precious")
-    monkeypatch.setattr("secrets.token_hex", lambda count: "guessed")
+    (tmp_path / f".a.{b'guessed'.hex()}.csv").symlink_to("precious")
+    monkeypatch.setattr("os.urandom", lambda count: b"guessed")
     with (
         pytest.raises(DataError, match=r"Cannot write .*a\.csv: File exists"),
         atomic_write(tmp_path / "a.csv"),

@@ -167,7 +167,10 @@ def test_columns_are_read_in_any_order_among_others_and_from_whole_numbers(tmp_p
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("t_s,phi\n0,1\n1,2\n", r"theirs.csv has no column phi_rad; needed are t_s, phi_rad"),
+        (
+            "t_s,phi\n0,1\n1,2\n",
+            r"theirs.csv has no column phi_rad; needed are t_s, phi_rad, it has 't_s, phi'",
+        ),
         ("a,b\n0,1\n", r"has no column t_s, phi_rad"),
         ("t_s,phi_rad\n0,up\n1,2\n", r"Cannot read .*theirs.csv: .*invalid value 'up'"),
         (

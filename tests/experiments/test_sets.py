@@ -227,7 +227,7 @@ def test_a_document_that_cannot_be_read_whole_or_written_is_refused_before_the_r
     monkeypatch.chdir(tmp_path)
     (tmp_path / "page.md").write_text("<!-- a1: -->\n<!-- end -->\n")
     # No room for a draft of any name.
-    monkeypatch.setattr("secrets.token_hex", lambda count: "a" * 255)
+    monkeypatch.setattr("os.urandom", lambda count: bytes(128))
     for document, sentence in (
         ("/dev/zero", "Cannot read /dev/zero: it is no file but a device."),
         ("page.md", "Cannot write page.md: File name too long."),

@@ -16,156 +16,38 @@ drives, and the hoist keeps the least tension of the rope.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from itertools import product
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.code import DOUBLE, INTEGER, Code, Value
 from cranedyn.compiled.horizon import interior, model, planning, riccati
-from cranedyn.compiled.horizon.memory import HorizonShape, element
-from cranedyn.compiled.horizon.planning import QUERY
+from cranedyn.compiled.horizon.memory import MemoryRows, Programme, lane_memory
 from cranedyn.dynamics.scalars import array, clipped
-from cranedyn.model.layout import Layout
-from cranedyn.plant.plant import Plant, Topology, plant
 
 
-@dataclass(frozen=True)
-class Programme:
-    """Parameters of a predictive controller that its code depends on.
-
-    Attributes:
-        topology: Topology of its crane model.
-        numbers: Parameters of its crane model, see `cranedyn.plant.plant.numbers`.
-        drive: Kind of command, "effort", "motion" or "velocity".
-        stages: Number of stages of the horizon.
-        length: Length of a stage [s].
-        period: Control period [s].
-        ratio: Control periods from one optimisation to the next.
-        rows: Rows of the path that it tracks; 0 for the present setpoint.
-        share: Share of the error of the disturbance estimate that is corrected at each instant.
-        swing_share: Share of the error of the filtered swing that is corrected.
-        rate_share: Share of the error of planned rates that is corrected, for velocity commands.
-        swing: Largest angle of each swing joint from its rest [rad].
-        taut: Least tension of the rope [N].
-        errors: Errors of coordinates and rates of each joint with equal weight; empty for explicit
-            weights.
-        payload_errors: Errors of the payload's position [m] and rate [m/s] with equal weight.
-        lead: Lead of the command of each drive [s], for velocity commands; else empty.
-        block: Number of stages that are linearised at once.
+def emit_plan(
+    module: ir.Module, programme: Programme, lanes: int = 1
+) -> list[tuple[str, int, int, float]]:
+    """Add the function `plan` and what it calls, for a crane in each lane; return the constants in
+    the memory of each stage: name of the row, its number, place, value.
     """
-
-    topology: Topology
-    numbers: tuple[float, ...]
-    drive: str
-    stages: int
-    length: float
-    period: float
-    ratio: int
-    rows: int
-    share: float
-    swing_share: float
-    rate_share: float
-    swing: float
-    taut: float
-    errors: tuple[float, ...]
-    payload_errors: tuple[float, ...]
-    lead: tuple[float, ...] = ()
-    block: int = 8
-
-    @property
-    def shape(self) -> HorizonShape:
-        """Dimensions of the optimisation."""
-        layout = self.topology.layout
-        return HorizonShape(2 * layout.n, layout.m, self.stages, self.block)
-
-    def offsets(self, lanes: int) -> MemoryOffsets:
-        """Return the offsets of the sections in the memory of a group of lanes."""
-        shape = self.shape
-        counts = [
-            shape.lanes + 8,
-            8,
-            lanes * -(-lane_memory(self.topology.layout)["begun"].stop // 8) * 8,
-            lanes * plan_size(shape),
-            -(-max(self.rows, 1) * shape.states // 8) * 8 + shape.lanes,
-            shape.size,
-        ]
-        return MemoryOffsets(0, *np.cumsum(counts).tolist())
-
-    @property
-    def plant(self) -> Plant:
-        """Model of the crane, commanded by accelerations."""
-        return self.driven("motion")
-
-    def driven(self, drive: str) -> Plant:
-        """Return the model of the crane, commanded by accelerations, "motion", or efforts,
-        "effort".
-        """
-        return plant(self.topology, list(self.numbers), drive, False)
-
-    @property
-    def hop(self) -> int:
-        """Rows of the path from one stage to the next."""
-        return round(self.length / self.period) if self.rows else 0
-
-
-class MemoryOffsets(NamedTuple):
-    """Offsets of the sections in the memory of a group of lanes [doubles].
-
-    Attributes:
-        query: State and whole numbers, see `cranedyn.compiled.horizon.planning`.
-        counts: Whole numbers: control instants up to now, and up to the start of the run.
-        lanes: Memory of each lane, see `lane_memory`.
-        plans: Plan of each lane.
-        path: Rows of the path.
-        work: Memory of the optimisation.
-        size: Total size.
-    """
-
-    query: int
-    counts: int
-    lanes: int
-    plans: int
-    path: int
-    work: int
-    size: int
-
-
-def lane_memory(layout: Layout) -> dict[str, range]:
-    """Return the slots of each lane's memory by name.
-
-    They are the accelerations held, the estimated disturbances of the drives, the expected rates,
-    the filtered swing of the instant before and its rates, the last plausible coordinates and
-    rates, the number of implausible readings, the last of these, and 1 after the first instant.
-    """
-    n, m = layout.n, layout.m
-    sizes = {"held": m, "estimate": m, "expected": m, "swing": 2 * (n - m)}
-    sizes |= {"read": 2 * n, "refusals": 1, "refused": 2 * n, "begun": 1}
-    ends = zip(sizes, np.cumsum(list(sizes.values())).tolist(), strict=True)
-    return {name: range(end - sizes[name], end) for name, end in ends}
-
-
-def plan_size(shape: HorizonShape) -> int:
-    """Return the size of a plan [doubles]."""
-    return (shape.stages + 1) * shape.lanes
-
-
-def emit_plan(module: ir.Module, programme: Programme) -> list[tuple[str, int, int, float]]:
-    """Add the function `plan` and what it calls; return the constants in the memory of each stage:
-    name of the row, its number, lane, value.
-    """
-    shape, layout = programme.shape, programme.topology.layout
-    crane = plant(programme.topology, list(programme.numbers), "motion", False)
-    constants = model.emit(module, shape, crane, programme.length)
-    riccati.emit(module, shape, {entry[:3]: entry[3] for entry in constants})
-    interior.emit(module, shape)
+    shape, crane, n = programme.shape(lanes), programme.plant, programme.topology.layout.n
+    entries = model.emit(module, shape, crane, programme.length)
+    constants = {entry[:3]: entry[3] for entry in entries}
+    block = [(i // n if programme.errors else i // (2 * n)) for i in range(shape.both)]
+    # Weights join no numbers of different blocks.
+    zeros = [(i, j) for i, j in product(range(shape.both), repeat=2) if block[i] != block[j]]
+    constants |= {("weight", *pair): 0.0 for pair in zeros}
+    riccati.emit(module, shape, constants)
+    interior.emit(module, shape, constants)
     if programme.errors:
-        errors = np.reshape(programme.errors, (2, layout.n))
+        errors = np.reshape(programme.errors, (2, n))
         model.emit_weights(module, shape, crane, errors, np.array(programme.payload_errors))
-    period = programme.ratio * programme.period
-    planning.emit(module, shape, crane, programme.length, period, programme.swing)
-    return constants
+    planning.emit(module, shape, programme, constants)
+    return entries
 
 
 def emit_instant(module: ir.Module, programme: Programme) -> None:
@@ -179,7 +61,9 @@ def emit_instant(module: ir.Module, programme: Programme) -> None:
     state = array([code.load(query, i) for i in range(z)])
     position = array([code.load(query, z + i) for i in range(layout.m)])
     row, due = (code.load_one(query, z + layout.m + i, INTEGER) for i in range(2))
-    control = PredictiveControl(code, programme, code.argument["memory"])
+    memory = code.argument["memory"]
+    workspace = code.address(memory, programme.offsets(1).path)
+    control = PredictiveControl(code, programme, memory, workspace)
     optimise = code.builder.icmp_signed("!=", due, code.integer(0))
     command = control.command(state[: layout.n], state[layout.n :], position, row, optimise)
     for i, value in enumerate(command):
@@ -190,9 +74,13 @@ def emit_instant(module: ir.Module, programme: Programme) -> None:
 class PredictiveControl:
     """Code of a control instant, for one crane or for one in each lane."""
 
-    def __init__(self, code: Code, programme: Programme, memory: ir.Value) -> None:
+    def __init__(
+        self, code: Code, programme: Programme, memory: ir.Value, workspace: ir.Value
+    ) -> None:
         self.code, self.programme, self.memory = code, programme, memory
         self.offsets, self.layout = programme.offsets(code.lanes), programme.topology.layout
+        self._path = workspace
+        self._work = code.address(workspace, self.offsets.work - self.offsets.path)
         self._slots = lane_memory(self.layout)
 
     def count_instant(self) -> tuple[ir.Value, ir.Value]:
@@ -226,8 +114,7 @@ class PredictiveControl:
         with code.when(due):
             plant, tracked = self.programme.plant, self.programme.rows > 0
             goal = array([]) if tracked else model.hanging(plant, position)
-            for lane in range(code.lanes):
-                self._plan(lane, np.concatenate(estimated), goal, row, plausible)
+            self._plan(np.concatenate(estimated), goal, row, plausible)
         acceleration = self._load_memory("held")
         if self.programme.drive == "effort":
             return self._efforts(q, v, acceleration, begun * plausible)
@@ -259,37 +146,21 @@ class PredictiveControl:
         code.builder.call(function, [self.memory, query, command])
         return array([code.load(command, i) for i in range(len(position))])
 
-    def _plan(
-        self, lane: int, z: np.ndarray, goal: np.ndarray, row: ir.Value, plausible: Value
-    ) -> None:
-        """Optimise for one lane from coordinates and rates, and hold the first accelerations."""
-        code, offsets, shape = self.code, self.offsets, self.programme.shape
-        query = code.address(self.memory, offsets.query)
-        path = code.address(self.memory, offsets.path)
-        for i, value in enumerate(z):
-            self._store_one(element(code, value, lane), query, i)
-        rows = self.programme.rows
-        if rows:
-            numbers = row, code.integer(rows - 1), code.integer(self.programme.hop)
-        else:
-            numbers = code.integer(0), code.integer(0), code.integer(0)
-            for i, value in enumerate(goal):
-                if isinstance(value, Value):  # constants are zeros, already in memory
-                    self._store_one(element(code, value, lane), path, i)
-        for i, number in enumerate(numbers):
-            code.builder.store(number, code.address(query, shape.lanes + i), align=8)
-        assert len(numbers) == len(QUERY)
-        self._store_one(element(code, plausible, lane), query, shape.lanes + len(QUERY))
-        plan = code.address(self.memory, offsets.plans + lane * plan_size(shape))
-        work = code.address(self.memory, offsets.work)
-        code.builder.call(code.function.module.globals["plan"], [work, plan, query, path])
-        for i in range(self.layout.m):
-            value = code.load_one(plan, shape.states + i, DOUBLE)
-            to = code.address(self.memory, offsets.lanes + i * code.lanes + lane)
-            code.builder.store(value, to, align=8)
-
-    def _store_one(self, value: Value, base: ir.Value, offset: int) -> None:
-        self.code.builder.store(value.register, self.code.address(base, offset), align=8)
+    def _plan(self, z: np.ndarray, goal: np.ndarray, row: ir.Value, plausible: Value) -> None:
+        """Optimise from coordinates and rates, and hold the first accelerations."""
+        code, lanes = self.code, self.code.lanes
+        plan, query = (
+            code.address(self.memory, place) for place in (self.offsets.plans, self.offsets.query)
+        )
+        for i, value in enumerate([*z, plausible]):
+            code.store(value, query, i * lanes)
+        code.builder.store(row, code.address(query, (len(z) + 1) * lanes), align=8)
+        for i, value in enumerate(goal):
+            code.store(value, self._path, i * lanes)
+        addresses = [self._work, plan, query, self._path]
+        code.builder.call(code.function.module.globals["plan"], addresses)
+        inputs = [code.load(plan, (len(z) + i) * lanes) for i in range(self.layout.m)]
+        self._store_memory("held", inputs)
 
     def _place(self, i: int) -> int:
         return self.offsets.lanes + i * self.code.lanes
@@ -305,13 +176,11 @@ class PredictiveControl:
         """Return coordinates and rates as read, and 1; or, if the reading is implausible, the last
         plausible ones, and 0.
         """
-        code, shape = self.code, self.programme.shape
-        low, high = (self.offsets.work + shape.place(name) for name in ("least", "most"))
-        read = np.concatenate([q, v])
-        holds = code.both(
-            *(x >= code.spread(self.memory, low + i) for i, x in enumerate(read)),
-            *(x <= code.spread(self.memory, high + i) for i, x in enumerate(read)),
-        )
+        code, read = self.code, np.concatenate([q, v])
+        rows = MemoryRows(code, self.programme.shape(code.lanes), self._work, {})
+        lower, upper = (rows.row(name, len(read)) for name in ("least", "most"))
+        ranges = zip(lower, read, upper, strict=True)
+        holds = code.both(*(c for low, x, high in ranges for c in (x >= low, x <= high)))
         updates = {
             "read": (read, self._load_memory("read")),
             "refused": (self._load_memory("refused"), read),

@@ -10,22 +10,14 @@ implementation of a primal-dual interior point method"; the linear algebra is th
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import add
 from typing import Any
 
 from llvmlite import ir
 
-from cranedyn.compiled.code import Code, Value
-from cranedyn.compiled.horizon.memory import (
-    HorizonShape,
-    LaneView,
-    MemoryRows,
-    Work,
-    element,
-    everywhere,
-    over_lanes,
-    with_elements,
-)
-from cranedyn.compiled.horizon.riccati import call, total
+from cranedyn.compiled.code import StackVariable, Value
+from cranedyn.compiled.horizon.memory import Constants, HorizonShape, MemoryRows, Work
 from cranedyn.dynamics.scalars import larger
 
 _MOST = 20
@@ -41,195 +33,182 @@ residual of the gradient, as a share of the initial one."""
 _SIDES = {"high": 1.0, "low": -1.0}
 
 
-def emit(module: ir.Module, shape: HorizonShape) -> None:
+def emit(module: ir.Module, shape: HorizonShape, constants: Constants | None = None) -> None:
     """Add the function `solve`, from the stages' model, gradient and bounds to the optimum."""
-    _Solve(Work(Code(module, "solve", ["work"], shape.lanes), shape)).emit()
+    _Solve(Work(module, "solve", shape, constants)).emit()
 
 
 class _Solve:
     """Function under construction."""
 
     def __init__(self, work: Work) -> None:
-        self.work, self.code, self.shape, self.common = work, work.code, work.shape, work.common
-        self.single = LaneView(self.code, 1)
+        self.work, self.code, self.wide, self.shape = work, work.code, work.wide, work.shape
 
     def emit(self) -> None:
-        code = self.code
+        code, work = self.code, self.work
         self._free()
-        self.work.report("flag", 1.0)
-        self.work.report("iterations", 0.0)
-        with code.when(self.work.reported("excess") > 0.0):
-            self._begin()
-            self.work.report("flag", 0.0)
-            barrier = self.work.reported("barrier")
-            gap, residual = self.single.variables([barrier, 1.0])
-            with code.loop(0, _MOST), code.when(self.work.reported("flag") < 0.5):
-                step = self._iterate(gap.get())
+        bounded = work.reported("excess") > 0.0
+        work.report(flag=code.chosen(bounded, 0.0, 1.0), iterations=0.0)
+        with code.when(code.anywhere(bounded)):
+            self._begin(bounded)
+            barrier = work.reported("barrier")
+            gap, residual = code.variables([barrier, 1.0])
+            # Once solved, a lane takes steps of 0 until the others are.
+            with code.loop(0, _MOST), code.when(code.anywhere(work.reported("flag") < 0.5)):
+                unsolved = work.reported("flag") < 0.5
+                step = code.chosen(unsolved, self._iterate(gap.get()), 0.0)
                 gap.set(self._move(step))
                 residual.set(residual.get() * (1.0 - step))
-                self.work.report("iterations", self.work.reported("iterations") + 1.0)
-                self.work.report("gap", gap.get())
-                self.work.report("open", residual.get())
+                iterations = work.reported("iterations") + code.chosen(unsolved, 1.0, 0.0)
                 done = code.both(gap.get() < _GAP * barrier, residual.get() < _OPEN)
-                self.work.report("flag", self.single.chosen(done, 1.0, 0.0))
+                flag = code.chosen(done, 1.0, work.reported("flag"))
+                work.report(flag=flag, iterations=iterations, gap=gap.get(), open=residual.get())
         code.end()
 
     def _free(self) -> None:
         """Solve without bounds, and report the largest excess of a bound."""
-        code, work = self.code, self.work
-        with code.loop(0, self.shape.stages) as k:
-            rows = work.stage(k)
-            rows.put("curve", 0.0)
-            rows.put("slope", rows.get("gradient"))
-        call(code, "factor")
-        call(code, "sweep")
-        worst = code.variables([-1.0])[0]
-        low, high = self.common.get("low"), self.common.get("high")
-        with code.loop(0, self.shape.stages) as k:
-            rows = work.stage(k)
+        work = self.work
+        work.call("free")
+        work.call("sweep")
+        (worst,) = self.wide.variables([-1.0])
+        with work.each() as (rows, common, *_):
             trial = rows.get("trial")
             rows.put("iterate", trial)
-            over = larger(trial - high, low - trial)
-            worst.set(larger(worst.get(), over))
-        self.work.report("excess", over_lanes(code, worst.get(), "fmax"))
+            self._grow(worst, [trial - common.get("high"), common.get("low") - trial])
+        work.report(excess=work.over_numbers(worst.get(), larger))
 
-    def _begin(self) -> None:
+    def _begin(self, bounded: ir.Value) -> None:
         """Start on the central path of the barrier, at the nodes."""
-        code, common, shape = self.code, self.common, self.shape
-        price = common.get("price")
-        barrier = everywhere(code, self.work.reported("barrier"))
-        soft = barrier / price
-        with code.loop(0, self.shape.stages) as k:
-            rows = self.work.stage(k)
-            node = rows.get("node")
-            extra = [
-                over_lanes(code, rows.get("extra", i) * node, "fadd") for i in range(shape.inputs)
-            ]
-            further = dict(enumerate(extra, shape.both))
-            node = with_elements(code, node, further) + rows.get("extra_shift")
-            rows.put("iterate", node)
+        work, wide, w, m = self.work, self.wide, self.shape.both, self.shape.inputs
+        with work.code.loop(0, self.shape.stages) as k:
+            rows = work.stage(k)
+            node = rows.row("node", w)
+            further = rows.table("extra", w) @ node + rows.row("extra_shift", m, first=w)
+            rows.put_row("trial", [*node, *further])
+        barrier = work.repeated(work.reported("barrier"))
+        begins = work.repeated(self.code.chosen(bounded, 1.0, 0.0)) > 0.5
+        with work.each() as (rows, common, *_):
+            node, soft = rows.get("trial"), barrier / common.get("price")
+            rows.put("iterate", wide.chosen(begins, node, rows.get("iterate")))
             for side in _SIDES:
-                room = self._room(node, side)
-                root = code.call("llvm.sqrt", room * room + 4.0 * (soft * soft))
+                room = self._room(node, side, common)
+                root = wide.call("llvm.sqrt", room * room + 4.0 * (soft * soft))
                 slack, excess = soft + 0.5 * (root + room), soft + 0.5 * (root - room)
                 rows.put(f"slack_{side}", slack)
                 rows.put(f"excess_{side}", excess)
                 rows.put(f"force_{side}", barrier / slack)
                 rows.put(f"relief_{side}", barrier / excess)
+            self._weigh(rows, common)
 
-    def _room(self, value: Value, side: str) -> Value:
-        bound = self.common.get(side)
+    def _room(self, value: Value, side: str, common: MemoryRows) -> Value:
+        bound = common.get(side)
         return bound - value if side == "high" else value - bound
 
     def _iterate(self, gap: Value) -> Value:
         """Prepare a step, and return the share of it that keeps slacks positive."""
-        code = self.code
-        with code.loop(0, self.shape.stages) as k:
-            self._weigh(self.work.stage(k))
-        call(code, "factor")
-        call(code, "sweep")
-        ratio, crossed = code.variables([1.0, 0.0])
-        with code.loop(0, self.shape.stages) as k:
-            self._predict(self.work.stage(k), ratio, crossed)
-        step = 1.0 / over_lanes(code, ratio.get(), "fmax")
-        count = 4.0 * self.shape.stages * self.shape.lanes
-        cross = over_lanes(code, crossed.get(), "fadd") * (1.0 / count)
-        predicted = (gap * (1.0 - step) + cross * (step * step)) / gap
-        centred = everywhere(code, gap * (predicted * predicted * predicted))
-        with code.loop(0, self.shape.stages) as k:
-            self._bend(self.work.stage(k), centred)
-        call(code, "sweep")
-        ratio = code.variables([_SHORT])[0]
-        with code.loop(0, self.shape.stages) as k:
-            self._correct(self.work.stage(k), centred, ratio)
-        return _SHORT / over_lanes(code, ratio.get(), "fmax")
+        work, wide = self.work, self.wide
+        work.call("factor")
+        work.call("sweep")
+        ratio, crossed = wide.variables([1.0, 0.0])
+        with work.each() as (rows, common, *_):
+            self._predict(rows, common, ratio, crossed)
+        step = 1.0 / work.over_numbers(ratio.get(), larger)
+        predicted = (gap * (1.0 - step) + self._mean(crossed) * (step * step)) / gap
+        centred = work.repeated(gap * (predicted * predicted * predicted))
+        with work.each() as (rows, common, *_):
+            self._slope(rows, common, {side: self._bent(rows, side, centred) for side in _SIDES})
+        work.call("sweep")
+        (ratio,) = wide.variables([_SHORT])
+        with work.each() as (rows, common, *_):
+            self._correct(rows, common, centred, ratio)
+        return _SHORT / work.over_numbers(ratio.get(), larger)
 
-    def _weigh(self, rows: MemoryRows) -> None:
+    def _weigh(self, rows: MemoryRows, common: MemoryRows) -> None:
         """Compute the curvature of the barriers, and the slope of the predictor."""
-        forces = {}
         for side in _SIDES:
-            per_force, per_relief = (
-                1.0 / rows.get(f"{kind}_{side}") for kind in ("force", "relief")
-            )
-            rows.put(f"per_force_{side}", per_force)
-            rows.put(f"per_relief_{side}", per_relief)
-            stiff = 1.0 / (
-                rows.get(f"slack_{side}") * per_force + rows.get(f"excess_{side}") * per_relief
-            )
-            rows.put(f"stiff_{side}", stiff)
-            forces[side] = rows.get(f"force_{side}"), stiff
-        rows.put("curve", forces["high"][1] + forces["low"][1])
-        self._slope(rows, {side: 0.0 for side in _SIDES})
+            force, relief = rows.get(f"force_{side}"), rows.get(f"relief_{side}")
+            both = force * relief
+            soft = rows.get(f"slack_{side}") * relief + rows.get(f"excess_{side}") * force
+            inverse = 1.0 / (both * soft)  # a division for three quotients
+            rows.put(f"per_force_{side}", relief * (soft * inverse))
+            rows.put(f"per_relief_{side}", force * (soft * inverse))
+            rows.put(f"stiff_{side}", both * (both * inverse))
+        rows.put("curve", rows.get("stiff_high") + rows.get("stiff_low"))
+        self._slope(rows, common, {side: 0.0 for side in _SIDES})
 
-    def _slope(self, rows: MemoryRows, bent: dict[str, Any]) -> None:
-        """Compute the gradient of cost and barriers at zero, in states and inputs."""
-        code, shape = self.code, self.shape
-        pull: Any = rows.get("curve") * rows.get("extra_shift")
+    def _slope(self, rows: MemoryRows, common: MemoryRows, bent: dict[str, Any]) -> None:
+        """Compute the gradient of cost and barriers at zero, in all bounded values."""
+        pull = rows.get("gradient") + rows.get("curve") * rows.get("extra_shift")
         for side, sign in _SIDES.items():
-            bound = self.common.get(side)
-            aim = bound - bent[side] if sign > 0.0 else -bound - bent[side]
+            aim = sign * common.get(side) - bent[side]
             pull = pull + sign * (rows.get(f"force_{side}") - rows.get(f"stiff_{side}") * aim)
-        terms = [rows.get("gradient"), pull]
-        for i in range(shape.inputs):
-            felt = everywhere(code, element(code, pull, shape.both + i))
-            terms.append(rows.get("extra", i) * felt)
-        rows.put("slope", total(terms))
+        rows.put("slope", pull)
 
-    def _predict(self, rows: MemoryRows, ratio: Any, crossed: Any) -> None:
+    def _predict(
+        self, rows: MemoryRows, common: MemoryRows, ratio: StackVariable, crossed: StackVariable
+    ) -> None:
         """Compute the predictor step, which aims at the bounds themselves."""
+        candidates, products = [], crossed.get()
         for side in _SIDES:
-            dforce = -(rows.get(f"stiff_{side}") * self._room(rows.get("trial"), side))
+            dforce = -(rows.get(f"stiff_{side}") * self._room(rows.get("trial"), side, common))
             share, against = (
                 dforce * rows.get(f"per_{kind}_{side}") for kind in ("force", "relief")
             )
             dslack = -(rows.get(f"slack_{side}") * (1.0 + share))
             dexcess = -(rows.get(f"excess_{side}") * (1.0 - against))
-            for candidate in (-share, 1.0 + share, against, 1.0 - against):
-                ratio.set(larger(ratio.get(), candidate))
+            candidates += [-share, 1.0 + share, against, 1.0 - against]
             product, excess_product = dforce * dslack, -(dforce * dexcess)
             rows.put(f"dslack_{side}", product)
             rows.put(f"dexcess_{side}", excess_product)
-            crossed.set(crossed.get() + product + excess_product)
+            products = products + (product + excess_product)
+        self._grow(ratio, candidates)
+        crossed.set(products)
 
-    def _bend(self, rows: MemoryRows, centred: Value) -> None:
-        """Compute the slope of the corrector, which aims at a point of the central path, to second
-        order.
+    def _bent(self, rows: MemoryRows, side: str, centred: Value) -> Any:
+        """Return the bend of the central path for the corrector, which aims at a point of it, to
+        second order.
         """
-        bent = {}
-        for side in _SIDES:
-            per_force, per_relief = rows.get(f"per_force_{side}"), rows.get(f"per_relief_{side}")
-            bent[side] = (centred - rows.get(f"dslack_{side}")) * per_force - (
-                centred - rows.get(f"dexcess_{side}")
-            ) * per_relief
-            rows.put(f"bend_{side}", bent[side])
-        self._slope(rows, bent)
+        return (centred - rows.get(f"dslack_{side}")) * rows.get(f"per_force_{side}") - (
+            centred - rows.get(f"dexcess_{side}")
+        ) * rows.get(f"per_relief_{side}")
 
-    def _correct(self, rows: MemoryRows, centred: Value, ratio: Any) -> None:
+    def _correct(
+        self, rows: MemoryRows, common: MemoryRows, centred: Value, ratio: StackVariable
+    ) -> None:
         """Compute the combined step, and the ratio that limits it."""
+        candidates = []
         for side in _SIDES:
             per_force, per_relief = rows.get(f"per_force_{side}"), rows.get(f"per_relief_{side}")
             slack, excess = rows.get(f"slack_{side}"), rows.get(f"excess_{side}")
-            room = self._room(rows.get("trial"), side)
-            dforce = rows.get(f"stiff_{side}") * (rows.get(f"bend_{side}") - room)
+            room = self._room(rows.get("trial"), side, common)
+            dforce = rows.get(f"stiff_{side}") * (self._bent(rows, side, centred) - room)
             share, against = dforce * per_force, dforce * per_relief
             dslack = (centred - rows.get(f"dslack_{side}")) * per_force - slack * (1.0 + share)
             dexcess = (centred - rows.get(f"dexcess_{side}")) * per_relief - excess * (
                 1.0 - against
             )
-            for candidate in (-share, against, -(dslack / slack), -(dexcess / excess)):
-                ratio.set(larger(ratio.get(), candidate))
+            inverse = 1.0 / (slack * excess)
+            ratios = -(dslack * excess * inverse), -(dexcess * slack * inverse)
+            candidates += [-share, against, *ratios]
             rows.put(f"dforce_{side}", dforce)
             rows.put(f"dslack_{side}", dslack)
             rows.put(f"dexcess_{side}", dexcess)
+        self._grow(ratio, candidates)
+
+    def _grow(self, ratio: StackVariable, candidates: list[Value]) -> None:
+        """Replace a ratio by the largest of it and candidates, with one operation after the last
+        ratio is known.
+        """
+        ratio.set(larger(ratio.get(), reduce(larger, candidates)))
 
     def _move(self, step: Value) -> Value:
         """Take the step, and return the mean product of slacks and multipliers after it."""
-        code = self.code
-        share, products = everywhere(code, step), code.variables([0.0])[0]
-        with code.loop(0, self.shape.stages) as k:
-            rows = self.work.stage(k)
+        work, wide, share = self.work, self.wide, self.work.repeated(step)
+        (products,) = wide.variables([0.0])
+        with work.each() as (rows, common, *_):
             iterate = rows.get("iterate")
-            rows.put("iterate", iterate + share * (rows.get("trial") - iterate))
+            moved = iterate + share * (rows.get("trial") - iterate)
+            rows.put("iterate", wide.chosen(share > 0.0, moved, iterate))
             for side in _SIDES:
                 dforce = share * rows.get(f"dforce_{side}")
                 force = rows.get(f"force_{side}") + dforce
@@ -239,6 +218,10 @@ class _Solve:
                 values = {"force": force, "relief": relief, "slack": slack, "excess": excess}
                 for name, value in values.items():
                     rows.put(f"{name}_{side}", value)
-                products.set(products.get() + force * slack + relief * excess)
+                products.set(products.get() + (force * slack + relief * excess))
+            self._weigh(rows, common)
+        return self._mean(products)
+
+    def _mean(self, products: StackVariable) -> Value:
         count = 4.0 * self.shape.stages * self.shape.lanes
-        return over_lanes(code, products.get(), "fadd") * (1.0 / count)
+        return self.work.over_numbers(products.get(), add) * (1.0 / count)

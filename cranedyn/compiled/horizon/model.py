@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from cranedyn.compiled.code import INTEGER, Code, Value
+from cranedyn.compiled.code import Value
 from cranedyn.compiled.horizon.dual import constants, slopes, variables
-from cranedyn.compiled.horizon.memory import HorizonShape, LaneView, Work
+from cranedyn.compiled.horizon.memory import HorizonShape, Work
 from cranedyn.dynamics.scalars import array, solve_linear
 from cranedyn.plant import rigid_body
 from cranedyn.plant.plant import Plant
@@ -120,11 +120,7 @@ def stage(plant: Plant, length: float, q: np.ndarray, v: np.ndarray, u: np.ndarr
         share *= length / order
         after = after + share * np.vstack([moved, faster])
         moved, faster = faster, by_q @ moved + by_v @ faster
-    entries: Entries = []
-    for i in range(z):
-        entries += [("forward", i, j, after[i, j]) for j in range(w)]
-    for i in range(z):
-        entries += [("columns", j, i, after[i, j]) for j in range(w)]
+    entries: Entries = [("forward", i, j, after[i, j]) for i in range(z) for j in range(w)]
     entries += [("shift", 0, i, after[i, w] - after[i, :w] @ node) for i in range(z)]
     for i in range(m):
         entries += [("extra", i, j, derivatives.efforts[i, j]) for j in range(w)]
@@ -157,16 +153,15 @@ def emit_weights(
     """Add the function `weigh`, which writes the weight of the states for a goal: errors of the
     payload's position and rate, and errors of coordinates and rates, with equal weight.
     """
-    work = Work(Code(module, "weigh", ["work"], 1), shape)
-    n = plant.topology.layout.n
-    jacobian = payload_jacobian(plant, array([work.common.one("goal", 0, i) for i in range(n)]))
+    work, n = Work(module, "weigh", shape), plant.topology.layout.n
+    jacobian = payload_jacobian(plant, work.common.row("goal", n))
     for block, error in enumerate(payload_errors.tolist()):
         for i in range(n):
             for j in range(n):
                 product: Any = error**-2.0 * (jacobian[:, i] @ jacobian[:, j])
                 if i == j:
                     product = product + float(errors[block, i]) ** -2.0
-                work.common.put_one("weight", block * n + i, block * n + j, product)
+                work.common.put("weight", product, block * n + i, block * n + j)
     work.code.end()
 
 
@@ -174,41 +169,18 @@ def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) ->
     """Add the function `linearise`, from the nodes of all stages to their models; return the
     entries that are the same for every node, which the code does not write.
     """
-    work = Work(Code(module, "linearise", ["work"], shape.block), shape)
-    code, layout = work.code, plant.topology.layout
-    n, z = layout.n, shape.states
-    with code.loop(0, shape.padded // shape.block) as block:
-        first = code.product(block, shape.block)
-        stages = [work.stage(code.plus(first, lane)) for lane in range(shape.block)]
-        pointer = code.argument["work"]
-        node = array(
-            [
-                code.gather([code.address(pointer, rows.at("node", 0, i)) for rows in stages])
-                for i in range(shape.both)
-            ]
-        )
+    work = Work(module, "linearise", shape)
+    code, n, z = work.code, plant.topology.layout.n, shape.states
+    together, last = shape.wide // shape.cranes, code.integer(shape.stages - 1)
+    with code.loop(0, -(-shape.stages // together)) as block:
+        first = code.product(block, together)
+        stages = [work.stage(code.least(code.plus(first, i), last)) for i in range(together)]
+        nodes = [rows.row("node", shape.both) for rows in stages]
+        node = array([work.joined(values) for values in zip(*nodes, strict=True)])
         entries = stage(plant, length, node[:n], node[n:z], node[z:])
-        written = [entry for entry in entries if isinstance(entry[3], Value)]
-        for row, (_, _, _, value) in enumerate(written):
-            code.store(value, code.argument["work"], shape.block * row + shape.place("block"))
-        _scatter(work, block, written)
+        for name, row, i, value in entries:
+            if isinstance(value, Value):
+                for rows, number in zip(stages, work.split(value), strict=True):
+                    rows.put(name, number, row, i)
     code.end()
     return [(*place, float(value)) for *place, value in entries if not isinstance(value, Value)]  # type: ignore[misc]
-
-
-def _scatter(work: Work, block: ir.Value, written: Entries) -> None:
-    """Copy rows with a lane for each stage to the memory of each stage."""
-    code, shape = work.code, work.shape
-    single, builder = LaneView(code, 1), code.builder
-    offsets = [shape.place(name, row) + lane for name, row, lane, _ in written]
-    kind = ir.ArrayType(INTEGER, len(offsets))
-    table = ir.GlobalVariable(code.function.module, kind, "places")
-    table.global_constant, table.initializer = True, ir.Constant(kind, offsets)
-    first = code.plus(code.product(block, shape.block * shape.stride), shape.first)
-    with code.loop(0, len(offsets)) as row:
-        source = code.plus(code.product(row, shape.block), shape.place("block"))
-        offset = builder.load(builder.gep(table, [row], source_etype=INTEGER), typ=INTEGER)
-        offset = builder.add(first, offset)
-        for lane in range(shape.block):
-            value = single.load(code.argument["work"], code.plus(source, lane))
-            single.store(value, code.argument["work"], code.plus(offset, lane * shape.stride))

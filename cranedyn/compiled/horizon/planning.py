@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
 from llvmlite import ir
 
-from cranedyn.compiled.code import INTEGER, Code, Value
-from cranedyn.compiled.horizon.memory import HorizonShape, LaneView, Work, everywhere
-from cranedyn.compiled.horizon.riccati import call, mask, total
-from cranedyn.dynamics.scalars import array
-from cranedyn.plant.plant import Plant
+from cranedyn.compiled.code import INTEGER, Value
+from cranedyn.compiled.horizon import riccati
+from cranedyn.compiled.horizon.memory import Constants, HorizonShape, Programme, Work
+from cranedyn.dynamics.scalars import array, larger, smaller
 
 _HUGE = 1e300
 """Bound of all numbers of a finite plan."""
@@ -23,16 +23,11 @@ _WIDER, _WIDEST = 10.0, 100.0
 """Factor on the barrier for the first optimisation and after each failure, and its largest
 value."""
 
-QUERY = ("row", "last", "hop")
-"""Whole numbers after the state in a query: present row of the path, its last row, rows from one
-stage to the next. The last number of a query is 1, or 0 for an implausible state."""
-
 
 class Marks(NamedTuple):
-    """First lanes of the last row of a plan: the outcome of the optimisations so far.
+    """First numbers of the last row of a plan: the outcome of the optimisations so far.
 
-    Only the plan passes from one optimisation to the next: lanes share the memory of the
-    optimisation.
+    Only the plan passes from one optimisation to the next.
 
     Attributes:
         begun: 1 after the first one.
@@ -52,118 +47,116 @@ class Marks(NamedTuple):
 
 
 def emit(
-    module: ir.Module, shape: HorizonShape, plant: Plant, length: float, period: float, swing: float
+    module: ir.Module, shape: HorizonShape, programme: Programme, constants: Constants
 ) -> None:
     """Add the function `plan`.
 
     Its arguments: memory of an optimisation; a plan, rows of states and inputs by stage and a row
-    of `Marks`; a query, the state and the numbers of `QUERY`; a path, rows of coordinates and
-    rates where to be.
-
-    Args:
-        module: Module to extend.
-        shape: Dimensions of the problem.
-        plant: Crane model.
-        length: Length of a stage [s].
-        period: Time from one optimisation to the next [s].
-        swing: Largest angle of each swing joint from its rest [rad].
+    of `Marks`; a query, the state, 1 or 0 for an implausible state, and the present row of the
+    path; a path, rows of coordinates and rates where to be, or the goal of each crane.
     """
-    code = Code(module, "plan", ["work", "plan", "query", "path"], shape.lanes)
-    _Plan(Work(code, shape), plant, length, period, swing).emit()
+    arguments = ("plan", "query", "path")
+    _Plan(Work(module, "plan", shape, constants, arguments), programme).emit()
 
 
 class _Plan:
     """Function under construction."""
 
-    def __init__(
-        self, work: Work, plant: Plant, length: float, period: float, swing: float
-    ) -> None:
+    def __init__(self, work: Work, programme: Programme) -> None:
         self.work, self.code, self.shape, self.common = work, work.code, work.shape, work.common
-        self.plant, self.layout, self.swing = plant, plant.topology.layout, swing
-        self.length, self.period = length, period
-        self.one, self.marks = LaneView(self.code, 1), self.shape.stages * self.shape.lanes
+        self.programme, self.plant = programme, programme.plant
+        self.layout = self.plant.topology.layout
+        self.row_length = self.shape.lanes * self.shape.cranes
 
     def emit(self) -> None:
-        code, shape, arguments = self.code, self.shape, self.code.argument
-        self.common.put("start", code.load(arguments["query"]) * mask(code, shape.states))
+        code, shape, work = self.code, self.shape, self.work
+        query = [code.load(code.argument["query"], i * code.lanes) for i in range(shape.states + 1)]
+        state, plausible = array(query[:-1]), query[-1] > 0.5
+        self.common.put_row("start", state)
         fresh = self._mark("begun") < 0.5
-        wider = _WIDER * self.work.reported("first")
-        barrier = self.one.chosen(fresh, wider, self._mark("barrier"))
-        self.work.report("barrier", barrier)
-        with code.when(fresh), code.loop(0, shape.stages) as k:
-            still = code.load(arguments["query"]) * mask(code, shape.states // 2)
-            code.store(still, arguments["plan"], code.product(k, shape.lanes))
+        wider = _WIDER * work.reported("first")
+        work.report(barrier=code.chosen(fresh, wider, self._mark("barrier")))
+        with code.when(code.anywhere(fresh)):
+            self._stand(fresh, state)
         self._shift()
-        for name in ("flag", "iterations", "excess"):
-            self.work.report(name, 0.0)
-        plausible = self.one.load(arguments["query"], shape.lanes + len(QUERY)) > 0.5
-        with code.when(plausible):
+        with code.when(code.anywhere(plausible)):
             self._solve()
+        reported = {
+            name: code.chosen(plausible, work.reported(name), 0.0)
+            for name in ("flag", "iterations", "excess")
+        }
+        work.report(**reported)
         self._keep(plausible)
         code.end()
 
     def _solve(self) -> None:
-        common = self.common
-        self._begin_at_state()
+        work, common, states = self.work, self.common, self.shape.states
+        work.stage(self.code.integer(0)).put_row("node", common.row("start", states))
         self._aim()
         self._bound()
-        call(self.code, "linearise")
-        call(self.code, "end")
-        states = range(self.shape.states)
-        aim = [common.get("end", i) * common.every("goal", 0, i) for i in states]
-        common.put("end_gradient", -total(aim))
-        call(self.code, "solve")
+        work.call("linearise")
+        work.call("end")
+        pull = riccati.symmetric(common, "end", states) @ common.row("goal", states)
+        common.put_row("end_gradient", -pull)
+        work.call("solve")
 
     def _mark(self, name: str) -> Value:
-        return self.one.load(self.code.argument["plan"], self.marks + Marks._fields.index(name))
+        first = self.shape.stages * self.row_length
+        offset = first + Marks._fields.index(name) * self.code.lanes
+        return self.code.load(self.code.argument["plan"], offset)
+
+    def _stand(self, fresh: ir.Value, state: np.ndarray) -> None:
+        """Set the plan of cranes without one to standing still."""
+        code, plan = self.code, self.code.argument["plan"]
+        with code.loop(0, self.shape.stages) as k:
+            for i in range(self.shape.both):
+                offset = code.plus(code.product(k, self.row_length), i * code.lanes)
+                still = state[i] if i < self.layout.n else 0.0
+                code.store(code.chosen(fresh, still, code.load(plan, offset)), plan, offset)
 
     def _shift(self) -> None:
         """Set the nodes to the last plan, shifted to the present time."""
-        code, shape = self.code, self.shape
-        ahead, share = divmod(self.period / self.length, 1.0)
-        last = code.integer(shape.stages - 1)
-        with code.loop(0, shape.padded) as k:
-            before = code.least(code.builder.add(k, code.integer(int(ahead))), last)
-            after = code.least(code.builder.add(before, code.integer(1)), last)
-            nodes = [
-                code.load(code.argument["plan"], code.product(row, shape.lanes))
-                for row in (before, after)
+        code, wide, plan = self.code, self.work.wide, self.code.argument["plan"]
+        ahead, share = divmod(
+            self.programme.ratio * self.programme.period / self.programme.length, 1.0
+        )
+        last = code.integer(self.shape.stages - 1)
+        with self.work.each() as (rows, _, k, first):
+            before = code.least(code.plus(k, int(ahead)), last)
+            after = code.least(code.plus(before, 1), last)
+            offsets = [
+                code.builder.add(code.product(k, self.row_length), first) for k in (before, after)
             ]
-            self.work.stage(k).put("node", (1.0 - share) * nodes[0] + share * nodes[1])
-
-    def _begin_at_state(self) -> None:
-        """Move the first node to the state."""
-        code, shape, first = self.code, self.shape, self.work.stage(0)
-        inputs = mask(code, shape.both) - mask(code, shape.states)
-        first.put("node", first.get("node") * inputs + self.common.get("start"))
+            nodes = [wide.load(plan, offset) for offset in offsets]
+            rows.put("node", (1.0 - share) * nodes[0] + share * nodes[1])
 
     def _aim(self) -> None:
         """Compute weights about the end of the path, and the gradient of the cost, which is about
         the path.
         """
-        code, shape, layout, common = self.code, self.shape, self.layout, self.common
-        query, path = code.argument["query"], code.argument["path"]
-        row, last, hop = (code.load_one(query, shape.lanes + i, INTEGER) for i in range(len(QUERY)))
+        code, shape, common, z = self.code, self.shape, self.common, self.shape.states
+        path, row = (
+            code.argument["path"],
+            code.load_one(code.argument["query"], (z + 1) * code.lanes, INTEGER),
+        )
 
-        def number(k: ir.Value, i: int) -> Value:
-            path_row = code.least(code.builder.add(row, code.builder.mul(hop, k)), last)
-            first = code.product(path_row, shape.states)
-            return self.one.load(path, code.builder.add(first, code.integer(i)))
+        def target(k: ir.Value) -> np.ndarray:
+            if not self.programme.rows:
+                return array([code.load(path, i * code.lanes) for i in range(z)])
+            ahead = code.builder.add(row, code.product(k, self.programme.hop))
+            first = code.product(code.least(ahead, code.integer(self.programme.rows - 1)), z)
+            return array([code.spread(path, code.plus(first, i)) for i in range(z)])
 
-        for i in range(shape.states):
-            self.common.put_one("goal", 0, i, number(code.integer(shape.stages), i))
-        if "weigh" in code.function.module.globals:
-            call(code, "weigh")
+        common.put_row("goal", target(code.integer(shape.stages)))
+        if self.programme.errors:
+            self.work.call("weigh")
         with code.loop(0, shape.stages) as k:
-            for i in range(shape.states):
-                self.common.put_one("spill", 0, i, number(k, i))
-            coming = code.builder.add(k, code.integer(1))
-            states = range(shape.states)
-            terms = [common.get("weight", i) * common.every("spill", 0, i) for i in states]
-            for c, drive in enumerate((layout.n + layout.drives).tolist()):
-                pull = (number(coming, drive) - number(k, drive)) * (1.0 / self.length)
-                terms.append(self.common.get("weight", shape.states + c) * everywhere(code, pull))
-            self.work.stage(k).put("gradient", -total(terms))
+            now, coming = target(k), target(code.plus(k, 1))
+            rising = (coming - now)[self.layout.n + self.layout.drives] * (
+                1.0 / self.programme.length
+            )
+            both = np.concatenate([now, rising])
+            self.work.stage(k).put_row("gradient", -(common.table("weight", shape.both) @ both))
 
     def _bound(self) -> None:
         """Set bounds of swing joints whose rest depends on the drives: about the present rest, the
@@ -171,41 +164,34 @@ class _Plan:
         """
         if self.plant.plumb_at_zero:
             return
-        drives = self.layout.drives.tolist()
         ends = [
-            self.plant.hanging_angles(array([self.common.one(name, 0, i) for i in drives]))
+            self.plant.hanging_angles(self.common.row(name, self.layout.n)[self.layout.drives])
             for name in ("start", "goal")
         ]
         for (i, _), a, b in zip(self.plant.topology.swings, *ends, strict=True):
-            self.common.put_one("low", 0, i, self.one.call("llvm.minnum", a, b) - self.swing)
-            self.common.put_one("high", 0, i, self.one.call("llvm.maxnum", a, b) + self.swing)
+            self.common.put("low", smaller(a, b) - self.programme.swing, i=i)
+            self.common.put("high", larger(a, b) + self.programme.swing, i=i)
 
     def _keep(self, plausible: ir.Value) -> None:
         """Store the new plan; after a failure keep the last one."""
-        code, shape, single = self.code, self.shape, self.one
-        plan = code.argument["plan"]
-        flag = self.work.reported("flag")
-        finite = code.variables([1.0])[0]
-        with code.loop(0, shape.stages) as k:
-            size = code.call("llvm.fabs", self.work.stage(k).get("iterate"))
-            finite.set(code.chosen(size < _HUGE, finite.get(), 0.0))
-        solved = code.both(flag > 0.5, code.everywhere(finite.get() > 0.5))
-        with code.loop(0, shape.stages) as k:
-            rows = self.work.stage(k)
-            plan_row = code.variables([rows.get("node")])[0]
-            with code.when(solved):
-                plan_row.set(rows.get("iterate"))
-            code.store(plan_row.get(), plan, code.product(k, shape.lanes))
-        first, barrier = map(self.work.reported, ("first", "barrier"))
-        wider = single.call("llvm.minnum", _WIDER * barrier, _WIDEST * first)
-        failed = self._mark("failures") + single.chosen(solved, 0.0, 1.0)
+        code, wide, work, plan = self.code, self.work.wide, self.work, self.code.argument["plan"]
+        # What is not finite stays so until the last stage.
+        last = work.stage(code.integer(self.shape.stages - 1)).row("iterate", self.shape.both)
+        finite = [abs(number) < _HUGE for number in last]
+        solved = code.both(work.reported("flag") > 0.5, *finite)
+        keeps = work.repeated(code.chosen(solved, 1.0, 0.0)) > 0.5
+        with work.each() as (rows, _, k, first):
+            offset = code.builder.add(code.product(k, self.row_length), first)
+            wide.store(wide.chosen(keeps, rows.get("iterate"), rows.get("node")), plan, offset)
+        first, barrier = map(work.reported, ("first", "barrier"))
         marks = Marks(
-            begun=single.chosen(plausible, 1.0, self._mark("begun")),
-            failures=failed,
-            flag=single.chosen(solved, 1.0, 0.0),
-            iterations=self.work.reported("iterations"),
-            excess=self.work.reported("excess"),
-            barrier=single.chosen(solved, first, wider),
+            begun=code.chosen(plausible, 1.0, self._mark("begun")),
+            failures=self._mark("failures") + code.chosen(solved, 0.0, 1.0),
+            flag=code.chosen(solved, 1.0, 0.0),
+            iterations=work.reported("iterations"),
+            excess=work.reported("excess"),
+            barrier=code.chosen(solved, first, smaller(_WIDER * barrier, _WIDEST * first)),
         )
         for i, value in enumerate(marks):
-            single.store(value, plan, self.marks + i)
+            offset = self.shape.stages * self.row_length + i * code.lanes
+            code.store(value, plan, offset)

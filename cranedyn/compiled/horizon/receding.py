@@ -13,16 +13,10 @@ from llvmlite import ir
 
 from cranedyn.checks import ShortRepr, check_choice, finite, number, whole, within
 from cranedyn.clocks import SAME_PERIOD, multiple, whole_periods
-from cranedyn.compiled.binding import Instant
+from cranedyn.compiled.binding import Instant, aligned_copy
 from cranedyn.compiled.horizon import model
-from cranedyn.compiled.horizon.control import (
-    Programme,
-    emit_instant,
-    emit_plan,
-    lane_memory,
-    plan_size,
-)
-from cranedyn.compiled.horizon.memory import REPORT
+from cranedyn.compiled.horizon.control import emit_instant, emit_plan
+from cranedyn.compiled.horizon.memory import REPORT, Programme, lane_memory
 from cranedyn.compiled.horizon.planning import Marks
 from cranedyn.compiled.machine import Machine, translate
 from cranedyn.controllers.tracking import check_finite
@@ -139,10 +133,10 @@ class Receding(ShortRepr):
         Raises:
             OutOfRange: If the table or the path is not of the programme's size.
         """
-        shape = self.programme.shape
+        shape = self.programme.shape(1)
         self.table = finite("table", self.table, (shape.size,))
         self.path = finite("path", self.path, (self.programme.rows, shape.states))
-        self._memory = self.memory(1)
+        self._memory = aligned_copy(self.memory(1))
         self._bind()
 
     def _bind(self) -> None:
@@ -161,14 +155,14 @@ class Receding(ShortRepr):
         """Return the memory of a group of so many cranes before a run, shape (doubles,)."""
         offsets = self.programme.offsets(lanes)
         memory = np.zeros(offsets.size)
-        memory[offsets.work :] = self.table
+        memory[offsets.work :] = np.repeat(self.table, lanes)
         self._of_lanes(memory, lanes, "read")[:] = self._row("start")[:, None]
         memory[offsets.path : offsets.path + self.path.size] = self.path.ravel()
         return memory
 
     def _row(self, name: str) -> np.ndarray:
         """Return a row of the table about states, shape (2 n,)."""
-        shape = self.programme.shape
+        shape = self.programme.shape(1)
         return self.table[shape.place(name) :][: shape.states]
 
     def _of_lanes(self, memory: np.ndarray, lanes: int, name: str) -> np.ndarray:
@@ -211,10 +205,10 @@ class Receding(ShortRepr):
 
     def marks_by_lane(self, memory: np.ndarray, lanes: int) -> list[Marks]:
         """Return the outcome of the optimisations in each lane of a memory."""
-        size, shape = plan_size(self.programme.shape), self.programme.shape
-        first = self.programme.offsets(lanes).plans - shape.lanes
-        ends = [first + (lane + 1) * size for lane in range(lanes)]
-        return [Marks(*memory[end : end + len(Marks._fields)].tolist()) for end in ends]
+        offsets, shape = self.programme.offsets(lanes), self.programme.shape(lanes)
+        last = offsets.plans + shape.stages * shape.lanes * lanes
+        numbers = memory[last:][: len(Marks._fields) * lanes].reshape(-1, lanes)
+        return [Marks(*column) for column in numbers.T.tolist()]
 
     def begin_run(self, t: float, control_period: float) -> None:
         """Check the control period, see `cranedyn.clocks.Clocked`.
@@ -488,7 +482,7 @@ def _swing_period(crane: Crane, plant: Plant) -> float:
 
 def _table(programme: Programme, cost: np.ndarray, rows: dict[str, np.ndarray]) -> np.ndarray:
     """Return the memory of an optimisation before the first."""
-    shape = programme.shape
+    shape = programme.shape(1)
     table = np.zeros(shape.size)
 
     def row(name: str, i: int = 0) -> np.ndarray:
@@ -500,7 +494,7 @@ def _table(programme: Programme, cost: np.ndarray, rows: dict[str, np.ndarray]) 
     for name, values in rows.items():
         row(name)[: len(values)] = values
     row("report")[REPORT.index("first")] = _BARRIER * PRICE
-    stages = table[shape.first :].reshape(shape.padded, shape.stride)
+    stages = table[shape.first :].reshape(shape.stages, shape.stride)
     for name, i, lane, value in _compile(programme).constants:
         stages[:, shape.place(name, i) + lane] = value
     return table

@@ -1,148 +1,113 @@
 """Riccati recursion in code: the linear algebra of a quadratic programme over a horizon.
 
-States and inputs of a stage are the lanes of one row. Eliminating the inputs of a stage turns the
-cost of all later stages into a cost of its state; the eliminated terms are stored as feedback, so
-that the same problem with another gradient takes one backward and one forward sweep (Rao, Wright
-and Rawlings 1998, "Application of interior-point methods to model predictive control").
+Eliminating the inputs of a stage turns the cost of all later stages into a cost of its state; the
+eliminated terms are stored as feedback, so that the same problem with another gradient takes one
+backward and one forward sweep (Rao, Wright and Rawlings 1998, "Application of interior-point
+methods to model predictive control"). Numbers that are the same in every stage are folded.
 """
 
 from __future__ import annotations
 
-from functools import reduce
-from operator import add
-from typing import Any
-
+import numpy as np
 from llvmlite import ir
 
-from cranedyn.compiled.code import Code, Value
-from cranedyn.compiled.horizon.memory import (
-    Constants,
-    HorizonShape,
-    MemoryRows,
-    Work,
-    constant,
-    element,
-    everywhere,
-    over_lanes,
-    unit,
-    with_elements,
-)
+from cranedyn.compiled.horizon.memory import Constants, HorizonShape, MemoryRows, Work
+from cranedyn.dynamics.scalars import array, solve_linear
 
 
-def emit(module: ir.Module, shape: HorizonShape, constants: Constants) -> None:
-    """Add the functions `end`, `factor` and `sweep`, which work on the memory of an optimisation.
+def emit(module: ir.Module, shape: HorizonShape, constants: Constants | None = None) -> None:
+    """Add the functions `end`, `free`, `factor` and `sweep`, which work on the memory of an
+    optimisation.
 
     end: the cost-to-go beyond the horizon, as that of a horizon as long again on which the last
-    stage's model stays and nothing is bounded. factor: the feedback of every stage under its
-    curvature. sweep: states, inputs and what else is bounded under the stages' slopes.
+    stage's model stays and nothing is bounded. free, factor: the feedback of every stage without
+    bounds, whose slope is the gradient, and under its curvature. sweep: states, inputs and what
+    else is bounded under the stages' slopes.
     """
-    _emit_end(Work(Code(module, "end", ["work"], shape.lanes), shape, constants))
-    _emit_factor(Work(Code(module, "factor", ["work"], shape.lanes), shape, constants))
-    _emit_sweep(Work(Code(module, "sweep", ["work"], shape.lanes), shape))
-
-
-def call(code: Code, name: str) -> None:
-    """Call a function of the module on the memory of the optimisation."""
-    code.builder.call(code.function.module.globals[name], [code.argument["work"]])
+    _emit_end(Work(module, "end", shape, constants))
+    _emit_factor(Work(module, "free", shape, constants), bounded=False)
+    _emit_factor(Work(module, "factor", shape, constants), bounded=True)
+    _emit_sweep(Work(module, "sweep", shape, constants))
 
 
 def _emit_end(work: Work) -> None:
-    code, shape, common = work.code, work.shape, work.common
-    for i in range(shape.states):
-        common.put("togo", common.get("weight", i) * mask(code, shape.states), i)
-    last = work.stage(shape.stages - 1)
-    with code.loop(0, shape.stages):
+    states, common = work.shape.states, work.common
+    _put_symmetric(common, "togo", common.table("weight", states)[:states])
+    last = work.stage(work.code.integer(work.shape.stages - 1))
+    with work.code.loop(0, work.shape.stages):
         _eliminate(work, last, bounded=False)
-    for i in range(shape.states):
-        common.put("end", common.get("togo", i) * mask(code, shape.states), i)
-    code.end()
+    _put_symmetric(common, "end", symmetric(common, "togo", states))
+    work.code.end()
 
 
-def _emit_factor(work: Work) -> None:
-    code, shape, common = work.code, work.shape, work.common
-    for i in range(shape.states):
-        common.put("togo", common.get("end", i), i)
-    with code.loop(0, shape.stages) as count:
-        rows = work.stage(code.builder.sub(code.integer(shape.stages - 1), count))
-        carried = [common.get("togo", j) * rows.every("shift", 0, j) for j in range(shape.states)]
-        rows.put("carried", total(carried))
-        _eliminate(work, rows, bounded=True)
-    code.end()
+def _emit_factor(work: Work, *, bounded: bool) -> None:
+    states, common = work.shape.states, work.common
+    _put_symmetric(common, "togo", symmetric(common, "end", states))
+    with work.backward() as stage:
+        if not bounded:
+            slope = [*stage.row("gradient", work.shape.both), *[0.0] * work.shape.inputs]
+            stage.put_row("slope", slope)
+        shift = stage.row("shift", states)
+        stage.put_row("carried", symmetric(common, "togo", states) @ shift)
+        _eliminate(work, stage, bounded=bounded)
+    work.code.end()
 
 
 def _eliminate(work: Work, stage: MemoryRows, *, bounded: bool) -> None:
     """Replace the cost-to-go of the state after a stage by that of the state before it, and store
-    the feedback of a bounded one.
+    the feedback.
     """
-    code, shape, common = work.code, work.shape, work.common
-    z, w, m = shape.states, shape.both, shape.inputs
-    forward = [stage.get("forward", i) for i in range(z)]
-    product = [total([common.every("togo", i, j) * forward[j] for j in range(z)]) for i in range(z)]
-    curves = [stage.get("curve")] if bounded else []
-    extra = [stage.get("extra", i) for i in range(m)] if bounded else []
-    weighted = [stage.every("curve", 0, w + i) * extra[i] for i in range(len(extra))]
-    rows = []
-    for r in range(w):
-        terms = [stage.every("forward", i, r) * product[i] for i in range(z)]
-        terms += [stage.every("extra", i, r) * weighted[i] for i in range(len(extra))]
-        terms.append(common.get("weight", r))
-        terms += [curve * unit(code, r) for curve in curves]
-        rows.append(total(terms))
-        common.put("product", rows[-1], r)
-    # Gauss and Jordan on the rows of the inputs, the inverse of their block beside them.
-    gains = [rows[z + c] + unit(code, w + c) for c in range(m)]
-    for c in range(m):
-        gains[c] = gains[c] * everywhere(code, 1.0 / element(code, gains[c], z + c))
-        for d in range(m):
-            if d != c:
-                gains[d] = gains[d] - gains[c] * everywhere(code, element(code, gains[d], z + c))
-    for i in range(z):
-        eliminated = [common.every("product", i, z + c) * gains[c] for c in range(m)]
-        common.put("togo", rows[i] - total(eliminated), i)
-    for c in range(m) if bounded else ():
-        stage.put("feedback", gains[c], c)
+    common, z, w, m = work.common, work.shape.states, work.shape.both, work.shape.inputs
+    togo, weight = symmetric(common, "togo", z), common.table("weight", w)
+    forward, extra = stage.table("forward", w), stage.table("extra", w)
+    curve = stage.row("curve", w + m)
+    cost = np.empty((w, w), dtype=object)
+    for j in range(w):
+        ahead, curved = togo @ forward[:, j], curve[w:] * extra[:, j]
+        for i in range(j + 1):
+            entry = weight[i, j] + forward[:, i] @ ahead
+            if bounded:
+                entry = entry + extra[:, i] @ curved + (curve[i] if i == j else 0.0)
+            cost[i, j] = cost[j, i] = entry
+    gains = solve_linear(cost[z:, z:], np.hstack([cost[z:, :z], np.eye(m).astype(object)]))
+    for c, row in enumerate(gains):
+        stage.put_row("feedback", row, c)
+    _put_symmetric(common, "togo", cost[:z, :z] - cost[:z, z:] @ gains[:, :z])
+
+
+def symmetric(common: MemoryRows, name: str, count: int) -> np.ndarray:
+    """Return a symmetric matrix from its lower triangle."""
+    rows = [common.row(name, i + 1, i) for i in range(count)]
+    return np.array([[rows[max(i, j)][min(i, j)] for j in range(count)] for i in range(count)])
+
+
+def _put_symmetric(common: MemoryRows, name: str, matrix: np.ndarray) -> None:
+    for i, row in enumerate(matrix):
+        common.put_row(name, row[: i + 1], i)
 
 
 def _emit_sweep(work: Work) -> None:
-    code, shape, common = work.code, work.shape, work.common
-    z, w, m = shape.states, shape.both, shape.inputs
-    slope = code.variables([common.get("end_gradient")])[0]
-    with code.loop(0, shape.stages) as count:
-        rows = work.stage(code.builder.sub(code.integer(shape.stages - 1), count))
-        common.put("spill", slope.get() + rows.get("carried"))
-        ahead = [rows.get("forward", i) * common.every("spill", 0, i) for i in range(z)]
-        felt = total([rows.get("slope"), *ahead])
-        answers = [
-            rows.get("feedback", c) * everywhere(code, element(code, felt, z + c)) for c in range(m)
-        ]
-        feedback = total(answers)
-        rows.put("open", feedback)
-        slope.set(felt - feedback)
-    state = code.variables([common.get("start")])[0]
-    with code.loop(0, shape.stages) as k:
-        rows, current = work.stage(k), state.get()
-        common.put("spill", current)
-        columns = [rows.get("columns", j) * common.every("spill", 0, j) for j in range(z)]
-        predicted = total([rows.get("shift"), *columns])
-        inputs = [
-            -over_lanes(code, rows.get("feedback", c) * current, "fadd")
-            - rows.one("open", 0, w + c)
-            for c in range(m)
-        ]
-        both = with_elements(code, current, {z + c: inputs[c] for c in range(m)})
-        further = {w + i: over_lanes(code, rows.get("extra", i) * both, "fadd") for i in range(m)}
-        rows.put("trial", with_elements(code, both, further) + rows.get("extra_shift"))
-        moved = [rows.get("columns", z + c) * everywhere(code, inputs[c]) for c in range(m)]
-        state.set(predicted + total(moved))
+    code, common = work.code, work.common
+    z, w, m = work.shape.states, work.shape.both, work.shape.inputs
+    slope = code.variables([*common.row("end_gradient", z)])
+    with work.backward() as stage:
+        steep, gains = stage.row("slope", w + m), stage.table("feedback", w)
+        ahead = array([variable.get() for variable in slope]) + stage.row("carried", z)
+        felt = (
+            steep[:w] + stage.table("forward", w).T @ ahead + stage.table("extra", w).T @ steep[w:]
+        )
+        stage.put_row("open", gains[:, z:] @ felt[z:])
+        for variable, value in zip(slope, felt[:z] - gains[:, :z].T @ felt[z:], strict=True):
+            variable.set(value)
+    state = code.variables([*common.row("start", z)])
+    with code.loop(0, work.shape.stages) as k:
+        stage = work.stage(k)
+        now = array([variable.get() for variable in state])
+        inputs = -(stage.table("feedback", z) @ now) - stage.row("open", m)
+        both = np.concatenate([now, inputs])
+        further = stage.table("extra", w) @ both + stage.row("extra_shift", m, first=w)
+        stage.put_row("trial", [*both, *further])
+        coming = stage.table("forward", w) @ both + stage.row("shift", z)
+        for variable, value in zip(state, coming, strict=True):
+            variable.set(value)
     code.end()
-
-
-def total(terms: list[Any]) -> Any:
-    """Return the sum of one or more values, in two independent chains."""
-    even, odd = terms[::2], terms[1::2]
-    return reduce(add, even) if not odd else reduce(add, even) + reduce(add, odd)
-
-
-def mask(code: Code, count: int) -> Value:
-    """Return 1 in the first lanes, 0 beyond."""
-    return constant(code, [float(i < count) for i in range(code.lanes)])
