@@ -253,7 +253,7 @@ class _RecordTemplate:
             still = self.positions[joint.symbol]
             last = still + distance if drive == self.crane.winch else still
             way = np.array([[still], [still + distance], [last]])
-            aim = Spline(begins + lasts * np.arange(3), way).at(t).position[:, 0]
+            (aim,) = Spline(begins + lasts * np.arange(3), way).at(t).position.T
             position = joint.columns[0]
             if joint.setpoint_column in recorded:
                 columns[joint.setpoint_column] = aim

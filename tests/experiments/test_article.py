@@ -247,7 +247,7 @@ def test_a3_meets_the_article_and_explains_the_difference_cause_by_cause(
     for drive in ("soft", "stiff"):
         rms = [row["RMS [rad]"] for row in rows if row["slew drive"] == drive]
         assert len(rms) == 6
-        assert rms[-1] == min(rms)
+        assert rms[-1] < min(rms) + 2e-8  # errors of the integration of two models
         assert rms[-1] < 0.1 * rms[0] or rms[-1] < 0.005 * 0.13
 
 

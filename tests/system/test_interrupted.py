@@ -139,6 +139,8 @@ def test_an_interruption_is_130_whatever_a_library_made_of_it(
 
 _INTERRUPTED_IMPORT = """
 import os, signal, sys
+import numpy as np
+from cranedyn.planning.solids import body
 
 class Interruption:
     def find_spec(self, name, *_):
@@ -147,7 +149,7 @@ class Interruption:
 
 sys.meta_path.insert(0, Interruption())
 try:
-    import cranedyn.planning.solids
+    body("wedge", np.eye(4, 3), np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
 except KeyboardInterrupt:
     print("interrupted")
 """

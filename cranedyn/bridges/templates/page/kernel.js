@@ -61,7 +61,7 @@ class Kernel {
       if (name in slots) whole[slots[name]] = BigInt(buffer.byteOffset);
     }
     const counts = {gain_table_rows: 1, setpoint_table_rows: 1, force_rows: 1, last: 1, end: 1,
-      steps: data.steps, substeps: 1, log_interval: 1};
+      steps: data.steps, substeps: 1, log_interval: 1, force_interval: 1};
     for (const [name, n] of Object.entries(counts)) whole[slots[name]] = BigInt(n);
     call[slots.dt] = data.dt;
     call[slots.period] = data.period;
