@@ -359,10 +359,15 @@ class _Schedule:
         return f"a lift of {names[0]} waits for {names[1]}."
 
     def put(self, crane: int, motion: Motion, begin: float) -> None:
-        """Give a lift a time [s], a multiple of `SLICE`."""
+        """Give a lift a time [s].
+
+        Raises:
+            OutOfRange: If it is no multiple of `SLICE`, or the crane's last lift is not done.
+        """
         mine, boxes = self.boxes[crane], _boxes(self.site.stations[crane], self.site.swing, motion)
         within("begin of a lift after another", begin, (len(mine) - 1) * SLICE, math.inf, "s")
-        k = round(begin / SLICE)
+        if (k := round(begin / SLICE)) * SLICE != begin:
+            raise OutOfRange("begin of a lift", begin, f"multiples of {SLICE:g}", "s")
         self.boxes[crane] = np.concatenate([_extended(mine, k)[:k], boxes])
         self.lifts.append(ScheduledLift(crane, motion, begin))
         self.duration = max(self.duration, self.lifts[-1].end)

@@ -99,6 +99,8 @@ def test_the_certificate_of_a_plan_fails_where_it_is_disturbed() -> None:
     assert not replace(plan(), site=replace(site_of(), stations=(*wide,))).holds
     with pytest.raises(CraneError, match="begin of a lift after another"):
         _ = again.holds
+    with pytest.raises(CraneError, match=r"multiples of 0\.5"):
+        _ = replace(plan(), lifts=(first, second._replace(begin=second.begin + 0.3))).holds
 
 
 @slow
