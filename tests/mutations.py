@@ -720,7 +720,7 @@ cranedyn/sites/guard.py
 - if grant.number == self._number and
 + if grant.number >= 0 and
 * what a drive does before it follows is left out
-? sites::wild_operators_keep_to_boxes_and_swing_with_half_of_the_messages_lost
+? sites::a_drive_that_still_goes_faster_than_commanded_is_slowed_down_more
 - remaining = _most(distances - _most(speeds, 0.0) * self.reaction, 0.0)
 + remaining = distances
 cranedyn/planning/timing.py

@@ -218,6 +218,19 @@ def test_no_rope_swings_beyond_its_envelope_while_slow_drives_hoist_turn_and_sli
 
 
 @slow
+def test_a_drive_that_still_goes_faster_than_commanded_is_slowed_down_more() -> None:
+    site, rates = site_of(), []
+    drives = site.stations[0].crane.layout.drives
+    for speed in (0.0, 0.06):
+        guard, state = Guard(site.stations[0], site.swing), site.stations[0].crane.start
+        state = State(state.q.copy(), state.v.copy())
+        state.v[drives[0]], guard.rates = speed, np.array([0.035, 0.0, 0.0])
+        guard.box = guard._granted = state.q[drives] + [[-0.5, -1.0, -1.0], [0.05, 1.0, 1.0]]
+        rates.append(guard.step(0.0, state, np.array([0.06, 0.0, 0.0]))[0][0])
+    assert 0.0 < rates[1] < 0.9 * rates[0]
+
+
+@slow
 def test_cranes_that_hear_nothing_stay_in_their_first_box() -> None:
     run = wild_run("two_towers", 0.0, 1.0)
     assert keeps(run)
