@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
+from importlib import import_module
 from types import FrameType
 from typing import Any, NoReturn
 
@@ -145,6 +146,12 @@ def defer_sigint() -> Iterator[Callable[[], bool]]:
             signal.signal(number, handler)
     for args in arrived[:1]:
         handlers[args[0]](*args)  # type: ignore[index]
+
+
+def uninterrupted_import(name: str) -> Any:
+    """Import a module that would take an interruption for a module that is missing; return it."""
+    with defer_sigint():
+        return import_module(name)
 
 
 @contextmanager

@@ -160,8 +160,8 @@ def _joint(crane: Crane, i: int, axis: ET.Element | None) -> ET.Element:
     numbers = {"damping": crane.damping[i], "armature": crane.model.armature[i]}
     if springs.stiffness[i]:
         numbers |= {"stiffness": springs.stiffness[i], "springref": springs.rest[i]}
-    for name, number_ in numbers.items():
-        element.set(name, repr(float(number_)))
+    for name, amount in numbers.items():
+        element.set(name, repr(float(amount)))
     return element
 
 

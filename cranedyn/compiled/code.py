@@ -77,12 +77,12 @@ class Code(Instructions):
         end = end() if callable(end) else end
         self.builder.cbranch(self.builder.icmp_signed("<", counter, end), body, after)
         self.builder.position_at_end(body)
-        self._angles = {}  # of another path of the code
+        self._forget_angles()
         yield counter
         counter.add_incoming(self.plus(counter, 1), self.builder.block)
         self.builder.branch(head)
         self.builder.position_at_end(after)
-        self._angles = {}  # of another path of the code
+        self._forget_angles()
 
     @contextmanager
     def fast_loop(self, first: ir.Value, last: ir.Value) -> Iterator[Callable[[ir.Value], None]]:
@@ -103,7 +103,7 @@ class Code(Instructions):
         build.position_at_end(body)
         number = build.phi(INTEGER)
         next_one = self.plus(number, 1)
-        self._angles = {}  # of another path of the code
+        self._forget_angles()
 
         def end(nothing: ir.Value) -> None:
             again = build.and_(nothing, build.icmp_signed("<", next_one, last))
@@ -117,7 +117,7 @@ class Code(Instructions):
         number.add_incoming(begin, head)
         build.branch(head)
         build.position_at_end(after)
-        self._angles = {}  # of another path of the code
+        self._forget_angles()
 
     @contextmanager
     def when(self, condition: ir.Value) -> Iterator[None]:
@@ -126,6 +126,10 @@ class Code(Instructions):
         with self.builder.if_then(condition):
             yield
         self._angles = known
+
+    def _forget_angles(self) -> None:
+        """Forget sines and cosines that were computed on another path of the code."""
+        self._angles = {}
 
     def end(self) -> None:
         """End the function."""

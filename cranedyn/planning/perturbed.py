@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import betaincinv
 
 from cranedyn.checks import finite, short_repr, whole, within
 from cranedyn.compiled.batch import Batch, simulate_batch
@@ -115,9 +114,10 @@ class Perturbed:
         """Return the confidence interval of the probability of a failure, by Clopper and Pearson
         (1934).
         """
-        failed, count, tail = self.failures, len(self.least), (1.0 - CONFIDENCE) / 2.0
-        low = betaincinv(failed, count - failed + 1, tail) if failed else 0.0
-        high = betaincinv(failed + 1, count - failed, 1.0 - tail) if failed < count else 1.0
+        from scipy.stats import binomtest  # slow, and needed once there are results
+
+        test = binomtest(self.failures, len(self.least))
+        low, high = test.proportion_ci(CONFIDENCE, "exact")
         return float(low), float(high)
 
 

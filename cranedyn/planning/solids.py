@@ -14,7 +14,7 @@ import coal
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from cranedyn.command import defer_sigint
+from cranedyn.command import uninterrupted_import
 from cranedyn.data.files import read_bytes
 from cranedyn.errors import DataError, OutOfRange
 
@@ -274,12 +274,8 @@ def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: boo
 
 
 def _trimesh() -> Any:
-    """Import trimesh, which is slow and which few sites need; it takes an interruption meanwhile
-    for a module that is missing.
-    """
-    with defer_sigint():
-        import trimesh
-    return trimesh
+    """Return trimesh, whose import is slow and which few sites need."""
+    return uninterrupted_import("trimesh")
 
 
 def _as_parts(corners: np.ndarray) -> tuple[np.ndarray, ...]:

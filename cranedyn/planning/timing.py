@@ -193,7 +193,8 @@ def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
         waypoints = None
 
         def __call__(self, path_positions: Any, order: int = 0) -> np.ndarray:
-            return at_s[order]  # TOPP-RA asks for no others
+            assert np.array_equal(path_positions, s)  # TOPP-RA asks for no others
+            return at_s[order]
 
     class Accelerations(constraint.LinearConstraint):  # type: ignore[misc, name-defined]
         """Accelerations of the drives, and of the load across, whose circle is replaced by the

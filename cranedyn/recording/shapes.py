@@ -19,6 +19,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
+from cranedyn.command import uninterrupted_import
 from cranedyn.data.files import read_bytes
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.bodies import point_paths
@@ -233,8 +234,7 @@ def _shape(
 
 
 def _load_mesh(name: str, folder: Path, transform: np.ndarray) -> Any:
-    import trimesh  # slow, and needed for meshes only
-
+    trimesh = uninterrupted_import("trimesh")  # slow, and needed for meshes only
     path = _mesh_path(name, folder)
     kind = path.suffix.lower().removeprefix(".")
     if kind not in _MESH_KINDS:

@@ -33,9 +33,11 @@ from cranedyn.sites.simulate import SiteOperator
 from cranedyn.sites.site import CraneSite, Station
 
 SLICE, _ROWS = 0.5, 10
-_PERIOD = SLICE / _ROWS
 """Length of a slice of time, by which a motion may be early or late [s], and rows of a motion in
 it."""
+
+_PERIOD = SLICE / _ROWS
+"""Time between rows of a motion [s]."""
 
 _LEVELS = 1.0, 2.0, 4.0, 8.0, 16.0
 """Multiples of the required distance that a certificate tries to prove."""
