@@ -1,13 +1,14 @@
 """Break the physics, one thing at a time, and see that the tests notice: ``python -m
 tests.mutations``.
 
-Each mutation is made in a copy of the project; the test that stands beside it runs there, in a
-process forked from this one, and must fail. Exit code 1 if one survives.
+Each mutation is made in a copy of the project; its test runs there, in a process forked from this
+one, and must fail. The table printed has its processor time. Exit code 1 if a mutation survives.
 """
 
 from __future__ import annotations
 
 import argparse
+import gc
 import importlib.util
 import os
 import re
@@ -40,20 +41,20 @@ SHARED = (
     "xacro",
     "yourdfpy",
 )
-"""What is imported once for all tests: slow, never broken here, and without threads of its own,
-which a forked process would miss.
+"""Modules imported once for all tests: slow, never mutated, and without threads, which a forked
+process would miss.
 """
 
 NOT_COPIED = (".git", ".venv", "out", "docs", ".*cache", "*.egg-info")
 
 
 class Mutation(NamedTuple):
-    """What is broken: a text in a file that is there exactly once, however its lines are broken,
-    what takes its place, and which test should see it, as file::name without "test_".
+    """A fault: code that a file holds exactly once, its replacement, and the test that must fail,
+    as file::name without "test_".
     """
 
     file: str
-    what: str
+    fault: str
     test: str
     old: str
     new: str
@@ -1152,9 +1153,7 @@ cranedyn/plugins.py
 - value = _own(kind).get(name) or _foreign(kind).get(name)
 + value = _foreign(kind).get(name) or _own(kind).get(name)
 """
-"""A file, and below it each mutation of it: what it is (*), the test that sees it (?), the lines
-that go (-) and those that come (+).
-"""
+"""A file, and below it its mutations: fault (*), test (?), lines removed (-) and added (+)."""
 
 
 def read_table(table: str) -> list[Mutation]:
@@ -1172,31 +1171,31 @@ def read_table(table: str) -> list[Mutation]:
 
 
 def mutated(text: str, mutation: Mutation) -> str:
-    """A text with the mutation; how its lines are broken does not matter.
+    """Return a text with a mutation; line breaks in the replaced code do not matter.
 
     Raises:
-        SystemExit: If what it replaces is not there exactly once.
+        SystemExit: If the text does not hold the code to replace exactly once.
     """
-    marks = re.findall(r"\w+|[^\w\s]", mutation.old)
-    pattern = r"\s*".join(r"(?:,\s*)?" * (mark in ")]}") + re.escape(mark) for mark in marks)
-    found = re.findall(pattern, text)
-    if len(found) != 1:
+    tokens = re.findall(r"\w+|[^\w\s]", mutation.old)
+    pattern = r"\s*".join(r"(?:,\s*)?" * (token in ")]}") + re.escape(token) for token in tokens)
+    matches = re.findall(pattern, text)
+    if len(matches) != 1:
         raise SystemExit(
-            f"{mutation.file} holds {len(found)} times what mutation {mutation.what!r} replaces, "
-            "not once."
+            f"{mutation.file} holds the code that mutation {mutation.fault!r} replaces "
+            f"{len(matches)} times, not once."
         )
-    return text.replace(found[0], mutation.new)
+    return text.replace(matches[0], mutation.new)
 
 
-def put(path: Path, text: str) -> None:
-    """Write a source file, and have no bytecode of what stood there before."""
+def write_source(path: Path, text: str) -> None:
+    """Write a source file and remove its outdated bytecode."""
     path.write_text(text, encoding="utf-8")
     Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
 
 
-def started(test: str, copy: Path) -> int:
-    """Have a forked process run a test in a copy, which says in a file "said" what came of it;
-    returns the number of the process.
+def fork_test(test: str, copy: Path) -> int:
+    """Run a test of a copy in a forked process, with its output in the copy's file "output"; return
+    the process id.
     """
     file, name = test.split("::")
     path = next((copy / "tests").rglob(f"test_{file}.py"))
@@ -1204,64 +1203,70 @@ def started(test: str, copy: Path) -> int:
         return process
     status = -1
     try:
-        said = os.open(copy / "said", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        output = os.open(copy / "output", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         for stream in (1, 2):
-            os.dup2(said, stream)
+            os.dup2(output, stream)
         os.chdir(copy)
         os.environ |= {"PYTHONPATH": str(copy), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
         sys.path.insert(0, str(copy))
         del sys.modules["tests"]
-        there = ["-p", "no:cacheprovider", f"--basetemp={copy / 'temporary'}", "-o", "addopts="]
-        status = pytest.main(["-q", "-x", *there, f"{path}::test_{name}"])
+        options = ["-p", "no:cacheprovider", f"--basetemp={copy / 'temporary'}", "-o", "addopts="]
+        status = pytest.main(["-q", "-x", *options, f"{path}::test_{name}"])
         sys.stdout.flush()
     finally:
-        # Whatever happens: what else there is to end belongs to the process it was forked from.
+        # Exit handlers belong to the parent process.
         os._exit(status)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = argparse.ArgumentParser(
+    parser = argparse.ArgumentParser(
         prog="python -m tests.mutations",
         description="Break the physics and see that the tests notice.",
     )
-    made.add_argument(
-        "--jobs", type=int, default=os.cpu_count(), metavar="N", help="how many at a time"
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count(), metavar="N", help="processes at a time"
     )
-    made.add_argument(
-        "--only", metavar="WORDS", default="", help="only mutations and files with these words"
+    parser.add_argument(
+        "--only", metavar="TEXT", default="", help="only mutations and files that hold this text"
     )
-    options = made.parse_args(argv)
-    chosen = [one for one in read_table(TABLE) if options.only in f"{one.file} {one.what}"]
+    options = parser.parse_args(argv)
+    mutations = [m for m in read_table(TABLE) if options.only in f"{m.file} {m.fault}"]
     for module in SHARED:
         importlib.import_module(module)
-    # What fails need not be made small; other settings of the tests are added to this one.
+    # Failing examples need not shrink; the profile of the tests inherits the phases.
     hypothesis.settings.register_profile("first", phases=[Phase.explicit, Phase.generate])
     hypothesis.settings.load_profile("first")
-    waiting, running, survived = chosen[::-1], dict[int, tuple[Mutation, Path, str]](), 0
+    # Forked processes look for no garbage among the shared modules.
+    gc.collect()
+    gc.freeze()
+    queue, running, survivors = mutations[::-1], dict[int, tuple[Mutation, Path, str]](), 0
     with tempfile.TemporaryDirectory() as parent:
-        free = [Path(parent, str(i)) for i in range(options.jobs)]
-        while waiting or running:
-            if waiting and free:
-                mutation, copy = waiting.pop(), free.pop()
+        idle = [Path(parent, str(i)) for i in range(options.jobs)]
+        while queue or running:
+            if queue and idle:
+                mutation, copy = queue.pop(), idle.pop()
                 if not copy.exists():
                     shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*NOT_COPIED))
-                before = (copy / mutation.file).read_text("utf-8")
-                put(copy / mutation.file, mutated(before, mutation))
-                running[started(mutation.test, copy)] = mutation, copy, before
+                source = (copy / mutation.file).read_text("utf-8")
+                write_source(copy / mutation.file, mutated(source, mutation))
+                running[fork_test(mutation.test, copy)] = mutation, copy, source
                 continue
-            process, status = os.wait()
-            mutation, copy, before = running.pop(process)
-            put(copy / mutation.file, before)
-            free.append(copy)
-            found = os.waitstatus_to_exitcode(status) == 1
-            said = (copy / "said").read_text("utf-8", "replace")
-            words = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
-            by = words[0].split(" - ")[0] if words else said[-600:]
-            survived += not found
-            print(f"{'caught' if found else 'SURVIVES':9} {mutation.what}: {by}", flush=True)
-    print(f"{len(chosen) - survived} of {len(chosen)} mutations caught.")
-    return 1 if survived else 0
+            process, status, usage = os.wait4(-1, 0)
+            mutation, copy, source = running.pop(process)
+            write_source(copy / mutation.file, source)
+            idle.append(copy)
+            caught = os.waitstatus_to_exitcode(status) == 1
+            output = (copy / "output").read_text("utf-8", "replace")
+            failures = re.findall(r"^(?:FAILED|ERROR).*?(?= - |$)", output, re.MULTILINE)
+            survivors += not caught
+            print(
+                f"{'caught' if caught else 'SURVIVES':9}{usage.ru_utime + usage.ru_stime:5.1f} s  "
+                f"{mutation.fault}: {failures[0] if failures else output[-600:]}",
+                flush=True,
+            )
+    print(f"{len(mutations) - survivors} of {len(mutations)} mutations caught.")
+    return 1 if survivors else 0
 
 
 if __name__ == "__main__":

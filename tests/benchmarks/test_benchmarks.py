@@ -24,9 +24,9 @@ from cranedyn.errors import CraneError, ModelError
 from cranedyn.interfaces import State
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
+from tests.document_numbers import missing
 from tests.helpers import crane, extrapolated
 from tests.lagrangian import Lagrangian
-from tests.told import missing
 
 CASE = Case()
 TRUTH = Truth(CASE)

@@ -360,8 +360,8 @@ def test_forward_dynamics_take_rows_of_finite_numbers_only(place: int, value: An
 # --- memory that is not ours ----------------------------------------------------------------------
 
 
-def _tried(*arguments: str, **environment: str) -> list[str]:
-    command = [sys.executable, "-m", "tests.guarded", "--cases", "60", "--seed", "3", *arguments]
+def _digest(*arguments: str, **environment: str) -> list[str]:
+    command = [sys.executable, *"-m tests.guard_pages --cases 60 --seed 3".split(), *arguments]
     how: Any = {"capture_output": True, "text": True, "timeout": 300, "cwd": ROOT}
     run = subprocess.run(command, env=os.environ | environment, check=False, **how)
     assert run.returncode == 0, f"{run.returncode} {run.stderr}"
@@ -375,15 +375,15 @@ def test_no_public_call_reads_or_writes_beside_an_array_or_what_nobody_has_writt
     """
     checks = next(Path("/usr/lib").glob("*/libc_malloc_debug.so.0"), None)
     preload = {"LD_PRELOAD": str(checks)} if checks else {}
-    guarded = _tried()
-    assert guarded == _tried("--plain", MALLOC_PERTURB_="90", MALLOC_CHECK_="3", **preload)
-    assert re.fullmatch(r"60 calls: Misshapen \d+, (OutOfRange \d+, )?ran \d\d", guarded[0])
+    between = _digest()
+    assert between == _digest("--plain", MALLOC_PERTURB_="90", MALLOC_CHECK_="3", **preload)
+    assert re.fullmatch(r"60 calls: Misshapen \d+, (OutOfRange \d+, )?ran \d\d", between[0])
 
 
 def test_the_guard_bites() -> None:
     script = """
 import ctypes, numpy as np
-from tests.guarded import guard
+from tests.guard_pages import guard
 guard()
 for beyond in (0, 1):
     for array in (np.zeros(17), np.zeros(17)):

@@ -26,9 +26,9 @@ from experiments.scenarios.moves import LIMITS, MOVES, SWINGING, RestToRest, Sco
 from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, Perturbation, make
 from experiments.scenarios.shaping import joystick_move
 from experiments.scenarios.strategies import FASTEST, FLAT, MPC, PAPER, PD, STRATEGIES, TIME
+from tests.document_numbers import missing
 from tests.experiments.conftest import Ran
 from tests.helpers import FAST, ROOT
-from tests.told import missing
 
 pytestmark = pytest.mark.slow
 

@@ -25,9 +25,9 @@ from cranedyn.planning.itinerary import ARTICLE_TOUR, Leg, itinerary
 from cranedyn.recording import Live
 from experiments import demo, harness
 from experiments.scenarios.moves import residual
+from tests.document_numbers import missing
 from tests.experiments.conftest import Ran
 from tests.helpers import FAST, ROOT, crane, files
-from tests.told import missing
 
 RATES = (0.08, 0.8, 0.8)
 """Of the article: slew [rad/s], trolley and hoist [m/s]."""

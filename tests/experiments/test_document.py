@@ -10,7 +10,7 @@ import pytest
 from cranedyn.errors import DataError
 from experiments.harness.document import Document, main, read_document
 from experiments.harness.outcome import ResultTable
-from tests import told
+from tests.document_numbers import missing
 
 TABLES = [
     ResultTable("Move one: far", [("strategy", ""), ("s", ".1f")], [("a", 1.25)]),
@@ -125,11 +125,11 @@ def test_no_digit_below_the_resolution_of_a_column_is_shown(
 def test_a_number_that_a_document_tells_may_be_off_by_one_of_its_last_digit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(told, "ROOT", tmp_path)
+    monkeypatch.setattr("tests.document_numbers.ROOT", tmp_path)
     (tmp_path / "page.md").write_text("Within 0.0021 %\nor 6.4e-6 rad, 36 forms.", encoding="utf-8")
     right = ["Within 0.0021 %", "within 0.0022 %".capitalize(), "% or 6.5e-6 rad, 36 forms"]
     wrong = ["Within 0.0023 %", "6.6e-6 rad", "37 forms", "6 forms", "4e-6 rad", "36 form of"]
-    assert told.missing(right + wrong, "page.md") == wrong
+    assert missing(right + wrong, "page.md") == wrong
 
 
 def test_documents_are_held_against_results_and_filled_from_them(

@@ -33,9 +33,9 @@ from cranedyn.simulation.simulate import simulate
 from experiments import a1, a2, a3, energy, harness, mass_ratio, report
 from experiments.harness import setup as world_room
 from experiments.harness.outcome import show
+from tests.document_numbers import STATEMENTS, missing
 from tests.experiments.conftest import ARTICLE, PLAIN, Ran, Standard, parse_strict, write_csv
 from tests.helpers import files
-from tests.told import TOLD, missing
 
 EXPERIMENTS = {"a1": a1, "a2": a2, "a3": a3, "energy": energy, "mass_ratio": mass_ratio}
 
@@ -137,7 +137,7 @@ def test_the_result_names_what_it_was_made_with(name: str, standard: Standard) -
 @pytest.mark.slow
 def test_documents_tell_the_numbers_of_the_command(name: str, standard: Standard) -> None:
     documents = "README.md", "docs/results/article.md"
-    for document, numbers in zip(documents, TOLD[name](standard(name)), strict=True):
+    for document, numbers in zip(documents, STATEMENTS[name](standard(name)), strict=True):
         assert missing(numbers, document) == []
 
 

@@ -17,9 +17,9 @@ from cranedyn import theory
 from cranedyn.errors import CraneError
 from experiments import a1, a2, a3, gazebo, harness
 from experiments.energy import overwritten as energy_overwritten
+from tests.document_numbers import missing
 from tests.experiments.conftest import Ran
 from tests.helpers import FAST
-from tests.told import missing
 
 WORLD = harness.Setup(gazebo.GRAVITY, engine=FAST)
 

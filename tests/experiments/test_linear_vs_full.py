@@ -30,9 +30,9 @@ from experiments.linear.moves import (
     slow_slews,
 )
 from experiments.linear_vs_full import ALONE, OF_SLEWING
+from tests.document_numbers import missing
 from tests.experiments.conftest import Ran
 from tests.helpers import FAST, G, big_crane, crane, moved
-from tests.told import missing
 
 
 @pytest.fixture(scope="module")

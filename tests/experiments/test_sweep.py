@@ -37,9 +37,9 @@ from experiments.scenarios import robustness as study
 from experiments.scenarios.moves import DRAG, MOVES, instant, on_converters
 from experiments.scenarios.robustness import AFTER, COMBINED, RANGES, SWEPT, drawn, robustness
 from experiments.scenarios.strategies import COMPILED_MPC, FLAT, LQR, PD, STRATEGIES
+from tests.document_numbers import missing
 from tests.experiments.conftest import Ran, parse_strict
 from tests.helpers import ROOT
-from tests.told import missing
 
 COARSE: dict[str, Any] = {"dt": 1e-3, "control_period": 1e-2}
 SETUP = Setup(**COARSE)

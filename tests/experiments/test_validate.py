@@ -23,10 +23,10 @@ from cranedyn.simulation.simulate import simulate
 from experiments import validate
 from experiments.oracles import bench, conserved, moves, swings
 from experiments.oracles.bench import LARGE, POINT, Bench, G, Oracle, check_oracle, point_crane
+from tests.document_numbers import missing
 from tests.experiments.conftest import Ran
 from tests.helpers import FAST, files, turned
 from tests.lagrangian import Lagrangian
-from tests.told import missing
 
 HALVINGS = 3
 """One less than by default, so that the tests take half of the time; what is allowed follows from

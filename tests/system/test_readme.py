@@ -12,8 +12,8 @@ import pytest
 import cranedyn as cd
 from cranedyn import __main__ as face
 from cranedyn import plugins
+from tests.document_numbers import missing
 from tests.helpers import ROOT
-from tests.told import missing
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 NUMBER = r"[+-]?\d+(?:\.\d+)?(?:e-\d+)?"

@@ -1,9 +1,9 @@
-"""Public calls of compiled code with every array of NumPy's between pages that nobody may touch.
+"""Call compiled code with every NumPy array between guard pages: ``python -m tests.guard_pages``.
 
-``python -m tests.guarded --cases 10000 --seed 1`` tries as many calls, right and wrong ones, and
-prints how they ended and a digest of what came out. A read or a write beside an array ends the
-process by SIGSEGV. ``--plain`` leaves the arrays where they are, for a run under
-``MALLOC_PERTURB_`` and ``MALLOC_CHECK_``, or valgrind.
+``--cases 10000 --seed 1`` makes as many valid and invalid calls, and prints the number of each
+outcome and a digest of the results. A read or a write beside an array ends the process by SIGSEGV.
+``--plain`` uses no guard pages, for a run under ``MALLOC_PERTURB_`` and ``MALLOC_CHECK_``, or
+valgrind.
 """
 
 from __future__ import annotations
@@ -44,77 +44,76 @@ declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)
 declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
 @at_end = internal global i64 0
 
-define internal ptr @filled(i64 %size, i8 %byte) {
-  %given = call i64 @llvm.umax.i64(i64 %size, i64 1)
-  %above = add i64 %given, 4095
-  %pages = and i64 %above, -4096
-  %whole = add i64 %pages, 12288
-  %base = call ptr @mmap(ptr null, i64 %whole, i32 0, i32 34, i32 -1, i64 0)
+define internal ptr @allocate(i64 %size, i8 %byte) {
+  %length = call i64 @llvm.umax.i64(i64 %size, i64 1)
+  %padded = add i64 %length, 4095
+  %pages = and i64 %padded, -4096
+  %total = add i64 %pages, 12288
+  %base = call ptr @mmap(ptr null, i64 %total, i32 0, i32 34, i32 -1, i64 0)
   %first = getelementptr i8, ptr %base, i64 8192
   %e = call i32 @mprotect(ptr %base, i64 4096, i32 3)
   %f = call i32 @mprotect(ptr %first, i64 %pages, i32 3)
-  store i64 %given, ptr %base
-  %before = load i64, ptr @at_end
-  %now = sub i64 1, %before
-  store i64 %now, ptr @at_end
-  %left = sub i64 %pages, %given
-  %aside = mul i64 %left, %now
-  %place = getelementptr i8, ptr %first, i64 %aside
-  call void @llvm.memset.p0.i64(ptr %place, i8 %byte, i64 %given, i1 false)
-  ret ptr %place
+  store i64 %length, ptr %base
+  %previous = load i64, ptr @at_end
+  %flag = sub i64 1, %previous
+  store i64 %flag, ptr @at_end
+  %slack = sub i64 %pages, %length
+  %offset = mul i64 %slack, %flag
+  %data = getelementptr i8, ptr %first, i64 %offset
+  call void @llvm.memset.p0.i64(ptr %data, i8 %byte, i64 %length, i1 false)
+  ret ptr %data
 }
 
-define internal ptr @base_of(ptr %place) {
-  %page = call ptr @llvm.ptrmask.p0.i64(ptr %place, i64 -4096)
+define internal ptr @base_of(ptr %data) {
+  %page = call ptr @llvm.ptrmask.p0.i64(ptr %data, i64 -4096)
   %base = getelementptr i8, ptr %page, i64 -8192
   ret ptr %base
 }
 declare ptr @llvm.ptrmask.p0.i64(ptr, i64)
 
 define ptr @guarded_malloc(ptr %context, i64 %size) {
-  %place = call ptr @filled(i64 %size, i8 165)
-  ret ptr %place
+  %data = call ptr @allocate(i64 %size, i8 165)
+  ret ptr %data
 }
 
-define ptr @guarded_calloc(ptr %context, i64 %count, i64 %each) {
-  %size = mul i64 %count, %each
-  %place = call ptr @filled(i64 %size, i8 0)
-  ret ptr %place
+define ptr @guarded_calloc(ptr %context, i64 %count, i64 %item_size) {
+  %size = mul i64 %count, %item_size
+  %data = call ptr @allocate(i64 %size, i8 0)
+  ret ptr %data
 }
 
 define ptr @guarded_realloc(ptr %context, ptr %old, i64 %size) {
-  %place = call ptr @filled(i64 %size, i8 165)
+  %data = call ptr @allocate(i64 %size, i8 165)
   %base = call ptr @base_of(ptr %old)
-  %held = load i64, ptr %base
-  %common = call i64 @llvm.umin.i64(i64 %held, i64 %size)
-  call void @llvm.memcpy.p0.p0.i64(ptr %place, ptr %old, i64 %common, i1 false)
-  call void @guarded_free(ptr null, ptr %old, i64 %held)
-  ret ptr %place
+  %old_length = load i64, ptr %base
+  %common = call i64 @llvm.umin.i64(i64 %old_length, i64 %size)
+  call void @llvm.memcpy.p0.p0.i64(ptr %data, ptr %old, i64 %common, i1 false)
+  call void @guarded_free(ptr null, ptr %old, i64 %old_length)
+  ret ptr %data
 }
 
-define void @guarded_free(ptr %context, ptr %place, i64 %size) {
-  %none = icmp eq ptr %place, null
-  br i1 %none, label %done, label %some
-some:
-  %base = call ptr @base_of(ptr %place)
-  %held = load i64, ptr %base
-  %above = add i64 %held, 4095
-  %pages = and i64 %above, -4096
-  %whole = add i64 %pages, 12288
-  %e = call i32 @munmap(ptr %base, i64 %whole)
+define void @guarded_free(ptr %context, ptr %data, i64 %size) {
+  %is_null = icmp eq ptr %data, null
+  br i1 %is_null, label %done, label %is_array
+is_array:
+  %base = call ptr @base_of(ptr %data)
+  %old_length = load i64, ptr %base
+  %padded = add i64 %old_length, 4095
+  %pages = and i64 %padded, -4096
+  %total = add i64 %pages, 12288
+  %e = call i32 @munmap(ptr %base, i64 %total)
   br label %done
 done:
   ret void
 }
 """
-"""Memory of pages of its own for each array, which by turns begins and ends where a page without
-access does; its length stands in a page before. It is filled with a byte that makes no sensible
-number. In native code, because NumPy frees arrays while an exception is under way.
+"""An allocator that gives each array its own pages. By turns the array begins after a page without
+access or ends before one. A page in front holds its length. Its bytes are filled with a value that
+makes no sensible number. Native code, because NumPy frees arrays while an exception is pending.
 """
 
 _SET_HANDLER = 304
-"""Place of PyDataMem_SetHandler in NumPy's table of functions, part of its binary interface (NEP
-49)."""
+"""Index of PyDataMem_SetHandler in NumPy's table of functions, a constant of its ABI (NEP 49)."""
 
 
 class _Handler(ctypes.Structure):
@@ -128,10 +127,11 @@ class _Handler(ctypes.Structure):
 
 
 _ALIVE: list[Any] = []
+"""References that keep the allocator alive."""
 
 
 def guard() -> None:
-    """Have NumPy put every array that is made from now on between guard pages."""
+    """Make NumPy allocate arrays between guard pages from now on."""
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
     target = binding.Target.from_default_triple().create_target_machine(jit=True)
@@ -155,7 +155,7 @@ def guard() -> None:
 
 
 class _Draw:
-    """Random arguments of a call, of which a share is not quite right."""
+    """Random arguments of a call, a share of which is invalid."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
@@ -164,10 +164,10 @@ class _Draw:
         self.rough = bool(rng.random() < 0.2)
 
     def maybe(self, array: np.ndarray) -> Any:
-        """Return an array, or seldom something that is not quite it."""
+        """Return an array, or seldom an invalid variant of it."""
         if self.rng.random() >= self.share:
             return array
-        strategies: list[Callable[[], Any]] = [
+        variants: list[Callable[[], Any]] = [
             lambda: array[..., :-1],
             lambda: array[:0],
             lambda: np.repeat(array, 50, axis=0),
@@ -181,16 +181,16 @@ class _Draw:
             lambda: array.tolist(),
             lambda: np.full_like(array, self.rng.choice([np.nan, np.inf, 1e300])),
         ]
-        return strategies[int(self.rng.integers(len(strategies)))]()
+        return variants[int(self.rng.integers(len(variants)))]()
 
     def controller(self) -> Any:
-        """Return a hold, or one whose table of gains may be wrong."""
-        law = hold_controller(self.cranes[0])
-        return _Odd(law, self) if self.rng.random() < 0.7 else law
+        """Return a hold controller, whose gain table may be invalid."""
+        controller = hold_controller(self.cranes[0])
+        return _Corrupted(controller, self) if self.rng.random() < 0.7 else controller
 
     def reference(self) -> Any:
-        """Return none, or a hold whose table may be wrong."""
-        return None if self.rng.random() < 0.3 else _Odd(hold(self.cranes[0]), self)
+        """Return None, or a constant reference whose table may be invalid."""
+        return None if self.rng.random() < 0.3 else _Corrupted(hold(self.cranes[0]), self)
 
     def clock(self) -> dict[str, Any]:
         """Return steps and duration."""
@@ -202,30 +202,30 @@ class _Draw:
         }
 
 
-class _Odd:
-    """A controller or reference whose table may be wrong, and differently at each call."""
+class _Corrupted:
+    """A controller or reference whose table may be invalid, differently at each call."""
 
-    def __init__(self, good: Any, draw: _Draw) -> None:
-        self._good, self._draw = good, draw
+    def __init__(self, valid: Any, draw: _Draw) -> None:
+        self._valid, self._draw = valid, draw
 
-    def __call__(self, *given: Any) -> Any:
-        return self._good(*given)
+    def __call__(self, *arguments: Any) -> Any:
+        return self._valid(*arguments)
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
-        form = self._good.affine(times, positions)
-        parts = (getattr(form, name) for name in Affine.__dataclass_fields__)
-        return Affine(*map(self._draw.maybe, parts))
+        form = self._valid.affine(times, positions)
+        arrays = (getattr(form, name) for name in Affine.__dataclass_fields__)
+        return Affine(*map(self._draw.maybe, arrays))
 
     def at(self, times: np.ndarray) -> Setpoint:
-        return Setpoint(*(self._draw.maybe(np.array(part)) for part in self._good.at(times)))
+        return Setpoint(*(self._draw.maybe(np.array(array)) for array in self._valid.at(times)))
 
 
 @cache
 def _cranes() -> list[list[Crane]]:
     """Return two cranes of five joints, and two of seven with a hook."""
     return [
-        [load_crane(**more), load_crane(payload_mass=700.0, **more)]
-        for more in ({}, {"hook_mass": 200.0})
+        [load_crane(**values), load_crane(payload_mass=700.0, **values)]
+        for values in ({}, {"hook_mass": 200.0})
     ]
 
 
@@ -233,26 +233,27 @@ def _batch(draw: _Draw) -> Any:
     rng, cranes, n = draw.rng, draw.cranes, int(draw.rng.integers(1, 20))
     joints, points = cranes[0].layout.n, len(cranes[0].points)
     q = np.tile(cranes[0].start.q, (n, 1)) + rng.uniform(-0.1, 0.1, (n, joints))
-    how = draw.clock() | {"start": State(draw.maybe(q), draw.maybe(np.zeros((n, joints))))}
+    options = draw.clock() | {"start": State(draw.maybe(q), draw.maybe(np.zeros((n, joints))))}
     if rng.random() < 0.3:
-        how["force"] = draw.maybe(rng.normal(size=(n, int(rng.integers(1, 9)), 3 * points)))
-        how["sensor_offset"] = draw.maybe(np.zeros((n, 3, 2 * joints)))
-        how["sensor_delay"] = rng.integers(0, 9, n).tolist()
+        options["force"] = draw.maybe(rng.normal(size=(n, int(rng.integers(1, 9)), 3 * points)))
+        options["sensor_offset"] = draw.maybe(np.zeros((n, 3, 2 * joints)))
+        options["sensor_delay"] = rng.integers(0, 9, n).tolist()
     else:
-        how["record"] = int(rng.choice([0, 1, 3, 10**30]))
-    laws = [draw.controller() for _ in range(n)]
-    several = (cranes[0], laws[0]) if rng.random() < 0.5 else ([*cranes, *cranes * n][:n], laws)
+        options["record"] = int(rng.choice([0, 1, 3, 10**30]))
+    controllers = [draw.controller() for _ in range(n)]
+    uniform = rng.random() < 0.5
+    plant = (cranes[0], controllers[0]) if uniform else ([*cranes, *cranes * n][:n], controllers)
     reference, threads = draw.reference(), int(rng.integers(1, 4))
-    return simulate_batch(*several, reference, buffers=draw.rough, threads=threads, **how)
+    return simulate_batch(*plant, reference, buffers=draw.rough, threads=threads, **options)
 
 
 def _run(draw: _Draw) -> Any:
-    crane, law = draw.cranes[0], draw.controller()
-    how = {"validity": "buffers" if draw.rough else "mark", "start": crane.state(phi=0.1)}
-    by_instants = draw.rng.random() < 0.3
-    controller = (lambda *given: law(*given)) if by_instants else law
-    reference = None if by_instants else draw.reference()
-    return simulate(crane, controller, reference, engine="compiled", **how, **draw.clock())
+    crane, controller = draw.cranes[0], draw.controller()
+    options = {"validity": "buffers" if draw.rough else "mark", "start": crane.state(phi=0.1)}
+    plain_function = draw.rng.random() < 0.3
+    function = (lambda *arguments: controller(*arguments)) if plain_function else controller
+    reference = None if plain_function else draw.reference()
+    return simulate(crane, function, reference, engine="compiled", **options, **draw.clock())
 
 
 @cache
@@ -268,29 +269,29 @@ def _rows(draw: _Draw) -> Any:
 
 def _fleet(draw: _Draw) -> np.ndarray:
     rng, crane, n = draw.rng, draw.cranes[0], int(draw.rng.integers(1, 40))
-    which = rng.choice(n, int(rng.integers(0, n + 1)), replace=False)
-    q, v = np.tile(crane.start.q, (len(which), 1)), np.zeros((len(which), crane.layout.n))
+    indices = rng.choice(n, int(rng.integers(0, n + 1)), replace=False)
+    q, v = np.tile(crane.start.q, (len(indices), 1)), np.zeros((len(indices), crane.layout.n))
     forces, drive = bool(rng.random() < 0.5), str(rng.choice(["motion", "effort"]))
     fleet = Fleet(draw.cranes, n, control_period=1e-2, drive=drive, forces=forces, threads=2)
-    chosen, kinds = draw.maybe(which), draw.maybe(rng.integers(0, 2, len(which)))
-    fleet.place(chosen, State(draw.maybe(q), draw.maybe(v)), kinds)
+    drawn, kinds = draw.maybe(indices), draw.maybe(rng.integers(0, 2, len(indices)))
+    fleet.place(drawn, State(draw.maybe(q), draw.maybe(v)), kinds)
     if forces or rng.random() < draw.share:
-        fleet.push(chosen, draw.maybe(np.zeros((len(which), 3 * len(crane.points)))))
-    part = int(rng.integers(-1, 3)) if rng.random() < draw.share else 0
-    fleet.advance(part, draw.maybe(rng.normal(size=(crane.layout.m, n))[:, fleet.chunks[0]]))
+        fleet.push(drawn, draw.maybe(np.zeros((len(indices), 3 * len(crane.points)))))
+    chunk = int(rng.integers(-1, 3)) if rng.random() < draw.share else 0
+    fleet.advance(chunk, draw.maybe(rng.normal(size=(crane.layout.m, n))[:, fleet.chunks[0]]))
     return fleet.step(draw.maybe(rng.normal(size=(crane.layout.m, n)))).copy()
 
 
 _CALLS = [_batch, _batch, _batch, _run, _run, _rows, _fleet]
 
 
-def _numbers(answer: Any) -> list[np.ndarray]:
-    values = [answer] if isinstance(answer, np.ndarray) else vars(answer).values()
-    return [np.asarray(part) for part in values if isinstance(part, np.ndarray | tuple)]
+def _arrays(result: Any) -> list[np.ndarray]:
+    values = [result] if isinstance(result, np.ndarray) else vars(result).values()
+    return [np.asarray(value) for value in values if isinstance(value, np.ndarray | tuple)]
 
 
 def main() -> None:
-    """Try, count and print."""
+    """Make the calls and print the outcomes."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -300,21 +301,21 @@ def main() -> None:
     options = parser.parse_args()
     if not options.plain:
         guard()
-    endings: Counter[str] = Counter()
+    outcomes: Counter[str] = Counter()
     digest = hashlib.sha256()
     np.seterr(all="ignore")
     for case in range(options.cases):
         rng = np.random.default_rng([options.seed, case])
         try:
-            answer = _CALLS[int(rng.integers(len(_CALLS)))](_Draw(rng))
+            result = _CALLS[int(rng.integers(len(_CALLS)))](_Draw(rng))
         except CraneError as error:
-            endings[type(error).__name__] += 1
+            outcomes[type(error).__name__] += 1
             digest.update(str(error).encode())
         else:
-            endings["ran"] += 1
-            for part in _numbers(answer):
-                digest.update(np.ascontiguousarray(part).tobytes())
-    counts = ", ".join(f"{name} {count}" for name, count in sorted(endings.items()))
+            outcomes["ran"] += 1
+            for array in _arrays(result):
+                digest.update(np.ascontiguousarray(array).tobytes())
+    counts = ", ".join(f"{name} {count}" for name, count in sorted(outcomes.items()))
     print(f"{options.cases} calls: {counts}\n{digest.hexdigest()}")
 
 
