@@ -123,12 +123,15 @@ class GroundLift:
         """Return the state of the crane of the plan, without swing for a load that does not hang.
 
         The angles of the load from its pivot are those of rope and sling by their lengths.
+        Coordinates have shape (n,) or (n, rows).
         """
         at, lug = self.crane.layout.at, _lug(self.crane)
-        drives, swing = at("gamma", "x", "l"), at("phi", "theta")
-        share = lug / (state.q[drives[2]] + lug)
-        sling = at("sling_radial", "sling_tangential")
-        q, v = (np.insert(z[drives], 2, hangs * (z[swing] + share * z[sling])) for z in state)
+        swing, sling = at("phi", "theta"), at("sling_radial", "sling_tangential")
+        share = lug / (state.q[at("l")] + lug)
+        q, v = (
+            np.concatenate([z[at("gamma", "x")], hangs * (z[swing] + share * z[sling]), z[at("l")]])
+            for z in state
+        )
         q[self.motion.drives[2]] += lug
         return State(q, v)
 
@@ -212,7 +215,7 @@ def certify_ground_lift(
         ground=lift.ground,
     )
     pull = JointForces.of(crane).tension(run.q.T, run.v.T) / (crane.payload_mass * crane.gravity)
-    seen = np.array([lift.seen(State(*row)).q for row in zip(run.q, run.v, strict=True)])
+    seen = lift.seen(State(run.q.T, run.v.T)).q.T
     begins = {name: round(t / motion.period) for name, t in lift.phases.items()}
     moving, down = begins["motion"], begins.get("set-down", len(run) - 1)
     swing, allowed = 1e3 * clearance.tilt(seen), 1e3 * clearance.site.swing
