@@ -29,14 +29,18 @@ ROOT = Path(__file__).parent.parent
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 SHARED = (
+    "asyncua",
+    "casadi",
     "llvmlite.binding",
     "matplotlib.figure",
     "mujoco",
     "pandas",
     "pinocchio",
+    "pyarrow.dataset",
     "rich.progress",
     "scipy.integrate",
     "scipy.signal",
+    "toppra",
     "trimesh",
     "xacro",
     "yourdfpy",

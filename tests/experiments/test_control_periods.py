@@ -60,10 +60,10 @@ def _peak(run: Trajectory) -> np.ndarray:
 # An LQR about another motion.
 @pytest.mark.parametrize("strategy", [name for name in STRATEGIES if not name.startswith("least")])
 def test_a_finer_loop_does_the_same_the_more_exactly(strategy: str) -> None:
-    fine, middle, coarse = (_run(strategy, period, period) for period in (2.5e-3, 0.01, 0.02))
-    # of first order: errors against the fine one in proportion to 7.5 and 17.5 ms; up to 0.6 where
+    fine, middle, coarse = (_run(strategy, period, period) for period in (5e-3, 0.01, 0.02))
+    # of first order: errors against the fine one in proportion to 5 and 15 ms; up to 0.5 where
     # accelerations jump at their limits
-    assert _apart(middle, fine) < 0.6 * _apart(coarse, fine) < 0.6 * 3e-3
+    assert _apart(middle, fine) < 0.5 * _apart(coarse, fine) < 0.5 * 3e-3
     for run in (middle, coarse):
         # feed-forward held for 20 ms lags by 10 ms, which feedback makes up.
         np.testing.assert_allclose(_peak(run), _peak(fine), rtol=0.12)

@@ -250,8 +250,8 @@ def test_every_experiment_of_the_catalogue_is_one_of_the_report() -> None:
 
 
 RUNNER = """
-import pathlib, shutil, sys, time
-name, folder = sys.argv[1], pathlib.Path(sys.argv[-1].removeprefix("--out="))
+import pathlib, sys, time
+result, name, folder = *sys.argv[1:3], pathlib.Path(sys.argv[-1].removeprefix("--out="))
 (folder.parent / f"began_{name}").touch()
 deadline = time.monotonic() + 120.0
 while not all((folder.parent / f"began_{name}").exists() for name in ("energy", "mass_ratio")):
@@ -259,16 +259,17 @@ while not all((folder.parent / f"began_{name}").exists() for name in ("energy", 
     time.sleep(0.01)
 if name == "energy":
     sys.exit("error: a sentence")
-shutil.copytree({made!r}, folder)
+folder.mkdir()
+(folder / "result.json").write_text(result)
 print("noise", "3 of 3 claims hold, 0 not judged.", sep="\\n")
 """
 
 
 def test_two_experiments_run_side_by_side_and_one_that_fails_stops_no_other(
-    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    script = RUNNER.replace("{made!r}", repr(str(made / "mass_ratio")))
-    monkeypatch.setattr(report, "COMMAND", (sys.executable, "-c", script))
+    result = json.dumps(RESULT | {"experiment": "mass_ratio"})
+    monkeypatch.setattr(report, "COMMAND", (sys.executable, "-c", RUNNER, result))
     assert report.main(["--out", str(tmp_path), "--only", "energy", "mass_ratio", "--quick"]) == 1
     out, err = capsys.readouterr()
     assert "Experiment 2 of 2: mass_ratio" in out and "noise" not in out
