@@ -237,6 +237,7 @@ def test_flat_paths_may_leave_what_sampling_makes_of_the_swing_and_no_more() -> 
         assert demo._nothing(WORLD, dwells).holds == holds
 
 
+@pytest.mark.long
 def test_the_controlled_demo_has_no_swing_worth_the_name_and_is_recorded_over_that_without(
     ran: Callable[..., Ran],
 ) -> None:

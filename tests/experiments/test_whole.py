@@ -14,7 +14,10 @@ from experiments.report import page
 from tests.experiments.conftest import Ran
 from tests.helpers import FAST, ROOT, files
 
-WHOLE = ("b1", "cranes", "factors", "gazebo", "liftoff", "linear_vs_full", "validate")
+CRANES = pytest.param("cranes", marks=pytest.mark.long)
+"""The longest experiment; tests/experiments/test_cranes.py tests its quantities one by one."""
+
+WHOLE = ("b1", CRANES, "factors", "gazebo", "liftoff", "linear_vs_full", "validate")
 
 NEEDED = {"cranes": ("llvmlite", "mujoco"), "factors": ("llvmlite",), "liftoff": ("llvmlite",)}
 """Modules of extras without which an experiment is skipped."""

@@ -84,7 +84,14 @@ def test_the_wall_crane_is_held_and_swept_to_less_than_a_milliradian(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda notebook: notebook.stem)
+@pytest.mark.parametrize(
+    "notebook",
+    [
+        pytest.param(path, marks=[pytest.mark.long] * path.stem.startswith("recording"))
+        for path in NOTEBOOKS
+    ],
+    ids=lambda notebook: notebook.stem,
+)
 def test_a_notebook_runs_and_stands_there_run_with_its_pictures(
     notebook: Path, tmp_path: Path
 ) -> None:

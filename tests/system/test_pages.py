@@ -25,8 +25,8 @@ BANNED = (
 )
 ELSEWHERE = {"README.md", "README.ja.md", "sweep.md", "experiment.md"}
 """Pages whose code other tests run: test_readme.py, tests/sweep/test_sweep_dask.py and below."""
-LONG = {"first_lift.md", "judge_lift.md", "lift_from_ground.md"}
-"""Pages whose code takes 20 s."""
+LONG = {"control.md", "drive.md", "first_lift.md", "judge_lift.md", "lift_from_ground.md"}
+"""Pages whose code takes longest."""
 MODULES = {"compiled": "llvmlite", "optimal": "casadi", "planning": "toppra"}
 """Module to look for by the name of its extra, where they differ."""
 
