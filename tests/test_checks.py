@@ -137,6 +137,113 @@ whole("a", 2**64, 0) => a is 18446744073709551616; allowed is a whole number up 
 whole("a", 2.0, 0) => a is 2.0; allowed is a whole number >= 0.
 intervals("a", 1.0, 0.0) => step is 0.0 s; allowed is > 0.
 clocks(1.0, 10**5000, 1.0) => dt is int that cannot be written out s
+with_sensor_model(crane, law, rng=rng, delay=-1) => delay of the sensors is -1 control periods; allo
+with_sensor_model(crane, law, rng=rng, delay=1.5) => delay of the sensors is 1.5 control periods; al
+with_sensor_model(crane, law, rng=rng, noise=[1.0]) => noise of the sensors is [1.0]; allowed is 10
+with_sensor_model(crane, law, rng=rng, noise=[[1.0], []]) => noise of the sensors is [[1.0], []]; al
+with_sensor_model(crane, law, rng=rng, noise=[*ten[:9], -1.0]) => noise of the sensors is -1.0; allo
+with_sensor_model(crane, law, rng=rng, noise=[*ten[:9], nan]) => noise of the sensors is nan; allowe
+with_observer(law, crane, motion, noise=np.zeros(6)) => noise of the observer is 0.0; allowed is > 0
+with_observer(law, crane, motion, noise=[1.0]) => noise of the observer is [1.0]; allowed is 6 stand
+with_observer(law, crane, motion, disturbance=[-1.0] * 5) => disturbance of the observer is -1.0; al
+with_observer(law, crane, motion, initial_std=[inf] * 10) => initial deviation of the observer is in
+with_observer(law, crane, motion, delay=-1) => delay of the observer is -1 control periods; allowed
+with_observer(law, crane, motion, every=0) => rows between linearisations is 0; allowed is a whole n
+with_observer(law, crane, motion, dt=3e-4) => control period is 0.005 s; allowed is a multiple of dt
+with_load_estimate(law, crane, motion, sensors='eyes') => sensors is eyes; allowed is drives or swin
+with_load_estimate(law, crane, motion, load_std=-0.1) => load_std is -0.1; allowed is >= 0.
+with_load_estimate(law, crane, motion, cable_std=nan) => cable_std is nan; allowed is >= 0.
+with_load_estimate(law, crane, motion, delay=0.5) => delay of the observer is 0.5 control periods; a
+with_load_estimate(law, crane, motion, noise=[1.0]) => noise of the observer is [1.0]; allowed is 10
+with_load_estimate(law, crane, motion, noise=np.zeros(10)) => noise of the observer is 0.0; allowed
+with_load_estimate(law, crane, motion, disturbance=[1.0]) => disturbance of the observer is [1.0]; a
+mpc(crane, short, period=0.052) => period is 0.052 s; allowed is a multiple of the motion's period =
+mpc(crane, short, period=-0.05) => period is -0.05 s; allowed is > 0.
+mpc(crane, short, dt=3e-4) => control period is 0.05 s; allowed is a multiple of dt = 0.0003 s.
+mpc(crane, short, horizon=0) => horizon is 0 periods; allowed is a whole number >= 1.
+mpc(crane, short, horizon=2.5) => horizon is 2.5 periods; allowed is a whole number >= 1.
+mpc(crane, short, effort_limit=(1e4, -2.0, 1e4)) => effort limit of x is -2.0 N; allowed is > 0.
+mpc(crane, short, effort_limit=(1e4, 1e3)) => effort limit is (10000.0, 1000.0); allowed is three nu
+mpc(crane, short, rate_limit=(0.0, 1.0, 1.0)) => rate limit of gamma is 0.0 rad/s; allowed is > 0.
+mpc(crane, short, rate_limit=(1.0, 1.0, inf)) => rate limit of l is inf m/s; allowed is > 0.
+mpc(crane, short, swing_limit=0.0) => swing limit is 0.0 rad; allowed is > 0.
+mpc(crane, short, swing_limit=2.0) => swing limit is 2.0 rad; allowed is 0 to 1.5708.
+mpc(crane, short, effort_weight=np.zeros((3, 3))) => effort weight is [[0.0, 0.0, 0.0], [0.0, 0.0, 0
+receding(crane, limits, period=0.052) => period is 0.052 s; allowed is a multiple of control_period
+receding(crane, limits, stage=0.052) => stage is 0.052 s; allowed is a multiple of control_period =
+receding(crane, limits, stages=1) => stages is 1 stages; allowed is a whole number >= 2.
+receding(crane, limits, stages=1000) => stages is 1000; allowed is 2 to 200.
+receding(crane, limits, swing_limit=0.0) => swing limit is 0.0 rad; allowed is > 0.
+receding(crane, limits, swing_limit=2.0) => swing limit is 2.0 rad; allowed is 0 to 1.57.
+receding(crane, limits, settling=1e-4) => settling is 0.0001 s; allowed is 0.005 to 1000.
+receding(crane, limits, state_weight=np.zeros((10, 10))) => state weight is [[0.0, 0.0, 0.0, 0.0, 0.
+receding(crane, limits, input_weight=np.eye(2)) => input weight is an array of shape (2, 2); allowed
+receding(crane, limits, payload_errors=(0.1, 0.0)) => payload error is 0.0; allowed is > 0.
+receding(crane, limits, payload_errors=(0.1,)) => payload errors is an array of shape (1,); allowed
+receding(crane, limits, drive='steam') => drive is steam; allowed is effort or motion or velocity.
+receding(crane, limits, drive='motion', control_period=0.0) => control_period is 0.0 s; allowed is >
+receding(crane, Limits((1.0, 1.0), (1.0, 1.0))) => rate limit is (1.0, 1.0); allowed is three number
+receding(load_crane(rope_stiffness=1e6), limits) => This predictive controller is made for a rigid c
+Preference(swing=-1.0) => weight of the swing is -1.0; allowed is >= 0.
+Preference(swing=0.0, acceleration=0.0, jerk=0.0) => sum of the weights is 0.0; allowed is > 0.
+Preference(longer=0.5) => longer is 0.5; allowed is 0 to 0.1.
+converters(crane, lags={'x': 0.0}) => lags of converters is 0.0; allowed is > 0.
+converters(crane, jerks={'x': nan}) => jerks of x is nan; allowed is a finite number.
+converters(crane, delay=-1.0) => delay of converters is -1.0 s; allowed is >= 0.
+converters(crane, rolls={'x': 1.0}) => There is no number of converters 'rolls'; there are rates, ac
+converters(crane, rates={'phi': 1.0}) => There is no drive 'phi'; there are gamma, x, l.
+Ground(points, friction=-0.1) => coefficient of friction is -0.1; allowed is >= 0.
+Ground(points, restitution=1.1) => coefficient of restitution is 1.1; allowed is 0 to 1.
+Ground(points, restitution=-0.1) => coefficient of restitution is -0.1; allowed is 0 to 1.
+Ground(points, sink=0.0) => static sink of the load is 0.0 m; allowed is 0.0005 to 0.1.
+Ground(()) => points of a load is () m; allowed is one or more of three numbers each.
+Hull([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]) => corners of a hull is '[[0, 0, 0], [1, 0, 0], [
+Hull([[0, 0, 0], [1, 0, nan]]) => corners of a hull is nan m; allowed is finite.
+phi_1(0.2) => a is 0.2; allowed is 0 to 0.1.
+phi_2('HC9', 1.0) => hoisting is HC9; allowed is HC1 or HC2 or HC3 or HC4.
+phi_2('HC1', -1.0) => hoisting speed is -1.0 m/s; allowed is >= 0.
+pick_up_speed('HD2', 0.5, 0.6) => creep speed is 0.6 m/s; allowed is 0 to 0.5.
+phi_3(1.5) => share is 1.5; allowed is 0 to 1.
+psi_h(0.0) => mass_ratio is 0.0; allowed is > 0.
+buffer_stroke(1.0, 6.0) => deceleration is 6.0 m/s²; allowed is 0.001 to 5.
+out_of_service_speed(10.0, 40.0, 1) => years of recurrence is 1; allowed is 2 to 1000.
+height_factor(0.0) => height is 0.0 m; allowed is > 0.
+Base(0.0, 1.0) => spacing of the corners is 0.0 m; allowed is > 0.
+Arm(-1.0, 1.0) => mass of an arm is -1.0 kg; allowed is >= 0.
+carried['nothing'] => There is no column 'nothing'; there are t_s, rope_N, pull_N, slack_margin, sna
+carried.write('x.txt') => Cannot write x.txt: the ending must be .csv or .parquet.
+loads(load_crane(hook_mass=9.0), trajectory) => run is of joints gamma, x, phi, theta, l; allowed is
+loads_of_rows(crane, nan * trajectory.q, trajectory.v, trajectory.effort) => q is nan; allowed is fi
+loads_of_rows(crane, trajectory.q, [], trajectory.effort) => v is an array of shape (0,); allowed is
+Reeving(2.5) => number of falls is 2.5; allowed is a whole number >= 1.
+Reeving(0) => number of falls is 0; allowed is a whole number >= 1.
+Reeving(2, 1.1) => efficiency of a sheave is 1.1; allowed is 0.5 to 1.
+Reeving(2, 0.98, 0.0) => radius of the drum is 0.0 m; allowed is > 0.
+fit_power_law(np.array([1.0, 2.0]), np.ones(2)) => A power law needs three points of different absci
+fit_power_law(np.full(4, 3.0), np.ones(4)) => A power law needs three points of different abscissa,
+fit_power_law(t[:0], t[:0]) => A power law needs three points of different abscissa, here are 0.
+agreement(0.0 * t, t) => The measured signal does not move, so there is nothing to compare.
+agreement(t, 0.0 * t) => The modelled signal does not move, so there is nothing to compare.
+fit_swing(t[:90], np.cos(t[:90])) => The record from 0 to 4.45371 s holds 0 half swings; at least fo
+fit_swing(t, 0.0 * t) => The record from 0 to 60 s holds 0 half swings; at least four are needed for
+fit_swing(t[:0], t[:0]) => The record holds no row where a swing is to be fitted.
+Motion(0.1, rows, rows, rows, np.array([])) => drives of a motion is []; allowed is different whole
+Motion(0.1, rows, rows, rows, np.array([0, 0])) => drives of a motion is [0.0, 0.0]; allowed is diff
+Motion(0.1, rows, rows, rows, np.array([0.5])) => drives of a motion is [0.5]; allowed is different
+Motion(0.1, rows, rows, rows, np.array([5])) => drives of a motion is [5.0]; allowed is different wh
+Motion(0.1, rows, rows, rows, np.array([-1])) => drives of a motion is [-1.0]; allowed is different
+Motion(0.1, rows, rows, rows, np.array([nan])) => drives of a motion is nan; allowed is finite.
+load_crane(falls=2.5) => falls is 2.5; allowed is a whole number >= 1.
+load_crane(falls=0) => falls is 0; allowed is a whole number >= 1.
+load_crane(rope_stiffness=-1.0) => rope_stiffness is -1.0 N; allowed is >= 0 or inf.
+load_crane(rope_stiffness=nan) => rope_stiffness is nan N; allowed is >= 0 or inf.
+load_crane(drum_inertia=inf) => drum_inertia is inf kg; allowed is > 0.
+load_crane(fall_spacing=-1.0) => fall_spacing is -1.0 m; allowed is >= 0.
+load_crane(fall_spacing=nan) => fall_spacing is nan m; allowed is >= 0.
+Ground([[0.0, 1.0]]) => points of a load is ((0.0, 1.0),) m; allowed is one or more of three numbers
+Platform((0.0, 0.0), (1.0, 0.0), 1.0) => size of a platform is 0.0 m; allowed is > 0.
+Ground(points, (Platform((0.0, 0.0), (1.0, 1.0), 2.0),), height=2.0) => height of a platform above t
+standing(crane, Ground(points), start) => A load stands on the ground below a rope that stretches on
 """
 """Calls, and how the sentence begins with which they are refused."""
 

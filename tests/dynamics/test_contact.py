@@ -193,26 +193,9 @@ def test_the_ground_is_at_any_height_and_a_hull_is_like_the_platform_of_its_corn
     assert [event.joint for event in events(free_box(), leaves)] == ["x"]
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Ground(CORNERS, friction=-0.1), "friction"),
-        (lambda: Ground(CORNERS, restitution=1.1), "restitution"),
-        (lambda: Ground(CORNERS, restitution=-0.1), "restitution"),
-        (lambda: Ground(CORNERS, sink=0.0), "sink"),
-        (lambda: Hull([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]), "in a plane"),
-        (lambda: Hull([[0, 0, 0], [1, 0, math.nan]]), "corners of a hull"),
-        (lambda: Ground(()), "points"),
-        (lambda: Ground([[0.0, 1.0]]), "points"),
-        (lambda: Platform((0.0, 0.0), (1.0, 0.0), 1.0), "size"),
-        (lambda: Ground(CORNERS, (Platform((0.0, 0.0), (1.0, 1.0), 2.0),), height=2.0), "height"),
-        (lambda: slid(0.1, start={"z": 0.9}), "in the ground"),
-        (lambda: standing(crane(), Ground(CORNERS), crane().start), "stretches"),
-    ],
-)
-def test_bad_input_is_a_sentence(make: Any, message: str) -> None:
-    with pytest.raises(CraneError, match=message):
-        make()
+def test_a_load_that_starts_in_the_ground_is_refused() -> None:
+    with pytest.raises(CraneError, match="in the ground"):
+        slid(0.1, start={"z": 0.9})
 
 
 @pytest.mark.parametrize("engine", ["pinocchio", "compiled"])

@@ -205,21 +205,6 @@ def test_typical_converters_are_those_of_the_role_and_never_faster_than_the_join
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        ({"lags": {"x": 0.0}}, "lags of converters is 0.0; allowed is > 0"),
-        ({"jerks": {"x": math.nan}}, "jerks of x is nan"),
-        ({"delay": -1.0}, "delay of converters is -1.0 s; allowed is >= 0"),
-        ({"rolls": {"x": 1.0}}, "rolls"),
-        ({"rates": {"phi": 1.0}}, "phi"),
-    ],
-)
-def test_converters_that_cannot_be_are_refused(wrong: Any, sentence: str) -> None:
-    with pytest.raises(CraneError, match=sentence):
-        converters(crane(), **wrong)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "sentence"),
-    [
         (
             {"dt": 0.02, "control_period": 0.1, "lags": {"x": 0.01}},
             "shortest lag of the converters",

@@ -193,22 +193,9 @@ def test_a_load_thrown_up_to_its_pivot_ends_the_run(rope: str) -> None:
         run_of(crane, thrown, 2.0)
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"falls": 2.5}, r"falls is 2\.5; allowed is a whole number >= 1"),
-        ({"falls": 0}, "falls is 0; allowed is a whole number >= 1"),
-        ({"rope_stiffness": -1.0}, "rope_stiffness is -1.0 N; allowed is >= 0 or inf"),
-        ({"rope_stiffness": math.nan}, "rope_stiffness is nan N; allowed is >= 0 or inf"),
-        ({"drum_inertia": math.inf}, "drum_inertia is inf kg; allowed is > 0"),
-        ({"fall_spacing": -1.0}, "fall_spacing is -1.0 m; allowed is >= 0"),
-        ({"fall_spacing": math.nan}, "fall_spacing is nan m; allowed is >= 0"),
-        ({"fall_spacing": 2.0, "rope_stiffness": math.inf}, "two falls and a rope that stretches"),
-    ],
-)
-def test_a_rope_that_cannot_be_is_refused(values: dict[str, float], message: str) -> None:
-    with pytest.raises(CraneError, match=message):
-        load_crane(**values)
+def test_two_falls_do_not_stretch() -> None:
+    with pytest.raises(CraneError, match="two falls and a rope that stretches"):
+        load_crane(fall_spacing=2.0, rope_stiffness=math.inf)
 
 
 # --- another engine -------------------------------------------------------------------------------

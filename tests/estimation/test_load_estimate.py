@@ -5,7 +5,6 @@ swing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -360,29 +359,6 @@ def test_rates_and_accelerations_of_a_cable_twice_as_long_are_how_its_motion_cha
 
 
 # --- what is refused ------------------------------------------------------------------------------
-
-
-def made(**changed: object) -> Callable[[], object]:
-    """Make one with something wrong."""
-    motion = at_rest(crane())
-    return lambda: with_load_estimate(hold_controller(crane()), crane(), motion, **changed)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
-        ({"sensors": "eyes"}, "sensors"),
-        ({"load_std": -0.1}, "load_std is -0.1; allowed is >= 0"),
-        ({"cable_std": math.nan}, "cable_std"),
-        ({"delay": 0.5}, "delay of the observer is 0.5 control periods"),
-        ({"noise": np.ones(9)}, "10 standard deviations"),
-        ({"noise": np.zeros(10)}, "noise of the observer is 0.0; allowed is > 0"),
-        ({"disturbance": [1.0]}, "5 standard deviations"),
-    ],
-)
-def test_what_cannot_be_is_refused(wrong: dict[str, object], words: str) -> None:
-    with pytest.raises(CraneError, match=words):
-        made(**wrong)()
 
 
 def test_it_is_refused_in_a_second_run() -> None:

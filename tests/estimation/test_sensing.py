@@ -124,25 +124,6 @@ def test_sensors_of_one_run_are_refused_in_another() -> None:
         quickly(crane(), used, duration=0.1)
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        (
-            {"delay": -1},
-            "delay of the sensors is -1 control periods; allowed is a whole number >= 0",
-        ),
-        ({"delay": 1.5}, "a whole number"),
-        ({"noise": np.ones(9)}, "10 standard deviations"),
-        ({"noise": [[1.0] * 5, [1.0] * 4]}, "10 standard deviations"),
-        ({"noise": [*NOISE[:9], -1.0]}, "noise of the sensors is -1.0; allowed is >= 0"),
-        ({"noise": [*NOISE[:9], math.nan]}, "noise of the sensors is nan"),
-    ],
-)
-def test_sensors_that_cannot_be_are_refused(given: dict[str, object], words: str) -> None:
-    with pytest.raises(CraneError, match=words):
-        with_sensor_model(crane(), Watched(), **({"rng": np.random.default_rng(1)} | given))  # type: ignore[arg-type]
-
-
 # --- the observer ---------------------------------------------------------------------------------
 
 
@@ -297,24 +278,6 @@ def test_an_observer_is_refused_in_a_second_run_and_where_a_call_is_left_out() -
         quickly(crane(), used, motion, start=start, duration=0.1)
     with pytest.raises(CraneError, match=r"every 0\.005 s"):
         quickly(crane(), other, motion, duration=0.1, control_period=0.01)
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"noise": np.zeros(6)}, "noise of the observer is 0.0; allowed is > 0"),
-        ({"noise": NOISE}, "6 standard deviations"),
-        ({"disturbance": [-1.0] * 5}, "disturbance of the observer is -1.0; allowed is >= 0"),
-        ({"initial_std": [math.inf] * 10}, "initial deviation of the observer"),
-        ({"delay": -1}, "delay of the observer"),
-        ({"every": 0}, "rows between linearisations"),
-        ({"dt": 3e-4}, "control period is 0.005 s; allowed is a multiple of dt = 0.0003 s"),
-    ],
-)
-def test_an_observer_that_cannot_be_is_refused(given: dict[str, object], words: str) -> None:
-    motion = at_rest(crane())
-    with pytest.raises(CraneError, match=words):
-        with_observer(Watched(), crane(), motion, **given)  # type: ignore[arg-type]
 
 
 @pytest.mark.slow

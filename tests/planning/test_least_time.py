@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
@@ -259,19 +259,6 @@ def test_an_interruption_of_the_optimiser_is_one_and_no_failure(
     assert signal.getsignal(signal.SIGINT) is before
     monkeypatch.undo()
     assert hoisted(1.0).arrival > 3.0
-
-
-@pytest.mark.parametrize(
-    ("weights", "sentence"),
-    [
-        ({"swing": -1.0}, r"weight of the swing is -1\.0; allowed is >= 0"),
-        ({"swing": 0.0, "acceleration": 0.0, "jerk": 0.0}, r"sum of the weights is 0\.0; allowed"),
-        ({"longer": 0.5}, r"longer is 0\.5; allowed is 0 to 0\.1"),
-    ],
-)
-def test_weights_that_make_no_sense_are_refused(weights: dict[str, float], sentence: str) -> None:
-    with pytest.raises(CraneError, match=sentence):
-        Preference(**weights)
 
 
 @settings(max_examples=20)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
@@ -264,13 +262,6 @@ def test_the_rates_of_a_crane_narrow_the_limits_of_a_plan() -> None:
     assert section == pytest.approx(PEAK_RATE * 10.0 / 0.5)
     with pytest.raises(OutOfRange, match=r"rate of a push of x is 0\.6 rad/s or m/s; .* 0\.5"):
         joystick(slow, start, [JoystickPulse("x", 0.6, 0.0, 1.0)], accelerations=(1, 1, 1))
-
-
-@pytest.mark.parametrize("drives", [[], [0, 0], [0.5], [5], [-1], [math.nan]])
-def test_a_motion_without_drives_of_its_own_is_refused(drives: list[float]) -> None:
-    rows = np.zeros((2, 5))
-    with pytest.raises(OutOfRange, match="drives of a motion"):
-        Motion(0.1, rows, rows, rows, np.array(drives))
 
 
 def test_a_shaped_reference_leaves_what_its_base_answers_as_it_is() -> None:
