@@ -14,6 +14,7 @@ import pytest
 from cranedyn.analysis import swing as analysis
 from cranedyn.checks import finite, number, short_repr, whole
 from cranedyn.clocks import clocks, intervals
+from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.lqr import riccati
@@ -21,7 +22,6 @@ from cranedyn.data.trajectory import QUANTITIES, read
 from cranedyn.errors import CraneError, OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.references import Motion, hanging_reference, hold
-from cranedyn.references.limits import Limits
 from cranedyn.references.shaped import Shaper
 from cranedyn.references.simple import Spline
 from cranedyn.simulation.simulate import simulate
@@ -32,11 +32,7 @@ from tests.system.fuzz.api import namespace
 C, REST = crane(), crane().start
 BRAKE, STILL = hold_controller(C), hold(C, REST)
 MOTION = hanging_reference(C, STILL, 0.1)
-RUN = simulate(C, BRAKE, duration=0.01)
-LIMITS = Limits((0.1, 1.0, 1.0), (0.05, 0.5, 0.5))
 T = np.linspace(0.0, 30.0, 600)
-FOUR = State(np.zeros(4), np.zeros(4))
-OTHER = Motion(0.005, *np.zeros((3, 2, 4)), np.array([0, 1]))
 
 MISTAKES = r"""
 run(duration=nan) => duration is nan s; allowed is > 0.
@@ -244,6 +240,86 @@ Ground([[0.0, 1.0]]) => points of a load is ((0.0, 1.0),) m; allowed is one or m
 Platform((0.0, 0.0), (1.0, 0.0), 1.0) => size of a platform is 0.0 m; allowed is > 0.
 Ground(points, (Platform((0.0, 0.0), (1.0, 1.0), 2.0),), height=2.0) => height of a platform above t
 standing(crane, Ground(points), start) => A load stands on the ground below a rope that stretches on
+batch(crane=[crane] * 8) => number of cranes is 8; allowed is 9, as many as there are of others, or
+batch(controller=[law]) => number of controllers is 1; allowed is 9, as many as there are of others,
+batch(reference=[still] * 10) => number of cranes is 9; allowed is 10, as many as there are of other
+batch(start=[]) => number of starts is 0; allowed is 9, as many as there are of others, or one alone
+batch(start=3.0) => start is float; allowed is a State, one with rows, or a sequence of States.
+batch(start=[3.0] * 9) => start is list; allowed is a State, one with rows, or a sequence of States.
+batch(start=State(np.zeros((9, 4)), nine.v)) => coordinates at the start is an array of shape (9, 4)
+batch(start=State(nine.q, nine.v[:8])) => rates at the start is an array of shape (8, 5); allowed is
+batch(start=State(nine.q, nine.v + nan)) => rates at the start is nan; allowed is finite.
+batch(start=[State(five, np.zeros(3 + i % 2)) for i in range(9)]) => rates at the start is no array
+batch(force=np.zeros((9, 5))) => force is an array of shape (9, 5); allowed is one of shape (m, 6) o
+batch(force=np.zeros((8, 3, 6))) => force is an array of shape (8, 3, 6); allowed is one of shape (m
+batch(force=np.zeros((0, 6))) => force is an array of shape (0, 6); allowed is one with a row at lea
+batch(force=np.full((2, 6), inf)) => force is inf N; allowed is finite.
+batch(sensor_offset=np.zeros(9)) => sensor_offset is an array of shape (9,); allowed is one of shape
+batch(sensor_offset=np.full(10, nan)) => sensor_offset is nan; allowed is finite.
+batch(sensor_offset=np.zeros((8, 4, 10))) => sensor_offset is an array of shape (8, 4, 10); allowed
+batch(sensor_offset=np.zeros((9, 0, 10))) => sensor_offset is an array of shape (9, 0, 10); allowed
+batch(sensor_delay=-1) => sensor_delay is -1 control periods; allowed is a whole number >= 0.
+batch(sensor_delay=1.5) => sensor_delay is 1.5 control periods; allowed is a whole number >= 0.
+batch(sensor_delay=1001) => sensor_delay is 1001 control periods; allowed is 0 to 1000.
+batch(sensor_delay=[1, 2]) => number of sensor delays is 2; allowed is 9, or one alone for all.
+batch(record=2.5) => record is 2.5; allowed is a whole number >= 0.
+batch(threads=0) => threads is 0; allowed is a whole number >= 1.
+batch(threads=10**9) => threads is 1000000000; allowed is 1 to 1024.
+batch(drive='speed') => drive is speed; allowed is effort or motion or velocity.
+batch(drive='motion', buffers=True) => buffers is True; allowed is False where the drives take no ef
+batch(residual_from=0.6) => residual_from is 0.6 s; allowed is 0 to 0.5.
+batch(residual_from=nan) => residual_from is nan s; allowed is a finite number.
+batch(t_start=inf) => time at the start is inf s; allowed is -1e9 to 1e9.
+batch(dt=3e-3) => control_period is 0.005 s; allowed is a multiple of dt = 0.003 s.
+batch(integrator=Integrator('mine', lambda *_: None, 0.0)) => integrator of compiled code is mine; a
+envs(action='torque') => action is torque; allowed is velocity or acceleration.
+envs(reach=(1.0, 2.0)) => reach is (1.0, 2.0); allowed is three numbers: slew, trolley, hoist.
+envs(swing_limit=2.0) => swing_limit is 2.0 rad; allowed is 0.001 to 0.785398.
+envs(wind=-1.0) => wind is -1.0 m/s; allowed is 0 to 1000.
+envs(winds=1.0) => There is no rule of the task 'winds'; there are action, limits, reach, swing, swi
+envs(autoreset_mode='Never') => autoreset_mode is 'Never'; allowed is one of NextStep, SameStep, Dis
+envs(num_envs=0) => num_envs is 0; allowed is a whole number >= 1.
+envs(max_episode_steps=0) => max_episode_steps is 0; allowed is a whole number >= 1.
+envs(render_mode='human') => render_mode is 'human'; allowed is None for many cranes; one crane alon
+envs(control_period=0.0007) => control_period is 0.0007 s; allowed is a multiple of dt = 0.01 s.
+envs(control_period=100.0, dt=5e-4) => steps in a control period is 200000; allowed is 100000 or les
+envs(crane=[]) => number of cranes to choose from is 0; allowed is 1 or more.
+envs(wind=1e300) => wind is 1e+300 m/s; allowed is 0 to 1000.
+envs(payload_area=1e300) => drag area of the payload is 1e+300 m²; allowed is 0 to 1e+06.
+grid() => A design needs columns of one length, with a case at least; there is no column.
+grid(a=[1.0], b=[]) => A design needs columns of one length, with a case at least; b has 0.
+Design({'a': np.zeros(2), 'b': np.zeros(3)}) => A design needs columns of one length, with a case at
+grid(case=[1.0]) => A parameter cannot be called 'case'; allowed is any word but case and error.
+Design({'': np.zeros(2)}) => A parameter cannot be called ''; allowed is any word but case and error
+grid(a=[1.0, nan]) => a of case 1 is nan; allowed is a finite number.
+grid(a=[1.0, 'x']) => a value of a is 1.0; allowed is a printable word, as others.
+grid(a=[[1.0]]) => shape of a is (1, 1); allowed is one row of values.
+grid(a=['x', '']) => a value of a is ''; allowed is a printable word, as others.
+grid(a=[object()]) => type of a is object; allowed is numbers or words.
+sample(4, seed=1) => A design needs columns of one length, with a case at least; there is no column.
+sample(0, seed=1, a=(0, 1)) => number of points is 0; allowed is a whole number >= 1.
+sample(4, seed=-1, a=(0, 1)) => seed is -1; allowed is a whole number >= 0.
+sample(4, seed=1, method='halton', a=(0, 1)) => method is 'halton'; allowed is one of sobol, latin h
+sample(4, seed=1, a=(1, 1)) => range of a is (1, 1); allowed is two numbers, the smaller first.
+sample(4, seed=1, a=3) => range of a is 3; allowed is two numbers, the smaller first.
+sample(4, seed=1, a=(0, inf)) => largest a is inf; allowed is a finite number.
+Stepper(crane).step([1.0, 2.0]) => command of the controller is an array of shape (2,); allowed is t
+Stepper(crane).step([1.0, 2.0, 3.0], points) => force is given; allowed is none, unless the stepper
+Stepper(crane).reset(four) => start is a state of 4 coordinates and 4 rates; allowed is 5 of each: g
+Stepper(crane, drive='motion', buffers=True) => buffers is True; allowed is False where the drives t
+crane.state(l=3.0) => l at the start is 3.0 m; allowed is 3.4 to 26.4.
+crane.state(l=27.0) => l at the start is 27.0 m; allowed is 3.4 to 26.4.
+crane.state(x=1.9) => x at the start is 1.9 m; allowed is 2 to 22.
+crane.state(x=23.0) => x at the start is 23.0 m; allowed is 2 to 22.
+crane.state(phi=1.58) => phi at the start is 1.58 rad; allowed is -1.5708 to 1.5708.
+crane.state(theta=-1.58) => theta at the start is -1.58 rad; allowed is -1.5708 to 1.5708.
+crane.state(gamma=nan) => gamma at the start is nan rad; allowed is a finite number.
+crane.state(l_dot=inf) => l_dot at the start is inf m/s; allowed is a finite number.
+crane.state(x='far') => x at the start is far m; allowed is a number.
+riccati(one, one, -one[0], one[0]) => state weight is [[-1.0]]; allowed is symmetric and positive se
+riccati(one, one, one[0], 0.0 * one[0]) => effort weight is [[0.0]]; allowed is symmetric and positi
+riccati(one, one, one[0], nan * one[0]) => effort weight is [[nan]]; allowed is symmetric and positi
+riccati(np.eye(2)[None], np.ones((1, 2, 1)), np.tri(2), one[0]) => state weight is [[1.0, 0.0], [1.0
 """
 """Calls, and how the sentence begins with which they are refused."""
 
@@ -251,11 +327,18 @@ standing(crane, Ground(points), start) => A load stands on the ground below a ro
 @cache
 def names() -> dict[str, Any]:
     """Return the names of calls."""
-    rest, crane, law = (namespace()[name] for name in ("start", "crane", "law"))
-    return namespace() | {
+    api = namespace()
+    rest, crane, law = (api[name] for name in ("start", "crane", "law"))
+    nine = State(np.tile(rest.q, (9, 1)), np.zeros((9, 5)))
+    return api | {
         **dict(finite=finite, number=number, whole=whole, intervals=intervals, clocks=clocks),
         **dict(riccati=riccati, rng=np.random.default_rng(1), one=np.ones((1, 1, 1))),
         "run": partial(simulate, crane, law, **{"duration": 0.1}),
+        "batch": partial(
+            simulate_batch, crane=[crane] * 9, controller=law, **{"duration": 0.5, "start": nine}
+        ),
+        "nine": nine,
+        "envs": partial(api["TowerCraneVectorEnv"], crane=crane),
         "four": State(np.zeros(4), np.zeros(4)),
         "endless": State(rest.q, np.full(5, math.inf)),
         "other": Motion(5e-3, *np.zeros((3, 2, 4)), np.array([0, 1])),

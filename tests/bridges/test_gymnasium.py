@@ -295,39 +295,6 @@ def test_a_policy_without_hidden_layers_is_the_same_controller() -> None:
         affine_controller(task, weight[:, 1:], bias, goal)
 
 
-@pytest.mark.parametrize(
-    ("how", "sentence"),
-    [
-        ({"action": "torque"}, "action is torque; allowed is velocity or acceleration"),
-        ({"reach": (1.0, 2.0)}, "reach is .*; allowed is three numbers"),
-        ({"swing_limit": 2.0}, "swing_limit is 2.0 rad"),
-        ({"wind": -1.0}, "wind is -1.0 m/s; allowed is 0 to 1000"),
-        ({"winds": 1.0}, "There is no rule of the task 'winds'; there are action"),
-        (
-            {"autoreset_mode": "Never"},
-            "autoreset_mode is 'Never'; allowed is one of NextStep, SameStep, Disabled",
-        ),
-        ({"num_envs": 0}, "num_envs is 0"),
-        ({"max_episode_steps": 0}, "max_episode_steps is 0"),
-        ({"render_mode": "human"}, "render_mode is 'human'"),
-        ({"control_period": 0.0007}, "control_period is 0.0007 s; allowed is a multiple of dt"),
-        (
-            {"control_period": 100.0, "dt": 5e-4},
-            "steps in a control period is 200000; allowed is 100000 or less",
-        ),
-        ({"crane": []}, "number of cranes to choose from is 0"),
-        ({"wind": 1e300}, r"wind is 1e\+300 m/s; allowed is 0 to 1000"),
-        (
-            {"payload_area": 1e300},
-            r"drag area of the payload is 1e\+300 m²; allowed is 0 to 1e\+06",
-        ),
-    ],
-)
-def test_what_cannot_be_is_refused_in_a_sentence(how: dict[str, Any], sentence: str) -> None:
-    with pytest.raises(CraneError, match=sentence):
-        TowerCraneVectorEnv(**({"crane": crane()} | how))
-
-
 def test_a_crane_for_which_the_task_is_not_made_is_refused_in_a_sentence() -> None:
     with pytest.raises(ModelError, match="is made for a tower crane of five joints; this one also"):
         many(2, crane=HOOK.crane())

@@ -414,60 +414,6 @@ def test_tables_are_kept_once_and_no_longer_than_they_change() -> None:
 NINE = State(np.tile(crane().start.q, (9, 1)), np.zeros((9, 5)))
 
 
-REFUSED: list[tuple[dict[str, Any], str]] = [
-    ({"crane": _cranes(8)}, "number of cranes is 8; allowed is 9, as many as there are of others"),
-    ({"controller": _controllers(1)}, "number of controllers is 1; allowed is 9, as many as"),
-    ({"reference": _references(10)}, "number of (cranes|starts) is 9; allowed is 10, as many"),
-    ({"start": []}, "number of starts is 0; allowed is"),
-    ({"start": 3.0}, "start is float; allowed is a State, one with rows, or a sequence of States"),
-    ({"start": [3.0] * 9}, "start is list; allowed is a State"),
-    ({"start": State(np.zeros((9, 4)), NINE.v)}, r"coordinates at the start is .* \(9, 4\)"),
-    ({"start": State(NINE.q, NINE.v[:8])}, r"rates at the start is .* \(8, 5\)"),
-    ({"start": State(NINE.q, NINE.v + np.nan)}, "rates at the start is nan; allowed is finite"),
-    (
-        {"start": [State(np.zeros(5), np.zeros(3 + i % 2)) for i in range(9)]},
-        "rates at the start is no array of numbers",
-    ),
-    ({"force": np.zeros((9, 5))}, r"force is .* \(9, 5\); .* of shape \(m, 6\) or \(9, m, 6\)"),
-    ({"force": np.zeros((8, 3, 6))}, r"force is an array of shape \(8, 3, 6\)"),
-    ({"force": np.zeros((0, 6))}, r"force is an array of shape \(0, 6\)"),
-    ({"force": np.full((2, 6), np.inf)}, "force is inf N; allowed is finite"),
-    ({"sensor_offset": np.zeros(9)}, r"sensor_offset is .* \(9,\); .* \(10,\) or \(9, 10\)"),
-    ({"sensor_offset": np.full(10, np.nan)}, "sensor_offset is nan; allowed is finite"),
-    ({"sensor_offset": np.zeros((8, 4, 10))}, "sensor_offset is an array of shape"),
-    ({"sensor_offset": np.zeros((9, 0, 10))}, "sensor_offset is an array of shape"),
-    ({"sensor_delay": -1}, "sensor_delay is -1 control periods; allowed is a whole number >="),
-    ({"sensor_delay": 1.5}, "sensor_delay is 1.5 control periods; allowed is a whole number"),
-    ({"sensor_delay": 1001}, "sensor_delay is 1001 control periods; allowed is 0 to 1000"),
-    ({"sensor_delay": [1, 2]}, "number of sensor delays is 2; allowed is 9, or one alone"),
-    ({"record": 2.5}, "record is 2.5; allowed is a whole number >= 0"),
-    ({"threads": 0}, "threads is 0; allowed is a whole number >= 1"),
-    ({"threads": 10**9}, "threads is 1000000000; allowed is 1 to 1024"),
-    ({"drive": "speed"}, "drive is speed; allowed is effort or motion or velocity"),
-    ({"drive": "motion", "buffers": True}, "buffers is True; allowed is False where the drives"),
-    ({"residual_from": 0.6}, "residual_from is 0.6 s; allowed is 0 to 0.5"),
-    ({"residual_from": math.nan}, "residual_from is nan s"),
-    ({"t_start": math.inf}, "time at the start is inf s"),
-    ({"dt": 3e-3}, "control_period is 0.01 s; allowed is a multiple of dt"),
-    (
-        {"integrator": Integrator("mine", lambda *given: given, 0.0)},
-        "integrator of compiled code is mine; allowed is",
-    ),
-]
-
-
-@pytest.mark.parametrize(("wrong", "sentence"), REFUSED)
-def test_what_does_not_fit_is_refused_in_a_sentence(wrong: dict[str, Any], sentence: str) -> None:
-    right: dict[str, Any] = {
-        "crane": _cranes(9),
-        "controller": hold_controller(crane()),
-        "start": NINE,
-        **CLOCK,
-    }
-    with pytest.raises(OutOfRange, match=f"^{sentence}"):
-        simulate_batch(**{**right, **wrong})
-
-
 class _Louder(Hold):
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         return 1.1 * super().__call__(t, state, setpoint)

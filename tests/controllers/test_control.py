@@ -192,22 +192,6 @@ def test_no_other_feedback_costs_less_than_the_riccati_sweep() -> None:
         assert cost(best + 1e-3 * rng.normal(size=best.shape)) > cost(best)
 
 
-@pytest.mark.parametrize(
-    ("state_weight", "effort_weight", "words"),
-    [
-        (np.diag([-1.0, 1.0]), np.eye(1), "state weight"),
-        (np.eye(2), np.zeros((1, 1)), "effort weight"),
-        (np.eye(2), np.diag([math.nan]), "effort weight"),
-        (np.array([[1.0, 0.5], [0.0, 1.0]]), np.eye(1), "state weight"),
-    ],
-)
-def test_weights_that_are_not_positive_definite_are_refused(
-    state_weight: np.ndarray, effort_weight: np.ndarray, words: str
-) -> None:
-    with pytest.raises(CraneError, match=words):
-        riccati(np.eye(2)[None], np.ones((1, 2, 1)), state_weight, effort_weight, np.eye(2))
-
-
 @pytest.mark.slow
 def test_a_tracked_flat_motion_arrives_without_swing_and_half_the_payload_keeps_it_small() -> None:
     first, last = crane().state(x=10.0, l=15.0), crane().state(gamma=0.6, x=20.0, l=10.0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from cranedyn.errors import CraneError
-from cranedyn.sweep import Design, cross, grid, sample
+from cranedyn.sweep import cross, grid, sample
 
 _names = st.sampled_from(["mass", "length", "strategy", "wind", "größe"])
 _numbers = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=4)
@@ -126,36 +125,6 @@ def test_a_fingerprint_tells_names_values_and_order_apart() -> None:
         grid(a=[1.0]),
     ]
     assert len({design.fingerprint for design in designs}) == len(designs)
-
-
-@pytest.mark.parametrize(
-    ("make", "says"),
-    [
-        (lambda: grid(), "a case at least; there is no column."),
-        (lambda: grid(a=[1.0], b=[]), "a case at least; b has 0."),
-        (lambda: Design({"a": np.zeros(2), "b": np.zeros(3)}), "; a has 2, b has 3."),
-        (lambda: grid(case=[1.0]), "called 'case'; allowed is any word but case and error."),
-        (lambda: Design({"": np.zeros(2)}), "A parameter cannot be called ''"),
-        (lambda: grid(a=[1.0, math.nan]), "a of case 1 is nan; allowed is a finite number."),
-        (lambda: grid(a=[1.0, "x"]), "a value of a is 1.0; allowed is a printable word"),
-        (lambda: grid(a=[[1.0]]), r"shape of a is \(1, 1\); allowed is one row of values."),
-        (lambda: grid(a=["x", ""]), "a value of a is ''; allowed is a printable word"),
-        (lambda: grid(a=[object()]), "type of a is object; allowed is numbers or words."),
-        (lambda: sample(4, seed=1), "there is no column"),
-        (lambda: sample(0, seed=1, a=(0, 1)), "number of points is 0; allowed is a whole number"),
-        (lambda: sample(4, seed=-1, a=(0, 1)), "seed is -1; allowed is a whole number"),
-        (
-            lambda: sample(4, seed=1, method="halton", a=(0, 1)),
-            "method is 'halton'; allowed is one of sobol, latin hypercube.",
-        ),
-        (lambda: sample(4, seed=1, a=(1, 1)), r"range of a is \(1, 1\); allowed is two numbers"),
-        (lambda: sample(4, seed=1, a=3), "range of a is 3; allowed is two numbers"),
-        (lambda: sample(4, seed=1, a=(0, math.inf)), "largest a is inf"),
-    ],
-)
-def test_a_design_that_is_none_is_refused(make: Callable[[], object], says: str) -> None:
-    with pytest.raises(CraneError, match=says):
-        make()
 
 
 def test_a_design_that_would_not_fit_the_memory_is_refused_before_it_is_made() -> None:
