@@ -19,7 +19,7 @@ from cranedyn.references.flat import flat
 from cranedyn.simulation.simulate import simulate
 from experiments import harness
 from experiments.scenarios.moves import RestToRest
-from experiments.scenarios.strategies import FLAT, LQR, MPC, PAPER, STRATEGIES
+from experiments.scenarios.strategies import COMPILED_MPC, FLAT, LQR, MPC, PAPER, STRATEGIES
 from tests.helpers import FAST
 
 MOVE = RestToRest("short", (0.0, 10.0, 12.0), (0.1, 11.0, 11.0), 8.0)
@@ -57,8 +57,15 @@ def _peak(run: Trajectory) -> np.ndarray:
     return np.abs(run.effort - run.effort[-1]).max(axis=0)
 
 
-# An LQR about another motion.
-@pytest.mark.parametrize("strategy", [name for name in STRATEGIES if not name.startswith("least")])
+# "least ..." is an LQR about another motion. The compiled MPC is that of TO_GOAL about a motion.
+@pytest.mark.parametrize(
+    "strategy",
+    [
+        pytest.param(name, marks=[pytest.mark.long] * (name == COMPILED_MPC))
+        for name in STRATEGIES
+        if not name.startswith("least")
+    ],
+)
 def test_a_finer_loop_does_the_same_the_more_exactly(strategy: str) -> None:
     fine, middle, coarse = (_run(strategy, period, period) for period in (5e-3, 0.01, 0.02))
     # of first order: errors against the fine one in proportion to 5 and 15 ms; up to 0.5 where
