@@ -28,7 +28,7 @@ from cranedyn.dynamics.drives import (
 )
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange
-from cranedyn.interfaces import Drive, EngineName, Reference, Setpoint, State
+from cranedyn.interfaces import Disturbance, Drive, EngineName, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 
 _FLAGS = np.zeros(1), np.ones(1)
@@ -177,7 +177,12 @@ class Engine:
             self._drives.reset(start)
 
     def run_ahead(
-        self, controller: object, reference: Reference, t_start: float, rows: np.ndarray
+        self,
+        controller: object,
+        reference: Reference,
+        disturbance: Disturbance | None,
+        t_start: float,
+        rows: np.ndarray,
     ) -> Iterator[tuple[int, bool]]:
         """Write rows of the log, see `cranedyn.simulation.log.row_sections`, without the loop where
         an engine can; this one cannot. Yield how many there are so far, and whether the model is

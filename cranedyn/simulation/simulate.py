@@ -103,8 +103,8 @@ def simulate(
         engine: "pinocchio" steps by Pinocchio's algorithms. "compiled" steps by code compiled for
             this crane; it agrees with Pinocchio to round-off and is many times faster, most of all
             with a controller that is affine in the state, such as `Hold`, `Tracking`,
-            `HoistIntegral` or `Follow`, and without disturbance. Its angles end at a million rad.
-            It needs the extra `compiled`.
+            `HoistIntegral` or `Follow`, and no disturbance but a `Wind`. Its angles end at a
+            million rad. It needs the extra `compiled`.
         options: Settings that are rarely needed, see `Options`.
 
     Returns:
@@ -135,7 +135,8 @@ def simulate(
         controller.begin_run(t_start, control_period)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            for rows, holds in moving.run_ahead(controller, reference, t_start, log.rows):
+            ahead = moving.run_ahead(controller, reference, disturbance, t_start, log.rows)
+            for rows, holds in ahead:
                 t = log.extend_to(rows, holds=holds)
                 for monitor in monitors:
                     monitor(rows - 1, t, moving.state)

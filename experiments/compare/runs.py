@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from functools import partial
+from dataclasses import replace
+from functools import cache, partial
 from multiprocessing import active_children, get_context
 from typing import NamedTuple
 
@@ -26,6 +27,7 @@ from experiments.scenarios import strategies
 from experiments.scenarios.moves import (
     AFTER,
     DWELL,
+    MOVES,
     TOUR_LIMITS,
     MovePlan,
     RestToRest,
@@ -34,6 +36,8 @@ from experiments.scenarios.moves import (
     residual,
 )
 from experiments.scenarios.tours import CONTROLS
+
+COMBINED = MOVES[-1]
 
 UNSEEING = "it does not look at the swing"
 
@@ -96,16 +100,35 @@ def processes(jobs: int | None) -> Iterator[ProcessPoolExecutor]:
 
 
 def strategy_results(
-    setup: Setup, move: RestToRest, strategy: str, all_cases: bool, drive: str = IDEAL
+    setup: Setup, moves: Sequence[RestToRest], strategy: str, drive: str = IDEAL
+) -> dict[str, dict[str, StrategyResult]]:
+    """Return the results of moves by one strategy, by the name of the move and of the case. Moves
+    that differ in the swing at their start share a plan.
+    """
+
+    @cache
+    def plan_of(move: RestToRest) -> MovePlan:
+        plan = strategies.STRATEGIES[strategy](setup, move)
+        return plan if drive == IDEAL else on_converters(setup, plan)
+
+    return {move.name: _move_results(setup, move, strategy, plan_of, drive) for move in moves}
+
+
+def _move_results(
+    setup: Setup,
+    move: RestToRest,
+    strategy: str,
+    plan_of: Callable[[RestToRest], MovePlan],
+    drive: str,
 ) -> dict[str, StrategyResult]:
-    """Return the results of a move by one strategy, as planned and perhaps under every case; an
+    """Return the results of a move, as planned and, if it is the combined one, under every case; an
     error becomes the reason of a result.
     """
     try:
-        plan = strategies.STRATEGIES[strategy](setup, move)
-        plan = plan if drive == IDEAL else on_converters(setup, plan)
+        plan = plan_of(replace(move, name="", swing=(0.0, 0.0)))
     except CraneError as error:
         return {cases.NOMINAL.name: StrategyResult(None, str(error))}
+    all_cases = move == COMBINED
     perturbed = (*cases.PERTURBATIONS, *(cases.UNTOLD if drive == IDEAL else ()))
     chosen = perturbed if all_cases else (cases.NOMINAL,)
     results = {case.name: _result(setup, move, strategy, plan, case) for case in chosen}
