@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from cranedyn.checks import equal_rows, read_only
+from cranedyn.checks import equal_rows, finite, read_only
 from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.layout import BufferLayout, size, slices
@@ -35,6 +35,9 @@ from cranedyn.simulation.stepper import DIVERGED
 if TYPE_CHECKING:
     from cranedyn.compiled.horizon.memory import Programme
     from cranedyn.compiled.horizon.receding import Receding
+
+Areas = tuple[float, ...]
+"""Drag areas of the points of a crane [m²]; empty without wind."""
 
 _BLOCK, _STEPS = 20_000, 1_000_000
 """Largest numbers of control instants, and of physics steps, in a block."""
@@ -66,6 +69,7 @@ class CompiledEngine(Engine):
         self._create_views()
         self._codes: dict[tuple[Any, ...], Kernel] = {}
         self._predictive: Receding | None = None
+        self._wind: tuple[Areas, np.ndarray] = (), self._force
         self._calls: tuple[Callable[[], None], Callable[[], None]] | None = None
         self._horizon: np.ndarray | None = None
         self.reset(start)
@@ -102,18 +106,15 @@ class CompiledEngine(Engine):
             unheard[:] = self._memory[self._at["reference"]]
 
     def _code(
-        self,
-        programme: Programme | None = None,
-        *,
-        integral: bool = False,
-        areas: tuple[float, ...] = (),
+        self, programme: Programme | None = None, areas: Areas = (), *, integral: bool = False
     ) -> Kernel:
         """Return the code, compiled and verified at the first use.
 
         To find it again by the numbers of the crane would take half a millisecond.
         """
         setting = self._setting
-        if code := self._codes.get((integral, programme, areas)):
+        key = programme, areas, integral
+        if code := self._codes.get(key):
             return code
         recipe = Recipe(
             1,
@@ -132,7 +133,7 @@ class CompiledEngine(Engine):
         converters = setting.converters
         numbers = None if converters is None else np.concatenate(converters.response)
         code = compile_kernel([setting.crane], recipe, numbers)[0]
-        self._codes[integral, programme, areas] = code
+        self._codes[key] = code
         return code
 
     def _loop(
@@ -201,8 +202,7 @@ class CompiledEngine(Engine):
         wind = disturbance if type(disturbance) is Wind else None
         if disturbance is not wind or (wind and wind.crane is not self._setting.crane):
             return
-        areas: tuple[float, ...] = () if wind is None else tuple(wind.areas.tolist())
-        clocks, first, air = self._setting.clocks, 0, self._force
+        clocks, first = self._setting.clocks, 0
         self._predictive = predictive = (
             cast("Receding", controller) if hasattr(controller, "programme") else None
         )
@@ -218,6 +218,7 @@ class CompiledEngine(Engine):
                 if wind is not None:
                     speeds = np.array([wind.speed(t) for t in times.tolist()])
                     air = np.multiply.outer(speeds, np.tile(wind.along, self._sizes.points))
+                    self._wind = tuple(wind.areas.tolist()), finite("wind", air, air.shape)
                 common = (
                     affine_form(controller, times, setpoint, self._sizes.z)
                     if predictive is None
@@ -229,9 +230,9 @@ class CompiledEngine(Engine):
                 common = None
             if predictive is not None:
                 self._horizon = predictive.resume_memory(float(times[0]))
-            if common is None or common.lacking() or not np.isfinite(air).all():
+            if common is None or common.lacking():
                 break
-            if not self._run(common, setpoint, (air, areas), block, len(rows) - 1 - first):
+            if not self._run(common, setpoint, block, len(rows) - 1 - first):
                 v = block[:, slices(self._sizes.row)["v"]]
                 ahead = int(np.argmin((v * v).sum(axis=1) < DIVERGED**2))
                 continue
@@ -244,17 +245,9 @@ class CompiledEngine(Engine):
             self._read_state()
             yield first, bool(self._memory[self._at["worst"]] < 1.0)
 
-    def _run(
-        self,
-        form: Affine,
-        setpoint: np.ndarray,
-        wind: tuple[np.ndarray, tuple[float, ...]],
-        rows: np.ndarray,
-        end: int,
-    ) -> bool:
-        """Write a block of rows up to an instant that no steps follow, in air of some velocities at
-        points of some areas; return False and restore the state if a number is not finite or a
-        joint moves too fast.
+    def _run(self, form: Affine, setpoint: np.ndarray, rows: np.ndarray, end: int) -> bool:
+        """Write a block of rows up to an instant that no steps follow; return False and restore the
+        state if a number is not finite or a joint moves too fast.
         """
         before = self._memory.copy()
         predictive = None if self._horizon is None else self._horizon.copy()
@@ -263,9 +256,9 @@ class CompiledEngine(Engine):
             form = replace(form, target=setpoint)
         self._memory[self._at["integral"]] = form.integral
         programme = None if self._predictive is None else self._predictive.programme
-        air, areas = wind
+        areas, air = self._wind
         tables = gain_table(self._sizes, form), setpoint_table(self._sizes, form, len(rows)), air
-        code = self._code(programme, integral=integral, areas=areas)
+        code = self._code(programme, areas, integral=integral)
         self._loop(code, tables, rows, end=end).run_groups([0])
         if integral:
             rows[:, : self._sizes.m] = setpoint
