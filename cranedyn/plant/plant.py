@@ -325,14 +325,12 @@ class Plant:
             air: Velocity of the air at each point in the world [m/s], shape (3 points,).
             areas: Drag coefficient times area of each point [m²], shape (points,).
         """
-        poses, bodies = rigid_body.frames(self.tree, q), self.topology.bodies
-        points = zip(areas, air.reshape(-1, 3), bodies, self.levers, strict=True)
-        return np.concatenate(
-            [
-                drag_force(area, wind - rigid_body.point_velocity(self.tree, poses, body, lever, v))
-                for area, wind, body, lever in points
-            ]
-        )
+        poses, forces = rigid_body.frames(self.tree, q), []
+        points = zip(areas, air.reshape(-1, 3), self.topology.bodies, self.levers, strict=True)
+        for area, wind, body, lever in points:
+            ((_, velocity),) = rigid_body.point_motions(self.tree, poses, v, body, [lever])
+            forces.append(drag_force(area, wind - velocity))
+        return np.concatenate(forces)
 
     def stop_force(self, q: np.ndarray, v: np.ndarray) -> Any:
         """Return the force of the buffers at the ends of the cable [N], see
