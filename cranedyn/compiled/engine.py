@@ -27,7 +27,7 @@ from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.disturbances.wind import Wind
 from cranedyn.dynamics.drives import GroundForces
 from cranedyn.errors import Misshapen
-from cranedyn.interfaces import Disturbance, Reference, Setpoint, State
+from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.references.tabulated import tabulated
 from cranedyn.simulation.engine import Actuation, Engine, Setting
 from cranedyn.simulation.stepper import DIVERGED
@@ -35,9 +35,6 @@ from cranedyn.simulation.stepper import DIVERGED
 if TYPE_CHECKING:
     from cranedyn.compiled.horizon.memory import Programme
     from cranedyn.compiled.horizon.receding import Receding
-
-Areas = tuple[float, ...]
-"""Drag areas of the points of a crane [m²]; empty without wind."""
 
 _BLOCK, _STEPS = 20_000, 1_000_000
 """Largest numbers of control instants, and of physics steps, in a block."""
@@ -69,7 +66,7 @@ class CompiledEngine(Engine):
         self._create_views()
         self._codes: dict[tuple[Any, ...], Kernel] = {}
         self._predictive: Receding | None = None
-        self._wind: tuple[Areas, np.ndarray] = (), self._force
+        self._wind: tuple[tuple, np.ndarray] = (), self._force  # drag areas, and forces or air
         self._calls: tuple[Callable[[], None], Callable[[], None]] | None = None
         self._horizon: np.ndarray | None = None
         self.reset(start)
@@ -106,7 +103,7 @@ class CompiledEngine(Engine):
             unheard[:] = self._memory[self._at["reference"]]
 
     def _code(
-        self, programme: Programme | None = None, areas: Areas = (), *, integral: bool = False
+        self, programme: Programme | None = None, areas: tuple = (), *, integral: bool = False
     ) -> Kernel:
         """Return the code, compiled and verified at the first use.
 
@@ -182,12 +179,7 @@ class CompiledEngine(Engine):
         return state
 
     def run_ahead(
-        self,
-        controller: object,
-        reference: Reference,
-        disturbance: Disturbance | None,
-        t_start: float,
-        rows: np.ndarray,
+        self, controller: object, reference: Reference, t_start: float, rows: np.ndarray
     ) -> Iterator[tuple[int, bool]]:
         """Write rows under a controller that is affine in the state, block by block, see
         `Engine.run_ahead`.
@@ -199,6 +191,7 @@ class CompiledEngine(Engine):
             Misshapen: If an array of the controller's affine form or of the reference has another
                 shape.
         """
+        disturbance = self._setting.disturbance
         wind = disturbance if type(disturbance) is Wind else None
         if disturbance is not wind or (wind and wind.crane is not self._setting.crane):
             return

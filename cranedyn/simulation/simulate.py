@@ -123,8 +123,8 @@ def simulate(
     t = t_start = settings["t_start"]
     validity, disturbance = settings["validity"], settings["disturbance"]
     clock, ground = clocks(duration, dt, control_period), settings["ground"]
-    acting = {"forces": disturbance is not None, "buffers": validity == "buffers"}
-    setting = Setting.of(crane, clock, drive, settings["integrator"], **acting, ground=ground)
+    acting = {"disturbance": disturbance, "buffers": validity == "buffers", "ground": ground}
+    setting = Setting.of(crane, clock, drive, settings["integrator"], **acting)
     moving = load_engine(engine)(setting, initial_state(crane, start))
     layout, monitors = crane.layout, settings["monitors"]
     reference = hold(crane, moving.state) if reference is None else reference
@@ -135,8 +135,7 @@ def simulate(
         controller.begin_run(t_start, control_period)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            ahead = moving.run_ahead(controller, reference, disturbance, t_start, log.rows)
-            for rows, holds in ahead:
+            for rows, holds in moving.run_ahead(controller, reference, t_start, log.rows):
                 t = log.extend_to(rows, holds=holds)
                 for monitor in monitors:
                     monitor(rows - 1, t, moving.state)

@@ -9,7 +9,7 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from multiprocessing import active_children, get_context
 from typing import NamedTuple
 
@@ -102,38 +102,30 @@ def processes(jobs: int | None) -> Iterator[ProcessPoolExecutor]:
 def strategy_results(
     setup: Setup, moves: Sequence[RestToRest], strategy: str, drive: str = IDEAL
 ) -> dict[str, dict[str, StrategyResult]]:
-    """Return the results of moves by one strategy, by the name of the move and of the case. Moves
-    that differ in the swing at their start share a plan.
+    """Return the results of moves by one strategy, as planned, and of the combined one under every
+    case; an error becomes the reason of a result. Moves that differ in their starting swing share a
+    plan, and equal cases a run.
     """
-
-    @cache
-    def plan_of(move: RestToRest) -> MovePlan:
-        plan = strategies.STRATEGIES[strategy](setup, move)
-        return plan if drive == IDEAL else on_converters(setup, plan)
-
-    return {move.name: _move_results(setup, move, strategy, plan_of, drive) for move in moves}
-
-
-def _move_results(
-    setup: Setup,
-    move: RestToRest,
-    strategy: str,
-    plan_of: Callable[[RestToRest], MovePlan],
-    drive: str,
-) -> dict[str, StrategyResult]:
-    """Return the results of a move, as planned and, if it is the combined one, under every case; an
-    error becomes the reason of a result.
-    """
-    try:
-        plan = plan_of(replace(move, name="", swing=(0.0, 0.0)))
-    except CraneError as error:
-        return {cases.NOMINAL.name: StrategyResult(None, str(error))}
-    all_cases = move == COMBINED
     perturbed = (*cases.PERTURBATIONS, *(cases.UNTOLD if drive == IDEAL else ()))
-    chosen = perturbed if all_cases else (cases.NOMINAL,)
-    results = {case.name: _result(setup, move, strategy, plan, case) for case in chosen}
-    if not all_cases:  # the run itself is of no use
-        results = {name: result._replace(run=None) for name, result in results.items()}
+    plans = dict[tuple, MovePlan]()
+    results: dict[str, dict[str, StrategyResult]] = {move.name: {} for move in moves}
+    for move, by_case in zip(moves, results.values(), strict=True):
+        ends = move.start, move.goal, move.duration
+        try:
+            if ends not in plans:
+                plan = strategies.STRATEGIES[strategy](setup, move)
+                plans[ends] = plan if drive == IDEAL else on_converters(setup, plan)
+        except CraneError as error:
+            by_case[cases.NOMINAL.name] = StrategyResult(None, str(error))
+            continue
+        for case in perturbed if move == COMBINED else (cases.NOMINAL,):
+            equal = (c.name for c in perturbed if replace(c, name=case.name) == case)
+            result = by_case.get(next(equal))  # of equal ones the first is watched longest
+            by_case[case.name] = (
+                result._replace(calls=np.empty(0))
+                if result
+                else _result(setup, move, strategy, plans[ends], case)
+            )
     return results
 
 
@@ -156,7 +148,8 @@ def _result(
         if interrupted(error):
             raise KeyboardInterrupt from None
         return StrategyResult(None, str(error))
-    return StrategyResult(score, "", run if case == cases.NOMINAL else None, np.array(calls))
+    shown = case == cases.NOMINAL and move == COMBINED
+    return StrategyResult(score, "", run if shown else None, np.array(calls))
 
 
 @contextmanager
