@@ -174,8 +174,8 @@ class Wind:
 
     def __call__(self, t: float, state: State) -> np.ndarray:
         """Return the forces in the world [N], shape (points, 3)."""
-        air = self.speed(t) * self.along
-        return drag_force(self.areas, air - point_velocities(self.crane, state))
+        moving = point_velocities(self.crane, state)
+        return drag_force(self.areas, self.speed(t) * self.along - moving)
 
 
 def wind(crane: Crane, speed: Speed, *, direction: float, **areas: float) -> Wind:

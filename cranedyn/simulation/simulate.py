@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NoReturn, TypedDict, Unpack
+from typing import Any, NoReturn, TypedDict, Unpack
 
 import numpy as np
 
@@ -123,7 +123,7 @@ def simulate(
     t = t_start = settings["t_start"]
     validity, disturbance = settings["validity"], settings["disturbance"]
     clock, ground = clocks(duration, dt, control_period), settings["ground"]
-    acting = {"disturbance": disturbance, "buffers": validity == "buffers", "ground": ground}
+    acting: Any = {"disturbance": disturbance, "buffers": validity == "buffers", "ground": ground}
     setting = Setting.of(crane, clock, drive, settings["integrator"], **acting)
     moving = load_engine(engine)(setting, initial_state(crane, start))
     layout, monitors = crane.layout, settings["monitors"]
