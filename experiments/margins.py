@@ -361,7 +361,7 @@ def _figure(radii: np.ndarray, cables: np.ndarray, maps: Mapping[str, MarginMap]
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser("margins", __doc__)
+    parser = harness.parser("margins", __doc__, recording=False)
     harness.add_setup(parser)
     text = "places along each side of the map"
     parser.add_argument("--points", type=int, default=5, metavar="N", help=text)

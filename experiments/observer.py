@@ -136,7 +136,7 @@ def _figure(swings: Cases) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser("observer", __doc__, engines=("compiled", "pinocchio"))
+    parser = harness.parser("observer", __doc__, recording=False, engines=("compiled", "pinocchio"))
     harness.add_setup(parser, "payload_mass")
     parser.add_argument(
         "--sensors", nargs="+", choices=SENSORS, default=list(SENSORS), help="what is measured"

@@ -435,6 +435,10 @@ cranedyn/compiled/kernel.py
 ? turned_angles::long_steps_that_turn_far_are_those_of_pinocchio
 - self._keep_angle(i, turn.refine(pairs[i]))
 + self._keep_angle(i, pairs[i])
+* the effort up to an instant counts the wind from it on
+? compiled::both_engines_record_the_same
+- return self._get("pushed")
++ return self._forces(instant)
 * a compiled loop logs efforts a period late
 ? compiled::a_run_of_many_blocks_is_the_same
 - acts, energy = [*command, *effort, *before],

@@ -16,7 +16,6 @@ from cranedyn.compiled.block import BlockCode, FunctionBlock, Variable, identifi
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.step import Step, StepState, check_rule
 from cranedyn.compiled.verify import compile_kernel
-from cranedyn.disturbances.wind import drag_force
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.pinocchio import holding_effort
@@ -24,7 +23,6 @@ from cranedyn.dynamics.scalars import array
 from cranedyn.errors import ModelError
 from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
-from cranedyn.plant import rigid_body
 from cranedyn.plant.plant import Plant, Topology, numbers, plant
 
 COMMUNICATION = 10
@@ -210,15 +208,10 @@ class _Text:
             self.offset[layout.role("hoist", "")] = code.get("cable_offset")
         self.q, self.v = z[: layout.n] + self.offset, z[layout.n :]
         self.command, self.forces = code.get_all(names.commands), code.get_all(names.forces)
-        load = layout.points.index("payload")
-        tree, body = self.plant.tree, self.plant.topology.bodies[load]
-        poses = rigid_body.frames(tree, self.q)
-        lever = self.plant.levers[load]
-        moving = rigid_body.point_velocity(tree, poses, body, lever, self.v)
-        air = array([code.get("wind_x"), code.get("wind_y"), 0.0])
-        span = slice(3 * load, 3 * load + 3)
-        drag = drag_force(code.get("payload_area"), air - moving)
-        self.forces[span] = self.forces[span] + drag
+        area = {"payload": code.get("payload_area")}
+        areas = array([area.get(point, 0.0) for point in layout.points])
+        air = array([code.get("wind_x"), code.get("wind_y"), 0.0] * len(areas))
+        self.forces = self.forces + self.plant.drag(self.q, self.v, air, areas)
 
     def followed(self, code: BlockCode, delay: int, dt: float, *, keep: bool) -> np.ndarray:
         """Return the command that the plant follows in a step: efforts within the limits,

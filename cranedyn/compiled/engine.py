@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from cranedyn.checks import equal_rows, read_only
+from cranedyn.checks import equal_rows, finite, read_only
 from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.layout import BufferLayout, size, slices
@@ -24,6 +24,7 @@ from cranedyn.compiled.tables import (
 )
 from cranedyn.compiled.verify import compile_kernel
 from cranedyn.controllers.affine import Affine, affine_form
+from cranedyn.disturbances.wind import Wind
 from cranedyn.dynamics.drives import GroundForces
 from cranedyn.errors import Misshapen
 from cranedyn.interfaces import Reference, Setpoint, State
@@ -63,8 +64,9 @@ class CompiledEngine(Engine):
         self._force, self._rows = np.zeros((2, size(sizes.force))), np.zeros((2, size(sizes.row)))
         self._gain_table, self._setpoint_table = command_tables(sizes)
         self._create_views()
-        self._codes: dict[tuple[bool, Programme | None], Kernel] = {}
+        self._codes: dict[tuple[Any, ...], Kernel] = {}
         self._predictive: Receding | None = None
+        self._wind: tuple[tuple, np.ndarray] = (), self._force  # drag areas, and forces or air
         self._calls: tuple[Callable[[], None], Callable[[], None]] | None = None
         self._horizon: np.ndarray | None = None
         self.reset(start)
@@ -100,13 +102,16 @@ class CompiledEngine(Engine):
             unheard = self._memory[self._at["unheard"]].reshape(-1, self._sizes.m)
             unheard[:] = self._memory[self._at["reference"]]
 
-    def _code(self, programme: Programme | None = None, *, integral: bool = False) -> Kernel:
+    def _code(
+        self, programme: Programme | None = None, areas: tuple = (), *, integral: bool = False
+    ) -> Kernel:
         """Return the code, compiled and verified at the first use.
 
         To find it again by the numbers of the crane would take half a millisecond.
         """
         setting = self._setting
-        if code := self._codes.get((integral, programme)):
+        key = programme, areas, integral
+        if code := self._codes.get(key):
             return code
         recipe = Recipe(
             1,
@@ -120,18 +125,19 @@ class CompiledEngine(Engine):
             programme=programme,
             contacts=setting.contacts,
             ledger=True,
+            areas=areas,
         )
         converters = setting.converters
         numbers = None if converters is None else np.concatenate(converters.response)
         code = compile_kernel([setting.crane], recipe, numbers)[0]
-        self._codes[integral, programme] = code
+        self._codes[key] = code
         return code
 
     def _loop(
         self, code: Kernel, tables: tuple[np.ndarray, ...], rows: np.ndarray, **call: Any
     ) -> Loop:
-        """Return code bound to the memory of this crane, to tables of gains and setpoints, and to
-        the rows that it writes.
+        """Return code bound to the memory of this crane, to tables of gains, setpoints and forces,
+        and to the rows that it writes.
         """
         memory: dict[str, Any] = {
             "state": self._memory.reshape(1, -1, 1),
@@ -139,7 +145,7 @@ class CompiledEngine(Engine):
         }
         if self._horizon is not None and code.source.recipe.programme is not None:
             memory["horizon"] = self._horizon
-        bound = [single_table(table) for table in (*tables, self._force)]
+        bound = [single_table(table) for table in tables]
         return Loop(code, self._setting.clocks, bound, last=len(rows), **call, **memory)
 
     def apply_command(self, command: np.ndarray, force: np.ndarray | None = None) -> Actuation:
@@ -149,7 +155,7 @@ class CompiledEngine(Engine):
             self._force[0] = self._force[1]
             self._force[1] = force.ravel()
         if self._calls is None:
-            code, tables = self._code(), (self._gain_table, self._setpoint_table)
+            code, tables = self._code(), (self._gain_table, self._setpoint_table, self._force)
             self._calls = (
                 self._loop(code, tables, self._rows, first=1, end=1).bind_call(),
                 self._loop(code, tables, self._rows, first=1, end=2, resumed=True).bind_call(),
@@ -185,13 +191,16 @@ class CompiledEngine(Engine):
             Misshapen: If an array of the controller's affine form or of the reference has another
                 shape.
         """
-        if self._setting.forces:
+        disturbance = self._setting.disturbance
+        wind = disturbance if type(disturbance) is Wind else None
+        if disturbance is not wind or (wind and wind.crane is not self._setting.crane):
             return
         clocks, first = self._setting.clocks, 0
         self._predictive = predictive = (
             cast("Receding", controller) if hasattr(controller, "programme") else None
         )
-        if predictive is not None and predictive.programme.drive != self._setting.drive:
+        # code of a predictive controller takes longer to compile than wind to compute
+        if predictive is not None and (wind or predictive.programme.drive != self._setting.drive):
             return
         ahead = max(1, min(_BLOCK, _STEPS // clocks.steps))
         while ahead and first < len(rows):
@@ -199,6 +208,10 @@ class CompiledEngine(Engine):
             times = read_only(t_start + clocks.period * np.arange(first, first + len(block)))
             try:
                 setpoint = equal_rows(tabulated(reference, times, self._sizes.m).position)
+                if wind is not None:
+                    speeds = np.array([wind.speed(t) for t in times.tolist()])
+                    air = np.multiply.outer(speeds, np.tile(wind.along, self._sizes.points))
+                    self._wind = tuple(wind.areas.tolist()), finite("wind", air, air.shape)
                 common = (
                     affine_form(controller, times, setpoint, self._sizes.z)
                     if predictive is None
@@ -221,6 +234,7 @@ class CompiledEngine(Engine):
             if hasattr(controller, "resume"):
                 controller.resume(float(times[-1]), self._memory[self._at["integral"]].copy())
             first += len(block)
+            self._force[1] = self._memory[self._at["pushed"]]
             self._read_state()
             yield first, bool(self._memory[self._at["worst"]] < 1.0)
 
@@ -235,8 +249,10 @@ class CompiledEngine(Engine):
             form = replace(form, target=setpoint)
         self._memory[self._at["integral"]] = form.integral
         programme = None if self._predictive is None else self._predictive.programme
-        tables = gain_table(self._sizes, form), setpoint_table(self._sizes, form, len(rows))
-        self._loop(self._code(programme, integral=integral), tables, rows, end=end).run_groups([0])
+        areas, air = self._wind
+        tables = gain_table(self._sizes, form), setpoint_table(self._sizes, form, len(rows)), air
+        code = self._code(programme, areas, integral=integral)
+        self._loop(code, tables, rows, end=end).run_groups([0])
         if integral:
             rows[:, : self._sizes.m] = setpoint
         if self._memory[self._at["worst"]] < 2.0:

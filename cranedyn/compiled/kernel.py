@@ -43,6 +43,8 @@ class Recipe:
             sensor offsets.
         log, summary: Whether rows are recorded, and whether a summary is computed.
         ledger: Whether the rows are those of the log of `simulate`, with its energy ledger.
+        areas: Drag areas of the points [m²] in a wind, whose velocities then stand in place of the
+            forces; empty without wind. It needs the ledger.
         delay_steps: Control periods by which frequency converters delay commands; None for drives
             without converters.
         turns: Steps after which sines and cosines are computed afresh; with 1 a motion is the same
@@ -71,6 +73,7 @@ class Recipe:
     threads: bool = False
     contacts: Contacts | None = None
     ledger: bool = False
+    areas: tuple[float, ...] = ()
 
 
 class KernelSource(NamedTuple):
@@ -339,7 +342,15 @@ class _Loop:
             return None
         since = self.code.most(instant, self.code.integer(0))
         row = self.code.builder.sdiv(since, self.call_values["force_interval"])
-        return self._row(2, "force", row)("force")
+        forces = self._row(2, "force", row)("force")
+        if not self.recipe.areas:
+            return forces
+        return self.plant.drag(self._coordinates(), self._get("v"), forces, self.recipe.areas)
+
+    def _forces_before(self, instant: ir.Value) -> np.ndarray | None:
+        if self.recipe.areas:
+            return self._get("pushed")
+        return self._forces(self.code.builder.sub(instant, self.code.integer(1)))
 
     def _control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
         code, recipe = self.code, self.recipe
@@ -354,12 +365,12 @@ class _Loop:
         reactions = self.plant.ground_reactions(q, v, self._anchors())[0]
         if recipe.delay_steps is not None:
             if recipe.log:
-                acted = self._forces(code.builder.sub(instant, code.integer(1)))
+                acted = self._forces_before(instant)
                 before = self.plant.answer(q, v, self._get("reference"), acted, reactions)[1]
             next_reference = array(self._next_reference(effort, v)[0])
             _, effort, command, _ = self.plant.answer(q, v, next_reference, forces, reactions)
         if recipe.drive == "motion":
-            acted = self._forces(code.builder.sub(instant, code.integer(1)))
+            acted = self._forces_before(instant)
             before = self.plant.answer(q, v, before, acted, reactions)[1]
             command = effort = self.plant.answer(q, v, command, forces, reactions)[1]
         buffer, cut = self.plant.stop_force(q, v), self._cut(requested)
@@ -376,6 +387,7 @@ class _Loop:
                 pushes = [0.0] * size(self.sizes.force) if forces is None else forces
                 outside = [0.0, *contacts, *(cut or [0.0])]
                 row = [*table("position"), *q, *v, *acts, *pushes, *outside, energy]
+                self._set("pushed", pushes)
                 row = self._balanced(row, (q, v, effort, before), holds)
             self._log(instant, row)
         if recipe.summary:

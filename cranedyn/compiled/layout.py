@@ -63,8 +63,8 @@ class BufferLayout:
         the last command, work of buffers and ground and of impacts of the rope, anchors of the
         points that touch the ground, memory of the frequency converters, and the energy ledger:
         work of the drives and dissipation so far, positions, efforts and dissipated power at the
-        last row, 1 after the first row, and what is worst in all rows: 0 where the model holds, 1
-        where it does not, 2 where a number is not finite or a joint too fast.
+        last row, 1 after the first row, what is worst in all rows: 0 where the model holds, 1 where
+        it does not, 2 where a number is not finite or a joint too fast, and external forces.
         """
         n, m = self.n, self.m
         sections = {"q": n, "v": n, "integral": m, "last_command": m, "contacts": 2}
@@ -72,7 +72,7 @@ class BufferLayout:
         sections |= self.converters
         if self.ledger:
             sections |= {"work": m, "dissipated": 1, "reached": m, "acted": m, "power": 1}
-            sections |= {"again": 1, "worst": 1}
+            sections |= {"again": 1, "worst": 1} | {"pushed": 3 * self.points}
         return sections
 
     @property

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -155,7 +156,29 @@ def turbulence(
     return lambda t: base(t) + gust(t)
 
 
-def wind(crane: Crane, speed: Speed, *, direction: float, **areas: float) -> Disturbance:
+@dataclass(frozen=True, eq=False)
+class Wind:
+    """Drag of a horizontal wind on points of a crane, see `wind`.
+
+    Attributes:
+        crane: Crane.
+        speed: Wind speed over time.
+        along: Unit vector in which it blows, in the world, shape (3,).
+        areas: Drag coefficient times area of each point [m²], shape (points,).
+    """
+
+    crane: Crane
+    speed: Speed
+    along: np.ndarray
+    areas: np.ndarray
+
+    def __call__(self, t: float, state: State) -> np.ndarray:
+        """Return the forces in the world [N], shape (points, 3)."""
+        moving = point_velocities(self.crane, state)
+        return drag_force(self.areas, self.speed(t) * self.along - moving)
+
+
+def wind(crane: Crane, speed: Speed, *, direction: float, **areas: float) -> Wind:
     """Return the drag of a horizontal wind on points of a crane: ½ ρ A |w - v| (w - v), relative to
     their own velocity v.
 
@@ -181,7 +204,4 @@ def wind(crane: Crane, speed: Speed, *, direction: float, **areas: float) -> Dis
             f"drag area of the {name.removesuffix('_area')}", area, "m²", ">= 0"
         )
 
-    def disturbance(t: float, state: State) -> np.ndarray:
-        return drag_force(drag_areas, speed(t) * along - point_velocities(crane, state))
-
-    return disturbance
+    return Wind(crane, speed, along, drag_areas)

@@ -97,11 +97,12 @@ class PredictiveController(ShortRepr):
     _correction: np.ndarray = field(init=False)
     _closed: np.ndarray = field(init=False)
     _steered: np.ndarray = field(init=False)
+    _lqr: dict[int, tuple[np.ndarray, np.ndarray]] = field(init=False)
 
     def __post_init__(self) -> None:
         """Compute the closed-loop matrices of each stretch."""
         self._closed = self.model.a - self.model.b @ self.sweep.gain
-        self._steered = self.model.b @ self.root
+        self._steered, self._lqr = self.model.b @ self.root, {}
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return efforts [N m or N], shape (m,).
@@ -122,19 +123,21 @@ class PredictiveController(ShortRepr):
     def _optimised(self, t: float, instant: int, deviation: np.ndarray) -> np.ndarray:
         """Return the first correction of the best sequence."""
         stretches = np.minimum(np.arange(instant, instant + self.horizon), len(self.root) - 1)
-        k, count, m = stretches[0], len(self.bound), self.root.shape[1]
-        efforts, ahead = self._predicted(stretches, deviation, 0)
-        low, high = (side[stretches].ravel() - efforts[:, 0] for side in self.correction_limits)
+        k, count, m = int(stretches[0]), len(self.bound), self.root.shape[1]
+        if k not in self._lqr:
+            self._lqr[k] = self._predicted(stretches, np.eye(len(deviation)), 0)
+        efforts, ahead = (by_deviation @ deviation for by_deviation in self._lqr[k])
+        low, high = (side[stretches].ravel() - efforts for side in self.correction_limits)
         after = self.ratio * np.arange(instant + 1, instant + self.horizon + 1)
         after = np.minimum(after, len(self.model.setpoint) - 1)
         setpoint = self.model.setpoint[after[:, None], self.bounded]
-        offset = (setpoint / self.bound).ravel() + ahead[:, 0]
+        offset = (setpoint / self.bound).ravel() + ahead
         correction = -self.sweep.gain[k] @ deviation
         if low.max() <= 0.0 <= high.min() and np.abs(offset).max() <= 1.0:
             # the LQR alone keeps all bounds, so nothing better can be decided
             self.last = Solution(t, 1, 0, np.zeros(count))
             return correction
-        efforts, ahead = self._predicted(stretches, deviation, m)
+        efforts, ahead = self._predicted(stretches, deviation[:, None], m)
         slack, none = np.tile(np.eye(count), (self.horizon, 1)), np.full(len(offset), np.inf)
         slacks = np.concatenate([np.zeros((len(efforts), count)), -slack, slack])
         decided = np.concatenate([efforts[:, 1:], ahead[:, 1:], ahead[:, 1:]])
@@ -159,20 +162,19 @@ class PredictiveController(ShortRepr):
         return self.root[k] @ solution[count : count + m] + correction
 
     def _predicted(
-        self, stretches: np.ndarray, deviation: np.ndarray, free: int
+        self, stretches: np.ndarray, z: np.ndarray, free: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return corrections, and bounded quantities over their bounds, over the horizon: affine in
-        the decision, the constant first. Of each stretch the first `free` numbers are decided, and
-        the others zero.
+        """Return corrections, and bounded quantities over their bounds, over the horizon, for
+        deviations in columns and then for each number decided: of each stretch the first `free`.
         """
-        width = free * self.horizon + 1
+        width = z.shape[1] + free * self.horizon
         efforts = np.zeros((self.horizon, self.root.shape[1], width))
         ahead = np.zeros((self.horizon, len(self.bound), width))
-        z = deviation[:, None]  # it depends on no more of the decision than what came before
         for j, k in enumerate(stretches.tolist()):
             now, later = z.shape[1], z.shape[1] + free
             efforts[j, :, :now] = -self.sweep.gain[k] @ z
             efforts[j, :, now:later] = self.root[k][:, :free]
+            # it depends on no more of the decision than what came before
             z = np.concatenate([self._closed[k] @ z, self._steered[k][:, :free]], axis=1)
             ahead[j, :, :later] = z[self.bounded]
         ahead /= self.bound[:, None]

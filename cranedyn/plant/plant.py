@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.checks import read_only
+from cranedyn.disturbances.wind import drag_force
 from cranedyn.dynamics.bodies import Bodies, blank, bodies, height, numeric_bodies
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.converters import Response, saturate_acceleration
@@ -313,6 +314,23 @@ class Plant:
         assert self.contacts is not None
         points, frames = [array(p) for p in self.contacts.points], rigid_body.frames(self.tree, q)
         return rigid_body.point_motions(self.tree, frames, v, self.contacts.body, points)
+
+    def drag(self, q: np.ndarray, v: np.ndarray, air: np.ndarray, areas: Any) -> np.ndarray:
+        """Return the drag of air on the points [N], shape (3 points,), see
+        `cranedyn.disturbances.wind.drag_force`.
+
+        Args:
+            q: Coordinates, shape (n,).
+            v: Their rates, shape (n,).
+            air: Velocity of the air at each point in the world [m/s], shape (3 points,).
+            areas: Drag coefficient times area of each point [m²], shape (points,).
+        """
+        poses, forces = rigid_body.frames(self.tree, q), []
+        points = zip(areas, air.reshape(-1, 3), self.topology.bodies, self.levers, strict=True)
+        for area, wind, body, lever in points:
+            ((_, velocity),) = rigid_body.point_motions(self.tree, poses, v, body, [lever])
+            forces.append(drag_force(area, wind - velocity))
+        return np.concatenate(forces)
 
     def stop_force(self, q: np.ndarray, v: np.ndarray) -> Any:
         """Return the force of the buffers at the ends of the cable [N], see

@@ -308,19 +308,6 @@ def _exerted(
     return effort
 
 
-def point_velocity(
-    tree: Bodies, poses: Sequence[Frame], body: int, point: np.ndarray, v: np.ndarray
-) -> np.ndarray:
-    """Return the velocity in the world of a point in the frame of a body's joint [m/s], shape (3,):
-    the power of a unit force along each axis.
-    """
-    velocity = []
-    for axis in np.eye(3).tolist():
-        force = into(tree, poses, body, array(axis))
-        velocity.append(_exerted(tree, poses, body, force, cross_product(point, force)) @ v)
-    return array(velocity)
-
-
 def angular_velocity(tree: Bodies, poses: Sequence[Frame], body: int, v: np.ndarray) -> np.ndarray:
     """Return the angular velocity of a body in the frame of its joint [rad/s], shape (3,)."""
     zero, axes = array([0.0] * 3), np.eye(3).tolist()

@@ -28,7 +28,7 @@ from cranedyn.dynamics.drives import (
 )
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange
-from cranedyn.interfaces import Drive, EngineName, Reference, Setpoint, State
+from cranedyn.interfaces import Disturbance, Drive, EngineName, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 
 _FLAGS = np.zeros(1), np.ones(1)
@@ -53,6 +53,7 @@ class Setting:
         integrator: The integrator.
         converters: Frequency converters of drives that take velocities; None for other drives.
         contacts: Contacts of the load with the ground; None for none.
+        disturbance: What exerts the external forces; None where the caller does.
     """
 
     crane: Crane
@@ -63,6 +64,7 @@ class Setting:
     integrator: Integrator
     converters: Converters | None = None
     contacts: Contacts | None = None
+    disturbance: Disturbance | None = None
 
     @classmethod
     def of(
@@ -72,8 +74,9 @@ class Setting:
         drive: Drive | Converters,
         integrator: Integrator,
         *,
-        forces: bool,
         buffers: bool,
+        forces: bool = False,
+        disturbance: Disturbance | None = None,
         ground: Ground | None = None,
     ) -> Setting:
         """Return settings that fit together, with typical converters for drives that take rates and
@@ -89,7 +92,8 @@ class Setting:
             raise OutOfRange("buffers", "True", "False where the drives take no efforts")
         converters = fitting(crane, kind, converters)
         contacts = None if ground is None else ground.contacts(crane)
-        return cls(crane, clock, kind, forces, buffers, integrator, converters, contacts)
+        acting = forces or disturbance is not None, buffers
+        return cls(crane, clock, kind, *acting, integrator, converters, contacts, disturbance)
 
     @property
     def lead(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NoReturn, TypedDict, Unpack
+from typing import Any, NoReturn, TypedDict, Unpack
 
 import numpy as np
 
@@ -103,8 +103,8 @@ def simulate(
         engine: "pinocchio" steps by Pinocchio's algorithms. "compiled" steps by code compiled for
             this crane; it agrees with Pinocchio to round-off and is many times faster, most of all
             with a controller that is affine in the state, such as `Hold`, `Tracking`,
-            `HoistIntegral` or `Follow`, and without disturbance. Its angles end at a million rad.
-            It needs the extra `compiled`.
+            `HoistIntegral` or `Follow`, and no disturbance but a `Wind`. Its angles end at a
+            million rad. It needs the extra `compiled`.
         options: Settings that are rarely needed, see `Options`.
 
     Returns:
@@ -123,8 +123,8 @@ def simulate(
     t = t_start = settings["t_start"]
     validity, disturbance = settings["validity"], settings["disturbance"]
     clock, ground = clocks(duration, dt, control_period), settings["ground"]
-    acting = {"forces": disturbance is not None, "buffers": validity == "buffers"}
-    setting = Setting.of(crane, clock, drive, settings["integrator"], **acting, ground=ground)
+    acting: Any = {"disturbance": disturbance, "buffers": validity == "buffers", "ground": ground}
+    setting = Setting.of(crane, clock, drive, settings["integrator"], **acting)
     moving = load_engine(engine)(setting, initial_state(crane, start))
     layout, monitors = crane.layout, settings["monitors"]
     reference = hold(crane, moving.state) if reference is None else reference

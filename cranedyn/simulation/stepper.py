@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -70,8 +71,8 @@ class Stepper:
         """
         clock = clocks(control_period, dt, control_period)
         self.crane, self._periods = crane, 0
-        acting = {"forces": forces, "buffers": buffers}
-        self.setting = Setting.of(crane, clock, drive, integrator, **acting, ground=ground)
+        acting: Any = {"forces": forces, "buffers": buffers, "ground": ground}
+        self.setting = Setting.of(crane, clock, drive, integrator, **acting)
         self.engine = load_engine(engine)(self.setting, initial_state(crane, start))
 
     @property

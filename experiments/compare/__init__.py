@@ -5,7 +5,6 @@ and air are not as planned.
 from __future__ import annotations
 
 import argparse
-import itertools
 from collections.abc import Sequence
 from concurrent.futures import Future, as_completed
 from dataclasses import replace
@@ -16,6 +15,7 @@ from cranedyn.sweep.workers import ignore_sigint
 from experiments import harness
 from experiments.compare import claims, figures, tables
 from experiments.compare.runs import (
+    COMBINED,
     IDEAL,
     Results,
     TourResult,
@@ -36,9 +36,6 @@ from experiments.scenarios.strategies import (
     strategy_colour,
 )
 from experiments.scenarios.tours import CONTROLS
-
-COMBINED = MOVES[-1]
-
 
 RECORDED = (PD, PAPER, FLAT, TIME)
 """Strategies that are drawn into each other in the recording."""
@@ -96,17 +93,15 @@ def _compute(
     with processes(options.jobs) as workers:
         submit = workers.submit
         with ignore_sigint():  # submitting starts processes
-            tasks = {
-                (move, name): submit(strategy_results, quiet, move, name, move == COMBINED, drive)
-                for move, name in itertools.product(moves, names)
-            }
+            tasks = {name: submit(strategy_results, quiet, moves, name, drive) for name in names}
             controls = CONTROLS if drive == IDEAL else ()
             tours = {control: submit(tour_results, quiet, control) for control in controls}
         everything: list[Future[Any]] = [*tasks.values(), *tours.values()]
         update = setup.reporter.count("comparison", len(everything))
         for done, _ in enumerate(as_completed(everything), start=1):
             update(done)
-    of_move = {move.name: {name: tasks[move, name].result() for name in names} for move in moves}
+    results = {name: task.result() for name, task in tasks.items()}
+    of_move = {move.name: {name: results[name][move.name] for name in names} for move in moves}
     return of_move, {control: tour.result() for control, tour in tours.items()}
 
 

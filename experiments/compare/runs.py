@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from multiprocessing import active_children, get_context
 from typing import NamedTuple
@@ -26,6 +27,7 @@ from experiments.scenarios import strategies
 from experiments.scenarios.moves import (
     AFTER,
     DWELL,
+    MOVES,
     TOUR_LIMITS,
     MovePlan,
     RestToRest,
@@ -34,6 +36,8 @@ from experiments.scenarios.moves import (
     residual,
 )
 from experiments.scenarios.tours import CONTROLS
+
+COMBINED = MOVES[-1]
 
 UNSEEING = "it does not look at the swing"
 
@@ -96,21 +100,32 @@ def processes(jobs: int | None) -> Iterator[ProcessPoolExecutor]:
 
 
 def strategy_results(
-    setup: Setup, move: RestToRest, strategy: str, all_cases: bool, drive: str = IDEAL
-) -> dict[str, StrategyResult]:
-    """Return the results of a move by one strategy, as planned and perhaps under every case; an
-    error becomes the reason of a result.
+    setup: Setup, moves: Sequence[RestToRest], strategy: str, drive: str = IDEAL
+) -> dict[str, dict[str, StrategyResult]]:
+    """Return the results of moves by one strategy, as planned, and of the combined one under every
+    case; an error becomes the reason of a result. Moves that differ in their starting swing share a
+    plan, and equal cases a run.
     """
-    try:
-        plan = strategies.STRATEGIES[strategy](setup, move)
-        plan = plan if drive == IDEAL else on_converters(setup, plan)
-    except CraneError as error:
-        return {cases.NOMINAL.name: StrategyResult(None, str(error))}
     perturbed = (*cases.PERTURBATIONS, *(cases.UNTOLD if drive == IDEAL else ()))
-    chosen = perturbed if all_cases else (cases.NOMINAL,)
-    results = {case.name: _result(setup, move, strategy, plan, case) for case in chosen}
-    if not all_cases:  # the run itself is of no use
-        results = {name: result._replace(run=None) for name, result in results.items()}
+    plans = dict[tuple, MovePlan]()
+    results: dict[str, dict[str, StrategyResult]] = {move.name: {} for move in moves}
+    for move, by_case in zip(moves, results.values(), strict=True):
+        ends = move.start, move.goal, move.duration
+        try:
+            if ends not in plans:
+                plan = strategies.STRATEGIES[strategy](setup, move)
+                plans[ends] = plan if drive == IDEAL else on_converters(setup, plan)
+        except CraneError as error:
+            by_case[cases.NOMINAL.name] = StrategyResult(None, str(error))
+            continue
+        for case in perturbed if move == COMBINED else (cases.NOMINAL,):
+            equal = (c.name for c in perturbed if replace(c, name=case.name) == case)
+            result = by_case.get(next(equal))  # of equal ones the first is watched longest
+            by_case[case.name] = (
+                result._replace(calls=np.empty(0))
+                if result
+                else _result(setup, move, strategy, plans[ends], case)
+            )
     return results
 
 
@@ -133,7 +148,8 @@ def _result(
         if interrupted(error):
             raise KeyboardInterrupt from None
         return StrategyResult(None, str(error))
-    return StrategyResult(score, "", run if case == cases.NOMINAL else None, np.array(calls))
+    shown = case == cases.NOMINAL and move == COMBINED
+    return StrategyResult(score, "", run if shown else None, np.array(calls))
 
 
 @contextmanager

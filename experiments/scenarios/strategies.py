@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from functools import cache, partial
 
@@ -150,7 +151,7 @@ def _mpc(setup: Setup, move: RestToRest) -> MovePlan:
 
     first = cache(controller)  # it never runs, so that its copies remember nothing
     return MovePlan(
-        lambda: replace(first()),
+        lambda: copy(first()),
         motion,
         "effort",
         motion.arrival,

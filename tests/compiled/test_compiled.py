@@ -165,13 +165,13 @@ CONTROLLERS: dict[str, tuple[str, Callable[[], Controller]]] = {
     ),
 }
 
-FORCES: dict[str, Callable[[], Disturbance | None]] = {
-    "no wind": lambda: None,
-    "push": lambda: wind.constant_force(
-        crane(), payload=(500.0, -300.0, 100.0), trolley=(40.0, 60.0, 0.0), at=0.2
+FORCES: dict[str, Callable[[Crane], Disturbance | None]] = {
+    "no wind": lambda c: None,
+    "push": lambda c: wind.constant_force(
+        c, payload=(500.0, -300.0, 100.0), trolley=(40.0, 60.0, 0.0), at=0.2
     ),
-    "wind": lambda: wind.wind(
-        crane(), wind.steady(12.0), direction=2.0, payload_area=4.0, trolley_area=1.0
+    "wind": lambda c: wind.wind(
+        c, lambda t: 12.0 - 6.0 * t, direction=2.0, payload_area=4.0, trolley_area=1.0
     ),
 }
 
@@ -601,10 +601,9 @@ def test_both_engines_record_the_same(
 ) -> None:
     drive, made = CONTROLLERS[controller]
     how: dict[str, Any] = {**CLOCK, "dt": dt, "drive": drive, "validity": validity}
-    force = FORCES[blows]()
-    plain, _ = both(
-        _crane(validity), made, _reference(), **how, integrator=integrator, disturbance=force
-    )
+    c = _crane(validity)
+    force = FORCES[blows](c)
+    plain, _ = both(c, made, _reference(), **how, integrator=integrator, disturbance=force)
     assert (np.ptp(plain.q, axis=0) > 1e-3).all()  # everything moves
     if validity != "stop" and controller not in ("lqr", "integral"):
         assert plain.q[:, 1].max() > 10.05

@@ -53,7 +53,7 @@ def test_numbers_too_far_apart_for_a_regulator_are_the_reason_in_the_table_of_th
 ) -> None:
     if strategy == MPC:
         pytest.importorskip("daqp")
-    found = compare_runs.strategy_results(setup, MOVES[-1], strategy, False)["as planned"]
+    found = compare_runs.strategy_results(setup, MOVES[-1:], strategy)["combined"]["as planned"]
     assert found.score is None
     assert found.why.startswith(
         "There is no linear-quadratic regulator for this crane: its masses, dampings, gravity or "

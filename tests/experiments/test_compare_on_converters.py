@@ -35,10 +35,8 @@ pytestmark = pytest.mark.slow
 def found() -> dict[str, Results]:
     """The moves by the LQR about a flat path, and some cases of the combined one."""
     setup = harness.Setup(engine=FAST)
-    return {
-        move.name: {FLAT: runs.strategy_results(setup, move, FLAT, move == MOVES[-1], "velocity")}
-        for move in (*MOVES, SWINGING)
-    }
+    results = runs.strategy_results(setup, (*MOVES, SWINGING), FLAT, "velocity")
+    return {move: {FLAT: cases} for move, cases in results.items()}
 
 
 def test_a_planned_path_leaves_no_swing_on_converters_whatever_is_not_as_planned(
