@@ -210,7 +210,7 @@ class Engine:
         else:
             assert self._external is not None
             self._external.force, flat_force = force, force.ravel()
-        needed, effort = drives.take_command(command, state)
+        needed, effort = drives.take_command(np.ascontiguousarray(command), state)
         self._actuation = Actuation(
             needed, effort, effort_before, flat_force, outside, _FLAGS[drives.saturated]
         )
