@@ -382,14 +382,14 @@ class Loop:
         """Return functions of one group that run the control of the first instant, and what follows
         it, which with one piece has the least overhead.
         """
-        piece, *more = islice(self._pieces(_PIECE), 2)
+        piece, *later = islice(self._pieces(_PIECE), 2)
         calls = np.repeat(self._call[None], 2, axis=0)
         self._point_to(calls, 0)
         calls[:, _PIECE_SLOTS] = piece
         calls[0, [SLOTS["resumed"], SLOTS["end"]]] = 0, self._first
         control, following = (partial(self._run, call.ctypes.data) for call in calls)
         control.kept = following.kept = self, calls  # type: ignore[attr-defined]  # by no address
-        return control, partial(self.run_groups, [0]) if more else following
+        return control, partial(self.run_groups, [0]) if later else following
 
     def step_function(self) -> Callable[[int, int], None]:
         """Return a function that advances a range of groups by one control period under the

@@ -463,10 +463,10 @@ class _Loop:
 
     def _log(self, instant: ir.Value, row: Sequence[Any]) -> None:
         code, build, interval = self.code, self.code.builder, self.call_values["log_interval"]
-        every = self.recipe.ledger  # has a row at each instant
+        whole_log = self.recipe.ledger  # has a row at each instant
         due = build.icmp_signed("==", build.srem(instant, interval), code.integer(0))
-        with nullcontext() if every else code.when(due):
-            index = instant if every else build.sdiv(instant, interval)
+        with nullcontext() if whole_log else code.when(due):
+            index = instant if whole_log else build.sdiv(instant, interval)
             first = code.product(index, len(row) * code.stride)
             begin = code.address(self.call_values["log"], first)
             for i, value in enumerate(row):
