@@ -68,7 +68,7 @@ class Case:
 
     def swing(self, rows: np.ndarray) -> np.ndarray:
         """Return √(φ² + θ²) of rows that begin with coordinates [rad]."""
-        return np.linalg.norm(rows[..., self.crane.swings], axis=-1)
+        return np.sqrt(sum(rows[..., i] ** 2 for i in self.crane.swings))
 
     def logged(self, log: np.ndarray) -> Result:
         """Return the result of a single crane from its log, shape (rows, 2 n + 3)."""
@@ -129,7 +129,7 @@ def plain(
     run = simulate(
         case.crane,
         case.controller if controller is None else controller,
-        start=State(*np.split(start, 2)),
+        start=State(start[: case.n], start[case.n :]),
         duration=duration,
         dt=case.dt,
         control_period=case.period,

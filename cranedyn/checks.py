@@ -111,15 +111,15 @@ def as_array(name: str, value: Any, *shapes: Shape, meaning: str = "") -> np.nda
         array = np.asarray(value)
     except ValueError:  # rows of different lengths
         array = np.asarray(None)
-    allowed = f"shape {' or '.join(_format_shape(shape) for shape in shapes)}"
-    masked = "numpy.ma" in sys.modules and np.ma.is_masked(value)  # its import takes long
+    masked = array is not value and "numpy.ma" in sys.modules and np.ma.is_masked(value)
     if array.dtype.kind not in "iuf" or masked:
         kind = f"one of {array.dtype}" if array.shape else type(value).__name__
         kind = "one with masked numbers" if masked else kind
         given = f"no array of numbers but {kind}"
-        raise Misshapen(name, given, meaning or f"an array of {allowed}")
+        raise Misshapen(name, given, meaning or f"an array of {_format_shapes(shapes)}")
     if not any(_matches(array.shape, shape) for shape in shapes):
-        raise Misshapen(name, f"an array of shape {array.shape}", meaning or f"one of {allowed}")
+        allowed = meaning or f"one of {_format_shapes(shapes)}"
+        raise Misshapen(name, f"an array of shape {array.shape}", allowed)
     return array.astype(float, copy=False)
 
 
@@ -155,8 +155,9 @@ def _matches(lengths: tuple[int, ...], shape: Shape) -> bool:
     )
 
 
-def _format_shape(shape: Shape) -> str:
-    return f"({', '.join(map(str, shape))}{',' * (len(shape) == 1)})"
+def _format_shapes(shapes: tuple[Shape, ...]) -> str:
+    texts = (f"({', '.join(map(str, shape))}{',' * (len(shape) == 1)})" for shape in shapes)
+    return f"shape {' or '.join(texts)}"
 
 
 class ShortRepr:

@@ -535,6 +535,10 @@ cranedyn/compiled/binding.py
 ? compiled_binding::only_counts_within_the_arrays_are_bound
 - final + length > total
 + final > total
+* a log with a ledger has room for some of its rows
+? compiled_binding::a_log_with_a_ledger_has_room_for_a_row_at_each_instant
+- 1 if recipe.ledger else log_interval
++ log_interval
 cranedyn/compiled/fleet.py
 * cranes of a fleet have the effort limits of the first
 ? compiled_fleet::efforts_are_cut_to_the_limits_of_each_crane_as_in_simulate

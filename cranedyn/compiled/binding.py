@@ -37,6 +37,8 @@ _WRITTEN = frozenset(("state", "readings", "summary", "log", "horizon"))
 
 _PIECE_SLOTS = [SLOTS[name] for name in ("first", "last", "steps", "resumed")]
 
+_TIME_SLOTS = [SLOTS[name] for name in ("dt", "period")]
+
 _STAGE = 4
 """Largest cost of a stage of an optimisation of one crane, in steps: some microseconds."""
 
@@ -64,7 +66,7 @@ def _address(
         ending = "" if flags.c_contiguous else ", not contiguous"
         description = f"an array of {array.dtype.name} of shape {array.shape}{ending}"
         raise Misshapen(name, description, allowed)
-    return array.ctypes.data
+    return array.__array_interface__["data"][0]  # quicker than `array.ctypes`
 
 
 def _check_finite(name: str, array: np.ndarray, *, infinite: bool = False) -> None:
@@ -73,11 +75,9 @@ def _check_finite(name: str, array: np.ndarray, *, infinite: bool = False) -> No
     Raises:
         OutOfRange: If not.
     """
-    if np.isfinite(array).all():  # quick
-        return
-    wrong = array[np.isnan(array) if infinite else ~np.isfinite(array)]
-    if len(wrong):
-        raise OutOfRange(name, float(wrong[0]), "a number" if infinite else "finite")
+    wrong = np.isnan(array) if infinite else ~np.isfinite(array)
+    if wrong.any():
+        raise OutOfRange(name, float(array[wrong][0]), "a number" if infinite else "finite")
 
 
 def aligned_copy(numbers: np.ndarray) -> np.ndarray:
@@ -227,7 +227,7 @@ class Loop:
         Raises:
             OutOfRange: If an array has another type or shape, or a number is not finite.
         """
-        recipe, lanes, sizes = code.source.recipe, code.source.recipe.lanes, code.source.sizes
+        recipe, lanes, sizes = code.source.recipe, code.source.recipe.lanes, code.sizes
         self._instant = _INSTANT
         if (programme := recipe.programme) is not None:
             self._instant += -(-_STAGE * programme.stages * lanes // programme.ratio)
@@ -248,10 +248,9 @@ class Loop:
             "residual_from": whole("residual_from", residual_from, 0),
             "reading_count": whole("reading_count", reading_count, int(recipe.delayed)),
         }
-        for name, count in counts.items():
-            self._call[SLOTS[name]] = count
-        for name, time in (("dt", clock.dt), ("period", clock.period)):
-            self._call.view(np.float64)[SLOTS[name]] = number(name, time, "s", "> 0")
+        self._call[[SLOTS[name] for name in counts]] = [*counts.values()]
+        times = number("dt", clock.dt, "s", "> 0"), number("period", clock.period, "s", "> 0")
+        self._call.view(np.float64)[_TIME_SLOTS] = times
         horizon, self._workspace = 0, workspace
         if programme is not None:
             offsets = programme.offsets(lanes)
@@ -259,7 +258,8 @@ class Loop:
         if horizon and lanes > 1:
             address = _address("workspace", workspace, (offsets.size - horizon,), written=True)
             self._call[SLOTS["workspace"]] = address
-        row_width = ((self._last - 1) // log_interval + 1) * size(sizes.row)
+        row_interval = 1 if recipe.ledger else log_interval
+        row_width = ((self._last - 1) // row_interval + 1) * size(sizes.row)
         shapes: dict[str, tuple[int, ...]] = {
             "state": (size(sizes.state), lanes),
             "numbers": (code.source.varied, lanes),
@@ -378,18 +378,18 @@ class Loop:
             call[_PIECE_SLOTS] = piece
             yield call
 
-    def bind_call(self) -> Callable[[], None]:
-        """Return a function that runs all groups; for one group and one piece it has the least
-        overhead.
+    def bind_calls(self) -> tuple[Callable[[], None], Callable[[], None]]:
+        """Return functions of one group that run the control of the first instant, and what follows
+        it, which with one piece has the least overhead.
         """
-        pieces = list(islice(self._pieces(_PIECE), 2))
-        if len(pieces) > 1 or self._groups > 1:
-            return partial(self.run_groups, range(self._groups))
-        self._point_to(self._call, 0)
-        self._call[_PIECE_SLOTS] = pieces[0]
-        run = partial(self._run, self._call.ctypes.data)
-        run.kept = self  # type: ignore[attr-defined]  # an address keeps nothing
-        return run
+        piece, *later = islice(self._pieces(_PIECE), 2)
+        calls = np.repeat(self._call[None], 2, axis=0)
+        self._point_to(calls, 0)
+        calls[:, _PIECE_SLOTS] = piece
+        calls[0, [SLOTS["resumed"], SLOTS["end"]]] = 0, self._first
+        control, following = (partial(self._run, call.ctypes.data) for call in calls)
+        control.kept = following.kept = self, calls  # type: ignore[attr-defined]  # by no address
+        return control, partial(self.run_groups, [0]) if later else following
 
     def step_function(self) -> Callable[[int, int], None]:
         """Return a function that advances a range of groups by one control period under the

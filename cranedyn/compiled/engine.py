@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
+from weakref import ref
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from cranedyn.compiled.tables import (
     single_table,
     without_gains,
 )
-from cranedyn.compiled.verify import compile_kernel
+from cranedyn.compiled.verify import crane_kernel
 from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.disturbances.wind import Wind
 from cranedyn.dynamics.drives import GroundForces
@@ -61,39 +62,41 @@ class CompiledEngine(Engine):
         self._sizes = sizes = replace(sizes, ledger=True)
         self._at, self._memory = slices(sizes.state), np.zeros(size(sizes.state))
         # before and from a control instant, of which there is a row in the same place
-        self._force, self._rows = np.zeros((2, size(sizes.force))), np.zeros((2, size(sizes.row)))
-        self._gain_table, self._setpoint_table = command_tables(sizes)
-        self._create_views()
-        self._codes: dict[tuple[Any, ...], Kernel] = {}
+        self._force = np.zeros((2, size(sizes.force)))
         self._predictive: Receding | None = None
         self._wind: tuple[tuple, np.ndarray] = (), self._force  # drag areas, and forces or air
         self._calls: tuple[Callable[[], None], Callable[[], None]] | None = None
         self._horizon: np.ndarray | None = None
+        self._create_views()
         self.reset(start)
 
-    def _create_views(self) -> None:
-        """Create the views of the memory."""
-        self._here = self._memory[: self._sizes.z]
-        self._position, self._rate = np.split(self._here, 2)
-        self._command = self._gain_table[0, slices(self._sizes.gain_table)["feed_forward"]]
-        row = slices(self._sizes.row)
-        self._acting: Any = self._rows[1, self._sizes.m :]
-        self._actuation = Actuation(*(self._rows[1, row[name]] for name in Actuation._fields))
+    def _bind_calls(self) -> tuple[Callable[[], None], Callable[[], None]]:
+        """Return the calls at a control instant and from it to the next, bound to a command."""
+        rows = np.zeros((2, size(self._sizes.row)))
+        tables = *command_tables(self._sizes), self._force
+        self._command = tables[0][0, slices(self._sizes.gain_table)["feed_forward"]]
+        row, self._acting = slices(self._sizes.row), rows[1, self._sizes.m :]
+        self._actuation = Actuation(*(rows[1, row[name]] for name in Actuation._fields))
+        return self._loop(self._code(), tables, rows, first=1, end=2, resumed=True).bind_calls()
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but what is bound to the memory, for a copy with its own memory."""
-        return vars(self) | {"_codes": {}, "_calls": None, "_horizon": None}
+        return vars(self) | {"_calls": None, "_horizon": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore a copy and its views of the memory."""
         vars(self).update(state)
         self._create_views()
 
+    def _create_views(self) -> None:
+        """Create the views of the memory."""
+        self._position, self._rate = self._memory[self._at["q"]], self._memory[self._at["v"]]
+
     def reset(self, start: State) -> None:
         """Reset as `Engine.reset`; compiled code is kept."""
         self.state = start
         self._memory[:] = self._force[:] = 0.0
-        self._here[:] = np.concatenate(start)
+        self._memory[: self._sizes.z] = np.concatenate(start)
         if (contacts := self._setting.contacts) is not None:
             anchors = GroundForces(self._setting.crane, contacts).anchors_at(start)
             self._memory[self._at["anchors"]] = anchors.T.ravel()
@@ -105,14 +108,8 @@ class CompiledEngine(Engine):
     def _code(
         self, programme: Programme | None = None, areas: tuple = (), *, integral: bool = False
     ) -> Kernel:
-        """Return the code, compiled and verified at the first use.
-
-        To find it again by the numbers of the crane would take half a millisecond.
-        """
+        """Return the code, compiled and verified at the first use."""
         setting = self._setting
-        key = programme, areas, integral
-        if code := self._codes.get(key):
-            return code
         recipe = Recipe(
             1,
             setting.drive,
@@ -128,10 +125,8 @@ class CompiledEngine(Engine):
             areas=areas,
         )
         converters = setting.converters
-        numbers = None if converters is None else np.concatenate(converters.response)
-        code = compile_kernel([setting.crane], recipe, numbers)[0]
-        self._codes[key] = code
-        return code
+        response = None if converters is None else np.concatenate(converters.response).tobytes()
+        return crane_kernel(ref(setting.crane), recipe, response)
 
     def _loop(
         self, code: Kernel, tables: tuple[np.ndarray, ...], rows: np.ndarray, **call: Any
@@ -150,16 +145,12 @@ class CompiledEngine(Engine):
 
     def apply_command(self, command: np.ndarray, force: np.ndarray | None = None) -> Actuation:
         """As `Engine.apply_command`; the arrays of the answer change at the next command."""
+        if self._calls is None:
+            self._calls = self._bind_calls()
         self._command[...] = command
         if force is not None:
             self._force[0] = self._force[1]
             self._force[1] = force.ravel()
-        if self._calls is None:
-            code, tables = self._code(), (self._gain_table, self._setpoint_table, self._force)
-            self._calls = (
-                self._loop(code, tables, self._rows, first=1, end=1).bind_call(),
-                self._loop(code, tables, self._rows, first=1, end=2, resumed=True).bind_call(),
-            )
         self._calls[0]()
         return self._actuation
 
@@ -179,7 +170,7 @@ class CompiledEngine(Engine):
         return state
 
     def run_ahead(
-        self, controller: object, reference: Reference, t_start: float, rows: np.ndarray
+        self, controller: object, reference: Reference, t: np.ndarray, rows: np.ndarray
     ) -> Iterator[tuple[int, bool]]:
         """Write rows under a controller that is affine in the state, block by block, see
         `Engine.run_ahead`.
@@ -205,7 +196,7 @@ class CompiledEngine(Engine):
         ahead = max(1, min(_BLOCK, _STEPS // clocks.steps))
         while ahead and first < len(rows):
             block = rows[first : first + ahead]
-            times = read_only(t_start + clocks.period * np.arange(first, first + len(block)))
+            times = read_only(t[first : first + ahead])
             try:
                 setpoint = equal_rows(tabulated(reference, times, self._sizes.m).position)
                 if wind is not None:

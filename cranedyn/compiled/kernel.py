@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -124,12 +125,14 @@ class Kernel(NamedTuple):
 
     Attributes:
         source: What it is made from.
+        sizes: Layout of its buffers.
         machine: Its functions: run, the loop; answer, accelerations at one state for each lane;
             and, for many lanes without a log, several, the loop for each of many groups.
         verified: Varied numbers of the cranes for which it was compared with Pinocchio.
     """
 
     source: KernelSource
+    sizes: BufferLayout
     machine: Machine
     verified: set[bytes]
 
@@ -139,7 +142,8 @@ def kernel(source: KernelSource) -> Kernel:
     module = build_module(source)
     if source.recipe.threads:
         emit_lane_loop(module)
-    return Kernel(source, translate(module, inlining=source.recipe.lanes > 1), set())
+    machine = translate(module, inlining=source.recipe.lanes > 1)
+    return Kernel(source, source.sizes, machine, set())
 
 
 def build_module(source: KernelSource) -> ir.Module:
@@ -471,8 +475,11 @@ class _Loop:
 
     def _log(self, instant: ir.Value, row: Sequence[Any]) -> None:
         code, build, interval = self.code, self.code.builder, self.call_values["log_interval"]
-        with code.when(build.icmp_signed("==", build.srem(instant, interval), code.integer(0))):
-            first = code.product(build.sdiv(instant, interval), len(row) * code.stride)
+        whole_log = self.recipe.ledger  # has a row at each instant
+        due = build.icmp_signed("==", build.srem(instant, interval), code.integer(0))
+        with nullcontext() if whole_log else code.when(due):
+            index = instant if whole_log else build.sdiv(instant, interval)
+            first = code.product(index, len(row) * code.stride)
             begin = code.address(self.call_values["log"], first)
             for i, value in enumerate(row):
                 code.store(value, begin, i * code.stride)
@@ -494,7 +501,8 @@ class _Loop:
             self._set(name, values)
         self._set("again", [1.0])
         row = [*row, *self._get("work"), *self._get("dissipated")]
-        fine = code.both(abs(_pairwise_sum(row)) < np.inf, v @ v < DIVERGED**2)
+        checked = [*q, *row[self.sizes.m + self.sizes.z :]]  # setpoints are from a checked table
+        fine = code.both(abs(_pairwise_sum(checked)) < np.inf, v @ v < DIVERGED**2)
         worst = code.chosen(fine, code.chosen(holds, 0.0, 1.0), 2.0)
         _largest(code, self.state["worst"][0], worst)
         return [*row, code.chosen(holds, 1.0, np.nan)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import accumulate
 
 from cranedyn.compiled.code import DOUBLE, INTEGER, POINTER
@@ -43,7 +44,7 @@ class BufferLayout:
         touching = 0 if contacts is None else len(contacts.points)
         return cls(layout.n, layout.m, len(layout.points), delay_steps, touching)
 
-    @property
+    @cached_property
     def converters(self) -> Sections:
         """Memory of the frequency converters: reference rates, their rates of change, and delayed
         commands.
@@ -57,7 +58,7 @@ class BufferLayout:
         """Number of coordinates and rates together."""
         return 2 * self.n
 
-    @property
+    @cached_property
     def state(self) -> Sections:
         """State of a crane at a control instant: coordinates, rates, integrals of the controller,
         the last command, work of buffers and ground and of impacts of the rope, anchors of the
@@ -75,30 +76,30 @@ class BufferLayout:
             sections |= {"again": 1, "worst": 1} | {"pushed": 3 * self.points}
         return sections
 
-    @property
+    @cached_property
     def gain_table(self) -> Sections:
         """Row of the gain table of a controller that is affine in the state."""
         m = self.m
         return {"feed_forward": m, "gain": m * self.z, "integral_gain": m, "limit": m}
 
-    @property
+    @cached_property
     def setpoint_table(self) -> Sections:
         """Row of the setpoint table: the state about which the controller acts, and the setpoint of
         the drives.
         """
         return {"setpoint": self.z, "position": self.m}
 
-    @property
+    @cached_property
     def force(self) -> Sections:
         """Row of external forces on the points of the crane."""
         return {"force": 3 * self.points}
 
-    @property
+    @cached_property
     def offset(self) -> Sections:
         """Row of offsets that sensors add to coordinates and rates."""
         return {"reading": self.z}
 
-    @property
+    @cached_property
     def row(self) -> Sections:
         """Row of the log; cut is 1 where the command exceeds the largest rate of a converter."""
         n, m = self.n, self.m
@@ -108,7 +109,7 @@ class BufferLayout:
         sections |= {"energy": 1, "contacts": 2, "stop_force": 1}
         return sections if self.delay_steps is None else sections | {"cut": 1}
 
-    @property
+    @cached_property
     def summary(self) -> Sections:
         """Summary of a run.
 
@@ -117,7 +118,7 @@ class BufferLayout:
         """
         return {"peak": 1, "residual": 1, "invalid": 1, "effort": self.m}
 
-    @property
+    @cached_property
     def query(self) -> Sections:
         """Arguments of the function for accelerations: coordinates, rates, a command, external
         forces.

@@ -46,11 +46,11 @@ class Machine:
 
 def translate(module: ir.Module, *, inlining: bool = False) -> Machine:
     """Optimise a module for this processor and translate it; its memory is freed with the
-    functions. Higher levels take a third longer and make straight-line code no faster; inlining
-    and a better schedule take longer, too, and pay for code of many lanes only.
+    functions. Higher levels of optimisation take a third longer and make straight-line code no
+    faster; inlining and the best schedule take longer, too, and pay for code of many lanes only.
     """
     # The global context would keep every constant for ever.
-    context, target = binding.create_context(), _target(3 if inlining else 1)
+    context, target = binding.create_context(), _target(3 if inlining else 2)
     context._owned = True
     code = binding.parse_assembly(str(module), context)
     _optimise(code, target, speed_level=1, inlining=inlining)

@@ -7,7 +7,8 @@ import threading
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from itertools import repeat
-from typing import Any
+from typing import Any, cast
+from weakref import ref
 
 import numpy as np
 import pinocchio as pin
@@ -65,6 +66,13 @@ def compile_kernel(
             code.verified.clear()
         verify_cranes(cranes, code, varied_numbers, code.verified, converters)
     return code, varied_numbers
+
+
+@lru_cache(maxsize=256)
+def crane_kernel(crane: ref[Crane], recipe: Recipe, response: bytes | None) -> Kernel:
+    """Return code for one crane; response is that of its converters, see `compile_kernel`."""
+    converters = None if response is None else np.frombuffer(response)
+    return compile_kernel([cast(Crane, crane())], recipe, converters)[0]
 
 
 def verify_cranes(

@@ -239,7 +239,7 @@ class Layout:
             sizes = f"a state of {q.size} coordinates and {v.size} rates"
             raise OutOfRange(name, sizes, f"{self.n} of each: {', '.join(self.symbols)}")
         named = zip(self.joints, q.tolist(), v.tolist(), strict=True)
-        for joint, position, rate in () if np.isfinite([q, v]).all() else named:
+        for joint, position, rate in () if math.isfinite(q.sum() + v.sum()) else named:
             number(f"{joint.symbol} at the {name}", position, joint.unit)
             number(f"{joint.symbol}_dot at the {name}", rate, f"{joint.unit}/s")
         return State(read_only(q.copy()), read_only(v.copy()))

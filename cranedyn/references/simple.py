@@ -43,9 +43,9 @@ class Still:
         return self.setpoint
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Return setpoints at many times [s], shape (n, m) each."""
-        shape = len(times), len(self.setpoint.position)
-        return Setpoint(*(np.broadcast_to(component, shape) for component in self.setpoint))
+        """Return setpoints at many times [s], shape (n, m) each: views of one row."""
+        n, rows = len(times), ((row, (0, row.itemsize)) for row in self.setpoint)
+        return Setpoint(*(np.ndarray((n, len(x)), x.dtype, x, 0, step) for x, step in rows))
 
 
 def hold(crane: Crane, state: State | None = None) -> Reference:

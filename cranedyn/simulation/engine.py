@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,7 +32,7 @@ from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Disturbance, Drive, EngineName, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 
-_FLAGS = np.zeros(1), np.ones(1)
+_FLAGS, _NOTHING_OUTSIDE = (np.zeros(1), np.ones(1)), np.zeros(4)
 
 PHASE_CHANGES = 2
 """Changes between a taut and a slack rope that are looked for within a step."""
@@ -147,6 +148,7 @@ class Actuation(NamedTuple):
     saturated: np.ndarray
 
 
+@cache
 def load_engine(name: EngineName | str) -> type[Engine]:
     """Return the engine of a name, "pinocchio" or that of a plugin.
 
@@ -181,11 +183,11 @@ class Engine:
             self._drives.reset(start)
 
     def run_ahead(
-        self, controller: object, reference: Reference, t_start: float, rows: np.ndarray
+        self, controller: object, reference: Reference, t: np.ndarray, rows: np.ndarray
     ) -> Iterator[tuple[int, bool]]:
-        """Write rows of the log, see `cranedyn.simulation.log.row_sections`, without the loop where
-        an engine can; this one cannot. Yield how many there are so far, and whether the model is
-        known to hold at all of them; where not, the log judges rows whose validity is NaN.
+        """Write rows of the log at times [s], see `cranedyn.simulation.log.row_sections`, without
+        the loop where an engine can; this one cannot. Yield how many there are so far, and whether
+        the model is known to hold at all of them; else the log judges rows whose validity is NaN.
         """
         return iter(())
 
@@ -212,7 +214,7 @@ class Engine:
         else:
             assert self._external is not None
             self._external.force, flat_force = force, force.ravel()
-        needed, effort = drives.take_command(command, state)
+        needed, effort = drives.take_command(np.ascontiguousarray(command), state)
         self._actuation = Actuation(
             needed, effort, effort_before, flat_force, outside, _FLAGS[drives.saturated]
         )
@@ -365,6 +367,3 @@ class Engine:
         rigid = (pin.computeMechanicalEnergy(crane.model, crane.data, *row) for row in rows)
         energies = np.fromiter(rigid, float, len(q))
         return energies + crane.springs.energy(q.T) if crane.springs.any else energies
-
-
-_NOTHING_OUTSIDE = np.zeros(4)

@@ -5,6 +5,7 @@ ledger.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import cache
 from itertools import accumulate
 from typing import Any
 
@@ -34,6 +35,7 @@ class Log:
     """Rows at the control instants, checked for the validity of the model as they are written.
 
     Attributes:
+        t: Times of the rows [s].
         rows: The rows, see `row_sections`.
     """
 
@@ -57,11 +59,10 @@ class Log:
             size = f"{rows * row_size / 1e9:.3g} GB of {_MEMORY / 1e9:g} GB"
             allowed = f"{most}: its {rows} rows would take {size}"
             raise OutOfRange("duration", f"{(rows - 1) * period:g}", allowed, "s")
-        self._setting, self._crane, self._t_start = setting, crane, t_start
-        self._validity = validity
+        self._setting, self._crane, self._validity = setting, crane, validity
         sections = row_sections(crane.layout.n, crane.layout.m, len(crane.points))
         ends = dict(zip(sections, accumulate(sections.values()), strict=True))
-        self.rows = np.empty((rows, ends["valid"]))
+        self.t, self.rows = t_start + period * np.arange(rows), np.empty((rows, ends["valid"]))
         self._columns = {
             name: self.rows[:, ends[name] - width : ends[name]] for name, width in sections.items()
         }
@@ -95,7 +96,7 @@ class Log:
         if holds:
             self._checked = rows
         self.check()
-        return self._t_start + (rows - 1) * self._setting.clocks.period
+        return float(self.t[rows - 1])
 
     def check(self) -> None:
         """Judge the rows that are not judged yet, and check that the model holds unless rows are
@@ -113,7 +114,7 @@ class Log:
             state_bounds = self._conditions(rows, needed=motion, rates=motion)
             if event := first_event(self._crane, state_bounds):
                 last = rows.start + event.row
-                self._written, t = last + 1, self._t_start + self._setting.clocks.period * last
+                self._written, t = last + 1, float(self.t[last])
                 hint = "; validity = mark goes on all the same" * (self._validity == "stop")
                 message = f"At t = {t:.4g} s {event.words}{hint}."
                 raise RunError(message, t=t, joint=event.joint, value=event.value)
@@ -187,7 +188,7 @@ class Log:
         if not holds:
             record = {**record, "not_valid": self._reason()}
         return Trajectory(
-            t=self._t_start + self._setting.clocks.period * np.arange(rows),
+            t=self.t[:rows],
             q=q,
             v=v,
             setpoint=column["setpoint"],
@@ -244,6 +245,7 @@ class Log:
         return np.concatenate([[0.0], np.cumsum(work)])
 
 
+@cache
 def row_sections(n: int, m: int, points: int) -> dict[str, int]:
     """Return the width of each part of a row, in the order of memory, for numbers of joints, drives
     and points of a crane: those of `Engine.row`, then the energy ledger and validity.

@@ -98,11 +98,11 @@ def json_value(value: object, depth: int = 0) -> Any:
     """
     if value is None or isinstance(value, bool | str):
         return value
+    if isinstance(value, np.ndarray):
+        return _array(value)
     if isinstance(value, int | float | np.number):
         exact = isinstance(value, int)
         return value if exact else float(value) if math.isfinite(value) else str(value)
-    if isinstance(value, np.ndarray):
-        return _array(value)
     if isinstance(value, Crane):
         return "the crane"
     if depth >= _DEEPEST:

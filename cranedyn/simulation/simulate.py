@@ -135,7 +135,7 @@ def simulate(
         controller.begin_run(t_start, control_period)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            for rows, holds in moving.run_ahead(controller, reference, t_start, log.rows):
+            for rows, holds in moving.run_ahead(controller, reference, log.t, log.rows):
                 t = log.extend_to(rows, holds=holds)
                 for monitor in monitors:
                     monitor(rows - 1, t, moving.state)

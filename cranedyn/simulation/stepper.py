@@ -142,8 +142,8 @@ def as_command(answer: object, t: float, layout: Layout) -> np.ndarray:
         RunError: If a number is not finite.
     """
     name, meaning = "command of the controller", layout.drives_in_words
-    command = np.ascontiguousarray(as_array(name, answer, (layout.m,), meaning=meaning))
-    if not math.isfinite(math.hypot(*command.tolist())) and not np.isfinite(command).all():
+    command = as_array(name, answer, (layout.m,), meaning=meaning)
+    if not math.isfinite(sum(command.tolist())) and not np.isfinite(command).all():
         joint = layout.driven[int(np.argmin(np.isfinite(command)))].name
         raise RunError(
             f"The controller commanded {command.tolist()} at t = {t:.4f} s; {joint} needs a finite "

@@ -30,7 +30,7 @@ from cranedyn.compiled.horizon.receding import receding
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.layout import BufferLayout, size
 from cranedyn.compiled.model import compile_forward_dynamics
-from cranedyn.compiled.tables import RowTable
+from cranedyn.compiled.tables import RowTable, single_table
 from cranedyn.compiled.verify import compile_kernel
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.affine import Affine
@@ -333,6 +333,17 @@ def test_arrays_to_which_code_writes_are_bound_only_if_writeable(name: str) -> N
 def test_only_counts_within_the_arrays_are_bound(changed: dict[str, Any]) -> None:
     with pytest.raises(OutOfRange, match="allowed is"):
         _loop(**changed)
+
+
+def test_a_log_with_a_ledger_has_room_for_a_row_at_each_instant() -> None:
+    recipe = Recipe(1, "effort", semi_implicit_euler, log=True, ledger=True)
+    code, _ = compile_kernel([crane()], recipe)
+    widths = map(size, (code.sizes.gain_table, code.sizes.setpoint_table, code.sizes.force))
+    tables = [single_table(np.zeros((1, width))) for width in widths]
+    counts = size(code.sizes.state), 11 * size(code.sizes.row)
+    memory = {name: np.zeros((1, n, 1)) for name, n in zip(("state", "log"), counts, strict=True)}
+    with pytest.raises(Misshapen, match="log is an array"):
+        Loop(code, clocks(0.2, 1e-3, 1e-2), tables, last=21, end=20, log_interval=2, **memory)
 
 
 def test_a_group_out_of_range_is_refused() -> None:
