@@ -181,7 +181,7 @@ def _result(
     times.append(time.monotonic())
     perturbed, least = None, None
     if count and certificate.holds:
-        perturbed = perturb(certificate, count, dt=max(setup.dt, setup.control_period / 2.0))
+        perturbed = perturb(certificate, count, dt=setup.control_period)
     times.append(time.monotonic())
     if options.least_time and certificate.holds:
         least = certify_in_least_time(lift, setup.dt, setup.engine)

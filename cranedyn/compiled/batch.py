@@ -269,7 +269,9 @@ def simulate_batch(
     state_at, row_at, kept_at = slices(sizes.state), slices(sizes.row), slices(sizes.summary)
     end = ungroup_lanes(memory["state"][:, : sizes.z], cranes)
     summary = ungroup_lanes(memory["summary"], cranes)
-    log = ungroup_lanes(memory["log"], cranes).reshape(cranes, rows, size(sizes.row))
+    groups, width = len(memory["log"]), size(sizes.row)
+    columns = memory["log"].reshape(groups, rows, width, lanes).transpose(0, 3, 2, 1)
+    log = columns.reshape(groups * lanes, width, rows)[:cranes].swapaxes(1, 2)
     first_invalid = summary[:, kept_at["invalid"]][:, 0]
     return Batch(
         end=State(end[:, state_at["q"]], end[:, state_at["v"]]),

@@ -263,16 +263,17 @@ class Clearance:
         Drives move it one after the other: slew and trolley across, the hoist along a rope that
         leans and so takes it across, too.
         """
-        swing = np.maximum(self.tilt(q), self.tilt(q_end))
-        (slew, x, length), ends = (
-            [rows[..., joint] for joint in self.drive_joints] for rows in (q, q_end)
+        aside = np.minimum(np.maximum(self.tilt(q), self.tilt(q_end)), 1.0)  # sin(x) is less
+        change = np.abs(q_end - q)
+        slewed, outward, hoisted = (change[..., joint] for joint in self.drive_joints)
+        x, length = (
+            np.maximum(q[..., joint], q_end[..., joint])
+            for joint in (self.joints.trolley, self.joints.hoist)
         )
-        slewed, outward, hoisted = map(np.abs, map(np.subtract, ends, (slew, x, length)))
-        x, length = np.maximum(x, ends[1]), np.maximum(length, ends[2]) + self.bodies.below
-        aside = np.sin(np.minimum(swing, math.pi / 2.0))
+        length = length + self.bodies.below
         across = (x + self.bodies.spread + length * aside) * slewed + outward
         driven = np.sqrt(across**2 + hoisted**2 + 2.0 * aside * across * hoisted)
-        return driven + length * self.tilt(q_end - q)
+        return driven + length * self.tilt(change)
 
     # --- what slews with the jib ------------------------------------------------------------------
 
@@ -419,5 +420,5 @@ class Clearance:
         """Return the frames of joints, by their indices among the coordinates."""
         with _KINEMATICS:
             pin.forwardKinematics(self.crane.model, self._data, q)
-            placements = [self._data.oMi[joint + 1] for joint in joints]
-            return [coal.Transform3s(frame.rotation, frame.translation) for frame in placements]
+            placements = self._data.oMi
+            return [coal.Transform3s(placements[joint + 1]) for joint in joints]

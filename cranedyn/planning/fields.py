@@ -19,10 +19,12 @@ class Placed(NamedTuple):
     Attributes:
         moving: The inflated shape at its place.
         inflated: Distance by which it is inflated [m].
+        query: Memory of a query of its distance.
     """
 
     moving: coal.CollisionObject
     inflated: float
+    query: coal.DistanceCallBackDefault
 
     @property
     def bare(self) -> coal.CollisionObject:
@@ -53,7 +55,8 @@ class Body(threading.local):
         self.inflated, self.shape = inflated, shape.clone()
         self.shape.setSweptSphereRadius(inflated)
         self._within = within or coal.Transform3s()
-        self._placed = Placed(coal.CollisionObject(self.shape), inflated)
+        moving, query = coal.CollisionObject(self.shape), coal.DistanceCallBackDefault()
+        self._placed = Placed(moving, inflated, query)
 
     @property
     def radius(self) -> float:
@@ -102,9 +105,9 @@ class Field:
         """
         nearest = math.inf
         for surfaces, manager in self._managers.items():
-            callback = coal.DistanceCallBackDefault()
-            manager.distance(body.bare if surfaces else body.moving, callback)
-            distance = float(callback.data.result.min_distance)
+            body.query.init()
+            manager.distance(body.bare if surfaces else body.moving, body.query)
+            distance = float(body.query.data.result.min_distance)
             nearest = min(nearest, distance - body.inflated if surfaces else distance)
         return nearest
 
