@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.stats import binomtest
 
+from cranedyn.checks import number
 from cranedyn.interfaces import State
 from cranedyn.sites.bodies import place_capsules
 from cranedyn.sites.brakes import CYCLE
@@ -293,6 +294,7 @@ class Attack(NamedTuple):
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Work and attack on each site."""
+    number("minutes", options.minutes, "min", "> 0")
     shifts, attacks = [], []
     update = setup.reporter.count("shifts and adversaries", 2 * len(options.site))
     for i, site in enumerate(map(read_crane_site, options.site)):

@@ -92,6 +92,7 @@ def test_run_hands_all_arguments_to_the_experiment_and_its_code_back(
     ("words", "sentence"),
     [
         ("run a9", "There is no experiment 'a9'"),
+        ("run site --minutes nan", "minutes is nan min; allowed is > 0"),
         ("view nothing.rrd --serve", "Cannot read nothing.rrd"),
         ("view nothing.rrd --port 9999", "--port has no effect without --serve"),
         ("fly", "There is no command 'fly'"),

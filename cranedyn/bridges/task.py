@@ -15,7 +15,6 @@ import numpy as np
 
 from cranedyn.checks import finite, number, short_repr, whole, within
 from cranedyn.compiled.fleet import Fleet
-from cranedyn.controllers.tracking import Tracking
 from cranedyn.disturbances.wind import drag_force
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import OutOfRange
@@ -117,39 +116,6 @@ def cranes_between(count: int, seed: int = 0, **ranges: tuple[float, float]) -> 
         {name: float(rng.uniform(*pair)) for name, pair in ends.items()} for _ in indices
     ]
     return [load_crane(**values) for values in drawn]
-
-
-def affine_controller(
-    task: SwingTask, weight: np.ndarray, bias: np.ndarray, goal: Sequence[float]
-) -> Tracking:
-    """Return a policy without hidden layers, action = weight @ observation + bias, as a controller
-    of accelerations that compiled loops run.
-
-    The cuts of the task are not in it: actions beyond 1, rate limits, braking before the ends.
-
-    Args:
-        task: The task, with ``action="acceleration"``.
-        weight: Shape (3, 12).
-        bias: Shape (3,).
-        goal: Goal of slew [rad], trolley [m] and hoist [m].
-
-    Raises:
-        OutOfRange: If an array has another shape or is not finite, or the actions are velocities.
-    """
-    if task.rules.action != "acceleration":
-        raise OutOfRange("action of the task", task.rules.action, "acceleration")
-    n, m, drives, passive = task.layout.n, task.layout.m, task.layout.drives, task.layout.passive
-    columns = np.concatenate([drives, n + drives, passive, n + passive, task.tower[[1, -1]]])
-    observed = np.zeros((len(OBSERVED), 2 * n))
-    observed[np.arange(len(OBSERVED)), columns] = np.repeat([-1.0, 1.0], [m, len(OBSERVED) - m])
-    most = np.array(task.rules.limits.accelerations)
-    gain = -most[:, None] * finite("weight", weight, (m, len(OBSERVED))) @ observed
-    setpoint = np.zeros(2 * n)
-    setpoint[drives] = task.check_reset(goal=goal)["goal"]
-    at_goal = observed @ setpoint
-    at_goal[:m] = 0.0
-    command = most * (weight @ at_goal + finite("bias", bias, (m,)))
-    return Tracking(1.0, command[None], gain[None], setpoint[None])
 
 
 class SwingTask:

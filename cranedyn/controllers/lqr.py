@@ -62,6 +62,9 @@ def linearised(
     Raises:
         OutOfRange: If the control period is not a multiple of `dt`, or `every` is not at least 1.
     """
+    if not isinstance(motion, Motion):
+        allowed = "a Motion, such as hanging_reference and flat return"
+        raise OutOfRange("motion", short_repr(motion), allowed)
     motion.check_fits("motion", crane.layout)
     hold_time = motion.period if control_period is None else control_period
     steps = multiple("control period", hold_time, "dt", dt)

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.checks import number
-from cranedyn.errors import ModelError, UnknownName, quoted
+from cranedyn.errors import ModelError, OutOfRange, UnknownName, quoted
 from cranedyn.model.crane import NO_RATE_LIMIT, Point
 from cranedyn.model.layout import ALIGNED, ROLES, Joint
 
@@ -101,6 +101,8 @@ def payload_index(model: pin.Model, name: str | None, path: Path) -> int:
     """
     names = joint_names(model)
     if name is not None:
+        if not isinstance(name, str):
+            raise OutOfRange("payload", name, "the name of a joint; its mass is payload_mass")
         if name not in names:
             raise UnknownName("moving joint", name, names)
         return names.index(name)

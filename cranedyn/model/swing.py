@@ -109,8 +109,9 @@ def turn_tower(
     """
     hoist = find_hoist(model, joints, path)
     chain = [int(i) - 1 for i in model.supports[hoist + 1]][1:-1]
-    slews = [i for i in chain if joints[i].kind == "revolute" and _is_along(joints[i].axis, 2)]
-    trolleys = [i for i in chain if joints[i].kind == "prismatic" and _is_level(joints[i].axis)]
+    slews = [i for i in chain if joints[i].kind == "revolute" and _upright(joints[i])]
+    prismatic = [i for i in chain if joints[i].kind == "prismatic"]
+    trolleys = [i for i in prismatic if math.hypot(*joints[i].axis[:2]) >= ALIGNED]
     if not (slews and trolleys):
         return {}, []
     slew, trolley = slews[0], trolleys[0]
@@ -152,7 +153,7 @@ def find_hoist(model: pin.Model, joints: Sequence[Joint], path: Path) -> int:
     hoists = [
         i
         for i, joint in enumerate(joints)
-        if joint.kind == "prismatic" and _is_along(joint.axis, 2) and i + 1 not in parents
+        if joint.kind == "prismatic" and _upright(joint) and i + 1 not in parents
     ]
     if len(hoists) != 1:
         found = ", ".join(quoted(joints[i].name) for i in hoists) or "none"
@@ -240,12 +241,8 @@ def _formula(role: str, name: str, sign: float, zero: float) -> str:
     return f"{ROLES[role].symbol} = {offset}{mark}{' ' if offset else ''}{name}"
 
 
-def _is_along(axis: Sequence[float], component: int) -> bool:
-    return abs(axis[component]) >= ALIGNED
-
-
-def _is_level(axis: Sequence[float]) -> bool:
-    return math.hypot(*axis[:2]) >= ALIGNED
+def _upright(joint: Joint) -> bool:
+    return abs(joint.axis[2]) >= ALIGNED
 
 
 def _limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:

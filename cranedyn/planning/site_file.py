@@ -119,8 +119,9 @@ def read_site(path: str | Path) -> Site:
         DataError: If it cannot be read, is no TOML, or a field is missing, unknown or out of its
             range, with its line. Also if a mesh or an IFC file that it names cannot be read, or two
             obstacles have one name.
+        UnknownName: If there is no file and no example of that name.
     """
-    path = SITES / f"{path}.toml" if str(path) in EXAMPLES else Path(path)
+    path = site_path(path, SITES, EXAMPLES)
     top, lines = read_fields(path, [*_FIELDS, *SOLIDS])
     content = top.values
     if not isinstance(content.get("ground"), dict):
@@ -159,6 +160,19 @@ def read_site(path: str | Path) -> Site:
         arms=_arms(tables["jib"], tables["counter_jib"]),
         rigging=masses,
     )
+
+
+def site_path(path: str | Path, folder: Path, examples: Sequence[str]) -> Path:
+    """Return the path of a file, or of the example in a folder that has this name.
+
+    Raises:
+        UnknownName: If it is a plain word, and neither.
+    """
+    if (name := str(path)) in examples:
+        return folder / f"{name}.toml"
+    if name.isidentifier() and not Path(path).exists():
+        raise UnknownName("site", name, examples)
+    return Path(path)
 
 
 def read_fields(

@@ -183,13 +183,8 @@ def _numbers(
 
 def _lagrange(nodes: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return Lagrange's polynomials of three nodes at values, shape (3, cranes)."""
-    polynomials = []
-    for k in range(3):
-        other_nodes = np.delete(nodes, k)
-        polynomials.append(
-            np.prod([(values - node) / (nodes[k] - node) for node in other_nodes], axis=0)
-        )
-    return np.array(polynomials)
+    factors = [[(values - node) / (end - node) for node in nodes if node != end] for end in nodes]
+    return np.prod(factors, axis=1)
 
 
 def _start(base: Crane, coordinates: np.ndarray, start_values: Mapping[str, Any]) -> State:

@@ -28,7 +28,7 @@ from cranedyn.dynamics.drives import (
     VelocityDrives,
 )
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.errors import OutOfRange
+from cranedyn.errors import OutOfRange, shown
 from cranedyn.interfaces import Disturbance, Drive, EngineName, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 
@@ -89,6 +89,9 @@ class Setting:
         """
         kind, converters = ("velocity", drive) if isinstance(drive, Converters) else (drive, None)
         check_choice("drive", kind, Drive)
+        if not isinstance(integrator, Integrator):
+            allowed = "an Integrator, such as rk4 of cranedyn.dynamics.integrators"
+            raise OutOfRange("integrator", shown(integrator), allowed)
         if buffers and kind != "effort":
             raise OutOfRange("buffers", "True", "False where the drives take no efforts")
         converters = fitting(crane, kind, converters)

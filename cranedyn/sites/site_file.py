@@ -16,7 +16,14 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO
 from cranedyn.model.load import load_crane
 from cranedyn.model.machines import read_machine
-from cranedyn.planning.site_file import SOLIDS, SiteTable, crane_values, read_fields, solids_of
+from cranedyn.planning.site_file import (
+    SOLIDS,
+    SiteTable,
+    crane_values,
+    read_fields,
+    site_path,
+    solids_of,
+)
 from cranedyn.sites.brakes import REACTION, Brakes, brakes
 from cranedyn.sites.site import DISTANCE, SWING, CraneSite, Station
 
@@ -36,8 +43,9 @@ def read_crane_site(path: str | Path) -> CraneSite:
     Raises:
         DataError: If it cannot be read, is no TOML, or a field is missing, unknown or out of its
             range, with its line. Also if two cranes or obstacles have one name, or towers overlap.
+        UnknownName: If there is no file and no example of that name.
     """
-    path = SITES / f"{path}.toml" if str(path) in EXAMPLES else Path(path)
+    path = site_path(path, SITES, EXAMPLES)
     top, lines = read_fields(path, ["ground", "distance", "swing", "crane", *SOLIDS])
     ground = top.number("ground", 0.0)
     solids = tuple(solids_of(top, lines, ground))

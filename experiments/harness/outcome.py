@@ -112,7 +112,8 @@ def show(outcome: Outcome, *, whole: bool = True) -> str:
             print(f"{MARKS[claim.holds]:11}{claim.sentence}")
     if outcome.claims:
         console.print(summary(outcome.claims))
-    return " and ".join(f"{n} {noun}{'s' * (n > 1)}" for noun, n in folded.items() if n)
+    counts = [f"{n} {noun}{'s' * (n > 1)}" for noun, n in folded.items() if n]
+    return " and ".join(filter(None, (", ".join(counts[:-1]), *counts[-1:])))
 
 
 def summary(claims: Sequence[Claim]) -> str:

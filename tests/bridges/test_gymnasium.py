@@ -13,12 +13,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cranedyn.controllers.affine import affine_form
 from cranedyn.disturbances.wind import AIR_DENSITY, constant_force
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, ModelError, OutOfRange, UnknownName
 from cranedyn.interfaces import State
-from cranedyn.references import hold
 from cranedyn.references.limits import Limits
 from cranedyn.simulation.simulate import simulate
 from experiments.relatives.catalogue import HOOK
@@ -36,7 +34,6 @@ from cranedyn.bridges.task import (  # noqa: E402
     PENALTY,
     Rules,
     SwingTask,
-    affine_controller,
     cranes_between,
 )
 
@@ -273,26 +270,6 @@ def test_pictures_have_one_scale_and_show_the_load_where_it_is() -> None:
     across, down = columns_rows(0, 1), columns_rows(1, 2)
     # the trolley's 10 m are wider than what the load alone takes, which sinks by 8 m
     assert across[0] > 2 * down[0] and down[1] > 8.0 / 10.0 * 0.5 * across[0]
-
-
-def test_a_policy_without_hidden_layers_is_the_same_controller() -> None:
-    task = SwingTask(crane(), 1, Rules(action="acceleration"), 0.1, 5e-4, 1)
-    rng, goal = np.random.default_rng(3), [0.2, 14.0, 12.0]
-    weight, bias = 0.01 * rng.normal(size=(3, 12)), 0.01 * rng.normal(size=3)
-    controller = affine_controller(task, weight, bias, goal)
-    for _ in range(5):
-        state = crane().state(gamma=0.3, x=12.0, l=10.0, phi=0.1, theta=float(rng.normal(0, 0.05)))
-        z = np.concatenate(state)[:, None]
-        observation = task.observation(z, np.array(goal)[:, None])[0].astype(float)
-        expected = task.accelerations((weight @ observation + bias)[:, None], z)[:, 0]
-        # observations are in single precision
-        assert_allclose(controller(0.0, state, hold(crane())(0.0)), expected, rtol=1e-5, atol=1e-8)
-    assert affine_form(controller, np.zeros(1), np.zeros((1, 3)), 10) is not None
-    velocity = SwingTask(crane(), 1, Rules(), 0.1, 5e-4, 1)
-    with pytest.raises(CraneError, match="action of the task is velocity"):
-        affine_controller(velocity, weight, bias, goal)
-    with pytest.raises(CraneError, match=r"weight is an array of shape \(3, 11\)"):
-        affine_controller(task, weight[:, 1:], bias, goal)
 
 
 def test_a_crane_for_which_the_task_is_not_made_is_refused_in_a_sentence() -> None:

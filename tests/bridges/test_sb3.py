@@ -1,6 +1,4 @@
-"""Cranes for Stable-Baselines3: the same episodes, and what is learned comes back as a
-controller.
-"""
+"""Cranes for Stable-Baselines3: the same episodes."""
 
 from __future__ import annotations
 
@@ -8,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cranedyn.references import hold
 from tests.helpers import crane
 
 sb3 = pytest.importorskip(
@@ -16,7 +13,6 @@ sb3 = pytest.importorskip(
 )
 from cranedyn.bridges.gymnasium import TowerCraneVectorEnv  # noqa: E402
 from cranedyn.bridges.sb3 import vec_env  # noqa: E402
-from cranedyn.bridges.task import affine_controller  # noqa: E402
 
 pytestmark = pytest.mark.slow
 
@@ -45,20 +41,3 @@ def test_episodes_are_those_of_the_cranes_with_features_and_shaped_rewards() -> 
             assert infos[i]["TimeLimit.truncated"]
         if k == 4:
             assert_allclose(env.finished, returns, rtol=1e-12)
-
-
-def test_a_policy_without_hidden_layers_comes_back_as_the_controller_that_it_is() -> None:
-    env = vec_env(cranes(action="acceleration"))
-    model = sb3.PPO("MlpPolicy", env, n_steps=8, policy_kwargs={"net_arch": []}, device="cpu")
-    model.learn(32)
-    layer, goal = model.policy.action_net, [0.0, 12.0, 12.0]
-    weight, bias = (part.detach().numpy() for part in (layer.weight, layer.bias))
-    controller = affine_controller(env.env.task, weight, bias, goal)
-    state = crane().state(x=12.0, l=12.0, phi=0.01)
-    z = np.concatenate(state)[:, None]
-    observation = env.env.task.observation(z, np.array(goal)[:, None])
-    action, _ = model.predict(observation, deterministic=True)
-    assert (np.abs(action) < 1.0).all()
-    most = np.array(env.env.task.rules.limits.accelerations)
-    command = controller(0.0, state, hold(crane())(0.0))
-    assert_allclose(command, most * action[0], rtol=1e-4, atol=1e-7)  # single precision
