@@ -72,16 +72,7 @@ class Judgement:
         return page.lift_html(title, self.checks, self.tables(command), figures, command)
 
     def report(self, path: str | Path, command: str = "") -> Path:
-        """Write the report as a ``.html`` file, or as a ``.pdf`` file that a browser prints.
-
-        Args:
-            path: The file.
-            command: The command that makes the numbers again.
-
-        Raises:
-            NoBrowser: If a PDF is asked for and no browser prints it.
-            DataError: If the file cannot be written.
-        """
+        """Write `html` as a ``.html`` or ``.pdf`` file, see `cranedyn.lifting.page.write_html`."""
         return page.write_html(path, self.html(command))
 
 

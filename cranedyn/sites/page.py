@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from cranedyn.data.files import with_ending
 from cranedyn.lifting.figures import LiftFigure, solid_outlines
@@ -19,11 +18,8 @@ from cranedyn.recording.shapes import CONTACT
 from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.simulate import SiteRun
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-_SCALE, _LISTED = 20.0, 100
-"""Scale of distances over time, in required ones, and rows of a list at most."""
+_SCALE = 20.0
+"""Scale of distances over time, in required ones."""
 
 
 def write_page(run: SiteRun, path: str | Path) -> Path:
@@ -65,12 +61,11 @@ def lost_time(run: SiteRun) -> list[np.ndarray]:
 def _checks(run: SiteRun) -> list[Check]:
     site, (swing, allowed) = run.site, np.degrees([run.swing.max(), run.site.swing]).tolist()
     distance = f"{max(run.least_distance, 0.0):.2f} m, required {site.distance:g} m"
-    violations = [f"{name}, from {t:.1f} s on: {message}." for t, name, message in run.violations]
     return [
         Check(f"{len(run.contacts)} contacts.", not run.contacts),
         Check(f"Least distance of two cranes {distance}.", run.least_distance >= site.distance),
         Check(f"Largest swing of a rope {swing:.1f}°, allowed {allowed:.1f}°.", swing <= allowed),
-        *(Check(sentence, False) for sentence in violations[:_LISTED]),
+        Check(f"The model {run.violation or 'holds'}.", not run.violation),
     ]
 
 
@@ -79,25 +74,19 @@ def _tables(run: SiteRun) -> list[Table]:
     drives: list[Row] = []
     columns = run.site.stations, run.commands, run.passed, lost_time(run)
     for station, *rates, lost in zip(*columns, strict=True):
-        travels = CYCLE * np.abs(np.nan_to_num(rates)).sum(axis=1)
-        for k, joint in enumerate(station.crane.layout.driven):
-            unit, scale = ("°", math.degrees(1.0)) if joint.unit == "rad" else ("m", 1.0)
-            commanded, passed = scale * travels[:, k]
-            name = joint.role or joint.name
-            drives.append([station.name, name, unit, commanded, passed, lost[-1, k]])
-    gaps: list[Row] = [
-        [pair, max(gap.min(), 0.0), run.t[gap.argmin()]] for pair, gap in run.gaps().items()
-    ]
-    contacts: list[Row] = [[t, a, body, b, second] for t, a, b, body, second in run.contacts]
-    crane, t, body = ("crane", ""), ("time [s]", ".1f"), ("body", "")
-    numbers = [(name, ".1f") for name in ("commanded", "passed on", "lost at full rate [s]")]
-    heads = [crane, body, ("crane or obstacle", ""), body]
-    waits = f"{len(run.waits)} waits in a circle"
+        seconds = CYCLE * np.abs(np.nan_to_num(rates) / station.converters.rates).sum(axis=1)
+        for joint, *row in zip(station.crane.layout.driven, *seconds, lost[-1], strict=True):
+            drives.append([station.name, joint.role or joint.name, *row])
+    gaps: list[Row] = [[k, max(x.min(), 0.0), run.t[x.argmin()]] for k, x in run.gaps().items()]
+    crane, t = ("crane", ""), ("time [s]", ".1f")
+    numbers = [(name, ".1f") for name in ("commanded [s]", "passed on [s]", "lost [s]")]
+    bodies = [(name, "") for name in ("crane or obstacle", "body", "of the second")]
+    waits, chain = f"{len(run.waits)} waits in a circle", [t, ("for [s]", ".1f"), ("cranes", "")]
     tables = [
-        Table("Drives", [crane, ("drive", ""), ("unit", ""), *numbers], drives),
+        Table("Ways of drives at full rate", [crane, ("drive", ""), *numbers], drives),
         Table("Least distances", [("pair", ""), ("distance [m]", ".2f"), t], gaps),
-        Table(f"{len(contacts)} contacts", [t, *heads], contacts[:_LISTED]),
-        Table(waits, [t, ("for [s]", ".1f"), ("who", "")], [[*w] for w in run.waits[:_LISTED]]),
+        Table(f"{len(run.contacts)} contacts", [t, crane, *bodies], [[*c] for c in run.contacts]),
+        Table(waits, chain, [[*wait] for wait in run.waits]),
     ]
     return [table for table in tables if table.rows]
 
@@ -107,7 +96,7 @@ def _plan(run: SiteRun) -> Figure:
     figure, (ax,) = panels(height=6.5)
     for solid in run.site.solids:
         ax.add_collection(solid_outlines(solid, 0, 1))
-    angle = np.linspace(0.0, 2.0 * math.pi, 181)
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
     for i, (station, path) in enumerate(zip(run.site.stations, run.trajectories, strict=True)):
         foot, drives, colour = station.foot[:2], station.crane.layout.drives, run_colour(i)
         ends = np.array([station.crane.lower, station.crane.upper])[:, drives]
@@ -118,9 +107,7 @@ def _plan(run: SiteRun) -> Figure:
         ax.plot(*circle, ":", color=colour, linewidth=1.0)
         ax.plot(*hook.T, color=colour, linewidth=1.0)
         ax.plot(*foot, "s", color=colour, markersize=9)
-        ax.annotate(
-            station.name, (foot[0], foot[1]), (7.0, -4.0), color=colour, textcoords="offset points"
-        )
+        ax.text(foot[0], foot[1], f"\u00a0\u00a0{station.name}", color=colour, va="center")
         for t, *names, first, second in run.contacts:
             if station.name in names:
                 point = hook[round(t / CYCLE)]

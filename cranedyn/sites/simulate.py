@@ -110,13 +110,11 @@ class SiteRun:
     boxes: tuple[np.ndarray, ...] = ()
 
     def __repr__(self) -> str:
-        text = (
+        return (
             f"Run: {len(self.contacts)} contacts, least distance {self.least_distance:.2f} m, "
             f"largest swing {100.0 * self.swing.max() / self.site.swing:.0f} % of the envelope"
+            f"{self.violation and '; the model '}{self.violation}"
         )
-        for t, name, event in self.violations[:1]:
-            text += f"; the model does not hold from {t:.1f} s on: {name}, {event}"
-        return text
 
     @property
     def states(self) -> list[np.ndarray]:
@@ -124,13 +122,14 @@ class SiteRun:
         return [np.hstack([run.q, run.v]) for run in self.trajectories]
 
     @property
-    def violations(self) -> list[tuple[float, str, str]]:
-        """Times [s] from which the model of a crane does not hold, its name, and why."""
-        return sorted(
-            (float(run.t[event.row]), station.name, event.words)
+    def violation(self) -> str:
+        """When and why the model of a crane fails for the first time; empty if it does not."""
+        failures = [
+            (run.t[event.row], f"{station.name}, {event.words}")
             for station, run in zip(self.site.stations, self.trajectories, strict=True)
-            for event in ([] if run.valid.all() else events(station.crane, run))
-        )
+            for event in ([] if run.valid.all() else events(station.crane, run)[:1])
+        ]
+        return "".join(f"fails from {t:.1f} s on: {why}" for t, why in sorted(failures)[:1])
 
     @property
     def waits(self) -> list[tuple[float, float, str]]:
