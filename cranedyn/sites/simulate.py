@@ -123,7 +123,7 @@ class SiteRun:
 
     @property
     def violation(self) -> str:
-        """When and why the model of a crane fails for the first time; empty if it does not."""
+        """First failure of the model of a crane, with its time; empty if the model holds."""
         failures = [
             (run.t[event.row], f"{station.name}, {event.words}")
             for station, run in zip(self.site.stations, self.trajectories, strict=True)

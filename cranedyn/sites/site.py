@@ -266,11 +266,7 @@ class CraneSite:
 
 
 def check_names(names: Sequence[str]) -> None:
-    """Return if columns of a run are named by one crane or pair of cranes each.
-
-    Raises:
-        DataError: If not.
-    """
+    """Raise `DataError` if two cranes or pairs of cranes would share the columns of a run."""
     pairs = ["_".join(pair) for pair in itertools.combinations([*names, "obstacles"], 2)]
     name, count = Counter([*names, *pairs]).most_common(1)[0]
     if count > 1:
