@@ -98,10 +98,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
         nonlocal judgement, folder, command_line
-        folder, command_line = (
-            options.folder,
-            " ".join([command_name("lift_report"), *options.argv]),
-        )
+        folder = options.folder
+        command_line = " ".join([command_name("lift_report"), *options.argv])
         judgement = _judge(options, setup)
         return _outcome(judgement, setup, command_line)
 

@@ -24,6 +24,7 @@ from cranedyn.interfaces import State
 from cranedyn.sites.bodies import place_capsules
 from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.guard import BoxRequest, Guard, gentle
+from cranedyn.sites.page import site_html
 from cranedyn.sites.proof import least_distances
 from cranedyn.sites.simulate import MessageChannel, SiteRun, simulate_site
 from cranedyn.sites.site import CraneSite
@@ -303,10 +304,12 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         attacks += attacks_on(site, 60.0 * options.minutes, options.seed)
         update(2 * i + 2)
     times, histories = supervisor_cycles(options.cycles)
+    runs = [shift.run for shift in shifts if shift.protection == "supervisor"]
     return Outcome(
         tables=[_shift_table(shifts), _attack_table(attacks), _cycle_table(times)],
         claims=_claims(shifts, attacks, times, set(options.site) <= set(EXAMPLES)),
         figures={"invariant": _figure(histories)},
+        texts={f"site_{i + 1}.html": site_html(run) for i, run in enumerate(runs)},
     )
 
 

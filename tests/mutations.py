@@ -704,6 +704,16 @@ cranedyn/sites/simulate.py
 ? plan::bodies_that_pass_each_other_between_two_rows_are_told_from_those_that_meet
 - if gap_low + gap_high - moved * (high - low) > 2.0 * bend:
 + if gap_low + gap_high > 2.0 * bend:
+cranedyn/sites/page.py
+* all that is commanded counts as lost
+? plan::a_page_of_a_run_shows_where_cranes_touch_and_what_is_lost
+- -rates, rates) - passed
++ -rates, rates)
+cranedyn/sites/site.py
+* only the middle of a box is drawn
+? plan::a_run_is_recorded_with_each_crane_at_its_place_and_written_as_one_table
+- boxes[:, :1] + share * np.diff(
++ boxes[:, :1] + 0.5 * np.diff(
 cranedyn/sites/obstacles.py
 * the middle of a box is taken for all of it
 ? plan::a_supervised_crane_stops_before_an_obstacle_or_zone

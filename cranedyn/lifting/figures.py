@@ -156,7 +156,7 @@ def site_views(certificate: Certificate) -> Figure:
     figure, axes = panels(1, 3, height=4.2, width=13.0)
     for ax, (i, j) in zip(axes, itertools.combinations(range(3), 2), strict=True):
         for solid in site.solids:
-            ax.add_collection(_outlines(solid, i, j))
+            ax.add_collection(solid_outlines(solid, i, j))
         ax.plot(mast[:, i], mast[:, j], color="#333333", linewidth=3.0, marker="s", markersize=4)
         ax.plot(path[:, i], path[:, j], color=COLOURS["x"], label="centre of the load")
         ax.plot(path[0, i], path[0, j], "o", color=COLOURS["x"])
@@ -239,7 +239,7 @@ def _swept(lift: Lift) -> dict[str, np.ndarray]:
     }
 
 
-def _outlines(solid: Solid, i: int, j: int) -> PolyCollection:
+def solid_outlines(solid: Solid, i: int, j: int) -> PolyCollection:
     """Draw a solid along an axis."""
     faces = solid.parts or tuple(solid.vertices[triangle] for triangle in solid.triangles)
     shapes = []

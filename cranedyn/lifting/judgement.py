@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from cranedyn.data.files import write_text
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import EngineName
 from cranedyn.lifting import page
@@ -70,30 +68,12 @@ class Judgement:
         Args:
             command: The command that makes the numbers again.
         """
-        title = f"Lift: {self.analysis.site.name}"
-        return page.html(
-            title, self.checks, self.tables(command), list(self.figures.values()), command
-        )
+        figures, title = [*self.figures.values()], f"Lift: {self.analysis.site.name}"
+        return page.lift_html(title, self.checks, self.tables(command), figures, command)
 
     def report(self, path: str | Path, command: str = "") -> Path:
-        """Write the report as a ``.html`` file, or as a ``.pdf`` file that a browser prints.
-
-        Args:
-            path: The file.
-            command: The command that makes the numbers again.
-
-        Raises:
-            NoBrowser: If a PDF is asked for and no browser prints it.
-            DataError: If the file cannot be written.
-        """
-        path = Path(path)
-        if path.suffix.lower() != ".pdf":
-            write_text(path, self.html(command))
-            return path
-        with tempfile.TemporaryDirectory() as folder:
-            document = Path(folder) / "lift.html"
-            write_text(document, self.html(command))
-            return page.print_pdf(document, path)
+        """Write `html` as a ``.html`` or ``.pdf`` file, see `cranedyn.lifting.page.write_html`."""
+        return page.write_html(path, self.html(command))
 
 
 def judge(

@@ -15,7 +15,7 @@ from html import escape
 from importlib import metadata
 from pathlib import Path
 
-from cranedyn.data.files import atomic_write
+from cranedyn.data.files import atomic_write, write_text
 from cranedyn.errors import CraneError
 from cranedyn.lifting.figures import LiftFigure
 from cranedyn.lifting.tables import Table
@@ -72,68 +72,68 @@ _TIMEOUT = 120.0
 """Time that a browser may take [s]."""
 
 
-def html(
+def lift_html(
     title: str,
     checks: Sequence[Check],
     tables: Sequence[Table],
     figures: Sequence[LiftFigure],
-    command: str = "",
+    command: str,
 ) -> str:
-    """Return the report as one HTML document that needs no other file.
-
-    Args:
-        title: Heading.
-        checks: Checks of the lift.
-        tables: Tables of the lift; the first stands on the first screen.
-        figures: Figures of the lift.
-        command: The command that makes the numbers again; empty if unknown.
-    """
-    sections = "".join(f"<section>{_table(table)}</section>" for table in tables[1:])
-    pictures = "".join(
-        f'<figure><img alt="{escape(caption)}" src="{svg_address(figure)}"><figcaption>'
-        f"{escape(caption)}</figcaption></figure>"
-        for figure, caption in figures
+    """Return the report of a lift, see `Judgement.html`; its first table is on the first screen."""
+    crane, held = load_crane(), [check.holds is True for check in checks]
+    reason = f"All {len(checks)} checks hold."
+    if not all(held):
+        failed = sum(check.holds is False for check in checks)
+        does, unknown = "does" if failed == 1 else "do", held.count(False) - failed
+        reason = f"{failed} of {len(held)} checks {does} not hold, {unknown} could not be judged:"
+    style, verdict = ("held", "GO") if all(held) else ("fails", "NO GO")
+    return document(
+        title,
+        f'<div class="first"><div><p class="verdict {style}">{verdict}</p><p>{reason}</p></div>'
+        '<figure><img alt="The crane from the side" '
+        f'src="{svg_address(sketch(crane, crane.state(phi=0.06)))}">'
+        "<figcaption>The kind of crane, from the side.</figcaption></figure></div>"
+        f'{checks_html(checks)}<p class="statement">{STATEMENT}</p>{tables_html(tables)}'
+        f'<section class="pages"><h2>Figures</h2>{figures_html(figures)}</section>'
+        f"{_limits_and_command(command)}",
     )
+
+
+def document(title: str, body: str) -> str:
+    """Return an HTML document that needs no other file, with its title, date and version first."""
+    today = date.today()
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
         'content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'
         f"<title>{escape(title)}</title><style>{STYLE}{_SHEET}</style></head><body>\n<main>"
-        f"{_verdict(title, checks)}{_table(tables[0])}{sections}"
-        f'<section class="pages"><h2>Figures</h2>{pictures}</section>'
-        f"{_limits_and_command(command)}</main></body></html>\n"
+        f'<h1>{escape(title)}</h1><p class="lead">{today.day} {today:%B %Y} · cranedyn '
+        f"{escape(__version__)}</p>{body}</main></body></html>\n"
     )
 
 
-def _verdict(title: str, checks: Sequence[Check]) -> str:
-    """Return GO or NO GO and the checks, those first that do not hold."""
-    today, crane = date.today(), load_crane()
-    passed = [check for check in checks if check.holds is True]
-    not_passed = [check for check in checks if check.holds is not True]
-    unknown = sum(check.holds is None for check in checks)
-    failed = len(not_passed) - unknown
-    reason = f"All {len(checks)} checks hold."
-    if not_passed:
-        does = "does" if failed == 1 else "do"
-        reason = f"{failed} of {len(checks)} checks {does} not hold, {unknown} could not be judged:"
-    listed = "".join(
-        f"<li>{mark_html(check.holds)}{escape(check.sentence)}</li>"
-        for check in [*not_passed, *passed]
-    )
-    style, verdict = ("fails", "NO GO") if not_passed else ("held", "GO")
-    return (
-        f'<div class="first"><div><h1>{escape(title)}</h1><p class="lead">{today.day} '
-        f"{today:%B %Y} · cranedyn {escape(__version__)}</p>"
-        f'<p class="verdict {style}">{verdict}</p><p>{reason}</p></div>'
-        '<figure><img alt="The crane from the side" '
-        f'src="{svg_address(sketch(crane, crane.state(phi=0.06)))}">'
-        "<figcaption>The kind of crane, from the side.</figcaption></figure></div>"
-        f'<ul class="claims">{listed}</ul><p class="statement">{STATEMENT}</p>'
+def checks_html(checks: Sequence[Check]) -> str:
+    """Return checks as HTML, those first that do not hold."""
+    ordered = sorted(checks, key=lambda check: check.holds is True)
+    lines = (f"<li>{mark_html(check.holds)}{escape(check.sentence)}</li>" for check in ordered)
+    return f'<ul class="claims">{"".join(lines)}</ul>'
+
+
+def figures_html(figures: Sequence[LiftFigure]) -> str:
+    """Return figures with their captions as HTML."""
+    return "".join(
+        f'<figure><img alt="{escape(caption)}" src="{svg_address(figure)}"><figcaption>'
+        f"{escape(caption)}</figcaption></figure>"
+        for figure, caption in figures
     )
 
 
-def _table(table: Table) -> str:
-    columns = [(header, not form) for header, form in table.columns]
-    return table_html(table.title, columns, table.cells(), table.note)
+def tables_html(tables: Sequence[Table]) -> str:
+    """Return tables as HTML, each but the first in a section."""
+    first, *further = (
+        table_html(t.title, [(head, not form) for head, form in t.columns], t.cells(), t.note)
+        for t in tables
+    )
+    return first + "".join(f"<section>{text}</section>" for text in further)
 
 
 def _limits_and_command(command: str) -> str:
@@ -154,6 +154,23 @@ def _limits_and_command(command: str) -> str:
         f'</p><p class="note">python {platform.python_version()}, {versions}; '
         f"{platform.system()} {platform.machine()}</p></section>"
     )
+
+
+def write_html(path: str | Path, text: str) -> Path:
+    """Write an HTML document as a ``.html`` file, or as a ``.pdf`` file that a browser prints.
+
+    Raises:
+        NoBrowser: If a PDF is asked for and no browser prints it.
+        DataError: If the file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".pdf":
+        write_text(path, text)
+        return path
+    with tempfile.TemporaryDirectory() as folder:
+        draft = Path(folder) / "page.html"
+        write_text(draft, text)
+        return print_pdf(draft, path)
 
 
 class NoBrowser(CraneError):

@@ -38,10 +38,8 @@ def check_enabled() -> None:
         CraneError: If the environment switches it off.
     """
     if os.environ.get("RERUN", "").lower() in ("off", "false", "0"):
-        raise CraneError(
-            "Rerun is switched off by the environment variable RERUN; unset it to write a "
-            "recording."
-        )
+        message = "Rerun is switched off by the environment variable RERUN; unset it to record."
+        raise CraneError(message)
 
 
 def record(
@@ -201,10 +199,7 @@ def describe_runs(runs: Sequence[Run], title: str, text: str) -> str:
         ["parameter", *(table_cell(run.name) for run in runs)],
         ["---"] * (len(runs) + 1),
         *(
-            [
-                table_cell(name),
-                *(table_cell(run.trajectory.parameters.get(name, "")) for run in runs),
-            ]
+            [table_cell(name), *(table_cell(table.get(name, "")) for table in parameters)]
             for name in names
         ),
     ]
@@ -237,9 +232,8 @@ def _log_static(
     gaps: bool = False,
 ) -> list[Scene]:
     """Log layout, text and all that does not move; return the scene of each run."""
-    recording.send_blueprint(
-        dashboard(runs, tables, gaps=gaps), make_active=True, make_default=True
-    )
+    layout = dashboard(runs, tables, gaps=gaps)
+    recording.send_blueprint(layout, make_active=True, make_default=True)
     recording.send_recording_name(title)
     document = rr.TextDocument(describe_runs(runs, title, text), media_type="text/markdown")
     recording.log("text", document, static=True)

@@ -51,11 +51,14 @@ class Scenery:
         path: Path of the centre of the load [m], shape (n, 3).
         swept: Boxes around the load on its path, enlarged by its swing: "centres" and "sizes" [m],
             shape (k, 3), "yaw" [rad], shape (k,).
+        reserved: Times [s], shape (k,), and a line around what is reserved for the crane from each
+            on [m], shape (k, n, 3); None for nothing.
     """
 
     obstacles: Sequence[Obstacle]
     path: np.ndarray
     swept: Mapping[str, np.ndarray] = field(default_factory=dict)
+    reserved: tuple[np.ndarray, np.ndarray] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,7 +40,7 @@ _PATH_POINTS = round(PATH_SECONDS / _PATH_PERIOD)
 _CABLE, _GREY = "#202020", "#8C8C8C"
 _CABLE_RADIUS, _PATH_RADIUS, _ARROW_RADIUS, _CONTACT_RADIUS = 0.05, 0.16, 0.12, 0.2
 _ARROWS_BELOW_TROLLEY = 1.5
-_MAX_ARROW = 5.0
+_MAX_ARROW, _RESERVED = 5.0, -1.5  # below zero: points on the screen
 _SOLID, _ZONE, _NEAR, _SWEPT = "#B9AE9B", "#CC3311", "#F22B05", "#0072B2"
 _WIREFRAME: Any = "transparentfillmajorwireframe"
 _ARCHETYPES: dict[str, Any] = {
@@ -102,9 +102,8 @@ class Scene:
         self._recording, self._run, self._look, self._crane = recording, run, look, run.crane
         self._tree = _urdf_tree(run)
         self._ground = run.frame(self._tree.root_link().name)
-        layout = run.crane.layout
         self._size = drawn_size(run.crane)
-        self._has_arrows = layout.has("trolley", "radial_swing", "tangential_swing")
+        self._has_arrows = run.crane.layout.has("trolley", "radial_swing", "tangential_swing")
         self._log_links()
         self._log_styles()
         if run.scenery is not None:
@@ -287,6 +286,11 @@ class Scene:
             self._send(times, columns, "scene", "site", str(i))
         path = rr.LineStrips3D([scenery.path], colors=rgb(_SWEPT), radii=0.06)
         self._log(self._ground, path, "planned")
+        if scenery.reserved is not None:
+            times, lines = scenery.reserved
+            style = rr.LineStrips3D.from_fields(colors=rgb(self._look.colour), radii=_RESERVED)
+            self._log(self._ground, style, "reserved")
+            self._send(times, rr.LineStrips3D.columns(strips=lines), "scene", "reserved")
         if scenery.swept:
             boxes = rr.Boxes3D(
                 centers=scenery.swept["centres"],

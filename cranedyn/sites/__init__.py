@@ -18,7 +18,7 @@ Public names:
 * `supervisor.Supervisor` and `supervisor.Guard` reserve boxes and keep to them.
 * `plan.plan_site` plans lifts in space and time; `plan.SitePlan` is proven slice by slice.
 * `simulate.simulate_site` steps all cranes by one clock, with late and lost messages; its run is
-  written as a table and as a recording.
+  written as a table, as a recording and, by `page.write_page`, as a page.
 
 `proof.proven_apart`, `obstacles` and `supervisor` state what is proven. A cycle of the supervisor
 takes longer than its period where many boxes are close.

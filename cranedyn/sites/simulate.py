@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ import pyarrow as pa
 from cranedyn.checks import as_array, number, whole
 from cranedyn.data.tables import write_table
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.validity import events
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import EngineName, Setpoint, State
 from cranedyn.recording import Obstacle, Run, Scenery, record
@@ -92,6 +92,8 @@ class SiteRun:
         outside: Largest way of a drive of each crane out of its box [rad or m], shape (cranes,);
             negative inside, -inf without a supervisor.
         deadlocks: Times at which cranes waited for each other in a circle, and which [s].
+        boxes: Box in which each crane was kept [rad or m], shape (rows, 2, m) each; none without a
+            supervisor.
     """
 
     site: CraneSite
@@ -105,14 +107,41 @@ class SiteRun:
     swing: np.ndarray
     outside: np.ndarray
     deadlocks: tuple[tuple[float, tuple[int, ...]], ...]
+    boxes: tuple[np.ndarray, ...] = ()
 
     def __repr__(self) -> str:
-        return f"Run: {len(self.contacts)} contacts, least distance {self.least_distance:.2f} m"
+        return (
+            f"Run: {len(self.contacts)} contacts, least distance {self.least_distance:.2f} m, "
+            f"largest swing {100.0 * self.swing.max() / self.site.swing:.0f} % of the envelope"
+            f"{self.violation and '; the model '}{self.violation}"
+        )
 
     @property
     def states(self) -> list[np.ndarray]:
         """Coordinates and rates of each crane, shape (rows, 2 n) each."""
         return [np.hstack([run.q, run.v]) for run in self.trajectories]
+
+    @property
+    def violation(self) -> str:
+        """First failure of the model of a crane, with its time; empty if the model holds."""
+        failures = [
+            (run.t[event.row], f"{station.name}, {event.words}")
+            for station, run in zip(self.site.stations, self.trajectories, strict=True)
+            for event in ([] if run.valid.all() else events(station.crane, run)[:1])
+        ]
+        return "".join(f"fails from {t:.1f} s on: {why}" for t, why in sorted(failures)[:1])
+
+    @property
+    def waits(self) -> list[tuple[float, float, str]]:
+        """Times [s] from which cranes waited for each other in a circle, how long [s], and who."""
+        names, result = [station.name for station in self.site.stations], []
+        for (_, circle), rows in itertools.groupby(
+            enumerate(self.deadlocks), lambda row: (round(row[1][0] / CYCLE) - row[0], row[1][1])
+        ):
+            times = [t for _, (t, _) in rows]
+            chain = " for ".join(names[i] for i in (*circle, circle[0]))
+            result.append((times[0], CYCLE * len(times), chain))
+        return result
 
     @property
     def least_distance(self) -> float:
@@ -159,10 +188,15 @@ class SiteRun:
             CraneError: If Rerun is switched off in the environment.
         """
         runs: list[Run] = []
-        for station, run in zip(self.site.stations, self.trajectories, strict=True):
+        cranes = self.site.stations, self.trajectories, self.boxes or [None] * len(self.swing)
+        for station, run, boxes in zip(*cranes, strict=True):
             solids = () if runs else station.in_crane_frame(self.site.solids)
             obstacles = [Obstacle(s.name, s.vertices, s.triangles, s.zone) for s in solids]
-            surroundings = Scenery(obstacles, np.zeros((0, 3))) if obstacles else None
+            reserved = None
+            if boxes is not None:
+                new = np.append(True, np.diff(boxes, axis=0).any(axis=(1, 2)))
+                reserved = self.t[new], station.outline(boxes[new])
+            surroundings = Scenery(obstacles, np.zeros((0, 3)), reserved=reserved)
             (x, y, z), turn = map(float, station.foot), station.turn
             runs.append(
                 Run(station.name, station.crane, run, (x, y, z), scenery=surroundings, heading=turn)
@@ -172,9 +206,10 @@ class SiteRun:
             for t, first, second, body, other in self.contacts
         ]
         lines = ["**Contacts:**\n", *lines] if lines else ["No contacts."]
-        for circle, count in Counter(circle for _, circle in self.deadlocks).items():
-            chain = " for ".join(runs[i].name for i in (*circle, circle[0]))
-            lines.append(f"\n**Waiting:** {chain}, {CYCLE * count:.1f} s.")
+        for t, duration, chain in self.waits:
+            lines.append(f"\n**Waiting:** {chain}, {duration:.1f} s from {t:.1f} s on.")
+        if self.boxes:
+            lines.append("\nSectors beside jibs are what is reserved for their cranes.")
         return record(
             path,
             runs,
@@ -265,6 +300,7 @@ def simulate_site(
         np.array(swings),
         np.array(outside),
         tuple(deadlocks),
+        tuple(np.array(column) for column in zip(*boxes, strict=True)),
     )
 
 

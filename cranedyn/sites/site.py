@@ -34,6 +34,9 @@ DISTANCE, SWING = 1.0, 0.1
 """Required distance between cranes [m] and largest swing of their ropes from plumb [rad] of a site
 that does not give them."""
 
+_ARC = 13
+"""Points of an arc that a jib sweeps."""
+
 
 @dataclass(frozen=True, eq=False)
 class Station:
@@ -101,6 +104,23 @@ class Station:
         motion[:, chain] = poses[:, 6:].reshape(len(q), -1, 3)
         return poses[:, :3], poses[:, 3:6], motion
 
+    def outline(self, boxes: np.ndarray) -> np.ndarray:
+        """Return lines around the places of the rope's pivot in boxes of the drives, shape (rows,
+        2, m), and from there to the mast, in the frame of the crane [m], shape (rows, points, 3).
+        """
+        columns, arc = self.bodies.columns, np.linspace(0.0, 1.0, _ARC)
+        ends = [columns[0], columns[max(len(columns) - 2, 0)]]  # such as slew and trolley
+        near, far = (np.column_stack([arc, np.full(_ARC, end)]) for end in (0.0, 1.0))
+        share = np.full((2 * _ARC + 2, self.crane.layout.m), 0.5)
+        share[:, ends] = np.concatenate([near[::-1], far[:1], far, far[-1:]])
+        q = np.tile(self.crane.start.q, (len(boxes) * len(share), 1))
+        drives = boxes[:, :1] + share * np.diff(boxes, axis=1)
+        q[:, self.crane.layout.drives] = drives.reshape(len(q), -1)
+        lines = (self.rope(q)[0] - self.foot) @ self.bodies.foot[:, :3]
+        lines = lines.reshape(len(boxes), len(share), 3)
+        lines[:, [_ARC, -1], :2] = 0.0
+        return lines
+
     @cached_property
     def ropes(self) -> np.ndarray:
         """Numbers of its foot, joints and rope, see `cranedyn.sites.bodies.rope_poses`."""
@@ -166,11 +186,7 @@ class CraneSite:
         if not self.stations:
             raise DataError(f"The site {quoted(self.name)} has no crane.")
         names = [station.name for station in self.stations]
-        pairs = ["_".join(pair) for pair in itertools.combinations([*names, "obstacles"], 2)]
-        for name, count in Counter([*names, *pairs]).items():  # columns of a run have these names
-            if count > 1:
-                called = f"{count} cranes or pairs of cranes are called {quoted(name)}"
-                raise DataError(f"{called}; give each its own name.")
+        check_names(names)
         for a, b in itertools.combinations(range(len(self.stations)), 2):
             gap = self._tower_gap(a, b)
             if gap < self.distance:
@@ -247,3 +263,12 @@ class CraneSite:
             ends = bodies.ends[still] @ bodies.foot[:, :3].T + bodies.foot[:, 3]
             towers.append(PlacedCapsules(ends[None], bodies.radius[still], np.zeros(0)))
         return float(least_distances(*towers)[0])
+
+
+def check_names(names: Sequence[str]) -> None:
+    """Raise `DataError` if two cranes or pairs of cranes would share the columns of a run."""
+    pairs = ["_".join(pair) for pair in itertools.combinations([*names, "obstacles"], 2)]
+    name, count = Counter([*names, *pairs]).most_common(1)[0]
+    if count > 1:
+        called = f"{count} cranes or pairs of cranes are called {quoted(name)}"
+        raise DataError(f"{called}; give each its own name.")

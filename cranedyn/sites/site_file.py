@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cranedyn.dynamics.converters import ROUNDING, Converters, converters
-from cranedyn.errors import CraneError, quoted
+from cranedyn.errors import CraneError, DataError, quoted
 from cranedyn.lifting.chart import read_chart
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO
@@ -25,7 +25,7 @@ from cranedyn.planning.site_file import (
     solids_of,
 )
 from cranedyn.sites.brakes import REACTION, Brakes, brakes
-from cranedyn.sites.site import DISTANCE, SWING, CraneSite, Station
+from cranedyn.sites.site import DISTANCE, SWING, CraneSite, Station, check_names
 
 SITES = Path(__file__).parent / "examples"
 """Folder of the example sites."""
@@ -53,8 +53,10 @@ def read_crane_site(path: str | Path) -> CraneSite:
     stations: list[Station] = []
     for entry in entries:
         stations.append(_station(entry, ground))
-        if stations[-1].name in [station.name for station in stations[:-1]]:
-            entry.fail("name", f"two cranes are called {quoted(stations[-1].name)}; rename one.")
+        try:
+            check_names([station.name for station in stations])
+        except DataError as error:
+            entry.fail("name", error)
     if not stations:
         top.fail("crane", "there is none; write each as [[crane]].")
     distance = top.number("distance", DISTANCE, "m", "> 0")

@@ -178,8 +178,8 @@ def test_a_recording_that_rerun_would_not_make_is_refused_before_the_run(
 ) -> None:
     monkeypatch.setenv("RERUN", value)
     code, err = conducted(tmp_path / "a1", inside=lambda: pytest.fail("it was run"))
-    reason = "Rerun is switched off by the environment variable RERUN; unset it to write a"
-    assert (code, err) == (2, f"error: {reason} recording.\n")
+    reason = "Rerun is switched off by the environment variable RERUN; unset it to record"
+    assert (code, err) == (2, f"error: {reason}.\n")
     assert files(tmp_path) == []
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -16,6 +18,7 @@ from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import CraneError, DataError
 from cranedyn.planning.solids import Solid, box, prism
 from cranedyn.recording import Run
+from cranedyn.sites import page
 from cranedyn.sites import simulate as simulation
 from cranedyn.sites.plan import SLICE, SitePlan, plan_site
 from cranedyn.sites.simulate import SiteRun, simulate_site
@@ -173,7 +176,7 @@ def test_a_run_is_recorded_with_each_crane_at_its_place_and_written_as_one_table
 ) -> None:
     site = replace(site_of(), solids=(WALL,))
     operators = [lambda t, states: np.array([0.02, 0.1, 0.1])] * 2
-    run = simulate_site(site, operators, duration=2.0, supervised=False)
+    run = simulate_site(site, operators, duration=2.0)
     run = replace(run, deadlocks=((1.0, (0, 1)), (1.1, (0, 1))))
     drawn: list[Run] = []
     real = simulation.record
@@ -188,6 +191,12 @@ def test_a_run_is_recorded_with_each_crane_at_its_place_and_written_as_one_table
     for i, each in enumerate(drawn):
         point = each.to_scene(payload_position(each.crane, each.trajectory.q[-1]))
         assert np.allclose(point, load(run, i, -1), atol=1e-9)
+        assert each.scenery is not None and each.scenery.reserved is not None
+        q = np.tile(each.crane.start.q, (4, 1))
+        q[:, each.crane.layout.drives[:2]] = [*itertools.product(*run.boxes[i][-1][:, :2].T)]
+        line = each.to_scene(each.scenery.reserved[1][-1])[:, None]
+        corners = np.linalg.norm(line - site.stations[i].rope(q)[0], axis=2).min(axis=0)
+        assert corners.max() < 1e-9
     scenery = drawn[0].scenery
     assert scenery is not None
     corners = drawn[0].to_scene(scenery.obstacles[0].vertices)
@@ -199,9 +208,30 @@ def test_a_run_is_recorded_with_each_crane_at_its_place_and_written_as_one_table
         assert np.array_equal(columns["south_gamma_rad"], run.trajectories[1].q[:, 0])
 
 
+@slow
+def test_a_page_of_a_run_shows_where_cranes_touch_and_what_is_lost(tmp_path: Path) -> None:
+    site, rates = site_of(), ([0.05, 0.0, 0.3], [-0.05, 0.0, 0.0])
+    operators = [lambda t, states, rate=rate: np.array(rate) for rate in rates]
+    run = simulate_site(site, operators, duration=75.0, supervised=False)
+    run = replace(run, passed=[0.5 * command for command in run.commands], swing=np.full(2, 0.2))
+    text = page.write_page(run, tmp_path / "site.html").read_text("utf-8")
+    contact = run.contacts[0]
+    assert contact[1:] == ("north", "south", "jib", "rope")
+    for shown in (f"<td>{contact.t:.1f}</td>", "hoist_joint is at 38.0", "11.5°, allowed 6.0°"):
+        assert shown in text
+    assert not re.search(r"""(src|href)=["'](?!data:)""", text) and "<script" not in text
+    assert "hoist_joint is at 38.0" in repr(run) and "191 % of the envelope" in repr(run)
+    seconds = 0.5 * 75.0 * np.array(rates[0]) / site.stations[0].converters.rates
+    assert np.allclose(page.lost_time(run)[0][-1], seconds)
+    (cross,) = [
+        line.get_xydata() for line in page._plan(run).axes[0].lines if line.get_marker() == "x"
+    ]
+    assert np.linalg.norm(cross - load(run, 1, round(contact.t / 0.1))[:2]) < 0.5
+
+
 def test_the_site_file_of_the_how_to_is_read(tmp_path: Path) -> None:
-    page = (ROOT / "docs" / "howto" / "several_cranes.md").read_text("utf-8")
-    site = site_from(tmp_path, page.partition("```toml")[2].partition("```")[0])
+    text = (ROOT / "docs" / "howto" / "several_cranes.md").read_text("utf-8")
+    site = site_from(tmp_path, text.partition("```toml")[2].partition("```")[0])
     assert [station.name for station in site.stations] == ["west", "east"] and site.solids
 
 

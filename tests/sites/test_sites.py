@@ -357,8 +357,8 @@ def test_boxes_that_overlap_at_the_start_are_refused() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('name = "south"', 'name = "north"', r"line \d+, \[crane\] name: two cranes"),
-        ('name = "south"', 'name = "obstacles"', "2 cranes or pairs .* called north_obstacles"),
+        ('name = "south"', 'name = "north"', r"line \d+, \[crane\] name: 2 cranes or pairs"),
+        ('name = "south"', 'name = "obstacles"', r"\[crane\] name: .* called north_obstacles"),
         ("[0.0, -55.0, 0.0]", "[1.0, 1.0, 0.0]", r"line \d+, \[crane\] position: The towers of"),
         ("heading = 90.0", 'heading = "up"', r"line \d+, \[crane\] heading"),
         ('brakes = "converters"', 'brakes = "none"', r"line \d+, \[crane\] brakes"),

@@ -1,0 +1,136 @@
+"""A run of a site on one page that needs no network: plan, distances, contacts and lost time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from cranedyn.data.files import with_ending
+from cranedyn.lifting.figures import LiftFigure, solid_outlines
+from cranedyn.lifting.page import checks_html, document, figures_html, tables_html, write_html
+from cranedyn.lifting.tables import Row, Table
+from cranedyn.planning.certificate import Check
+from cranedyn.plotting.figures import panels
+from cranedyn.plotting.style import COLOURS, run_colour
+from cranedyn.recording.shapes import CONTACT
+from cranedyn.sites.brakes import CYCLE
+from cranedyn.sites.simulate import SiteRun
+
+_SCALE = 20.0
+"""Scale of distances over time, in required ones."""
+
+
+def write_page(run: SiteRun, path: str | Path) -> Path:
+    """Write a run as a ``.html`` file, or as a ``.pdf`` file that a browser prints.
+
+    Raises:
+        NoBrowser: If a PDF is asked for and no browser prints it.
+        DataError: If the ending is another or the file cannot be written.
+    """
+    return write_html(with_ending(path, ".html", ".pdf"), site_html(run))
+
+
+def site_html(run: SiteRun) -> str:
+    """Return a run as one HTML document that needs no other file."""
+    kind = "under the supervisor" if run.boxes else "without a supervisor"
+    figures = (
+        LiftFigure(_plan(run), "Towers, reach, ways of hooks, obstacles, and contacts in red."),
+        LiftFigure(_histories(run), "Distances, the required one dashed, and lost time."),
+    )
+    return document(
+        f"Site: {run.site.name}",
+        f"<p>{len(run.swing)} cranes {kind}, {len(run.t) * CYCLE / 60.0:.1f} min.</p>"
+        f"{checks_html(_checks(run))}{figures_html(figures)}{tables_html(_tables(run))}",
+    )
+
+
+def lost_time(run: SiteRun) -> list[np.ndarray]:
+    """Return the time at full rate [s] of the way of each drive that was commanded and not passed
+    on up to each row, shape (rows, m) for each crane.
+    """
+    lost = []
+    for station, command, passed in zip(run.site.stations, run.commands, run.passed, strict=True):
+        rates = station.converters.rates
+        short = np.clip(np.nan_to_num(command), -rates, rates) - passed
+        lost.append(np.cumsum(CYCLE * np.abs(short) / rates, axis=0))
+    return lost
+
+
+def _checks(run: SiteRun) -> list[Check]:
+    site, (swing, allowed) = run.site, np.degrees([run.swing.max(), run.site.swing]).tolist()
+    distance = f"{max(run.least_distance, 0.0):.2f} m, required {site.distance:g} m"
+    return [
+        Check(f"{len(run.contacts)} contacts.", not run.contacts),
+        Check(f"Least distance of two cranes {distance}.", run.least_distance >= site.distance),
+        Check(f"Largest swing of a rope {swing:.1f}°, allowed {allowed:.1f}°.", swing <= allowed),
+        Check(f"The model {run.violation or 'holds'}.", not run.violation),
+    ]
+
+
+def _tables(run: SiteRun) -> list[Table]:
+    """Return the tables that have rows."""
+    drives: list[Row] = []
+    columns = run.site.stations, run.commands, run.passed, lost_time(run)
+    for station, *rates, lost in zip(*columns, strict=True):
+        seconds = CYCLE * np.abs(np.nan_to_num(rates) / station.converters.rates).sum(axis=1)
+        for joint, *row in zip(station.crane.layout.driven, *seconds, lost[-1], strict=True):
+            drives.append([station.name, joint.role or joint.name, *row])
+    gaps: list[Row] = [[k, max(x.min(), 0.0), run.t[x.argmin()]] for k, x in run.gaps().items()]
+    crane, t = ("crane", ""), ("time [s]", ".1f")
+    numbers = [(name, ".1f") for name in ("commanded [s]", "passed on [s]", "lost [s]")]
+    bodies = [(name, "") for name in ("crane or obstacle", "body", "of the second")]
+    waits, chain = f"{len(run.waits)} waits in a circle", [t, ("for [s]", ".1f"), ("cranes", "")]
+    tables = [
+        Table("Ways of drives at full rate", [crane, ("drive", ""), *numbers], drives),
+        Table("Least distances", [("pair", ""), ("distance [m]", ".2f"), t], gaps),
+        Table(f"{len(run.contacts)} contacts", [t, crane, *bodies], [[*c] for c in run.contacts]),
+        Table(waits, chain, [[*wait] for wait in run.waits]),
+    ]
+    return [table for table in tables if table.rows]
+
+
+def _plan(run: SiteRun) -> Figure:
+    """Draw the site from above; at contacts the hook that touches, or the jib."""
+    figure, (ax,) = panels(height=6.5)
+    for solid in run.site.solids:
+        ax.add_collection(solid_outlines(solid, 0, 1))
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    for i, (station, path) in enumerate(zip(run.site.stations, run.trajectories, strict=True)):
+        foot, drives, colour = station.foot[:2], station.crane.layout.drives, run_colour(i)
+        ends = np.array([station.crane.lower, station.crane.upper])[:, drives]
+        reach = np.linalg.norm(station.outline(ends[None])[..., :2], axis=-1).max()
+        circle = foot[:, None] + reach * np.array([np.cos(angle), np.sin(angle)])
+        pivot, rope, _ = station.rope(path.q)
+        hook = (pivot + path.q[:, drives[station.bodies.columns[-1:]]] * rope)[:, :2]
+        ax.plot(*circle, ":", color=colour, linewidth=1.0)
+        ax.plot(*hook.T, color=colour, linewidth=1.0)
+        ax.plot(*foot, "s", color=colour, markersize=9)
+        ax.text(foot[0], foot[1], f"\u00a0\u00a0{station.name}", color=colour, va="center")
+        for t, *names, first, second in run.contacts:
+            if station.name in names:
+                point = hook[round(t / CYCLE)]
+                jib = foot, foot + (point - foot) * reach / np.linalg.norm(point - foot)
+                hangs = (first, second)[names.index(station.name)] in ("rope", "load")
+                line = np.transpose([point] if hangs else jib)
+                ax.plot(*line, "x-" if hangs else "-", color=CONTACT, linewidth=1.0, zorder=3.0)
+    ax.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    return figure
+
+
+def _histories(run: SiteRun) -> Figure:
+    """Draw distances and lost time."""
+    figure, (near, lost) = panels(2, height=2.8, sharex=True)
+    for i, (pair, values) in enumerate(run.gaps().items()):
+        near.plot(run.t / 60.0, values, color=run_colour(i), label=pair)
+    near.axhline(run.site.distance, color=COLOURS["limit"], linestyle="--", linewidth=1.0)
+    for contact in run.contacts:
+        near.plot(contact.t / 60.0, 0.0, "x", color=CONTACT, clip_on=False)
+    near.set(ylabel="distance [m]", ylim=(0.0, _SCALE * run.site.distance))
+    for i, (station, seconds) in enumerate(zip(run.site.stations, lost_time(run), strict=True)):
+        lost.plot(run.t / 60.0, seconds.max(axis=1), color=run_colour(i), label=station.name)
+    lost.set(ylabel="lost time [s]", xlabel="time [min]")
+    for ax in (near, lost):
+        ax.legend(*ax.get_legend_handles_labels(), loc="upper left", ncols=4, fontsize=9)
+    return figure
