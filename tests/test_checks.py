@@ -22,16 +22,19 @@ from cranedyn.data.trajectory import QUANTITIES, read
 from cranedyn.errors import CraneError, OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.references import Motion, hanging_reference, hold
+from cranedyn.references.limits import Limits
 from cranedyn.references.shaped import Shaper
 from cranedyn.references.simple import Spline
 from cranedyn.simulation.simulate import simulate
 from cranedyn.simulation.stepper import Stepper
+from experiments.relatives.catalogue import moved
 from tests.helpers import crane
 from tests.system.fuzz.api import namespace
 
 C, REST = crane(), crane().start
 BRAKE, STILL = hold_controller(C), hold(C, REST)
 MOTION = hanging_reference(C, STILL, 0.1)
+LIMITS = Limits((0.0838, 1.583, 1.0), (0.02, 0.4, 0.4))
 T = np.linspace(0.0, 30.0, 600)
 
 MISTAKES = r"""
@@ -325,6 +328,22 @@ riccati(one, one, -one[0], one[0]) => state weight is [[-1.0]]; allowed is symme
 riccati(one, one, one[0], 0.0 * one[0]) => effort weight is [[0.0]]; allowed is symmetric and positi
 riccati(one, one, one[0], nan * one[0]) => effort weight is [[nan]]; allowed is symmetric and positi
 riccati(np.eye(2)[None], np.ones((1, 2, 1)), np.tri(2), one[0]) => state weight is [[1.0, 0.0], [1.0
+optimum(goal=moved(x=20.0)) => x at the goal is 30.0 m; allowed is 2 to 22.
+optimum(start=moved(l=-14.0)) => l at the start is 1.0 m; allowed is 3.4 to 26.4.
+optimum(goal=moved(x=nan)) => x at the goal is nan m; allowed is a finite number.
+optimum(start=moved(phi=0.2)) => phi at the start is 0.2 rad; allowed is -0.1 to 0.1.
+optimum(goal=moved(x=9.0, x_dot=2.0)) => x_dot at the goal is 2.0 m/s; allowed is -1.583 to 1.583.
+optimum(goal=start) => goal is the start itself; allowed is another place.
+optimum(swing=math.pi / 2) => swing is 1.5707963267948966 rad; allowed is above 0 and below π/2.
+optimum(duration=-1.0) => duration is -1.0 s; allowed is > 0.
+optimum(ramp=-1.0) => ramp is -1.0 s; allowed is >= 0.
+optimum(ramp=1e-5) => ramp is 1e-05 s; allowed is 0.001 to 3600.
+optimum(interval=0.0) => interval is 0.0 s; allowed is > 0.
+optimum(tolerance=1.0) => tolerance is 1.0; allowed is 1e-12 to 0.01.
+optimum(iterations=0) => iterations is 0; allowed is a whole number >= 1.
+optimum(still=('phi',)) => There is no drive 'phi'; there are gamma, x, l.
+optimum(still=('x',)) => still is x; allowed is drives that have no way to go.
+optimum(crane=load_crane(hoist_effort=5e3)) => share of the hoist's effort limit that holds the load
 """
 """Calls, and how the sentence begins with which they are refused."""
 
@@ -343,6 +362,10 @@ def names() -> dict[str, Any]:
             simulate_batch, crane=[crane] * 9, controller=law, **{"duration": 0.5, "start": nine}
         ),
         "nine": nine,
+        "moved": partial(moved, crane),
+        "optimum": partial(
+            api["optimal"], crane=crane, start=rest, goal=moved(crane, x=2.0), limits=LIMITS
+        ),
         "envs": partial(api["TowerCraneVectorEnv"], crane=crane),
         "four": State(np.zeros(4), np.zeros(4)),
         "endless": State(rest.q, np.full(5, math.inf)),

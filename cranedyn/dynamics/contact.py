@@ -272,16 +272,13 @@ def ground_phases(
     """
     points, roles = np.array(contacts.points), ("radial_swing", "tangential_swing")
     lean = np.hypot.reduce([q[:, crane.layout.role(role, "Off-lead")] for role in roles])
-    motions = [
-        body_points(crane.model, crane.data, contacts.body, points, *state)
-        for state in zip(q, v, strict=True)
-    ]
+    body = crane.model, crane.data, contacts.body, points
+    motions = [body_points(*body, *state) for state in zip(q, v, strict=True)]
     position, velocity = np.reshape(motions, (-1, 2, 3, len(points))).transpose(1, 2, 0, 3)
     touches = contacts.depth(position)[0] > 0.0
     speeds = np.where(touches, np.hypot(*velocity[:2]), 0.0).max(axis=1)
     off_lead = (phase == TAUT) & ((speeds > SLIDES) | (lean > LEANS))
-    phases = np.where(off_lead, OFF_LEAD, ON_GROUND)
-    return np.where(touches.any(axis=1), phases, phase)
+    return np.where(touches.any(axis=1), np.where(off_lead, OFF_LEAD, ON_GROUND), phase)
 
 
 class Contacts(NamedTuple):

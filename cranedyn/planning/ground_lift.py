@@ -122,8 +122,7 @@ class GroundLift:
     def seen(self, state: State, *, hangs: bool = True) -> State:
         """Return the state of the crane of the plan, without swing for a load that does not hang.
 
-        The angles of the load from its pivot are those of rope and sling by their lengths.
-        Coordinates have shape (n,) or (n, rows).
+        The load's angles are those of rope and sling by their lengths. Shape (n,) or (n, rows).
         """
         at, lug = self.crane.layout.at, _lug(self.crane)
         swing, sling = at("phi", "theta"), at("sling_radial", "sling_tangential")

@@ -253,7 +253,7 @@ RUNNER = """
 import pathlib, sys, time
 result, name, folder = *sys.argv[1:3], pathlib.Path(sys.argv[-1].removeprefix("--out="))
 (folder.parent / f"began_{name}").touch()
-deadline = time.monotonic() + 120.0
+deadline = time.monotonic() + 20.0
 while not all((folder.parent / f"began_{name}").exists() for name in ("energy", "mass_ratio")):
     assert time.monotonic() < deadline, "the other does not run beside this one"
     time.sleep(0.01)
