@@ -266,10 +266,7 @@ class Clearance:
         aside = np.minimum(np.maximum(self.tilt(q), self.tilt(q_end)), 1.0)  # sin(x) is less
         change = np.abs(q_end - q)
         slewed, outward, hoisted = (change[..., joint] for joint in self.drive_joints)
-        x, length = (
-            np.maximum(q[..., joint], q_end[..., joint])
-            for joint in (self.joints.trolley, self.joints.hoist)
-        )
+        _, x, length = (np.maximum(q[..., joint], q_end[..., joint]) for joint in self.drive_joints)
         length = length + self.bodies.below
         across = (x + self.bodies.spread + length * aside) * slewed + outward
         driven = np.sqrt(across**2 + hoisted**2 + 2.0 * aside * across * hoisted)
@@ -420,5 +417,4 @@ class Clearance:
         """Return the frames of joints, by their indices among the coordinates."""
         with _KINEMATICS:
             pin.forwardKinematics(self.crane.model, self._data, q)
-            placements = self._data.oMi
-            return [coal.Transform3s(placements[joint + 1]) for joint in joints]
+            return [coal.Transform3s(self._data.oMi[joint + 1]) for joint in joints]

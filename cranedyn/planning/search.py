@@ -45,7 +45,6 @@ _DIRECTIONS = [
 IsFree = Callable[[np.ndarray, np.ndarray], bool]
 """Whether the straight line between two places is proven free."""
 
-
 _TIE = 1e-3
 """Cost of a step of a further drive beside one of the slowest: of ways that last equally long the
 straight one."""
@@ -121,8 +120,8 @@ def shortened(
 
 
 def _cost(points: np.ndarray, rates: np.ndarray) -> float:
-    lengths = np.linalg.norm(np.diff(points, axis=0) / rates, axis=1)
-    return float(leg_durations(points, rates).sum() + _STRAIGHT * lengths.sum())
+    legs = np.abs(points[1:] - points[:-1]) / rates
+    return float(legs.max(axis=1).sum() + _STRAIGHT * np.sqrt((legs * legs).sum(axis=1)).sum())
 
 
 def _fewer(free: IsFree, points: np.ndarray, rates: np.ndarray) -> np.ndarray:
@@ -215,6 +214,7 @@ def best_on_grid(
     blocked: list[np.ndarray] = []
     best: float = math.inf
     last: Node = start
+    steps = [(step, 1.0 + _TIE * (sum(map(abs, step)) - 1)) for step in _NEIGHBOURS]
     # Edges are proven when their turn comes: most never are.
     while queue and len(parents) < cell_limit:
         guess, negative_cost, node, parent = heapq.heappop(queue)
@@ -234,10 +234,9 @@ def best_on_grid(
             and is_proven_free(clearance, grid.place(node), ends[1])
         ):
             best, last = cost + to_goal, node
-        for step in _NEIGHBOURS:
+        for step, factor in steps:
             neighbour = (node[0] + step[0], node[1] + step[1], node[2] + step[2])
             if neighbour not in parents and grid.inside(neighbour):
-                factor = 1.0 + _TIE * (sum(map(abs, step)) - 1)
                 if tight:
                     factor += tight * max(0.0, 1.0 - grid.margin(neighbour))
                 reached = cost + cell * factor
@@ -273,9 +272,9 @@ class _Grid:
         self._goal = ((ends[1] - ends[0]) / self._step).tolist()
         self._low, self._high = ((bounds - ends[0]) / self._step).tolist()
         self.margin, self.inside = cache(self._margin), cache(self._inside)
-        self.cost_to_goal = cache(self._cost_to_goal)
+        self.place, self.cost_to_goal = cache(self._place), cache(self._cost_to_goal)
 
-    def place(self, node: Node) -> np.ndarray:
+    def _place(self, node: Node) -> np.ndarray:
         return np.clip(self._ends[0] + np.array(node) * self._step, *self._bounds)
 
     def _inside(self, node: Node) -> bool:
