@@ -360,6 +360,38 @@ def _placing(joints: int) -> RowFunction:
     return compile_rows(placed, sum(sizes), 7 + joints)
 
 
+def place_crane(
+    bodies: CraneBodies, crane: int, position: np.ndarray, angles: np.ndarray
+) -> np.ndarray:
+    """Return the ends of all capsules of a crane [m], shape (N, n, 2, 3), as its rope hangs.
+
+    Args:
+        bodies: The cranes, `stacked`.
+        crane: Index of the crane.
+        position: Positions, shape (N, k + 1), the cable length last.
+        angles: Angles of its swing joints [rad], shape (N, 2).
+    """
+    sizes = bodies.axis.shape[1], bodies.radius.shape[1]
+    numbers = np.concatenate([bodies.ropes[crane], bodies.capsules[crane].ravel()])
+    return _placing_crane(*sizes)(np.hstack([position, angles]), numbers).reshape(
+        len(position), -1, 2, 3
+    )
+
+
+@cache
+def _placing_crane(joints: int, count: int) -> RowFunction:
+    sizes = [12 + JOINT * joints, 2 * JOINT + 3, CAPSULE * count, joints + 1, 2]
+
+    def placed(numbers: np.ndarray) -> list[Any]:
+        chain, hinges, capsules, position, angles = np.split(numbers, np.cumsum(sizes)[:-1])
+        _, rope, _ = rope_pose(np.append(chain, hinges), position[:-1], angles)
+        locals_ = capsules.reshape(count, CAPSULE)
+        placed = [place(chain, local, position, position, 0.0, rope) for local in locals_]
+        return [x for capsule in placed for x in capsule.ends.flat]
+
+    return compile_rows(placed, sum(sizes[3:]), 6 * count, sum(sizes[:3]))
+
+
 def rope_poses(ropes: np.ndarray, position: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """Return pivots, directions and motions of the pivots in rows of 6 + 3 k numbers, see
     `cranedyn.sites.capsules.rope_pose`.

@@ -116,7 +116,7 @@ class Guard:
         self._numbers = np.concatenate(
             [station.ropes[0], [brakes.reaction, crane.gravity, swing], brakes.tolerances,
              brakes.decelerations, *self._range]
-        )[None].repeat(copies, axis=0)  # fmt: skip
+        )  # fmt: skip
         order = layout.drives, station.bodies.columns, crane.swings
         self._guarded = _guarding(*(tuple(part.tolist()) for part in order))
 
@@ -144,8 +144,8 @@ class Guard:
         fits &= np.isfinite(measured).all(axis=1)
         self.fault, count = ~fits, len(fits)
         boxes = (box.reshape(count, -1) for box in (self.box, self._granted))
-        numbers = np.hstack([self._numbers, measured, self.rates, *boxes, self.target])
-        outputs = self._guarded(numbers).reshape(count, 7, -1)
+        numbers = np.hstack([measured, self.rates, *boxes, self.target])
+        outputs = self._guarded(numbers, self._numbers).reshape(count, 7, -1)
         braked = np.clip(0.0, self.rates - self._steps, self.rates + self._steps)
         self.rates = np.where(fits[:, None], outputs[:, 0], braked)
         asks = fits & (t - self._asked_at >= self._patience)
@@ -350,7 +350,7 @@ def _guarding(
         held = np.array([_most(box[0], hull[0]), _least(box[1], hull[1])])
         return [*outputs, *held.flat, *_hull(wanted, held).flat]
 
-    return compile_rows(guarded, sum(sizes), 7 * m)
+    return compile_rows(guarded, sum(sizes[6:]), 7 * m, sum(sizes[:6]))
 
 
 def _hull(one: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -24,7 +24,7 @@ from cranedyn.recording import Obstacle, Run, Scenery, record
 from cranedyn.simulation.log import Log
 from cranedyn.simulation.record import RunRecord
 from cranedyn.simulation.stepper import Stepper
-from cranedyn.sites.bodies import PlacedCapsules, place_capsules
+from cranedyn.sites.bodies import PlacedCapsules, place_crane
 from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.guard import BoxGrant, BoxRequest, Guard
 from cranedyn.sites.proof import least_distances
@@ -337,7 +337,8 @@ def simulate_copies(
         t = row * CYCLE
         states = [State(*np.split(fleet.z.T.copy(), 2, axis=1)) for fleet in cranes]
         passed = network.step(t, states, [operator(t, states) for operator in operators])
-        distances = watch.measure([state.q[None] for state in states])[0, :, :pairs]
+        near = np.maximum(least, site.distance)[:, None]
+        distances = watch.measure([state.q[None] for state in states], near)[0, :, :pairs]
         least = np.minimum(least, distances.min(axis=1, initial=math.inf))
         for fleet, state, guard, rates in zip(cranes, states, network.guards, passed, strict=True):
             crane = guard.station.crane
@@ -450,21 +451,32 @@ class _Watch:
         self._row, self._last, self._touching = 0, list[np.ndarray](), set[tuple]()
         self.contacts: list[tuple[int, SiteContact]] = []
 
-    def measure(self, paths: Sequence[np.ndarray]) -> np.ndarray:
+    def measure(
+        self, paths: Sequence[np.ndarray], within: np.ndarray | float = math.inf
+    ) -> np.ndarray:
         """Return the least distance of each group [m], shape (rows, N, groups), from coordinates of
-        each crane in rows that follow those of the last call, shape (rows, N, n) each.
+        each crane in rows that follow those of the last call, shape (rows, N, n) each; a lower
+        bound where the motion since the last measurement proves it beyond a distance, shape (N, 1).
 
         Capsules are looked at where what a group moves between two rows does not prove it apart.
         """
-        ends = [self._place(i, path) for i, path in enumerate(paths)]
-        least = np.stack([self._least(*group, ends) for group in self._groups], axis=-1)
-        last = self._last or [x[:1] for x in (*ends, least)]
-        self._last = [x[-1:] for x in (*ends, least)]
-        *ends, both = (np.concatenate(pair) for pair in zip(last, (*ends, least), strict=True))
-        moved = [np.linalg.norm(np.diff(x, axis=0), axis=-1).max(axis=(2, 3)) for x in ends]
-        spare = both[1:] + both[:-1]
+        after = [self._place(i, path) for i, path in enumerate(paths)]
+        first = [x[:1] for x in after]
+        *before, least = self._last or [*first, np.full((1, paths[0].shape[1], 1), -math.inf)]
+        ends = [np.concatenate(pair) for pair in zip(before, after, strict=True)]
+        ways = (np.diff(x, axis=0) for x in ends)
+        moved = [np.sqrt(np.einsum("...i,...i", x, x).max(axis=(2, 3))) for x in ways]
+        moved.append(0.0 * moved[0])  # of obstacles
+        motion = np.zeros((*moved[0].shape, len(self._groups)))
         for k, (i, j) in enumerate(self._groups):
-            spare[..., k] -= moved[i] + (moved[j] if j >= 0 else 0.0)
+            motion[..., k] = moved[i] + moved[max(j, -1)]
+        distances = least - np.cumsum(motion, axis=0)
+        for k, near in enumerate(np.moveaxis(distances < within, 2, 0)):
+            if near.any():
+                distances[near, k] = self._least(*self._groups[k], [x[near] for x in after])
+        both = np.concatenate([least if self._last else distances[:1], distances])
+        self._last = [x[-1:] for x in (*after, distances)]
+        spare = both[1:] + both[:-1] - motion
         for row, copy, k in np.argwhere(spare <= 4.0 * _BEND).tolist():
             states, now = (
                 ([x[row + after, copy] for x in ends] for after in (0, 1)),
@@ -476,29 +488,21 @@ class _Watch:
                 if (now - 1, touching) not in self._touching:
                     self.contacts.append((copy, contact))
                 self._touching.add((now, touching))
-        self._row += len(least)
-        return least
+        self._row += len(distances)
+        return distances
 
     def _place(self, i: int, path: np.ndarray) -> np.ndarray:
         """Return the ends of the capsules of a crane [m], shape (rows, N, capsules, 2, 3)."""
-        q = path.reshape(-1, path.shape[-1])
-        station, rows = self._site.stations[i], len(q)
-        count = len(station.bodies.names)
-        _, ropes, _ = station.rope(q)
+        station, q = self._site.stations[i], path.reshape(-1, path.shape[-1])
         position = self._site.positions(i, q[:, station.crane.layout.drives])
-        ends, ropes = (x.repeat(count, axis=0) for x in (position, ropes))
-        which, capsules = np.full(rows * count, i), np.tile(np.arange(count), rows)
-        placed = place_capsules(self._site.bodies, which, capsules, ends, ends, 0.0, ropes)
-        return placed.ends.reshape(*path.shape[:2], count, 2, 3)
+        ends = place_crane(self._site.bodies, i, position, q[:, station.crane.swings])
+        return ends[:, : len(station.bodies.names)].reshape(*path.shape[:2], -1, 2, 3)
 
     def _least(self, i: int, j: int, ends: Sequence[np.ndarray]) -> np.ndarray:
-        """Return the least distance of a group [m], shape (rows, N)."""
-        shape = ends[i].shape[:2]
+        """Return the least distance of a group [m] in rows."""
         if j >= 0:
-            flat = (self._placed(k, ends[k].reshape(-1, *ends[k].shape[2:])) for k in (i, j))
-            return least_distances(*flat).reshape(shape)
-        rows = zip(*(x.reshape(-1, *x.shape[2:]) for x in ends), strict=True)
-        return np.array([self._gaps(i, j, row).min() for row in rows]).reshape(shape)
+            return least_distances(*(self._placed(k, ends[k]) for k in (i, j)))
+        return np.array([self._gaps(i, j, row).min() for row in zip(*ends, strict=True)])
 
     def _placed(self, i: int, ends: np.ndarray) -> PlacedCapsules:
         radius = np.broadcast_to(self._site.stations[i].bodies.radius, ends.shape[:-2])
