@@ -21,7 +21,7 @@ from cranedyn.sites.bodies import crane_bodies, place_capsules, segment_distance
 from cranedyn.sites.brakes import brakes, largest_rate, stopping_distance
 from cranedyn.sites.guard import BoxRequest, Guard
 from cranedyn.sites.proof import proven_apart
-from cranedyn.sites.simulate import MessageChannel, SiteRun, simulate_site
+from cranedyn.sites.simulate import MessageChannel, SiteRun, simulate_copies, simulate_site
 from cranedyn.sites.site import CraneSite, Station
 from cranedyn.sites.site_file import EXAMPLES, SITES, read_crane_site
 from cranedyn.sites.supervisor import Supervisor
@@ -256,6 +256,27 @@ def test_without_a_supervisor_crossing_jibs_touch() -> None:
     operators = [lambda t, states, rate=rate: rate for rate in rates]
     contacts = simulate_site(site, operators, duration=90.0, supervised=False).contacts
     assert not simulate_site(site, operators, duration=contacts[0].t + 5.0).contacts
+
+
+@slow
+@pytest.mark.parametrize("proven", [True, False])
+def test_copies_of_a_site_run_as_alone_and_touch_where_nothing_is_proven(
+    proven: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not proven:
+        monkeypatch.setattr(CraneSite, "apart", lambda *_: np.ones((*_[2].shape[:-2], 2), bool))
+    site, signs, duration = site_of(), np.array([[1.0, -1.0], [-1.0, -1.0], [1.0, 0.5]]), 60.0
+    shares = np.array([0.9, 0.1, 0.0])
+    operators = [lambda t, states, sign=x: sign[:, None] * shares * full for x in signs.T]
+    full, channel = site.stations[0].converters.rates, MessageChannel(0.2, 0.0)
+    together = simulate_copies(site, operators, copies=3, duration=duration, channel=channel)
+    assert together.contacts.any() != proven
+    for copy, pair in enumerate(signs):
+        mine = [lambda t, states, sign=sign: sign * shares * full for sign in pair]
+        alone = simulate_site(site, mine, duration=duration, channel=channel)
+        numbers = [alone.least_distance, alone.swing.max(), alone.outside.max()]
+        assert np.allclose([x[copy] for x in together[1:]], numbers, rtol=0.0, atol=1e-9)
+        assert together.contacts[copy] == len(alone.contacts)
 
 
 @slow
