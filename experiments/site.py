@@ -412,12 +412,12 @@ def attacks_on(name: str, duration: float, seed: Sequence[int]) -> list[Attack]:
             for shape, x in zip(shapes, pushes, strict=True)
         ]
 
-    best, least = drawn(1.0, [0.0] * len(shapes)), np.full(copies, math.inf)
+    best, nearest = drawn(1.0, [0.0] * len(shapes)), np.full(copies, math.inf)
     results: dict[str, list[Attack]] = {"random": [], "greedy": [], "optimised": []}
     for _ in range(rounds):
         trial = drawn(MUTATED, best)
         kinds = drawn(1.0, best), drawn(1.0 - GREEDY, [math.nan] * len(shapes)), trial
-        pushes = [np.concatenate(each) for each in zip(*kinds, strict=True)]
+        pushes = [np.concatenate(x) for x in zip(*kinds, strict=True)]
         run = simulate_copies(
             site,
             [Adversary(site, i, mine) for i, mine in enumerate(pushes)],
@@ -431,10 +431,10 @@ def attacks_on(name: str, duration: float, seed: Sequence[int]) -> list[Attack]:
         ):
             attacks.append(Attack.of_copies(site, kind, length - CYCLE, SiteExtremes(*extremes)))
         # A random search: copies of the nearest, of which some pushes are drawn anew.
-        merged = np.concatenate([least, run.least[-copies:]])
+        merged = np.concatenate([nearest, run.least[-copies:]])
         order = np.resize(np.argsort(merged, kind="stable")[: math.ceil(copies / 4)], copies)
         best = [np.concatenate(pair)[order] for pair in zip(best, trial, strict=True)]
-        least = merged[order]
+        nearest = merged[order]
     return [Attack.all_of(runs) for runs in results.values()]
 
 

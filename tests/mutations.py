@@ -697,8 +697,8 @@ cranedyn/sites/simulate.py
 + if gap_low + gap_high > 2.0 * bend:
 * a bound of a distance is taken for proven without the motion since
 ? sites::copies_of_a_site_run_as_alone_and_touch_where_nothing_is_proven
-- distances = least - np.cumsum(motion, axis=0)
-+ distances = least - np.cumsum(0.0 * motion, axis=0)
+- distances = last - np.cumsum(motion, axis=0)
++ distances = last - np.cumsum(0.0 * motion, axis=0)
 cranedyn/sites/obstacles.py
 * the middle of a box is taken for all of it
 ? plan::a_supervised_crane_stops_before_an_obstacle_or_zone

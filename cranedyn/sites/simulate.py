@@ -233,8 +233,8 @@ def simulate_site(
         passed.append(commands[-1])
         if network is not None:
             measured = [State(q[None], v[None]) for q, v in states]
-            asked = [command[None] for command in commands[-1]]
-            passed[-1] = [rates[0] for rates in network.step(t, measured, asked)]
+            requested = [command[None] for command in commands[-1]]
+            passed[-1] = [rates[0] for rates in network.step(t, measured, requested)]
             boxes.append([guard.box[0] for guard in network.guards])
             if circle := network.supervisor.deadlock():
                 deadlocks.append((t, circle))
@@ -332,14 +332,14 @@ def simulate_copies(
         for x in site.stations
     ]
     watch, pairs = _Watch(site), math.comb(len(cranes), 2)
-    least, swing, outside = np.array([[math.inf], [0.0], [-math.inf]]).repeat(copies, axis=1)
+    nearest, swing, outside = np.array([[math.inf], [0.0], [-math.inf]]).repeat(copies, axis=1)
     for row in range(rows):
         t = row * CYCLE
         states = [State(*np.split(fleet.z.T.copy(), 2, axis=1)) for fleet in cranes]
         passed = network.step(t, states, [operator(t, states) for operator in operators])
-        near = np.maximum(least, site.distance)[:, None]
+        near = np.maximum(nearest, site.distance)[:, None]
         distances = watch.measure([state.q[None] for state in states], near)[0, :, :pairs]
-        least = np.minimum(least, distances.min(axis=1, initial=math.inf))
+        nearest = np.minimum(nearest, distances.min(axis=1, initial=math.inf))
         for fleet, state, guard, rates in zip(cranes, states, network.guards, passed, strict=True):
             crane = guard.station.crane
             angles, drives = crane.swing_angles(state.q), state.q[:, crane.layout.drives]
@@ -347,10 +347,10 @@ def simulate_copies(
             beyond = np.maximum(guard.box[:, 0] - drives, drives - guard.box[:, 1])
             outside = np.maximum(outside, beyond.max(axis=1))
             fleet.step(rates.T)
-    if not np.isfinite([least, swing]).all():
+    if not np.isfinite(swing).all():
         raise RunError("A crane of the site diverged; a smaller dt may help.", t=t)
     contacts = np.bincount([copy for copy, _ in watch.contacts], minlength=copies)
-    return SiteExtremes(contacts, least, swing, outside)
+    return SiteExtremes(contacts, nearest, swing, outside)
 
 
 class _Network:
@@ -387,9 +387,9 @@ class _Network:
         return passed
 
     def _send(self, queue: list, t: float, station: int, message: BoxRequest | BoxGrant) -> None:
-        kept = self._rng.random(len(message.copies)) >= self._channel.loss
-        if kept.any():
-            sent = type(message)(*(values[kept] for values in message))
+        heard = self._rng.random(len(message.copies)) >= self._channel.loss
+        if heard.any():
+            sent = type(message)(*(values[heard] for values in message))
             queue.append((t + self._channel.latency, station, sent))
 
     def _arrived(self, queue: list, t: float) -> list:
@@ -462,19 +462,19 @@ class _Watch:
         """
         after = [self._place(i, path) for i, path in enumerate(paths)]
         first = [x[:1] for x in after]
-        *before, least = self._last or [*first, np.full((1, paths[0].shape[1], 1), -math.inf)]
+        *before, last = self._last or [*first, np.full((1, paths[0].shape[1], 1), -math.inf)]
         ends = [np.concatenate(pair) for pair in zip(before, after, strict=True)]
-        ways = (np.diff(x, axis=0) for x in ends)
-        moved = [np.sqrt(np.einsum("...i,...i", x, x).max(axis=(2, 3))) for x in ways]
+        motions = (np.diff(x, axis=0) for x in ends)
+        moved = [np.sqrt(np.einsum("...i,...i", x, x).max(axis=(2, 3))) for x in motions]
         moved.append(0.0 * moved[0])  # of obstacles
         motion = np.zeros((*moved[0].shape, len(self._groups)))
         for k, (i, j) in enumerate(self._groups):
             motion[..., k] = moved[i] + moved[max(j, -1)]
-        distances = least - np.cumsum(motion, axis=0)
+        distances = last - np.cumsum(motion, axis=0)
         for k, near in enumerate(np.moveaxis(distances < within, 2, 0)):
             if near.any():
                 distances[near, k] = self._least(*self._groups[k], [x[near] for x in after])
-        both = np.concatenate([least if self._last else distances[:1], distances])
+        both = np.concatenate([last if self._last else distances[:1], distances])
         self._last = [x[-1:] for x in (*after, distances)]
         spare = both[1:] + both[:-1] - motion
         for row, copy, k in np.argwhere(spare <= 4.0 * _BEND).tolist():

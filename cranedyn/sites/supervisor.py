@@ -99,17 +99,17 @@ class Supervisor:
         reserved = self.boxes[station][request.copies]
         inside = (request.held[:, 0] >= reserved[:, 0]) & (request.held[:, 1] <= reserved[:, 1])
         valid = inside.all(axis=1) & (request.number > self._numbers[request.copies, station])
-        copies, number, held, wanted = (values[valid] for values in request)
+        copies, number, reported, wanted = (values[valid] for values in request)
         self._numbers[copies, station] = number
-        others = self._others(station, copies)
-        apart = self.site.apart(station, wanted, others)
+        neighbours = self._others(station, copies)
+        apart = self.site.apart(station, wanted, neighbours)
         box, cut = wanted.copy(), ~apart.all(axis=1)
         box[cut] = self._extended(
-            station, held[cut], wanted[cut], [other[cut] for other in others], ~apart[cut]
+            station, reported[cut], wanted[cut], [x[cut] for x in neighbours], ~apart[cut]
         )
         self.boxes[station][copies], self._wanted[station][copies] = box, wanted
         goes = self.passing[copies, station] < 0  # else it wants to go where it was told to
-        self._ways[station][copies[goes]] = np.sign(wanted - held)[goes]
+        self._ways[station][copies[goes]] = np.sign(wanted - reported)[goes]
         short = np.abs(wanted - box) > self.site.stations[station].brakes.tolerances
         blocking = ~apart & short.any(axis=(1, 2))[:, None]
         blocking[:, station] = False  # an obstacle is in the way
@@ -134,7 +134,7 @@ class Supervisor:
         station: int,
         box: np.ndarray,
         wanted: np.ndarray,
-        others: list[np.ndarray],
+        neighbours: list[np.ndarray],
         doubtful: np.ndarray,
     ) -> np.ndarray:
         """Return boxes enlarged towards wanted ones as far as they are proven apart."""
@@ -145,10 +145,10 @@ class Supervisor:
                 larger[:, end, drive] += share * (wanted - box)[rows, end, drive]
                 slab = larger.copy()  # the rest is proven
                 slab[:, 1 - end, drive] = box[rows, end, drive]
-                beside = [other[rows] for other in others]
-                apart = self.site.apart(station, slab, beside, doubtful[rows]).all(axis=1)
-                box[rows[apart]] = larger[apart]
-                rows = rows[~apart]
+                beside = [x[rows] for x in neighbours]
+                proven = self.site.apart(station, slab, beside, doubtful[rows]).all(axis=1)
+                box[rows[proven]] = larger[proven]
+                rows = rows[~proven]
         return box
 
     def _resolve(self, station: int, copies: np.ndarray) -> None:
