@@ -12,11 +12,13 @@ import math
 import sys
 import time
 from collections.abc import Sequence
+from concurrent.futures import as_completed
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.special import pdtri
 from scipy.stats import binomtest
 
 from cranedyn.checks import number
@@ -26,11 +28,19 @@ from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.guard import BoxRequest, Guard, gentle
 from cranedyn.sites.page import site_html
 from cranedyn.sites.proof import least_distances
-from cranedyn.sites.simulate import MessageChannel, SiteRun, simulate_site
+from cranedyn.sites.simulate import (
+    MessageChannel,
+    SiteExtremes,
+    SiteRun,
+    simulate_copies,
+    simulate_site,
+)
 from cranedyn.sites.site import CraneSite
 from cranedyn.sites.site_file import EXAMPLES, read_crane_site
 from cranedyn.sites.supervisor import Supervisor
+from cranedyn.sweep.workers import ignore_sigint
 from experiments import harness
+from experiments.compare.runs import processes
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 
 if TYPE_CHECKING:
@@ -56,6 +66,13 @@ ZONE_STEPS = {"rad": math.radians(5.0), "m": 2.5}
 PERIOD_OF_PUSHES, PUSHES, LOOK = 10.0, 12, 0.5
 """Time between pushes of an adversary [s], their number before they repeat, and time after which it
 looks where the others are [s]."""
+
+GREEDY, MUTATED = 0.8, 0.2
+"""Share of the pushes of greedy adversaries that go to the nearest load, and share that a search
+draws anew."""
+
+COPIES, SEARCH = 300, 12000.0
+"""Most copies of a site with adversaries of one kind in lockstep; longest search [min]."""
 
 SPACING, LISTED = 45.0, 8
 """Distance between eight towers in two rows [m], for the time of a cycle; lifts on the lists of a
@@ -177,38 +194,42 @@ def reach(site: CraneSite, index: int) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass
 class Adversary:
-    """An operator who tries to collide: a push of each drive for a while, again and again.
+    """Operators of a crane on N copies of a site who try to collide: a push of each drive for a
+    while, again and again.
 
     Attributes:
         site: The site.
         index: Index of the crane.
-        pushes: Shares of the largest rates, shape (`PUSHES`, m); NaN slews towards the nearest
+        pushes: Shares of the largest rates, shape (N, `PUSHES`, m); NaN slews towards the nearest
             other crane's load and takes the own load to its radius.
     """
 
     site: CraneSite
     index: int
     pushes: np.ndarray
-    _looks_at: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Begin without a look."""
+        self._looks_at, self._signs = np.zeros(len(self.pushes)), 0.0 * self.pushes[:, 0]
 
     def __call__(self, t: float, states: Sequence[State]) -> np.ndarray:
-        """Return the rates [rad/s or m/s], shape (m,)."""
-        push = self.pushes[int(t / PERIOD_OF_PUSHES) % len(self.pushes)]
-        if np.isnan(push).any():
-            if t >= self._looks_at:
-                self._signs, self._looks_at = self._towards(states), t + LOOK
-            push = np.where(np.isnan(push), self._signs, push)
-        return push * self.site.stations[self.index].converters.rates
+        """Return the rates [rad/s or m/s], shape (N, m)."""
+        push = self.pushes[:, int(t / PERIOD_OF_PUSHES) % PUSHES]
+        free = np.isnan(push)
+        looks = np.flatnonzero(free.any(axis=1) & (t >= self._looks_at))
+        if len(looks):
+            self._signs[looks] = self._towards([State(q[looks], v[looks]) for q, v in states])
+            self._looks_at[looks] = t + LOOK
+        return np.where(free, self._signs, push) * self.site.stations[self.index].converters.rates
 
     def _towards(self, states: Sequence[State]) -> np.ndarray:
-        pivots = [
-            station.rope(state.q[None])
-            for station, state in zip(self.site.stations, states, strict=True)
-        ]
-        pivot, _, motion = pivots[self.index]
-        offsets = [(other - pivot)[0] for i, (other, *_) in enumerate(pivots) if i != self.index]
-        nearest = min(offsets, key=lambda offset: float(offset[:2] @ offset[:2]))
-        return np.sign(motion[0, :, :2] @ nearest[:2])
+        """Return signs of rates towards the nearest load, shape (N, m)."""
+        poses = [x.rope(state.q) for x, state in zip(self.site.stations, states, strict=True)]
+        pivot, _, motion = poses.pop(self.index)
+        offsets = np.array([other[:, :2] - pivot[:, :2] for other, *_ in poses])
+        nearest = np.argmin((offsets * offsets).sum(axis=2), axis=0)
+        offset = offsets[nearest, np.arange(len(pivot))]
+        return np.sign((motion[:, :, :2] * offset[:, None]).sum(axis=2))
 
 
 class Shift(NamedTuple):
@@ -287,6 +308,19 @@ class Attack(NamedTuple):
         return cls(site, kind, minutes, len(run.contacts), least, swing, outside)
 
     @classmethod
+    def of_copies(cls, site: CraneSite, kind: str, duration: float, run: SiteExtremes) -> Attack:
+        """Return what came of copies of a site that ran for a duration [s]."""
+        minutes, contacts = len(site.stations) * len(run.least) * duration / 60.0, run.contacts
+        least, swing = float(run.least.min()) - site.distance, float(run.swing.max()) / site.swing
+        outside = float(run.outside.max())
+        return cls(site.name, kind, minutes, int(contacts.sum()), least, swing, outside)
+
+    @property
+    def most_contacts(self) -> float:
+        """Upper bound at 95 % of the contacts in 10⁶ crane-minutes, of a Poisson process."""
+        return float(1e6 * pdtri(self.contacts, 0.05) / self.crane_minutes)
+
+    @classmethod
     def all_of(cls, runs: Sequence[Attack]) -> Attack:
         """Return runs of one kind on one site as one."""
         (site, *_), (kind, *_), minutes, contacts, least, swing, outside = zip(*runs, strict=True)
@@ -296,20 +330,30 @@ class Attack(NamedTuple):
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Work and attack on each site."""
     number("minutes", options.minutes, "min", "> 0")
-    shifts, attacks = [], []
-    update = setup.reporter.count("shifts and adversaries", 2 * len(options.site))
-    for i, site in enumerate(map(read_crane_site, options.site)):
+    shifts, searches = [], math.ceil(options.minutes / SEARCH)
+    update = setup.reporter.count("shifts and searches", len(options.site) * (1 + searches))
+    for site in map(read_crane_site, options.site):
         shifts += _shifts(site, 3600.0 * options.hours)
-        update(2 * i + 1)
-        attacks += attacks_on(site, 60.0 * options.minutes, options.seed)
-        update(2 * i + 2)
+        update(len(shifts) // 3)
+    minutes, seeds = options.minutes / searches, range(searches)
+    with processes(options.jobs) as workers:
+        with ignore_sigint():  # submitting starts processes
+            tasks = [
+                workers.submit(attacks_on, name, 60.0 * minutes, (options.seed, k))
+                for name, k in itertools.product(options.site, seeds)
+            ]
+        for done, _ in enumerate(as_completed(tasks), start=1):
+            update(len(options.site) + done)
+    runs = [attack for task in tasks for attack in task.result()]
+    kinds = dict.fromkeys((run.site, run.kind) for run in runs)
+    attacks = [Attack.all_of([x for x in runs if (x.site, x.kind) == kind]) for kind in kinds]
     times, histories = supervisor_cycles(options.cycles)
-    runs = [shift.run for shift in shifts if shift.protection == "supervisor"]
+    supervised = [shift.run for shift in shifts if shift.protection == "supervisor"]
     return Outcome(
         tables=[_shift_table(shifts), _attack_table(attacks), _cycle_table(times)],
         claims=_claims(shifts, attacks, times, set(options.site) <= set(EXAMPLES)),
         figures={"invariant": _figure(histories)},
-        texts={f"site_{i + 1}.html": site_html(run) for i, run in enumerate(runs)},
+        texts={f"site_{i + 1}.html": site_html(run) for i, run in enumerate(supervised)},
     )
 
 
@@ -335,7 +379,7 @@ def static_zones(site: CraneSite) -> list[np.ndarray]:
     """Return a box of positions for each crane, shape (2, m), all of them proven apart: in turn
     each end of each drive is moved outwards by a step, until none can be.
     """
-    zones = [Guard(station, site.swing).box for station in site.stations]
+    zones = [Guard(station, site.swing).box[0] for station in site.stations]
     units = [[joint.unit for joint in station.crane.layout.driven] for station in site.stations]
     ends = [np.array(reach(site, i)) for i in range(len(site.stations))]
     for i, station in enumerate(site.stations):  # hoists at first
@@ -357,33 +401,45 @@ def static_zones(site: CraneSite) -> list[np.ndarray]:
     return zones
 
 
-def attacks_on(site: CraneSite, duration: float, seed: int) -> list[Attack]:
-    """Return attacks of a third of a duration [s] each: random, greedy, and optimised."""
-    rng = np.random.default_rng(seed)
-    shapes = [(PUSHES, station.crane.layout.m) for station in site.stations]
-    length = PERIOD_OF_PUSHES * PUSHES
+def attacks_on(name: str, duration: float, seed: Sequence[int]) -> list[Attack]:
+    """Return attacks on a site of a third of a duration [s] each: random, greedy, and optimised."""
+    site = read_crane_site(name)
+    rng, length = np.random.default_rng(seed), PERIOD_OF_PUSHES * PUSHES
+    count = max(1, round(duration / 3.0 / length))
+    rounds = math.ceil(count / COPIES)
+    copies = math.ceil(count / rounds)
+    shapes = [(copies, PUSHES, station.crane.layout.m) for station in site.stations]
+
+    def drawn(fresh: float, pushes: Sequence[np.ndarray | float]) -> list[np.ndarray]:
+        """Return pushes of which a share is drawn anew."""
+        return [
+            np.where(rng.random(shape) < fresh, rng.integers(-1, 2, shape), x)
+            for shape, x in zip(shapes, pushes, strict=True)
+        ]
+
+    best, nearest = drawn(1.0, [0.0] * len(shapes)), np.full(copies, math.inf)
     results: dict[str, list[Attack]] = {"random": [], "greedy": [], "optimised": []}
-
-    def attack(kind: str, pushes: Sequence[np.ndarray]) -> float:
-        operators = [Adversary(site, i, mine) for i, mine in enumerate(pushes)]
-        losses = int(rng.integers(2**32))
-        run = simulate_site(site, operators, duration=length, channel=CHANNEL, seed=losses)
-        results[kind].append(Attack.of(site.name, kind, run))
-        return results[kind][-1].least
-
-    def drawn() -> list[np.ndarray]:
-        return [rng.integers(-1, 2, shape).astype(float) for shape in shapes]
-
-    best, least = drawn(), math.inf
-    for _ in range(max(1, round(duration / 3.0 / length))):
-        attack("random", drawn())
-        greedy = [np.where(rng.random(x.shape) < 0.8, np.nan, x) for x in drawn()]
-        attack("greedy", greedy)
-        # A random search: the best pushes, some of which are drawn anew.
-        pairs = zip(best, drawn(), strict=True)
-        trial = [np.where(rng.random(old.shape) < 0.2, new, old) for old, new in pairs]
-        if (distance := attack("optimised", trial)) < least:
-            best, least = trial, distance
+    for _ in range(rounds):
+        trial = drawn(MUTATED, best)
+        kinds = drawn(1.0, best), drawn(1.0 - GREEDY, [math.nan] * len(shapes)), trial
+        pushes = [np.concatenate(x) for x in zip(*kinds, strict=True)]
+        run = simulate_copies(
+            site,
+            [Adversary(site, i, mine) for i, mine in enumerate(pushes)],
+            copies=3 * copies,
+            duration=length,
+            channel=CHANNEL,
+            seed=int(rng.integers(2**32)),
+        )
+        for (kind, attacks), extremes in zip(
+            results.items(), zip(*(np.split(x, 3) for x in run), strict=True), strict=True
+        ):
+            attacks.append(Attack.of_copies(site, kind, length - CYCLE, SiteExtremes(*extremes)))
+        # A random search: copies of the nearest, of which some pushes are drawn anew.
+        merged = np.concatenate([nearest, run.least[-copies:]])
+        order = np.resize(np.argsort(merged, kind="stable")[: math.ceil(copies / 4)], copies)
+        best = [np.concatenate(pair)[order] for pair in zip(best, trial, strict=True)]
+        nearest = merged[order]
     return [Attack.all_of(runs) for runs in results.values()]
 
 
@@ -412,29 +468,28 @@ def supervisor_cycles(cycles: int) -> tuple[np.ndarray, list[History]]:
     site = CraneSite("eight towers", tuple(stations), swing=four.swing)
     guards, rng = [Guard(station, site.swing) for station in stations], np.random.default_rng(0)
     supervisor = Supervisor(site, [guard.box for guard in guards])
-    states = [State(*map(np.copy, station.crane.start)) for station in stations]
-    commands = [np.zeros(3)] * len(stations)
+    states = [State(*(x[None].copy() for x in station.crane.start)) for station in stations]
+    commands = [np.zeros((1, 3))] * len(stations)
     times, rows = np.zeros(cycles), []
     for cycle in range(cycles):
         requests: list[tuple[int, BoxRequest]] = []
         for i, (guard, state, station) in enumerate(zip(guards, states, stations, strict=True)):
             if cycle % 100 == 0:
-                commands[i] = rng.integers(-1, 2, 3) * station.converters.rates
+                commands[i] = rng.integers(-1, 2, (1, 3)) * station.converters.rates
             rates, request = guard.step(cycle * CYCLE, state, commands[i])
             drives = station.crane.layout.drives
-            state.q[drives] += rates * CYCLE
-            state.v[drives] = rates
-            if request is not None:
+            state.q[:, drives] += rates * CYCLE
+            state.v[:, drives] = rates
+            if len(request.copies):
                 requests.append((i, request))
         begin = time.process_time()
         grants = [(i, supervisor.receive(i, request)) for i, request in requests]
         times[cycle] = time.process_time() - begin
         for i, grant in grants:
-            if grant is not None:
-                guards[i].receive(grant)
+            guards[i].receive(grant)
         rows.append(
             [
-                (*state.q[drives[:1]], *guard.box[:, 0])
+                (*state.q[0, drives[:1]], *guard.box[0, :, 0])
                 for guard, state in zip(guards, states, strict=True)
             ]
         )
@@ -471,6 +526,7 @@ def _attack_table(attacks: Sequence[Attack]) -> ResultTable:
         ("contacts", "d", lambda attack: attack.contacts),
         ("beyond required distance [m]", ".2f", lambda attack: attack.least),
         ("swing / largest", ".2f", lambda attack: attack.swing),
+        ("95 %: in 10⁶ crane-minutes", ".3g", lambda attack: attack.most_contacts),
         ("crane-minutes", ".0f", lambda attack: attack.crane_minutes),
         note=f"Messages take {CHANNEL.latency:g} s, {100.0 * CHANNEL.loss:g} % are lost.",
     )
@@ -546,6 +602,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--site", nargs="+", metavar="FILE", default=EXAMPLES, help=text)
     add("--hours", type=float, default=0.4, help="length of a shift [h]")
     add("--minutes", type=float, default=12.0, help="time of all adversaries on a site [min]")
+    add("--jobs", type=int, default=1, metavar="N", help="processes for the adversaries")
     add("--seed", type=int, default=1, help="seed of the adversaries")
     add("--cycles", type=int, default=1000, help="cycles of eight cranes")
     return harness.run_experiment(parser, experiment, argv)

@@ -89,22 +89,28 @@ def aligned_copy(numbers: np.ndarray) -> np.ndarray:
 
 
 class RowFunction:
-    """Compiled function that maps each row of numbers to a row of results."""
+    """Compiled function that maps each row of numbers, and numbers that rows share, to a row of
+    results.
+    """
 
-    def __init__(self, machine: Machine, name: str, width_in: int, width_out: int) -> None:
+    def __init__(
+        self, machine: Machine, name: str, width_in: int, width_out: int, shared: int = 0
+    ) -> None:
         """Bind a function of a module by its name, with the numbers that it reads and writes for
-        each row.
+        each row, and those that rows share.
         """
-        self._machine, self._run = machine, machine.function(name, 3)
-        self._given, self._answered = width_in, width_out
+        self._machine, self._run = machine, machine.function(name, 4)
+        self._given, self._answered, self._shared = width_in, width_out, shared
 
-    def __call__(self, rows: np.ndarray) -> np.ndarray:
+    def __call__(self, rows: np.ndarray, shared: np.ndarray = np.empty(0)) -> np.ndarray:  # noqa: B008
         """Return the results for rows, shape (n, width_in), in rows, shape (n, width_out).
 
         Raises:
-            Misshapen: If the rows are of another length, or no contiguous doubles.
+            Misshapen: If the rows or the shared numbers are of another length, or no contiguous
+                doubles.
         """
         answers, count = np.empty((len(rows), self._answered)), np.empty(1, dtype=np.int64)
+        common = _address("shared", shared, (self._shared,))
         for first in range(0, len(rows), _PIECE):
             row_chunk, answer_chunk = (array[first : first + _PIECE] for array in (rows, answers))
             count[0] = len(row_chunk)
@@ -112,6 +118,7 @@ class RowFunction:
                 _address("rows", row_chunk, (len(row_chunk), self._given)),
                 count.ctypes.data,
                 _address("answers", answer_chunk, (len(row_chunk), self._answered)),
+                common,
             )
         return answers
 

@@ -15,12 +15,19 @@ import numpy as np
 from cranedyn.checks import check_choice, finite, read_only, short_repr, whole, within
 from cranedyn.clocks import clocks
 from cranedyn.compiled.binding import Loop
-from cranedyn.compiled.inputs import check_fits_memory, common_layout, start_states
+from cranedyn.compiled.inputs import (
+    check_fits_memory,
+    common_layout,
+    converter_memory,
+    converter_response,
+    start_states,
+)
 from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.layout import BufferLayout, size, slices
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.tables import RowTable, command_tables, single_table
 from cranedyn.compiled.verify import compile_kernel
+from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import DirectDrive, State
@@ -54,7 +61,7 @@ class Fleet:
         *,
         dt: float = 5e-4,
         control_period: float = 0.1,
-        drive: DirectDrive = "motion",
+        drive: DirectDrive | Converters = "motion",
         forces: bool = False,
         integrator: Integrator = semi_implicit_euler,
         threads: int | None = None,
@@ -66,7 +73,8 @@ class Fleet:
             count: Number of cranes, n.
             dt: Physics step [s].
             control_period: Time for which a command holds [s].
-            drive: Kind of command, see `simulate`.
+            drive: Kind of command, see `simulate`, or the frequency converters of all cranes, which
+                take rates.
             forces: Whether external forces can act.
             integrator: The stepping rule.
             threads: Number of threads, 1024 at most; by default one for each processor.
@@ -76,30 +84,40 @@ class Fleet:
                 would not fit into 4 GB, or there is no code for the stepping rule.
             ModelError: If the code does not agree with Pinocchio.
         """
-        check_choice("drive", drive, DirectDrive)
+        converters = drive if isinstance(drive, Converters) else None
+        kind = "velocity" if isinstance(drive, Converters) else str(drive)
+        if converters is None:
+            check_choice("drive", kind, DirectDrive)
         check_rule(integrator)
         self.cranes = [cranes] if isinstance(cranes, Crane) else list(cranes)
         if not self.cranes:
             raise OutOfRange("number of cranes to choose from", 0, "1 or more")
         self.layout = common_layout(self.cranes)
-        self._sizes = sizes = BufferLayout.of(self.layout)
+        self._clock = clocks(control_period, dt, control_period)
+        numbers, delay_steps = converter_response(self.cranes[0], kind, converters, self._clock)
+        self._sizes = sizes = BufferLayout.of(self.layout, delay_steps)
         self.count = whole("number of cranes", count, 1)
-        self.control_period, self.drive = control_period, drive
+        self.control_period, self.drive = control_period, kind
         workers = len(os.sched_getaffinity(0))
         if threads is not None:
             workers = int(within("threads", whole("threads", threads, 1), 1, _THREADS))
-        self._clock = clocks(control_period, dt, control_period)
         self._recipe = Recipe(
-            _LANES, drive, integrator, forces=forces, shared=(True, True, not forces)
+            _LANES,
+            kind,
+            integrator,
+            forces=forces,
+            shared=(True, True, not forces),
+            delay_steps=delay_steps,
         )
-        code, self._own = compile_kernel(self.cranes, self._recipe)
+        self._converters = converters, numbers
+        code, self._own = compile_kernel(self.cranes, self._recipe, numbers)
         groups, varied = -(-self.count // _LANES), code.source.varied
         numbers_of_each = 3 * size(sizes.state) + varied + size(sizes.force) + 10
         check_fits_memory("number of cranes", str(count), groups * _LANES * numbers_of_each)
         self._state = np.zeros((groups, size(sizes.state), _LANES))
         self._numbers = np.zeros((groups, varied, _LANES))
         self._force = np.zeros((groups * _LANES if forces else 1, size(sizes.force)))
-        self._pushed, self._last_command = forces, slices(sizes.state)["last_command"]
+        self._pushed, self._at = forces, slices(sizes.state)
         count_of_parts = max(min(workers, groups // _SHARE), -(-groups // _MOST), 1)
         groups_of = np.linspace(0, groups, count_of_parts + 1).astype(int)
         ends = np.minimum(_LANES * groups_of, self.count).tolist()
@@ -134,7 +152,7 @@ class Fleet:
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore a copy and bind its code to the memory."""
         vars(self).update(state)
-        self._bind(compile_kernel(self.cranes, self._recipe)[0])
+        self._bind(compile_kernel(self.cranes, self._recipe, self._converters[1])[0])
 
     def place(
         self, indices: np.ndarray, start: State | Sequence[State], crane: np.ndarray | None = None
@@ -180,8 +198,8 @@ class Fleet:
         """Advance all cranes by a control period.
 
         Args:
-            command: Efforts, clipped to the limits of the drives, or accelerations, one column a
-                crane, shape (drives, n).
+            command: Efforts, clipped to the limits of the drives, accelerations, or rates, one
+                column a crane, shape (drives, n).
 
         Returns:
             Coordinates and rates after the period, `z`; not finite for a crane that diverged.
@@ -226,10 +244,15 @@ class Fleet:
         if self.drive == "effort":
             command = np.clip(command, -self._limit[:, columns], self._limit[:, columns])
         first, last = columns.start // _LANES, -(-columns.stop // _LANES)
+        if (converters := self._converters[0]) is not None:
+            command = np.array(converters.response.heard(command))
         commands = np.zeros((len(command), _LANES * (last - first)))
         commands[:, : command.shape[1]] = command
         by_group = commands.reshape(len(command), -1, _LANES).transpose(1, 0, 2)
-        self._state[first:last, self._last_command] = by_group
+        state, unheard = self._state[first:last], self._at.get("unheard", slice(0, 0))
+        waiting = np.concatenate([state[:, unheard], by_group], axis=1)
+        state[:, self._at["last_command"]] = waiting[:, : len(command)]
+        state[:, unheard] = waiting[:, len(command) :]
         self._steps(first, last)
         self._z[:, first:last] = self._state[first:last, : len(self._z)].transpose(1, 0, 2)
 
@@ -238,6 +261,9 @@ class Fleet:
         z = np.hstack(start)
         self._state[groups, :, lanes] = 0.0
         self._state[groups, : z.shape[1], lanes] = z
+        memory = converter_memory(self._sizes, z[:, self._sizes.n + self.layout.drives])
+        if memory:  # the last sections of the state
+            self._state[groups, self._at["reference"].start :, lanes] = np.hstack(memory)
         self._numbers[groups, :, lanes] = self._own[kinds]
         self._z[:, groups, lanes] = z.T
         inside = rows < self.count

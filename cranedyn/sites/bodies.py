@@ -19,6 +19,7 @@ import pinocchio as pin
 from cranedyn.checks import number
 from cranedyn.compiled.binding import RowFunction
 from cranedyn.compiled.rows import compile_rows
+from cranedyn.dynamics.scalars import array
 from cranedyn.errors import ModelError
 from cranedyn.model.crane import Crane
 from cranedyn.planning.bodies import shape_corners
@@ -327,7 +328,6 @@ def place_capsules(
     low: np.ndarray,
     high: np.ndarray,
     swing: float,
-    rope: np.ndarray | None = None,
 ) -> PlacedCapsules:
     """Return capsules of cranes, N of them, in the middle of intervals of positions.
 
@@ -339,25 +339,58 @@ def place_capsules(
             rope and load are swept over all lengths.
         high: Upper ends.
         swing: Largest angle of the rope from plumb [rad].
-        rope: Direction of the rope, shape (N, 3); None for plumb.
     """
     cranes, capsules = bodies.chains[which], bodies.capsules[which, capsule]
-    rope = np.array([[0.0, 0.0, -1.0]]).repeat(len(which), 0) if rope is None else rope
     cone = np.full((len(which), 1), 2.0 * math.sin(swing / 2.0))
-    placed = _placing(bodies.axis.shape[1])(np.hstack([cranes, capsules, low, high, cone, rope]))
+    placed = _placing(bodies.axis.shape[1])(np.hstack([cranes, capsules, low, high, cone]))
     return PlacedCapsules(placed[:, :6].reshape(-1, 2, 3), placed[:, 6], placed[:, 7:])
 
 
 @cache
 def _placing(joints: int) -> RowFunction:
-    sizes = [12 + JOINT * joints, CAPSULE, joints + 1, joints + 1, 1, 3]
+    sizes = [12 + JOINT * joints, CAPSULE, joints + 1, joints + 1, 1]
 
     def placed(numbers: np.ndarray) -> list[Any]:
-        crane, local, low, high, cone, rope = np.split(numbers, np.cumsum(sizes)[:-1])
+        crane, local, low, high, cone = np.split(numbers, np.cumsum(sizes)[:-1])
+        rope = array([0.0, 0.0, -1.0])
         capsule = place(crane, local, low, high, cone[0], rope)
         return [*capsule.ends.flat, capsule.radius, *shifts(capsule, low, high, rope)[1]]
 
     return compile_rows(placed, sum(sizes), 7 + joints)
+
+
+def place_crane(
+    bodies: CraneBodies, crane: int, position: np.ndarray, angles: np.ndarray
+) -> np.ndarray:
+    """Return the ends of all capsules of a crane [m], shape (N, n, 2, 3), as its rope hangs.
+
+    Args:
+        bodies: The cranes, `stacked`.
+        crane: Index of the crane.
+        position: Positions, shape (N, k + 1), the cable length last.
+        angles: Angles of its swing joints [rad], shape (N, 2).
+    """
+    sizes = bodies.axis.shape[1], bodies.radius.shape[1]
+    numbers = np.concatenate([bodies.ropes[crane], bodies.capsules[crane].ravel()])
+    return _placing_crane(*sizes)(np.hstack([position, angles]), numbers).reshape(
+        len(position), -1, 2, 3
+    )
+
+
+@cache
+def _placing_crane(joints: int, count: int) -> RowFunction:
+    sizes = [12 + JOINT * joints, 2 * JOINT + 3, CAPSULE * count, joints + 1, 2]
+
+    def placed(numbers: np.ndarray) -> list[Any]:
+        chain, hinges, capsules, position, angles = np.split(numbers, np.cumsum(sizes)[:-1])
+        _, rope, _ = rope_pose(np.append(chain, hinges), position[:-1], angles)
+        return [
+            number
+            for capsule in capsules.reshape(count, CAPSULE)
+            for number in place(chain, capsule, position, position, 0.0, rope).ends.flat
+        ]
+
+    return compile_rows(placed, sum(sizes[3:]), 6 * count, sum(sizes[:3]))
 
 
 def rope_poses(ropes: np.ndarray, position: np.ndarray, angles: np.ndarray) -> np.ndarray:

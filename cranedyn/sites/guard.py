@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.checks import as_array
+from cranedyn.checks import as_array, whole
 from cranedyn.compiled.binding import RowFunction
 from cranedyn.compiled.rows import compile_rows
 from cranedyn.dynamics.scalars import array, chosen, larger, smaller, square_root
@@ -45,62 +45,72 @@ ROUNDING, FARTHEST = 1e-9, 1e9
 
 
 class BoxRequest(NamedTuple):
-    """Message of a guard.
+    """Messages of the guards of one crane on k copies of a site.
 
     Attributes:
-        number: Number of the request.
-        held: Box that the crane keeps to from now on, shape (2, m).
-        wanted: Box that it asks for, shape (2, m), around the one it keeps to.
+        copies: Indices of the copies, shape (k,).
+        number: Number of each request, shape (k,).
+        held: Boxes that the cranes keep to from now on, shape (k, 2, m).
+        wanted: Boxes that they ask for, around those that they keep to, shape (k, 2, m).
     """
 
-    number: int
+    copies: np.ndarray
+    number: np.ndarray
     held: np.ndarray
     wanted: np.ndarray
 
 
 class BoxGrant(NamedTuple):
-    """Answer of the supervisor.
+    """Answers of the supervisors to one crane on k copies of a site.
 
     Attributes:
-        number: Number of the request.
-        box: Box that the crane may keep to, shape (2, m).
-        blocked_by: Names of cranes that keep it from all that it asked for.
-        target: Position of the drives to which it withdraws, shape (m,), to let another pass that
-            waits for it; None if it need not.
+        copies: Indices of the copies, shape (k,).
+        number: Number of each request, shape (k,).
+        box: Boxes that the cranes may keep to, shape (k, 2, m).
+        blocked_by: Whether each crane of the site keeps it from all that it asked for, shape (k,
+            cranes).
+        target: Positions of the drives to which they withdraw, shape (k, m), to let others pass
+            that wait for them; inf where they need not.
     """
 
-    number: int
+    copies: np.ndarray
+    number: np.ndarray
     box: np.ndarray
-    blocked_by: tuple[str, ...]
-    target: np.ndarray | None = None
+    blocked_by: np.ndarray
+    target: np.ndarray
 
 
 class Guard:
-    """The part of the supervision that runs on a crane.
+    """The part of the supervision that runs on a crane, on N copies of a site in lockstep.
 
     Attributes:
-        box: Box in which the crane keeps, shape (2, m).
-        rates: Last rates that it passed on [rad/s or m/s], shape (m,).
-        fault: Whether a measurement was out of its range; all drives then brake.
-        blocked_by: Names of cranes that the last grant named.
-        target: Position to which the crane withdraws, whatever is commanded; None if it does not.
+        box: Box in which each crane keeps, shape (N, 2, m).
+        rates: Last rates that it passed on [rad/s or m/s], shape (N, m).
+        fault: Whether a measurement was out of its range; all drives then brake; shape (N,).
+        target: Position to which each crane withdraws, whatever is commanded, shape (N, m); inf
+            where it does not.
     """
 
-    def __init__(self, station: Station, swing: float) -> None:
+    def __init__(self, station: Station, swing: float, count: int = 1) -> None:
         """Start at rest where the crane starts, with a box just around it.
 
         Args:
             station: The crane.
             swing: Largest angle of the rope from plumb [rad].
+            count: Number of copies, N.
+
+        Raises:
+            OutOfRange: If the number is not a whole one from 1.
         """
         crane, layout, brakes = station.crane, station.crane.layout, station.brakes
-        self.station, self.rates = station, np.zeros(layout.m)
-        self.box = brakes.tube(crane.start.q[layout.drives], self.rates, self.rates)
-        self.fault = False
-        self.blocked_by: tuple[str, ...] = ()
-        self.target: np.ndarray | None = None
-        self._number, self._asked_at, self._granted = 0, -math.inf, self.box
-        self._patience = PATIENCE
+        copies = whole("number of copies", count, 1)
+        self.station, self.rates = station, np.zeros((copies, layout.m))
+        box = brakes.tube(crane.start.q[layout.drives], self.rates[0], self.rates[0])
+        self.box, self._granted = np.array([[box] * copies] * 2)
+        self.fault = np.zeros(copies, dtype=bool)
+        self.target = np.full((copies, layout.m), np.inf)
+        self._number, self._asked_at = np.zeros(copies, dtype=int), np.full(copies, -math.inf)
+        self._patience = np.full(copies, PATIENCE)
         self._range = np.array([crane.lower, crane.upper])[:, layout.drives]
         self._steps = CYCLE * gentle(station, swing).decelerations
         self._numbers = np.concatenate(
@@ -110,10 +120,9 @@ class Guard:
         order = layout.drives, station.bodies.columns, crane.swings
         self._guarded = _guarding(*(tuple(part.tolist()) for part in order))
 
-    def step(
-        self, t: float, state: State, command: np.ndarray
-    ) -> tuple[np.ndarray, BoxRequest | None]:
-        """Return the rates for the drives [rad/s or m/s], shape (m,), and a request if one is due.
+    def step(self, t: float, state: State, command: np.ndarray) -> tuple[np.ndarray, BoxRequest]:
+        """Return the rates for the drives [rad/s or m/s], shape (N, m), and the requests that are
+        due.
 
         A rate is the commanded one, as far as its stopping distance ends inside of the box and it
         changes by no more than the brakes can take back. Where braking now would swing the rope by
@@ -121,41 +130,41 @@ class Guard:
 
         Args:
             t: Time of the crane's own clock [s].
-            state: Its state as measured.
-            command: Rates that operator or plan command, shape (m,).
+            state: Coordinates and rates as measured, shape (N, n) each.
+            command: Rates that operators or plans command, shape (N, m).
 
         Raises:
             Misshapen: If the command has another shape.
         """
         drives = self.station.crane.layout.drives
-        command = as_array("command", command, drives.shape)
-        measured, position = np.concatenate([*state, command]), state.q[drives]
+        command = as_array("command", command, self.rates.shape)
+        measured, position = np.hstack([*state, command]), state.q[:, drives]
         outside = np.abs(position - np.clip(position, *self._range))
-        self.fault = not (
-            np.isfinite(measured).all() and (outside <= self.station.brakes.tolerances).all()
+        fits = (outside <= self.station.brakes.tolerances).all(axis=1)
+        fits &= np.isfinite(measured).all(axis=1)
+        self.fault, count = ~fits, len(fits)
+        boxes = (box.reshape(count, -1) for box in (self.box, self._granted))
+        numbers = np.hstack([measured, self.rates, *boxes, self.target])
+        outputs = self._guarded(numbers, self._numbers).reshape(count, 7, -1)
+        braked = np.clip(0.0, self.rates - self._steps, self.rates + self._steps)
+        self.rates = np.where(fits[:, None], outputs[:, 0], braked)
+        asks = fits & (t - self._asked_at >= self._patience)
+        box = np.where(asks[:, None, None], outputs[:, 3:5], outputs[:, 1:3])
+        self.box, self._granted = (
+            np.where(fits[:, None, None], box, old) for old in (self.box, self._granted)
         )
-        if self.fault:
-            self.rates = np.clip(0.0, self.rates - self._steps, self.rates + self._steps)
-            return self.rates, None
-        target = np.full_like(position, np.inf) if self.target is None else self.target
-        boxes = (*self.box, *self._granted)
-        numbers = np.concatenate([self._numbers, measured, self.rates, *boxes, target])
-        outputs = self._guarded(numbers[None])[0].reshape(7, -1)
-        self.rates, self.box = outputs[0], outputs[1:3]
-        self._granted = self.box
-        if t - self._asked_at < self._patience:
-            return self.rates, None
-        self.box = self._granted = outputs[3:5]
-        self._number, self._asked_at = self._number + 1, t
-        return self.rates, BoxRequest(self._number, self.box, outputs[5:7])
+        self._number, self._asked_at = self._number + asks, np.where(asks, t, self._asked_at)
+        due = np.flatnonzero(asks)
+        return self.rates, BoxRequest(due, self._number[due], box[due], outputs[due, 5:])
 
     def receive(self, grant: BoxGrant) -> None:
-        """Take a grant that answers the last request; wait longer for others if it comes late."""
-        if grant.number == self._number and self._asked_at > -math.inf:
-            self._granted, self.blocked_by, self.target = grant.box, grant.blocked_by, grant.target
-            self._asked_at = -math.inf
-        elif grant.number < self._number:
-            self._patience = min(2.0 * self._patience, LONGEST)
+        """Take grants that answer the last request; wait longer for others where one comes late."""
+        last, asks = self._number[grant.copies], self._asked_at[grant.copies] > -math.inf
+        answers = (grant.number == last) & asks
+        copies, late = grant.copies[answers], grant.copies[grant.number < last]
+        self._granted[copies], self.target[copies] = grant.box[answers], grant.target[answers]
+        self._asked_at[copies] = -math.inf
+        self._patience[late] = np.minimum(2.0 * self._patience[late], LONGEST)
 
 
 def gentle(station: Station, swing: float) -> Brakes:
@@ -341,7 +350,7 @@ def _guarding(
         held = np.array([_most(box[0], hull[0]), _least(box[1], hull[1])])
         return [*outputs, *held.flat, *_hull(wanted, held).flat]
 
-    return compile_rows(guarded, sum(sizes), 7 * m)
+    return compile_rows(guarded, sum(sizes[6:]), 7 * m, sum(sizes[:6]))
 
 
 def _hull(one: np.ndarray, other: np.ndarray) -> np.ndarray:

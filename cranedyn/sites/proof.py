@@ -83,7 +83,7 @@ def least_distances(a: PlacedCapsules, b: PlacedCapsules) -> np.ndarray:
 @cache
 def _least_separating(first: int, second: int) -> RowFunction:
     module = ir.Module()
-    code = Code(module, "rows", ["given", "count", "answers"], 1)
+    code = Code(module, "rows", ["given", "count", "answers", "shared"], 1)
     inputs, width = code.argument["given"], 7 * (first + second)
     (least,) = code.variables([0.0])
 
@@ -107,7 +107,7 @@ def _least_separating(first: int, second: int) -> RowFunction:
 @cache
 def _compiled(joints: int, count: int) -> RowFunction:
     module = ir.Module()
-    _emit(Code(module, "rows", ["given", "count", "answers"], 1), joints, count)
+    _emit(Code(module, "rows", ["given", "count", "answers", "shared"], 1), joints, count)
     return RowFunction(translate(module), "rows", 2 + 2 * _side(joints, count), 1)
 
 

@@ -14,18 +14,19 @@ import numpy as np
 import pyarrow as pa
 
 from cranedyn.checks import as_array, number, whole
+from cranedyn.compiled.fleet import Fleet
 from cranedyn.data.tables import write_table
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.validity import events
-from cranedyn.errors import OutOfRange
+from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interfaces import EngineName, Setpoint, State
 from cranedyn.recording import Obstacle, Run, Scenery, record
 from cranedyn.simulation.log import Log
 from cranedyn.simulation.record import RunRecord
 from cranedyn.simulation.stepper import Stepper
-from cranedyn.sites.bodies import PlacedCapsules, place_capsules
+from cranedyn.sites.bodies import PlacedCapsules, place_crane
 from cranedyn.sites.brakes import CYCLE
-from cranedyn.sites.guard import Guard
+from cranedyn.sites.guard import BoxGrant, BoxRequest, Guard
 from cranedyn.sites.proof import least_distances
 from cranedyn.sites.site import CraneSite, SiteWind, Station
 from cranedyn.sites.supervisor import Supervisor
@@ -250,11 +251,7 @@ def simulate_site(
         DataError: If cranes are not proven apart at the start.
         RunError: If an operator commands a rate that is not finite without a supervisor.
     """
-    if len(operators) != len(site.stations):
-        raise OutOfRange("number of operators", len(operators), f"{len(site.stations)}")
-    number("latency", channel.latency, "s", ">= 0")
-    number("loss of messages", channel.loss, "", "0 to 1")
-    rows = whole("cycles", round(number("duration", duration, "s", "> 0") / CYCLE), 1)
+    rows = _checked(site, operators, channel, duration)
     cranes = [
         _SiteCrane(station, operator, wind, engine, dt, rows)
         for station, operator in zip(site.stations, operators, strict=True)
@@ -268,9 +265,12 @@ def simulate_site(
     for row in range(rows):
         t, states = row * CYCLE, [crane.engine.state for crane in cranes]
         commands.append([crane.command(t, states) for crane in cranes])
-        passed.append(commands[-1] if network is None else network.step(t, states, commands[-1]))
+        passed.append(commands[-1])
         if network is not None:
-            boxes.append([guard.box for guard in network.guards])
+            measured = [State(q[None], v[None]) for q, v in states]
+            requested = [command[None] for command in commands[-1]]
+            passed[-1] = [rates[0] for rates in network.step(t, measured, requested)]
+            boxes.append([guard.box[0] for guard in network.guards])
             if circle := network.supervisor.deadlock():
                 deadlocks.append((t, circle))
         for crane, rates in zip(cranes, passed[-1], strict=True):
@@ -284,8 +284,11 @@ def simulate_site(
     for i, column in enumerate(zip(*boxes, strict=True)):
         box, q = np.array(column), trajectories[i].q[:, cranes[i].crane.layout.drives]
         outside[i] = float(np.maximum(box[:, 0] - q, q - box[:, 1]).max())
-    distances, contacts = _Watch(site).measure([run.q for run in trajectories])
-    distances, clear = np.split(distances, [math.comb(len(cranes), 2)], axis=1)
+    watch, measured_rows = _Watch(site), []
+    for first in range(0, rows, _CHUNK):
+        chunk = [run.q[first : first + _CHUNK, None] for run in trajectories]
+        measured_rows.append(watch.measure(chunk)[:, 0])
+    distances, clear = np.split(np.concatenate(measured_rows), [math.comb(len(cranes), 2)], axis=1)
     return SiteRun(
         site,
         CYCLE * np.arange(rows),
@@ -296,7 +299,7 @@ def simulate_site(
         np.minimum(*np.split(clear, 2, axis=1))
         if site.solids
         else np.full((rows, len(cranes)), np.inf),
-        tuple(contacts),
+        tuple(contact for _, contact in watch.contacts),
         np.array(swings),
         np.array(outside),
         tuple(deadlocks),
@@ -304,20 +307,106 @@ def simulate_site(
     )
 
 
-class _Network:
-    """Guards, supervisor and the messages between them."""
+def _checked(
+    site: CraneSite, operators: Sequence[SiteOperator], channel: MessageChannel, duration: float
+) -> int:
+    """Return the number of cycles after checking the arguments of a run."""
+    if len(operators) != len(site.stations):
+        raise OutOfRange("number of operators", len(operators), f"{len(site.stations)}")
+    number("latency", channel.latency, "s", ">= 0")
+    number("loss of messages", channel.loss, "", "0 to 1")
+    return whole("cycles", round(number("duration", duration, "s", "> 0") / CYCLE), 1)
 
-    def __init__(self, site: CraneSite, channel: MessageChannel, rng: np.random.Generator) -> None:
-        self.guards = [Guard(station, site.swing) for station in site.stations]
+
+class SiteExtremes(NamedTuple):
+    """What N copies of a site came to.
+
+    Attributes:
+        contacts: Number of contacts, shape (N,).
+        least: Least distance of any two cranes in a row [m], shape (N,).
+        swing: Largest angle of any rope from rest [rad], shape (N,).
+        outside: Largest way of a drive out of its box [rad or m], shape (N,); negative inside.
+    """
+
+    contacts: np.ndarray
+    least: np.ndarray
+    swing: np.ndarray
+    outside: np.ndarray
+
+
+def simulate_copies(
+    site: CraneSite,
+    operators: Sequence[SiteOperator],
+    *,
+    copies: int,
+    duration: float,
+    channel: MessageChannel = MessageChannel(),  # noqa: B008
+    seed: int = 0,
+    dt: float = 2e-3,
+) -> SiteExtremes:
+    """Simulate N copies of a site in lockstep under its supervisor; only extremes are kept.
+
+    Args:
+        site: The site.
+        operators: One for each crane, in all copies: states have coordinates and rates of shape
+            (N, n), rates of the drives are of shape (N, m).
+        copies: Number of copies, N.
+        duration: Simulated time [s], rounded to cycles.
+        channel: Network between cranes and supervisor.
+        seed: Seed of the losses of messages, different in each copy.
+        dt: Physics step [s].
+
+    Raises:
+        OutOfRange: As of `simulate_site`.
+        DataError: As of `simulate_site`.
+        RunError: If a crane diverges.
+    """
+    rows = _checked(site, operators, channel, duration)
+    network = _Network(site, channel, np.random.default_rng(whole("seed", seed, 0)), copies)
+    cranes = [
+        Fleet(x.crane, copies, dt=dt, control_period=CYCLE, drive=x.converters, threads=1)
+        for x in site.stations
+    ]
+    watch, pairs = _Watch(site), math.comb(len(cranes), 2)
+    nearest, swing, outside = np.array([[math.inf], [0.0], [-math.inf]]).repeat(copies, axis=1)
+    for row in range(rows):
+        t = row * CYCLE
+        states = [State(*np.split(fleet.z.T.copy(), 2, axis=1)) for fleet in cranes]
+        passed = network.step(t, states, [operator(t, states) for operator in operators])
+        near = np.maximum(nearest, site.distance)[:, None]
+        distances = watch.measure([state.q[None] for state in states], near)[0, :, :pairs]
+        nearest = np.minimum(nearest, distances.min(axis=1, initial=math.inf))
+        for fleet, state, guard, rates in zip(cranes, states, network.guards, passed, strict=True):
+            crane = guard.station.crane
+            angles, drives = crane.swing_angles(state.q), state.q[:, crane.layout.drives]
+            swing = np.maximum(swing, np.sqrt((angles * angles).sum(axis=1)))
+            beyond = np.maximum(guard.box[:, 0] - drives, drives - guard.box[:, 1])
+            outside = np.maximum(outside, beyond.max(axis=1))
+            fleet.step(rates.T)
+    if not np.isfinite(swing).all():
+        raise RunError("A crane of the site diverged; a smaller dt may help.", t=t)
+    contacts = np.bincount([copy for copy, _ in watch.contacts], minlength=copies)
+    return SiteExtremes(contacts, nearest, swing, outside)
+
+
+class _Network:
+    """Guards, supervisor and the messages between them, on N copies of a site in lockstep."""
+
+    def __init__(
+        self, site: CraneSite, channel: MessageChannel, rng: np.random.Generator, copies: int = 1
+    ) -> None:
+        self.guards = [Guard(station, site.swing, copies) for station in site.stations]
         self.supervisor = Supervisor(site, [guard.box for guard in self.guards])
         self._channel, self._rng = channel, rng
-        self._up: list[tuple[float, int, object]] = []
-        self._down: list[tuple[float, int, object]] = []
+        self._up: list[tuple[float, int, BoxRequest]] = []
+        self._down: list[tuple[float, int, BoxGrant]] = []
 
     def step(
         self, t: float, states: Sequence[State], commands: Sequence[np.ndarray]
     ) -> list[np.ndarray]:
-        """Exchange messages that arrive by a time [s], and return the rates for the drives."""
+        """Exchange messages that arrive by a time [s], and return the rates for the drives, shape
+        (N, m) each, from states and commands of all copies.
+        """
         for i, grant in self._arrived(self._down, t):
             self.guards[i].receive(grant)
         passed = []
@@ -326,18 +415,18 @@ class _Network:
         ):
             rates, request = guard.step(t, state, command)
             passed.append(rates)
-            if request is not None:
-                self._send(self._up, t, i, request)
+            self._send(self._up, t, i, request)
         for i, request in self._arrived(self._up, t):
-            if (grant := self.supervisor.receive(i, request)) is not None:
-                self._send(self._down, t, i, grant)
+            self._send(self._down, t, i, self.supervisor.receive(i, request))
         for i, grant in self._arrived(self._down, t):
             self.guards[i].receive(grant)
         return passed
 
-    def _send(self, queue: list, t: float, station: int, message: object) -> None:
-        if self._rng.random() >= self._channel.loss:
-            queue.append((t + self._channel.latency, station, message))
+    def _send(self, queue: list, t: float, station: int, message: BoxRequest | BoxGrant) -> None:
+        heard = self._rng.random(len(message.copies)) >= self._channel.loss
+        if heard.any():
+            sent = type(message)(*(values[heard] for values in message))
+            queue.append((t + self._channel.latency, station, sent))
 
     def _arrived(self, queue: list, t: float) -> list:
         due = [item for item in queue if item[0] <= t + 1e-9]
@@ -382,58 +471,73 @@ class _SiteCrane(Stepper):
 
 
 class _Watch:
-    """Distances in each row of a run, and contacts in rows and between.
+    """Distances in each row of a run of N copies of a site, and contacts in rows and between.
 
     A group has two cranes, or a crane and the solids (-2) or zones (-1) of the site.
+
+    Attributes:
+        contacts: Beginnings of contacts, each with the index of its copy.
     """
 
     def __init__(self, site: CraneSite) -> None:
         """Watch all groups of a site."""
         self._site, cranes = site, range(len(site.stations))
-        beside = [(i, kind) for kind in (-2, -1) for i in cranes]
+        beside = [(i, kind) for kind in (-2, -1) for i in cranes] if site.solids else []
         self._groups = [*itertools.combinations(cranes, 2), *beside]
+        self._row, self._last, self._touching = 0, list[np.ndarray](), set[tuple]()
+        self.contacts: list[tuple[int, SiteContact]] = []
 
-    def measure(self, paths: Sequence[np.ndarray]) -> tuple[np.ndarray, list[SiteContact]]:
-        """Return the least distance of each group [m], shape (rows, groups), and beginnings of
-        contacts, from coordinates of each crane, shape (rows, n) each.
+    def measure(
+        self, paths: Sequence[np.ndarray], within: np.ndarray | float = math.inf
+    ) -> np.ndarray:
+        """Return the least distance of each group [m], shape (rows, N, groups), from coordinates of
+        each crane in rows that follow those of the last call, shape (rows, N, n) each; a lower
+        bound where the motion since the last measurement proves it beyond a distance, shape (N, 1).
 
         Capsules are looked at where what a group moves between two rows does not prove it apart.
         """
-        rows, contacts, touching = len(paths[0]), list[SiteContact](), set[tuple[int, str, str]]()
-        distances = np.zeros((rows, len(self._groups)))
-        for first in range(0, rows, _CHUNK):
-            chunk = np.maximum(np.arange(first - 1, min(first + _CHUNK, rows)), 0)
-            ends = [self._place(i, each[chunk]) for i, each in enumerate(paths)]
-            moved = [np.linalg.norm(np.diff(x, axis=0), axis=3).max(axis=(1, 2)) for x in ends]
-            spare = np.zeros((len(chunk) - 1, len(self._groups)))
-            for k, (i, j) in enumerate(self._groups):
-                distances[chunk, k] = least = self._least(i, j, ends)
-                spare[:, k] = least[1:] + least[:-1] - moved[i] - (moved[j] if j >= 0 else 0.0)
-            for row, k in np.argwhere(spare <= 4.0 * _BEND).tolist():
-                states = ([x[row + after] for x in ends] for after in (0, 1))
-                contact = self._contact(CYCLE * float(chunk[row + 1]), *self._groups[k], *states)
-                if contact is not None:
-                    if (chunk[row], *contact[1:3]) not in touching:
-                        contacts.append(contact)
-                    touching.add((chunk[row + 1], *contact[1:3]))
-        return distances, contacts
+        after = [self._place(i, path) for i, path in enumerate(paths)]
+        first = [x[:1] for x in after]
+        *before, last = self._last or [*first, np.full((1, paths[0].shape[1], 1), -math.inf)]
+        ends = [np.concatenate(pair) for pair in zip(before, after, strict=True)]
+        motions = (np.diff(x, axis=0) for x in ends)
+        moved = [np.sqrt(np.einsum("...i,...i", x, x).max(axis=(2, 3))) for x in motions]
+        moved.append(0.0 * moved[0])  # of obstacles
+        motion = np.zeros((*moved[0].shape, len(self._groups)))
+        for k, (i, j) in enumerate(self._groups):
+            motion[..., k] = moved[i] + moved[max(j, -1)]
+        distances = last - np.cumsum(motion, axis=0)
+        for k, near in enumerate(np.moveaxis(distances < within, 2, 0)):
+            if near.any():
+                distances[near, k] = self._least(*self._groups[k], [x[near] for x in after])
+        both = np.concatenate([last if self._last else distances[:1], distances])
+        self._last = [x[-1:] for x in (*after, distances)]
+        spare = both[1:] + both[:-1] - motion
+        for row, copy, k in np.argwhere(spare <= 4.0 * _BEND).tolist():
+            states, now = (
+                ([x[row + after, copy] for x in ends] for after in (0, 1)),
+                self._row + row,
+            )
+            contact = self._contact(CYCLE * now, *self._groups[k], *states)
+            if contact is not None:
+                touching = copy, *contact[1:3]
+                if (now - 1, touching) not in self._touching:
+                    self.contacts.append((copy, contact))
+                self._touching.add((now, touching))
+        self._row += len(distances)
+        return distances
 
-    def _place(self, i: int, q: np.ndarray) -> np.ndarray:
-        """Return the ends of the capsules of a crane [m], shape (rows, capsules, 2, 3)."""
-        station, rows = self._site.stations[i], len(q)
-        count = len(station.bodies.names)
-        _, ropes, _ = station.rope(q)
+    def _place(self, i: int, path: np.ndarray) -> np.ndarray:
+        """Return the ends of the capsules of a crane [m], shape (rows, N, capsules, 2, 3)."""
+        station, q = self._site.stations[i], path.reshape(-1, path.shape[-1])
         position = self._site.positions(i, q[:, station.crane.layout.drives])
-        ends, ropes = (x.repeat(count, axis=0) for x in (position, ropes))
-        which, capsules = np.full(rows * count, i), np.tile(np.arange(count), rows)
-        placed = place_capsules(self._site.bodies, which, capsules, ends, ends, 0.0, ropes)
-        return placed.ends.reshape(rows, count, 2, 3)
+        ends = place_crane(self._site.bodies, i, position, q[:, station.crane.swings])
+        return ends[:, : len(station.bodies.names)].reshape(*path.shape[:2], -1, 2, 3)
 
     def _least(self, i: int, j: int, ends: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the least distance of a group [m] in rows."""
         if j >= 0:
             return least_distances(*(self._placed(k, ends[k]) for k in (i, j)))
-        if not self._site.solids:
-            return np.full(len(ends[i]), np.inf)
         return np.array([self._gaps(i, j, row).min() for row in zip(*ends, strict=True)])
 
     def _placed(self, i: int, ends: np.ndarray) -> PlacedCapsules:

@@ -219,30 +219,39 @@ class CraneSite:
         return chain
 
     def apart(
-        self, station: int, box: np.ndarray, boxes: Sequence[np.ndarray | None]
+        self,
+        station: int,
+        box: np.ndarray,
+        boxes: Sequence[np.ndarray],
+        doubtful: np.ndarray | bool = True,
     ) -> np.ndarray:
-        """Return whether a crane with its drives in a box, shape (2, m), is proven to keep the
-        required distance from each crane in its box, shape (cranes,); from one whose box is None it
-        is. At its own index: from all obstacles, unless its own box there is None.
+        """Return whether a crane with its drives in a box, shape (..., 2, m), is proven to keep the
+        required distance from each crane in its box, shape (..., 2, m) each, and at its own index
+        from all obstacles, shape (..., cranes); True wherever there is no doubt, in the same shape.
         """
-        near = {i: other for i, other in enumerate(boxes) if i != station and other is not None}
-        others = list(near)
-        apart = np.ones(len(self.stations), dtype=bool)
-        if self.solids and boxes[station] is not None:
-            apart[station] = self.obstacles.proven_clear(
-                self.bodies, station, self.positions(station, box), self.distance, self.swing
+        cranes, shape = len(self.stations), box.shape[:-2]
+        doubts = np.broadcast_to(doubtful, (*shape, cranes)).reshape(-1, cranes).copy()
+        doubts[:, station] &= len(self.solids) > 0
+        ends = [self.positions(i, box if i == station else boxes[i]) for i in range(cranes)]
+        rows = np.stack([x.reshape(-1, *x.shape[-2:]) for x in np.broadcast_arrays(*ends)], axis=1)
+        apart = ~doubts
+        for row in np.flatnonzero(doubts[:, station]):
+            apart[row, station] = self.obstacles.proven_clear(
+                self.bodies, station, rows[row, station], self.distance, self.swing
             )
-        if others:
-            apart[others] = proven_apart(
+        doubts[:, station] = False
+        pairs = np.nonzero(doubts)
+        if len(pairs[0]):
+            apart[pairs] = proven_apart(
                 self.bodies,
-                np.full(len(others), station),
-                np.array([self.positions(station, box)] * len(others)),
-                np.array(others),
-                np.array([self.positions(i, other) for i, other in near.items()]),
+                np.full(len(pairs[0]), station),
+                rows[pairs[0], station],
+                pairs[1],
+                rows[pairs],
                 self.distance,
                 self.swing,
             )
-        return apart
+        return apart.reshape(*shape, cranes)
 
     def pair_apart(
         self, a: int, box_a: np.ndarray, b: int, box_b: np.ndarray, distance: float

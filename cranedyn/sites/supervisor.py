@@ -15,6 +15,8 @@ that are late or lost only make cranes wait.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -31,12 +33,15 @@ AHEAD, FARTHEST, CHECKED = (20.0, 5.0, 1.0), 30.0, 3
 ways out of each that are proven at most.
 """
 
+_MOST = 1 << 40
+"""More requests than are ever refused in a row."""
+
 _SHARES = (1.0, 0.5, 0.2)
 """Shares of an extension that are tried."""
 
 
 class Supervisor:
-    """The part of the supervision that all cranes share.
+    """The part of the supervision that all cranes share, on N copies of a site in lockstep.
 
     Right of way has the crane whose requests have been refused longest, then the first: no other is
     granted what it has asked for. Where cranes wait for each other in a circle, one withdraws to
@@ -45,13 +50,19 @@ class Supervisor:
 
     Attributes:
         site: The site.
-        boxes: Reserved box of each crane, shape (2, m) each.
-        waits: Indices of the cranes for which each crane waits.
-        withdrawals: For each crane that withdraws, to where, and the crane that it lets pass.
+        boxes: Reserved boxes of each crane, shape (N, 2, m) each.
+        waits: Whether each crane waits for each, shape (N, cranes, cranes).
+        passing: Index of the crane that each crane lets pass while it withdraws, shape (N, cranes);
+            -1 where it does not.
+        targets: Positions to which each crane withdraws, shape (N, m) each; inf where it does not.
     """
 
-    def __init__(self, site: CraneSite, boxes: list[np.ndarray]) -> None:
+    def __init__(self, site: CraneSite, boxes: Sequence[np.ndarray]) -> None:
         """Start with boxes that are proven apart.
+
+        Args:
+            site: The site.
+            boxes: Box of each crane, shape (N, 2, m) each.
 
         Raises:
             DataError: If two are not, or there is not one for each crane.
@@ -59,13 +70,16 @@ class Supervisor:
         self.site, self.boxes = site, [np.array(box) for box in boxes]
         if len(boxes) != len(site.stations):
             raise DataError(f"{len(boxes)} boxes are given for {len(site.stations)} cranes.")
-        self.waits: dict[int, frozenset[int]] = {i: frozenset() for i in range(len(boxes))}
-        self.withdrawals: dict[int, tuple[np.ndarray, int]] = {}
-        self._numbers, self._refused = [0] * len(boxes), [0] * len(boxes)
-        self._free_since, self._trial = [0] * len(boxes), -1
-        self._wanted, self._ways = list(self.boxes), [np.zeros_like(box) for box in self.boxes]
+        copies, cranes = len(boxes[0]), len(boxes)
+        self.waits = np.zeros((copies, cranes, cranes), dtype=bool)
+        self.passing = np.full((copies, cranes), -1)
+        self.targets = [np.full((copies, box.shape[2]), np.inf) for box in self.boxes]
+        self._numbers, self._refused, self._free_since = np.zeros((3, copies, cranes), dtype=int)
+        self._trial = np.full(copies, -1)
+        self._wanted = [box.copy() for box in self.boxes]
+        self._ways = [0.0 * box for box in self.boxes]
         for i, box in enumerate(self.boxes):
-            apart = site.apart(i, box, self.boxes)
+            apart = np.all(site.apart(i, box, self.boxes), axis=0)
             if not apart[i]:
                 name = quoted(site.stations[i].name)
                 raise DataError(f"At the start {name} is not proven to keep from an obstacle.")
@@ -76,83 +90,100 @@ class Supervisor:
                     f"{site.distance:g} m apart, with the load swinging by {site.swing:g} rad."
                 )
 
-    def receive(self, station: int, request: BoxRequest) -> BoxGrant | None:
-        """Return the grant for a request; None for an old one, or one that reports a box outside of
+    def receive(self, station: int, request: BoxRequest) -> BoxGrant:
+        """Return the grants for requests, but for old ones and those that report a box outside of
         what is reserved.
 
         All of the extension is tried first, then shares of it drive by drive.
         """
-        reserved = self.boxes[station]
-        inside = (request.held[0] >= reserved[0]).all() and (request.held[1] <= reserved[1]).all()
-        if request.number <= self._numbers[station] or not inside:
-            return None
-        self._numbers[station] = request.number
-        box, wanted = np.array(request.held), np.array(request.wanted)
-        boxes = self._others(station)
-        apart = self.site.apart(station, wanted, boxes)
-        near = [None if free else other for free, other in zip(apart, boxes, strict=True)]
-        box = wanted if apart.all() else self._extended(station, box, wanted, near)
-        self.boxes[station], self._wanted[station] = box, wanted
-        if station not in self.withdrawals:  # else it wants to go where it was told to
-            self._ways[station] = np.sign(wanted - request.held)
+        reserved = self.boxes[station][request.copies]
+        inside = (request.held[:, 0] >= reserved[:, 0]) & (request.held[:, 1] <= reserved[:, 1])
+        valid = inside.all(axis=1) & (request.number > self._numbers[request.copies, station])
+        copies, number, reported, wanted = (values[valid] for values in request)
+        self._numbers[copies, station] = number
+        neighbours = self._others(station, copies)
+        apart = self.site.apart(station, wanted, neighbours)
+        box, cut = wanted.copy(), ~apart.all(axis=1)
+        box[cut] = self._extended(
+            station, reported[cut], wanted[cut], [x[cut] for x in neighbours], ~apart[cut]
+        )
+        self.boxes[station][copies], self._wanted[station][copies] = box, wanted
+        goes = self.passing[copies, station] < 0  # else it wants to go where it was told to
+        self._ways[station][copies[goes]] = np.sign(wanted - reported)[goes]
         short = np.abs(wanted - box) > self.site.stations[station].brakes.tolerances
-        blocking = ~apart
-        blocking[station] = False  # an obstacle is in the way
-        self.waits[station] = frozenset(np.nonzero(blocking)[0].tolist() if short.any() else ())
-        self._resolve(station)
-        waiting = self.waits[station] or station in self.withdrawals
-        self._refused[station] = self._refused[station] + 1 if waiting else 0
-        names = tuple(self.site.stations[i].name for i in sorted(self.waits[station]))
-        target, _ = self.withdrawals.get(station, (None, 0))
-        return BoxGrant(request.number, box, names, target)
+        blocking = ~apart & short.any(axis=(1, 2))[:, None]
+        blocking[:, station] = False  # an obstacle is in the way
+        self.waits[copies, station] = blocking
+        self._resolve(station, copies)
+        waiting = blocking.any(axis=1) | (self.passing[copies, station] >= 0)
+        self._refused[copies, station] = np.where(waiting, self._refused[copies, station] + 1, 0)
+        return BoxGrant(copies, number, box, blocking, self.targets[station][copies])
 
-    def _others(self, station: int) -> list[np.ndarray]:
-        """Return for each crane what another must keep apart from."""
-        rank = [(i not in self.withdrawals, times, -i) for i, times in enumerate(self._refused)]
-        yields = [rank[i] > rank[station] and station not in self.withdrawals for i in self.waits]
-        return [(self._wanted if yields[i] else self.boxes)[i] for i in self.waits]
+    def _others(self, station: int, copies: np.ndarray) -> list[np.ndarray]:
+        """Return for each crane what another must keep apart from, shape (copies, 2, m) each."""
+        cranes, goes = np.arange(len(self.boxes)), self.passing[copies] < 0
+        rank = (goes * _MOST + self._refused[copies]) * len(cranes) - cranes
+        yields = (rank > rank[:, [station]]) & goes[:, [station]]
+        return [
+            np.where(yields[:, i, None, None], self._wanted[i][copies], self.boxes[i][copies])
+            for i in cranes
+        ]
 
     def _extended(
-        self, station: int, box: np.ndarray, wanted: np.ndarray, others: list[np.ndarray | None]
+        self,
+        station: int,
+        box: np.ndarray,
+        wanted: np.ndarray,
+        neighbours: list[np.ndarray],
+        doubtful: np.ndarray,
     ) -> np.ndarray:
-        for end, drive in zip(*np.nonzero(wanted != box), strict=True):
-            for share in _SHARES:
-                larger = box.copy()
-                larger[end, drive] += share * (wanted - box)[end, drive]
+        """Return boxes enlarged towards wanted ones as far as they are proven apart."""
+        for end, drive in np.ndindex(wanted.shape[1:]):
+            rows = np.flatnonzero(wanted[:, end, drive] != box[:, end, drive])
+            for share in _SHARES if len(rows) else ():
+                larger = box[rows]
+                larger[:, end, drive] += share * (wanted - box)[rows, end, drive]
                 slab = larger.copy()  # the rest is proven
-                slab[1 - end, drive] = box[end, drive]
-                if self.site.apart(station, slab, others).all():
-                    box = larger
-                    break
+                slab[:, 1 - end, drive] = box[rows, end, drive]
+                beside = [x[rows] for x in neighbours]
+                proven = self.site.apart(station, slab, beside, doubtful[rows]).all(axis=1)
+                box[rows[proven]] = larger[proven]
+                rows = rows[~proven]
         return box
 
-    def _resolve(self, station: int) -> None:
+    def _resolve(self, station: int, copies: np.ndarray) -> None:
         """End withdrawals for a crane that has not waited for a while, and begin one if it waits in
         a circle.
         """
-        for loser, (_, winner) in list(self.withdrawals.items()):
-            if winner == station:
-                waits = loser in self.waits[winner]
-                self._free_since[loser] = 0 if waits else self._free_since[loser] + 1
-                if self._free_since[loser] > PASSING:
-                    del self.withdrawals[loser]
-        circle = self.deadlock()
-        if station not in circle[:1] or self._refused[station] < STUCK:
-            return
-        self._trial += 1
-        trials = [*itertools.product(sorted(circle, key=lambda i: (self._refused[i], -i)), AHEAD)]
-        loser, ahead = trials[self._trial % len(trials)]
-        winner = circle[circle.index(loser) - 1]
-        if (target := self._way_out(loser, winner, ahead)) is not None:
-            self.withdrawals.pop(winner, None)
-            self.withdrawals[loser], self._free_since[loser] = (target, winner), 0
-            self._refused[station] = 0
+        passed, free = self.passing[copies] == station, self._free_since[copies]
+        free = np.where(passed, np.where(self.waits[copies, station], 0, free + 1), free)
+        self._free_since[copies] = free
+        for row, loser in np.argwhere(passed & (free > PASSING)).tolist():
+            self._withdraw(copies[row], loser)
+        for copy in copies[self._refused[copies, station] >= STUCK].tolist():
+            circle = self.deadlock(copy)
+            if station not in circle[:1]:
+                continue
+            self._trial[copy] += 1
+            refused = self._refused[copy].tolist()
+            ranked = sorted((refused[i], -i) for i in circle)
+            trials = [(-i, ahead) for (_, i), ahead in itertools.product(ranked, AHEAD)]
+            loser, ahead = trials[self._trial[copy] % len(trials)]
+            winner = circle[circle.index(loser) - 1]
+            if (target := self._way_out(copy, loser, winner, ahead)) is not None:
+                self._withdraw(copy, winner)
+                self._withdraw(copy, loser, target, winner)
+                self._free_since[copy, loser] = self._refused[copy, station] = 0
 
-    def _way_out(self, loser: int, winner: int, ahead: float) -> np.ndarray | None:
+    def _withdraw(self, copy: int, crane: int, target: Any = np.inf, passing: int = -1) -> None:
+        """Let a crane withdraw to a position while another passes, or no longer."""
+        self.targets[crane][copy], self.passing[copy, crane] = target, passing
+
+    def _way_out(self, copy: int, loser: int, winner: int, ahead: float) -> np.ndarray | None:
         """Return the nearest position in time, by one drive, from where a crane lets another pass
         for a time at full rate [s]; None if there is none.
         """
-        site, box, drives = self.site, self.boxes[loser], self._drives(loser)
+        site, box, drives = self.site, self.boxes[loser][copy], self._drives(loser)
         shifts = []
         for drive, rate in enumerate(site.stations[loser].converters.rates):
             for end in drives - box:
@@ -162,15 +193,16 @@ class Supervisor:
         moved = np.array([box] * len(shifts))
         for k, (_, drive, shift) in enumerate(shifts):
             moved[k, :, drive] += shift
-        wanted, ends = self._wanted[winner], self._drives(winner)
-        reach = ahead * site.stations[winner].converters.rates * self._ways[winner]
+        wanted, ends = self._wanted[winner][copy], self._drives(winner)
+        reach = ahead * site.stations[winner].converters.rates * self._ways[winner][copy]
         passing = np.clip(
             wanted + reach, np.minimum(ends[0], wanted[0]), np.maximum(ends[1], wanted[1])
         )
+        boxes = [box[copy] for box in self.boxes]
         free = (x for x in moved if site.pair_apart(loser, x, winner, passing, site.distance))
         for refuge in itertools.islice(free, CHECKED):
             swept = np.array([np.minimum(box[0], refuge[0]), np.maximum(box[1], refuge[1])])
-            if site.apart(loser, swept, self.boxes).all():
+            if site.apart(loser, swept, boxes).all():
                 return refuge.mean(axis=0)
         return None
 
@@ -179,13 +211,15 @@ class Supervisor:
         crane = self.site.stations[station].crane
         return np.array([crane.lower, crane.upper])[:, crane.layout.drives]
 
-    def deadlock(self) -> tuple[int, ...]:
-        """Return the indices of cranes each of which waits for the next, and the last for the
-        first; empty if none do. A crane that withdraws waits for the one that it lets pass.
+    def deadlock(self, copy: int = 0) -> tuple[int, ...]:
+        """Return the indices of cranes of a copy each of which waits for the next, and the last for
+        the first; empty if none do. A crane that withdraws waits for the one that it lets pass.
         """
-        passed = {loser: {winner} for loser, (_, winner) in self.withdrawals.items()}
-        waits = {i: passed.get(i, self.waits[i]) for i in self.waits}
-        stuck = set(waits)
+        waits = [
+            {passed} if passed >= 0 else {*np.flatnonzero(row).tolist()}
+            for passed, row in zip(self.passing[copy].tolist(), self.waits[copy], strict=True)
+        ]
+        stuck = {*range(len(waits))}
         while free := {i for i in stuck if not waits[i] & stuck}:
             stuck -= free
         path = sorted(stuck)[:1]

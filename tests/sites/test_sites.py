@@ -21,7 +21,7 @@ from cranedyn.sites.bodies import crane_bodies, place_capsules, segment_distance
 from cranedyn.sites.brakes import brakes, largest_rate, stopping_distance
 from cranedyn.sites.guard import BoxRequest, Guard
 from cranedyn.sites.proof import proven_apart
-from cranedyn.sites.simulate import MessageChannel, SiteRun, simulate_site
+from cranedyn.sites.simulate import MessageChannel, SiteRun, simulate_copies, simulate_site
 from cranedyn.sites.site import CraneSite, Station
 from cranedyn.sites.site_file import EXAMPLES, SITES, read_crane_site
 from cranedyn.sites.supervisor import Supervisor
@@ -32,6 +32,16 @@ slow = pytest.mark.slow
 @cache
 def site_of(name: str = "two_towers") -> CraneSite:
     return read_crane_site(name)
+
+
+def at_rest(station: Station) -> State:
+    """Return a copy of the start of a crane on one copy of a site."""
+    return State(*(values[None].copy() for values in station.crane.start))
+
+
+def asking(number: int, held: np.ndarray, wanted: np.ndarray) -> BoxRequest:
+    """Return the request of the crane on one copy of a site."""
+    return BoxRequest(np.array([0]), np.array([number]), held, wanted)
 
 
 def capsules(site: CraneSite, i: int, low: np.ndarray, high: np.ndarray, swing: float):
@@ -222,11 +232,11 @@ def test_a_drive_that_still_goes_faster_than_commanded_is_slowed_down_more() -> 
     site, rates = site_of(), []
     drives = site.stations[0].crane.layout.drives
     for speed in (0.0, 0.06):
-        guard, state = Guard(site.stations[0], site.swing), site.stations[0].crane.start
-        state = State(state.q.copy(), state.v.copy())
-        state.v[drives[0]], guard.rates = speed, np.array([0.035, 0.0, 0.0])
-        guard.box = guard._granted = state.q[drives] + [[-0.5, -1.0, -1.0], [0.05, 1.0, 1.0]]
-        rates.append(guard.step(0.0, state, np.array([0.06, 0.0, 0.0]))[0][0])
+        guard, state = Guard(site.stations[0], site.swing), at_rest(site.stations[0])
+        state.v[0, drives[0]], guard.rates = speed, np.array([[0.035, 0.0, 0.0]])
+        guard.box = state.q[:, None, drives] + [[[-0.5, -1.0, -1.0], [0.05, 1.0, 1.0]]]
+        guard._granted = guard.box
+        rates.append(guard.step(0.0, state, np.array([[0.06, 0.0, 0.0]]))[0][0, 0])
     assert 0.0 < rates[1] < 0.9 * rates[0]
 
 
@@ -249,26 +259,46 @@ def test_without_a_supervisor_crossing_jibs_touch() -> None:
 
 
 @slow
+@pytest.mark.parametrize("proven", [True, False])
+def test_copies_of_a_site_run_as_alone_and_touch_where_nothing_is_proven(
+    proven: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not proven:
+        monkeypatch.setattr(CraneSite, "apart", lambda *_: np.ones((*_[2].shape[:-2], 2), bool))
+    site, signs, duration = site_of(), np.array([[1.0, -1.0], [-1.0, -1.0], [1.0, 0.5]]), 60.0
+    shares = np.array([0.9, 0.1, 0.0])
+    operators = [lambda t, states, sign=x: sign[:, None] * shares * full for x in signs.T]
+    full, channel = site.stations[0].converters.rates, MessageChannel(0.2, 0.0)
+    together = simulate_copies(site, operators, copies=3, duration=duration, channel=channel)
+    assert together.contacts.any() != proven
+    for copy, pair in enumerate(signs):
+        mine = [lambda t, states, sign=sign: sign * shares * full for sign in pair]
+        alone = simulate_site(site, mine, duration=duration, channel=channel)
+        numbers = [alone.least_distance, alone.swing.max(), alone.outside.max()]
+        assert np.allclose([x[copy] for x in together[1:]], numbers, rtol=0.0, atol=1e-9)
+        assert together.contacts[copy] == len(alone.contacts)
+
+
+@slow
 def test_a_grant_for_an_older_request_is_ignored_and_a_fault_brakes() -> None:
     site = site_of()
     guard = Guard(site.stations[0], site.swing)
     supervisor = Supervisor(site, [Guard(station, site.swing).box for station in site.stations])
-    state, rate = site.stations[0].crane.start, site.stations[0].converters.rates
+    state, rate = at_rest(site.stations[0]), site.stations[0].converters.rates[None]
     _, first = guard.step(0.0, state, rate)
-    assert first is not None
     late = supervisor.receive(0, first)
     _, second = guard.step(1.0, state, -rate)
-    assert second is not None and late is not None and second.number == 2
+    assert second.number == [2] and len(late.copies)
     guard.receive(late)
     _, third = guard.step(1.1, state, -rate)
-    assert third is None and (guard.box == second.held).all()  # it still waits
-    assert supervisor.receive(0, first) is None
+    assert not len(third.copies) and (guard.box == second.held).all()  # it still waits
+    assert not len(supervisor.receive(0, first).copies)
     outside = second.held + np.array([[-1.0], [1.0]])
-    assert supervisor.receive(0, BoxRequest(9, outside, outside)) is None
+    assert not len(supervisor.receive(0, asking(9, outside, outside)).copies)
     broken = State(np.full_like(state.q, np.nan), state.v)
     guard.rates = 0.1 * rate
     rates, request = guard.step(1.2, broken, rate)
-    assert guard.fault and request is None and (np.abs(rates) < 0.1 * rate).all()
+    assert guard.fault.all() and not len(request.copies) and (np.abs(rates) < 0.1 * rate).all()
 
 
 @slow
@@ -279,19 +309,19 @@ def test_of_cranes_that_wait_for_each_other_one_withdraws_to_where_the_other_can
     assert keeps(run) and run.deadlocks
     q = [states[round(run.deadlocks[0][0] / 0.1), [0, 1, 4]] for states in run.states]
     slack = [station.brakes.tolerances for station in site.stations]
-    boxes = [np.array([x - y, x + y]) for x, y in zip(q, slack, strict=True)]
+    boxes = [np.array([[x - y, x + y]]) for x, y in zip(q, slack, strict=True)]
     ahead = [np.array([[0.0] * 3, [1.0, 0.0, 0.0]]), np.array([[-1.0, 0.0, 0.0], [0.0] * 3])]
     supervisor, targets = Supervisor(site, boxes), [None, None]
     for number in range(1, 99):
         for i in (0, 1):
             held = supervisor.boxes[i]
-            box = np.array([np.maximum(held[0], boxes[i][0]), np.minimum(held[1], boxes[i][1])])
-            wanted = box if i in supervisor.withdrawals else box + ahead[i]  # it cannot leave
-            grant = supervisor.receive(i, BoxRequest(number, box, wanted))
-            assert grant is not None
-            if grant.target is not None and targets[i] is None:
+            box = np.stack([np.maximum(held, boxes[i])[:, 0], np.minimum(held, boxes[i])[:, 1]], 1)
+            wanted = box if supervisor.passing[0, i] >= 0 else box + ahead[i]  # it cannot leave
+            grant = supervisor.receive(i, asking(number, box, wanted))
+            assert len(grant.copies)
+            if np.isfinite(grant.target).all() and targets[i] is None:
                 targets[i], way = grant.target, 0.4 if targets[1 - i] is not None else 1.0
-                there = np.array([grant.target - slack[i], grant.target + slack[i]])
+                there = np.stack([grant.target - slack[i], grant.target + slack[i]], axis=1)
                 others = [box + way * more for box, more in zip(boxes, ahead, strict=True)]
                 assert way < 1.0 or not site.apart(i, box, others).all()
                 assert site.apart(i, there, others).all()
@@ -316,12 +346,12 @@ def test_a_guard_counts_that_a_plumb_rope_swings_to_twice_what_turning_inclines_
     inclined = turning[0] ** 2 * radius / crane.gravity
     assert swing < 2.0 * inclined < 1.1 * swing
     for angle in (0.0, inclined):
-        guard, state = Guard(station, swing), State(*map(np.copy, crane.start))
-        state.q[drives[1]], state.v[drives], guard.rates = radius, turning, turning
-        state.q[crane.swings[0]] -= angle
-        guard.box = guard._granted = np.array([[-9.0, 2.0, 3.4], [9.0, 50.0, 38.0]])
-        rates, _ = guard.step(0.0, state, station.converters.rates)
-        assert (rates[1] > 0.01) == (angle > 0.0)
+        guard, state = Guard(station, swing), at_rest(station)
+        state.q[:, drives[1]], state.v[:, drives], guard.rates = radius, turning, turning[None]
+        state.q[:, crane.swings[0]] -= angle
+        guard.box = guard._granted = np.array([[[-9.0, 2.0, 3.4], [9.0, 50.0, 38.0]]])
+        rates, _ = guard.step(0.0, state, station.converters.rates[None])
+        assert (rates[0, 1] > 0.01) == (angle > 0.0)
 
 
 @slow
@@ -329,16 +359,17 @@ def test_a_crane_has_the_right_of_way_that_has_waited_longer() -> None:
     site, rng = site_of("four_towers"), np.random.default_rng(3)
     supervisor = Supervisor(site, [Guard(station, site.swing).box for station in site.stations])
     wide = supervisor.boxes[0] + np.array([[-2.6, 0.0, 0.0], [0.0] * 3])
-    grant = supervisor.receive(0, BoxRequest(1, supervisor.boxes[0], wide))
-    assert grant is not None and grant.blocked_by == ("d",)
+    grant = supervisor.receive(0, asking(1, supervisor.boxes[0], wide))
+    assert grant.blocked_by.tolist() == [[False, False, False, True]]
     held = supervisor.boxes[3]
     while True:
         wanted = held + rng.uniform(0.0, [2.0, 10.0, 45.0]) * [[-1.0], [1.0]]
         beside = [wide, *supervisor.boxes[1:]]
-        if site.apart(3, wanted, supervisor.boxes).all() and not site.apart(3, wanted, beside)[0]:
+        free = site.apart(3, wanted, supervisor.boxes)
+        if free.all() and not site.apart(3, wanted, beside)[0, 0]:
             break
-    grant = supervisor.receive(3, BoxRequest(1, held, wanted))
-    assert grant is not None and grant.blocked_by == ("a",)
+    grant = supervisor.receive(3, asking(1, held, wanted))
+    assert grant.blocked_by.tolist() == [[True, False, False, False]]
     assert not (grant.box == wanted).all()
 
 

@@ -200,7 +200,7 @@ CALLS = {
         Station('a', crane, np.ones(3), 0.1, converters(crane), brakes(crane))
         CraneSite('a yard', yard.stations, 0.0, 1.0, 0.1)
         Supervisor(yard, reserved)
-        Guard(yard.stations[0], 0.1).step(0.1, start, three)
+        Guard(yard.stations[0], 0.1).step(0.1, State(start.q[None], start.v[None]), three[None])
         simulate_site(yard, [push, push], duration=0.2, dt=0.002, seed=1)
         simulate_site(yard, [push, push], duration=0.1, channel=MessageChannel(0.1, 0.2))
         simulate_site(yard, [push, push], duration=0.1, wind=SiteWind(steady(8.0), 0.3, 4.0))
