@@ -25,7 +25,7 @@ from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.guard import BoxRequest, Guard, gentle
 from cranedyn.sites.proof import least_distances
 from cranedyn.sites.simulate import MessageChannel, SiteRun, simulate_site
-from cranedyn.sites.site import CraneSite
+from cranedyn.sites.site import CraneSite, Station
 from cranedyn.sites.site_file import EXAMPLES, read_crane_site
 from cranedyn.sites.supervisor import Supervisor
 from experiments import harness
@@ -41,6 +41,9 @@ the load."""
 CARRIED, PLACED = 1.0, 0.8
 """Cable length beyond the shortest while a load is carried, over lower jibs [m], and over the
 longest where it is put."""
+
+GROUNDED = 2.0
+"""Height above ground to which a load is lowered, over the required distance."""
 
 AT = {"rad": 4e-3, "m": 0.1}
 """Distance from its goal at which a drive has arrived."""
@@ -97,7 +100,9 @@ class LiftOperator:
             drawn = self._rng.uniform(
                 low + 0.05 * (high - low), high - 0.05 * (high - low), (2, len(low))
             )
-            drawn[:, self.station.crane.winch] = PLACED * high[self.station.crane.winch]
+            winch, ground = self.station.crane.winch, self.site.ground + GROUNDED * self.site.distance
+            depths = [place[winch] + point[2] - ground for place, point in zip(drawn, loads_at(self.station, drawn), strict=True)]
+            drawn[:, winch] = np.minimum(PLACED * high[winch], depths)
             self.drawn += 1
             if self.zone is None or ((drawn >= self.zone[0]) & (drawn <= self.zone[1])).all():
                 return drawn
@@ -137,6 +142,16 @@ class LiftOperator:
         _, rope, motion = self.station.rope(state.q[None])
         towards = 2.0 * DAMPING * math.sqrt(crane.gravity * cable) * rope[0, :2]
         return self._base + towards @ np.linalg.pinv(motion[0, :, :2], rcond=1e-3)
+
+
+def loads_at(station: Station, drives: np.ndarray) -> np.ndarray:
+    """Return the points where a load hangs plumb [m], shape (k, 3), at positions of the drives."""
+    q = np.repeat(station.crane.start.q[None], len(drives), axis=0)
+    q[:, station.crane.layout.drives] = drives
+    q[:, station.crane.swings] = station.crane.rest.angle + drives @ station.crane.rest.slope.T
+    points, *_ = station.rope(q)
+    points[:, 2] -= drives[:, station.crane.winch]
+    return points
 
 
 @cache
