@@ -47,6 +47,7 @@ _LEVELS = 1.0, 2.0, 4.0, 8.0, 16.0
 """Multiples of the required distance that a certificate tries to prove."""
 
 _FEW = 8
+_PATIENCE = 120
 _HULLS = 64, 8, 1
 """Numbers of slices that are proven apart at once, before those in them."""
 
@@ -104,11 +105,13 @@ class SitePlan:
         site: The site.
         lifts: Their motions, each past those before it; of each crane in the order of time.
         stay: Time for which a load stays at its goal [s].
+        refusals: Which lifts are left out, and why.
     """
 
     site: CraneSite
     lifts: tuple[ScheduledLift, ...]
     stay: float = 0.0
+    refusals: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         proven = "proven" if self.holds else "not proven"
@@ -191,7 +194,8 @@ class SitePlan:
 
 
 def plan_site(
-    site: CraneSite, lifts: Sequence[SiteLift], *, stay: float = 0.0, until: float | None = None
+    site: CraneSite, lifts: Sequence[SiteLift], *, stay: float = 0.0, until: float | None = None,
+    strict: bool = True,
 ) -> SitePlan:
     """Plan lifts of several cranes, one after the other; the crane that is ready first comes first.
 
@@ -203,6 +207,7 @@ def plan_site(
             before its first and after its last lift, unless it makes way for another.
         stay: Time for which a load stays at its goal [s].
         until: Time from which on no lift begins [s]; None for no end.
+        strict: Whether a lift without a way raises; else it is left out, see `SitePlan.refusals`.
 
     Raises:
         NoWay: If a lift has no way: alone, or past the others.
@@ -219,26 +224,36 @@ def plan_site(
         goals.append(finite("goal of a lift", goal, (3,)))
     if not pending:
         raise OutOfRange("number of lifts", 0, ">= 1")
-    schedule, done = _Schedule(site, stay), dict.fromkeys(pending, 0)
+    schedule, done, refusals = _Schedule(site, stay), dict.fromkeys(pending, 0), list[str]()
     while ready := [
         i for i in pending if done[i] < len(pending[i]) and schedule.ready[i] * SLICE < until
     ]:
         ready.sort(key=lambda i: schedule.ready[i])
         for i in ready:
-            if schedule.lift(i, pending[i][done[i]], done[i] + 1):
+            lift = i, pending[i][done[i]], done[i] + 1
+            late = schedule.ready[i] > schedule.ready[ready[0]] + _PATIENCE
+            if late and (cleared := schedule.clear(ready, pending, done)) is not None:
+                i, schedule = cleared
+                break
+            try:
+                if schedule.lift(*lift):
+                    break
+            except NoWay as error:
+                if strict:
+                    raise
+                refusals.append(str(error))
                 break
         else:
-            for i in ready:
-                if (cleared := schedule.cleared(i, pending[i][done[i]], done[i] + 1)) is not None:
-                    schedule = cleared
-                    break
+            i = ready[0]
+            if (cleared := schedule.clear(ready, pending, done)) is None:
+                text = f"Lift {done[i] + 1} of {quoted(names[i])} waits for others, and nothing "
+                if strict:
+                    raise NoWay(text + "brings them out of its way.")
+                refusals.append(text + "brings them out of its way.")
             else:
-                raise NoWay(
-                    f"Lift {done[ready[0]] + 1} of {quoted(names[ready[0]])} waits for others, and "
-                    "nothing brings them out of its way."
-                )
+                i, schedule = cleared
         done[i] += 1
-    return SitePlan(site, tuple(schedule.lifts), stay)
+    return SitePlan(site, tuple(schedule.lifts), stay, tuple(refusals))
 
 
 _Legs = tuple[tuple[tuple[_Position, ...], int], ...]
@@ -385,9 +400,29 @@ class _Schedule:
         station = self.site.stations[crane]
         try:
             ends = _positions(station, self.positions[crane], tuple(goal.tolist()))
-            return self.move(crane, ends, lift)
+            free = [end for end in ends if self._possible(crane, end)]
+            if not free:
+                raise NoWay("wherever it may stand, another crane is in the way of its goal.")
+            return self.move(crane, free, lift)
         except CraneError as error:
             raise NoWay(f"Lift {lift} of {quoted(station.name)} alone: {error}") from error
+
+    def _possible(self, crane: int, end: _Position) -> bool:
+        """Return whether each other crane has a position clear of one of a crane."""
+        box = _standing(self.site.stations[crane], np.array([end]))
+        for i, station in enumerate(self.site.stations):
+            boxes = _standing(station, _refuges(station, self.positions[i]))
+            if i != crane and not self._apart(crane, _extended(box, len(boxes)), i, boxes).any():
+                return False
+        return True
+
+    def clear(self, ready, pending, done):
+        for i in ready:
+            if self.ready[i] > self.ready[ready[0]] + _PATIENCE: continue
+            trial = self.cleared(i, pending[i][done[i]], done[i] + 1)
+            if trial is not None:
+                return i, trial
+        return None
 
     def cleared(self, crane: int, goal: np.ndarray, lift: int) -> _Schedule | None:
         """Return the schedule with the next lift of a crane, after others have made way for it;
@@ -417,20 +452,15 @@ class _Schedule:
 
         def clear(box: np.ndarray) -> bool:
             ends = [way.boxes if i == passing else x[-1:] for i, x in enumerate(self.boxes)]
-            pairs = (self._apart(crane, box, i, x) for i, x in enumerate(ends) if i != crane)
-            return all(pair.all() for pair in pairs)
+            return all(
+                i == crane or self._first(crane, _extended(box, len(x)), i, x, 0, _HULLS) is None
+                for i, x in enumerate(ends)
+            )
 
-        if self._apart(crane, self.boxes[crane][-1:], passing, way.boxes).all():
+        if clear(self.boxes[crane][-1:]):
             return True
-        drives, begin = station.crane.layout.drives, np.array(self.positions[crane])
-        low, high = np.array([station.crane.lower, station.crane.upper])[:, drives]
-        if (slew := station.crane.layout.drive_of("slew")) is not None:
-            low[slew] = max(low[slew], begin[slew] - math.pi)
-            high[slew] = min(high[slew], begin[slew] + math.pi)
-        refuges = np.random.default_rng(0).uniform(low, high, (_REFUGES, len(low)))
-        refuges[: len(refuges) // 3] = begin + (refuges[: len(refuges) // 3] - begin) * (np.arange(len(low)) == (slew or 0))
-        refuges[:, station.crane.winch] = low[station.crane.winch] + _RAISED
-        refuges[0] = _raised(station, self.positions[crane])
+        begin = np.array(self.positions[crane])
+        refuges = _refuges(station, self.positions[crane])
         times = (np.abs(refuges - begin) / station.converters.rates).max(axis=1)
         refuges = refuges[times.argsort()]
         free = (x for x in refuges if clear(_standing(station, x[None])))
@@ -565,6 +595,25 @@ class _Schedule:
         self.lifts.append(ScheduledLift(crane, motion, begin, lift))
         after = math.ceil((self.lifts[-1].end + self.stay) / SLICE) if lift else 0
         self.ready[crane] = max(len(self.boxes[crane]) - 1, after)
+
+
+def _refuges(station: Station, begin: _Position) -> np.ndarray:
+    """Return positions of the drives with the load raised, shape (`_REFUGES`, m): that of a
+    position, such that differ in the slew alone, and such all over the ranges, once around.
+    """
+    drives, slew, winch = station.crane.layout.drives, station.crane.layout.drive_of("slew"), station.crane.winch
+    low, high = np.array([station.crane.lower, station.crane.upper])[:, drives]
+    if slew is not None:
+        low[slew] = max(low[slew], begin[slew] - math.pi)
+        high[slew] = min(high[slew], begin[slew] + math.pi)
+    refuges = np.random.default_rng(0).uniform(low, high, (_REFUGES, len(low)))
+    if slew is not None:
+        turned = np.array([begin]).repeat(_REFUGES // 2, axis=0)
+        turned[:, slew] = refuges[: len(turned), slew]
+        refuges[: len(turned)] = turned
+    refuges[:, winch] = low[winch] + _RAISED
+    refuges[0] = _raised(station, begin)
+    return refuges
 
 
 def _direct(station, begin, ends):
