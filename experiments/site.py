@@ -100,8 +100,14 @@ class LiftOperator:
             drawn = self._rng.uniform(
                 low + 0.05 * (high - low), high - 0.05 * (high - low), (2, len(low))
             )
-            winch, ground = self.station.crane.winch, self.site.ground + GROUNDED * self.site.distance
-            depths = [place[winch] + point[2] - ground for place, point in zip(drawn, loads_at(self.station, drawn), strict=True)]
+            winch, ground = (
+                self.station.crane.winch,
+                self.site.ground + GROUNDED * self.site.distance,
+            )
+            depths = [
+                place[winch] + point[2] - ground
+                for place, point in zip(drawn, loads_at(self.station, drawn), strict=True)
+            ]
             drawn[:, winch] = np.minimum(PLACED * high[winch], depths)
             self.drawn += 1
             if self.zone is None or ((drawn >= self.zone[0]) & (drawn <= self.zone[1])).all():

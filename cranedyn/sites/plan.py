@@ -14,7 +14,7 @@ import heapq
 import itertools
 import math
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
@@ -46,10 +46,12 @@ _PERIOD = SLICE / _ROWS
 _LEVELS = 1.0, 2.0, 4.0, 8.0, 16.0
 """Multiples of the required distance that a certificate tries to prove."""
 
-_FEW = 8
+_FEW, _HULLS = 8, (64, 8, 1)
+"""Slices that are looked ahead, and numbers of slices that are proven apart at once, before those
+in them."""
+
 _PATIENCE = 120
-_HULLS = 64, 8, 1
-"""Numbers of slices that are proven apart at once, before those in them."""
+"""Slices by which a crane may be ready after one that waits before others make way for it."""
 
 _RAISED = 1.0
 """Cable length of a raised load beyond the shortest [m]."""
@@ -70,6 +72,12 @@ _STARTS, _STEPS, _CLOSE = 500, 12, 1e-7
 
 _Position = tuple[float, ...]
 """Position of the drives of a crane [rad or m]."""
+
+_Points = tuple[_Position, ...]
+"""Positions that a way passes."""
+
+_Legs = tuple[tuple[_Points, int], ...]
+"""Ways of a crane, one after the other, and the slices in which they begin."""
 
 SiteLift = tuple[str, Sequence[float] | np.ndarray]
 """Name of a crane, and the goal of the centre of its load in the frame of the site [m], shape (3,).
@@ -117,7 +125,7 @@ class SitePlan:
         proven = "proven" if self.holds else "not proven"
         count = sum(bool(motion.lift) for motion in self.lifts)
         return (
-            f"Plan of {count} lifts in {self.duration:.1f} s, drives alone need {self.least:.1f} s; "
+            f"Plan of {count} lifts in {self.duration:.1f} s, drives need {self.least:.1f} s; "
             f"cranes {proven} apart"
         )
 
@@ -128,8 +136,8 @@ class SitePlan:
 
     @property
     def least(self) -> float:
-        """Lower bound of the duration of any plan of these lifts [s]: the longest that the drives of
-        a crane need from goal to goal, from rest to rest, while its loads stay there.
+        """Lower bound of the duration of any plan of these lifts [s]: the longest that the drives
+        of a crane need from goal to goal, from rest to rest, while its loads stay there.
         """
         times = [0.0]
         for i, station in enumerate(self.site.stations):
@@ -194,7 +202,11 @@ class SitePlan:
 
 
 def plan_site(
-    site: CraneSite, lifts: Sequence[SiteLift], *, stay: float = 0.0, until: float | None = None,
+    site: CraneSite,
+    lifts: Sequence[SiteLift],
+    *,
+    stay: float = 0.0,
+    until: float | None = None,
     strict: bool = True,
 ) -> SitePlan:
     """Plan lifts of several cranes, one after the other; the crane that is ready first comes first.
@@ -232,7 +244,7 @@ def plan_site(
         for i in ready:
             lift = i, pending[i][done[i]], done[i] + 1
             late = schedule.ready[i] > schedule.ready[ready[0]] + _PATIENCE
-            if late and (cleared := schedule.clear(ready, pending, done)) is not None:
+            if late and (cleared := schedule.first_cleared(ready, pending, done)) is not None:
                 i, schedule = cleared
                 break
             try:
@@ -245,7 +257,7 @@ def plan_site(
                 break
         else:
             i = ready[0]
-            if (cleared := schedule.clear(ready, pending, done)) is None:
+            if (cleared := schedule.first_cleared(ready, pending, done)) is None:
                 text = f"Lift {done[i] + 1} of {quoted(names[i])} waits for others, and nothing "
                 if strict:
                     raise NoWay(text + "brings them out of its way.")
@@ -256,9 +268,6 @@ def plan_site(
     return SitePlan(site, tuple(schedule.lifts), stay, tuple(refusals))
 
 
-_Legs = tuple[tuple[tuple[_Position, ...], int], ...]
-
-
 class _Way(NamedTuple):
     """A motion of a crane between two positions, with its boxes, shape (slices, 2, m)."""
 
@@ -267,7 +276,7 @@ class _Way(NamedTuple):
 
 
 @lru_cache(maxsize=512)
-def _way(site: CraneSite, i: int, points: tuple[_Position, ...]) -> _Way | CraneError:
+def _way(site: CraneSite, i: int, points: _Points) -> _Way | CraneError:
     """Return the way of a crane through points, or why it is none: it keeps above ground, from
     obstacles, and in its ranges and its chart.
     """
@@ -411,17 +420,26 @@ class _Schedule:
         """Return whether each other crane has a position clear of one of a crane."""
         box = _standing(self.site.stations[crane], np.array([end]))
         for i, station in enumerate(self.site.stations):
-            boxes = _standing(station, _refuges(station, self.positions[i]))
-            if i != crane and not self._apart(crane, _extended(box, len(boxes)), i, boxes).any():
+            chunks = np.split(
+                _standing(station, _refuges(station, self.positions[i])), _REFUGES // 10
+            )
+            if i != crane and not any(
+                self._apart(crane, _extended(box, len(x)), i, x).any() for x in chunks
+            ):
                 return False
         return True
 
-    def clear(self, ready, pending, done):
+    def first_cleared(
+        self, ready: list[int], goals: dict[int, list[np.ndarray]], done: dict[int, int]
+    ) -> tuple[int, _Schedule] | None:
+        """Return the first crane that others can make way for, and the schedule with its lift; None
+        if they can for none of those that are ready within `_PATIENCE` of the first.
+        """
         for i in ready:
-            if self.ready[i] > self.ready[ready[0]] + _PATIENCE: continue
-            trial = self.cleared(i, pending[i][done[i]], done[i] + 1)
-            if trial is not None:
-                return i, trial
+            if self.ready[i] <= self.ready[ready[0]] + _PATIENCE:
+                trial = self.cleared(i, goals[i][done[i]], done[i] + 1)
+                if trial is not None:
+                    return i, trial
         return None
 
     def cleared(self, crane: int, goal: np.ndarray, lift: int) -> _Schedule | None:
@@ -448,12 +466,12 @@ class _Schedule:
 
     def make_way(self, crane: int, passing: int, way: _Way) -> bool:
         """Return whether a crane stands clear of the way of another, and bring it there."""
-        site, station = self.site, self.site.stations[crane]
+        station = self.site.stations[crane]
 
         def clear(box: np.ndarray) -> bool:
             ends = [way.boxes if i == passing else x[-1:] for i, x in enumerate(self.boxes)]
             return all(
-                i == crane or self._first(crane, _extended(box, len(x)), i, x, 0, _HULLS) is None
+                i == crane or self._first(crane, _extended(box, len(x)), i, x) is None
                 for i, x in enumerate(ends)
             )
 
@@ -473,12 +491,13 @@ class _Schedule:
         return False
 
     def move(self, crane: int, ends: list[_Position], lift: int) -> bool:
-        """Put in the motions by which a crane arrives first at one of the ends; return whether there
-        are any.
+        """Put in the motions by which a crane arrives first at one of the ends; return whether
+        there are any.
         """
         station, begin = self.site.stations[crane], self.positions[crane]
-        refusals = [_way(self.site, crane, points) for points in _direct(station, begin, ends)]
-        if all(isinstance(way, CraneError) for way in refusals):
+        ways = [_way(self.site, crane, points) for points in _direct(station, begin, ends)]
+        refusals = [way for way in ways if isinstance(way, CraneError)]
+        if len(refusals) == len(ways):
             raise refusals[0]
         legs = self._route(crane, ends)
         for k, (points, first) in enumerate(legs or ()):
@@ -488,18 +507,27 @@ class _Schedule:
         return legs is not None
 
     def _route(self, crane: int, ends: list[_Position]) -> _Legs | None:
+        """Return the ways by which a crane arrives first at one of the ends, where nothing comes
+        near it later; None if there are none.
+
+        A queue has ways in the order of their arrival, first with a lower bound, then as the other
+        cranes let them begin. Where a crane cannot stay, the same way is tried later.
+        """
         station, begin = self.site.stations[crane], self.positions[crane]
         up = _raised(station, begin)
         ways = [*_direct(station, begin, ends), (begin, up)]
         for end in ends:
             ways += [(up, _raised(station, end)), (_raised(station, end), end)]
-        ways = [points for points in dict.fromkeys(ways) if len(points) > 2 or points[0] != points[1]]
-        queue: list[tuple] = []
+        ways = [
+            points for points in dict.fromkeys(ways) if len(points) > 2 or points[0] != points[1]
+        ]
+        queue: list[tuple[int, int, _Legs, _Points, int, float, bool]] = []
         order = itertools.count()
 
-        def push(legs, points, earliest, limit):
-            estimate = earliest + _estimate(station, points)
-            heapq.heappush(queue, (estimate, next(order), legs, points, earliest, limit, None))
+        def push(legs: _Legs, points: _Points, first: int, limit: float) -> None:
+            moved = np.abs(np.diff(points, axis=0)).sum(axis=0) / station.converters.rates
+            estimate = first + int(moved.max() / SLICE)
+            heapq.heappush(queue, (estimate, next(order), legs, points, first, limit, False))
 
         for points in ways:
             if points[0] == begin:
@@ -510,13 +538,13 @@ class _Schedule:
             if isinstance(way, CraneError):
                 continue
             if not arrived:
-                start = self._start(crane, way.boxes, first, limit)
-                if start is not None:
-                    item = (start + len(way.boxes) - 1, next(order), legs, points, start, limit, True)
+                begins = self._begin(crane, way.boxes, first, limit)
+                if begins is not None:
+                    arrival = begins + len(way.boxes) - 1
+                    item = arrival, next(order), legs, points, begins, limit, True
                     heapq.heappush(queue, item)
                 continue
-            conflict = self._conflict(crane, way.boxes[-1:], arrival)
-            until = math.inf
+            conflict, until = self._conflict(crane, way.boxes[-1:], arrival), math.inf
             if conflict is not None:
                 until = arrival + conflict[0]
                 push(legs, points, first + conflict[0] + 1, limit)
@@ -528,8 +556,10 @@ class _Schedule:
                     push(legs, following, arrival, until)
         return None
 
-    def _start(self, crane: int, boxes: np.ndarray, first: int, limit: float) -> int | None:
-        """Return the first slice from a slice on in which a motion may begin; None if there is none before a limit."""
+    def _begin(self, crane: int, boxes: np.ndarray, first: int, limit: float) -> int | None:
+        """Return the earliest slice in which a motion may begin, from the first on and before a
+        limit; None if there is none.
+        """
         while first < limit:
             if (conflict := self._conflict(crane, boxes, first)) is None:
                 return first
@@ -544,14 +574,13 @@ class _Schedule:
                     break
             else:
                 return None
-            if row >= len(boxes) - 1:  # where it stands for ever
-                first = max(first + 1, k - len(boxes) + 1)
-            else:
-                first = k - row
+            first = max(first + 1, k - min(row, len(boxes) - 1))  # at the end it stands for ever
         return None
 
     def _conflict(self, crane: int, boxes: np.ndarray, first: int) -> tuple[int, int] | None:
-        """Return the first row of boxes, the last for ever, that is not proven apart from all others where they begin in a slice, and from which crane it is not."""
+        """Return the first row in which boxes that begin in a slice, the last for ever, are not
+        proven apart from another crane, and its index; None if they are.
+        """
         conflicts = []
         for other, theirs in enumerate(self.boxes):
             if other == crane:
@@ -559,19 +588,29 @@ class _Schedule:
             theirs = theirs[min(first, len(theirs) - 1) :]
             count = max(len(boxes), len(theirs))
             pair = crane, _extended(boxes, count), other, _extended(theirs, count)
-            if (row := self._first(*pair, 0, _HULLS)) is not None:
+            if (row := self._first(*pair)) is not None:
                 conflicts.append((row, other))
         return min(conflicts, default=None)
 
-    def _first(self, crane, mine, other, theirs, begin, sizes) -> int | None:
-        """Return the first row in which two cranes are not proven apart."""
+    def _first(
+        self,
+        crane: int,
+        mine: np.ndarray,
+        other: int,
+        theirs: np.ndarray,
+        begin: int = 0,
+        sizes: tuple[int, ...] = _HULLS,
+    ) -> int | None:
+        """Return the first row in which two cranes are not proven apart, counted from a begin; None
+        if they are in all.
+        """
         size, *finer = sizes
         near = ~self._apart(crane, _hulls(mine, size), other, _hulls(theirs, size))
         for k in np.nonzero(near)[0].tolist():
             if size == 1:
                 return begin + k
             rows = slice(k * size, (k + 1) * size)
-            row = self._first(crane, mine[rows], other, theirs[rows], begin + k * size, finer)
+            row = self._first(crane, mine[rows], other, theirs[rows], begin + k * size, (*finer,))
             if row is not None:
                 return row
         return None
@@ -601,7 +640,11 @@ def _refuges(station: Station, begin: _Position) -> np.ndarray:
     """Return positions of the drives with the load raised, shape (`_REFUGES`, m): that of a
     position, such that differ in the slew alone, and such all over the ranges, once around.
     """
-    drives, slew, winch = station.crane.layout.drives, station.crane.layout.drive_of("slew"), station.crane.winch
+    drives, slew, winch = (
+        station.crane.layout.drives,
+        station.crane.layout.drive_of("slew"),
+        station.crane.winch,
+    )
     low, high = np.array([station.crane.lower, station.crane.upper])[:, drives]
     if slew is not None:
         low[slew] = max(low[slew], begin[slew] - math.pi)
@@ -616,7 +659,8 @@ def _refuges(station: Station, begin: _Position) -> np.ndarray:
     return refuges
 
 
-def _direct(station, begin, ends):
+def _direct(station: Station, begin: _Position, ends: list[_Position]) -> list[_Points]:
+    """Return the points of ways without a stop: straight, and with the load raised."""
     return [
         points
         for end in ends
@@ -624,23 +668,21 @@ def _direct(station, begin, ends):
     ]
 
 
-def _raised(station, position):
+def _raised(station: Station, position: _Position) -> _Position:
+    """Return a position with the load raised."""
     winch = station.crane.winch
-    low = station.crane.lower[station.crane.layout.drives[winch]] + _RAISED
-    return (*position[:winch], min(position[winch], low), *position[winch + 1 :])
+    cable = float(station.crane.lower[station.crane.layout.drives[winch]]) + _RAISED
+    return (*position[:winch], min(position[winch], cable), *position[winch + 1 :])
 
 
-def _estimate(station, points):
-    ways = np.abs(np.diff(points, axis=0)).sum(axis=0)
-    return int((ways / station.converters.rates).max() / SLICE)
-
-
-def _standing(station, positions):
+def _standing(station: Station, positions: np.ndarray) -> np.ndarray:
+    """Return boxes of a crane that stands at positions, shape (k, m): shape (k, 2, m)."""
     slack = 2.0 * station.brakes.tolerances
     return np.stack([positions - slack, positions + slack], axis=1)
 
 
-def _hulls(boxes, size):
+def _hulls(boxes: np.ndarray, size: int) -> np.ndarray:
+    """Return boxes around so many boxes each, shape (k, 2, m)."""
     rows = range(0, len(boxes), size)
     low, high = np.minimum.reduceat(boxes[:, 0], rows), np.maximum.reduceat(boxes[:, 1], rows)
     return np.stack([low, high], axis=1)
