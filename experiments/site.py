@@ -1,4 +1,4 @@
-"""Cranes whose jibs overlap: contacts and lost time without protection, in zones, supervised.
+"""Cranes whose jibs overlap: contacts and lost time in zones, supervised, by plans, or without.
 
 Operators lift loads between random places of all that their crane reaches; adversaries try to
 collide, over a network that loses messages.
@@ -23,6 +23,7 @@ from cranedyn.interfaces import State
 from cranedyn.sites.bodies import place_capsules
 from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.guard import BoxRequest, Guard, gentle
+from cranedyn.sites.plan import SitePlan, plan_site
 from cranedyn.sites.proof import least_distances
 from cranedyn.sites.simulate import MessageChannel, SiteRun, simulate_site
 from cranedyn.sites.site import CraneSite, Station
@@ -90,7 +91,7 @@ class LiftOperator:
         self._rng = np.random.default_rng(self.seed)
         self._ramp = 0.75 * gentle(self.station, self.site.swing).decelerations
         self._base, self._waits_until = np.zeros(layout.m), 0.0
-        self._at = np.array([AT[joint.unit] for joint in layout.driven])
+        self.tolerances = np.array([AT[joint.unit] for joint in layout.driven])
         self._legs: list[np.ndarray] = []
 
     def places(self) -> np.ndarray:
@@ -125,7 +126,7 @@ class LiftOperator:
         if t < self._waits_until:
             return self._follow(np.zeros_like(q), state, v)
         way = np.where(np.isnan(self._legs[0]), 0.0, self._legs[0] - q)
-        if (np.abs(way) < self._at).all() and (
+        if (np.abs(way) < self.tolerances).all() and (
             np.abs(self._base) < 0.02 * self.station.converters.rates
         ).all():
             self._legs.pop(0)
@@ -135,7 +136,7 @@ class LiftOperator:
                 self.finished.append(self.drawn)
             return self._follow(np.zeros_like(q), state, v)
         stops = np.sqrt(1.6 * self._ramp * np.maximum(np.abs(way) - 0.5 * np.abs(self._base), 0.0))
-        creeps = 0.15 * np.abs(way) * (np.abs(way) < 4.0 * self._at)
+        creeps = 0.15 * np.abs(way) * (np.abs(way) < 4.0 * self.tolerances)
         fastest = 0.9 * self.station.converters.rates
         return self._follow(np.sign(way) * np.minimum(stops + creeps, fastest), state, v)
 
@@ -169,6 +170,8 @@ def reach(site: CraneSite, index: int) -> tuple[np.ndarray, np.ndarray]:
     layout = station.crane.layout
     slew = layout.drive_of("slew")
     low, high = (ends[layout.drives].copy() for ends in (station.crane.lower, station.crane.upper))
+    if slew is None:
+        return low, high
     low[slew], high[slew] = max(low[slew], -math.pi), min(high[slew], math.pi)
     mine = np.nonzero(~bodies.hangs[index] & (bodies.joint[index] > 0))[0]
     towers = np.argwhere((bodies.joint == 0) & (np.arange(len(site.stations)) != index)[:, None])
@@ -239,6 +242,8 @@ class Shift(NamedTuple):
         run: Its run.
         operators: Its operators.
         listed: Number of lifts on the list of each crane: those that it does without protection.
+        plan: The plan that the cranes follow; None if operators lift.
+        planning: Processor time of the plan for each lift in it [s].
     """
 
     site: str
@@ -246,6 +251,8 @@ class Shift(NamedTuple):
     run: SiteRun
     operators: list[LiftOperator]
     listed: list[int]
+    plan: SitePlan | None = None
+    planning: float = 0.0
 
     @property
     def done(self) -> int:
@@ -323,14 +330,19 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         update(2 * i + 2)
     times, histories = supervisor_cycles(options.cycles)
     return Outcome(
-        tables=[_shift_table(shifts), _attack_table(attacks), _cycle_table(times)],
+        tables=[
+            _shift_table(shifts),
+            _plan_table(shifts),
+            _attack_table(attacks),
+            _cycle_table(times),
+        ],
         claims=_claims(shifts, attacks, times, set(options.site) <= set(EXAMPLES)),
         figures={"invariant": _figure(histories)},
     )
 
 
 def _shifts(site: CraneSite, duration: float) -> list[Shift]:
-    """Return a shift without protection, in static zones, and under the supervisor."""
+    """Return a shift without protection, in static zones, under the supervisor, and by a plan."""
     results = []
     listed: list[int] = []
     for protection, zones in (("none", None), ("zones", static_zones(site)), ("supervisor", None)):
@@ -343,7 +355,37 @@ def _shifts(site: CraneSite, duration: float) -> list[Shift]:
         )
         listed = listed or [len(operator.finished) for operator in operators]
         results.append(Shift(site.name, protection, run, operators, listed))
-    return results
+    return [*results, planned_shift(site, duration, listed)]
+
+
+def planned_shift(site: CraneSite, duration: float, listed: list[int]) -> Shift:
+    """Return a shift in which all cranes follow one plan of the lists, without a supervisor.
+
+    A lift is done if the drives stand at both of its places while the load is hooked and unhooked.
+    """
+    operators = [LiftOperator(site, i, 100 + i) for i in range(len(site.stations))]
+    lifts = [
+        (operator.station.name, point)
+        for operator in operators
+        for _ in range(math.ceil(duration / (2.0 * HOOKING)))
+        for point in loads_at(operator.station, operator.places())
+    ]
+    begin = time.process_time()
+    plan = plan_site(site, lifts, stay=HOOKING, until=duration, strict=False)
+    planning = time.process_time() - begin
+    run = simulate_site(site, plan.operators(), duration=duration, supervised=False)
+    arrived: set[tuple[int, int]] = set()
+    for crane, motion, begins, lift in plan.lifts:
+        rows = slice(math.ceil((begins + motion.arrival) / CYCLE), None)
+        q = run.trajectories[crane].q[rows, motion.drives][: round(HOOKING / CYCLE)]
+        off = np.abs(q - motion.q[-1, motion.drives])
+        if len(q) == round(HOOKING / CYCLE) and (off <= operators[crane].tolerances).all() and lift:
+            arrived.add((crane, lift))
+    for i, operator in enumerate(operators):
+        pairs = range(1, operator.drawn + 1)
+        operator.finished = [n for n in pairs if {(i, 2 * n - 1), (i, 2 * n)} <= arrived]
+    count = sum(bool(motion.lift) for motion in plan.lifts) / 2.0
+    return Shift(site.name, "plan", run, operators, listed, plan, planning / max(count, 1.0))
 
 
 @cache
@@ -478,6 +520,23 @@ def _shift_table(shifts: Sequence[Shift]) -> ResultTable:
     )
 
 
+def _plan_table(shifts: Sequence[Shift]) -> ResultTable:
+    plans = [(shift, shift.plan) for shift in shifts if shift.plan is not None]
+    return make_table(
+        "Plans",
+        plans,
+        ("site", "", lambda pair: pair[0].site),
+        ("motions to a place", "d", lambda pair: sum(bool(one.lift) for one in pair[1].lifts)),
+        ("without a way", "d", lambda pair: len(pair[1].refusals)),
+        ("to make way or wait", "d", lambda pair: sum(not one.lift for one in pair[1].lifts)),
+        ("duration [s]", ".0f", lambda pair: pair[1].duration),
+        ("lower bound [s]", ".0f", lambda pair: pair[1].least),
+        ("least proven distance [m]", ".0f", lambda pair: pair[1].distances.min()),
+        ("planning [s a lift]", ".2f", lambda pair: pair[0].planning),
+        note="The lower bound is that of the drives of one crane alone. Planning: processor time.",
+    )
+
+
 def _attack_table(attacks: Sequence[Attack]) -> ResultTable:
     return make_table(
         "Adversaries",
@@ -513,6 +572,12 @@ def _claims(
     zoned = [shift for shift in shifts if shift.protection == "zones"]
     lost = [(shift.lost, zone.lost) for shift, zone in zip(guarded, zoned, strict=True)]
     judged = ours and min(sum(shift.listed) for shift in shifts) >= LISTED
+    plans = [(shift, shift.plan) for shift in shifts if shift.plan is not None]
+    proven = all(plan.holds for _, plan in plans)
+    met = [Attack.of(shift.site, "plan", shift.run) for shift, _ in plans]
+    _, _, planned_minutes, touched, planned_least, planned_swing, _ = Attack.all_of(met)
+    both = [(shift.done, one.done) for (shift, _), one in zip(plans, guarded, strict=True)]
+    slowest = max(shift.planning for shift, _ in plans)
     bare = sum(len(shift.run.contacts) for shift in shifts if shift.protection == "none")
     return [
         Claim(
@@ -531,6 +596,17 @@ def _claims(
             f"{', '.join(f'{share:.0f} of {zones:.0f} %' for share, zones in lost)}.",
             all(share < zones / 2.0 for share, zones in lost) if judged else None,
         ),
+        Claim(
+            f"Planned cranes are proven apart, do not touch in {planned_minutes:.0f} crane-minutes "
+            f"without a supervisor, keep distance and swing ({100.0 * planned_swing:.0f} % of it).",
+            proven and touched == 0 and planned_least >= 0.0 and planned_swing <= 1.0,
+        ),
+        Claim(
+            "Plans do at least as many lifts of the lists as operators under the supervisor: "
+            f"{', '.join(f'{planned} and {supervised}' for planned, supervised in both)}.",
+            all(planned >= supervised for planned, supervised in both) if judged else None,
+        ),
+        Claim(f"A lift is planned in less than 2 s ({slowest:.2f} s at most).", slowest < 2.0),
         Claim(
             f"A cycle for eight cranes takes less than 5 ms ({1e3 * times.max():.1f} ms at most).",
             bool(times.max() < 5e-3),
