@@ -330,8 +330,8 @@ def _leg(station: Station, limits: Limits, swing: float, points: np.ndarray) -> 
 
     The load moves as if it hung plumb from drives that move in straight lines; the drives go where
     its rope points then, as in `cranedyn.references.flat`. Along a line they go at constant rates,
-    averaged over the time in which each drive changes its rate and over shares of the time in
-    which the load swings. So they pass points between the ends without a stop, and beside them.
+    averaged over the time to change their rates and over shares of the time in which the load
+    swings. So they pass points between the ends without a stop, and beside them.
     """
     crane, layout, share = station.crane, station.crane.layout, 1.0
     ways = np.diff(points, axis=0)
@@ -341,17 +341,15 @@ def _leg(station: Station, limits: Limits, swing: float, points: np.ndarray) -> 
         times = np.maximum(np.abs(ways) / rates, np.sqrt(np.abs(ways) / slopes)).max(axis=1) + 1e-3
         knots = np.append(0.0, np.cumsum(times))
         jumps = np.diff(ways / times[:, None], axis=0, prepend=0.0, append=0.0)
-        ramps = np.abs(jumps).max(axis=0) / slopes
-        averages = np.vstack([ramps, *np.broadcast_to(swings, (len(ramps), 3)).T])
+        averages = np.append(np.max(np.abs(jumps) / slopes), swings)
         counts = 2 * np.ceil(averages / (2.0 * _PERIOD)).astype(int) + 1  # odd: about a row
-        before = counts.sum(axis=0).max() // 2 + _STILL
+        before = counts.sum() // 2 + _STILL
         t = _PERIOD * np.arange(2 * before + math.ceil(knots[-1] / _PERIOD))
         plumb = np.zeros((len(t), layout.n))
         for drive, joint in enumerate(layout.drives):
-            column = np.interp(t - before * _PERIOD, knots, points[:, drive])
-            for count in counts[:, drive]:
-                column = uniform_filter1d(column, count, mode="nearest")
-            plumb[:, joint] = column
+            plumb[:, joint] = np.interp(t - before * _PERIOD, knots, points[:, drive])
+        for count in counts:
+            plumb = uniform_filter1d(plumb, count, axis=0, mode="nearest")
         plumb[:, crane.swings] = crane.rest.angle + plumb[:, layout.drives] @ crane.rest.slope.T
         load, *_ = station.rope(plumb)
         load[:, 2] -= plumb[:, layout.drives[crane.winch]]
