@@ -43,8 +43,8 @@ CARRIED, PLACED = 1.0, 0.8
 """Cable length beyond the shortest while a load is carried, over lower jibs [m], and over the
 longest where it is put."""
 
-GROUNDED = 2.0
-"""Height above ground to which a load is lowered, over the required distance."""
+LOWEST = 4.0
+"""Height above ground of the centre of a load where a plan puts it, at least [m]."""
 
 AT = {"rad": 4e-3, "m": 0.1}
 """Distance from its goal at which a drive has arrived."""
@@ -101,15 +101,7 @@ class LiftOperator:
             drawn = self._rng.uniform(
                 low + 0.05 * (high - low), high - 0.05 * (high - low), (2, len(low))
             )
-            winch, ground = (
-                self.station.crane.winch,
-                self.site.ground + GROUNDED * self.site.distance,
-            )
-            depths = [
-                place[winch] + point[2] - ground
-                for place, point in zip(drawn, loads_at(self.station, drawn), strict=True)
-            ]
-            drawn[:, winch] = np.minimum(PLACED * high[winch], depths)
+            drawn[:, self.station.crane.winch] = PLACED * high[self.station.crane.winch]
             self.drawn += 1
             if self.zone is None or ((drawn >= self.zone[0]) & (drawn <= self.zone[1])).all():
                 return drawn
@@ -368,7 +360,9 @@ def planned_shift(site: CraneSite, duration: float, listed: list[int]) -> Shift:
         (operator.station.name, point)
         for operator in operators
         for _ in range(math.ceil(duration / (2.0 * HOOKING)))
-        for point in loads_at(operator.station, operator.places())
+        for point in np.maximum(
+            loads_at(operator.station, operator.places()), [-np.inf, -np.inf, site.ground + LOWEST]
+        )
     ]
     begin = time.process_time()
     plan = plan_site(site, lifts, stay=HOOKING, until=duration, strict=False)
