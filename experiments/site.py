@@ -520,9 +520,9 @@ def _plan_table(shifts: Sequence[Shift]) -> ResultTable:
         "Plans",
         plans,
         ("site", "", lambda pair: pair[0].site),
-        ("motions to a place", "d", lambda pair: sum(bool(one.lift) for one in pair[1].lifts)),
+        ("motions to a place", "d", lambda pair: sum(bool(x.lift) for x in pair[1].lifts)),
         ("without a way", "d", lambda pair: len(pair[1].refusals)),
-        ("to make way or wait", "d", lambda pair: sum(not one.lift for one in pair[1].lifts)),
+        ("to make way or wait", "d", lambda pair: sum(not x.lift for x in pair[1].lifts)),
         ("duration [s]", ".0f", lambda pair: pair[1].duration),
         ("lower bound [s]", ".0f", lambda pair: pair[1].least),
         ("least proven distance [m]", ".0f", lambda pair: pair[1].distances.min()),
@@ -570,7 +570,7 @@ def _claims(
     proven = all(plan.holds for _, plan in plans)
     met = [Attack.of(shift.site, "plan", shift.run) for shift, _ in plans]
     _, _, planned_minutes, touched, planned_least, planned_swing, _ = Attack.all_of(met)
-    both = [(shift.done, one.done) for (shift, _), one in zip(plans, guarded, strict=True)]
+    both = [(shift.done, bound.done) for (shift, _), bound in zip(plans, guarded, strict=True)]
     slowest = max(shift.planning for shift, _ in plans)
     bare = sum(len(shift.run.contacts) for shift in shifts if shift.protection == "none")
     return [

@@ -450,17 +450,17 @@ class _Schedule:
             way, trial = _way(self.site, crane, points), self.copy()
             if isinstance(way, CraneError):
                 continue
-            others = (i for i in range(len(self.boxes)) if i != crane)
-            if all(trial.make_way(i, crane, way) for i in others) and trial.lift(crane, goal, lift):
+            rivals = (i for i in range(len(self.boxes)) if i != crane)
+            if all(trial.make_way(i, crane, way) for i in rivals) and trial.lift(crane, goal, lift):
                 return trial
         return None
 
     def copy(self) -> _Schedule:
         """Return a copy to which motions can be added."""
-        other = copy(self)
+        neighbour = copy(self)
         for name in ("lifts", "ready", "boxes", "positions"):
-            setattr(other, name, [*getattr(self, name)])
-        return other
+            setattr(neighbour, name, [*getattr(self, name)])
+        return neighbour
 
     def make_way(self, crane: int, passing: int, way: _Way) -> bool:
         """Return whether a crane stands clear of the way of another, and bring it there."""
@@ -561,13 +561,13 @@ class _Schedule:
         while first < limit:
             if (conflict := self._conflict(crane, boxes, first)) is None:
                 return first
-            row, other = conflict
-            theirs, k = self.boxes[other], first + row
+            row, neighbour = conflict
+            theirs, k = self.boxes[neighbour], first + row
             while k < len(theirs) - 1:
-                few = theirs[k : k + _FEW]
-                mine = boxes[min(row, len(boxes) - 1)][None].repeat(len(few), axis=0)
-                free = self._apart(crane, mine, other, few)
-                k += int(free.argmax()) if free.any() else len(few)
+                ahead = theirs[k : k + _FEW]
+                mine = boxes[min(row, len(boxes) - 1)][None].repeat(len(ahead), axis=0)
+                free = self._apart(crane, mine, neighbour, ahead)
+                k += int(free.argmax()) if free.any() else len(ahead)
                 if free.any():
                     break
             else:
@@ -580,21 +580,21 @@ class _Schedule:
         proven apart from another crane, and its index; None if they are.
         """
         conflicts = []
-        for other, theirs in enumerate(self.boxes):
-            if other == crane:
+        for neighbour, theirs in enumerate(self.boxes):
+            if neighbour == crane:
                 continue
             theirs = theirs[min(first, len(theirs) - 1) :]
             count = max(len(boxes), len(theirs))
-            pair = crane, _extended(boxes, count), other, _extended(theirs, count)
+            pair = crane, _extended(boxes, count), neighbour, _extended(theirs, count)
             if (row := self._first(*pair)) is not None:
-                conflicts.append((row, other))
+                conflicts.append((row, neighbour))
         return min(conflicts, default=None)
 
     def _first(
         self,
         crane: int,
         mine: np.ndarray,
-        other: int,
+        neighbour: int,
         theirs: np.ndarray,
         begin: int = 0,
         sizes: tuple[int, ...] = _HULLS,
@@ -603,12 +603,14 @@ class _Schedule:
         if they are in all.
         """
         size, *finer = sizes
-        near = ~self._apart(crane, _hulls(mine, size), other, _hulls(theirs, size))
+        near = ~self._apart(crane, _hulls(mine, size), neighbour, _hulls(theirs, size))
         for k in np.nonzero(near)[0].tolist():
             if size == 1:
                 return begin + k
             rows = slice(k * size, (k + 1) * size)
-            row = self._first(crane, mine[rows], other, theirs[rows], begin + k * size, (*finer,))
+            row = self._first(
+                crane, mine[rows], neighbour, theirs[rows], begin + k * size, (*finer,)
+            )
             if row is not None:
                 return row
         return None
