@@ -457,10 +457,10 @@ class _Schedule:
 
     def copy(self) -> _Schedule:
         """Return a copy to which motions can be added."""
-        neighbour = copy(self)
+        duplicate = copy(self)
         for name in ("lifts", "ready", "boxes", "positions"):
-            setattr(neighbour, name, [*getattr(self, name)])
-        return neighbour
+            setattr(duplicate, name, [*getattr(self, name)])
+        return duplicate
 
     def make_way(self, crane: int, passing: int, way: _Way) -> bool:
         """Return whether a crane stands clear of the way of another, and bring it there."""
