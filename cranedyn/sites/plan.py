@@ -497,12 +497,14 @@ class _Schedule:
         refusals = [way for way in ways if isinstance(way, CraneError)]
         if len(refusals) == len(ways):
             raise refusals[0]
-        legs = self._route(crane, ends)
-        for k, (points, first) in enumerate(legs or ()):
+        if (legs := self._route(crane, ends)) is None:
+            return False
+        for k, (points, first) in enumerate(legs):
             way = _way(self.site, crane, points)
+            assert isinstance(way, _Way)
             self.put(crane, way.motion, first * SLICE, lift * (k == len(legs) - 1))
             self.positions[crane] = points[-1]
-        return legs is not None
+        return True
 
     def _route(self, crane: int, ends: list[_Position]) -> _Legs | None:
         """Return the ways by which a crane arrives first at one of the ends, where nothing comes
@@ -670,9 +672,10 @@ def _direct(station: Station, begin: _Position, ends: list[_Position]) -> list[_
 
 def _raised(station: Station, position: _Position) -> _Position:
     """Return a position with the load raised."""
-    winch = station.crane.winch
+    raised, winch = np.array(position), station.crane.winch
     cable = float(station.crane.lower[station.crane.layout.drives[winch]]) + _RAISED
-    return (*position[:winch], min(position[winch], cable), *position[winch + 1 :])
+    raised[winch] = min(raised[winch], cable)
+    return tuple(raised.tolist())
 
 
 def _standing(station: Station, positions: np.ndarray) -> np.ndarray:
