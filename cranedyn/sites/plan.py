@@ -143,11 +143,14 @@ class SitePlan:
         for i, station in enumerate(self.site.stations):
             layout, slew = station.crane.layout, station.crane.layout.drive_of("slew")
             ends = [m.motion.q[-1] for m in self.lifts if m.crane == i and m.lift]
-            ways = np.diff([station.crane.start.q, *ends], axis=0)[:, layout.drives]
+            courses = np.diff([station.crane.start.q, *ends], axis=0)[:, layout.drives]
             if slew is not None:
-                ways[:, slew] = (ways[:, slew] + math.pi) % (2.0 * math.pi) - math.pi
+                courses[:, slew] = (courses[:, slew] + math.pi) % (2.0 * math.pi) - math.pi
             limits = _limits(station, self.site.swing)
-            needs = [straight_time(np.array([0.0 * way, way]), limits) + self.stay for way in ways]
+            needs = [
+                straight_time(np.array([0.0 * course, course]), limits) + self.stay
+                for course in courses
+            ]
             times.append(sum(needs) - self.stay)
         return max(times)
 
@@ -334,13 +337,16 @@ def _leg(station: Station, limits: Limits, swing: float, points: np.ndarray) -> 
     swings. So they pass points between the ends without a stop, and beside them.
     """
     crane, layout, share = station.crane, station.crane.layout, 1.0
-    ways = np.diff(points, axis=0)
+    courses = np.diff(points, axis=0)
     swings = _AVERAGES * math.sqrt(points[:, crane.winch].max() / crane.gravity)
     for _ in range(_ROUNDS):
         rates, slopes = share * np.array([limits.rates, limits.accelerations])
-        times = np.maximum(np.abs(ways) / rates, np.sqrt(np.abs(ways) / slopes)).max(axis=1) + 1e-3
+        times = (
+            np.maximum(np.abs(courses) / rates, np.sqrt(np.abs(courses) / slopes)).max(axis=1)
+            + 1e-3
+        )
         knots = np.append(0.0, np.cumsum(times))
-        jumps = np.diff(ways / times[:, None], axis=0, prepend=0.0, append=0.0)
+        jumps = np.diff(courses / times[:, None], axis=0, prepend=0.0, append=0.0)
         averages = np.append(np.max(np.abs(jumps) / slopes), swings)
         counts = 2 * np.ceil(averages / (2.0 * _PERIOD)).astype(int) + 1  # odd: about a row
         before = counts.sum() // 2 + _STILL
@@ -447,11 +453,13 @@ class _Schedule:
         station, begin = self.site.stations[crane], self.positions[crane]
         ends = _positions(station, begin, tuple(goal.tolist()))
         for points in _direct(station, begin, ends):
-            way, trial = _way(self.site, crane, points), self.copy()
-            if isinstance(way, CraneError):
+            course, trial = _way(self.site, crane, points), self.copy()
+            if isinstance(course, CraneError):
                 continue
             rivals = (i for i in range(len(self.boxes)) if i != crane)
-            if all(trial.make_way(i, crane, way) for i in rivals) and trial.lift(crane, goal, lift):
+            if all(trial.make_way(i, crane, course) for i in rivals) and trial.lift(
+                crane, goal, lift
+            ):
                 return trial
         return None
 
@@ -462,12 +470,12 @@ class _Schedule:
             setattr(duplicate, name, [*getattr(self, name)])
         return duplicate
 
-    def make_way(self, crane: int, passing: int, way: _Way) -> bool:
+    def make_way(self, crane: int, passing: int, course: _Way) -> bool:
         """Return whether a crane stands clear of the way of another, and bring it there."""
         station = self.site.stations[crane]
 
         def clear(box: np.ndarray) -> bool:
-            ends = [way.boxes if i == passing else x[-1:] for i, x in enumerate(self.boxes)]
+            ends = [course.boxes if i == passing else x[-1:] for i, x in enumerate(self.boxes)]
             return all(
                 i == crane or self._first(crane, _extended(box, len(x)), i, x) is None
                 for i, x in enumerate(ends)
@@ -493,16 +501,16 @@ class _Schedule:
         there are any.
         """
         station, begin = self.site.stations[crane], self.positions[crane]
-        ways = [_way(self.site, crane, points) for points in _direct(station, begin, ends)]
-        refusals = [way for way in ways if isinstance(way, CraneError)]
-        if len(refusals) == len(ways):
+        courses = [_way(self.site, crane, points) for points in _direct(station, begin, ends)]
+        refusals = [course for course in courses if isinstance(course, CraneError)]
+        if len(refusals) == len(courses):
             raise refusals[0]
         if (legs := self._route(crane, ends)) is None:
             return False
         for k, (points, first) in enumerate(legs):
-            way = _way(self.site, crane, points)
-            assert isinstance(way, _Way)
-            self.put(crane, way.motion, first * SLICE, lift * (k == len(legs) - 1))
+            course = _way(self.site, crane, points)
+            assert isinstance(course, _Way)
+            self.put(crane, course.motion, first * SLICE, lift * (k == len(legs) - 1))
             self.positions[crane] = points[-1]
         return True
 
@@ -515,11 +523,11 @@ class _Schedule:
         """
         station, begin = self.site.stations[crane], self.positions[crane]
         up = _raised(station, begin)
-        ways = [*_direct(station, begin, ends), (begin, up)]
+        courses = [*_direct(station, begin, ends), (begin, up)]
         for end in ends:
-            ways += [(up, _raised(station, end)), (_raised(station, end), end)]
-        ways = [
-            points for points in dict.fromkeys(ways) if len(points) > 2 or points[0] != points[1]
+            courses += [(up, _raised(station, end)), (_raised(station, end), end)]
+        courses = [
+            points for points in dict.fromkeys(courses) if len(points) > 2 or points[0] != points[1]
         ]
         queue: list[tuple[int, int, _Legs, _Points, int, float, bool]] = []
         order = itertools.count()
@@ -529,29 +537,29 @@ class _Schedule:
             estimate = first + int(moved.max() / SLICE)
             heapq.heappush(queue, (estimate, next(order), legs, points, first, limit, False))
 
-        for points in ways:
+        for points in courses:
             if points[0] == begin:
                 push((), points, self.ready[crane], math.inf)
         while queue:
             arrival, _, legs, points, first, limit, arrived = heapq.heappop(queue)
-            way = _way(self.site, crane, points)
-            if isinstance(way, CraneError):
+            course = _way(self.site, crane, points)
+            if isinstance(course, CraneError):
                 continue
             if not arrived:
-                begins = self._begin(crane, way.boxes, first, limit)
+                begins = self._begin(crane, course.boxes, first, limit)
                 if begins is not None:
-                    arrival = begins + len(way.boxes) - 1
+                    arrival = begins + len(course.boxes) - 1
                     item = arrival, next(order), legs, points, begins, limit, True
                     heapq.heappush(queue, item)
                 continue
-            conflict, until = self._conflict(crane, way.boxes[-1:], arrival), math.inf
+            conflict, until = self._conflict(crane, course.boxes[-1:], arrival), math.inf
             if conflict is not None:
                 until = arrival + conflict[0]
                 push(legs, points, first + conflict[0] + 1, limit)
             legs = (*legs, (points, first))
             if points[-1] in ends and conflict is None:
                 return legs
-            for following in ways:
+            for following in courses:
                 if following[0] == points[-1]:
                     push(legs, following, arrival, until)
         return None
