@@ -29,3 +29,13 @@ def test_zones_are_proven_apart_and_no_lift_in_them_leads_out() -> None:
     places = np.array([operator.places() for _ in range(5)])
     assert (places >= zones[0][0]).all() and (places <= zones[0][1]).all()
     assert operator.drawn > 5  # some lead out
+
+
+def test_a_crane_without_a_slew_reaches_all_of_its_ranges(tmp_path: Path) -> None:
+    file = tmp_path / "site.toml"
+    file.write_text('[[crane]]\nname = "a"\nmachine = "gantry_laboratory"\n', "utf-8")
+    crane_site = site.read_crane_site(file)
+    crane = crane_site.stations[0].crane
+    low, high = site.reach(crane_site, 0)
+    assert (low == crane.lower[crane.layout.drives]).all()
+    assert (high == crane.upper[crane.layout.drives]).all()

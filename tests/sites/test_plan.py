@@ -110,14 +110,14 @@ def test_the_certificate_of_a_plan_fails_where_it_is_disturbed() -> None:
 @pytest.mark.parametrize(
     ("goal", "words"),
     [
-        ([-14.3, 31.3, 39.0], "straight way of its drives"),
+        ([-14.3, 31.3, 39.0], "too near to an obstacle"),
         ([35.0, 20.0, 0.5], "above ground"),
         ([70.0, 22.0, 20.0], "what the crane reaches"),
     ],
 )
 def test_a_lift_of_a_luffing_crane_without_a_way_is_refused(goal: list, words: str) -> None:
-    hall = box("hall", [13.0, 21.0], [6.0, 6.0, 70.0], 0.0)
-    solids = (hall,) if "way" in words else ()
+    hall = box("hall", [-14.3, 31.3], [6.0, 6.0, 70.0], 0.0)
+    solids = (hall,) if "obstacle" in words else ()
     with pytest.raises(CraneError, match=words):
         plan_site(replace(site_of("luffing_between"), solids=solids), [("luffing", goal)])
 
@@ -128,13 +128,33 @@ def test_a_lift_of_a_luffing_crane_without_a_way_is_refused(goal: list, words: s
     [
         ([], "number of lifts"),
         ([("west", [0.0, 0.0, 0.0])], "west"),
-        ([("north", [90.0, 0.0, 10.0])], "trolley radius"),
-        ([("north", [0.0, -27.0, 12.0]), ("south", [0.0, -27.0, 22.0])], "waits for"),
+        ([("north", [90.0, 0.0, 10.0])], "Lift 1 of north alone: .*what the crane reaches"),
+        ([("south", [0.0, -5.3, 10.0])], "Lift 1 of south alone: wherever it may stand, another"),
     ],
 )
 def test_lifts_without_a_plan_are_refused_with_the_reason(lifts: list, words: str) -> None:
     with pytest.raises(CraneError, match=words):
         plan_site(site_of(), lifts)
+
+
+@slow
+def test_a_crane_that_stands_at_the_goal_of_another_makes_way_for_it() -> None:
+    lifts = [("north", [15.0, -27.0, 12.0]), ("south", [15.0, -27.0, 22.0])]
+    planned = plan_site(site_of(), lifts, stay=20.0)
+    north, south = (
+        [motion for motion in planned.lifts if motion.crane == crane] for crane in (0, 1)
+    )
+    first, second = (max(motions, key=lambda motion: motion.lift) for motions in (north, south))
+    assert planned.holds and min(first.end, second.end) + 20.0 < planned.duration
+    assert [motion.lift for motion in planned.lifts if not motion.lift]  # one makes way
+
+
+@slow
+def test_a_lift_without_a_way_is_left_out_of_a_shift_with_the_reason() -> None:
+    lifts = [("south", [0.0, -5.3, 10.0]), ("south", [0.0, -25.0, 20.0])]
+    planned = plan_site(site_of(), lifts, strict=False)
+    assert {motion.lift for motion in planned.lifts} - {0} == {2}
+    assert len(planned.refusals) == 1 and "Lift 1 of south" in planned.refusals[0]
 
 
 def test_bodies_that_pass_each_other_between_two_rows_are_told_from_those_that_meet() -> None:
