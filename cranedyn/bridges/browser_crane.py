@@ -219,9 +219,7 @@ def _lqr_data(crane: Crane, drives: Converters, lengths: Sequence[float]) -> dic
 
 
 def kernel_data(
-    crane: Crane,
-    drives: Converters,
-    variants: Sequence[tuple[Slider, Crane, np.ndarray]],
+    crane: Crane, drives: Converters, variants: Sequence[tuple[Slider, Crane, np.ndarray]]
 ) -> dict[str, Any]:
     """Return the code as WebAssembly, with the layout of its memory and what each of `variations`
     changes, but no state at the start.

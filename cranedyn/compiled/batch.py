@@ -86,7 +86,6 @@ class Batch:
         return f"Batch of {len(self)} cranes, {rows}"
 
     def __len__(self) -> int:
-        """Return the number of cranes."""
         return len(self.peak_swing)
 
 

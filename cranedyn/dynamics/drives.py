@@ -16,12 +16,7 @@ import pinocchio as pin
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.converters import Converters, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops
-from cranedyn.dynamics.pinocchio import (
-    body_points,
-    follow_drives,
-    inverse_dynamics,
-    outside_effort,
-)
+from cranedyn.dynamics.pinocchio import body_points, follow_drives, inverse_dynamics, outside_effort
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane, Point

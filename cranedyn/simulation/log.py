@@ -157,10 +157,7 @@ class Log:
         )
 
     def trajectory(
-        self,
-        energies: Energies,
-        parameters: dict[str, float | str],
-        record: Mapping[str, Any],
+        self, energies: Energies, parameters: dict[str, float | str], record: Mapping[str, Any]
     ) -> Trajectory:
         """Return the log as a trajectory with its energy ledger.
 
@@ -179,7 +176,10 @@ class Log:
         column = {name: values[:rows] for name, values in self._columns.items()}
         q, v, force, outside = (column[name] for name in ("q", "v", "force", "outside"))
         if self._setting.forces and force.any():
-            outside[:, 0] = self._work_of_forces(q, v, force)
+            middle = q - self._setting.lead * v
+            positions = point_paths(crane, middle).reshape(rows, -1)
+            work = (force[:-1] * np.diff(positions, axis=0)).sum(axis=1)
+            outside[:, 0] = np.concatenate([[0.0], np.cumsum(work)])
         rope, phase = crane.springs.rope is not None, None
         if rope:
             phase = JointForces.of(crane).phase(q.T, v.T)
@@ -236,13 +236,6 @@ class Log:
     def _all_conditions(self, rows: slice | np.ndarray) -> list[Bound]:
         drive = self._setting.drive
         return self._conditions(rows, needed=drive != "effort", rates=drive != "velocity")
-
-    def _work_of_forces(self, q: np.ndarray, v: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """Return the work of the external forces up to each row [J], shape (rows,)."""
-        middle = q - self._setting.lead * v
-        positions = point_paths(self._crane, middle).reshape(len(middle), -1)
-        work = (force[:-1] * np.diff(positions, axis=0)).sum(axis=1)
-        return np.concatenate([[0.0], np.cumsum(work)])
 
 
 @cache
