@@ -510,8 +510,8 @@ cranedyn/compiled/batch.py
 + assert loop
 * a row of forces holds for one control instant whatever its interval
 ? batch::each_crane_of_a_batch_does_what_it_does_alone
-- force_interval=force_interval
-+ force_interval=1
+- "force_interval": force_interval
++ "force_interval": 1
 * cranes of a batch have each other's numbers
 ? batch::each_crane_of_a_batch_does_what_it_does_alone
 - group_lanes([varied[crane_index]], lanes)

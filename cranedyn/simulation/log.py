@@ -144,17 +144,11 @@ class Log:
     def _conditions(self, rows: slice | np.ndarray, *, needed: bool, rates: bool) -> list[Bound]:
         """Return the conditions under which the model holds in some rows."""
         column = {name: values[rows] for name, values in self._columns.items()}
-        contacts = self._setting.contacts
-        return conditions(
-            self._crane,
-            column["q"],
-            column["v"],
-            hoisting(self._crane, column["effort"]) + column["outside"][:, 3],
-            buffers=self._setting.buffers,
-            needed=column["needed"] if needed else None,
-            rates=rates,
-            level=0.0 if contacts is None else contacts.level,
-        )
+        contacts, buffers = self._setting.contacts, self._setting.buffers
+        options: Any = {"buffers": buffers, "needed": column["needed"] if needed else None}
+        options |= {"rates": rates, "level": 0.0 if contacts is None else contacts.level}
+        hoist = hoisting(self._crane, column["effort"]) + column["outside"][:, 3]
+        return conditions(self._crane, column["q"], column["v"], hoist, **options)
 
     def trajectory(
         self, energies: Energies, parameters: dict[str, float | str], record: Mapping[str, Any]
@@ -189,15 +183,9 @@ class Log:
             record = {**record, "not_valid": self._reason()}
         return Trajectory(
             t=self.t[:rows],
-            q=q,
-            v=v,
-            setpoint=column["setpoint"],
             command=column["needed"],
-            effort=column["effort"],
-            energy=column["energy"][:, 0],
-            work=column["work"],
-            dissipated=column["dissipated"][:, 0],
-            force=force,
+            **{name: column[name] for name in ("q", "v", "setpoint", "effort", "work", "force")},
+            **{name: column[name][:, 0] for name in ("energy", "dissipated")},
             outside=outside[:, : 3 if rope else 2],
             valid=self._valid[:rows],
             phase=phase,
